@@ -1,0 +1,1 @@
+//! The D-Bus contract of Tactus: names, interfaces, wire types. Nothing of ours inside.

@@ -1,0 +1,1 @@
+//! The GPIO multiplexer board: its line protocol, its driver, its simulator.

@@ -1,0 +1,1 @@
+//! The grammar of SCPI, both directions, no I/O.

@@ -1,0 +1,1 @@
+//! What is remembered: sessions, baselines, frames, events.

@@ -1,0 +1,1 @@
+//! A map made visible: raster, PNG and SVG, terminal cells.

@@ -1,0 +1,34 @@
+//! The questions asked of the sheet, and its answers.
+//!
+//! Here live electrodes, the Sheffield order, the plan of a frame, frames of voltages, baselines, maps, and their
+//! units. Refused at this door: instruments, clocks, threads, mathematics.
+//!
+//! - **electrode**: a contact on the edge of the sheet; **dipole**: two of them with a direction
+//! - **measurement**: one question (drive this pair, sense that pair); **protocol**: all questions of a frame, in order
+//! - **wiring**: which relays join which pair to source and voltmeter; **plan**: the steps of a frame, as data
+//! - **reading**: one answer, a voltage or the reason why there is none; **frame**: all answers
+//! - **baseline**: the mean of some frames of the unloaded sheet; **map**: a value for each triangle of the region
+//!
+//! ```
+//! use survey::{Protocol, Dipole};
+//! let protocol = Protocol::sheffield(26)?;
+//! assert_eq!(protocol.len(), 598);
+//! assert_eq!(protocol.measurements()[0].drive, Dipole::adjacent(0, 26));
+//! # Ok::<(), survey::ProtocolError>(())
+//! ```
+
+mod frame;
+mod map;
+mod pattern;
+mod plan;
+mod ring;
+mod units;
+mod wiring;
+
+pub use frame::{Baseline, BaselineError, Frame, Quality, Reading, Settings};
+pub use map::{Map, MapUnit};
+pub use pattern::{Measurement, Protocol, ProtocolError, half, sheffield, skip};
+pub use plan::{Counts, Limits, Plan, PlanError, Step, Timing, Transition};
+pub use ring::{Dipole, Electrode};
+pub use units::{Amps, Metres, Ohms, Volts};
+pub use wiring::{Relay, Sensing, Wiring, WiringError};

@@ -1,0 +1,274 @@
+//! Stimulation patterns as iterators, and the protocol: the list of all questions of a frame, in order.
+
+use std::collections::BTreeSet;
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use crate::{Dipole, Electrode};
+
+/// One question: drive current through one pair, read the voltage over another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Measurement {
+    /// Current enters at `drive.plus` and leaves at `drive.minus`.
+    pub drive: Dipole,
+    /// The reading is U\[sense.plus\] - U\[sense.minus\].
+    pub sense: Dipole,
+}
+
+impl Measurement {
+    /// The same transfer resistance with source and voltmeter exchanged (reciprocity).
+    pub fn reciprocal(self) -> Self {
+        Self {
+            drive: self.sense,
+            sense: self.drive,
+        }
+    }
+}
+
+/// The Sheffield adjacent pattern: drive each neighbouring pair, sense every pair that shares no electrode with it.
+/// Source-major, measuring pair ascending; `ring (ring - 3)` questions.
+///
+/// ```
+/// assert_eq!(survey::sheffield(26).count(), 598);
+/// ```
+pub fn sheffield(ring: usize) -> impl Iterator<Item = Measurement> + Clone {
+    skip(ring, 0)
+}
+
+/// Like [`sheffield`], driving and sensing pairs that leave `skip` electrodes out between their two.
+pub fn skip(ring: usize, skip: usize) -> impl Iterator<Item = Measurement> + Clone {
+    (0..ring)
+        .map(move |k| Dipole::skip(k, skip, ring))
+        .flat_map(move |drive| {
+            (0..ring)
+                .map(move |m| Dipole::skip(m, skip, ring))
+                .filter(move |sense| !sense.touches(drive))
+                .map(move |sense| Measurement { drive, sense })
+        })
+}
+
+/// Keeps of each reciprocal pair of questions the one that comes first: half the readings, the same information.
+pub fn half(pattern: impl Iterator<Item = Measurement>) -> impl Iterator<Item = Measurement> {
+    let mut asked = BTreeSet::new();
+    pattern.filter(move |question| {
+        asked.insert(*question);
+        !asked.contains(&question.reciprocal())
+    })
+}
+
+/// All questions of a frame in the order of its readings, and how many electrodes the ring has.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "Unchecked")]
+pub struct Protocol {
+    electrodes: usize,
+    measurements: Vec<Measurement>,
+}
+
+#[derive(Deserialize)]
+struct Unchecked {
+    electrodes: usize,
+    measurements: Vec<Measurement>,
+}
+
+impl TryFrom<Unchecked> for Protocol {
+    type Error = ProtocolError;
+    fn try_from(unchecked: Unchecked) -> Result<Self, ProtocolError> {
+        Self::new(unchecked.electrodes, unchecked.measurements)
+    }
+}
+
+/// Why a list of questions is not a protocol.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ProtocolError {
+    /// A question names an electrode that the ring does not have.
+    #[error("reading {reading} names electrode {electrode}, but there are {electrodes} electrodes")]
+    NoSuchElectrode {
+        /// Index of the question, from 0.
+        reading: usize,
+        /// The electrode named.
+        electrode: Electrode,
+        /// Size of the ring.
+        electrodes: usize,
+    },
+    /// Both ends of a pair are the same electrode.
+    #[error("reading {reading} joins electrode {electrode} to itself")]
+    Degenerate {
+        /// Index of the question, from 0.
+        reading: usize,
+        /// The electrode named twice.
+        electrode: Electrode,
+    },
+    /// No question at all.
+    #[error("a protocol without readings asks nothing")]
+    Empty,
+}
+
+impl Protocol {
+    /// Checks every question against the ring.
+    pub fn new(electrodes: usize, measurements: Vec<Measurement>) -> Result<Self, ProtocolError> {
+        if measurements.is_empty() {
+            return Err(ProtocolError::Empty);
+        }
+        for (reading, question) in measurements.iter().enumerate() {
+            for pair in [question.drive, question.sense] {
+                for electrode in [pair.plus, pair.minus] {
+                    if electrode.0 >= electrodes {
+                        return Err(ProtocolError::NoSuchElectrode {
+                            reading,
+                            electrode,
+                            electrodes,
+                        });
+                    }
+                }
+                if pair.plus == pair.minus {
+                    return Err(ProtocolError::Degenerate {
+                        reading,
+                        electrode: pair.plus,
+                    });
+                }
+            }
+        }
+        Ok(Self {
+            electrodes,
+            measurements,
+        })
+    }
+
+    /// The Sheffield adjacent pattern on `electrodes` electrodes (4 or more, else there is nothing to ask).
+    ///
+    /// # Errors
+    /// [`ProtocolError::Empty`] for fewer than 4 electrodes.
+    pub fn sheffield(electrodes: usize) -> Result<Self, ProtocolError> {
+        if electrodes < 4 {
+            return Err(ProtocolError::Empty);
+        }
+        Self::new(electrodes, sheffield(electrodes).collect())
+    }
+
+    /// Size of the ring.
+    pub fn electrodes(&self) -> usize {
+        self.electrodes
+    }
+
+    /// All questions in the order of a frame's readings.
+    pub fn measurements(&self) -> &[Measurement] {
+        &self.measurements
+    }
+
+    /// Number of readings of a frame.
+    pub fn len(&self) -> usize {
+        self.measurements.len()
+    }
+
+    /// Never true: a protocol has at least one question.
+    pub fn is_empty(&self) -> bool {
+        self.measurements.is_empty()
+    }
+
+    /// The driving pairs in the order of their first use, each once.
+    pub fn drives(&self) -> Vec<Dipole> {
+        let mut seen = BTreeSet::new();
+        self.measurements
+            .iter()
+            .map(|question| question.drive)
+            .filter(|drive| seen.insert(*drive))
+            .collect()
+    }
+
+    /// For each reading the index of its reciprocal twin, where the protocol asks both.
+    pub fn reciprocal_twins(&self) -> Vec<Option<usize>> {
+        let index: std::collections::BTreeMap<_, _> = self
+            .measurements
+            .iter()
+            .enumerate()
+            .map(|(reading, question)| (*question, reading))
+            .collect();
+        self.measurements
+            .iter()
+            .map(|question| index.get(&question.reciprocal()).copied())
+            .collect()
+    }
+
+    /// SHA-256 over ring size and questions, hex: what a model or a baseline was made for.
+    pub fn hash(&self) -> String {
+        let mut hasher = Sha256::new();
+        hasher.update((self.electrodes as u64).to_le_bytes());
+        for question in &self.measurements {
+            for electrode in [
+                question.drive.plus,
+                question.drive.minus,
+                question.sense.plus,
+                question.sense.minus,
+            ] {
+                hasher.update((electrode.0 as u64).to_le_bytes());
+            }
+        }
+        hex(&hasher.finalize())
+    }
+}
+
+/// Lower-case hexadecimal of some bytes.
+pub(crate) fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_paper_asks_598_questions_of_26_electrodes() {
+        assert_eq!(sheffield(26).count(), 26 * 23);
+        assert_eq!(half(sheffield(26)).count(), 299);
+    }
+
+    #[test]
+    fn the_order_is_source_major_and_ascending() {
+        let protocol = Protocol::sheffield(16).unwrap();
+        let first: Vec<_> = protocol.measurements()[..3]
+            .iter()
+            .map(|q| (q.drive.to_string(), q.sense.to_string()))
+            .collect();
+        assert_eq!(
+            first,
+            [
+                ("1-2".into(), "3-4".into()),
+                ("1-2".into(), "4-5".into()),
+                ("1-2".into(), "5-6".into())
+            ]
+        );
+        assert_eq!(protocol.len(), 208);
+        // the second drive begins with the pair that wraps last: its first sensing pair is 4-5
+        assert_eq!(protocol.measurements()[13].drive, Dipole::adjacent(1, 16));
+        assert_eq!(protocol.measurements()[13].sense, Dipole::adjacent(3, 16));
+    }
+
+    #[test]
+    fn a_skip_pattern_is_one_more_iterator() {
+        // skip 1 on 8 electrodes: each pair shares an electrode with itself and two others
+        assert_eq!(skip(8, 1).count(), 8 * 5);
+    }
+
+    #[test]
+    fn every_sheffield_reading_has_its_twin() {
+        let protocol = Protocol::sheffield(26).unwrap();
+        let twins = protocol.reciprocal_twins();
+        for (reading, twin) in twins.iter().enumerate() {
+            assert_eq!(twins[twin.unwrap()], Some(reading));
+        }
+    }
+
+    #[test]
+    fn a_stranger_electrode_is_refused_by_name() {
+        let question = Measurement {
+            drive: Dipole::adjacent(0, 30),
+            sense: Dipole::adjacent(28, 30),
+        };
+        let refusal = Protocol::new(26, vec![question]).unwrap_err();
+        assert_eq!(
+            refusal.to_string(),
+            "reading 0 names electrode 29, but there are 26 electrodes"
+        );
+    }
+}

@@ -1,0 +1,150 @@
+//! Unit types for the seams of the house. Inside a formula plain `f64` in SI is used; a seam takes these.
+//!
+//! ```
+//! use survey::{Amps, Ohms, Volts};
+//! let resistance: Ohms = Volts(0.309) / Amps(1e-3);
+//! assert_eq!(resistance.to_string(), "309 ohm");
+//! ```
+
+use std::fmt;
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
+use serde::{Deserialize, Serialize};
+
+macro_rules! quantity {
+    ($(#[$doc:meta])* $name:ident, $unit:literal) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, PartialOrd, Serialize, Deserialize)]
+        #[serde(transparent)]
+        pub struct $name(pub f64);
+
+        impl $name {
+            /// The magnitude, sign dropped.
+            pub fn abs(self) -> Self {
+                Self(self.0.abs())
+            }
+        }
+
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                engineering(self.0, $unit, f)
+            }
+        }
+
+        impl Add for $name {
+            type Output = Self;
+            fn add(self, other: Self) -> Self {
+                Self(self.0 + other.0)
+            }
+        }
+
+        impl Sub for $name {
+            type Output = Self;
+            fn sub(self, other: Self) -> Self {
+                Self(self.0 - other.0)
+            }
+        }
+
+        impl Neg for $name {
+            type Output = Self;
+            fn neg(self) -> Self {
+                Self(-self.0)
+            }
+        }
+
+        impl Mul<f64> for $name {
+            type Output = Self;
+            fn mul(self, factor: f64) -> Self {
+                Self(self.0 * factor)
+            }
+        }
+    };
+}
+
+quantity!(
+    /// A voltage, V.
+    Volts,
+    "V"
+);
+quantity!(
+    /// A current, A.
+    Amps,
+    "A"
+);
+quantity!(
+    /// A resistance, ohm (a sheet resistance is in ohm per square).
+    Ohms,
+    "ohm"
+);
+quantity!(
+    /// A length, m.
+    Metres,
+    "m"
+);
+
+impl Div<Amps> for Volts {
+    type Output = Ohms;
+    fn div(self, current: Amps) -> Ohms {
+        Ohms(self.0 / current.0)
+    }
+}
+
+impl Mul<Ohms> for Amps {
+    type Output = Volts;
+    fn mul(self, resistance: Ohms) -> Volts {
+        Volts(self.0 * resistance.0)
+    }
+}
+
+impl Div<Ohms> for Volts {
+    type Output = Amps;
+    fn div(self, resistance: Ohms) -> Amps {
+        Amps(self.0 / resistance.0)
+    }
+}
+
+/// Writes with the SI prefix that leaves one to three digits before the point: `2.5 uV`.
+fn engineering(value: f64, unit: &str, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    const PREFIXES: [(f64, &str); 9] = [
+        (1e9, "G"),
+        (1e6, "M"),
+        (1e3, "k"),
+        (1.0, ""),
+        (1e-3, "m"),
+        (1e-6, "u"),
+        (1e-9, "n"),
+        (1e-12, "p"),
+        (1e-15, "f"),
+    ];
+    if value == 0.0 || !value.is_finite() {
+        return write!(f, "{value} {unit}");
+    }
+    // 0.9999999 keeps 1e-3 (stored a hair below) from printing as 1000 u.
+    let (scale, prefix) = PREFIXES
+        .into_iter()
+        .find(|(scale, _)| value.abs() >= scale * 0.9999999)
+        .unwrap_or(PREFIXES[PREFIXES.len() - 1]);
+    let scaled = format!("{:.6}", value / scale);
+    let scaled = scaled.trim_end_matches('0').trim_end_matches('.');
+    write!(f, "{scaled} {prefix}{unit}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_quantity_prints_with_its_prefix() {
+        assert_eq!(Amps(1e-3).to_string(), "1 mA");
+        assert_eq!(Volts(-2.5e-6).to_string(), "-2.5 uV");
+        assert_eq!(Ohms(1000.0).to_string(), "1 kohm");
+        assert_eq!(Volts(0.0).to_string(), "0 V");
+    }
+
+    #[test]
+    fn ohms_law_joins_the_units() {
+        assert_eq!((Amps(2e-3) * Ohms(500.0)), Volts(1.0));
+        assert_eq!(Volts(1.0) / Amps(2e-3), Ohms(500.0));
+        assert_eq!(Volts(1.0) / Ohms(500.0), Amps(2e-3));
+    }
+}

@@ -1,0 +1,1 @@
+//! Stories: the whole system, told as tests.

@@ -1,0 +1,1 @@
+//! The mathematics: mesh, forward model, sensitivity, reconstructors, model files.

@@ -1,0 +1,1 @@
+//! Offline work: meshes, forward solutions, sensitivities, training, reconstruction of recorded data.

@@ -1,0 +1,1 @@
+//! The simulated sheet: loads, scenes, effects; nothing is bent unless a scene asks.
