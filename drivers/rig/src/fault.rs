@@ -1,0 +1,129 @@
+//! What can go wrong between the house and an instrument. The message names the instrument and what was asked of it.
+
+use survey::{Amps, Relay, Volts};
+
+use crate::LinkError;
+
+/// Bad news from an instrument or from the wire to it.
+#[derive(Debug, thiserror::Error)]
+pub enum RigError {
+    /// The wire failed.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// The instrument at this address is another one.
+    #[error(
+        "{instrument}: expected {expected}, but *IDN? answers '{found}'; check the address in the configuration"
+    )]
+    WrongInstrument {
+        /// Name and address.
+        instrument: String,
+        /// Model expected.
+        expected: String,
+        /// The reply.
+        found: String,
+    },
+    /// The instrument's error queue was not empty after a command.
+    #[error("{instrument} refused '{command}': {code},\"{message}\"")]
+    Refused {
+        /// Name and address.
+        instrument: String,
+        /// What was sent.
+        command: String,
+        /// Number of the first entry.
+        code: i32,
+        /// Text of the first entry.
+        message: String,
+    },
+    /// An answer that is not of the expected form.
+    #[error("{instrument} answered '{command}' with '{answer}', {expected} was expected")]
+    Garbled {
+        /// Name and address.
+        instrument: String,
+        /// What was asked.
+        command: String,
+        /// What came, shortened.
+        answer: String,
+        /// What was expected.
+        expected: String,
+    },
+    /// A setting reads back differently from what was set.
+    #[error("{instrument}: {setting} was set to {set} but reads back {read}")]
+    Mismatch {
+        /// Name and address.
+        instrument: String,
+        /// Which setting.
+        setting: String,
+        /// What was set.
+        set: String,
+        /// What was read.
+        read: String,
+    },
+    /// The source could not be verified off.
+    #[error(
+        "{instrument}: the source could not be verified off (output {output}, level {level}); treat the sheet as live"
+    )]
+    NotOff {
+        /// Name and address.
+        instrument: String,
+        /// What the output reads: `on`, `off`.
+        output: String,
+        /// What the level reads.
+        level: Amps,
+    },
+    /// Relays stay closed.
+    #[error("{instrument}: relays {} stay closed", join(.relays))]
+    StillClosed {
+        /// Name and address.
+        instrument: String,
+        /// Which.
+        relays: Vec<Relay>,
+    },
+    /// A slot holds another module, or none.
+    #[error("{instrument}: slot {slot} holds {found}, the wiring needs {expected}")]
+    WrongModule {
+        /// Name and address.
+        instrument: String,
+        /// The slot.
+        slot: u32,
+        /// What is there.
+        found: String,
+        /// What is needed.
+        expected: String,
+    },
+    /// A current that the source or its prepared range cannot give.
+    #[error("{instrument}: {asked} is outside its {most}; nothing is clipped")]
+    CurrentOutOfRange {
+        /// Name and address.
+        instrument: String,
+        /// Asked.
+        asked: Amps,
+        /// Largest allowed.
+        most: Amps,
+    },
+    /// A voltage limit or range that the instrument does not have.
+    #[error("{instrument}: {asked} cannot be set, {allowed} can")]
+    VoltageOutOfRange {
+        /// Name and address.
+        instrument: String,
+        /// Asked.
+        asked: Volts,
+        /// Allowed, in words.
+        allowed: String,
+    },
+    /// The instrument cannot do this at all (a multiplexer board asked to scan).
+    #[error("{instrument} cannot {what}")]
+    Unable {
+        /// Name and address.
+        instrument: String,
+        /// What was asked.
+        what: String,
+    },
+}
+
+fn join(relays: &[Relay]) -> String {
+    relays
+        .iter()
+        .map(Relay::to_string)
+        .collect::<Vec<_>>()
+        .join(", ")
+}

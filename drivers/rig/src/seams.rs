@@ -1,0 +1,104 @@
+//! The three seams of a rig: what `acquire` needs of a source, a switch and a voltmeter, and nothing more.
+
+use std::future::Future;
+
+use survey::{Amps, Reading, Relay, Volts};
+
+use crate::RigError;
+
+/// Puts a known current through the pair that the switch has joined to it.
+pub trait CurrentSource: Send {
+    /// Sets 0 A, output off, the fixed range that holds `current`, and the voltage limit; verifies by read-back.
+    fn prepare(
+        &mut self,
+        current: Amps,
+        compliance: Volts,
+    ) -> impl Future<Output = Result<(), RigError>> + Send;
+
+    /// Sets the level. A level outside the prepared range is refused, never clipped.
+    fn set_current(&mut self, current: Amps) -> impl Future<Output = Result<(), RigError>> + Send;
+
+    /// Switches the output.
+    fn set_output(&mut self, on: bool) -> impl Future<Output = Result<(), RigError>> + Send;
+
+    /// Reads whether the voltage limit holds the current back now, or has since the last call.
+    fn in_compliance(&mut self) -> impl Future<Output = Result<bool, RigError>> + Send;
+
+    /// Sets 0 A and output off, then reads both back.
+    ///
+    /// # Errors
+    /// [`RigError::NotOff`] when the read-back says otherwise.
+    fn off(&mut self) -> impl Future<Output = Result<(), RigError>> + Send;
+}
+
+/// One thing to do with relays.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Move {
+    /// Close these.
+    Close(Vec<Relay>),
+    /// Open these.
+    Open(Vec<Relay>),
+}
+
+/// Joins pairs of electrodes to source and voltmeter.
+pub trait Switch: Send {
+    /// Carries the moves out in order. May be held back and sent in one segment with the next question to the same
+    /// instrument; [`Switch::settle`] says when relays are to have moved.
+    fn move_relays(&mut self, moves: &[Move]) -> impl Future<Output = Result<(), RigError>> + Send;
+
+    /// Sends what was held back and waits until the relays have moved.
+    fn settle(&mut self) -> impl Future<Output = Result<(), RigError>> + Send;
+
+    /// Reads back which of the relays are closed, in the order given.
+    fn closed(
+        &mut self,
+        relays: &[Relay],
+    ) -> impl Future<Output = Result<Vec<bool>, RigError>> + Send;
+
+    /// Opens the relays given and verifies by read-back.
+    ///
+    /// # Errors
+    /// [`RigError::StillClosed`] naming the relays that stay closed.
+    fn open_verified(
+        &mut self,
+        relays: &[Relay],
+    ) -> impl Future<Output = Result<(), RigError>> + Send;
+}
+
+/// How the voltmeter is to measure.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeterSettings {
+    /// One range for every reading.
+    pub range: Volts,
+    /// Integration, power-line cycles: 0.02, 0.2, 1, 2, 10, 20, 100 or 200.
+    pub nplc: f64,
+    /// Whether a zero reading follows every reading.
+    pub autozero: bool,
+}
+
+/// Reads voltages.
+pub trait Voltmeter: Send {
+    /// Sets function, range, integration, and the relays to scan in this order (empty: single readings only).
+    fn prepare(
+        &mut self,
+        meter: MeterSettings,
+        scan: &[Relay],
+    ) -> impl Future<Output = Result<(), RigError>> + Send;
+
+    /// Scans the prepared list once; one reading a relay, in its order.
+    fn scan(&mut self) -> impl Future<Output = Result<Vec<Reading>, RigError>> + Send;
+
+    /// Reads once what the switch has joined to the voltmeter.
+    fn read(&mut self) -> impl Future<Output = Result<Reading, RigError>> + Send;
+}
+
+/// A rig: any three things that implement the seams. Switch and voltmeter may be two handles of one instrument.
+#[derive(Debug)]
+pub struct Rig<C, W, V> {
+    /// The current source.
+    pub source: C,
+    /// The switch.
+    pub switch: W,
+    /// The voltmeter.
+    pub voltmeter: V,
+}
