@@ -110,6 +110,14 @@ pub enum RigError {
         /// Allowed, in words.
         allowed: String,
     },
+    /// A scan answered another number of readings than it has channels.
+    #[error("the scan answered {came} readings where {expected} pairs are scanned")]
+    ReadingCount {
+        /// Readings that came.
+        came: usize,
+        /// Pairs scanned.
+        expected: usize,
+    },
     /// The instrument cannot do this at all (a multiplexer board asked to scan).
     #[error("{instrument} cannot {what}")]
     Unable {

@@ -1,9 +1,46 @@
-//! The seams of a rig, the one place that waits on a wire, and the acquisition of a plan.
+//! The three seams of a rig, the one place that waits on a wire, and the acquisition of a plan.
+//!
+//! What this room is for: to run a [`survey::Plan`] on whatever implements [`CurrentSource`], [`Switch`] and
+//! [`Voltmeter`], over wires that stall, split, merge and break, and to leave the source off and verified on every way
+//! out. Refused at this door: the commands of any particular instrument, mathematics, and a reply that comes too late.
+//!
+//! - **link**: a line-oriented conversation with deadlines; **out of step**: after a fault, until the stream is replaced
+//!   or the peer has proved that it answers the question asked
+//! - **rig**: source, switch and voltmeter, held by one user at a time
+//! - **acquire**: a plan in, a frame out; **safe off**: source off and relays open, each verified
+//!
+//! ```
+//! # #[tokio::main(flavor = "current_thread")] async fn main() -> Result<(), rig::LinkError> {
+//! use std::time::Duration;
+//! use tokio::io::{AsyncReadExt, AsyncWriteExt};
+//!
+//! let (here, mut there) = tokio::io::duplex(64);
+//! let mut link = rig::Link::new(here, "a meter in memory", Duration::from_secs(1));
+//! let meter = async {
+//!     let mut heard = [0; 6];
+//!     there.read_exact(&mut heard).await.unwrap();
+//!     there.write_all(b"A METER\n").await.unwrap();
+//! };
+//! let (answer, ()) = tokio::join!(link.ask("*IDN?"), meter);
+//! assert_eq!(answer?, "A METER");
+//! # Ok(()) }
+//! ```
 
+mod acquire;
+mod clock;
+mod connect;
 mod fault;
 mod link;
 mod seams;
+mod stop;
 
+pub use acquire::{
+    AcquireError, CleanupError, ClosedRelay, StartError, acquire, check_at_start, safe_off,
+    settings,
+};
+pub use clock::{Clock, SystemClock};
+pub use connect::{connect_tcp, open_serial};
 pub use fault::RigError;
-pub use link::LinkError;
-pub use seams::{CurrentSource, MeterSettings, Move, Rig, Switch, Voltmeter};
+pub use link::{BoxStream, Link, LinkError, Stream};
+pub use seams::{CurrentSource, Instruments, MeterSettings, Move, Rig, Switch, Voltmeter};
+pub use stop::{Stop, StopButton};

@@ -1,8 +1,37 @@
 //! The one place that waits on a wire.
+//!
+//! A message goes out in one segment; its reply is one line. Whatever happens between the two that is not that reply
+//! (a deadline passed, a second line, a dropped future) leaves the link *out of step*: it answers nothing more until its
+//! stream is replaced ([`Link::replace`]) or the peer has repeated two numbers it was just told
+//! ([`Link::resynchronise`]). So a late reply can never be taken for the next answer.
+
+use std::pin::Pin;
+use std::task::Poll;
+use std::time::Duration;
+
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadBuf};
+use tokio::time::Instant;
+
+/// Longest reply unless [`Link::with_longest_reply`] says otherwise, bytes: 2,600 readings with all their fields.
+const LONGEST_REPLY: usize = 256 * 1024;
+
+/// Most of a text that an error message repeats, characters.
+const SHORTENED: usize = 60;
 
 /// Bad news from a wire.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
+    /// Nobody answers at the address, or the port cannot be opened.
+    #[error(
+        "{address} cannot be reached; check the address, the cable and that the instrument is on"
+    )]
+    Unreachable {
+        /// Host and port, or path of the serial port.
+        address: String,
+        /// What the operating system says.
+        #[source]
+        cause: std::io::Error,
+    },
     /// No complete answer before the deadline. The link is out of step until it is reopened or resynchronised.
     #[error("{instrument} did not answer '{message}' within {deadline:?}")]
     Timeout {
@@ -11,7 +40,7 @@ pub enum LinkError {
         /// What was sent, shortened.
         message: String,
         /// How long it was waited for.
-        deadline: std::time::Duration,
+        deadline: Duration,
     },
     /// The peer closed, or the connection broke.
     #[error("the connection to {instrument} was lost at '{message}'")]
@@ -24,7 +53,7 @@ pub enum LinkError {
         #[source]
         cause: Option<std::io::Error>,
     },
-    /// The link is out of step after an earlier timeout: a late reply could be taken for the next answer.
+    /// The link is out of step after an earlier fault: a late reply could be taken for the next answer.
     #[error(
         "the link to {instrument} is out of step after an earlier fault; reconnect before asking again"
     )]
@@ -50,4 +79,358 @@ pub enum LinkError {
         /// The bound.
         most: usize,
     },
+    /// A reply that is not text.
+    #[error("{instrument} answered '{message}' with bytes that are not text")]
+    NotText {
+        /// Name and address.
+        instrument: String,
+        /// What was sent, shortened.
+        message: String,
+    },
+    /// A message with a line end inside would be two messages.
+    #[error("the message '{message}' to {instrument} holds a line end; send one message at a time")]
+    LineEnd {
+        /// Name and address.
+        instrument: String,
+        /// What was to be sent, shortened.
+        message: String,
+    },
+}
+
+/// Anything bytes can be sent over: TCP, a serial line, a pipe in memory.
+pub trait Stream: AsyncRead + AsyncWrite + Unpin + Send {}
+
+impl<S: AsyncRead + AsyncWrite + Unpin + Send + ?Sized> Stream for S {}
+
+/// A stream of whatever kind.
+pub type BoxStream = Box<dyn Stream>;
+
+/// Whether the next line from the peer can be trusted to be the next answer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum State {
+    InStep,
+    /// An exchange did not end as it should; the peer may hold half a message.
+    OutOfStep,
+}
+
+/// A line-oriented conversation with one instrument.
+#[derive(Debug)]
+pub struct Link<S> {
+    stream: S,
+    instrument: String,
+    deadline: Duration,
+    longest_reply: usize,
+    received: Vec<u8>,
+    state: State,
+    nonce: u8,
+}
+
+impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
+    /// A link in step over a fresh stream. `instrument` is a name for messages, with its address
+    /// (`6221 at 10.0.0.7:1394`); `deadline` is how long an answer may take unless the question says otherwise.
+    pub fn new(stream: S, instrument: impl Into<String>, deadline: Duration) -> Self {
+        Self {
+            stream,
+            instrument: instrument.into(),
+            deadline,
+            longest_reply: LONGEST_REPLY,
+            received: Vec::new(),
+            state: State::InStep,
+            nonce: 0,
+        }
+    }
+
+    /// Bounds replies to this many bytes, line end included.
+    #[must_use]
+    pub fn with_longest_reply(mut self, bytes: usize) -> Self {
+        self.longest_reply = bytes;
+        self
+    }
+
+    /// Name and address for messages.
+    pub fn instrument(&self) -> &str {
+        &self.instrument
+    }
+
+    /// How long an answer may take unless the question says otherwise.
+    pub fn deadline(&self) -> Duration {
+        self.deadline
+    }
+
+    /// Whether questions are answered; `false` after a fault until [`Link::replace`] or [`Link::resynchronise`].
+    pub fn is_in_step(&self) -> bool {
+        self.state == State::InStep
+    }
+
+    /// Takes a fresh connection in place of the old, which is dropped with everything still under way on it.
+    pub fn replace(&mut self, stream: S) {
+        self.stream = stream;
+        self.received.clear();
+        self.state = State::InStep;
+    }
+
+    /// Sends a message that has no answer, in one segment.
+    ///
+    /// # Errors
+    /// Out of step, unsolicited bytes before it, a line end inside, a lost connection, or the deadline.
+    pub async fn send(&mut self, message: &str) -> Result<(), LinkError> {
+        let until = Instant::now() + self.deadline;
+        self.begin(message).await?;
+        self.write(message, self.deadline, until).await?;
+        self.state = State::InStep;
+        Ok(())
+    }
+
+    /// Sends a question and waits for its answer, without line end.
+    ///
+    /// # Errors
+    /// As [`Link::send`]; a second line behind the answer makes both worthless and is [`LinkError::Unsolicited`].
+    pub async fn ask(&mut self, message: &str) -> Result<String, LinkError> {
+        self.ask_within(message, self.deadline).await
+    }
+
+    /// As [`Link::ask`] with a deadline of its own: a scan takes as long as it takes.
+    ///
+    /// # Errors
+    /// As [`Link::ask`].
+    pub async fn ask_within(
+        &mut self,
+        message: &str,
+        deadline: Duration,
+    ) -> Result<String, LinkError> {
+        let until = Instant::now() + deadline;
+        self.begin(message).await?;
+        self.write(message, deadline, until).await?;
+        let answer = self.line(message, deadline, until).await?;
+        // A stale line that slipped in ahead pushes the true answer behind it: with two lines neither can be trusted.
+        self.take_what_waits(message).await?;
+        if !self.received.is_empty() {
+            return Err(self.unsolicited());
+        }
+        self.state = State::InStep;
+        Ok(answer)
+    }
+
+    /// Brings a link back in step whose connection cannot be dropped, by the event enable register that every
+    /// IEEE 488.2 instrument has: the peer must repeat two numbers it was just told, whatever comes before is thrown
+    /// away, and the register is put back as it was.
+    ///
+    /// # Errors
+    /// A lost connection, or the numbers not repeated within the deadline: the link stays out of step.
+    pub async fn resynchronise(&mut self) -> Result<(), LinkError> {
+        let first = self.next_nonce();
+        let second = self.next_nonce();
+        self.state = State::OutOfStep;
+        // Ends half a message, should one lie at the peer.
+        let until = Instant::now() + self.deadline;
+        self.write("", self.deadline, until).await?;
+        let before = self
+            .echo(&format!("*ESE?;*ESE {first};*ESE?"), |line| {
+                let (before, now) = line.split_once(';')?;
+                (now.trim().parse() == Ok(first)).then(|| before.trim().parse::<u8>().ok())?
+            })
+            .await?;
+        self.echo(&format!("*ESE?;*ESE {second};*ESE?"), |line| {
+            let (before, now) = line.split_once(';')?;
+            (before.trim().parse() == Ok(first) && now.trim().parse() == Ok(second)).then_some(())
+        })
+        .await?;
+        self.echo(&format!("*ESE {before};*ESE?"), |line| {
+            (line.trim().parse() == Ok(before)).then_some(())
+        })
+        .await?;
+        self.come_in_step("*ESE?").await
+    }
+
+    /// As [`Link::resynchronise`] for a peer without `*ESE`: sends each message in turn and throws lines away until its
+    /// expected answer has come. Give at least two, with answers that no earlier question can have had.
+    ///
+    /// # Errors
+    /// A lost connection, or an expected answer missing at the deadline: the link stays out of step.
+    pub async fn resynchronise_by(&mut self, probes: &[(&str, &str)]) -> Result<(), LinkError> {
+        self.state = State::OutOfStep;
+        let until = Instant::now() + self.deadline;
+        self.write("", self.deadline, until).await?;
+        for (message, expected) in probes {
+            self.echo(message, |line| (line.trim() == *expected).then_some(()))
+                .await?;
+        }
+        self.come_in_step("").await
+    }
+
+    /// Refuses to talk out of step, and marks the link so until this exchange has ended well: a future dropped half-way
+    /// leaves it out of step.
+    async fn begin(&mut self, message: &str) -> Result<(), LinkError> {
+        if message.contains(['\n', '\r']) {
+            return Err(LinkError::LineEnd {
+                instrument: self.instrument.clone(),
+                message: shorten(message),
+            });
+        }
+        if self.state != State::InStep {
+            return Err(LinkError::OutOfStep {
+                instrument: self.instrument.clone(),
+            });
+        }
+        self.state = State::OutOfStep;
+        let closed = self.take_what_waits(message).await?;
+        if !self.received.is_empty() {
+            return Err(self.unsolicited());
+        }
+        if closed {
+            return Err(self.lost(message, None));
+        }
+        Ok(())
+    }
+
+    async fn write(
+        &mut self,
+        message: &str,
+        deadline: Duration,
+        until: Instant,
+    ) -> Result<(), LinkError> {
+        let mut segment = Vec::with_capacity(message.len() + 1);
+        segment.extend_from_slice(message.as_bytes());
+        segment.push(b'\n');
+        let written = tokio::time::timeout_at(until, async {
+            self.stream.write_all(&segment).await?;
+            self.stream.flush().await
+        })
+        .await;
+        match written {
+            Ok(Ok(())) => Ok(()),
+            Ok(Err(cause)) => Err(self.lost(message, Some(cause))),
+            Err(_) => Err(self.timed_out(message, deadline)),
+        }
+    }
+
+    async fn line(
+        &mut self,
+        message: &str,
+        deadline: Duration,
+        until: Instant,
+    ) -> Result<String, LinkError> {
+        loop {
+            if let Some(end) = self.received.iter().position(|byte| *byte == b'\n') {
+                let mut line: Vec<u8> = self.received.drain(..=end).collect();
+                line.pop();
+                if line.last() == Some(&b'\r') {
+                    line.pop();
+                }
+                return String::from_utf8(line).map_err(|_| LinkError::NotText {
+                    instrument: self.instrument.clone(),
+                    message: shorten(message),
+                });
+            }
+            if self.received.len() >= self.longest_reply {
+                return Err(LinkError::TooLong {
+                    instrument: self.instrument.clone(),
+                    message: shorten(message),
+                    most: self.longest_reply,
+                });
+            }
+            let room = (self.longest_reply - self.received.len()).min(16 * 1024);
+            let mut chunk = (&mut self.stream).take(room as u64);
+            match tokio::time::timeout_at(until, chunk.read_buf(&mut self.received)).await {
+                Ok(Ok(0)) => return Err(self.lost(message, None)),
+                Ok(Ok(_)) => {}
+                Ok(Err(cause)) => return Err(self.lost(message, Some(cause))),
+                Err(_) => return Err(self.timed_out(message, deadline)),
+            }
+        }
+    }
+
+    /// Reads what has already come, without waiting for more; says whether the peer has closed behind it.
+    async fn take_what_waits(&mut self, message: &str) -> Result<bool, LinkError> {
+        // Lets the runtime look at its sockets, and keeps its budget from hiding bytes that are there.
+        tokio::task::yield_now().await;
+        let mut chunk = [0; 512];
+        while self.received.len() < self.longest_reply {
+            let mut buffer = ReadBuf::new(&mut chunk);
+            let stream = &mut self.stream;
+            let polled = tokio::task::unconstrained(std::future::poll_fn(|context| {
+                Poll::Ready(Pin::new(&mut *stream).poll_read(context, &mut buffer))
+            }))
+            .await;
+            match polled {
+                Poll::Pending => return Ok(false),
+                Poll::Ready(Err(cause)) => return Err(self.lost(message, Some(cause))),
+                Poll::Ready(Ok(())) if buffer.filled().is_empty() => return Ok(true),
+                Poll::Ready(Ok(())) => self.received.extend_from_slice(buffer.filled()),
+            }
+        }
+        Ok(false)
+    }
+
+    /// Sends a message and throws lines away until one is recognised.
+    async fn echo<T>(
+        &mut self,
+        message: &str,
+        recognise: impl Fn(&str) -> Option<T>,
+    ) -> Result<T, LinkError> {
+        let until = Instant::now() + self.deadline;
+        self.write(message, self.deadline, until).await?;
+        loop {
+            match self.line(message, self.deadline, until).await {
+                Ok(line) => {
+                    if let Some(recognised) = recognise(&line) {
+                        return Ok(recognised);
+                    }
+                }
+                Err(LinkError::NotText { .. }) => {}
+                Err(LinkError::TooLong { .. }) => self.received.clear(),
+                Err(fault) => return Err(fault),
+            }
+        }
+    }
+
+    /// In step again if nothing more has come behind the last recognised line.
+    async fn come_in_step(&mut self, message: &str) -> Result<(), LinkError> {
+        self.take_what_waits(message).await?;
+        if !self.received.is_empty() {
+            return Err(self.unsolicited());
+        }
+        self.state = State::InStep;
+        Ok(())
+    }
+
+    /// 1 to 255, never the same twice in a row.
+    fn next_nonce(&mut self) -> u8 {
+        self.nonce = self.nonce.wrapping_add(97).max(1);
+        self.nonce
+    }
+
+    fn unsolicited(&mut self) -> LinkError {
+        let text = String::from_utf8_lossy(&self.received).trim().to_owned();
+        self.received.clear();
+        LinkError::Unsolicited {
+            instrument: self.instrument.clone(),
+            text: shorten(&text),
+        }
+    }
+
+    fn lost(&self, message: &str, cause: Option<std::io::Error>) -> LinkError {
+        LinkError::Lost {
+            instrument: self.instrument.clone(),
+            message: shorten(message),
+            cause,
+        }
+    }
+
+    fn timed_out(&self, message: &str, deadline: Duration) -> LinkError {
+        LinkError::Timeout {
+            instrument: self.instrument.clone(),
+            message: shorten(message),
+            deadline,
+        }
+    }
+}
+
+/// The beginning of a text, with `...` where more follows.
+fn shorten(text: &str) -> String {
+    let mut shortened: String = text.chars().take(SHORTENED).collect();
+    if shortened.len() < text.len() {
+        shortened.push_str("...");
+    }
+    shortened
 }

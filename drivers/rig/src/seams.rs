@@ -1,8 +1,10 @@
 //! The three seams of a rig: what `acquire` needs of a source, a switch and a voltmeter, and nothing more.
 
 use std::future::Future;
+use std::sync::Arc;
 
 use survey::{Amps, Reading, Relay, Volts};
+use tokio::sync::{Mutex, OwnedMutexGuard};
 
 use crate::RigError;
 
@@ -92,13 +94,64 @@ pub trait Voltmeter: Send {
     fn read(&mut self) -> impl Future<Output = Result<Reading, RigError>> + Send;
 }
 
-/// A rig: any three things that implement the seams. Switch and voltmeter may be two handles of one instrument.
+/// The three things of a rig, whoever implements them. Switch and voltmeter may be two handles of one instrument.
 #[derive(Debug)]
-pub struct Rig<C, W, V> {
+pub struct Instruments<C, W, V> {
     /// The current source.
     pub source: C,
     /// The switch.
     pub switch: W,
     /// The voltmeter.
     pub voltmeter: V,
+}
+
+/// A rig, as a handle: clones mean the same instruments, and whoever works with them holds them alone.
+///
+/// The handle is what lets [`crate::acquire`] finish in safety when the future that asked for it is dropped: its task
+/// keeps the instruments until the source is off, and the next user waits for that.
+#[derive(Debug)]
+pub struct Rig<C, W, V> {
+    instruments: Arc<Mutex<Instruments<C, W, V>>>,
+    simulated: bool,
+}
+
+impl<C, W, V> Clone for Rig<C, W, V> {
+    fn clone(&self) -> Self {
+        Self {
+            instruments: Arc::clone(&self.instruments),
+            simulated: self.simulated,
+        }
+    }
+}
+
+impl<C, W, V> Rig<C, W, V> {
+    /// A rig of real instruments.
+    pub fn new(source: C, switch: W, voltmeter: V) -> Self {
+        Self {
+            instruments: Arc::new(Mutex::new(Instruments {
+                source,
+                switch,
+                voltmeter,
+            })),
+            simulated: false,
+        }
+    }
+
+    /// A rig at least one part of which is simulated: its frames say so.
+    pub fn simulated(source: C, switch: W, voltmeter: V) -> Self {
+        Self {
+            simulated: true,
+            ..Self::new(source, switch, voltmeter)
+        }
+    }
+
+    /// Whether any part is simulated.
+    pub fn is_simulated(&self) -> bool {
+        self.simulated
+    }
+
+    /// Waits until nobody else works with the instruments, then holds them.
+    pub async fn lock(&self) -> OwnedMutexGuard<Instruments<C, W, V>> {
+        Arc::clone(&self.instruments).lock_owned().await
+    }
 }

@@ -1,0 +1,548 @@
+//! Runs a plan to a frame, and leaves the source off and verified on every way out.
+//!
+//! The plan runs in a task of its own that holds the instruments. A caller that drops its future only takes its wish
+//! back: the task finishes the exchange under way (a message cut short would leave its link out of step, and then the
+//! source could not be told to switch off), makes the rig safe, and lets go of it. A cleanup started from a `Drop` would
+//! meet links out of step; this one does not.
+
+use std::any::Any;
+use std::fmt;
+use std::panic::AssertUnwindSafe;
+use std::sync::Arc;
+use std::task::Poll;
+use std::time::Duration;
+
+use survey::{
+    Amps, Dipole, Electrode, Frame, Plan, Reading, Relay, Sensing, Settings, Step, Wiring,
+};
+use tokio::sync::watch;
+
+use crate::seams::Instruments;
+use crate::{Clock, CurrentSource, MeterSettings, Move, Rig, RigError, Stop, Switch, Voltmeter};
+
+/// Why there is no frame. Every variant but the `Unsafe` ones leaves the source off and verified and the injecting
+/// relays open.
+#[derive(Debug, thiserror::Error)]
+pub enum AcquireError {
+    /// Source or voltmeter could not be set up.
+    #[error("the instruments could not be prepared for the survey")]
+    Prepare {
+        /// Why.
+        #[source]
+        cause: RigError,
+    },
+    /// They could not be set up, and the rig could not be made safe.
+    #[error(
+        "the instruments could not be prepared, and then the rig could not be made safe: {cleanup}"
+    )]
+    PrepareUnsafe {
+        /// Why.
+        #[source]
+        cause: RigError,
+        /// What could not be made safe.
+        cleanup: CleanupError,
+    },
+    /// A step failed.
+    #[error("step {number} of the survey failed ({step})")]
+    Step {
+        /// Counted from 1.
+        number: usize,
+        /// The step.
+        step: Step,
+        /// Why.
+        #[source]
+        cause: RigError,
+    },
+    /// A step failed, and the rig could not be made safe.
+    #[error(
+        "step {number} of the survey failed ({step}), and then the rig could not be made safe: {cleanup}"
+    )]
+    Unsafe {
+        /// Counted from 1.
+        number: usize,
+        /// The step.
+        step: Step,
+        /// Why.
+        #[source]
+        cause: RigError,
+        /// What could not be made safe.
+        cleanup: CleanupError,
+    },
+    /// A stop was asked for, or the caller went away.
+    #[error("the survey was stopped before step {number}")]
+    Stopped {
+        /// The step that was not begun, counted from 1.
+        number: usize,
+    },
+    /// A stop was asked for, and the rig could not be made safe.
+    #[error(
+        "the survey was stopped before step {number}, and then the rig could not be made safe: {cleanup}"
+    )]
+    StoppedUnsafe {
+        /// The step that was not begun, counted from 1.
+        number: usize,
+        /// What could not be made safe.
+        cleanup: CleanupError,
+    },
+}
+
+impl AcquireError {
+    /// What could not be made safe, if so: then the sheet may be live.
+    pub fn cleanup(&self) -> Option<&CleanupError> {
+        match self {
+            Self::PrepareUnsafe { cleanup, .. }
+            | Self::Unsafe { cleanup, .. }
+            | Self::StoppedUnsafe { cleanup, .. } => Some(cleanup),
+            Self::Prepare { .. } | Self::Step { .. } | Self::Stopped { .. } => None,
+        }
+    }
+
+    /// What an instrument or its wire did, if that was the cause.
+    pub fn cause(&self) -> Option<&RigError> {
+        match self {
+            Self::Prepare { cause }
+            | Self::PrepareUnsafe { cause, .. }
+            | Self::Step { cause, .. }
+            | Self::Unsafe { cause, .. } => Some(cause),
+            Self::Stopped { .. } | Self::StoppedUnsafe { .. } => None,
+        }
+    }
+}
+
+/// What could not be made safe; the halves that are `None` were done and verified.
+#[derive(Debug)]
+pub struct CleanupError {
+    /// Why the source is not verified off: its state is unknown.
+    pub source: Option<RigError>,
+    /// Why the relays are not verified open.
+    pub relays: Option<RigError>,
+}
+
+impl CleanupError {
+    /// Whether nobody knows if the source still drives.
+    pub fn source_state_unknown(&self) -> bool {
+        self.source.is_some()
+    }
+}
+
+impl fmt::Display for CleanupError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (&self.source, &self.relays) {
+            (Some(source), None) => write!(
+                f,
+                "source state unknown ({source}); the injecting relays are open, so the sheet carries no current"
+            ),
+            (None, Some(relays)) => write!(
+                f,
+                "the source is off and verified, but relays are not verified open ({relays})"
+            ),
+            (Some(source), Some(relays)) => write!(
+                f,
+                "source state unknown ({source}) and relays not verified open ({relays}); treat the sheet as live"
+            ),
+            (None, None) => f.write_str("nothing"),
+        }
+    }
+}
+
+impl std::error::Error for CleanupError {}
+
+/// Why a rig must not be started.
+#[derive(Debug, thiserror::Error)]
+pub enum StartError {
+    /// The switch does not answer.
+    #[error("the injecting relays could not be read back")]
+    Unreadable(#[from] RigError),
+    /// Relays are closed before anything was asked: latching relays survive a power cycle.
+    #[error("injecting relays closed at the start: {}; open them with --safe-off before measuring", name(.0))]
+    Closed(Vec<ClosedRelay>),
+}
+
+/// A relay found closed, and the pairs that it serves.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ClosedRelay {
+    /// The relay.
+    pub relay: Relay,
+    /// The pairs it joins to the source.
+    pub pairs: Vec<Dipole>,
+}
+
+fn name(closed: &[ClosedRelay]) -> String {
+    let each = |found: &ClosedRelay| {
+        let pairs: Vec<String> = found.pairs.iter().map(Dipole::to_string).collect();
+        format!("{} (pair {})", found.relay, pairs.join(", "))
+    };
+    closed.iter().map(each).collect::<Vec<_>>().join(", ")
+}
+
+/// Reads back every injecting relay before anything is moved.
+///
+/// # Errors
+/// [`StartError::Closed`] names each closed relay with its pairs.
+pub async fn check_at_start<C, W: Switch, V>(
+    rig: &Rig<C, W, V>,
+    wiring: &Wiring,
+) -> Result<(), StartError> {
+    let relays = wiring.injecting_relays();
+    let states = rig.lock().await.switch.closed(&relays).await?;
+    let closed: Vec<ClosedRelay> = relays
+        .into_iter()
+        .zip(states)
+        .filter(|(_, closed)| *closed)
+        .map(|(relay, _)| ClosedRelay {
+            relay,
+            pairs: wiring
+                .inject
+                .iter()
+                .filter(|(_, relays)| relays.contains(&relay))
+                .map(|(pair, _)| *pair)
+                .collect(),
+        })
+        .collect();
+    if closed.is_empty() {
+        Ok(())
+    } else {
+        Err(StartError::Closed(closed))
+    }
+}
+
+/// Switches the source off and opens the wiring's relays, each verified; tries the second also when the first fails.
+///
+/// # Errors
+/// Which half failed, or both.
+pub async fn safe_off<C, W, V>(rig: &Rig<C, W, V>, wiring: &Wiring) -> Result<(), CleanupError>
+where
+    C: CurrentSource,
+    W: Switch,
+{
+    make_safe(&mut *rig.lock().await, wiring).await
+}
+
+async fn make_safe<C, W, V>(
+    instruments: &mut Instruments<C, W, V>,
+    wiring: &Wiring,
+) -> Result<(), CleanupError>
+where
+    C: CurrentSource,
+    W: Switch,
+{
+    let source = instruments.source.off().await.err();
+    let relays = instruments
+        .switch
+        .open_verified(&every_relay(wiring))
+        .await
+        .err();
+    if source.is_none() && relays.is_none() {
+        return Ok(());
+    }
+    Err(CleanupError { source, relays })
+}
+
+/// Injecting relays first: those matter most.
+fn every_relay(wiring: &Wiring) -> Vec<Relay> {
+    let mut relays = wiring.injecting_relays();
+    relays.extend(wiring.measuring_relays());
+    relays.extend(&wiring.bus);
+    relays
+}
+
+/// Runs the plan once.
+///
+/// Readings over range, and readings of an injection at which the source was in compliance, are flags in the frame and
+/// no error. A stop is heard between two steps. Dropping the future has the effect of a stop: the rig is then held until
+/// it is safe. Must be called inside a tokio runtime; a runtime shut down in the middle of a plan ends it without
+/// cleanup, which is what `tactusd --safe-off` is for.
+///
+/// # Errors
+/// The step that failed and why; with it, if the rig could not be made safe, what of it is not.
+///
+/// # Panics
+/// Hands on a panic of an instrument's driver, after the rig has been made safe.
+pub async fn acquire<C, W, V>(
+    rig: &Rig<C, W, V>,
+    plan: &Plan,
+    meter: MeterSettings,
+    clock: impl Clock,
+    stop: &Stop,
+) -> Result<Frame, AcquireError>
+where
+    C: CurrentSource + 'static,
+    W: Switch + 'static,
+    V: Voltmeter + 'static,
+{
+    let (_here, caller) = watch::channel(());
+    let monotonic = clock.monotonic();
+    let wall = clock.wall();
+    let shared = Arc::new(plan.clone());
+    let rig_handle = rig.clone();
+    let (plan_of_task, stop) = (Arc::clone(&shared), stop.clone());
+    let task = tokio::spawn(async move {
+        let mut instruments = rig_handle.lock().await;
+        let mut run = Run {
+            plan: &plan_of_task,
+            meter,
+            stop,
+            caller,
+            readings: vec![Reading::NotMeasured; plan_of_task.protocol.len()],
+            compliance: Vec::new(),
+            level: None,
+            on: false,
+        };
+        let outcome = caught(run.every_step(&mut instruments)).await;
+        let ended = match outcome {
+            Ok(Ok(())) => Ok(()),
+            Ok(Err(cut)) => {
+                let cleanup = make_safe(&mut instruments, &plan_of_task.wiring).await;
+                Err(cut.with(cleanup.err()))
+            }
+            Err(panic) => {
+                if let Err(cleanup) = make_safe(&mut instruments, &plan_of_task.wiring).await {
+                    tracing::error!("after a panic the rig could not be made safe: {cleanup}");
+                }
+                std::panic::resume_unwind(panic)
+            }
+        };
+        ended.map(|()| (run.readings, run.compliance))
+    });
+    let (readings, compliance) = match task.await {
+        Ok(ended) => ended?,
+        Err(join) => match join.try_into_panic() {
+            Ok(panic) => std::panic::resume_unwind(panic),
+            Err(_) => return Err(AcquireError::Stopped { number: 1 }),
+        },
+    };
+    Ok(Frame {
+        sequence: 0,
+        readings,
+        monotonic,
+        wall,
+        duration: clock.monotonic().saturating_sub(monotonic),
+        settings: settings(&shared, meter),
+        compliance,
+        simulated: rig.is_simulated(),
+    })
+}
+
+/// The settings that a frame of this plan and meter carries; a baseline can be checked against them before acquiring.
+pub fn settings(plan: &Plan, meter: MeterSettings) -> Settings {
+    let settle = plan.steps.iter().find_map(|step| match step {
+        Step::Settle { wait } => Some(*wait),
+        _ => None,
+    });
+    Settings {
+        protocol_hash: plan.protocol.hash(),
+        current: plan.current,
+        range: meter.range,
+        nplc: meter.nplc,
+        settle: settle.unwrap_or(Duration::ZERO),
+        wiring: plan.wiring.name.clone(),
+    }
+}
+
+/// Why the steps ended early.
+enum Cut {
+    Prepare(RigError),
+    Step(usize, Step, RigError),
+    Stop(usize),
+}
+
+impl Cut {
+    fn with(self, cleanup: Option<CleanupError>) -> AcquireError {
+        match (self, cleanup) {
+            (Self::Prepare(cause), None) => AcquireError::Prepare { cause },
+            (Self::Prepare(cause), Some(cleanup)) => AcquireError::PrepareUnsafe { cause, cleanup },
+            (Self::Step(number, step, cause), None) => AcquireError::Step {
+                number,
+                step,
+                cause,
+            },
+            (Self::Step(number, step, cause), Some(cleanup)) => AcquireError::Unsafe {
+                number,
+                step,
+                cause,
+                cleanup,
+            },
+            (Self::Stop(number), None) => AcquireError::Stopped { number },
+            (Self::Stop(number), Some(cleanup)) => AcquireError::StoppedUnsafe { number, cleanup },
+        }
+    }
+}
+
+/// One run of a plan.
+struct Run<'a> {
+    plan: &'a Plan,
+    meter: MeterSettings,
+    stop: Stop,
+    /// Closed when the caller has dropped its future.
+    caller: watch::Receiver<()>,
+    readings: Vec<Reading>,
+    compliance: Vec<Electrode>,
+    /// The source's level as last set; unknown at first.
+    level: Option<Amps>,
+    on: bool,
+}
+
+impl Run<'_> {
+    async fn every_step<C, W, V>(&mut self, rig: &mut Instruments<C, W, V>) -> Result<(), Cut>
+    where
+        C: CurrentSource,
+        W: Switch,
+        V: Voltmeter,
+    {
+        if self.is_over() {
+            return Err(Cut::Stop(1));
+        }
+        self.prepare(rig).await.map_err(Cut::Prepare)?;
+        let plan = self.plan;
+        for (index, step) in plan.steps.iter().enumerate() {
+            if self.is_over() {
+                return Err(Cut::Stop(index + 1));
+            }
+            self.step(rig, step)
+                .await
+                .map_err(|cause| Cut::Step(index + 1, step.clone(), cause))?;
+        }
+        Ok(())
+    }
+
+    fn is_over(&self) -> bool {
+        self.stop.is_asked() || self.caller.has_changed().is_err()
+    }
+
+    async fn prepare<C, W, V>(&mut self, rig: &mut Instruments<C, W, V>) -> Result<(), RigError>
+    where
+        C: CurrentSource,
+        V: Voltmeter,
+    {
+        rig.source
+            .prepare(self.plan.current, self.plan.compliance)
+            .await?;
+        // What an earlier frame latched is not this one's.
+        rig.source.in_compliance().await?;
+        let scan = match self.plan.wiring.sensing {
+            Sensing::Scan => self.plan.wiring.measuring_relays(),
+            Sensing::Single => Vec::new(),
+        };
+        rig.voltmeter.prepare(self.meter, &scan).await
+    }
+
+    async fn step<C, W, V>(
+        &mut self,
+        rig: &mut Instruments<C, W, V>,
+        step: &Step,
+    ) -> Result<(), RigError>
+    where
+        C: CurrentSource,
+        W: Switch,
+        V: Voltmeter,
+    {
+        match step {
+            Step::AllOff => {
+                rig.source.off().await?;
+                (self.level, self.on) = (None, false);
+                rig.switch
+                    .open_verified(&every_relay(&self.plan.wiring))
+                    .await
+            }
+            Step::Bus { close } => rig.switch.move_relays(&[Move::Close(close.clone())]).await,
+            Step::Break { open, close, .. } => {
+                self.drive(rig, Amps(0.0)).await?;
+                rig.switch.move_relays(&moves(open, close)).await?;
+                rig.switch.settle().await?;
+                self.drive(rig, self.plan.current).await
+            }
+            Step::Overlap { open, close, .. } => {
+                let close = Move::Close(close.clone());
+                let open = Move::Open(open.clone());
+                rig.switch.move_relays(&[close, open]).await?;
+                self.drive(rig, self.plan.current).await
+            }
+            Step::Settle { wait } => {
+                rig.switch.settle().await?;
+                tokio::select! {
+                    () = tokio::time::sleep(*wait) => {}
+                    () = self.stop.asked() => {}
+                }
+                Ok(())
+            }
+            Step::Scan { readings } => {
+                let scanned = rig.voltmeter.scan().await?;
+                if scanned.len() != readings.len() {
+                    return Err(RigError::ReadingCount {
+                        came: scanned.len(),
+                        expected: readings.len(),
+                    });
+                }
+                for (index, reading) in readings.iter().zip(scanned) {
+                    if let Some(index) = index {
+                        self.readings[*index] = reading;
+                    }
+                }
+                Ok(())
+            }
+            Step::Route { open, close, .. } => rig.switch.move_relays(&moves(open, close)).await,
+            Step::Read { reading } => {
+                self.readings[*reading] = rig.voltmeter.read().await?;
+                Ok(())
+            }
+            Step::Compliance { drive } => {
+                if rig.source.in_compliance().await? {
+                    self.compliance.push(drive.plus);
+                    for (question, reading) in self
+                        .plan
+                        .protocol
+                        .measurements()
+                        .iter()
+                        .zip(&mut self.readings)
+                    {
+                        if question.drive == *drive {
+                            *reading = Reading::NotMeasured;
+                        }
+                    }
+                }
+                Ok(())
+            }
+        }
+    }
+
+    /// Brings the source to a level, saying nothing that it was told before. The output goes on at 0 A, never at a level.
+    async fn drive<C: CurrentSource, W, V>(
+        &mut self,
+        rig: &mut Instruments<C, W, V>,
+        level: Amps,
+    ) -> Result<(), RigError> {
+        if self.level.is_none() && level != Amps(0.0) {
+            rig.source.set_current(Amps(0.0)).await?;
+        }
+        if level != Amps(0.0) && !self.on {
+            rig.source.set_output(true).await?;
+            self.on = true;
+        }
+        if self.level != Some(level) {
+            rig.source.set_current(level).await?;
+            self.level = Some(level);
+        }
+        Ok(())
+    }
+}
+
+/// Open, then close; nothing for an empty list.
+fn moves(open: &[Relay], close: &[Relay]) -> Vec<Move> {
+    let open = (!open.is_empty()).then(|| Move::Open(open.to_vec()));
+    let close = (!close.is_empty()).then(|| Move::Close(close.to_vec()));
+    open.into_iter().chain(close).collect()
+}
+
+/// Runs a future, and catches its panic so that the rig can be made safe before it is handed on.
+async fn caught<F: Future>(future: F) -> Result<F::Output, Box<dyn Any + Send>> {
+    let mut future = std::pin::pin!(future);
+    std::future::poll_fn(move |context| {
+        let polled = std::panic::catch_unwind(AssertUnwindSafe(|| future.as_mut().poll(context)));
+        match polled {
+            Ok(Poll::Ready(output)) => Poll::Ready(Ok(output)),
+            Ok(Poll::Pending) => Poll::Pending,
+            Err(panic) => Poll::Ready(Err(panic)),
+        }
+    })
+    .await
+}

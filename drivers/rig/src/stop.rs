@@ -1,0 +1,43 @@
+//! Stopping: a wish heard between two steps of a plan, never a dropped future.
+
+use tokio::sync::watch;
+
+/// Asks for a stop.
+#[derive(Debug, Clone)]
+pub struct StopButton(watch::Sender<bool>);
+
+/// Hears of it. Copies hear the same.
+#[derive(Debug, Clone)]
+pub struct Stop(watch::Receiver<bool>);
+
+impl Stop {
+    /// A button and what it stops. A button dropped unpressed stops nothing.
+    pub fn button() -> (StopButton, Self) {
+        let (sender, receiver) = watch::channel(false);
+        (StopButton(sender), Self(receiver))
+    }
+
+    /// One that nobody presses.
+    pub fn never() -> Self {
+        Self::button().1
+    }
+
+    /// Whether the button has been pressed.
+    pub fn is_asked(&self) -> bool {
+        *self.0.borrow()
+    }
+
+    /// Waits until the button is pressed; for ever if it never is.
+    pub async fn asked(&mut self) {
+        if self.0.wait_for(|pressed| *pressed).await.is_err() {
+            std::future::pending().await
+        }
+    }
+}
+
+impl StopButton {
+    /// Asks for a stop. Pressed once, pressed for good.
+    pub fn press(&self) {
+        self.0.send_replace(true);
+    }
+}
