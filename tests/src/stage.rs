@@ -1,0 +1,369 @@
+//! A temporary rig: configuration, state directory, peer socket, and the processes that use them.
+
+use std::io::{self, Read};
+use std::os::unix::net::UnixDatagram;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+
+/// The one deadline under which every story awaits what it needs.
+pub const DEADLINE: Duration = Duration::from_secs(120);
+
+/// A simulated rig in instant time with 2 uV of voltmeter noise, pair wiring, one-step reconstruction, peer bus only.
+pub const SIMULATED: &str = include_str!("../rigs/simulated.toml");
+
+/// Why the stage could not be set, or a program did not do what was asked.
+#[derive(Debug, thiserror::Error)]
+pub enum StageError {
+    /// The operating system said no.
+    #[error("{what}")]
+    System {
+        /// What was attempted.
+        what: String,
+        /// What it said.
+        #[source]
+        cause: io::Error,
+    },
+    /// The daemon ended, or said nothing, before it was ready.
+    #[error("tactusd was not ready within {deadline:?}; it said:\n{stderr}")]
+    NotReady {
+        /// How long it was waited for.
+        deadline: Duration,
+        /// Its standard error.
+        stderr: String,
+    },
+    /// A program took too long.
+    #[error("`{command}` did not end within {deadline:?}")]
+    Slow {
+        /// The command line.
+        command: String,
+        /// How long it was waited for.
+        deadline: Duration,
+    },
+    /// A program failed where success was expected.
+    #[error("`{command}` ended with {code:?}:\n{stdout}{stderr}")]
+    Failed {
+        /// The command line.
+        command: String,
+        /// Its exit code; none when a signal ended it.
+        code: Option<i32>,
+        /// What it printed.
+        stdout: String,
+        /// What it complained.
+        stderr: String,
+    },
+}
+
+/// A folder of its own for one story.
+#[derive(Debug)]
+pub struct Stage {
+    folder: tempfile::TempDir,
+    program: PathBuf,
+}
+
+/// What a program said and how it ended.
+#[derive(Debug)]
+pub struct Spoken {
+    /// The command line, for messages.
+    pub command: String,
+    /// Exit code; none when a signal ended it.
+    pub code: Option<i32>,
+    /// Standard output.
+    pub stdout: String,
+    /// Standard error.
+    pub stderr: String,
+}
+
+impl Stage {
+    /// Writes `config` into a new folder; `STAGE` in it becomes the folder's path. The programs are this process's own
+    /// binary; see [`Stage::with_program`] where that is a test harness.
+    ///
+    /// # Errors
+    /// The temporary folder cannot be made.
+    pub fn new(config: &str) -> Result<Self, StageError> {
+        let program = std::env::current_exe().map_err(|cause| system("cannot tell which binary this is", cause))?;
+        Self::with_program(config, program)
+    }
+
+    /// Like [`Stage::new`], re-executing the binary given.
+    ///
+    /// # Errors
+    /// The temporary folder cannot be made.
+    pub fn with_program(config: &str, program: impl Into<PathBuf>) -> Result<Self, StageError> {
+        let folder = tempfile::Builder::new()
+            .prefix("tactus-")
+            .tempdir()
+            .map_err(|cause| system("cannot make a temporary folder", cause))?;
+        let stage = Self { folder, program: program.into() };
+        stage.configure(config)?;
+        Ok(stage)
+    }
+
+    /// Replaces the configuration.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn configure(&self, config: &str) -> Result<(), StageError> {
+        let text = config.replace("STAGE", &self.folder.path().display().to_string());
+        std::fs::write(self.config_path(), text).map_err(|cause| system("cannot write config.toml", cause))
+    }
+
+    /// The folder.
+    pub fn path(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// Where the configuration lies.
+    pub fn config_path(&self) -> PathBuf {
+        self.folder.path().join("config.toml")
+    }
+
+    /// Where sessions are recorded.
+    pub fn state_path(&self) -> PathBuf {
+        self.folder.path().join("state")
+    }
+
+    /// Where the daemon listens.
+    pub fn peer_path(&self) -> PathBuf {
+        self.folder.path().join("peer")
+    }
+
+    /// The command that runs one of the programs.
+    pub fn command(&self, program: &str) -> Command {
+        let mut command = Command::new(&self.program);
+        command.arg(program).stdin(Stdio::null());
+        for variable in ["TACTUS_BUS", "TACTUS_STATE", "NOTIFY_SOCKET", "DBUS_SESSION_BUS_ADDRESS"] {
+            command.env_remove(variable);
+        }
+        command.env("XDG_RUNTIME_DIR", self.folder.path()).env("XDG_STATE_HOME", self.folder.path());
+        command
+    }
+
+    /// Starts `tactusd` on this stage and waits until it says that it is ready.
+    ///
+    /// # Errors
+    /// It ends, or says nothing, before the deadline; its standard error is in the message.
+    pub fn start_daemon(&self) -> Result<Keeper, StageError> {
+        self.start_daemon_with(|_| {})
+    }
+
+    /// Like [`Stage::start_daemon`], with a last word on the command (environment, more arguments).
+    ///
+    /// # Errors
+    /// As [`Stage::start_daemon`].
+    pub fn start_daemon_with(&self, adjust: impl FnOnce(&mut Command)) -> Result<Keeper, StageError> {
+        let notify_path = self.folder.path().join("notify");
+        let _ = std::fs::remove_file(&notify_path);
+        let notify =
+            UnixDatagram::bind(&notify_path).map_err(|cause| system("cannot bind the notify socket", cause))?;
+        let log_path = self.folder.path().join("tactusd.log");
+        let log = std::fs::OpenOptions::new()
+            .create(true)
+            .append(true)
+            .open(&log_path)
+            .map_err(|cause| system("cannot write tactusd.log", cause))?;
+        let mut command = self.command("tactusd");
+        command
+            .arg("--config")
+            .arg(self.config_path())
+            .env("NOTIFY_SOCKET", &notify_path)
+            .stdout(Stdio::null())
+            .stderr(log);
+        adjust(&mut command);
+        let child = command.spawn().map_err(|cause| system("cannot start tactusd", cause))?;
+        let mut keeper = Keeper { child, log_path };
+        let (tell, told) = mpsc::channel();
+        let ears = notify.try_clone().map_err(|cause| system("cannot clone the notify socket", cause))?;
+        std::thread::spawn(move || {
+            let mut buffer = [0; 4096];
+            while let Ok(length) = ears.recv(&mut buffer) {
+                let text = String::from_utf8_lossy(&buffer[..length]).into_owned();
+                if text.lines().any(|line| line == "READY=1" || line == "ENDED") {
+                    let _ = tell.send(text);
+                    return;
+                }
+            }
+        });
+        let begun = Instant::now();
+        loop {
+            match told.recv_timeout(Duration::from_millis(50)) {
+                Ok(_) => return Ok(keeper),
+                Err(_) => {
+                    let ended = keeper.child.try_wait().ok().flatten().is_some();
+                    if ended || begun.elapsed() > DEADLINE {
+                        // lets the listening thread go
+                        let _ = UnixDatagram::unbound().and_then(|socket| socket.send_to(b"ENDED", &notify_path));
+                        return Err(StageError::NotReady { deadline: DEADLINE, stderr: keeper.log() });
+                    }
+                }
+            }
+        }
+    }
+
+    /// Runs `tactus` against this stage's daemon and waits for its end.
+    ///
+    /// # Errors
+    /// It cannot be started, or does not end before the deadline. A failing exit code is no error here:
+    /// see [`Spoken::succeeded`].
+    pub fn tactus(&self, args: &[&str]) -> Result<Spoken, StageError> {
+        let mut command = self.command("tactus");
+        command.env("TACTUS_BUS", format!("unix:{}", self.peer_path().display()));
+        command.env("TACTUS_STATE", self.state_path());
+        command.args(args);
+        listen(command)
+    }
+
+    /// Runs any of the programs and waits for its end.
+    ///
+    /// # Errors
+    /// As [`Stage::tactus`].
+    pub fn run(&self, program: &str, args: &[&str]) -> Result<Spoken, StageError> {
+        let mut command = self.command(program);
+        command.args(args);
+        listen(command)
+    }
+}
+
+/// Runs a command under the one deadline and keeps what it says.
+fn listen(mut command: Command) -> Result<Spoken, StageError> {
+    let line = std::iter::once(command.get_program())
+        .chain(command.get_args())
+        .skip(1)
+        .map(|word| word.to_string_lossy().into_owned())
+        .collect::<Vec<_>>()
+        .join(" ");
+    let mut child = command
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .map_err(|cause| system(&format!("cannot start `{line}`"), cause))?;
+    let stdout = drain(child.stdout.take());
+    let stderr = drain(child.stderr.take());
+    let begun = Instant::now();
+    let (tell, told) = mpsc::channel();
+    let id = child.id();
+    std::thread::spawn(move || {
+        let _ = tell.send(child.wait());
+    });
+    let status = match told.recv_timeout(DEADLINE) {
+        Ok(status) => status.map_err(|cause| system(&format!("cannot await `{line}`"), cause))?,
+        Err(_) => {
+            signal(id, rustix::process::Signal::KILL);
+            return Err(StageError::Slow { command: line, deadline: begun.elapsed() });
+        }
+    };
+    Ok(Spoken {
+        command: line,
+        code: status.code(),
+        stdout: stdout.join().unwrap_or_default(),
+        stderr: stderr.join().unwrap_or_default(),
+    })
+}
+
+fn drain(pipe: Option<impl Read + Send + 'static>) -> std::thread::JoinHandle<String> {
+    std::thread::spawn(move || {
+        let mut bytes = Vec::new();
+        if let Some(mut pipe) = pipe {
+            let _ = pipe.read_to_end(&mut bytes);
+        }
+        String::from_utf8_lossy(&bytes).into_owned()
+    })
+}
+
+fn signal(id: u32, signal: rustix::process::Signal) {
+    if let Some(pid) = i32::try_from(id).ok().and_then(rustix::process::Pid::from_raw) {
+        let _ = rustix::process::kill_process(pid, signal);
+    }
+}
+
+impl Spoken {
+    /// Itself when the exit code is 0.
+    ///
+    /// # Errors
+    /// The exit code is another.
+    pub fn succeeded(self) -> Result<Self, StageError> {
+        if self.code == Some(0) {
+            return Ok(self);
+        }
+        Err(StageError::Failed { command: self.command, code: self.code, stdout: self.stdout, stderr: self.stderr })
+    }
+
+    /// Each line of standard output as JSON.
+    ///
+    /// # Panics
+    /// A line is not JSON: a story that asked for `--json` has found a fault.
+    pub fn json(&self) -> Vec<serde_json::Value> {
+        self.stdout
+            .lines()
+            .map(|line| {
+                serde_json::from_str(line)
+                    .unwrap_or_else(|fault| panic!("`{}` printed a line that is not JSON ({fault}): {line}", self.command))
+            })
+            .collect()
+    }
+}
+
+/// A running daemon; killed when dropped, unless it was stopped.
+#[derive(Debug)]
+pub struct Keeper {
+    child: Child,
+    log_path: PathBuf,
+}
+
+impl Keeper {
+    /// Its process id.
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// What it has said on standard error so far.
+    pub fn log(&self) -> String {
+        std::fs::read_to_string(&self.log_path).unwrap_or_default()
+    }
+
+    /// Asks it to end (SIGTERM) and waits.
+    ///
+    /// # Errors
+    /// It does not end before the deadline, or not with exit code 0.
+    pub fn stop(mut self) -> Result<(), StageError> {
+        signal(self.child.id(), rustix::process::Signal::TERM);
+        let begun = Instant::now();
+        let status = loop {
+            if let Some(status) = self.child.try_wait().map_err(|cause| system("cannot await tactusd", cause))? {
+                break status;
+            }
+            if begun.elapsed() > DEADLINE {
+                return Err(StageError::Slow { command: "tactusd after SIGTERM".into(), deadline: DEADLINE });
+            }
+            std::thread::yield_now();
+            std::thread::park_timeout(Duration::from_millis(10));
+        };
+        if status.code() == Some(0) {
+            return Ok(());
+        }
+        Err(StageError::Failed {
+            command: "tactusd".into(),
+            code: status.code(),
+            stdout: String::new(),
+            stderr: self.log(),
+        })
+    }
+
+    /// Kills it without warning (SIGKILL).
+    pub fn kill(mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+impl Drop for Keeper {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn system(what: &str, cause: io::Error) -> StageError {
+    StageError::System { what: what.to_owned(), cause }
+}
