@@ -1,1 +1,49 @@
 //! The grammar of SCPI, both directions, no I/O.
+//!
+//! What a listener needs (framing, headers, arguments, error queue, status registers) and what a talker needs (numbers
+//! and lists as text, replies read back). Bytes come in as arguments; nothing here waits, knows a clock, or knows an
+//! instrument. Refused at this door: guessing. Text that is not of the grammar is a [`ParseError`] with the number that
+//! the standard gives it, or a [`ReplyError`] on the talker's side; 9.9E37 is [`Answer::Overload`], never a voltage.
+//!
+//! - **message**: one line; **call**: one unit of it between semicolons, its header resolved by the path rule
+//! - **notation**: a header as manuals print it, `[SOURce]:CURRent[:LEVel]`; **argument**: one typed datum of a call
+//! - **answer**: one number of a reply; **register**, **queue**: what an instrument remembers of its troubles
+//!
+//! ```
+//! use scpi::{Numeric, Unit, parse_message};
+//! let calls = parse_message("SOUR:CURR:RANG 2 mA;COMP MAX;:*IDN?;");
+//! let range = calls[0].as_ref().unwrap();
+//! assert!(range.is("[SOURce]:CURRent:RANGe"));
+//! assert_eq!(range.arguments[0].number(Unit::Ampere), Ok(Numeric::Value(2e-3)));
+//! let compliance = calls[1].as_ref().unwrap();
+//! assert!(compliance.is("[SOURce]:CURRent:COMPliance"));
+//! assert_eq!(compliance.arguments[0].number(Unit::Volt), Ok(Numeric::Max));
+//! assert!(calls[2].as_ref().unwrap().is("*IDN?"));
+//! ```
+//!
+//! Source: SCPI-1999 volumes 1 and 2 and IEEE 488.2, as retold by the manuals of the instruments served.
+
+mod argument;
+mod channel_list;
+mod common;
+mod error_queue;
+mod framer;
+mod header;
+mod message;
+mod reading;
+mod refusal;
+mod status;
+
+pub use argument::{Argument, Numeric, Unit};
+pub use channel_list::{ChannelEntry, ChannelList};
+pub use common::Common;
+pub use error_queue::{ErrorEntry, ErrorQueue};
+pub use framer::{Framer, FramingError};
+pub use header::{Pattern, short_form};
+pub use message::{Call, parse_message};
+pub use reading::{
+    Answer, INFINITY, NOT_A_NUMBER, ReplyError, format_block, format_nr3, format_nr3_signed,
+    parse_block, parse_boolean, parse_integer, parse_reading, parse_readings, quote, unquote,
+};
+pub use refusal::ParseError;
+pub use status::{StandardEvent, StatusModel, StatusRegister};

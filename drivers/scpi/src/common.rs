@@ -1,0 +1,152 @@
+//! The common commands of IEEE 488.2 that every instrument of the house answers, as values.
+
+use std::fmt;
+
+use crate::{Call, ParseError};
+
+/// A common command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Common {
+    /// `*IDN?`: maker, model, serial number, firmware.
+    Identify,
+    /// `*RST`: settings as after power on.
+    Reset,
+    /// `*CLS`: events and error queue cleared.
+    ClearStatus,
+    /// `*ESE`: which standard events are summed up.
+    SetEventEnable(u8),
+    /// `*ESE?`
+    EventEnable,
+    /// `*ESR?`: the standard events, cleared by reading.
+    Events,
+    /// `*SRE`: which summaries ask for service.
+    SetServiceEnable(u8),
+    /// `*SRE?`
+    ServiceEnable,
+    /// `*STB?`: the status byte.
+    StatusByte,
+    /// `*OPC`: bit 0 of the standard events when all is done.
+    OperationComplete,
+    /// `*OPC?`: 1 when all is done.
+    WhenComplete,
+    /// `*WAI`: no more commands before all is done.
+    Wait,
+    /// `*TST?`: 0 when the self-test passes.
+    SelfTest,
+    /// `*TRG`: a trigger from the bus.
+    Trigger,
+}
+
+impl Common {
+    /// Reads a call as a common command; `None` when its header is not one of these.
+    pub fn of(call: &Call) -> Option<Result<Self, ParseError>> {
+        if !call.common {
+            return None;
+        }
+        let keyword = call.header.first()?.to_ascii_uppercase();
+        let plain = |command: Common| Some(call.exactly::<0>().map(|_| command));
+        let byte = |command: fn(u8) -> Common| {
+            let value = call
+                .exactly::<1>()
+                .and_then(|[value]| value.integer(0, 255));
+            // The limits of `integer` are those of u8.
+            Some(value.map(|value| command(value as u8)))
+        };
+        match (keyword.as_str(), call.query) {
+            ("IDN", true) => plain(Common::Identify),
+            ("RST", false) => plain(Common::Reset),
+            ("CLS", false) => plain(Common::ClearStatus),
+            ("ESE", false) => byte(Common::SetEventEnable),
+            ("ESE", true) => plain(Common::EventEnable),
+            ("ESR", true) => plain(Common::Events),
+            ("SRE", false) => byte(Common::SetServiceEnable),
+            ("SRE", true) => plain(Common::ServiceEnable),
+            ("STB", true) => plain(Common::StatusByte),
+            ("OPC", false) => plain(Common::OperationComplete),
+            ("OPC", true) => plain(Common::WhenComplete),
+            ("WAI", false) => plain(Common::Wait),
+            ("TST", true) => plain(Common::SelfTest),
+            ("TRG", false) => plain(Common::Trigger),
+            _ => None,
+        }
+    }
+
+    /// Whether an answer comes back.
+    pub fn is_query(self) -> bool {
+        matches!(
+            self,
+            Common::Identify
+                | Common::EventEnable
+                | Common::Events
+                | Common::ServiceEnable
+                | Common::StatusByte
+                | Common::WhenComplete
+                | Common::SelfTest
+        )
+    }
+}
+
+impl fmt::Display for Common {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Common::Identify => f.write_str("*IDN?"),
+            Common::Reset => f.write_str("*RST"),
+            Common::ClearStatus => f.write_str("*CLS"),
+            Common::SetEventEnable(mask) => write!(f, "*ESE {mask}"),
+            Common::EventEnable => f.write_str("*ESE?"),
+            Common::Events => f.write_str("*ESR?"),
+            Common::SetServiceEnable(mask) => write!(f, "*SRE {mask}"),
+            Common::ServiceEnable => f.write_str("*SRE?"),
+            Common::StatusByte => f.write_str("*STB?"),
+            Common::OperationComplete => f.write_str("*OPC"),
+            Common::WhenComplete => f.write_str("*OPC?"),
+            Common::Wait => f.write_str("*WAI"),
+            Common::SelfTest => f.write_str("*TST?"),
+            Common::Trigger => f.write_str("*TRG"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::parse_message;
+
+    fn heard(message: &str) -> Option<Result<Common, ParseError>> {
+        Common::of(parse_message(message)[0].as_ref().unwrap())
+    }
+
+    #[test]
+    fn what_is_said_is_heard() {
+        for said in [
+            Common::Identify,
+            Common::Reset,
+            Common::ClearStatus,
+            Common::SetEventEnable(60),
+            Common::EventEnable,
+            Common::Events,
+            Common::SetServiceEnable(255),
+            Common::ServiceEnable,
+            Common::StatusByte,
+            Common::OperationComplete,
+            Common::WhenComplete,
+            Common::Wait,
+            Common::SelfTest,
+            Common::Trigger,
+        ] {
+            assert_eq!(heard(&said.to_string()), Some(Ok(said)), "{said}");
+            assert_eq!(said.is_query(), said.to_string().ends_with('?'));
+        }
+    }
+
+    #[test]
+    fn what_is_not_common_or_not_allowed_is_told_apart() {
+        assert_eq!(heard("ESE 1"), None);
+        assert_eq!(heard("*XYZ?"), None);
+        assert_eq!(heard("*RST?"), None);
+        assert_eq!(heard("*ESE"), Some(Err(ParseError::MissingParameter)));
+        assert_eq!(heard("*ESE 256"), Some(Err(ParseError::OutOfRange)));
+        assert_eq!(heard("*ESE ON"), Some(Err(ParseError::CharacterNotAllowed)));
+        assert_eq!(heard("*RST 1"), Some(Err(ParseError::ParameterNotAllowed)));
+    }
+}

@@ -1,0 +1,140 @@
+//! The error queue of SCPI-99 volume 2, section 21.8: first in first out; when full, the newest entry becomes -350.
+
+use std::collections::VecDeque;
+use std::fmt;
+use std::str::FromStr;
+
+use crate::{ParseError, ReplyError, quote, unquote};
+
+/// One entry, as `SYST:ERR?` answers it: `-113,"Undefined header"`. Number 0 means that the queue is empty.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ErrorEntry {
+    /// The number: negative of the standard, positive of the instrument, 0 none.
+    pub code: i32,
+    /// The text, without quotes.
+    pub message: String,
+}
+
+impl ErrorEntry {
+    /// What an empty queue answers.
+    pub fn none() -> Self {
+        Self {
+            code: 0,
+            message: "No error".to_owned(),
+        }
+    }
+}
+
+impl From<ParseError> for ErrorEntry {
+    fn from(refusal: ParseError) -> Self {
+        Self {
+            code: refusal.code(),
+            message: refusal.text().to_owned(),
+        }
+    }
+}
+
+impl fmt::Display for ErrorEntry {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{},{}", self.code, quote(&self.message))
+    }
+}
+
+impl FromStr for ErrorEntry {
+    type Err = ReplyError;
+
+    /// Reads the reply of `SYST:ERR?`, with or without a plus sign.
+    fn from_str(text: &str) -> Result<Self, ReplyError> {
+        let no_entry = || ReplyError::new(text, "an error entry such as 0,\"No error\"");
+        let (code, message) = text.split_once(',').ok_or_else(no_entry)?;
+        Ok(Self {
+            code: code.trim().parse().map_err(|_| no_entry())?,
+            message: unquote(message.trim()).ok_or_else(no_entry)?,
+        })
+    }
+}
+
+/// A bounded queue of errors.
+///
+/// ```
+/// let mut queue = scpi::ErrorQueue::new(10);
+/// queue.push(-113, "Undefined header");
+/// assert_eq!(queue.pop().to_string(), "-113,\"Undefined header\"");
+/// assert_eq!(queue.pop().to_string(), "0,\"No error\"");
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ErrorQueue {
+    depth: usize,
+    entries: VecDeque<ErrorEntry>,
+}
+
+impl ErrorQueue {
+    /// A queue for this many entries (one at least).
+    pub fn new(depth: usize) -> Self {
+        Self {
+            depth: depth.max(1),
+            entries: VecDeque::new(),
+        }
+    }
+
+    /// Adds an entry. When the queue is full its newest entry is replaced by -350.
+    pub fn push(&mut self, code: i32, message: impl Into<String>) {
+        if self.entries.len() < self.depth {
+            self.entries.push_back(ErrorEntry {
+                code,
+                message: message.into(),
+            });
+        } else if let Some(newest) = self.entries.back_mut() {
+            *newest = ParseError::QueueOverflow.into();
+        }
+    }
+
+    /// Takes the oldest entry, or [`ErrorEntry::none`].
+    pub fn pop(&mut self) -> ErrorEntry {
+        self.entries.pop_front().unwrap_or_else(ErrorEntry::none)
+    }
+
+    /// How many entries wait.
+    pub fn len(&self) -> usize {
+        self.entries.len()
+    }
+
+    /// Whether none waits.
+    pub fn is_empty(&self) -> bool {
+        self.entries.is_empty()
+    }
+
+    /// Forgets all entries.
+    pub fn clear(&mut self) {
+        self.entries.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn overflow_replaces_the_newest_and_keeps_the_oldest() {
+        let mut queue = ErrorQueue::new(3);
+        for code in [-101, -102, -103, -104, -108] {
+            queue.push(code, "x");
+        }
+        assert_eq!(queue.len(), 3);
+        let codes: Vec<i32> = (0..4).map(|_| queue.pop().code).collect();
+        assert_eq!(codes, [-101, -102, -350, 0]);
+    }
+
+    #[test]
+    fn entries_come_and_go_as_text() {
+        for text in [
+            "0,\"No error\"",
+            "-113,\"Undefined header;it said \"\"X\"\"\"",
+        ] {
+            assert_eq!(text.parse::<ErrorEntry>().unwrap().to_string(), text);
+        }
+        assert_eq!("+0,\"No error\"".parse::<ErrorEntry>().unwrap().code, 0);
+        assert!("1.0".parse::<ErrorEntry>().is_err());
+        assert!("0,No error".parse::<ErrorEntry>().is_err());
+    }
+}

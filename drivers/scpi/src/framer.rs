@@ -1,0 +1,218 @@
+//! Bytes to messages: partial, merged and oversized input.
+
+use std::collections::VecDeque;
+
+/// Why a message cannot be had from the bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum FramingError {
+    /// A message longer than the buffer: SCPI error -363. What follows up to the next line feed is dropped with it.
+    #[error("a message of more than {most} bytes (-363, input buffer overrun); send shorter ones")]
+    Oversized {
+        /// Largest message, bytes without terminator.
+        most: usize,
+    },
+}
+
+impl FramingError {
+    /// The number that SCPI gives it.
+    pub fn code(self) -> i32 {
+        match self {
+            FramingError::Oversized { .. } => -363,
+        }
+    }
+}
+
+/// Where in a message the next byte falls.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Place {
+    /// A block may start here: the start of the message, or after a blank, comma or semicolon.
+    Gap,
+    /// Inside a header or datum.
+    Word,
+    /// Inside a string that this byte ends.
+    Quoted(u8),
+    /// After a `#` that stands in a gap.
+    Hash,
+    /// In the length of a block: digits left, length so far.
+    Length(u8, usize),
+    /// In a block: bytes left.
+    Block(usize),
+    /// Beyond the buffer: dropping to the next line feed.
+    Overrun,
+}
+
+/// Cuts a stream of bytes into messages that end in LF or CR LF. Line feeds inside a definite block `#<n><length>...`
+/// belong to the block. An empty line is an empty message.
+///
+/// Memory is bounded by the longest message plus what has not been taken yet.
+///
+/// ```
+/// let mut framer = scpi::Framer::new(80);
+/// framer.push(b"*IDN?\r\nOUTP");
+/// assert_eq!(framer.next(), Some(Ok(b"*IDN?".to_vec())));
+/// assert_eq!(framer.next(), None);
+/// framer.push(b" 1\n");
+/// assert_eq!(framer.next(), Some(Ok(b"OUTP 1".to_vec())));
+/// ```
+#[derive(Debug, Clone)]
+pub struct Framer {
+    most: usize,
+    partial: Vec<u8>,
+    place: Place,
+    ready: VecDeque<Result<Vec<u8>, FramingError>>,
+}
+
+impl Framer {
+    /// A framer for messages of at most `max_line` bytes, terminator not counted.
+    pub fn new(max_line: usize) -> Self {
+        Self {
+            most: max_line,
+            partial: Vec::new(),
+            place: Place::Gap,
+            ready: VecDeque::new(),
+        }
+    }
+
+    /// Takes bytes as they come.
+    pub fn push(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.take(byte);
+        }
+    }
+
+    /// Whether bytes of an unfinished message are held (or dropped, after an overrun).
+    pub fn is_partial(&self) -> bool {
+        !self.partial.is_empty() || self.place == Place::Overrun
+    }
+
+    /// Forgets everything received: the partial message and the finished ones.
+    pub fn clear(&mut self) {
+        self.partial.clear();
+        self.ready.clear();
+        self.place = Place::Gap;
+    }
+
+    fn take(&mut self, byte: u8) {
+        if byte == b'\n' && !matches!(self.place, Place::Block(_)) {
+            return self.finish();
+        }
+        if self.place == Place::Overrun {
+            return;
+        }
+        self.partial.push(byte);
+        self.place = self.after(byte);
+        // One byte more is held than allowed, because it may be the CR of a CR LF.
+        let held = self.partial.len() - usize::from(byte == b'\r');
+        if held > self.most || self.place == Place::Overrun {
+            self.partial.clear();
+            self.place = Place::Overrun;
+            self.ready
+                .push_back(Err(FramingError::Oversized { most: self.most }));
+        }
+    }
+
+    fn after(&self, byte: u8) -> Place {
+        match (self.place, byte) {
+            (Place::Block(1), _) => Place::Word,
+            (Place::Block(left), _) => Place::Block(left - 1),
+            (Place::Quoted(end), _) if byte != end => Place::Quoted(end),
+            (Place::Hash, b'1'..=b'9') => Place::Length(byte - b'0', 0),
+            (Place::Length(left, so_far), b'0'..=b'9') => {
+                // At most nine digits: fits even a 32-bit usize.
+                let length = so_far * 10 + usize::from(byte - b'0');
+                match (left, length) {
+                    (1, 0) => Place::Word,
+                    // A block that cannot fit is refused at its length; nothing waits for its bytes.
+                    (1, length) if length > self.most => Place::Overrun,
+                    (1, length) => Place::Block(length),
+                    (left, so_far) => Place::Length(left - 1, so_far),
+                }
+            }
+            (Place::Quoted(_), _) => Place::Word,
+            (_, b'"' | b'\'') => Place::Quoted(byte),
+            (Place::Gap, b'#') => Place::Hash,
+            (_, b' ' | b'\t' | b',' | b';') => Place::Gap,
+            _ => Place::Word,
+        }
+    }
+
+    fn finish(&mut self) {
+        if self.place != Place::Overrun {
+            if self.partial.last() == Some(&b'\r') {
+                self.partial.pop();
+            }
+            self.ready.push_back(Ok(std::mem::take(&mut self.partial)));
+        }
+        self.place = Place::Gap;
+    }
+}
+
+/// The next whole message, or `None` until more bytes come: after a `None` there may be another message.
+impl Iterator for Framer {
+    type Item = Result<Vec<u8>, FramingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.ready.pop_front()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn framed(most: usize, bytes: &[u8]) -> Vec<Result<Vec<u8>, FramingError>> {
+        let mut framer = Framer::new(most);
+        framer.push(bytes);
+        framer.collect()
+    }
+
+    #[test]
+    fn a_block_keeps_its_line_feeds() {
+        assert_eq!(
+            framed(80, b"DATA #15a\nb\nc;*OPC?\n"),
+            [Ok(b"DATA #15a\nb\nc;*OPC?".to_vec())]
+        );
+        assert_eq!(
+            framed(80, b"#213(@)\n456789012\n"),
+            [Ok(b"#213(@)\n456789012".to_vec())]
+        );
+        assert_eq!(framed(80, b"#10\n"), [Ok(b"#10".to_vec())]);
+    }
+
+    #[test]
+    fn a_hash_in_a_string_or_number_base_is_no_block() {
+        assert_eq!(
+            framed(80, b"X '#19\nY\n"),
+            [Ok(b"X '#19".to_vec()), Ok(b"Y".to_vec())]
+        );
+        assert_eq!(
+            framed(80, b"*ESE #HFF\nY\n"),
+            [Ok(b"*ESE #HFF".to_vec()), Ok(b"Y".to_vec())]
+        );
+    }
+
+    #[test]
+    fn an_oversized_message_is_one_error_and_the_next_is_heard() {
+        let mut bytes = vec![b'A'; 1000];
+        bytes.extend(b"\nB\n");
+        assert_eq!(
+            framed(10, &bytes),
+            [Err(FramingError::Oversized { most: 10 }), Ok(b"B".to_vec())]
+        );
+    }
+
+    #[test]
+    fn a_block_too_long_for_the_buffer_is_refused_at_once() {
+        assert_eq!(
+            framed(10, b"#9999999999"),
+            [Err(FramingError::Oversized { most: 10 })]
+        );
+    }
+
+    #[test]
+    fn a_message_may_fill_the_buffer_whatever_its_terminator() {
+        assert_eq!(framed(3, b"ABC\nDEF\r\n").len(), 2);
+        assert!(framed(3, b"ABC\nDEF\r\n").iter().all(Result::is_ok));
+        assert!(framed(3, b"ABCD\n")[0].is_err());
+    }
+}
