@@ -1,0 +1,50 @@
+//! Dense products and factorisations: nalgebra holds the numbers, faer multiplies and factors them.
+//!
+//! faer is built without threads here, so every result has the same bits on any number of threads; callers that want
+//! two cores cut their own work into fixed chunks.
+
+use faer::linalg::matmul::matmul;
+use faer::linalg::solvers::Solve;
+use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
+use nalgebra::DMatrix;
+
+/// The same numbers as faer sees them.
+pub(crate) fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
+    MatRef::from_column_major_slice(matrix.as_slice(), matrix.nrows(), matrix.ncols())
+}
+
+/// a b
+pub(crate) fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> DMatrix<f64> {
+    let (rows, columns) = (a.nrows(), b.ncols());
+    let mut out = DMatrix::zeros(rows, columns);
+    let into = MatMut::from_column_major_slice_mut(out.as_mut_slice(), rows, columns);
+    matmul(into, Accum::Replace, a, b, 1.0, Par::Seq);
+    out
+}
+
+/// The inverse of a symmetric positive definite matrix, symmetric to the last bit; `None` where it is not definite.
+pub(crate) fn inverse_of_definite(a: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let n = a.nrows();
+    let factor = view(a).llt(Side::Lower).ok()?;
+    let mut inverse = Mat::<f64>::identity(n, n);
+    factor.solve_in_place(inverse.as_mut());
+    let out = DMatrix::from_fn(n, n, |i, j| 0.5 * (inverse[(i, j)] + inverse[(j, i)]));
+    out.iter().all(|value| value.is_finite()).then_some(out)
+}
+
+/// Solves a x = b for symmetric positive definite a; `None` where it is not definite.
+pub(crate) fn solve_definite(a: &DMatrix<f64>, b: &[f64]) -> Option<Vec<f64>> {
+    let factor = view(a).llt(Side::Lower).ok()?;
+    let mut x = Mat::<f64>::from_fn(b.len(), 1, |i, _| b[i]);
+    factor.solve_in_place(x.as_mut());
+    Some((0..b.len()).map(|i| x[(i, 0)]).collect())
+}
+
+/// Eigenvalues (ascending) and orthonormal eigenvectors (columns) of a symmetric matrix.
+pub(crate) fn symmetric_eigen(a: &DMatrix<f64>) -> Option<(Vec<f64>, DMatrix<f64>)> {
+    let n = a.nrows();
+    let eigen = view(a).self_adjoint_eigen(Side::Lower).ok()?;
+    let (s, u) = (eigen.S(), eigen.U());
+    let values = (0..n).map(|i| s[i]).collect();
+    Some((values, DMatrix::from_fn(n, n, |i, j| u[(i, j)])))
+}

@@ -1,0 +1,78 @@
+//! Ready-made geometries: the paper's sheet and a disc tank. Their measures are configuration, with units in the keys.
+
+mod disc;
+mod sheet;
+
+pub use disc::DiscTank;
+pub use sheet::PaperSheet;
+
+use serde::{Deserialize, Serialize};
+
+use crate::{Mesh, MeshError};
+
+/// A ready-made geometry, chosen by name: `kind = "paper-sheet"` or `kind = "disc-tank"`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case")]
+pub enum Preset {
+    /// The rectangular foam sheet of the paper.
+    PaperSheet(PaperSheet),
+    /// A round tank.
+    DiscTank(DiscTank),
+}
+
+impl Default for Preset {
+    fn default() -> Self {
+        Self::PaperSheet(PaperSheet::default())
+    }
+}
+
+impl Preset {
+    /// The mesh; the same measures give the same bits.
+    ///
+    /// # Errors
+    /// Measures that do not fit together.
+    pub fn mesh(&self) -> Result<Mesh, MeshError> {
+        match self {
+            Self::PaperSheet(sheet) => sheet.mesh(),
+            Self::DiscTank(tank) => tank.mesh(),
+        }
+    }
+
+    /// Number of electrodes.
+    pub fn electrodes(&self) -> usize {
+        match self {
+            Self::PaperSheet(sheet) => sheet.electrodes(),
+            Self::DiscTank(tank) => tank.electrodes,
+        }
+    }
+
+    /// Contact impedance of each electrode, ohm m: contact resistance times the electrode's length.
+    pub fn contact_ohm_m(&self) -> Vec<f64> {
+        match self {
+            Self::PaperSheet(sheet) => sheet.contact_ohm_m(),
+            Self::DiscTank(tank) => tank.contact_ohm_m(),
+        }
+    }
+
+    /// Sheet conductance of the unloaded sheet, siemens per square.
+    pub fn sigma(&self) -> f64 {
+        match self {
+            Self::PaperSheet(sheet) => 1.0 / sheet.sheet_ohm,
+            Self::DiscTank(tank) => 1.0 / tank.sheet_ohm,
+        }
+    }
+}
+
+/// Refuses a measure that is not a positive number.
+fn positive(preset: &'static str, measures: &[(&str, f64)]) -> Result<(), MeshError> {
+    match measures
+        .iter()
+        .find(|(_, value)| !(*value > 0.0 && value.is_finite()))
+    {
+        Some((key, value)) => Err(MeshError::Preset {
+            preset,
+            fault: format!("{key} is {value}, it must be a positive number"),
+        }),
+        None => Ok(()),
+    }
+}

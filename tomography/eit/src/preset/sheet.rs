@@ -1,0 +1,387 @@
+//! The paper's sheet: a rectangle with square voids as electrodes along its edge.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::positive;
+use crate::mesher::{Domain, cut, fill};
+use crate::{Mesh, MeshError};
+
+const PRESET: &str = "paper-sheet";
+
+/// Edge length at a void at fineness 1, mm.
+const AT_VOID_MM: f64 = 1.5;
+/// Growth of the edge length with the distance from the nearest void.
+const GROWTH: f64 = 0.17;
+/// Edge length far from every void at fineness 1, mm.
+const FAR_MM: f64 = 4.6;
+
+/// A rectangle with its origin at the lower left corner, electrodes as square voids, counter-clockwise from the lower
+/// left along the bottom, the right, the top and the left side, evenly spaced on each; symmetric in both axes.
+///
+/// The paper gives neither size nor inset of the electrodes, nor sheet and contact resistance: all are configuration.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PaperSheet {
+    /// Extent along x, mm.
+    pub width_mm: f64,
+    /// Extent along y, mm.
+    pub height_mm: f64,
+    /// Electrodes along the bottom, and as many along the top.
+    pub electrodes_per_width: usize,
+    /// Electrodes along the right, and as many along the left.
+    pub electrodes_per_height: usize,
+    /// Side of a square void, mm.
+    pub void_mm: f64,
+    /// From the sheet's edge to the centre of a void, mm.
+    pub inset_mm: f64,
+    /// The region of interest reaches this far from the centre along x, mm.
+    pub region_half_width_mm: f64,
+    /// The region of interest reaches this far from the centre along y, mm.
+    pub region_half_height_mm: f64,
+    /// Divides every edge length: 2 gives about four times the triangles.
+    pub fineness: f64,
+    /// Another number gives another mesh of the same sizes.
+    pub seeding: u32,
+    /// Resistance of the unloaded sheet, ohm per square.
+    pub sheet_ohm: f64,
+    /// Resistance of one contact, ohm.
+    pub contact_ohm: f64,
+}
+
+impl Default for PaperSheet {
+    fn default() -> Self {
+        Self {
+            width_mm: 214.0,
+            height_mm: 230.0,
+            electrodes_per_width: 6,
+            electrodes_per_height: 7,
+            void_mm: 6.0,
+            inset_mm: 8.0,
+            region_half_width_mm: 88.76,
+            region_half_height_mm: 95.40,
+            fineness: 1.0,
+            seeding: 0,
+            sheet_ohm: 1000.0,
+            contact_ohm: 100.0,
+        }
+    }
+}
+
+impl PaperSheet {
+    /// The same sheet for a simulated truth: half as long edges again, other points, so no triangle is shared.
+    pub fn finer(&self) -> Self {
+        Self {
+            fineness: self.fineness * 1.5,
+            seeding: self.seeding + 1,
+            ..self.clone()
+        }
+    }
+
+    /// Number of electrodes.
+    pub fn electrodes(&self) -> usize {
+        2 * (self.electrodes_per_width + self.electrodes_per_height)
+    }
+
+    /// Centres of the voids in order, mm.
+    pub fn centres_mm(&self) -> Vec<[f64; 2]> {
+        let (nx, ny) = (self.electrodes_per_width, self.electrodes_per_height);
+        let x = |k: usize| (k as f64 + 0.5) / nx as f64 * self.width_mm;
+        let y = |k: usize| (k as f64 + 0.5) / ny as f64 * self.height_mm;
+        let (right, top) = (
+            self.width_mm - self.inset_mm,
+            self.height_mm - self.inset_mm,
+        );
+        let bottom = (0..nx).map(|k| [x(k), self.inset_mm]);
+        let right = (0..ny).map(|k| [right, y(k)]);
+        let top = (0..nx).rev().map(|k| [x(k), top]);
+        let left = (0..ny).rev().map(|k| [self.inset_mm, y(k)]);
+        bottom.chain(right).chain(top).chain(left).collect()
+    }
+
+    /// Contact impedance of each electrode, ohm m: contact resistance times the length of the void's rim.
+    pub fn contact_ohm_m(&self) -> Vec<f64> {
+        vec![self.contact_ohm * 4.0 * self.void_mm * 1e-3; self.electrodes()]
+    }
+
+    /// The mesh: one quarter filled, and mirrored twice.
+    ///
+    /// # Errors
+    /// Measures that do not fit together, naming the key.
+    pub fn mesh(&self) -> Result<Mesh, MeshError> {
+        self.check()?;
+        let (nodes, triangles) = self.mirror(self.quarter()?);
+        let centres = self.centres_mm();
+        let electrode_edges = self.electrode_edges(&nodes, &triangles, &centres);
+        let middle = [0.5 * self.width_mm, 0.5 * self.height_mm];
+        let region = (0..triangles.len())
+            .filter(|&t| {
+                let [a, b, c] = triangles[t].map(|node: usize| nodes[node]);
+                ((a[0] + b[0] + c[0]) / 3.0 - middle[0]).abs() <= self.region_half_width_mm
+                    && ((a[1] + b[1] + c[1]) / 3.0 - middle[1]).abs() <= self.region_half_height_mm
+            })
+            .collect();
+        let metres = nodes.iter().map(|p| [p[0] * 1e-3, p[1] * 1e-3]).collect();
+        Mesh::new(metres, triangles, electrode_edges, Some(region))
+    }
+
+    fn check(&self) -> Result<(), MeshError> {
+        positive(
+            PRESET,
+            &[
+                ("width_mm", self.width_mm),
+                ("height_mm", self.height_mm),
+                ("electrodes_per_width", self.electrodes_per_width as f64),
+                ("electrodes_per_height", self.electrodes_per_height as f64),
+                ("void_mm", self.void_mm),
+                ("inset_mm", self.inset_mm),
+                ("region_half_width_mm", self.region_half_width_mm),
+                ("region_half_height_mm", self.region_half_height_mm),
+                ("fineness", self.fineness),
+                ("sheet_ohm", self.sheet_ohm),
+                ("contact_ohm", self.contact_ohm),
+            ],
+        )?;
+        let refuse = |fault: String| {
+            Err(MeshError::Preset {
+                preset: PRESET,
+                fault,
+            })
+        };
+        if !(0.25..=8.0).contains(&self.fineness) {
+            return refuse(format!(
+                "fineness is {}, it must be 0.25 to 8",
+                self.fineness
+            ));
+        }
+        if self.inset_mm <= 0.5 * self.void_mm {
+            return refuse(
+                "inset_mm must exceed half of void_mm, or the voids reach the edge".into(),
+            );
+        }
+        let centres = self.centres_mm();
+        for (k, a) in centres.iter().enumerate() {
+            for b in &centres[..k] {
+                if (a[0] - b[0]).abs().max((a[1] - b[1]).abs()) <= self.void_mm {
+                    return refuse(format!("void_mm {} lets two voids meet", self.void_mm));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Edges along half of a void's side: the whole side has twice as many, so that an axis may cut it.
+    fn half_side_edges(&self) -> usize {
+        ((0.5 * self.void_mm * self.fineness / AT_VOID_MM).round() as usize).max(1)
+    }
+
+    /// Nodes and triangles of the lower left quarter, mm.
+    fn quarter(&self) -> Result<crate::mesher::Filled, MeshError> {
+        let high = [0.5 * self.width_mm, 0.5 * self.height_mm];
+        let half = 0.5 * self.void_mm;
+        let voids: Vec<[f64; 2]> = self
+            .centres_mm()
+            .into_iter()
+            .filter(|c| c[0] - half < high[0] && c[1] - half < high[1])
+            .collect();
+        let from_void = |p: [f64; 2]| {
+            voids
+                .iter()
+                .map(|c| {
+                    let outside = |axis: usize| ((p[axis] - c[axis]).abs() - half).max(0.0);
+                    outside(0).hypot(outside(1))
+                })
+                .fold(f64::INFINITY, f64::min)
+        };
+        let at_void = half / self.half_side_edges() as f64;
+        let far = (FAR_MM / self.fineness).max(at_void);
+        let size = |p: [f64; 2]| (at_void + GROWTH * from_void(p)).min(far);
+        let inside = |p: [f64; 2]| {
+            p[0] > 0.0 && p[1] > 0.0 && p[0] < high[0] && p[1] < high[1] && from_void(p) > 0.0
+        };
+        let mut rim = Rim::default();
+        for c in &voids {
+            let [x0, x1] = [c[0] - half, c[0] + half];
+            let [y0, y1] = [c[1] - half, c[1] + half];
+            for [a, b] in [
+                [[x0, y0], [x1, y0]],
+                [[x1, y0], [x1, y1]],
+                [[x1, y1], [x0, y1]],
+                [[x0, y1], [x0, y0]],
+            ] {
+                let edges = 2 * self.half_side_edges();
+                let at = |k: usize| [0, 1].map(|i| clip(a[i], b[i], k, edges, high[i]));
+                for k in 0..edges {
+                    let (p, q) = (at(k), at(k + 1));
+                    let beyond = |i: usize| p[i].max(q[i]) > high[i];
+                    let along = |i: usize| p[i] == high[i] && q[i] == high[i];
+                    if !(beyond(0) || beyond(1) || along(0) || along(1)) {
+                        rim.edge(p, q);
+                    }
+                }
+            }
+        }
+        for [a, b] in [
+            [[0.0, 0.0], [high[0], 0.0]],
+            [[high[0], 0.0], high],
+            [high, [0.0, high[1]]],
+            [[0.0, high[1]], [0.0, 0.0]],
+        ] {
+            for [p, q] in uncovered(a, b, &voids, half) {
+                let mut last = p;
+                for next in cut(p, q, &size).into_iter().chain([q]) {
+                    rim.edge(last, next);
+                    last = next;
+                }
+            }
+        }
+        fill(&Domain {
+            boundary: rim.points,
+            segments: rim.edges,
+            inside: &inside,
+            size: &size,
+            largest: far,
+            seeding: self.seeding,
+        })
+        .map_err(|fault| MeshError::Preset {
+            preset: PRESET,
+            fault,
+        })
+    }
+
+    fn mirror(&self, quarter: crate::mesher::Filled) -> crate::mesher::Filled {
+        let (mut nodes, mut triangles) = quarter;
+        for (axis, extent) in [(0, self.width_mm), (1, self.height_mm)] {
+            let twin: Vec<usize> = {
+                let mut next = nodes.len();
+                nodes
+                    .iter()
+                    .enumerate()
+                    .map(|(node, p)| {
+                        if p[axis] == 0.5 * extent {
+                            node
+                        } else {
+                            next += 1;
+                            next - 1
+                        }
+                    })
+                    .collect()
+            };
+            for node in 0..twin.len() {
+                if twin[node] != node {
+                    let mut p = nodes[node];
+                    p[axis] = extent - p[axis];
+                    nodes.push(p);
+                }
+            }
+            for t in 0..triangles.len() {
+                let [a, b, c] = triangles[t].map(|node: usize| twin[node]);
+                triangles.push([a, c, b]);
+            }
+        }
+        (nodes, triangles)
+    }
+
+    /// Boundary edges on each void's rim, in order round its centre.
+    fn electrode_edges(
+        &self,
+        nodes: &[[f64; 2]],
+        triangles: &[[usize; 3]],
+        centres: &[[f64; 2]],
+    ) -> Vec<Vec<[usize; 2]>> {
+        let mut count: BTreeMap<[usize; 2], usize> = BTreeMap::new();
+        for &[a, b, c] in triangles {
+            for [p, q] in [[a, b], [b, c], [c, a]] {
+                *count.entry([p.min(q), p.max(q)]).or_default() += 1;
+            }
+        }
+        let near = 0.5 * self.void_mm * (1.0 + 1e-9);
+        let mut edges = vec![Vec::new(); centres.len()];
+        for ([a, b], _) in count.into_iter().filter(|(_, count)| *count == 1) {
+            let on = |node: usize, c: &[f64; 2]| {
+                (nodes[node][0] - c[0])
+                    .abs()
+                    .max((nodes[node][1] - c[1]).abs())
+                    <= near
+            };
+            if let Some(void) = centres.iter().position(|c| on(a, c) && on(b, c)) {
+                edges[void].push([a, b]);
+            }
+        }
+        for (c, edges) in centres.iter().zip(&mut edges) {
+            let turn = |[a, b]: [usize; 2]| {
+                let middle = [0, 1].map(|i| 0.5 * (nodes[a][i] + nodes[b][i]) - c[i]);
+                middle[1].atan2(middle[0])
+            };
+            edges.sort_by(|a, b| turn(*a).total_cmp(&turn(*b)));
+        }
+        edges
+    }
+}
+
+/// The k-th of `edges` points from a to b; a point that falls on the quarter's border is put there exactly.
+fn clip(a: f64, b: f64, k: usize, edges: usize, border: f64) -> f64 {
+    let at = if k == edges {
+        b
+    } else {
+        a + (b - a) * k as f64 / edges as f64
+    };
+    if (at - border).abs() < 1e-9 * border {
+        border
+    } else {
+        at
+    }
+}
+
+/// The parts of a quarter's side that no void covers.
+fn uncovered(a: [f64; 2], b: [f64; 2], voids: &[[f64; 2]], half: f64) -> Vec<[[f64; 2]; 2]> {
+    let axis = usize::from(a[0] == b[0]);
+    let across = 1 - axis;
+    let (low, high) = (a[axis].min(b[axis]), a[axis].max(b[axis]));
+    let mut covered: Vec<[f64; 2]> = voids
+        .iter()
+        .filter(|c| (c[across] - a[across]).abs() < half)
+        .map(|c| [c[axis] - half, c[axis] + half])
+        .collect();
+    covered.sort_by(|p, q| p[0].total_cmp(&q[0]));
+    let point = |at: f64| {
+        let mut p = a;
+        p[axis] = at;
+        p
+    };
+    let mut parts = Vec::new();
+    let mut from = low;
+    for [start, end] in covered {
+        if start > from {
+            parts.push([point(from), point(start.min(high))]);
+        }
+        from = from.max(end);
+    }
+    if from < high {
+        parts.push([point(from), point(high)]);
+    }
+    parts
+}
+
+/// Boundary points, each once, and the edges between them.
+#[derive(Default)]
+struct Rim {
+    points: Vec<[f64; 2]>,
+    edges: Vec<[usize; 2]>,
+}
+
+impl Rim {
+    fn edge(&mut self, a: [f64; 2], b: [f64; 2]) {
+        let edge = [self.point(a), self.point(b)];
+        self.edges.push(edge);
+    }
+
+    fn point(&mut self, p: [f64; 2]) -> usize {
+        let same = |q: &[f64; 2]| (p[0] - q[0]).abs().max((p[1] - q[1]).abs()) < 1e-9;
+        self.points.iter().position(same).unwrap_or_else(|| {
+            self.points.push(p);
+            self.points.len() - 1
+        })
+    }
+}
