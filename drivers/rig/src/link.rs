@@ -123,6 +123,10 @@ pub struct Link<S> {
     received: Vec<u8>,
     state: State,
     nonce: u8,
+    /// What attempts to resynchronise may have left in the peer's event enable register.
+    nonces: Vec<u8>,
+    /// What the register held before them, once known.
+    enable: Option<u8>,
 }
 
 impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
@@ -137,6 +141,8 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
             received: Vec::new(),
             state: State::InStep,
             nonce: 0,
+            nonces: Vec::new(),
+            enable: None,
         }
     }
 
@@ -166,6 +172,8 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
     pub fn replace(&mut self, stream: S) {
         self.stream = stream;
         self.received.clear();
+        self.nonces.clear();
+        self.enable = None;
         self.state = State::InStep;
     }
 
@@ -213,7 +221,8 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
 
     /// Brings a link back in step whose connection cannot be dropped, by the event enable register that every
     /// IEEE 488.2 instrument has: the peer must repeat two numbers it was just told, whatever comes before is thrown
-    /// away, and the register is put back as it was.
+    /// away, and the register is put back as it was. An attempt that failed may be repeated. Only if the peer never
+    /// answered the first one at all is the register's value lost; it is then set to 0, its value at power-on.
     ///
     /// # Errors
     /// A lost connection, or the numbers not repeated within the deadline: the link stays out of step.
@@ -221,25 +230,39 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         let first = self.next_nonce();
         let second = self.next_nonce();
         self.state = State::OutOfStep;
-        // Ends half a message, should one lie at the peer.
+        self.end_half_a_message().await?;
+
+        // Half a line may have come: what the answer to this is glued to is thrown away with it.
         let until = Instant::now() + self.deadline;
-        self.write("", self.deadline, until).await?;
-        let before = self
+        self.write("*ESE?", self.deadline, until).await?;
+
+        let earlier = self.nonces.clone();
+        self.nonces.extend([first, second]);
+        let mut found = self.enable;
+        let told = self
             .echo(&format!("*ESE?;*ESE {first};*ESE?"), |line| {
-                let (before, now) = line.split_once(';')?;
-                (now.trim().parse() == Ok(first)).then(|| before.trim().parse::<u8>().ok())?
+                let (before, now) = two_numbers(line)?;
+                if (now == first || earlier.contains(&now)) && !earlier.contains(&before) {
+                    found.get_or_insert(before);
+                }
+                (now == first).then_some(())
             })
-            .await?;
+            .await;
+        self.enable = found;
+        told?;
         self.echo(&format!("*ESE?;*ESE {second};*ESE?"), |line| {
-            let (before, now) = line.split_once(';')?;
-            (before.trim().parse() == Ok(first) && now.trim().parse() == Ok(second)).then_some(())
+            (two_numbers(line)? == (first, second)).then_some(())
         })
         .await?;
+        let before = self.enable.unwrap_or(0);
         self.echo(&format!("*ESE {before};*ESE?"), |line| {
             (line.trim().parse() == Ok(before)).then_some(())
         })
         .await?;
-        self.come_in_step("*ESE?").await
+        self.come_in_step("*ESE?").await?;
+        self.nonces.clear();
+        self.enable = None;
+        Ok(())
     }
 
     /// As [`Link::resynchronise`] for a peer without `*ESE`: sends each message in turn and throws lines away until its
@@ -249,8 +272,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
     /// A lost connection, or an expected answer missing at the deadline: the link stays out of step.
     pub async fn resynchronise_by(&mut self, probes: &[(&str, &str)]) -> Result<(), LinkError> {
         self.state = State::OutOfStep;
-        let until = Instant::now() + self.deadline;
-        self.write("", self.deadline, until).await?;
+        self.end_half_a_message().await?;
         for (message, expected) in probes {
             self.echo(message, |line| (line.trim() == *expected).then_some(()))
                 .await?;
@@ -362,11 +384,17 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         Ok(false)
     }
 
+    /// A write that was cut short left the beginning of a message at the peer.
+    async fn end_half_a_message(&mut self) -> Result<(), LinkError> {
+        let until = Instant::now() + self.deadline;
+        self.write("", self.deadline, until).await
+    }
+
     /// Sends a message and throws lines away until one is recognised.
     async fn echo<T>(
         &mut self,
         message: &str,
-        recognise: impl Fn(&str) -> Option<T>,
+        mut recognise: impl FnMut(&str) -> Option<T>,
     ) -> Result<T, LinkError> {
         let until = Instant::now() + self.deadline;
         self.write(message, self.deadline, until).await?;
@@ -424,6 +452,12 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
             deadline,
         }
     }
+}
+
+/// `12;34`, perhaps with signs and blanks.
+fn two_numbers(line: &str) -> Option<(u8, u8)> {
+    let (one, other) = line.split_once(';')?;
+    Some((one.trim().parse().ok()?, other.trim().parse().ok()?))
 }
 
 /// The beginning of a text, with `...` where more follows.

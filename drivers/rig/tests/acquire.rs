@@ -1,0 +1,301 @@
+//! Every way out of a plan, on a rig of stand-ins whose every call can be made to fail.
+
+mod stand_in;
+
+use std::time::Duration;
+
+use chrono::{DateTime, Utc};
+use rig::{AcquireError, Clock, MeterSettings, RigError, Stop, acquire, check_at_start, safe_off};
+use stand_in::{Fault, Part, StandIn};
+use survey::{Amps, Electrode, Frame, Plan, Protocol, Reading, Relay, Volts, Wiring};
+
+const METER: MeterSettings = MeterSettings {
+    range: Volts(1.0),
+    nplc: 1.0,
+    autozero: false,
+};
+
+/// Stands still.
+struct Frozen;
+
+impl Clock for Frozen {
+    fn monotonic(&self) -> Duration {
+        Duration::from_secs(7)
+    }
+    fn wall(&self) -> DateTime<Utc> {
+        DateTime::UNIX_EPOCH
+    }
+}
+
+fn plan(wiring: &Wiring, settle: Duration) -> Plan {
+    let protocol = Protocol::sheffield(wiring.electrodes).unwrap();
+    Plan::new(&protocol, wiring, Amps(1e-3), Volts(10.0), settle).unwrap()
+}
+
+fn wirings(electrodes: usize) -> [Wiring; 3] {
+    [
+        Wiring::pairs_34924a(1, electrodes).unwrap(),
+        Wiring::matrix_34932a(1, electrodes).unwrap(),
+        Wiring::gpio_board(electrodes).unwrap(),
+    ]
+}
+
+async fn run(stand_in: &StandIn, plan: &Plan) -> Result<Frame, AcquireError> {
+    acquire(&stand_in.rig(), plan, METER, Frozen, &Stop::never()).await
+}
+
+#[tokio::test(start_paused = true)]
+async fn every_wiring_reads_every_question_in_its_place_and_ends_safe() {
+    for wiring in wirings(26) {
+        for settle in [Duration::ZERO, Duration::from_millis(2)] {
+            let stand_in = StandIn::new(&wiring);
+            let plan = plan(&wiring, settle);
+            let frame = run(&stand_in, &plan).await.unwrap();
+            for (question, reading) in plan.protocol.measurements().iter().zip(&frame.readings) {
+                assert_eq!(*reading, StandIn::answer(*question), "{}", wiring.name);
+            }
+            assert_eq!(frame.settings.settle, settle);
+            assert_eq!(frame.monotonic, Duration::from_secs(7));
+            assert!(frame.compliance.is_empty() && frame.simulated);
+            stand_in.assert_safe();
+        }
+    }
+}
+
+/// Number of instrument calls that a plan takes.
+async fn calls(wiring: &Wiring, plan: &Plan) -> usize {
+    let stand_in = StandIn::new(wiring);
+    run(&stand_in, plan).await.unwrap();
+    stand_in.calls()
+}
+
+#[tokio::test(start_paused = true)]
+async fn whichever_call_fails_once_the_source_ends_off_and_verified() {
+    for wiring in wirings(5) {
+        let plan = plan(&wiring, Duration::from_millis(1));
+        for call in 0..calls(&wiring, &plan).await {
+            let stand_in = StandIn::new(&wiring).failing(call, Fault::Once);
+            let fault = run(&stand_in, &plan).await.unwrap_err();
+            assert!(
+                fault.cause().is_some() && fault.cleanup().is_none(),
+                "{call}: {fault}"
+            );
+            stand_in.assert_safe();
+        }
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_lost_source_opens_the_relays_and_its_state_is_called_unknown() {
+    for wiring in wirings(5) {
+        let plan = plan(&wiring, Duration::ZERO);
+        for call in 0..calls(&wiring, &plan).await {
+            let stand_in = StandIn::new(&wiring).failing(call, Fault::Lost(Part::Source));
+            let Err(fault) = run(&stand_in, &plan).await else {
+                panic!("nothing lost at call {call}");
+            };
+            let cleanup = fault
+                .cleanup()
+                .expect("a lost source cannot be verified off");
+            assert!(cleanup.source_state_unknown() && cleanup.relays.is_none());
+            assert!(
+                fault.to_string().contains("source state unknown"),
+                "{fault}"
+            );
+            assert_eq!(stand_in.closed(), []);
+        }
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_lost_switch_switches_the_source_off() {
+    for wiring in wirings(5) {
+        let plan = plan(&wiring, Duration::ZERO);
+        for call in 0..calls(&wiring, &plan).await {
+            let stand_in = StandIn::new(&wiring).failing(call, Fault::Lost(Part::SwitchAndMeter));
+            let fault = run(&stand_in, &plan).await.unwrap_err();
+            let cleanup = fault.cleanup().expect("relays cannot be read back");
+            assert!(!cleanup.source_state_unknown() && cleanup.relays.is_some());
+            assert!(stand_in.is_off());
+        }
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn when_everything_is_lost_both_halves_are_told() {
+    let wiring = Wiring::pairs_34924a(1, 5).unwrap();
+    let stand_in = StandIn::new(&wiring).failing(9, Fault::Lost(Part::Everything));
+    let fault = run(&stand_in, &plan(&wiring, Duration::ZERO))
+        .await
+        .unwrap_err();
+    let told = fault.to_string();
+    assert!(told.contains("treat the sheet as live"), "{told}");
+    assert!(matches!(fault.cause(), Some(RigError::Link(_))));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_is_heard_between_two_steps() {
+    for wiring in wirings(5) {
+        let plan = plan(&wiring, Duration::from_secs(3600));
+        for call in 0..calls(&wiring, &plan).await {
+            let (button, stop) = Stop::button();
+            let stand_in = StandIn::new(&wiring).calling(call, move || button.press());
+            let ended = acquire(&stand_in.rig(), &plan, METER, Frozen, &stop).await;
+            match ended {
+                Err(AcquireError::Stopped { .. }) => {}
+                // pressed while the last step was under way
+                Ok(_) => assert!(
+                    call + 3 > stand_in.calls(),
+                    "{call} of {}",
+                    stand_in.calls()
+                ),
+                Err(fault) => panic!("{fault}"),
+            }
+            stand_in.assert_safe();
+        }
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_cuts_the_settling_short() {
+    let wiring = Wiring::pairs_34924a(1, 5).unwrap();
+    let plan = plan(&wiring, Duration::from_secs(3600));
+    let (button, stop) = Stop::button();
+    let stand_in = StandIn::new(&wiring);
+    let before = tokio::time::Instant::now();
+    let press = async {
+        tokio::time::sleep(Duration::from_secs(5)).await;
+        button.press();
+    };
+    let rig = stand_in.rig();
+    let (ended, ()) = tokio::join!(acquire(&rig, &plan, METER, Frozen, &stop), press);
+    assert!(matches!(ended, Err(AcquireError::Stopped { .. })));
+    assert_eq!(before.elapsed(), Duration::from_secs(5));
+    stand_in.assert_safe();
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_dropped_future_leaves_the_rig_safe_to_whoever_comes_next() {
+    for wiring in wirings(5) {
+        let plan = plan(&wiring, Duration::ZERO);
+        for call in 0..calls(&wiring, &plan).await {
+            let (reached, mut reaches) = tokio::sync::mpsc::unbounded_channel();
+            let stand_in = StandIn::new(&wiring).calling(call, move || {
+                reached.send(()).ok();
+            });
+            let (rig, never) = (stand_in.rig(), Stop::never());
+            tokio::select! {
+                biased;
+                Some(()) = reaches.recv() => {}
+                _ = acquire(&rig, &plan, METER, Frozen, &never) => {
+                    unreachable!("call {call} is reached before the end")
+                }
+            }
+            drop(rig.lock().await);
+            stand_in.assert_safe();
+        }
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_panic_in_a_driver_makes_the_rig_safe_before_it_is_handed_on() {
+    let wiring = Wiring::pairs_34924a(1, 5).unwrap();
+    let stand_in = StandIn::new(&wiring).calling(12, || panic!("a broken invariant"));
+    let rig = stand_in.rig();
+    let plan = plan(&wiring, Duration::ZERO);
+    let task = tokio::spawn({
+        let rig = rig.clone();
+        async move { acquire(&rig, &plan, METER, Frozen, &Stop::never()).await }
+    });
+    assert!(task.await.unwrap_err().is_panic());
+    drop(rig.lock().await);
+    stand_in.assert_safe();
+}
+
+#[tokio::test(start_paused = true)]
+async fn compliance_at_an_injection_takes_its_readings_and_names_the_electrode() {
+    for wiring in wirings(6) {
+        let stand_in = StandIn::new(&wiring).in_compliance_at(Electrode(2));
+        let plan = plan(&wiring, Duration::ZERO);
+        let frame = run(&stand_in, &plan).await.unwrap();
+        assert_eq!(frame.compliance, [Electrode(2)]);
+        for (question, reading) in plan.protocol.measurements().iter().zip(&frame.readings) {
+            let expected = if question.drive.plus == Electrode(2) {
+                Reading::NotMeasured
+            } else {
+                StandIn::answer(*question)
+            };
+            assert_eq!(*reading, expected);
+        }
+        stand_in.assert_safe();
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_overload_or_a_missing_answer_is_a_flag_in_its_place() {
+    let wiring = Wiring::pairs_34924a(1, 6).unwrap();
+    let plan = plan(&wiring, Duration::ZERO);
+    for flag in [Reading::Overload, Reading::Timeout] {
+        let asked = plan.protocol.measurements()[4];
+        let stand_in = StandIn::new(&wiring).answering(asked, flag);
+        let frame = run(&stand_in, &plan).await.unwrap();
+        assert_eq!(frame.readings[4], flag);
+        assert_eq!(
+            frame
+                .readings
+                .iter()
+                .filter(|reading| reading.is_ok())
+                .count(),
+            17
+        );
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_scan_that_answers_too_little_is_an_error_not_a_shift() {
+    let wiring = Wiring::pairs_34924a(1, 6).unwrap();
+    let stand_in = StandIn::new(&wiring).losing_a_reading();
+    let fault = run(&stand_in, &plan(&wiring, Duration::ZERO))
+        .await
+        .unwrap_err();
+    assert!(
+        matches!(
+            fault.cause(),
+            Some(RigError::ReadingCount {
+                came: 5,
+                expected: 6
+            })
+        ),
+        "{fault}"
+    );
+    stand_in.assert_safe();
+}
+
+#[tokio::test(start_paused = true)]
+async fn relays_found_closed_at_the_start_are_named_with_their_pair() {
+    let wiring = Wiring::matrix_34932a(2, 26).unwrap();
+    let stand_in = StandIn::new(&wiring);
+    let rig = stand_in.rig();
+    check_at_start(&rig, &wiring).await.unwrap();
+    stand_in.close([Relay(2203), Relay(2610)]);
+    let refusal = check_at_start(&rig, &wiring).await.unwrap_err().to_string();
+    assert!(
+        refusal.contains("2203 (pair 3-4), 2610 (pair 26-1)"),
+        "{refusal}"
+    );
+    safe_off(&rig, &wiring).await.unwrap();
+    check_at_start(&rig, &wiring).await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
+async fn safe_off_opens_relays_even_when_the_source_does_not_answer() {
+    let wiring = Wiring::matrix_34932a(2, 26).unwrap();
+    let stand_in = StandIn::new(&wiring).failing(0, Fault::Lost(Part::Source));
+    stand_in.close([Relay(2203), Relay(2921)]);
+    let told = safe_off(&stand_in.rig(), &wiring).await.unwrap_err();
+    assert!(
+        told.source_state_unknown() && told.relays.is_none(),
+        "{told}"
+    );
+    assert_eq!(stand_in.closed(), []);
+}
