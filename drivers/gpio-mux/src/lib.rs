@@ -1,1 +1,35 @@
-//! The GPIO multiplexer board: its line protocol, its driver, its simulator.
+//! The multiplexer board that puts any electrode on each of four poles, by lines of text over a serial port.
+//!
+//! Here live its line protocol in both directions, the driver that plays [`rig::Switch`] over it, and a simulator that
+//! keeps every edge of the board's lines. Refused at this door: two electrodes on one pole, one electrode on both
+//! current poles, and every relay number that is not pole x 100 + electrode.
+//!
+//! - **pole**: one of I+, I-, V+, V-; **state**: the electrode on each of them
+//! - **edge**: a change of an enable or of an address, with its time; break comes before make
+//! - **watchdog**: opens everything when no command comes in time
+//!
+//! ```
+//! use std::time::Duration;
+//! use gpio_mux::{Poles, Settings, SimulatorGpioMux};
+//! use survey::Electrode;
+//!
+//! struct Sheet([Option<Electrode>; 4]);
+//! impl Poles for Sheet {
+//!     fn poles(&mut self, joined: [Option<Electrode>; 4], _: Duration) { self.0 = joined; }
+//! }
+//! let (mut board, mut sheet) = (SimulatorGpioMux::new(Settings::default()), Sheet([None; 4]));
+//! let answer = board.hear("PAIR I 26", Duration::ZERO, &mut sheet);
+//! assert_eq!(answer.text.as_deref(), Some("26,1,OFF,OFF"));
+//! assert_eq!(sheet.0[1], Some(Electrode(0)));
+//! ```
+
+mod command;
+mod driver;
+mod simulator;
+
+pub use command::{Command, NotAState, Pair, Pole, Refusal, Reply, State, error_entry, refusal};
+pub use driver::{GpioMux, Options, await_banner};
+pub use simulator::{Chip, Edge, EdgeRecord, Poles, Response, Settings, SimulatorGpioMux};
+
+/// The model field of `*IDN?`.
+pub const MODEL: &str = "GPIO-MUX";

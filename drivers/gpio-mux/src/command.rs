@@ -1,0 +1,364 @@
+//! The board's line protocol in both directions: fact sheet section 5. No word of it is spelled anywhere else.
+//!
+//! Lines end in LF; every command has exactly one reply, so that a lost one is noticed:
+//!
+//! | command | reply |
+//! |---|---|
+//! | `*IDN?` | `<vendor>,GPIO-MUX,<serial>,<firmware>` |
+//! | `SET I+\|I-\|V+\|V- <electrode>\|OFF`, `PAIR I\|V <k>`, `OFF`, `WDOG <ms>`, `STAT?` | the four electrodes: `3,4,OFF,OFF` |
+//! | `LAST?` | microseconds from the board's start to its last edge |
+//! | `SYST:ERR?` | `+0,"No error"` |
+//! | any that is refused | `ERR <code>,"<text>"` |
+
+use std::fmt;
+use std::str::FromStr;
+use std::time::Duration;
+
+use survey::{Electrode, Relay};
+
+/// One of the four lines that the board leads to an electrode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Pole {
+    /// The source's high side: relays 101 and up.
+    IPlus,
+    /// The source's low side: relays 201 and up.
+    IMinus,
+    /// The voltmeter's HI: relays 301 and up.
+    VPlus,
+    /// The voltmeter's LO: relays 401 and up.
+    VMinus,
+}
+
+impl Pole {
+    /// In the order of every reply.
+    pub const ALL: [Self; 4] = [Self::IPlus, Self::IMinus, Self::VPlus, Self::VMinus];
+
+    /// Place in a [`State`].
+    pub fn index(self) -> usize {
+        match self {
+            Self::IPlus => 0,
+            Self::IMinus => 1,
+            Self::VPlus => 2,
+            Self::VMinus => 3,
+        }
+    }
+
+    /// The number under which a wiring knows "this electrode on this pole".
+    pub fn relay(self, electrode: Electrode) -> Relay {
+        Relay((self.index() as u32 + 1) * 100 + electrode.number() as u32)
+    }
+
+    /// The pole and electrode that a relay's number means.
+    pub fn of(relay: Relay) -> Option<(Self, Electrode)> {
+        let pole = *Self::ALL.get((relay.0 / 100).checked_sub(1)? as usize)?;
+        let electrode = Electrode::from_number((relay.0 % 100) as usize)?;
+        Some((pole, electrode))
+    }
+}
+
+impl fmt::Display for Pole {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::IPlus => "I+",
+            Self::IMinus => "I-",
+            Self::VPlus => "V+",
+            Self::VMinus => "V-",
+        })
+    }
+}
+
+/// Two poles that `PAIR` moves together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pair {
+    /// I+ and I-.
+    Current,
+    /// V+ and V-.
+    Voltage,
+}
+
+impl Pair {
+    /// Its two poles, plus first.
+    pub fn poles(self) -> [Pole; 2] {
+        match self {
+            Self::Current => [Pole::IPlus, Pole::IMinus],
+            Self::Voltage => [Pole::VPlus, Pole::VMinus],
+        }
+    }
+}
+
+/// The electrode on each pole, in the order of [`Pole::ALL`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct State(pub [Option<Electrode>; 4]);
+
+impl State {
+    /// The electrode on a pole.
+    pub fn on(&self, pole: Pole) -> Option<Electrode> {
+        self.0[pole.index()]
+    }
+
+    /// The same state with another electrode on a pole.
+    pub fn with(mut self, pole: Pole, electrode: Option<Electrode>) -> Self {
+        self.0[pole.index()] = electrode;
+        self
+    }
+
+    /// The electrode that is on both current poles: it would short the source.
+    pub fn shorted(&self) -> Option<Electrode> {
+        self.on(Pole::IPlus)
+            .filter(|electrode| self.on(Pole::IMinus) == Some(*electrode))
+    }
+}
+
+/// Everything that can be said to the board.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Command {
+    /// Ask who it is.
+    Identify,
+    /// Put an electrode, or none, on a pole.
+    Set(Pole, Option<Electrode>),
+    /// Put an electrode on the plus pole and its neighbour on the minus pole.
+    Pair(Pair, Electrode),
+    /// Open everything.
+    Off,
+    /// Ask for the four electrodes.
+    AskState,
+    /// Ask when the last edge was.
+    AskLastEdge,
+    /// Take the oldest error.
+    NextError,
+    /// All off unless a command arrives within so many milliseconds; 0 never.
+    Watchdog(u32),
+}
+
+/// A line that is not a command: a SCPI error number and its text.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{code},\"{text}\"")]
+pub struct Refusal {
+    /// SCPI-99 number, negative.
+    pub code: i32,
+    /// Its text.
+    pub text: String,
+}
+
+impl Refusal {
+    pub(crate) fn new(code: i32, text: impl Into<String>) -> Self {
+        Self {
+            code,
+            text: text.into(),
+        }
+    }
+}
+
+impl fmt::Display for Command {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Identify => f.write_str("*IDN?"),
+            Self::Set(pole, None) => write!(f, "SET {pole} OFF"),
+            Self::Set(pole, Some(electrode)) => write!(f, "SET {pole} {electrode}"),
+            Self::Pair(Pair::Current, electrode) => write!(f, "PAIR I {electrode}"),
+            Self::Pair(Pair::Voltage, electrode) => write!(f, "PAIR V {electrode}"),
+            Self::Off => f.write_str("OFF"),
+            Self::AskState => f.write_str("STAT?"),
+            Self::AskLastEdge => f.write_str("LAST?"),
+            Self::NextError => f.write_str("SYST:ERR?"),
+            Self::Watchdog(milliseconds) => write!(f, "WDOG {milliseconds}"),
+        }
+    }
+}
+
+impl FromStr for Command {
+    type Err = Refusal;
+
+    fn from_str(line: &str) -> Result<Self, Refusal> {
+        let upper = line.to_ascii_uppercase();
+        let words: Vec<&str> = upper.split_ascii_whitespace().collect();
+        match words.as_slice() {
+            ["*IDN?"] => Ok(Self::Identify),
+            ["SET", pole, "OFF"] => Ok(Self::Set(pole_named(pole)?, None)),
+            ["SET", pole, electrode] => Ok(Self::Set(
+                pole_named(pole)?,
+                Some(electrode_numbered(electrode)?),
+            )),
+            ["PAIR", "I", electrode] => {
+                Ok(Self::Pair(Pair::Current, electrode_numbered(electrode)?))
+            }
+            ["PAIR", "V", electrode] => {
+                Ok(Self::Pair(Pair::Voltage, electrode_numbered(electrode)?))
+            }
+            ["PAIR", _, _] => Err(Refusal::new(-224, "Illegal parameter value; I or V")),
+            ["OFF"] => Ok(Self::Off),
+            ["STAT?"] => Ok(Self::AskState),
+            ["LAST?"] => Ok(Self::AskLastEdge),
+            ["SYST:ERR?" | "SYSTEM:ERROR?"] => Ok(Self::NextError),
+            ["WDOG", milliseconds] => milliseconds
+                .parse()
+                .map(Self::Watchdog)
+                .map_err(|_| Refusal::new(-104, "Data type error; milliseconds")),
+            ["SET" | "PAIR" | "WDOG", rest @ ..] => Err(if rest.len() < 2 {
+                Refusal::new(-109, "Missing parameter")
+            } else {
+                Refusal::new(-108, "Parameter not allowed")
+            }),
+            ["*IDN?" | "OFF" | "STAT?" | "LAST?" | "SYST:ERR?", ..] => {
+                Err(Refusal::new(-108, "Parameter not allowed"))
+            }
+            _ => Err(Refusal::new(-113, "Undefined header")),
+        }
+    }
+}
+
+fn pole_named(word: &str) -> Result<Pole, Refusal> {
+    Pole::ALL
+        .into_iter()
+        .find(|pole| pole.to_string() == word)
+        .ok_or_else(|| Refusal::new(-224, "Illegal parameter value; I+, I-, V+ or V-"))
+}
+
+fn electrode_numbered(word: &str) -> Result<Electrode, Refusal> {
+    let number = word
+        .parse()
+        .map_err(|_| Refusal::new(-104, "Data type error; an electrode's number or OFF"))?;
+    Electrode::from_number(number)
+        .ok_or_else(|| Refusal::new(-222, "Data out of range; electrodes count from 1"))
+}
+
+/// What the board answers.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Reply {
+    /// Who it is.
+    Identity(String),
+    /// The four electrodes.
+    State(State),
+    /// Time of the last edge since the board's start.
+    LastEdge(Duration),
+    /// An entry of the error queue.
+    Error(i32, String),
+    /// The command was refused.
+    Refused(Refusal),
+}
+
+impl fmt::Display for Reply {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Identity(text) => f.write_str(text),
+            Self::State(state) => write!(f, "{state}"),
+            Self::LastEdge(at) => write!(f, "{}", at.as_micros()),
+            Self::Error(code, text) => write!(f, "{code:+},\"{text}\""),
+            Self::Refused(refusal) => write!(f, "ERR {refusal}"),
+        }
+    }
+}
+
+impl fmt::Display for State {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (index, electrode) in self.0.iter().enumerate() {
+            if index > 0 {
+                f.write_str(",")?;
+            }
+            match electrode {
+                Some(electrode) => write!(f, "{electrode}")?,
+                None => f.write_str("OFF")?,
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A reply that is not of the expected form.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("'{0}' is not four electrodes")]
+pub struct NotAState(String);
+
+impl FromStr for State {
+    type Err = NotAState;
+
+    fn from_str(text: &str) -> Result<Self, NotAState> {
+        let garbled = || NotAState(text.to_owned());
+        let words: Vec<&str> = text.trim().split(',').collect();
+        let words: [&str; 4] = words.try_into().map_err(|_| garbled())?;
+        let mut state = Self::default();
+        for (pole, word) in state.0.iter_mut().zip(words) {
+            *pole = match word {
+                "OFF" => None,
+                number => Some(
+                    number
+                        .parse()
+                        .ok()
+                        .and_then(Electrode::from_number)
+                        .ok_or_else(garbled)?,
+                ),
+            };
+        }
+        Ok(state)
+    }
+}
+
+/// Reads a refusal, `ERR <code>,"<text>"`; `None` for any other reply.
+pub fn refusal(reply: &str) -> Option<Refusal> {
+    error_entry(reply.strip_prefix("ERR ")?)
+}
+
+/// Reads an entry of the error queue.
+pub fn error_entry(text: &str) -> Option<Refusal> {
+    let (code, text) = text.trim().split_once(',')?;
+    Some(Refusal {
+        code: code.parse().ok()?,
+        text: text.trim_matches('"').to_owned(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_driver_says_the_board_hears() {
+        let electrode = Electrode(25);
+        let mut said = vec![
+            Command::Identify,
+            Command::Pair(Pair::Current, electrode),
+            Command::Pair(Pair::Voltage, electrode),
+            Command::Off,
+            Command::AskState,
+            Command::AskLastEdge,
+            Command::NextError,
+            Command::Watchdog(2000),
+        ];
+        for pole in Pole::ALL {
+            said.extend([
+                Command::Set(pole, None),
+                Command::Set(pole, Some(electrode)),
+            ]);
+        }
+        for command in said {
+            assert_eq!(command.to_string().parse(), Ok(command));
+        }
+    }
+
+    #[test]
+    fn states_and_refusals_are_read_as_written() {
+        let state = State([Some(Electrode(25)), Some(Electrode(0)), None, None]);
+        assert_eq!(state.to_string(), "26,1,OFF,OFF");
+        assert_eq!(state.to_string().parse(), Ok(state));
+        assert!("1,2,3".parse::<State>().is_err());
+        assert!("0,2,3,4".parse::<State>().is_err());
+        let refused = Refusal::new(-221, "Settings conflict");
+        assert_eq!(
+            refusal(&Reply::Refused(refused.clone()).to_string()),
+            Some(refused)
+        );
+        assert_eq!(
+            error_entry("+0,\"No error\"").map(|entry| entry.code),
+            Some(0)
+        );
+    }
+
+    #[test]
+    fn relays_are_pole_and_electrode() {
+        assert_eq!(Pole::of(Relay(126)), Some((Pole::IPlus, Electrode(25))));
+        assert_eq!(Pole::VMinus.relay(Electrode(0)), Relay(401));
+        for stranger in [Relay(0), Relay(26), Relay(100), Relay(501)] {
+            assert_eq!(Pole::of(stranger), None);
+        }
+    }
+}

@@ -1,0 +1,336 @@
+//! The board as a [`Switch`]: relay numbers in, line protocol out.
+//!
+//! The board answers every move with the electrodes then on its poles, and every answer is compared with what was
+//! meant: a watchdog that opened in between, or a board that was reset, is noticed at the next command.
+
+use std::time::Duration;
+
+use rig::{Link, Move, RigError, Stream, Switch};
+use survey::{Electrode, Relay};
+use tokio::io::{AsyncRead, AsyncReadExt};
+
+use crate::MODEL;
+use crate::command::{Command, Pair, Pole, State, refusal};
+
+/// What the driver may be told to do differently.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Options {
+    /// The board opens everything when it hears nothing for so long; zero: never. The longest reading must fit: 200
+    /// cycles with a zero reading are 8 s.
+    pub watchdog: Duration,
+    /// Waited after every move (section 3: 5 x (R_on + R_sample) x C_cable, at least 50 us).
+    pub settling: Duration,
+}
+
+impl Default for Options {
+    /// A watchdog of 10 s, settling 1 ms.
+    fn default() -> Self {
+        Self {
+            watchdog: Duration::from_secs(10),
+            settling: Duration::from_millis(1),
+        }
+    }
+}
+
+/// Reads the line that a board says when its port is opened, if it comes in time: opening may reset it (section 5).
+/// To be called before the stream becomes a [`Link`].
+pub async fn await_banner<S: AsyncRead + Unpin>(
+    stream: &mut S,
+    within: Duration,
+) -> Option<String> {
+    const LONGEST: usize = 200;
+    let read = async {
+        let mut line = Vec::new();
+        while line.len() < LONGEST {
+            match stream.read_u8().await {
+                Ok(b'\n') | Err(_) => break,
+                Ok(byte) => line.push(byte),
+            }
+        }
+        String::from_utf8_lossy(&line).trim().to_owned()
+    };
+    tokio::time::timeout(within, read)
+        .await
+        .ok()
+        .filter(|line| !line.is_empty())
+}
+
+/// A multiplexer board at the other end of a link.
+#[derive(Debug)]
+pub struct GpioMux<S> {
+    link: Link<S>,
+    identity: String,
+    settling: Duration,
+    /// As last answered; unknown after a fault.
+    state: Option<State>,
+}
+
+impl<S: Stream> GpioMux<S> {
+    /// Asks who is there, refuses another model, and sets the watchdog.
+    ///
+    /// # Errors
+    /// Another instrument, or a failing wire.
+    pub async fn connect(link: Link<S>) -> Result<Self, RigError> {
+        Self::connect_with(link, Options::default()).await
+    }
+
+    /// As [`GpioMux::connect`], with other options.
+    ///
+    /// # Errors
+    /// As [`GpioMux::connect`].
+    pub async fn connect_with(mut link: Link<S>, options: Options) -> Result<Self, RigError> {
+        let identity = link.ask(&Command::Identify.to_string()).await?;
+        if identity.split(',').nth(1).map(str::trim) != Some(MODEL) {
+            return Err(RigError::WrongInstrument {
+                instrument: link.instrument().to_owned(),
+                expected: MODEL.to_owned(),
+                found: identity,
+            });
+        }
+        let mut board = Self {
+            link,
+            identity,
+            settling: options.settling,
+            state: None,
+        };
+        let milliseconds = u32::try_from(options.watchdog.as_millis()).unwrap_or(u32::MAX);
+        board.tell(Command::Watchdog(milliseconds)).await?;
+        Ok(board)
+    }
+
+    /// The reply to `*IDN?`.
+    pub fn identity(&self) -> &str {
+        &self.identity
+    }
+
+    /// Reads back the electrodes on the poles.
+    ///
+    /// # Errors
+    /// A failing wire, or an answer that is no state.
+    pub async fn state(&mut self) -> Result<State, RigError> {
+        self.tell(Command::AskState).await
+    }
+
+    /// Says one command and reads the state that it leads to.
+    async fn tell(&mut self, command: Command) -> Result<State, RigError> {
+        self.state = None;
+        let said = command.to_string();
+        let answer = self.link.ask(&said).await?;
+        if let Some(refused) = refusal(&answer) {
+            return Err(RigError::Refused {
+                instrument: self.link.instrument().to_owned(),
+                command: said,
+                code: refused.code,
+                message: refused.text,
+            });
+        }
+        let state = answer.parse().map_err(|_| RigError::Garbled {
+            instrument: self.link.instrument().to_owned(),
+            command: said,
+            answer: answer.chars().take(60).collect(),
+            expected: "four electrodes such as 1,2,OFF,OFF".to_owned(),
+        })?;
+        self.state = Some(state);
+        Ok(state)
+    }
+
+    /// Brings the poles to a state, by the fewest commands, each checked by its answer.
+    async fn bring(&mut self, from: State, to: State) -> Result<(), RigError> {
+        let commands = way(from, to);
+        for (command, meant) in &commands {
+            let found = self.tell(*command).await?;
+            if found != *meant {
+                self.state = None;
+                return Err(RigError::Mismatch {
+                    instrument: self.link.instrument().to_owned(),
+                    setting: "electrodes on I+,I-,V+,V-".to_owned(),
+                    set: meant.to_string(),
+                    read: found.to_string(),
+                });
+            }
+        }
+        if !commands.is_empty() && !self.settling.is_zero() {
+            tokio::time::sleep(self.settling).await;
+        }
+        Ok(())
+    }
+
+    fn unable(&self, what: String) -> RigError {
+        RigError::Unable {
+            instrument: self.link.instrument().to_owned(),
+            what,
+        }
+    }
+
+    fn place(&self, relay: Relay) -> Result<(Pole, Electrode), RigError> {
+        Pole::of(relay).ok_or_else(|| {
+            self.unable(format!(
+                "move relay {relay}: its relays are pole x 100 + electrode, poles 1 to 4"
+            ))
+        })
+    }
+
+    /// Where the moves lead, or why they must not be made.
+    fn target(&self, from: State, moves: &[Move]) -> Result<State, RigError> {
+        let mut state = from;
+        for one in moves {
+            match one {
+                Move::Close(relays) => {
+                    for relay in relays {
+                        let (pole, electrode) = self.place(*relay)?;
+                        if let Some(other) = state.on(pole).filter(|other| *other != electrode) {
+                            return Err(self.unable(format!(
+                                "close relay {relay} while electrode {other} is on {pole}: a pole carries one electrode"
+                            )));
+                        }
+                        state = state.with(pole, Some(electrode));
+                    }
+                }
+                Move::Open(relays) => {
+                    for relay in relays {
+                        let (pole, electrode) = self.place(*relay)?;
+                        if state.on(pole) == Some(electrode) {
+                            state = state.with(pole, None);
+                        }
+                    }
+                }
+            }
+        }
+        match state.shorted() {
+            Some(electrode) => Err(self.unable(format!(
+                "put electrode {electrode} on I+ and on I-: it would short the source"
+            ))),
+            None => Ok(state),
+        }
+    }
+}
+
+/// The commands from one legal state to another, each with the state that it leads to. No state between has one
+/// electrode on both current poles.
+fn way(from: State, to: State) -> Vec<(Command, State)> {
+    if to == State::default() && from != to {
+        return vec![(Command::Off, to)];
+    }
+    let mut way = Vec::new();
+    let mut state = from;
+    let mut say = |command, next: State| {
+        way.push((command, next));
+        next
+    };
+    for pair in [Pair::Current, Pair::Voltage] {
+        let [plus, minus] = pair.poles();
+        let (want_plus, want_minus) = (to.on(plus), to.on(minus));
+        if (state.on(plus), state.on(minus)) == (want_plus, want_minus) {
+            continue;
+        }
+        // The board wraps round its own ring; here the ring is not known, so the last pair is set pole by pole.
+        if let (Some(first), Some(second)) = (want_plus, want_minus)
+            && second.0 == first.0 + 1
+        {
+            let next = state.with(plus, want_plus).with(minus, want_minus);
+            state = say(Command::Pair(pair, first), next);
+            continue;
+        }
+        if state.on(plus) != want_plus && want_plus == state.on(minus) && want_plus.is_some() {
+            state = say(Command::Set(minus, None), state.with(minus, None));
+        }
+        for (pole, want) in [(plus, want_plus), (minus, want_minus)] {
+            if state.on(pole) != want {
+                state = say(Command::Set(pole, want), state.with(pole, want));
+            }
+        }
+    }
+    way
+}
+
+impl<S: Stream> Switch for GpioMux<S> {
+    /// Brings every pole to where the moves lead. An open and a close of one pole are one command of the board, which
+    /// breaks before it makes. Nothing is held back.
+    async fn move_relays(&mut self, moves: &[Move]) -> Result<(), RigError> {
+        let from = match self.state {
+            Some(state) => state,
+            None => self.state().await?,
+        };
+        let to = self.target(from, moves)?;
+        self.bring(from, to).await
+    }
+
+    /// Nothing to do: a move has settled when it returns.
+    async fn settle(&mut self) -> Result<(), RigError> {
+        Ok(())
+    }
+
+    async fn closed(&mut self, relays: &[Relay]) -> Result<Vec<bool>, RigError> {
+        let places = relays
+            .iter()
+            .map(|relay| self.place(*relay))
+            .collect::<Result<Vec<_>, _>>()?;
+        let state = self.state().await?;
+        Ok(places
+            .into_iter()
+            .map(|(pole, electrode)| state.on(pole) == Some(electrode))
+            .collect())
+    }
+
+    async fn open_verified(&mut self, relays: &[Relay]) -> Result<(), RigError> {
+        let from = self.state().await?;
+        let to = self.target(from, &[Move::Open(relays.to_vec())])?;
+        self.bring(from, to).await?;
+        let closed = self.closed(relays).await?;
+        let stuck: Vec<Relay> = relays
+            .iter()
+            .zip(closed)
+            .filter(|(_, closed)| *closed)
+            .map(|(relay, _)| *relay)
+            .collect();
+        if stuck.is_empty() {
+            Ok(())
+        } else {
+            Err(RigError::StillClosed {
+                instrument: self.link.instrument().to_owned(),
+                relays: stuck,
+            })
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn state(text: &str) -> State {
+        text.parse().unwrap()
+    }
+
+    #[test]
+    fn no_way_leads_through_a_short() {
+        let all: Vec<Option<Electrode>> = [None, Some(0), Some(1), Some(2)]
+            .map(|electrode| electrode.map(Electrode))
+            .to_vec();
+        let mut legal = Vec::new();
+        for plus in &all {
+            for minus in &all {
+                let state = State([*plus, *minus, None, Some(Electrode(4))]);
+                if state.shorted().is_none() {
+                    legal.push(state);
+                }
+            }
+        }
+        for from in &legal {
+            for to in &legal {
+                let way = way(*from, *to);
+                assert!(way.iter().all(|(_, state)| state.shorted().is_none()));
+                assert!(way.len() <= 3, "{from} to {to}: {way:?}");
+                let end = way.last().map_or(*from, |(_, state)| *state);
+                assert_eq!(end, *to);
+            }
+        }
+    }
+
+    #[test]
+    fn neighbours_go_by_one_command() {
+        let way = way(state("1,2,3,4"), state("1,2,4,5"));
+        assert_eq!(way.len(), 1);
+        assert_eq!(way[0].0, Command::Pair(Pair::Voltage, Electrode(3)));
+    }
+}
