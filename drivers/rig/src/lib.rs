@@ -31,16 +31,15 @@ mod clock;
 mod connect;
 mod fault;
 mod link;
+mod safe;
 mod seams;
 mod stop;
 
-pub use acquire::{
-    AcquireError, CleanupError, ClosedRelay, StartError, acquire, check_at_start, safe_off,
-    settings,
-};
+pub use acquire::{AcquireError, acquire, settings};
 pub use clock::{Clock, SystemClock};
 pub use connect::{connect_tcp, open_serial};
 pub use fault::RigError;
 pub use link::{BoxStream, Link, LinkError, Stream};
+pub use safe::{CleanupError, ClosedRelay, StartError, check_at_start, safe_off};
 pub use seams::{CurrentSource, Instruments, MeterSettings, Move, Rig, Switch, Voltmeter};
 pub use stop::{Stop, StopButton};

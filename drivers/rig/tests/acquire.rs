@@ -89,11 +89,10 @@ async fn whichever_call_fails_once_the_source_ends_off_and_verified() {
 async fn a_lost_source_opens_the_relays_and_its_state_is_called_unknown() {
     for wiring in wirings(5) {
         let plan = plan(&wiring, Duration::ZERO);
-        for call in 0..calls(&wiring, &plan).await {
+        // The last call of all opens the relays of a source that is verified off: nothing of it can be lost then.
+        for call in 0..calls(&wiring, &plan).await - 1 {
             let stand_in = StandIn::new(&wiring).failing(call, Fault::Lost(Part::Source));
-            let Err(fault) = run(&stand_in, &plan).await else {
-                panic!("nothing lost at call {call}");
-            };
+            let fault = run(&stand_in, &plan).await.unwrap_err();
             let cleanup = fault
                 .cleanup()
                 .expect("a lost source cannot be verified off");

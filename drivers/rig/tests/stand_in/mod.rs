@@ -280,8 +280,7 @@ impl Switch for StandIn {
 
 impl Voltmeter for StandIn {
     async fn prepare(&mut self, _: MeterSettings, _: &[Relay]) -> Result<(), RigError> {
-        self.call(Part::SwitchAndMeter).await?;
-        Ok(())
+        self.call(Part::SwitchAndMeter).await.map(|_| ())
     }
 
     async fn scan(&mut self) -> Result<Vec<Reading>, RigError> {
