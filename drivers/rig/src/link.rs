@@ -236,13 +236,15 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         let until = Instant::now() + self.deadline;
         self.write("*ESE?", self.deadline, until).await?;
 
-        let earlier = self.nonces.clone();
         self.nonces.extend([first, second]);
+        let told_so_far = self.nonces.clone();
         let mut found = self.enable;
         let told = self
             .echo(&format!("*ESE?;*ESE {first};*ESE?"), |line| {
                 let (before, now) = two_numbers(line)?;
-                if (now == first || earlier.contains(&now)) && !earlier.contains(&before) {
+                // The register's own value is what it held before the first number it was told.
+                let turn = told_so_far.iter().position(|told| *told == now)?;
+                if !told_so_far[..turn].contains(&before) {
                     found.get_or_insert(before);
                 }
                 (now == first).then_some(())
