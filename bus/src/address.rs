@@ -1,0 +1,188 @@
+//! Three ways to the daemon, and the order in which they are tried.
+
+use std::{fmt, path::PathBuf, str::FromStr};
+
+use zbus::{Connection, connection::Builder, fdo::DBusProxy};
+
+use crate::BUS_NAME;
+
+/// Where a daemon may be reached.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Address {
+    /// The system bus.
+    System,
+    /// The session bus.
+    Session,
+    /// D-Bus over a unix socket, without a broker.
+    Unix(PathBuf),
+}
+
+/// A text that is not an address.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("'{0}' is no way to the daemon; write system, session or unix:PATH")]
+pub struct AddressError(String);
+
+impl FromStr for Address {
+    type Err = AddressError;
+    fn from_str(text: &str) -> Result<Self, AddressError> {
+        match (text, text.strip_prefix("unix:")) {
+            ("system", _) => Ok(Self::System),
+            ("session", _) => Ok(Self::Session),
+            (_, Some(path)) if !path.is_empty() => Ok(Self::Unix(path.into())),
+            _ => Err(AddressError(text.to_owned())),
+        }
+    }
+}
+
+impl fmt::Display for Address {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::System => f.write_str("system"),
+            Self::Session => f.write_str("session"),
+            Self::Unix(path) => write!(f, "unix:{}", path.display()),
+        }
+    }
+}
+
+/// Why no daemon was reached.
+#[derive(Debug, thiserror::Error)]
+pub enum ConnectError {
+    /// Nobody answers there.
+    #[error("no daemon at {address}: {cause}")]
+    NoDaemon {
+        /// Where it was looked for.
+        address: Address,
+        /// What the system or the bus says.
+        cause: String,
+    },
+    /// The socket is there, but this user may not use it.
+    #[error(
+        "not allowed to talk to the daemon at {address}: {cause}; its user, root and the group tactus are"
+    )]
+    NotAuthorized {
+        /// Where.
+        address: Address,
+        /// What the system says.
+        cause: String,
+    },
+    /// None of the usual places has one.
+    #[error("no daemon found; tried {}", .tried.join("; "))]
+    Nowhere {
+        /// Each place with the reason.
+        tried: Vec<String>,
+    },
+}
+
+/// The places tried when nobody names one: the peer socket (`$XDG_RUNTIME_DIR/tactus/peer`, then `/run/tactus/peer`),
+/// the session bus, the system bus.
+pub fn search_order(runtime_directory: Option<PathBuf>) -> Vec<Address> {
+    runtime_directory
+        .map(|directory| Address::Unix(directory.join("tactus/peer")))
+        .into_iter()
+        .chain([
+            Address::Unix("/run/tactus/peer".into()),
+            Address::Session,
+            Address::System,
+        ])
+        .collect()
+}
+
+/// Connects to the address given, or to the first place of [`search_order`] where a daemon answers.
+///
+/// # Errors
+/// Nobody there, or not allowed; the message names every place tried.
+pub async fn connect(address: Option<&Address>) -> Result<(Connection, Address), ConnectError> {
+    if let Some(address) = address {
+        return Ok((reach(address).await?, address.clone()));
+    }
+    let mut tried = Vec::new();
+    let runtime_directory = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from);
+    for address in search_order(runtime_directory) {
+        match reach(&address).await {
+            Ok(connection) => return Ok((connection, address)),
+            Err(refusal @ ConnectError::NotAuthorized { .. }) => return Err(refusal),
+            Err(ConnectError::NoDaemon { address, cause }) => {
+                tried.push(format!("{address} ({cause})"));
+            }
+            Err(other) => tried.push(other.to_string()),
+        }
+    }
+    Err(ConnectError::Nowhere { tried })
+}
+
+async fn reach(address: &Address) -> Result<Connection, ConnectError> {
+    let no_daemon = |cause: String| ConnectError::NoDaemon {
+        address: address.clone(),
+        cause,
+    };
+    let bus = match address {
+        Address::System => Builder::system(),
+        Address::Session => Builder::session(),
+        Address::Unix(path) => {
+            let stream = std::os::unix::net::UnixStream::connect(path).map_err(|cause| {
+                if cause.kind() == std::io::ErrorKind::PermissionDenied {
+                    ConnectError::NotAuthorized {
+                        address: address.clone(),
+                        cause: cause.to_string(),
+                    }
+                } else {
+                    no_daemon(cause.to_string())
+                }
+            })?;
+            // A daemon that refuses the caller's credentials closes the socket before the handshake.
+            return Builder::unix_stream(stream)
+                .p2p()
+                .build()
+                .await
+                .map_err(|cause| ConnectError::NotAuthorized {
+                    address: address.clone(),
+                    cause: cause.to_string(),
+                });
+        }
+    };
+    let connection = bus
+        .build()
+        .await
+        .map_err(|cause| no_daemon(cause.to_string()))?;
+    let broker = DBusProxy::new(&connection)
+        .await
+        .map_err(|cause| no_daemon(cause.to_string()))?;
+    let name = zbus::names::BusName::from_static_str(BUS_NAME)
+        .map_err(|cause| no_daemon(cause.to_string()))?;
+    match broker.name_has_owner(name).await {
+        Ok(true) => Ok(connection),
+        Ok(false) => Err(no_daemon(format!("nobody owns {BUS_NAME}"))),
+        Err(cause) => Err(no_daemon(cause.to_string())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_read_as_they_are_written() {
+        for text in ["system", "session", "unix:/run/tactus/peer"] {
+            assert_eq!(text.parse::<Address>().unwrap().to_string(), text);
+        }
+        for text in ["", "unix:", "tcp:host", "System"] {
+            assert!(text.parse::<Address>().is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn the_peer_socket_comes_first() {
+        let order = search_order(Some("/run/user/7".into()));
+        let order: Vec<String> = order.iter().map(Address::to_string).collect();
+        assert_eq!(
+            order,
+            [
+                "unix:/run/user/7/tactus/peer",
+                "unix:/run/tactus/peer",
+                "session",
+                "system"
+            ]
+        );
+        assert_eq!(search_order(None).len(), 3);
+    }
+}

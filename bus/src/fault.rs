@@ -1,0 +1,92 @@
+//! One error name a kind.
+
+use std::fmt;
+
+/// What the daemon refuses or fails with. The text says what to do; the name (`org.tactus.Tactus1.Error.` and the
+/// variant) is for programs.
+#[derive(Debug, zbus::DBusError)]
+#[zbus(prefix = "org.tactus.Tactus1.Error", impl_display = false)]
+pub enum Fault {
+    /// A session is running; stop it first.
+    SessionActive(String),
+    /// No session is running, or none has this id.
+    NoSession(String),
+    /// No baseline has been recorded or named.
+    NoBaseline(String),
+    /// The baseline was taken with other settings, or of another kind of rig.
+    BaselineMismatch(String),
+    /// The model's survey or geometry is not this rig's.
+    ModelMismatch(String),
+    /// The model file cannot be read.
+    ModelFile(String),
+    /// An instrument failed, is missing, or could not be made safe.
+    InstrumentFault(String),
+    /// The recording cannot be read.
+    RecordingFault(String),
+    /// The disk refused a write; the source is off.
+    DiskRefused(String),
+    /// The caller may not do this.
+    NotAuthorized(String),
+    /// An option that does not exist, has the wrong type, or a value out of range.
+    InvalidOption(String),
+    /// No frame or map yet.
+    NoFrame(String),
+    /// The rig cannot do this at all (stepping a session that has a schedule).
+    Unsupported(String),
+    /// Anything else; the text is all there is.
+    Failed(String),
+    /// The connection failed, or the answer has another name.
+    #[zbus(error)]
+    Connection(zbus::Error),
+}
+
+impl Fault {
+    /// The text for a person, without the error's name.
+    pub fn text(&self) -> String {
+        match self {
+            Self::Connection(zbus::Error::MethodError(_, Some(text), _)) => text.clone(),
+            Self::Connection(cause) => cause.to_string(),
+            other => zbus::DBusError::description(other)
+                .unwrap_or_default()
+                .to_owned(),
+        }
+    }
+
+    /// Whether the daemon could not be reached, or went away while it was asked.
+    pub fn is_connection(&self) -> bool {
+        match self {
+            Self::Connection(zbus::Error::MethodError(name, _, _)) => matches!(
+                name.as_str(),
+                "org.freedesktop.DBus.Error.ServiceUnknown"
+                    | "org.freedesktop.DBus.Error.NameHasNoOwner"
+                    | "org.freedesktop.DBus.Error.NoReply"
+                    | "org.freedesktop.DBus.Error.Disconnected"
+            ),
+            Self::Connection(_) => true,
+            _ => false,
+        }
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.text())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_kind_has_its_name_and_keeps_its_text() {
+        let fault = Fault::BaselineMismatch("current 1 mA against 2 mA".into());
+        assert_eq!(
+            zbus::DBusError::name(&fault).as_str(),
+            "org.tactus.Tactus1.Error.BaselineMismatch"
+        );
+        assert_eq!(fault.to_string(), "current 1 mA against 2 mA");
+        assert!(!fault.is_connection());
+        assert!(Fault::Connection(zbus::Error::InterfaceNotFound).is_connection());
+    }
+}

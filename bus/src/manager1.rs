@@ -1,0 +1,207 @@
+//! The daemon itself.
+
+use serde::{Deserialize, Serialize};
+use zbus::{OwnedObjectPath, Type};
+
+use crate::{Fault, Options};
+
+/// Options of `StartSession`: `every_s` (d, pause from start to start of frames; 0 back to back), `count` (t, frames),
+/// `for_s` (d, duration), `baseline` (s, id; else the current one), `model` (s, absolute path of a model file, or
+/// `one-step`; else the configured one), `speed` (d, recordings: 1 own rate, 10 ten times faster, 0 as fast as
+/// possible), `step` (b, a frame only when `Session1.Step` asks), `note` (s).
+pub const SESSION_OPTIONS: [&str; 8] = [
+    "every_s", "count", "for_s", "baseline", "model", "speed", "step", "note",
+];
+
+/// `org.tactus.Tactus1.Manager1` on the root object.
+#[zbus::proxy(
+    interface = "org.tactus.Tactus1.Manager1",
+    default_service = "org.tactus.Tactus1",
+    default_path = "/org/tactus/Tactus1"
+)]
+pub trait Manager1 {
+    /// Starts a measurement; see [`SESSION_OPTIONS`]. Returns its object at once.
+    fn start_session(&self, options: &Options) -> Result<OwnedObjectPath, Fault>;
+
+    /// Records a baseline: options `frames` (t, default 10), `note` (s). Returns its session at once; it ends by itself
+    /// and is then the current baseline.
+    fn record_baseline(&self, options: &Options) -> Result<OwnedObjectPath, Fault>;
+
+    /// What the logbook holds, newest first: option `count` (t).
+    fn list_sessions(&self, options: &Options) -> Result<Vec<SessionSummary>, Fault>;
+
+    /// The plan of a frame, without moving anything.
+    fn plan(&self) -> Result<PlanReport, Fault>;
+
+    /// The region of interest, for drawing maps.
+    fn geometry(&self) -> Result<Geometry, Fault>;
+
+    /// The current baseline.
+    fn baseline(&self) -> Result<BaselineReport, Fault>;
+
+    /// Version of the daemon.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn version(&self) -> Result<String, Fault>;
+
+    /// `idle`, `baseline`, `acquiring`, `suspended`, `faulted`.
+    #[zbus(property)]
+    fn state(&self) -> Result<String, Fault>;
+
+    /// Whether voltages come from a simulated sheet.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn simulated(&self) -> Result<bool, Fault>;
+
+    /// `rig` or `recording`.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn source(&self) -> Result<String, Fault>;
+
+    /// Their objects.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn instruments(&self) -> Result<Vec<OwnedObjectPath>, Fault>;
+
+    /// The running session, `/` when there is none.
+    #[zbus(property)]
+    fn active_session(&self) -> Result<OwnedObjectPath, Fault>;
+
+    /// Id of the current baseline, empty when there is none.
+    #[zbus(property)]
+    fn baseline_id(&self) -> Result<String, Fault>;
+
+    /// The configured method as a person would name it.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn method(&self) -> Result<String, Fault>;
+
+    /// Where session files are written.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn record_directory(&self) -> Result<String, Fault>;
+
+    /// Why the daemon is faulted, empty when it is not.
+    #[zbus(property)]
+    fn last_error(&self) -> Result<String, Fault>;
+}
+
+/// One session of the logbook (`(sssxtbsa{sv})`).
+#[derive(Debug, Serialize, Deserialize, Type)]
+pub struct SessionSummary {
+    /// Its id.
+    pub id: String,
+    /// `baseline` or `measurement`.
+    pub kind: String,
+    /// `open`, `closed` or `interrupted` (open on disk, but not running).
+    pub state: String,
+    /// Wall time of its start, ns since 1970 UTC.
+    pub started_ns: i64,
+    /// Frames on disk.
+    pub frames: u64,
+    /// Whether voltages are simulated.
+    pub simulated: bool,
+    /// Its file.
+    pub path: String,
+    /// What may come: `note` (s), `reason` (s, why it ended), `ended_ns` (x).
+    pub more: Options,
+}
+
+/// The plan of a frame (`(tttttdddasa{sv})`).
+#[derive(Debug, Serialize, Deserialize, Type)]
+pub struct PlanReport {
+    /// Steps.
+    pub steps: u64,
+    /// Injections.
+    pub injections: u64,
+    /// Readings kept.
+    pub readings: u64,
+    /// Relays opened or closed by the plan itself.
+    pub relay_moves: u64,
+    /// Messages that ask for readings.
+    pub reading_messages: u64,
+    /// How long the instruments need, s.
+    pub duration_s: f64,
+    /// Injected current, A.
+    pub current_a: f64,
+    /// Voltage limit, V.
+    pub compliance_v: f64,
+    /// One line a step.
+    pub lines: Vec<String>,
+    /// `wiring` (s), `source_current_max_a`, `relay_current_max_a`, `relay_voltage_max_v` (d).
+    pub more: Options,
+}
+
+/// What a client needs to draw a map (`(sadauadauada{sv})`). Metres.
+#[derive(Debug, Serialize, Deserialize, Type)]
+pub struct Geometry {
+    /// Hash of the mesh, as in every map.
+    pub mesh_hash: String,
+    /// Corners: x, y, x, y ...
+    pub nodes: Vec<f64>,
+    /// Triangles of the region, in the order of a map's values: three indices into the corners each.
+    pub triangles: Vec<u32>,
+    /// Boundary loops of the sheet, one after the other: x, y, x, y ...
+    pub outline: Vec<f64>,
+    /// Points of each boundary loop.
+    pub outline_lengths: Vec<u32>,
+    /// Centres of the electrodes in their order: x, y, x, y ...
+    pub electrodes: Vec<f64>,
+    /// What may come: `name` (s).
+    pub more: Options,
+}
+
+impl Geometry {
+    /// The region's triangles as corner coordinates; `None` when an index or a count is out of range.
+    pub fn corners(&self) -> Option<Vec<[[f64; 2]; 3]>> {
+        let node = |index: u32| {
+            let at = 2 * index as usize;
+            Some([*self.nodes.get(at)?, *self.nodes.get(at + 1)?])
+        };
+        if !self.triangles.len().is_multiple_of(3) {
+            return None;
+        }
+        self.triangles
+            .chunks_exact(3)
+            .map(|t| Some([node(t[0])?, node(t[1])?, node(t[2])?]))
+            .collect()
+    }
+
+    /// The boundary loops as points; `None` when the counts do not add up.
+    pub fn loops(&self) -> Option<Vec<Vec<[f64; 2]>>> {
+        let mut points = self.outline.chunks_exact(2).map(|p| [p[0], p[1]]);
+        let loops: Vec<Vec<[f64; 2]>> = self
+            .outline_lengths
+            .iter()
+            .map(|length| points.by_ref().take(*length as usize).collect())
+            .collect();
+        let whole = loops
+            .iter()
+            .zip(&self.outline_lengths)
+            .all(|(points, length)| points.len() == *length as usize);
+        (whole && points.next().is_none()).then_some(loops)
+    }
+
+    /// Centres of the electrodes as points.
+    pub fn electrode_centres(&self) -> Vec<[f64; 2]> {
+        self.electrodes
+            .chunks_exact(2)
+            .map(|p| [p[0], p[1]])
+            .collect()
+    }
+}
+
+/// The current baseline (`(sxtadayadba{sv})`).
+#[derive(Debug, Serialize, Deserialize, Type)]
+pub struct BaselineReport {
+    /// Its id, which is its session's.
+    pub id: String,
+    /// Wall time of the last frame, ns since 1970 UTC.
+    pub wall_ns: i64,
+    /// Frames averaged.
+    pub frames: u64,
+    /// Mean voltages, V; NaN where the flag is not 0.
+    pub volts: Vec<f64>,
+    /// Flags: 0 ok, 1 overload, 2 timeout, 3 not measured.
+    pub flags: Vec<u8>,
+    /// Standard deviation of one reading, V; NaN with fewer than two valid ones.
+    pub deviation: Vec<f64>,
+    /// Whether voltages are simulated.
+    pub simulated: bool,
+    /// Settings: `current_a`, `range_v`, `nplc`, `settle_s` (d), `wiring` (s), `protocol_hash` (s).
+    pub more: Options,
+}
