@@ -1,1 +1,50 @@
 //! The Keithley 6221 current source: its commands, its driver, its simulator.
+//!
+//! A floating current source with a voltage limit. It has no voltmeter: all it knows of its load is whether the limit
+//! holds the current back (*compliance*). Refused at this door: a current or limit that the instrument does not have
+//! (an error, nothing is clipped), physics (the simulator asks its [`Load`] for a resistance), and sweeps, waves and
+//! delta modes, which the simulator answers with -113.
+//!
+//! - **level**: the current asked for; **range**: the scale it is made on, 5 % over allowed
+//! - **compliance**: the voltage limit, and the state of being held back by it
+//! - **command**: one unit of a message as a value; **message**: commands sent in one segment
+//!
+//! ```
+//! # #[tokio::main(flavor = "current_thread")] async fn main() -> Result<(), rig::RigError> {
+//! use std::time::Duration;
+//! use keithley_6221::{Keithley6221, Resistor, Settings6221, Simulator6221};
+//! use rig::{CurrentSource, Link};
+//! use survey::{Amps, Ohms, Volts};
+//! use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
+//!
+//! let (here, there) = tokio::io::duplex(256);
+//! tokio::spawn(async move {
+//!     let (mut simulator, mut load) = (Simulator6221::new(Settings6221::default()), Resistor::new(Ohms(500.0)));
+//!     let (heard, mut said) = tokio::io::split(there);
+//!     let mut lines = BufReader::new(heard).lines();
+//!     while let Ok(Some(line)) = lines.next_line().await {
+//!         if let Some(text) = simulator.hear(&line, Duration::ZERO, &mut load).text {
+//!             said.write_all(format!("{text}\n").as_bytes()).await.ok();
+//!         }
+//!     }
+//! });
+//! let mut source = Keithley6221::connect(Link::new(here, "6221 in memory", Duration::from_secs(5))).await?;
+//! source.prepare(Amps(1e-3), Volts(5.0)).await?;
+//! source.set_output(true).await?;
+//! source.set_current(Amps(1e-3)).await?;
+//! assert!(!source.in_compliance().await?);
+//! source.off().await?;
+//! # Ok(()) }
+//! ```
+//!
+//! Source: fact sheet `keithley-6221`, whose sections the docs cite.
+
+mod command;
+mod driver;
+mod range;
+mod simulator;
+
+pub use command::{Ask, Command, Message, Response, Shield, StatusGroup};
+pub use driver::Keithley6221;
+pub use range::{LARGEST_CURRENT, LARGEST_LIMIT, LIMIT_STEP, RANGES, Range, SMALLEST_LIMIT};
+pub use simulator::{Load, Reply, Resistor, Settings6221, Simulator6221};

@@ -1,0 +1,84 @@
+//! Ranges and limits of the instrument (fact sheet, section 7).
+
+use survey::{Amps, Volts};
+
+/// Largest current of either sign: the 100 mA range goes 5 % over.
+pub const LARGEST_CURRENT: Amps = Amps(0.105);
+/// Smallest voltage limit.
+pub const SMALLEST_LIMIT: Volts = Volts(0.1);
+/// Largest voltage limit.
+pub const LARGEST_LIMIT: Volts = Volts(105.0);
+/// The voltage limit is set in steps of this.
+pub const LIMIT_STEP: Volts = Volts(0.01);
+
+/// A range of the source.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Range {
+    /// Nominal full scale; levels up to 5 % more are made on it.
+    pub full_scale: Amps,
+    /// Step of the level.
+    pub step: Amps,
+}
+
+const fn range(full_scale: f64, step: f64) -> Range {
+    Range {
+        full_scale: Amps(full_scale),
+        step: Amps(step),
+    }
+}
+
+/// All ranges, ascending.
+pub const RANGES: [Range; 9] = [
+    range(2e-9, 100e-15),
+    range(20e-9, 1e-12),
+    range(200e-9, 10e-12),
+    range(2e-6, 100e-12),
+    range(20e-6, 1e-9),
+    range(200e-6, 10e-9),
+    range(2e-3, 100e-9),
+    range(20e-3, 1e-6),
+    range(100e-3, 10e-6),
+];
+
+impl Range {
+    /// The smallest range that holds this level, its 5 % over included; `None` beyond 105 mA and for what is no number.
+    pub fn holding(level: Amps) -> Option<Range> {
+        RANGES.into_iter().find(|range| range.holds(level))
+    }
+
+    /// The range with this nominal full scale, as read back with seven digits.
+    pub fn named(full_scale: Amps) -> Option<Range> {
+        RANGES
+            .into_iter()
+            .find(|range| (full_scale.0 / range.full_scale.0 - 1.0).abs() < 1e-5)
+    }
+
+    /// Whether the level can be made on this range.
+    pub fn holds(self, level: Amps) -> bool {
+        level.abs() <= self.most()
+    }
+
+    /// Largest level on this range: 5 % over its full scale.
+    pub fn most(self) -> Amps {
+        // 1.05 is a hair above its decimal and 2e-9 * 1.05 a hair below: a part in 1e9 keeps 2.1 on the range of 2.
+        self.full_scale * (1.05 * (1.0 + 1e-9))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_range_holds_five_per_cent_over_and_no_more() {
+        for (range, next) in RANGES.iter().zip(&RANGES[1..]) {
+            let level = range.full_scale * 1.05;
+            assert_eq!(Range::holding(level), Some(*range));
+            assert_eq!(Range::holding(-level), Some(*range));
+            assert_eq!(Range::holding(level * 1.001), Some(*next));
+        }
+        assert_eq!(Range::holding(LARGEST_CURRENT), Some(RANGES[8]));
+        assert_eq!(Range::holding(Amps(0.1051)), None);
+        assert_eq!(Range::holding(Amps(f64::NAN)), None);
+    }
+}
