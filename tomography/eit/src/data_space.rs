@@ -39,8 +39,6 @@ impl DataSpace {
             .ok_or(OneStepError::Prior)?;
         let mut system = dense::product(dense::view(sensitivity), dense::view(&spread));
         if null.is_some() {
-            // J R^+ J' with J's part along the null space taken out: R^+ has taken it out of its own side only up
-            // to rounding, and that rounding is large beside lambda^2
             system = 0.5 * (&system + system.transpose());
         }
         let trace = system.trace();

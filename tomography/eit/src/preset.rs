@@ -55,10 +55,10 @@ impl Preset {
     }
 
     /// Sheet conductance of the unloaded sheet, siemens per square.
-    pub fn sigma(&self) -> f64 {
+    pub fn conductance(&self) -> f64 {
         match self {
-            Self::PaperSheet(sheet) => 1.0 / sheet.sheet_ohm,
-            Self::DiscTank(tank) => 1.0 / tank.sheet_ohm,
+            Self::PaperSheet(sheet) => sheet.conductance(),
+            Self::DiscTank(tank) => tank.conductance(),
         }
     }
 }

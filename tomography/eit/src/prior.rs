@@ -7,6 +7,7 @@ use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 use crate::Mesh;
+use crate::one_step::OneStepError;
 
 /// The prior of a one-step reconstruction.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -160,6 +161,23 @@ impl Penalty {
             }
         }
         Some(spread)
+    }
+
+    /// The factor g for which the prior N(0, g^2 R^-1) has the root mean square `change` over the unknowns; directions
+    /// of the null space do not count.
+    pub(crate) fn amplitude(&self, change: f64) -> Result<f64, OneStepError> {
+        let unknowns = match self {
+            Self::Diagonal(entries) => entries.len(),
+            Self::Laplacian { part, .. } => part.len(),
+        };
+        let trace = match self {
+            Self::Diagonal(entries) => entries.iter().map(|entry| 1.0 / entry).sum::<f64>(),
+            Self::Laplacian { .. } => self
+                .inverse_times_transposed(&DMatrix::identity(unknowns, unknowns))
+                .ok_or(OneStepError::Prior)?
+                .trace(),
+        };
+        Ok(change / (trace / unknowns as f64).sqrt())
     }
 
     /// x'Rx

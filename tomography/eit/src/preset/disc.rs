@@ -55,6 +55,11 @@ impl Default for DiscTank {
 }
 
 impl DiscTank {
+    /// Sheet conductance of the unloaded tank, siemens per square.
+    pub fn conductance(&self) -> f64 {
+        1.0 / self.sheet_ohm
+    }
+
     /// Contact impedance of each electrode, ohm m: contact resistance times the arc's length.
     pub fn contact_ohm_m(&self) -> Vec<f64> {
         let length = self.radius_mm * 1e-3 * self.arc_deg.to_radians();

@@ -100,6 +100,11 @@ impl PaperSheet {
         bottom.chain(right).chain(top).chain(left).collect()
     }
 
+    /// Sheet conductance of the unloaded sheet, siemens per square.
+    pub fn conductance(&self) -> f64 {
+        1.0 / self.sheet_ohm
+    }
+
     /// Contact impedance of each electrode, ohm m: contact resistance times the length of the void's rim.
     pub fn contact_ohm_m(&self) -> Vec<f64> {
         vec![self.contact_ohm * 4.0 * self.void_mm * 1e-3; self.electrodes()]

@@ -1,0 +1,329 @@
+//! One-step difference reconstruction: the linear least-squares map, precomputed.
+//!
+//! x = argmin |W (J x - dv)|^2 + lambda^2 x'Rx  with x = dsigma / sigma0 on the triangles of the region, J the
+//! sensitivity to it, R the [`Prior`] and W optional weights of the readings. A frame costs one matrix-vector product.
+
+use std::sync::Arc;
+
+use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
+use survey::{Map, MapUnit, Protocol, Reading};
+
+use crate::bounded::Bounded;
+use crate::data_space::DataSpace;
+use crate::prior::{Penalty, Prior};
+use crate::reconstructor::Difference;
+use crate::{Forward, ForwardError, Mesh, ReconstructError, Reconstructor};
+
+/// Where the hyper-parameter comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Hyper {
+    /// lambda of the formula, given.
+    Lambda(f64),
+    /// From the noise of a single reading, by [`EXPECTED_CHANGE`]'s rule.
+    Noise {
+        /// Standard deviation of one reading, V, the same on baseline and frame.
+        volts: f64,
+        /// Injected current, A, at which that noise is met.
+        current: f64,
+    },
+}
+
+/// How the baseline's own scale enters.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub enum Scale {
+    /// The model is scaled to the baseline by least squares (a uniform fit of sigma0, or of an unknown current): the
+    /// map is relative whatever the current and the sheet's resistance are.
+    #[default]
+    FitToBaseline,
+    /// Conductance and currents are known: the formula as it stands, with these currents (A), one a reading.
+    Currents(Vec<f64>),
+}
+
+/// Settings of a [`OneStep`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct OneStepOptions {
+    /// The prior.
+    pub prior: Prior,
+    /// The hyper-parameter.
+    pub hyper: Hyper,
+    /// Bounds the map to -1 <= x <= 0: loads only take conductance away. Diagonal priors only.
+    pub loss_only: bool,
+    /// The baseline's scale.
+    pub scale: Scale,
+    /// Relative standard deviation of each reading (any common factor), where they differ; readings are divided by it
+    /// after scaling it to a root mean square of 1.
+    pub deviations: Option<Vec<f64>>,
+}
+
+impl Default for OneStepOptions {
+    /// NOSER with p = 0.5, and 2 uV of noise at 1 mA.
+    fn default() -> Self {
+        Self {
+            prior: Prior::default(),
+            hyper: Hyper::Noise {
+                volts: 2e-6,
+                current: 1e-3,
+            },
+            loss_only: false,
+            scale: Scale::default(),
+            deviations: None,
+        }
+    }
+}
+
+/// Why a one-step reconstruction cannot be prepared.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum OneStepError {
+    /// The forward model refused.
+    #[error("the forward model of the reconstruction")]
+    Forward(#[from] ForwardError),
+    /// The hyper-parameter is not positive, or vanishes beside the sensitivities.
+    #[error(
+        "the hyper-parameter lambda is {lambda:e}; it must be a finite number above {floor:.1e} for this geometry"
+    )]
+    Lambda {
+        /// As given or chosen.
+        lambda: f64,
+        /// The smallest that double precision can tell from zero here.
+        floor: f64,
+    },
+    /// A noise or a current that is not a positive number.
+    #[error("the {what} is {value:e}; it must be a positive number")]
+    NotPositive {
+        /// Which setting.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// A list does not have one entry a reading.
+    #[error("{has} {what} for {wants} readings")]
+    Count {
+        /// Which list.
+        what: &'static str,
+        /// Entries it has.
+        has: usize,
+        /// Entries it needs.
+        wants: usize,
+    },
+    /// The prior could not be inverted, or the readings do not determine its null space.
+    #[error("the prior cannot be inverted on this geometry: some part of the region is seen by no reading")]
+    Prior,
+    /// Bounds are only there for diagonal priors.
+    #[error("loss_only needs a diagonal prior (tikhonov or noser), not laplace")]
+    BoundedPrior,
+}
+
+/// Root mean square over the region of the relative change that a map is expected to have: a disc of 25 mm with half its
+/// conductance lost, somewhere on the paper's region. It is the one constant of the rule that turns noise into lambda:
+///
+/// lambda = s / g  with s = sqrt(2) volts / current (the noise of a difference at 1 A) and g such that the prior
+/// N(0, g^2 R^-1) has this root mean square over the region (the maximum a posteriori estimate for that noise).
+///
+/// The rule looks at noise, geometry and prior, never at a frame.
+pub const EXPECTED_CHANGE: f64 = 0.06;
+
+/// The one-step reconstructor.
+pub struct OneStep {
+    mesh: Arc<Mesh>,
+    mesh_hash: String,
+    protocol: Protocol,
+    method: String,
+    scale: Scale,
+    lambda: f64,
+    /// Readings of the model at 1 A.
+    model: Vec<f64>,
+    /// 1 over the deviation of each reading, root mean square 1.
+    weights: Option<Vec<f64>>,
+    solution: DataSpace,
+    bounded: Option<Bounded>,
+}
+
+impl OneStep {
+    /// Solves the forward model at `sigma0` (S per square, one a triangle of the mesh) and factors once.
+    ///
+    /// # Errors
+    /// See [`OneStepError`].
+    pub fn new(
+        mesh: Arc<Mesh>,
+        contact_ohm_m: &[f64],
+        sigma0: &[f64],
+        protocol: &Protocol,
+        options: OneStepOptions,
+    ) -> Result<Self, OneStepError> {
+        let forward = Forward::new(Arc::clone(&mesh), contact_ohm_m)?;
+        let model = forward.readings(sigma0, protocol)?;
+        let absolute = forward.jacobian(sigma0, protocol)?;
+        let region = mesh.region();
+        let mut sensitivity = DMatrix::from_fn(protocol.len(), region.len(), |reading, unknown| {
+            absolute[(reading, region[unknown])] * sigma0[region[unknown]]
+        });
+        let readings = protocol.len();
+        let counted = |what, has: usize| {
+            if has == readings {
+                Ok(())
+            } else {
+                Err(OneStepError::Count {
+                    what,
+                    has,
+                    wants: readings,
+                })
+            }
+        };
+        if let Scale::Currents(currents) = &options.scale {
+            counted("currents", currents.len())?;
+            scale_rows(&mut sensitivity, currents);
+        }
+        let weights = match &options.deviations {
+            None => None,
+            Some(deviations) => {
+                counted("deviations", deviations.len())?;
+                Some(weights(deviations)?)
+            }
+        };
+        if let Some(weights) = &weights {
+            scale_rows(&mut sensitivity, weights);
+        }
+        let penalty = match options.prior {
+            Prior::Tikhonov => Penalty::identity(region.len()),
+            Prior::Noser { p } => Penalty::noser(&sensitivity, p),
+            Prior::Laplace => Penalty::laplacian(&mesh),
+        };
+        let lambda = match options.hyper {
+            Hyper::Lambda(lambda) => lambda,
+            Hyper::Noise { volts, current } => {
+                for (what, value) in [("noise", volts), ("current", current)] {
+                    if !(value > 0.0 && value.is_finite()) {
+                        return Err(OneStepError::NotPositive { what, value });
+                    }
+                }
+                let at = match &options.scale {
+                    Scale::FitToBaseline => volts / current,
+                    Scale::Currents(_) => volts,
+                };
+                std::f64::consts::SQRT_2 * at / penalty.amplitude(EXPECTED_CHANGE)?
+            }
+        };
+        let solution = DataSpace::new(&sensitivity, &penalty, lambda)?;
+        let bounded = match (options.loss_only, penalty) {
+            (false, _) => None,
+            (true, Penalty::Diagonal(entries)) => {
+                Some(Bounded::new(sensitivity, entries, lambda).ok_or(OneStepError::Prior)?)
+            }
+            (true, Penalty::Laplacian { .. }) => return Err(OneStepError::BoundedPrior),
+        };
+        let loss = if options.loss_only { ", loss only" } else { "" };
+        Ok(Self {
+            method: format!("one-step {}{loss}", options.prior.name()),
+            mesh_hash: mesh.hash().to_owned(),
+            mesh,
+            protocol: protocol.clone(),
+            scale: options.scale,
+            lambda,
+            model: model.as_slice().to_vec(),
+            weights,
+            solution,
+            bounded,
+        })
+    }
+
+    /// The hyper-parameter in use.
+    pub fn lambda(&self) -> f64 {
+        self.lambda
+    }
+
+    /// The reconstruction matrix: region x readings, from a difference at the model's scale to the map.
+    pub fn matrix(&self) -> &DMatrix<f64> {
+        self.solution.matrix()
+    }
+}
+
+impl Reconstructor for OneStep {
+    fn method(&self) -> &str {
+        &self.method
+    }
+
+    fn protocol(&self) -> &Protocol {
+        &self.protocol
+    }
+
+    fn mesh(&self) -> &Arc<Mesh> {
+        &self.mesh
+    }
+
+    fn reconstruct(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<Map, ReconstructError> {
+        let difference = Difference::new(baseline, frame, self.protocol.len(), &self.method)?;
+        let gain = match &self.scale {
+            Scale::FitToBaseline => difference.gain(&self.model)?,
+            Scale::Currents(_) => 1.0,
+        };
+        let Difference {
+            mut change,
+            missing,
+            ..
+        } = difference;
+        for value in &mut change {
+            *value /= gain;
+        }
+        if let Some(weights) = &self.weights {
+            for (value, weight) in change.iter_mut().zip(weights) {
+                *value *= weight;
+            }
+        }
+        let numerical = |cause: &str| ReconstructError::Numerical {
+            method: self.method.clone(),
+            cause: cause.to_owned(),
+        };
+        let values = match &self.bounded {
+            Some(bounded) => bounded
+                .solve(&change, &missing)
+                .ok_or_else(|| numerical("the bounded problem did not converge"))?,
+            None => {
+                self.solution
+                    .impute(&mut change, &missing)
+                    .map_err(|fault| numerical(&fault.to_string()))?;
+                self.solution.apply(&change)
+            }
+        };
+        if values.iter().any(|value| !value.is_finite()) {
+            return Err(numerical("the map is not finite"));
+        }
+        Ok(Map {
+            mesh_hash: self.mesh_hash.clone(),
+            values,
+            unit: MapUnit::RelativeConductance,
+            method: self.method.clone(),
+            masked: missing.len(),
+        })
+    }
+}
+
+/// 1 / deviation, scaled so that the deviations have a root mean square of 1.
+fn weights(deviations: &[f64]) -> Result<Vec<f64>, OneStepError> {
+    if let Some(&value) = deviations
+        .iter()
+        .find(|value| !(**value > 0.0 && value.is_finite()))
+    {
+        return Err(OneStepError::NotPositive {
+            what: "deviation of a reading",
+            value,
+        });
+    }
+    let square: f64 = deviations.iter().map(|value| value * value).sum();
+    let scale = (square / deviations.len() as f64).sqrt();
+    Ok(deviations.iter().map(|value| scale / value).collect())
+}
+
+/// Multiplies row i by factor i.
+fn scale_rows(matrix: &mut DMatrix<f64>, factors: &[f64]) {
+    for mut column in matrix.column_iter_mut() {
+        for (value, factor) in column.iter_mut().zip(factors) {
+            *value *= factor;
+        }
+    }
+}
