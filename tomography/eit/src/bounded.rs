@@ -24,18 +24,15 @@ pub(crate) struct Bounded {
 }
 
 impl Bounded {
-    pub(crate) fn new(
-        sensitivity: DMatrix<f64>,
-        penalty: Vec<f64>,
-        lambda: f64,
-    ) -> Option<Self> {
+    pub(crate) fn new(sensitivity: DMatrix<f64>, penalty: Vec<f64>, lambda: f64) -> Option<Self> {
         let all = vec![true; penalty.len()];
         let gram = gram(&sensitivity, &penalty, &all);
         let (values, vectors) = dense::symmetric_eigen(&gram)?;
         let kept: Vec<usize> = (0..values.len())
             .filter(|&i| values[i] > NEGLIGIBLE * lambda * lambda)
             .collect();
-        let directions = DMatrix::from_fn(vectors.nrows(), kept.len(), |i, j| vectors[(i, kept[j])]);
+        let directions =
+            DMatrix::from_fn(vectors.nrows(), kept.len(), |i, j| vectors[(i, kept[j])]);
         let along = dense::product(
             dense::view(&directions).transpose(),
             dense::view(&sensitivity),

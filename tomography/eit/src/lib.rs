@@ -1,12 +1,26 @@
 //! The mathematics: mesh, forward model, sensitivity, reconstructors, model files.
 
+mod bounded;
+mod case;
+mod data_space;
+mod dense;
 mod forward;
 mod jacobian;
 mod mesh;
 mod mesher;
+mod one_step;
 pub mod preset;
+mod prior;
+mod reconstructor;
 mod sparse;
 
+pub use case::{
+    Case, CaseError, Table, digits, frames_text, matrix_text, protocol_text, read_frames,
+    read_named_frames, read_protocol,
+};
 pub use forward::{Admitted, FLOOR, Fields, Forward, ForwardError};
 pub use mesh::{ENOUGH_EDGES, Mesh, MeshError, MeshQuality};
+pub use one_step::{EXPECTED_CHANGE, Hyper, OneStep, OneStepError, OneStepOptions, Scale};
 pub use preset::{DiscTank, PaperSheet, Preset};
+pub use prior::Prior;
+pub use reconstructor::{MOST_MISSING, ReconstructError, Reconstructor};

@@ -108,7 +108,9 @@ pub enum OneStepError {
         wants: usize,
     },
     /// The prior could not be inverted, or the readings do not determine its null space.
-    #[error("the prior cannot be inverted on this geometry: some part of the region is seen by no reading")]
+    #[error(
+        "the prior cannot be inverted on this geometry: some part of the region is seen by no reading"
+    )]
     Prior,
     /// Bounds are only there for diagonal priors.
     #[error("loss_only needs a diagonal prior (tikhonov or noser), not laplace")]

@@ -250,8 +250,7 @@ fn grounded_solve(
     let matrix = SparseColMat::<usize, f64>::try_new_from_triplets(n, n, &triplets).ok()?;
     let factor = matrix.sp_cholesky(Side::Lower).ok()?;
     let (rows, count) = (columns.nrows(), columns.ncols());
-    let into =
-        faer::MatMut::from_column_major_slice_mut(columns.as_mut_slice(), rows, count);
+    let into = faer::MatMut::from_column_major_slice_mut(columns.as_mut_slice(), rows, count);
     factor.solve_in_place(into);
     Some(())
 }

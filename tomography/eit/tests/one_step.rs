@@ -1,0 +1,346 @@
+//! One-step reconstruction against solved cases, and its own invariants.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use eit::{
+    Forward, Hyper, Mesh, OneStep, OneStepError, OneStepOptions, Prior, ReconstructError,
+    Reconstructor, Scale,
+};
+use survey::{Protocol, Reading, Volts};
+
+/// The solved case `disc16`, or `None` (with the reason printed) where the reference cases are not beside the project.
+fn disc16() -> Option<PathBuf> {
+    let case = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/cases/disc16");
+    if case.is_dir() {
+        Some(case)
+    } else {
+        println!(
+            "skipped: the reference case {} is not there",
+            case.display()
+        );
+        None
+    }
+}
+
+/// Numbers of a CSV file, a header line left out.
+fn numbers(path: &Path) -> Vec<Vec<f64>> {
+    std::fs::read_to_string(path)
+        .unwrap()
+        .lines()
+        .map(|line| {
+            line.split(',')
+                .map(str::parse)
+                .collect::<Result<Vec<f64>, _>>()
+        })
+        .filter_map(Result::ok)
+        .collect()
+}
+
+fn column(path: &Path) -> Vec<f64> {
+    numbers(path).into_iter().map(|row| row[0]).collect()
+}
+
+fn mesh(case: &Path) -> (Arc<Mesh>, Vec<f64>) {
+    let nodes = numbers(&case.join("nodes.csv"));
+    let triangles = numbers(&case.join("elems.csv"));
+    let mut edges = vec![Vec::new(); 16];
+    for row in numbers(&case.join("electrode_edges.csv")) {
+        edges[row[0] as usize].push([row[1] as usize, row[2] as usize]);
+    }
+    let contact = numbers(&case.join("electrodes.csv"))
+        .into_iter()
+        .map(|row| row[1])
+        .collect();
+    let mesh = Mesh::new(
+        nodes.into_iter().map(|row| [row[0], row[1]]).collect(),
+        triangles
+            .into_iter()
+            .map(|row| [row[0] as usize, row[1] as usize, row[2] as usize])
+            .collect(),
+        edges,
+        None,
+    )
+    .unwrap();
+    (Arc::new(mesh), contact)
+}
+
+fn readings(volts: &[f64]) -> Vec<Reading> {
+    volts.iter().map(|v| Reading::Ok(Volts(*v))).collect()
+}
+
+fn options(prior: Prior, lambda: f64) -> OneStepOptions {
+    OneStepOptions {
+        prior,
+        hyper: Hyper::Lambda(lambda),
+        scale: Scale::Currents(vec![1.0; 208]),
+        ..OneStepOptions::default()
+    }
+}
+
+fn distance(a: &[f64], b: &[f64]) -> f64 {
+    let difference: f64 = a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum();
+    let size: f64 = b.iter().map(|b| b * b).sum();
+    (difference / size).sqrt()
+}
+
+const PRIORS: [(&str, Prior, f64); 3] = [
+    ("tikhonov", Prior::Tikhonov, 1e-3),
+    ("noser", Prior::Noser { p: 0.5 }, 3e-2),
+    ("laplace", Prior::Laplace, 1e-3),
+];
+
+#[test]
+fn the_solved_case_is_met_by_every_prior() {
+    let Some(case) = disc16() else { return };
+    let (mesh, contact) = mesh(&case);
+    let protocol = Protocol::sheffield(16).unwrap();
+    let baseline = readings(&column(&case.join("v_exact_homog.csv")));
+    let frame = readings(&column(&case.join("v_exact_one.csv")));
+    for (name, prior, lambda) in PRIORS {
+        let one_step = OneStep::new(
+            Arc::clone(&mesh),
+            &contact,
+            &vec![1.0; 780],
+            &protocol,
+            options(prior, lambda),
+        )
+        .unwrap();
+        let map = one_step.reconstruct(&baseline, &frame).unwrap();
+        let solved = column(&case.join(format!("recon_{name}_one.csv")));
+        let error = distance(&map.values, &solved);
+        println!("{name}: {error:.1e}");
+        assert!(error < 1e-11, "{name}: {error:e}");
+    }
+}
+
+/// A masked reading is a reading never asked: the map of the smaller protocol, exactly.
+#[test]
+fn masking_is_the_smaller_problem() {
+    let Some(case) = disc16() else { return };
+    let (mesh, contact) = mesh(&case);
+    let protocol = Protocol::sheffield(16).unwrap();
+    let volts = [
+        column(&case.join("v_exact_homog.csv")),
+        column(&case.join("v_exact_one.csv")),
+    ];
+    let gone = [0, 7, 100, 101, 207];
+    let kept: Vec<usize> = (0..208).filter(|i| !gone.contains(i)).collect();
+    let fewer = Protocol::new(
+        16,
+        kept.iter().map(|&i| protocol.measurements()[i]).collect(),
+    )
+    .unwrap();
+    for (name, prior, lambda) in PRIORS {
+        if name == "noser" {
+            continue; // its prior is made from the whole protocol's sensitivity
+        }
+        for loss_only in [false, true] {
+            if loss_only && name == "laplace" {
+                continue;
+            }
+            let build = |protocol: &Protocol| {
+                OneStep::new(
+                    Arc::clone(&mesh),
+                    &contact,
+                    &vec![1.0; 780],
+                    protocol,
+                    OneStepOptions {
+                        scale: Scale::Currents(vec![1.0; protocol.len()]),
+                        loss_only,
+                        ..options(prior, lambda)
+                    },
+                )
+                .unwrap()
+            };
+            let mut masked = volts.clone().map(|volts| readings(&volts));
+            for (i, &reading) in gone.iter().enumerate() {
+                masked[i % 2][reading] = [Reading::Overload, Reading::Timeout][i % 2];
+            }
+            let map = build(&protocol)
+                .reconstruct(&masked[0], &masked[1])
+                .unwrap();
+            let short = volts
+                .clone()
+                .map(|volts| kept.iter().map(|&i| volts[i]).collect::<Vec<_>>());
+            let small = build(&fewer)
+                .reconstruct(&readings(&short[0]), &readings(&short[1]))
+                .unwrap();
+            assert_eq!(map.masked, gone.len());
+            let error = distance(&map.values, &small.values);
+            let bound = if loss_only { 1e-6 } else { 1e-9 };
+            assert!(error < bound, "{name}, loss only {loss_only}: {error:e}");
+        }
+    }
+}
+
+#[test]
+fn more_than_a_quarter_missing_makes_no_map() {
+    let Some(case) = disc16() else { return };
+    let (mesh, contact) = mesh(&case);
+    let protocol = Protocol::sheffield(16).unwrap();
+    let one_step = OneStep::new(
+        mesh,
+        &contact,
+        &vec![1.0; 780],
+        &protocol,
+        options(Prior::default(), 0.03),
+    )
+    .unwrap();
+    let baseline = readings(&column(&case.join("v_exact_homog.csv")));
+    let mut frame = baseline.clone();
+    frame[..53].fill(Reading::Overload);
+    assert!(matches!(
+        one_step.reconstruct(&baseline, &frame),
+        Err(ReconstructError::TooManyMissing {
+            missing: 53,
+            readings: 208
+        })
+    ));
+    frame[52] = baseline[52];
+    assert_eq!(one_step.reconstruct(&baseline, &frame).unwrap().masked, 52);
+    assert!(matches!(
+        one_step.reconstruct(&baseline[1..], &frame),
+        Err(ReconstructError::Length {
+            what: "baseline",
+            has: 207,
+            wants: 208,
+            ..
+        })
+    ));
+}
+
+#[test]
+fn a_map_does_not_depend_on_current_or_resistance() {
+    let Some(case) = disc16() else { return };
+    let (mesh, contact) = mesh(&case);
+    let protocol = Protocol::sheffield(16).unwrap();
+    let one_step = OneStep::new(
+        mesh,
+        &contact,
+        &vec![1.0; 780],
+        &protocol,
+        OneStepOptions {
+            scale: Scale::FitToBaseline,
+            ..options(Prior::default(), 0.03)
+        },
+    )
+    .unwrap();
+    let volts = [
+        column(&case.join("v_exact_homog.csv")),
+        column(&case.join("v_exact_one.csv")),
+    ];
+    let map_at = |factor: f64| {
+        let scaled = volts
+            .clone()
+            .map(|volts| readings(&volts.iter().map(|v| factor * v).collect::<Vec<_>>()));
+        one_step.reconstruct(&scaled[0], &scaled[1])
+    };
+    let one = map_at(1.0).unwrap();
+    assert!(distance(&map_at(1e-6).unwrap().values, &one.values) < 1e-12);
+    let refusal = map_at(-1.0).unwrap_err();
+    assert!(
+        matches!(refusal, ReconstructError::OppositeSign),
+        "{refusal}"
+    );
+}
+
+/// The bounded map satisfies the conditions of optimality of its problem.
+#[test]
+fn the_bounded_map_is_the_minimum_within_its_bounds() {
+    let Some(case) = disc16() else { return };
+    let (mesh, contact) = mesh(&case);
+    let protocol = Protocol::sheffield(16).unwrap();
+    let sigma = vec![1.0; 780];
+    let lambda = 1e-3;
+    let one_step = OneStep::new(
+        Arc::clone(&mesh),
+        &contact,
+        &sigma,
+        &protocol,
+        OneStepOptions {
+            loss_only: true,
+            ..options(Prior::Tikhonov, lambda)
+        },
+    )
+    .unwrap();
+    let volts = [
+        column(&case.join("v_exact_homog.csv")),
+        column(&case.join("v_exact_one.csv")),
+    ];
+    let map = one_step
+        .reconstruct(&readings(&volts[0]), &readings(&volts[1]))
+        .unwrap();
+    let jacobian = Forward::new(mesh, &contact)
+        .unwrap()
+        .jacobian(&sigma, &protocol)
+        .unwrap();
+    let x = nalgebra::DVector::from_column_slice(&map.values);
+    let misfit = nalgebra::DVector::from_fn(208, |i, _| volts[1][i] - volts[0][i]) - &jacobian * &x;
+    let gradient = &x * (lambda * lambda) - jacobian.tr_mul(&misfit);
+    let scale = jacobian.tr_mul(&misfit).amax();
+    let mut bound = [0, 0];
+    for (x, gradient) in x.iter().zip(&gradient) {
+        assert!((-1.0..=0.0).contains(x));
+        let tolerance = 1e-5 * scale;
+        match *x {
+            0.0 => {
+                bound[0] += 1;
+                assert!(*gradient <= tolerance, "{gradient}");
+            }
+            -1.0 => {
+                bound[1] += 1;
+                assert!(*gradient >= -tolerance, "{gradient}");
+            }
+            _ => assert!(gradient.abs() <= tolerance, "{gradient}"),
+        }
+    }
+    assert!(bound[0] > 50, "{bound:?}");
+}
+
+#[test]
+fn settings_without_meaning_are_refused_by_name() {
+    let Some(case) = disc16() else { return };
+    let (mesh, contact) = mesh(&case);
+    let protocol = Protocol::sheffield(16).unwrap();
+    let build = |options| {
+        OneStep::new(
+            Arc::clone(&mesh),
+            &contact,
+            &vec![1.0; 780],
+            &protocol,
+            options,
+        )
+        .map(|_| ())
+    };
+    for lambda in [0.0, -1.0, f64::NAN, 1e-12] {
+        assert!(matches!(
+            build(options(Prior::Tikhonov, lambda)),
+            Err(OneStepError::Lambda { .. })
+        ));
+    }
+    assert!(matches!(
+        build(OneStepOptions {
+            hyper: Hyper::Noise {
+                volts: 0.0,
+                current: 1.0
+            },
+            ..OneStepOptions::default()
+        }),
+        Err(OneStepError::NotPositive { what: "noise", .. })
+    ));
+    assert!(matches!(
+        build(OneStepOptions {
+            loss_only: true,
+            ..options(Prior::Laplace, 1e-3)
+        }),
+        Err(OneStepError::BoundedPrior)
+    ));
+    assert!(matches!(
+        build(OneStepOptions {
+            deviations: Some(vec![1.0; 3]),
+            ..OneStepOptions::default()
+        }),
+        Err(OneStepError::Count { has: 3, .. })
+    ));
+}
