@@ -35,7 +35,7 @@ pub enum Shield {
 
 /// How fast the output responds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Response {
+pub enum Speed {
     /// Settles within 2 to 90 us.
     Fast,
     /// Settles within 100 us, for inductive loads.
@@ -93,9 +93,9 @@ pub enum Command {
     /// Read whether output low is joined to earth.
     LowToEarth,
     /// Set the speed of response.
-    SetResponse(Response),
+    SetSpeed(Speed),
     /// Read the speed of response.
-    Response,
+    Speed,
     /// Read the interlock: 1 closed, 0 open (the header's name says the opposite).
     Interlock,
     /// Read a group's events and clear them.
@@ -122,7 +122,7 @@ pub(crate) const COMPLIANCE_BIT: u8 = 3;
 pub(crate) const INTERLOCK_BIT: u8 = 1;
 
 const SHIELDS: [(&str, Shield); 2] = [("OLOW", Shield::OutputLow), ("GUARd", Shield::Guard)];
-const RESPONSES: [(&str, Response); 2] = [("FAST", Response::Fast), ("SLOW", Response::Slow)];
+const SPEEDS: [(&str, Speed); 2] = [("FAST", Speed::Fast), ("SLOW", Speed::Slow)];
 
 type Hearer = fn(&Call) -> Result<Command, ParseError>;
 
@@ -177,10 +177,10 @@ const GRAMMAR: &[(&str, Hearer)] = &[
     }),
     ("OUTPut:LTEarth?", |call| plain(call, Command::LowToEarth)),
     ("OUTPut:RESPonse", |call| {
-        let [response] = call.exactly()?;
-        response.choice(&RESPONSES).map(Command::SetResponse)
+        let [speed] = call.exactly()?;
+        speed.choice(&SPEEDS).map(Command::SetSpeed)
     }),
-    ("OUTPut:RESPonse?", |call| plain(call, Command::Response)),
+    ("OUTPut:RESPonse?", |call| plain(call, Command::Speed)),
     ("OUTPut:INTerlock:TRIPped?", |call| {
         plain(call, Command::Interlock)
     }),
@@ -259,7 +259,7 @@ impl Command {
             | Command::Output
             | Command::Shield
             | Command::LowToEarth
-            | Command::Response
+            | Command::Speed
             | Command::Interlock
             | Command::Events(_)
             | Command::Conditions(_)
@@ -275,7 +275,7 @@ impl Command {
             | Command::SetOutput(_)
             | Command::SetShield(_)
             | Command::SetLowToEarth(_)
-            | Command::SetResponse(_)
+            | Command::SetSpeed(_)
             | Command::SetEnable(..)
             | Command::PresetStatus
             | Command::ClearErrors => false,
@@ -355,9 +355,9 @@ impl fmt::Display for Shield {
     }
 }
 
-impl fmt::Display for Response {
+impl fmt::Display for Speed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&word(&RESPONSES, *self))
+        f.write_str(&word(&SPEEDS, *self))
     }
 }
 
@@ -391,8 +391,8 @@ impl fmt::Display for Command {
             Command::Shield => f.write_str("OUTP:ISH?"),
             Command::SetLowToEarth(on) => write!(f, "OUTP:LTE {}", bit(on)),
             Command::LowToEarth => f.write_str("OUTP:LTE?"),
-            Command::SetResponse(response) => write!(f, "OUTP:RESP {response}"),
-            Command::Response => f.write_str("OUTP:RESP?"),
+            Command::SetSpeed(speed) => write!(f, "OUTP:RESP {speed}"),
+            Command::Speed => f.write_str("OUTP:RESP?"),
             Command::Interlock => f.write_str("OUTP:INT:TRIP?"),
             Command::Events(group) => write!(f, "STAT:{group}?"),
             Command::Conditions(group) => write!(f, "STAT:{group}:COND?"),

@@ -44,7 +44,7 @@ mod driver;
 mod range;
 mod simulator;
 
-pub use command::{Ask, Command, Message, Response, Shield, StatusGroup};
+pub use command::{Ask, Command, Message, Shield, Speed, StatusGroup};
 pub use driver::Keithley6221;
 pub use range::{LARGEST_CURRENT, LARGEST_LIMIT, LIMIT_STEP, RANGES, Range, SMALLEST_LIMIT};
-pub use simulator::{Load, Reply, Resistor, Settings6221, Simulator6221};
+pub use simulator::{Load, Resistor, Response, Settings6221, Simulator6221};

@@ -9,7 +9,7 @@ use scpi::{Common, ErrorQueue, ParseError, StandardEvent, StatusModel, StatusReg
 use scpi::{format_nr3, parse_message};
 use survey::{Amps, Ohms, Volts};
 
-use crate::command::{Ask, COMPLIANCE_BIT, Command, INTERLOCK_BIT, Response, Shield, StatusGroup};
+use crate::command::{Ask, COMPLIANCE_BIT, Command, INTERLOCK_BIT, Shield, Speed, StatusGroup};
 use crate::range::{LARGEST_CURRENT, LARGEST_LIMIT, LIMIT_STEP, RANGES, Range, SMALLEST_LIMIT};
 
 /// Entries of the error queue (fact sheet, section 6).
@@ -86,7 +86,7 @@ impl Default for Settings6221 {
 
 /// What the instrument does about a message.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Reply {
+pub struct Response {
     /// The reply without its terminator; `None` when nothing was asked, or nothing that has an answer.
     pub text: Option<String>,
     /// How long the instrument needs.
@@ -104,7 +104,7 @@ struct Panel {
     output: bool,
     shield: Shield,
     low_to_earth: bool,
-    response: Response,
+    speed: Speed,
 }
 
 const RESET: Panel = Panel {
@@ -116,7 +116,7 @@ const RESET: Panel = Panel {
     output: false,
     shield: Shield::OutputLow,
     low_to_earth: false,
-    response: Response::Fast,
+    speed: Speed::Fast,
 };
 
 /// A 6221 that hears lines and gives replies. It knows nothing of connections: output and settings outlive them.
@@ -145,7 +145,7 @@ impl Simulator6221 {
 
     /// Hears one line (without its terminator) at a time since power on. A unit that is refused goes to the error queue
     /// and gets no reply; those after it are carried out.
-    pub fn hear(&mut self, line: &str, at: Duration, load: &mut dyn Load) -> Reply {
+    pub fn hear(&mut self, line: &str, at: Duration, load: &mut dyn Load) -> Response {
         let mut replies: Vec<String> = Vec::new();
         let mut busy = self.settings.command_time;
         for call in parse_message(line) {
@@ -162,7 +162,7 @@ impl Simulator6221 {
             }
             self.flow(at, load, self.panel.range != range);
         }
-        Reply {
+        Response {
             text: (!replies.is_empty()).then(|| replies.join(";")),
             busy,
         }
@@ -175,8 +175,13 @@ impl Simulator6221 {
 
     /// Queues an error that arose before a line could be heard, such as -363 for one that was too long.
     pub fn refuse(&mut self, refusal: ParseError) {
+        let text = match refusal {
+            // The maker's wording where it is not the standard's.
+            ParseError::OutOfRange => "Parameter data out of range",
+            other => other.text(),
+        };
         self.status.raise_error(refusal.code());
-        self.errors.push(refusal.code(), refusal.text());
+        self.errors.push(refusal.code(), text);
     }
 
     /// Closes or opens the interlock. Open, it switches the output off and keeps it so.
@@ -307,11 +312,11 @@ impl Simulator6221 {
                 None
             }
             Command::LowToEarth => bit(panel.low_to_earth),
-            Command::SetResponse(response) => {
-                panel.response = response;
+            Command::SetSpeed(speed) => {
+                panel.speed = speed;
                 None
             }
-            Command::Response => Some(panel.response.to_string()),
+            Command::Speed => Some(panel.speed.to_string()),
             Command::Interlock => bit(self.interlock_closed),
             Command::Events(group) => Some(self.group(group).take_event().to_string()),
             Command::Conditions(group) => Some(self.group(group).condition().to_string()),

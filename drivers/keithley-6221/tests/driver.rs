@@ -1,0 +1,313 @@
+//! The driver against the simulator over a pipe: the same bytes as over TCP.
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use keithley_6221::{Command, Keithley6221, Resistor, Settings6221, Simulator6221};
+use rig::{CurrentSource, Link, LinkError, RigError};
+use scpi::{Framer, parse_message};
+use survey::{Amps, Ohms, Volts};
+use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
+
+/// An instrument with a resistor, and what it has heard. It outlives its connections.
+struct Bench {
+    simulator: Simulator6221,
+    load: Resistor,
+    heard: Vec<String>,
+    /// What to do with the next replies instead of sending them as they are.
+    mishaps: Vec<Mishap>,
+}
+
+enum Mishap {
+    /// The reply is lost.
+    Silence,
+    /// The reply is another.
+    Says(&'static str),
+    /// The connection breaks.
+    HangUp,
+}
+
+type Shared = Arc<Mutex<Bench>>;
+
+fn bench(resistance: f64) -> Shared {
+    Arc::new(Mutex::new(Bench {
+        simulator: Simulator6221::new(Settings6221::default()),
+        load: Resistor::new(Ohms(resistance)),
+        heard: Vec::new(),
+        mishaps: Vec::new(),
+    }))
+}
+
+/// Plugs the instrument in.
+fn plug(bench: &Shared) -> DuplexStream {
+    let (here, mut there) = tokio::io::duplex(4096);
+    let bench = Arc::clone(bench);
+    tokio::spawn(async move {
+        let mut framer = Framer::new(4096);
+        let mut bytes = [0; 512];
+        while let Ok(count @ 1..) = there.read(&mut bytes).await {
+            framer.push(&bytes[..count]);
+            for line in framer.by_ref() {
+                let line = String::from_utf8(line.unwrap()).unwrap();
+                let answer = bench.lock().unwrap().answer(line);
+                match answer {
+                    Some(Some(text)) => there
+                        .write_all(format!("{text}\n").as_bytes())
+                        .await
+                        .unwrap_or(()),
+                    Some(None) => {}
+                    None => return,
+                }
+            }
+        }
+    });
+    here
+}
+
+impl Bench {
+    /// The line to send, if any; `None` to hang up.
+    fn answer(&mut self, line: String) -> Option<Option<String>> {
+        let reply = self.simulator.hear(&line, Duration::ZERO, &mut self.load);
+        self.heard.push(line);
+        match reply.text.is_some().then(|| self.mishaps.pop()).flatten() {
+            Some(Mishap::Silence) => Some(None),
+            Some(Mishap::Says(text)) => Some(Some(text.to_owned())),
+            Some(Mishap::HangUp) => None,
+            None => Some(reply.text),
+        }
+    }
+}
+
+fn link(stream: DuplexStream) -> Link<DuplexStream> {
+    Link::new(stream, "6221 in memory", Duration::from_secs(2))
+}
+
+async fn connected(bench: &Shared) -> Keithley6221<DuplexStream> {
+    Keithley6221::connect(link(plug(bench))).await.unwrap()
+}
+
+fn simulator<T>(bench: &Shared, look: impl FnOnce(&mut Bench) -> T) -> T {
+    look(&mut bench.lock().unwrap())
+}
+
+#[tokio::test]
+async fn a_current_flows_and_is_switched_off() {
+    let bench = bench(500.0);
+    let mut source = connected(&bench).await;
+    assert!(source.identity().contains("MODEL 6221"));
+    source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
+    source.set_output(true).await.unwrap();
+    source.set_current(Amps(1e-3)).await.unwrap();
+    assert_eq!(source.output().await.unwrap(), (Amps(1e-3), true));
+    assert!(!source.in_compliance().await.unwrap());
+    assert_eq!(simulator(&bench, |b| b.load.flowing), Amps(1e-3));
+    assert_eq!(simulator(&bench, |b| b.simulator.range()), Amps(2e-3));
+    source.off().await.unwrap();
+    assert_eq!(simulator(&bench, |b| b.load.flowing), Amps(0.0));
+    assert!(!simulator(&bench, |b| b.simulator.output()));
+}
+
+#[tokio::test]
+async fn all_the_driver_says_is_heard() {
+    let bench = bench(500.0);
+    let mut source = connected(&bench).await;
+    source.prepare(Amps(-2e-6), Volts(0.1)).await.unwrap();
+    source.set_output(true).await.unwrap();
+    source.set_current(Amps(-2.1e-6)).await.unwrap();
+    source.in_compliance().await.unwrap();
+    source.off().await.unwrap();
+    for line in simulator(&bench, |b| b.heard.clone()) {
+        for call in parse_message(&line) {
+            Command::of(&call.unwrap()).unwrap();
+        }
+    }
+    assert_eq!(simulator(&bench, |b| b.simulator.errors()), 0);
+}
+
+#[tokio::test]
+async fn setting_a_level_is_one_segment() {
+    let bench = bench(500.0);
+    let mut source = connected(&bench).await;
+    source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
+    simulator(&bench, |b| b.heard.clear());
+    source.set_current(Amps(1e-3)).await.unwrap();
+    assert_eq!(
+        simulator(&bench, |b| b.heard.clone()),
+        ["SOUR:CURR 1E-3;:SOUR:CURR?;:SYST:ERR?"]
+    );
+}
+
+#[tokio::test]
+async fn compliance_is_seen_now_and_after_the_fact() {
+    let bench = bench(1e6);
+    let mut source = connected(&bench).await;
+    source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
+    source.set_output(true).await.unwrap();
+    source.set_current(Amps(1e-3)).await.unwrap();
+    assert!(source.in_compliance().await.unwrap());
+    source.set_current(Amps(0.0)).await.unwrap();
+    assert!(!source.in_compliance().await.unwrap());
+    source.set_current(Amps(1e-3)).await.unwrap();
+    source.set_current(Amps(0.0)).await.unwrap();
+    assert!(source.in_compliance().await.unwrap());
+}
+
+#[tokio::test]
+async fn what_cannot_be_set_is_refused_before_a_byte_is_sent() {
+    let bench = bench(500.0);
+    let mut source = connected(&bench).await;
+    let unprepared = source.set_current(Amps(1e-9)).await;
+    assert!(matches!(
+        unprepared,
+        Err(RigError::CurrentOutOfRange { .. })
+    ));
+    source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
+    simulator(&bench, |b| b.heard.clear());
+    for current in [2.2e-3, -1.0, f64::NAN, f64::INFINITY] {
+        let refused = source.set_current(Amps(current)).await;
+        assert!(
+            matches!(refused, Err(RigError::CurrentOutOfRange { .. })),
+            "{refused:?}"
+        );
+    }
+    for current in [0.1051, f64::NAN] {
+        let refused = source.prepare(Amps(current), Volts(5.0)).await;
+        assert!(matches!(refused, Err(RigError::CurrentOutOfRange { .. })));
+    }
+    for limit in [0.0, 0.09, 105.01, 4.005, f64::NAN] {
+        let refused = source.prepare(Amps(1e-3), Volts(limit)).await;
+        assert!(
+            matches!(refused, Err(RigError::VoltageOutOfRange { .. })),
+            "{limit}"
+        );
+    }
+    assert!(simulator(&bench, |b| b.heard.is_empty()));
+}
+
+#[tokio::test]
+async fn another_instrument_is_refused() {
+    let bench = bench(500.0);
+    let other = "KEITHLEY INSTRUMENTS INC.,MODEL 6220,1234567,D04";
+    simulator(&bench, |b| b.mishaps.push(Mishap::Says(other)));
+    let refused = Keithley6221::connect(link(plug(&bench))).await;
+    assert!(matches!(refused, Err(RigError::WrongInstrument { .. })));
+}
+
+#[tokio::test]
+async fn errors_left_by_others_are_emptied_and_new_ones_name_the_command() {
+    let bench = bench(500.0);
+    simulator(&bench, |b| {
+        for _ in 0..20 {
+            b.simulator.hear("XYZ", Duration::ZERO, &mut b.load);
+        }
+    });
+    let mut source = connected(&bench).await;
+    assert_eq!(simulator(&bench, |b| b.simulator.errors()), 0);
+    source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
+    simulator(&bench, |b| {
+        b.simulator
+            .set_interlock(false, Duration::ZERO, &mut b.load);
+        b.simulator.hear("XYZ", Duration::ZERO, &mut b.load);
+    });
+    match source.set_output(true).await {
+        Err(RigError::Refused { command, code, .. }) => {
+            assert_eq!(command, "OUTP 1;:OUTP?");
+            assert_eq!(code, -113);
+        }
+        other => panic!("{other:?}"),
+    }
+    // The second error went with the first: the next command does not inherit it.
+    source.off().await.unwrap();
+    source.set_current(Amps(0.0)).await.unwrap();
+}
+
+#[tokio::test]
+async fn a_read_back_that_differs_is_a_mismatch() {
+    let bench = bench(500.0);
+    let mut source = connected(&bench).await;
+    source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
+    for reply in ["1.100000E-03;0,\"No error\"", "0.000000E+00;0,\"No error\""] {
+        simulator(&bench, |b| b.mishaps.push(Mishap::Says(reply)));
+        let refused = source.set_current(Amps(1e-3)).await;
+        assert!(
+            matches!(refused, Err(RigError::Mismatch { .. })),
+            "{refused:?}"
+        );
+    }
+    for reply in ["9.9E37;0,\"No error\"", "0,\"No error\"", "", "1E-3;x"] {
+        simulator(&bench, |b| b.mishaps.push(Mishap::Says(reply)));
+        let refused = source.set_current(Amps(1e-3)).await;
+        assert!(
+            matches!(refused, Err(RigError::Garbled { .. })),
+            "{refused:?}"
+        );
+    }
+}
+
+#[tokio::test]
+async fn a_source_that_stays_on_is_not_off() {
+    let bench = bench(500.0);
+    let mut source = connected(&bench).await;
+    let live = "1.000000E-03;1;0,\"No error\"";
+    simulator(&bench, |b| {
+        b.mishaps.extend([Mishap::Says(live), Mishap::Says(live)]);
+    });
+    match source.off().await {
+        Err(RigError::NotOff { output, level, .. }) => {
+            assert_eq!((output.as_str(), level), ("on", Amps(1e-3)));
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_lost_answer_leaves_the_source_off_all_the_same() {
+    let bench = bench(500.0);
+    let mut source = connected(&bench).await;
+    source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
+    source.set_output(true).await.unwrap();
+    simulator(&bench, |b| b.mishaps.push(Mishap::Silence));
+    let lost = source.set_current(Amps(1e-3)).await;
+    assert!(matches!(
+        lost,
+        Err(RigError::Link(LinkError::Timeout { .. }))
+    ));
+    assert_eq!(simulator(&bench, |b| b.load.flowing), Amps(1e-3));
+    source.off().await.unwrap();
+    assert_eq!(simulator(&bench, |b| b.load.flowing), Amps(0.0));
+}
+
+#[tokio::test]
+async fn the_output_survives_its_client_and_is_switched_off_on_return() {
+    let bench = bench(500.0);
+    let mut source = connected(&bench).await;
+    source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
+    source.set_output(true).await.unwrap();
+    source.set_current(Amps(1e-3)).await.unwrap();
+    simulator(&bench, |b| b.mishaps.push(Mishap::HangUp));
+    assert!(matches!(
+        source.in_compliance().await,
+        Err(RigError::Link(LinkError::Lost { .. }))
+    ));
+    assert_eq!(simulator(&bench, |b| b.load.flowing), Amps(1e-3));
+    source.reconnect(plug(&bench)).await.unwrap();
+    assert_eq!(source.output().await.unwrap(), (Amps(1e-3), true));
+    // What had been prepared must be prepared again.
+    assert!(source.set_current(Amps(1e-3)).await.is_err());
+    source.off().await.unwrap();
+    assert_eq!(simulator(&bench, |b| b.load.flowing), Amps(0.0));
+}
+
+#[tokio::test]
+async fn another_unit_of_the_same_model_is_not_the_one_that_was_lost() {
+    let (bench, other) = (bench(500.0), bench(500.0));
+    simulator(&other, |b| {
+        b.simulator = Simulator6221::new(Settings6221 {
+            serial: "7654321".to_owned(),
+            ..Settings6221::default()
+        });
+    });
+    let mut source = connected(&bench).await;
+    let refused = source.reconnect(plug(&other)).await;
+    assert!(matches!(refused, Err(RigError::WrongInstrument { .. })));
+}

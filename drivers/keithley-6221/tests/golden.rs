@@ -1,0 +1,194 @@
+//! Golden conversations, typed from the fact sheet on the 6221; each names its section. They guard the grammar from
+//! outside: driver and simulator share it, and would share its misreadings.
+
+use std::time::Duration;
+
+use keithley_6221::{Resistor, Settings6221, Simulator6221};
+use survey::Ohms;
+
+/// Says each line to a fresh instrument with 500 ohm on its terminals. `-` is no reply.
+fn conversation(lines: &[(&str, &str)]) {
+    let mut instrument = Simulator6221::new(Settings6221::default());
+    let mut load = Resistor::new(Ohms(500.0));
+    for (said, expected) in lines {
+        let reply = instrument.hear(said, Duration::ZERO, &mut load).text;
+        assert_eq!(reply.as_deref().unwrap_or("-"), *expected, "after '{said}'");
+    }
+}
+
+#[test]
+fn section_2_identity() {
+    conversation(&[
+        ("*IDN?", "KEITHLEY INSTRUMENTS INC.,MODEL 6221,1234567,D04"),
+        ("SYST:VERS?", "1999.0"),
+    ]);
+}
+
+#[test]
+fn section_3_grammar() {
+    conversation(&[
+        // Case does not matter; long or short form, nothing between.
+        ("SYSTe:PRES", "-"),
+        ("syst:err?", "-113,\"Undefined header\""),
+        ("System:Error?", "0,\"No error\""),
+        // `;` keeps the path, `:` returns to the root, common commands do not move it.
+        (
+            "SOUR:CURR:COMP 5;RANG 2e-3;*CLS;COMP?;:OUTP?",
+            "5.000000E+00;0",
+        ),
+        // Clients in use send a `:` before a common command and a trailing `;`.
+        ("status:queue:clear;*RST;:stat:pres;:*CLS;", "-"),
+        ("SYST:ERR?", "0,\"No error\""),
+        // SOURce is optional.
+        ("CURR 1e-6", "-"),
+        ("SOUR:CURR?", "1.000000E-06"),
+        // Several queries, one line.
+        ("CURR?;:OUTP?;:*OPC?", "1.000000E-06;0;1"),
+        // MIN, MAX, DEF.
+        ("CURR? MIN", "-1.050000E-01"),
+        ("CURR? MAX", "1.050000E-01"),
+        ("CURR? DEF", "0.000000E+00"),
+        ("CURR:COMP? MIN;COMP? MAX", "1.000000E-01;1.050000E+02"),
+        ("CURR:RANG? MIN;RANG? MAX", "2.000000E-09;1.000000E-01"),
+        // Booleans accept 0|1|OFF|ON and read back 0|1.
+        ("CURR:FILT ON;FILT?", "1"),
+        ("CURR:FILT OFF;FILT?", "0"),
+        ("SYST:ERR?", "0,\"No error\""),
+    ]);
+}
+
+#[test]
+fn section_4_settings_after_reset() {
+    conversation(&[
+        ("OUTP ON;CURR:COMP 20;RANG:AUTO 1;:CURR 1e-3", "-"),
+        ("OUTP:ISH GUAR;LTE 1;RESP SLOW", "-"),
+        ("OUTP:ISH?;LTE?;RESP?", "GUAR;1;SLOW"),
+        (
+            "OUTP?;:CURR?;CURR:RANG?;RANG:AUTO?",
+            "1;1.000000E-03;2.000000E-03;1",
+        ),
+        ("*RST", "-"),
+        ("OUTP?;:CURR?;CURR:COMP?", "0;0.000000E+00;1.000000E+01"),
+        ("OUTP:ISH?;LTE?", "OLOW;0"),
+        ("OUTP:INT:TRIP?", "1"),
+        ("SYST:ERR?", "0,\"No error\""),
+    ]);
+}
+
+#[test]
+fn section_4_the_smallest_range_that_holds_the_value() {
+    conversation(&[
+        ("CURR:RANG 1e-3;RANG?;RANG:AUTO?", "2.000000E-03;0"),
+        ("CURR:RANG 2.5e-3;RANG?", "2.000000E-02"),
+        ("CURR:RANG -1.5e-8;RANG?", "2.000000E-08"),
+        ("SYST:ERR?", "0,\"No error\""),
+    ]);
+}
+
+#[test]
+fn section_4_zero_and_off() {
+    conversation(&[
+        ("CURR 1e-3;:OUTP 1;:OUTP?", "1"),
+        ("SOUR:CLE", "-"),
+        ("OUTP?;:CURR?", "0;0.000000E+00"),
+    ]);
+}
+
+#[test]
+fn section_5_compliance_is_a_condition_and_an_event_not_an_error() {
+    conversation(&[
+        // 1 mA through 500 ohm wants 0.5 V.
+        ("CURR:COMP 0.4;:CURR 1e-3;:OUTP 1", "-"),
+        ("STAT:MEAS:COND?", "8"),
+        ("SYST:ERR?", "0,\"No error\""),
+        ("STAT:MEAS:ENAB 8;:*SRE 1;*STB?", "65"),
+        ("CURR:COMP 10", "-"),
+        ("STAT:MEAS:COND?", "0"),
+        ("STAT:MEAS?", "8"),
+        ("STAT:MEAS:EVEN?", "0"),
+        ("*STB?", "0"),
+        // STAT:PRES zeroes the enables, *CLS does not.
+        ("*CLS;:STAT:MEAS:ENAB?", "8"),
+        ("STAT:PRES;MEAS:ENAB?;:*SRE?", "0;1"),
+    ]);
+}
+
+#[test]
+fn section_5_standard_events_and_status_byte() {
+    conversation(&[
+        ("*ESR?", "128"),
+        ("*ESR?", "0"),
+        ("*OPC;*ESR?", "1"),
+        // PyMeasure's standard_event_enabled really sends `ESE?`: no reply, error -113.
+        ("ESE?", "-"),
+        ("*ESE 32;*ESE?", "32"),
+        ("*STB?", "36"),
+        ("SYST:ERR?;*STB?", "-113,\"Undefined header\";48"),
+        ("*ESR?;*STB?", "32;16"),
+        ("*ESE 256;*SRE 300", "-"),
+        ("*ESR?", "16"),
+    ]);
+}
+
+#[test]
+fn section_6_errors_by_number() {
+    conversation(&[
+        ("CURR 0.2", "-"),
+        ("SYST:ERR?", "-222,\"Parameter data out of range\""),
+        ("CURR:COMP 0.05;COMP 106;COMP?", "1.000000E+01"),
+        (
+            "STAT:QUE?;QUE?",
+            "-222,\"Parameter data out of range\";-222,\"Parameter data out of range\"",
+        ),
+        // A level that the fixed range does not hold; a range that does not hold the level.
+        ("CURR:RANG 2e-6;:CURR 1e-3", "-"),
+        ("SYST:ERR?", "-222,\"Parameter data out of range\""),
+        ("CURR 2e-6;CURR:RANG 2e-9", "-"),
+        ("SYST:ERR?", "-221,\"Settings conflict\""),
+        ("CURR", "-"),
+        ("SYST:ERR?", "-109,\"Missing parameter\""),
+        ("CURR 1,2", "-"),
+        ("SYST:ERR?", "-108,\"Parameter not allowed\""),
+        ("OUTP:ISH OPEN", "-"),
+        ("SYST:ERR?", "-224,\"Illegal parameter value\""),
+        // A query with an undefined header gives no reply.
+        ("SOUR:VOLT?", "-"),
+        ("SYST:ERR?", "-113,\"Undefined header\""),
+        // Sweeps, waves and delta modes are not built.
+        ("SOUR:WAVE:ARM", "-"),
+        ("SYST:ERR?", "-113,\"Undefined header\""),
+        ("SYST:ERR?", "0,\"No error\""),
+    ]);
+}
+
+#[test]
+fn section_6_the_queue_is_ten_deep_and_its_newest_becomes_350() {
+    let mut lines = vec![("CURR 1", "-")];
+    lines.extend([("XYZ", "-"); 12]);
+    lines.push(("SYST:ERR?", "-222,\"Parameter data out of range\""));
+    lines.extend([("SYST:ERR?", "-113,\"Undefined header\""); 8]);
+    lines.push(("SYST:ERR?", "-350,\"Queue overflow\""));
+    lines.push(("SYST:ERR?", "0,\"No error\""));
+    lines.extend([("XYZ", "-"), ("SYST:CLE", "-")]);
+    lines.push(("SYST:ERR?", "0,\"No error\""));
+    conversation(&lines);
+}
+
+#[test]
+fn section_7_five_per_cent_over_and_ten_millivolt_steps() {
+    conversation(&[
+        ("CURR:RANG 2e-3;:CURR 2.1e-3;CURR?", "2.100000E-03"),
+        (
+            "CURR 2.11e-3;:SYST:ERR?",
+            "-222,\"Parameter data out of range\"",
+        ),
+        (
+            "CURR -0.105;:SYST:ERR?",
+            "-222,\"Parameter data out of range\"",
+        ),
+        ("CURR:RANG MAX;:CURR -0.105;CURR?", "-1.050000E-01"),
+        ("CURR:RANG:AUTO 1;:CURR 2.1e-8;CURR:RANG?", "2.000000E-08"),
+        ("CURR 2.2e-8;CURR:RANG?", "2.000000E-07"),
+        ("CURR:COMP 4.237;COMP?", "4.240000E+00"),
+    ]);
+}
