@@ -1,1 +1,40 @@
-//! The Keysight 34980A switch and voltmeter: its commands, its modules, its driver, its simulator.
+//! The Keysight (formerly Agilent) 34980A: relays and a voltmeter in one mainframe.
+//!
+//! Here live its commands in both directions, the numbers of its modules' channels, the driver that plays
+//! [`rig::Switch`] and [`rig::Voltmeter`], and a simulator of both. Refused at this door: physics (what a closed relay
+//! joins is the bench's), other instruments, overloads as numbers, and a channel that its module does not have.
+//!
+//! - **module**: a card of relays in a slot, with its terminal block; **contact**: what one of its channels is
+//! - **scan list**: the channels that one READ? measures in turn; **bare voltmeter**: what it measures without one
+//! - **message**: commands that go out in one segment; relay moves wait for the next question
+//! - **wires**: what relays and voltmeter are joined to, for the simulator
+//!
+//! ```
+//! use std::{collections::BTreeSet, time::Duration};
+//! use keysight_34980a::{MeterRequest, Module, Settings34980a, Simulator34980a, Wires};
+//! use survey::{Relay, Volts};
+//!
+//! /// Two volts behind relay 1036, on whatever is measured.
+//! struct Battery(bool);
+//! impl Wires for Battery {
+//!     fn relays(&mut self, closed: &BTreeSet<Relay>, _: Duration) { self.0 = closed.contains(&Relay(1036)); }
+//!     fn measure(&mut self, _: Duration, _: MeterRequest) -> Volts { Volts(if self.0 { 2.0 } else { 0.0 }) }
+//! }
+//! let mut settings = Settings34980a::default();
+//! settings.slots[0] = Some("34924A".parse::<Module>()?);
+//! let mut unit = Simulator34980a::new(settings);
+//! let message = "CONF:VOLT:DC 10,(@1001:1002);:ROUT:CLOS (@1036);:READ?";
+//! let answer = unit.hear(message, Duration::ZERO, &mut Battery(false));
+//! assert_eq!(answer.text.as_deref(), Some("+2.00000000E+00,+2.00000000E+00"));
+//! # Ok::<(), keysight_34980a::ModuleError>(())
+//! ```
+
+mod command;
+mod modules;
+mod simulator;
+
+pub use command::{
+    Channels, Command, Field, INTEGRATION, Message, RANGES, Range, StatusGroup, TriggerSource,
+};
+pub use modules::{Contact, Model, Module, ModuleError, Terminal, join, split};
+pub use simulator::{MeterRequest, Response, Settings34980a, Simulator34980a, Wires};

@@ -1,0 +1,33 @@
+//! What goes into the error queue: numbers of the standard, and the instrument's own.
+
+use scpi::ParseError;
+
+/// An entry on its way to the error queue.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Trouble {
+    pub(super) code: i32,
+    pub(super) text: &'static str,
+}
+
+/// The instrument's own numbers, whose shape is known from the sister 34970A (fact sheet section 7).
+impl Trouble {
+    pub(super) const SLOT: Self = Self::new(111, "Channel list: slot number out of range");
+    pub(super) const CHANNEL: Self = Self::new(112, "Channel list: channel number out of range");
+    pub(super) const EMPTY: Self = Self::new(113, "Channel list: empty scan list");
+    pub(super) const COMMITTED: Self = Self::new(301, "Module currently committed to scan");
+    pub(super) const UNABLE: Self = Self::new(305, "Not able to perform requested operation");
+    pub(super) const CHANNEL_UNABLE: Self =
+        Self::new(308, "Channel not able to perform requested operation");
+    pub(super) const DEADLOCK: Self = Self::new(-214, "Trigger deadlock");
+    pub(super) const MEMORY: Self = Self::new(-225, "Out of memory");
+
+    const fn new(code: i32, text: &'static str) -> Self {
+        Self { code, text }
+    }
+}
+
+impl From<ParseError> for Trouble {
+    fn from(refusal: ParseError) -> Self {
+        Self::new(refusal.code(), refusal.text())
+    }
+}
