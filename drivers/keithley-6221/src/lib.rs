@@ -41,10 +41,12 @@
 
 mod command;
 mod driver;
+mod load;
 mod range;
 mod simulator;
 
 pub use command::{Ask, Command, Message, Shield, Speed, StatusGroup};
 pub use driver::Keithley6221;
+pub use load::{Load, Resistor};
 pub use range::{LARGEST_CURRENT, LARGEST_LIMIT, LIMIT_STEP, RANGES, Range, SMALLEST_LIMIT};
-pub use simulator::{Load, Resistor, Response, Settings6221, Simulator6221};
+pub use simulator::{Response, Settings6221, Simulator6221};

@@ -7,8 +7,9 @@ use std::time::Duration;
 
 use scpi::{Common, ErrorQueue, ParseError, StandardEvent, StatusModel, StatusRegister};
 use scpi::{format_nr3, parse_message};
-use survey::{Amps, Ohms, Volts};
+use survey::{Amps, Volts};
 
+use crate::Load;
 use crate::command::{Ask, COMPLIANCE_BIT, Command, INTERLOCK_BIT, Shield, Speed, StatusGroup};
 use crate::range::{LARGEST_CURRENT, LARGEST_LIMIT, LIMIT_STEP, RANGES, Range, SMALLEST_LIMIT};
 
@@ -16,49 +17,6 @@ use crate::range::{LARGEST_CURRENT, LARGEST_LIMIT, LIMIT_STEP, RANGES, Range, SM
 const QUEUE_DEPTH: usize = 10;
 /// Decimals of a number read back: `1.000000E-06` (fact sheet, section 3).
 const DECIMALS: usize = 6;
-
-/// What hangs on the source's terminals.
-pub trait Load {
-    /// Resistance between the terminals with the relays as they are; [`f64::INFINITY`] when open.
-    fn resistance(&mut self, at: Duration) -> Ohms;
-
-    /// Takes note of what flows now, and on which range; called whenever either changes.
-    fn drive(&mut self, flowing: Amps, range: Amps, at: Duration);
-}
-
-/// A load of one resistor.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Resistor {
-    /// Its resistance; change it and tell the simulator by [`Simulator6221::load_changed`].
-    pub resistance: Ohms,
-    /// What flows through it.
-    pub flowing: Amps,
-}
-
-impl Resistor {
-    /// A resistor without current.
-    pub fn new(resistance: Ohms) -> Self {
-        Self {
-            resistance,
-            flowing: Amps(0.0),
-        }
-    }
-
-    /// Nothing connected.
-    pub fn open() -> Self {
-        Self::new(Ohms(f64::INFINITY))
-    }
-}
-
-impl Load for Resistor {
-    fn resistance(&mut self, _at: Duration) -> Ohms {
-        self.resistance
-    }
-
-    fn drive(&mut self, flowing: Amps, _range: Amps, _at: Duration) {
-        self.flowing = flowing;
-    }
-}
 
 /// What the manual leaves open or the maker stamps on each unit.
 #[derive(Debug, Clone, PartialEq)]

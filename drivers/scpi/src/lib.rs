@@ -30,11 +30,13 @@ mod error_queue;
 mod framer;
 mod header;
 mod message;
+mod reader;
 mod reading;
 mod refusal;
 mod status;
+mod unit;
 
-pub use argument::{Argument, Numeric, Unit};
+pub use argument::{Argument, Numeric};
 pub use channel_list::{ChannelEntry, ChannelList};
 pub use common::Common;
 pub use error_queue::{ErrorEntry, ErrorQueue};
@@ -47,3 +49,4 @@ pub use reading::{
 };
 pub use refusal::ParseError;
 pub use status::{StandardEvent, StatusModel, StatusRegister};
+pub use unit::Unit;
