@@ -43,12 +43,12 @@ pub(crate) fn fill(domain: &Domain) -> Result<Filled, String> {
 /// Cuts a segment into edges that follow the wished size: the inner points, without its ends.
 pub(crate) fn cut(a: [f64; 2], b: [f64; 2], size: &dyn Fn([f64; 2]) -> f64) -> Vec<[f64; 2]> {
     const SAMPLES: usize = 2000;
-    let length = (b[0] - a[0]).hypot(b[1] - a[1]);
+    let whole = length(b[0] - a[0], b[1] - a[1]);
     let at = |s: f64| [a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1])];
     let mut edges = vec![0.0];
     for sample in 0..SAMPLES {
         let middle = at((sample as f64 + 0.5) / SAMPLES as f64);
-        edges.push(edges[sample] + length / SAMPLES as f64 / size(middle));
+        edges.push(edges[sample] + whole / SAMPLES as f64 / size(middle));
     }
     let count = edges[SAMPLES].round().max(1.0);
     let mut points = Vec::new();
@@ -64,8 +64,13 @@ pub(crate) fn cut(a: [f64; 2], b: [f64; 2], size: &dyn Fn([f64; 2]) -> f64) -> V
     points
 }
 
+/// Not `hypot`, which differs between systems in its last bit: a mesh must have the same hash everywhere.
+pub(crate) fn length(x: f64, y: f64) -> f64 {
+    (x * x + y * y).sqrt()
+}
+
 fn distance([ax, ay]: [f64; 2], [bx, by]: [f64; 2]) -> f64 {
-    (ax - bx).hypot(ay - by)
+    length(ax - bx, ay - by)
 }
 
 /// Buckets of the plane, so that only near points are compared.

@@ -179,17 +179,6 @@ impl Penalty {
         };
         Ok(change / (trace / unknowns as f64).sqrt())
     }
-
-    /// x'Rx
-    pub(crate) fn energy(&self, x: &[f64]) -> f64 {
-        match self {
-            Self::Diagonal(entries) => x.iter().zip(entries).map(|(x, r)| r * x * x).sum(),
-            Self::Laplacian { edges, .. } => edges
-                .iter()
-                .map(|&[a, b]| LAPLACE_WEIGHT * (x[a] - x[b]).powi(2))
-                .sum(),
-        }
-    }
 }
 
 /// Subtracts from each column the mean of each connected part: what is left is orthogonal to the null space.

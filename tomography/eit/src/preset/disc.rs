@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use serde::{Deserialize, Serialize};
 
 use super::positive;
-use crate::mesher::{Domain, fill};
+use crate::mesher::{Domain, fill, length};
 use crate::{Mesh, MeshError};
 
 const PRESET: &str = "disc-tank";
@@ -85,7 +85,8 @@ impl DiscTank {
         let end = (graded[1] * arc).min(0.5 * (pitch - arc));
         let far = (FAR / self.fineness).max(end);
         // lengths in radii
-        let gap = cut_gap(pitch - arc, end, far);
+        let growth = GROWTH / self.fineness;
+        let gap = cut_gap(pitch - arc, end, growth, far);
         let mut angles = Vec::new();
         let mut electrode_edges = Vec::new();
         for electrode in 0..self.electrodes {
@@ -107,9 +108,9 @@ impl DiscTank {
         let size = |p: [f64; 2]| {
             let nearest = ends
                 .iter()
-                .map(|q| (p[0] - q[0]).hypot(p[1] - q[1]))
+                .map(|q| length(p[0] - q[0], p[1] - q[1]))
                 .fold(f64::INFINITY, f64::min);
-            (end + GROWTH * nearest).min(far)
+            (end + growth * nearest).min(far)
         };
         let inside = |p: [f64; 2]| in_polygon(p, &boundary);
         let (nodes, triangles) = fill(&Domain {
@@ -179,8 +180,8 @@ impl DiscTank {
 }
 
 /// Inner points of a gap of the given length: edges grow from its ends towards its middle.
-fn cut_gap(length: f64, end: f64, far: f64) -> Vec<f64> {
-    let size = |p: [f64; 2]| (end + GROWTH * p[0].min(length - p[0])).min(far);
+fn cut_gap(length: f64, end: f64, growth: f64, far: f64) -> Vec<f64> {
+    let size = |p: [f64; 2]| (end + growth * p[0].min(length - p[0])).min(far);
     crate::mesher::cut([0.0, 0.0], [length, 0.0], &size)
         .into_iter()
         .map(|p| p[0])
@@ -189,7 +190,7 @@ fn cut_gap(length: f64, end: f64, far: f64) -> Vec<f64> {
 
 /// Whether a point lies inside a polygon inscribed in the unit circle.
 fn in_polygon(p: [f64; 2], corners: &[[f64; 2]]) -> bool {
-    p[0].hypot(p[1]) < 1.0
+    length(p[0], p[1]) < 1.0
         && corners
             .iter()
             .zip(corners.iter().cycle().skip(1))

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::positive;
-use crate::mesher::{Domain, cut, fill};
+use crate::mesher::{Domain, cut, fill, length};
 use crate::{Mesh, MeshError};
 
 const PRESET: &str = "paper-sheet";
@@ -13,9 +13,9 @@ const PRESET: &str = "paper-sheet";
 /// Edge length at a void at fineness 1, mm.
 const AT_VOID_MM: f64 = 1.5;
 /// Growth of the edge length with the distance from the nearest void.
-const GROWTH: f64 = 0.17;
+const GROWTH: f64 = 0.14;
 /// Edge length far from every void at fineness 1, mm.
-const FAR_MM: f64 = 4.6;
+const FAR_MM: f64 = 5.4;
 
 /// A rectangle with its origin at the lower left corner, electrodes as square voids, counter-clockwise from the lower
 /// left along the bottom, the right, the top and the left side, evenly spaced on each; symmetric in both axes.
@@ -40,7 +40,8 @@ pub struct PaperSheet {
     pub region_half_width_mm: f64,
     /// The region of interest reaches this far from the centre along y, mm.
     pub region_half_height_mm: f64,
-    /// Divides every edge length: 2 gives about four times the triangles.
+    /// Divides every edge length: 2 gives about four times the triangles. 1 gives 9,612 triangles, 3,684 of them in
+    /// the region, with angles from 31 to 105 degrees.
     pub fineness: f64,
     /// Another number gives another mesh of the same sizes.
     pub seeding: u32,
@@ -195,13 +196,13 @@ impl PaperSheet {
                 .iter()
                 .map(|c| {
                     let outside = |axis: usize| ((p[axis] - c[axis]).abs() - half).max(0.0);
-                    outside(0).hypot(outside(1))
+                    length(outside(0), outside(1))
                 })
                 .fold(f64::INFINITY, f64::min)
         };
         let at_void = half / self.half_side_edges() as f64;
         let far = (FAR_MM / self.fineness).max(at_void);
-        let size = |p: [f64; 2]| (at_void + GROWTH * from_void(p)).min(far);
+        let size = |p: [f64; 2]| (at_void + GROWTH / self.fineness * from_void(p)).min(far);
         let inside = |p: [f64; 2]| {
             p[0] > 0.0 && p[1] > 0.0 && p[0] < high[0] && p[1] < high[1] && from_void(p) > 0.0
         };
