@@ -25,7 +25,7 @@
 
 mod argument;
 mod channel_list;
-mod common;
+mod common_command;
 mod error_queue;
 mod framer;
 mod header;
@@ -38,7 +38,7 @@ mod unit;
 
 pub use argument::{Argument, Numeric};
 pub use channel_list::{ChannelEntry, ChannelList};
-pub use common::Common;
+pub use common_command::Common;
 pub use error_queue::{ErrorEntry, ErrorQueue};
 pub use framer::{Framer, FramingError};
 pub use header::{Pattern, short_form};
