@@ -30,11 +30,13 @@
 //! ```
 
 mod command;
+mod driver;
 mod modules;
 mod simulator;
 
 pub use command::{
     Channels, Command, Field, INTEGRATION, Message, RANGES, Range, StatusGroup, TriggerSource,
 };
+pub use driver::Keysight34980a;
 pub use modules::{Contact, Model, Module, ModuleError, Terminal, join, split};
 pub use simulator::{MeterRequest, Response, Settings34980a, Simulator34980a, Wires};

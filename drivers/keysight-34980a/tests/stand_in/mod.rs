@@ -1,0 +1,70 @@
+//! A stand-in for sheet and bench: remembers what it was told, answers voltages by a rule.
+#![allow(dead_code, reason = "each test file uses its part")]
+
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+use keysight_34980a::{MeterRequest, Settings34980a, Simulator34980a, Wires};
+use survey::{Relay, Volts};
+
+/// The voltage of a measuring channel is its own number times 1 mV plus 1 V for injecting pair 1, 2 V for pair 2, ...
+/// while exactly one injecting pair (a channel of bank 2 or of a source row) is closed. A bare reading sees the
+/// channel of a matrix row 1 or 5 that is closed behind relay 921.
+#[derive(Debug, Default)]
+pub struct Sheet {
+    pub closed: BTreeSet<Relay>,
+    pub history: Vec<(Duration, BTreeSet<Relay>)>,
+    pub requests: Vec<(Duration, MeterRequest, BTreeSet<Relay>)>,
+    pub volts: Option<f64>,
+}
+
+impl Wires for Sheet {
+    fn relays(&mut self, closed: &BTreeSet<Relay>, at: Duration) {
+        self.closed.clone_from(closed);
+        self.history.push((at, closed.clone()));
+    }
+
+    fn measure(&mut self, at: Duration, request: MeterRequest) -> Volts {
+        self.requests.push((at, request, self.closed.clone()));
+        if let Some(volts) = self.volts {
+            return Volts(volts);
+        }
+        let channel = |relay: &Relay| relay.0 % 1000;
+        let injecting = |relay: &&Relay| matches!(channel(relay), 36..=70 | 201..=216 | 601..=616);
+        let sources: Vec<&Relay> = self.closed.iter().filter(injecting).collect();
+        let [source] = sources.as_slice() else {
+            return Volts(0.0);
+        };
+        let pair = match channel(source) {
+            number @ 36..=70 => number - 35,
+            number @ 201..=216 => number - 200,
+            number => number - 600 + 16,
+        };
+        let measured = match request.channel {
+            Some(relay) => Some(channel(&relay)),
+            None if self.closed.iter().any(|relay| channel(relay) == 921) => self
+                .closed
+                .iter()
+                .map(channel)
+                .find(|number| matches!(number, 101..=116 | 501..=516)),
+            None => None,
+        };
+        measured.map_or(Volts(0.0), |number| {
+            Volts(f64::from(pair) + f64::from(number) * 1e-3)
+        })
+    }
+}
+
+/// A mainframe with modules in its first slots.
+pub fn mainframe(modules: &[&str]) -> Simulator34980a {
+    let mut settings = Settings34980a::default();
+    for (slot, module) in settings.slots.iter_mut().zip(modules) {
+        *slot = (!module.is_empty()).then(|| module.parse().unwrap());
+    }
+    Simulator34980a::new(settings)
+}
+
+/// Says one message at time 0 and gives the answer.
+pub fn say(unit: &mut Simulator34980a, sheet: &mut Sheet, message: &str) -> Option<String> {
+    unit.hear(message, Duration::ZERO, sheet).text
+}
