@@ -135,6 +135,11 @@ impl SimulatorGpioMux {
         State(self.poles.map(Lines::electrode))
     }
 
+    /// How many errors wait to be read; never more than 20.
+    pub fn errors_waiting(&self) -> usize {
+        self.errors.len()
+    }
+
     /// The last edges, oldest first.
     pub fn edges(&self) -> impl Iterator<Item = &EdgeRecord> {
         self.edges.iter()

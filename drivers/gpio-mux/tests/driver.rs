@@ -1,0 +1,231 @@
+//! The driver against the simulator over a pipe: the same bytes as over a serial line.
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use gpio_mux::{GpioMux, Poles, Settings, SimulatorGpioMux, await_banner};
+use rig::{Link, Move, RigError, Switch};
+use scpi::Framer;
+use survey::{Electrode, Plan, Protocol, Relay, Step, Wiring};
+use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
+use tokio::time::Instant;
+
+struct Sheet;
+
+impl Poles for Sheet {
+    fn poles(&mut self, joined: [Option<Electrode>; 4], _: Duration) {
+        assert!(joined[0].is_none() || joined[0] != joined[1], "shorted");
+    }
+}
+
+struct Bench {
+    board: SimulatorGpioMux,
+    heard: Vec<String>,
+    /// Answered instead of the truth to the next line.
+    lie: Option<&'static str>,
+}
+
+type Shared = Arc<Mutex<Bench>>;
+
+fn bench() -> Shared {
+    Arc::new(Mutex::new(Bench {
+        board: SimulatorGpioMux::new(Settings::default()),
+        heard: Vec::new(),
+        lie: None,
+    }))
+}
+
+fn plug(bench: &Shared) -> DuplexStream {
+    let (here, mut there) = tokio::io::duplex(4096);
+    let bench = Arc::clone(bench);
+    let start = Instant::now();
+    tokio::spawn(async move {
+        let banner = bench.lock().unwrap().board.banner();
+        let greeting = format!("{banner}\n");
+        there.write_all(greeting.as_bytes()).await.unwrap();
+        let mut framer = Framer::new(200);
+        let mut bytes = [0; 64];
+        while let Ok(count @ 1..) = there.read(&mut bytes).await {
+            framer.push(&bytes[..count]);
+            for line in framer.by_ref() {
+                let line = String::from_utf8(line.unwrap()).unwrap();
+                let (text, busy) = {
+                    let bench = &mut *bench.lock().unwrap();
+                    let answer = bench.board.hear(&line, start.elapsed(), &mut Sheet);
+                    bench.heard.push(line);
+                    let lie = bench.lie.take().map(str::to_owned);
+                    (lie.or(answer.text), answer.busy)
+                };
+                // The board's own time; the test's clock does not wait.
+                tokio::time::sleep(busy).await;
+                if let Some(text) = text {
+                    there
+                        .write_all(format!("{text}\n").as_bytes())
+                        .await
+                        .unwrap_or(());
+                }
+            }
+        }
+    });
+    here
+}
+
+async fn link(bench: &Shared) -> Link<DuplexStream> {
+    let mut stream = plug(bench);
+    let banner = await_banner(&mut stream, Duration::from_secs(2)).await;
+    assert_eq!(banner.as_deref(), Some("Tactus,GPIO-MUX,0001,1.0 ready"));
+    Link::new(stream, "board in a test", Duration::from_secs(1))
+}
+
+async fn connected() -> (Shared, GpioMux<DuplexStream>) {
+    let bench = bench();
+    let board = GpioMux::connect(link(&bench).await).await.unwrap();
+    bench.lock().unwrap().heard.clear();
+    (bench, board)
+}
+
+fn heard(bench: &Shared) -> Vec<String> {
+    std::mem::take(&mut bench.lock().unwrap().heard)
+}
+
+fn relays(numbers: &[u32]) -> Vec<Relay> {
+    numbers.iter().copied().map(Relay).collect()
+}
+
+fn close(numbers: &[u32]) -> Move {
+    Move::Close(relays(numbers))
+}
+
+fn open(numbers: &[u32]) -> Move {
+    Move::Open(relays(numbers))
+}
+
+#[tokio::test(start_paused = true)]
+async fn connecting_asks_who_it_is_and_sets_the_watchdog() {
+    let bench = bench();
+    let board = GpioMux::connect(link(&bench).await).await.unwrap();
+    assert_eq!(board.identity(), "Tactus,GPIO-MUX,0001,1.0");
+    assert_eq!(heard(&bench), ["*IDN?", "WDOG 10000"]);
+    bench.lock().unwrap().lie = Some("Acme,OTHER,1,1");
+    let refusal = GpioMux::connect(link(&bench).await).await.unwrap_err();
+    assert!(
+        refusal.to_string().contains("expected GPIO-MUX"),
+        "{refusal}"
+    );
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_whole_plan_moves_the_poles_break_before_make() {
+    let (bench, mut board) = connected().await;
+    let plan = Plan::new(
+        &Protocol::sheffield(26).unwrap(),
+        &Wiring::gpio_board(26).unwrap(),
+        survey::Amps(1e-3),
+        survey::Volts(4.0),
+        Duration::ZERO,
+    )
+    .unwrap();
+    for step in &plan.steps {
+        match step {
+            Step::Break { open, close, drive } => {
+                let moves = [Move::Open(open.clone()), Move::Close(close.clone())];
+                board.move_relays(&moves).await.unwrap();
+                let state = board.state().await.unwrap();
+                assert_eq!(state.0[..2], [Some(drive.plus), Some(drive.minus)]);
+            }
+            Step::Route { open, close, sense } => {
+                let moves = [Move::Open(open.clone()), Move::Close(close.clone())];
+                board.move_relays(&moves).await.unwrap();
+                let bench = bench.lock().unwrap();
+                let state = bench.board.state();
+                assert_eq!(state.0[2..], [Some(sense.plus), Some(sense.minus)]);
+            }
+            _ => {}
+        }
+    }
+    let bench = bench.lock().unwrap();
+    let pairs = bench.heard.iter().filter(|line| line.starts_with("PAIR"));
+    // One message a move, but for the pair that closes the ring.
+    assert!(pairs.count() > 590);
+    let mut on = [false; 4];
+    for record in bench.board.edges() {
+        if let gpio_mux::Edge::Enable(_, enable) = record.edge {
+            assert_ne!(on[record.pole.index()], enable, "{record:?}");
+            on[record.pole.index()] = enable;
+        }
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn illegal_combinations_are_refused_before_the_wire_is_touched() {
+    let (bench, mut board) = connected().await;
+    board.move_relays(&[close(&[101, 202])]).await.unwrap();
+    assert_eq!(heard(&bench), ["PAIR I 1"]);
+    for (moves, reason) in [
+        (vec![close(&[102])], "a pole carries one electrode"),
+        (
+            vec![open(&[101]), close(&[102])],
+            "electrode 2 on I+ and on I-",
+        ),
+        (vec![close(&[505])], "poles 1 to 4"),
+        (vec![open(&[100])], "poles 1 to 4"),
+    ] {
+        let refusal = board.move_relays(&moves).await.unwrap_err();
+        assert!(matches!(refusal, RigError::Unable { .. }));
+        assert!(refusal.to_string().contains(reason), "{refusal}");
+    }
+    assert!(heard(&bench).is_empty());
+    // The board itself refuses what only it knows: electrode 27 is not wired.
+    let refusal = board.move_relays(&[close(&[327])]).await.unwrap_err();
+    assert!(
+        matches!(refusal, RigError::Refused { code: -222, .. }),
+        "{refusal}"
+    );
+    // And is asked where it stands before the next move.
+    board.move_relays(&[close(&[303])]).await.unwrap();
+    assert_eq!(heard(&bench), ["SET V+ 27", "STAT?", "SET V+ 3"]);
+}
+
+#[tokio::test(start_paused = true)]
+async fn opening_is_verified() {
+    let (bench, mut board) = connected().await;
+    let moves = [close(&[126, 201]), close(&[303, 304 + 100])];
+    board.move_relays(&moves).await.unwrap();
+    let asked = relays(&[126, 201, 127, 303]);
+    assert_eq!(
+        board.closed(&asked).await.unwrap(),
+        [true, true, false, true]
+    );
+    board.open_verified(&relays(&[126, 201])).await.unwrap();
+    assert_eq!(
+        board.closed(&asked).await.unwrap(),
+        [false, false, false, true]
+    );
+    board.open_verified(&relays(&[303, 404])).await.unwrap();
+    assert_eq!(
+        bench.lock().unwrap().board.state(),
+        gpio_mux::State::default()
+    );
+    heard(&bench);
+    bench.lock().unwrap().lie = Some("5,OFF,OFF,OFF");
+    let fault = board.open_verified(&relays(&[105])).await;
+    // It says that it is off, so the OFF that follows the lie is answered truly, and the read-back agrees.
+    fault.unwrap();
+    assert_eq!(heard(&bench), ["STAT?", "OFF", "STAT?"]);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_board_that_opened_by_itself_is_noticed_at_the_next_move() {
+    let (bench, mut board) = connected().await;
+    board.move_relays(&[close(&[101, 202])]).await.unwrap();
+    tokio::time::advance(Duration::from_secs(11)).await;
+    let fault = board.move_relays(&[close(&[303, 404])]).await.unwrap_err();
+    assert!(
+        matches!(&fault, RigError::Mismatch { read, .. } if read == "OFF,OFF,3,4"),
+        "{fault}"
+    );
+    board.open_verified(&relays(&[303, 404])).await.unwrap();
+    bench.lock().unwrap().lie = Some("3,4");
+    let fault = board.state().await.unwrap_err();
+    assert!(matches!(fault, RigError::Garbled { .. }), "{fault}");
+}

@@ -1,0 +1,93 @@
+//! Conversations typed from the fact sheet (`instruments/gpio-mux.md`): `>` is said, `<` is answered. They guard the
+//! grammar that driver and simulator share.
+
+use std::time::Duration;
+
+use gpio_mux::{Poles, Settings, SimulatorGpioMux};
+use survey::Electrode;
+
+struct Nowhere;
+
+impl Poles for Nowhere {
+    fn poles(&mut self, _: [Option<Electrode>; 4], _: Duration) {}
+}
+
+fn holds(conversation: &str) {
+    let mut board = SimulatorGpioMux::new(Settings::default());
+    let mut answer = None;
+    for line in conversation.lines().map(str::trim) {
+        match line.split_at_checked(1) {
+            Some((">", said)) => {
+                answer = board.hear(said.trim(), Duration::ZERO, &mut Nowhere).text;
+            }
+            Some(("<", expected)) => {
+                assert_eq!(
+                    answer.as_deref(),
+                    Some(expected.trim()),
+                    "in\n{conversation}"
+                );
+            }
+            _ => assert!(line.is_empty(), "'{line}' begins with neither > nor <"),
+        }
+    }
+}
+
+#[test]
+fn section_5_one_reply_per_command() {
+    holds(
+        "> *IDN?
+         < Tactus,GPIO-MUX,0001,1.0
+         > STAT?
+         < OFF,OFF,OFF,OFF
+         > LAST?
+         < 0
+         > SET I+ 17
+         < 17,OFF,OFF,OFF
+         > LAST?
+         < 1
+         > PAIR V 3
+         < 17,OFF,3,4
+         > PAIR I 26
+         < 26,1,3,4
+         > set v- off
+         < 26,1,3,OFF
+         > WDOG 0
+         < 26,1,3,OFF
+         > OFF
+         < OFF,OFF,OFF,OFF
+         > SYST:ERR?
+         < +0,\"No error\"",
+    );
+}
+
+#[test]
+fn section_3_illegal_requests_are_refused_before_a_line_is_touched() {
+    holds(
+        "> PAIR I 1
+         < 1,2,OFF,OFF
+         > SET I- 1
+         < ERR -221,\"Settings conflict; electrode 1 would be on I+ and on I-\"
+         > STAT?
+         < 1,2,OFF,OFF
+         > SET V+ 1
+         < 1,2,1,OFF
+         > SET V- 1
+         < 1,2,1,1
+         > SET I+ 27
+         < ERR -222,\"Data out of range; electrode 27 of 26\"
+         > SET I+ 0
+         < ERR -222,\"Data out of range; electrodes count from 1\"
+         > SET X 1
+         < ERR -224,\"Illegal parameter value; I+, I-, V+ or V-\"
+         > SET I+
+         < ERR -109,\"Missing parameter\"
+         > SET I+ 1 2
+         < ERR -108,\"Parameter not allowed\"
+         > SCAN V
+         < ERR -113,\"Undefined header\"
+         > SYST:ERR?
+         < -221,\"Settings conflict; electrode 1 would be on I+ and on I-\"
+         > STAT?
+         < 1,2,1,1",
+    );
+}

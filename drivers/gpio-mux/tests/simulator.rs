@@ -1,0 +1,137 @@
+//! Edges, times and the watchdog of the simulated board, and arbitrary input.
+
+use std::time::Duration;
+
+use gpio_mux::{Chip, Edge, Pole, Poles, Settings, SimulatorGpioMux, State};
+use proptest::prelude::*;
+use survey::Electrode;
+
+#[derive(Default)]
+struct Sheet {
+    joined: [Option<Electrode>; 4],
+    history: Vec<(Duration, [Option<Electrode>; 4])>,
+}
+
+impl Poles for Sheet {
+    fn poles(&mut self, joined: [Option<Electrode>; 4], at: Duration) {
+        assert!(joined[0].is_none() || joined[0] != joined[1], "shorted");
+        self.joined = joined;
+        self.history.push((at, joined));
+    }
+}
+
+fn board() -> (SimulatorGpioMux, Sheet) {
+    (SimulatorGpioMux::new(Settings::default()), Sheet::default())
+}
+
+/// Follows the edges: an address moves while its pole is off, and no pole ever has two enables.
+fn breaks_before_it_makes(board: &SimulatorGpioMux) {
+    let mut enabled: [Vec<Chip>; 4] = Default::default();
+    let mut last = Duration::ZERO;
+    for record in board.edges() {
+        assert!(record.at > last, "two edges at {last:?}");
+        last = record.at;
+        let pole = &mut enabled[record.pole.index()];
+        match record.edge {
+            Edge::Enable(chip, true) => {
+                assert!(pole.is_empty(), "{record:?} while {pole:?} is on");
+                pole.push(chip);
+            }
+            Edge::Enable(chip, false) => assert_eq!(pole.pop(), Some(chip)),
+            Edge::Address(_) => assert!(pole.is_empty(), "{record:?} while {pole:?} is on"),
+        }
+    }
+}
+
+#[test]
+fn enables_off_then_address_then_enable() {
+    let (mut board, mut sheet) = board();
+    let at = Duration::from_secs(1);
+    board.hear("SET I+ 3", at, &mut sheet);
+    board.hear("SET I+ 20", at * 2, &mut sheet);
+    let edges: Vec<Edge> = board.edges().map(|record| record.edge).collect();
+    assert_eq!(
+        edges,
+        [
+            Edge::Address(2),
+            Edge::Enable(Chip::A, true),
+            Edge::Enable(Chip::A, false),
+            Edge::Address(3),
+            Edge::Enable(Chip::B, true),
+        ]
+    );
+    let micro = Duration::from_micros;
+    assert_eq!(
+        board.edges().map(|record| record.at).collect::<Vec<_>>()[2..],
+        [at * 2 + micro(1), at * 2 + micro(2), at * 2 + micro(3)]
+    );
+    assert!(board.edges().all(|record| record.pole == Pole::IPlus));
+    // The sheet sees the moment in which nothing is joined.
+    let seen: Vec<Option<usize>> = sheet
+        .history
+        .iter()
+        .map(|(_, joined)| joined[0].map(Electrode::number))
+        .collect();
+    assert_eq!(seen, [Some(3), None, Some(20)]);
+    breaks_before_it_makes(&board);
+}
+
+#[test]
+fn the_watchdog_opens_at_its_own_time() {
+    let (mut board, mut sheet) = board();
+    let ms = Duration::from_millis;
+    board.hear("PAIR I 5", ms(100), &mut sheet);
+    board.pass(ms(2099), &mut sheet);
+    assert_eq!(
+        sheet.joined,
+        [Some(Electrode(4)), Some(Electrode(5)), None, None]
+    );
+    let answer = board.hear("STAT?", ms(9000), &mut sheet);
+    assert_eq!(answer.text.as_deref(), Some("OFF,OFF,OFF,OFF"));
+    assert_eq!(answer.busy, Duration::from_micros(1500));
+    let (opened, _) = sheet.history[2];
+    assert_eq!(opened, ms(2100) + Duration::from_micros(1));
+
+    board.hear("WDOG 0", ms(9000), &mut sheet);
+    board.hear("PAIR V 5", ms(9000), &mut sheet);
+    board.pass(Duration::from_secs(99_999), &mut sheet);
+    assert_eq!(sheet.joined[2], Some(Electrode(4)));
+}
+
+#[test]
+fn a_reset_is_all_off_and_a_new_banner() {
+    let (mut board, mut sheet) = board();
+    board.hear("PAIR I 5", Duration::ZERO, &mut sheet);
+    let banner = board.reset(Duration::from_secs(1), &mut sheet);
+    assert_eq!(banner, "Tactus,GPIO-MUX,0001,1.0 ready");
+    assert_eq!(board.state(), State::default());
+    assert_eq!(sheet.joined, [None; 4]);
+}
+
+proptest! {
+    #[test]
+    fn nothing_that_is_said_breaks_it(
+        lines in prop::collection::vec(prop_oneof![
+            (0..4_usize, 0..30_usize).prop_map(|(pole, electrode)| {
+                format!("SET {} {electrode}", Pole::ALL[pole])
+            }),
+            (0..4_usize).prop_map(|pole| format!("SET {} OFF", Pole::ALL[pole])),
+            (prop::sample::select(vec!["I", "V", "X"]), 0..30_usize)
+                .prop_map(|(pair, electrode)| format!("PAIR {pair} {electrode}")),
+            prop::sample::select(vec!["OFF", "STAT?", "LAST?", "WDOG 99999999999", "SYST:ERR?", "*IDN?"])
+                .prop_map(str::to_owned),
+            ".{0,20}",
+        ], 0..60),
+    ) {
+        let (mut board, mut sheet) = board();
+        let mut at = Duration::ZERO;
+        for line in lines {
+            let answer = board.hear(&line, at, &mut sheet);
+            prop_assert_eq!(answer.text.is_none(), line.trim().is_empty());
+            prop_assert_eq!(sheet.joined, board.state().0);
+            at += Duration::from_millis(700);
+        }
+        breaks_before_it_makes(&board);
+        prop_assert!(board.errors_waiting() <= 20);
+    }
+}
