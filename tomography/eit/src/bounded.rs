@@ -8,9 +8,9 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::dense;
 
-const MOST_STEPS: usize = 100;
+const MOST_STEPS: usize = 300;
 /// Relative size of the residual at which the map has stopped moving.
-const TOLERANCE: f64 = 1e-9;
+const TOLERANCE: f64 = 1e-8;
 /// Directions of the data whose prior variance is below this share of the noise's are left out of the dual.
 const NEGLIGIBLE: f64 = 1e-9;
 

@@ -20,7 +20,9 @@ pub use case::{
 };
 pub use forward::{Admitted, FLOOR, Fields, Forward, ForwardError};
 pub use mesh::{ENOUGH_EDGES, Mesh, MeshError, MeshQuality};
-pub use one_step::{EXPECTED_CHANGE, Hyper, OneStep, OneStepError, OneStepOptions, Scale};
+pub use one_step::{
+    EXPECTED_CHANGE, Hyper, OneStep, OneStepError, OneStepOptions, Scale, UNEXPLAINED,
+};
 pub use preset::{DiscTank, PaperSheet, Preset};
 pub use prior::Prior;
 pub use reconstructor::{MOST_MISSING, ReconstructError, Reconstructor};

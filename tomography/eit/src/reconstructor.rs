@@ -5,6 +5,7 @@ use std::sync::Arc;
 use survey::{Map, Protocol, Reading};
 
 use crate::Mesh;
+use crate::one_step::UNEXPLAINED;
 
 /// Share of the readings that may be missing before a map is refused.
 pub const MOST_MISSING: f64 = 0.25;
@@ -140,21 +141,38 @@ impl Difference {
         Ok(difference)
     }
 
-    /// The factor by which the baseline exceeds the model's own, in the sense of least squares over valid readings.
-    pub(crate) fn gain(&self, model: &[f64]) -> Result<f64, ReconstructError> {
-        let mut missing = self.missing.iter().copied().peekable();
-        let (mut cross, mut square) = (0.0, 0.0);
-        for (reading, (&measured, &model)) in self.baseline.iter().zip(model).enumerate() {
-            if missing.next_if_eq(&reading).is_none() {
-                cross += measured * model;
-                square += model * model;
+    /// Brings the change to the model's scale: divides it by the factor between baseline and model, one for all
+    /// readings, or one for each group of them that stays within [`UNEXPLAINED`] of that.
+    pub(crate) fn scale(
+        &mut self,
+        model: &[f64],
+        groups: Option<&[usize]>,
+    ) -> Result<(), ReconstructError> {
+        let mut valid = vec![true; model.len()];
+        for &reading in &self.missing {
+            valid[reading] = false;
+        }
+        let count = groups.map_or(0, |groups| groups.iter().max().map_or(0, |top| top + 1));
+        // cross and square sums of each group, and of all readings at the end
+        let mut sums = vec![[0.0; 2]; count + 1];
+        for reading in (0..model.len()).filter(|&reading| valid[reading]) {
+            let group = groups.map(|groups| groups[reading]);
+            for slot in group.into_iter().chain([count]) {
+                sums[slot][0] += self.baseline[reading] * model[reading];
+                sums[slot][1] += model[reading] * model[reading];
             }
         }
-        let gain = cross / square;
-        if gain.is_finite() && gain > 0.0 {
-            Ok(gain)
-        } else {
-            Err(ReconstructError::OppositeSign)
+        let uniform = sums[count][0] / sums[count][1];
+        if !(uniform.is_finite() && uniform > 0.0) {
+            return Err(ReconstructError::OppositeSign);
         }
+        for (reading, change) in self.change.iter_mut().enumerate() {
+            let own = groups
+                .map(|groups| sums[groups[reading]])
+                .map(|[cross, square]| cross / square)
+                .filter(|own| (UNEXPLAINED.recip()..=UNEXPLAINED).contains(&(own / uniform)));
+            *change /= own.unwrap_or(uniform);
+        }
+        Ok(())
     }
 }

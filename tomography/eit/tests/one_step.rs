@@ -221,7 +221,7 @@ fn a_map_does_not_depend_on_current_or_resistance() {
         &vec![1.0; 780],
         &protocol,
         OneStepOptions {
-            scale: Scale::FitToBaseline,
+            scale: Scale::Uniform,
             ..options(Prior::default(), 0.03)
         },
     )
