@@ -179,6 +179,15 @@ pub struct Forward {
     around: Vec<Vec<usize>>,
 }
 
+impl std::fmt::Debug for Forward {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Forward")
+            .field("mesh", &self.mesh.hash())
+            .field("contact_ohm_m", &self.contact)
+            .finish_non_exhaustive()
+    }
+}
+
 /// A mesh edge as a resistor of conductance Σ sigma\[t\] c over its triangles.
 struct Edge {
     ends: [usize; 2],

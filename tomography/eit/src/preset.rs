@@ -38,6 +38,22 @@ impl Preset {
         }
     }
 
+    /// The same geometry with edges `fineness` times shorter and other points.
+    pub fn remeshed(self, fineness: f64, seeding: u32) -> Self {
+        match self {
+            Self::PaperSheet(sheet) => Self::PaperSheet(PaperSheet {
+                fineness: sheet.fineness * fineness,
+                seeding: sheet.seeding.wrapping_add(seeding),
+                ..sheet
+            }),
+            Self::DiscTank(tank) => Self::DiscTank(DiscTank {
+                fineness: tank.fineness * fineness,
+                seeding: tank.seeding.wrapping_add(seeding),
+                ..tank
+            }),
+        }
+    }
+
     /// Number of electrodes.
     pub fn electrodes(&self) -> usize {
         match self {

@@ -1,6 +1,6 @@
 //! The ready-made geometries are what they claim to be.
 
-use eit::{DiscTank, Mesh, MeshError, PaperSheet};
+use eit::{DiscTank, Mesh, MeshError, PaperSheet, Preset};
 
 fn show(name: &str, mesh: &Mesh) {
     let q = mesh.quality();
@@ -59,7 +59,7 @@ fn the_papers_sheet_is_symmetric_and_always_the_same() {
 #[test]
 fn a_finer_sheet_is_not_a_refinement() {
     let coarse = PaperSheet::default();
-    let fine = coarse.finer().mesh().unwrap();
+    let fine = Preset::default().remeshed(1.5, 1).mesh().unwrap();
     show("finer sheet", &fine);
     assert!(fine.quality().smallest_angle > 28.0);
     let coarse = coarse.mesh().unwrap();

@@ -1,1 +1,32 @@
-//! The simulated sheet: loads, scenes, effects; nothing is bent unless a scene asks.
+//! The simulated sheet: what a scene presses on it, and what its electrodes then show.
+//!
+//! A phantom has a mesh of its own, finer than any reconstruction's and not a refinement of it, and the complete
+//! electrode model on it. It is an ideal sheet under ideal contacts until a scene names an effect; an effect not named
+//! is not built. Refused at this door: clocks (time comes in), randomness without a seed, instruments, reconstruction.
+//!
+//! - **load**: a shape at a place with a loss of conductance; **scene**: sheet, loads on a time line, effects, seed
+//! - **loss**: the share of sheet conductance that a load takes away, 0 to 1
+//! - **effect**: one imperfection of the readings, with its own random stream
+//!
+//! ```
+//! use std::time::Duration;
+//! use phantom::{Load, Phantom, Scene};
+//! let mut phantom = Phantom::new(Scene::parse("quiet.toml", "[mesh]\nfineness = 0.5")?)?;
+//! let untouched = phantom.transfer_impedance(Duration::ZERO)?.clone();
+//! phantom.press(Load::disc([107.0, 115.0], 10.0, 0.5))?;
+//! assert!(phantom.transfer_impedance(Duration::ZERO)? != &untouched);
+//! phantom.release();
+//! assert!(phantom.transfer_impedance(Duration::ZERO)? == &untouched);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod effects;
+mod load;
+pub mod paper;
+mod scene;
+mod sheet;
+
+pub use effects::{EffectSettings, QuantisationSettings, ReadingContext, VoltmeterNoiseSettings};
+pub use load::{Load, LoadError, Shape, loss_of_pressure, pressure_kpa};
+pub use scene::{Scene, SceneError, TimedLoad};
+pub use sheet::{Phantom, PhantomError};

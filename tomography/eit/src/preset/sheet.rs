@@ -71,15 +71,6 @@ impl Default for PaperSheet {
 }
 
 impl PaperSheet {
-    /// The same sheet for a simulated truth: half as long edges again, other points, so no triangle is shared.
-    pub fn finer(&self) -> Self {
-        Self {
-            fineness: self.fineness * 1.5,
-            seeding: self.seeding + 1,
-            ..self.clone()
-        }
-    }
-
     /// Number of electrodes.
     pub fn electrodes(&self) -> usize {
         2 * (self.electrodes_per_width + self.electrodes_per_height)

@@ -1,0 +1,61 @@
+//! Steps of the voltmeter's converter: a reading is rounded to the nearest multiple of a step.
+//!
+//! The step is fixed, or c(NPLC) x range (fact sheet, section 2.1). Overload is the instrument's business, not ours.
+
+use serde::{Deserialize, Serialize};
+use survey::Volts;
+
+use super::{OnReading, ReadingContext, resolution};
+
+/// How large a step is.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct QuantisationSettings {
+    /// Fixed step, uV; left out, it follows from range and NPLC.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub step_uv: Option<f64>,
+}
+
+#[derive(Debug)]
+pub(super) struct Quantisation {
+    fixed: Option<f64>,
+}
+
+impl Quantisation {
+    pub(super) fn new(settings: &QuantisationSettings) -> Self {
+        Self {
+            fixed: settings.step_uv.map(|uv| uv * 1e-6),
+        }
+    }
+}
+
+impl OnReading for Quantisation {
+    fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
+        let step = self
+            .fixed
+            .unwrap_or_else(|| resolution(context.nplc) * context.range.0);
+        if step > 0.0 {
+            Volts((volts.0 / step).round_ties_even() * step)
+        } else {
+            volts
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::context;
+    use super::*;
+
+    #[test]
+    fn a_reading_falls_on_a_step() {
+        let mut fixed = Quantisation::new(&QuantisationSettings {
+            step_uv: Some(10.0),
+        });
+        let got = fixed.bend(Volts(1.234_56e-3), &context(1.0, 1.0));
+        assert!((got.0 - 1.23e-3).abs() < 1e-18);
+        let mut by_range = Quantisation::new(&QuantisationSettings::default());
+        let got = by_range.bend(Volts(1.2345e-3), &context(10.0, 1.0));
+        assert!((got.0 - 1.23e-3).abs() < 1e-18, "{got:?}");
+    }
+}

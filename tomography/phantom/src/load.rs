@@ -1,0 +1,511 @@
+//! Loads: a shape at a place, and the share of conductance it takes from what it covers.
+
+use std::f64::consts::TAU;
+
+use eit::Mesh;
+use serde::{Deserialize, Serialize};
+
+/// Corners of the polygon that stands for a circle; it has the circle's area exactly.
+const ROUND: usize = 360;
+
+/// Standard gravity, m/s2.
+const GRAVITY: f64 = 9.806_65;
+
+/// The outline of a load about its centre, mm.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Shape {
+    /// A disc.
+    Disc {
+        /// Diameter, mm.
+        diameter_mm: f64,
+    },
+    /// A rectangle.
+    Rectangle {
+        /// Along x, mm.
+        width_mm: f64,
+        /// Along y, mm.
+        height_mm: f64,
+    },
+    /// An equilateral triangle with its centroid at the centre and one corner up.
+    Triangle {
+        /// Side, mm.
+        side_mm: f64,
+    },
+    /// Two overlapping discs beside each other along x.
+    FigureEight {
+        /// Diameter of each, mm.
+        diameter_mm: f64,
+        /// Distance of their centres, mm.
+        distance_mm: f64,
+    },
+    /// Any simple polygon.
+    Polygon {
+        /// Its corners relative to the centre, mm.
+        points_mm: Vec<[f64; 2]>,
+    },
+}
+
+/// A shape at a place with its loss.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Load {
+    /// What a person calls it.
+    pub name: String,
+    /// Its outline.
+    pub shape: Shape,
+    /// Where its centre is, mm from the sheet's origin.
+    pub centre_mm: [f64; 2],
+    /// Turned counter-clockwise about its centre, degrees.
+    pub turn_deg: f64,
+    /// Share of the conductance that is lost under it, 0 to 1.
+    pub loss: f64,
+}
+
+/// Why a load cannot be pressed.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum LoadError {
+    /// A measure that is not a positive number.
+    #[error("load '{load}': {key} is {value}, it must be a positive number")]
+    Measure {
+        /// Its name.
+        load: String,
+        /// Which measure.
+        key: &'static str,
+        /// What it is.
+        value: f64,
+    },
+    /// A place or angle that is not a number.
+    #[error("load '{load}': {key} is not a finite number")]
+    Place {
+        /// Its name.
+        load: String,
+        /// Which.
+        key: &'static str,
+    },
+    /// A loss outside 0 to 1.
+    #[error("load '{load}': its loss of {} % is not 0 to 100 %", .loss * 100.0)]
+    Loss {
+        /// Its name.
+        load: String,
+        /// The loss, 1 is all.
+        loss: f64,
+    },
+    /// Discs of a figure-eight that do not overlap.
+    #[error(
+        "load '{load}': discs of {diameter_mm} mm, {distance_mm} mm apart, make no figure-eight"
+    )]
+    Apart {
+        /// Its name.
+        load: String,
+        /// Diameter, mm.
+        diameter_mm: f64,
+        /// Distance, mm.
+        distance_mm: f64,
+    },
+    /// A polygon with fewer than three corners.
+    #[error("load '{load}': a polygon of {corners} corners has no area")]
+    Corners {
+        /// Its name.
+        load: String,
+        /// How many.
+        corners: usize,
+    },
+    /// A polygon whose sides cross.
+    #[error("load '{load}': sides {first} and {second} of the polygon cross (counted from 0)")]
+    Crossing {
+        /// Its name.
+        load: String,
+        /// One side.
+        first: usize,
+        /// Another.
+        second: usize,
+    },
+    /// A load beside the sheet.
+    #[error("load '{load}' at {x_mm}, {y_mm} mm covers no part of the sheet")]
+    Beside {
+        /// Its name.
+        load: String,
+        /// Where, mm.
+        x_mm: f64,
+        /// Where, mm.
+        y_mm: f64,
+    },
+}
+
+impl Load {
+    /// A disc at a place (mm) with a diameter (mm) and a loss (0 to 1).
+    pub fn disc(centre_mm: [f64; 2], diameter_mm: f64, loss: f64) -> Self {
+        Self {
+            name: "disc".to_owned(),
+            shape: Shape::Disc { diameter_mm },
+            centre_mm,
+            turn_deg: 0.0,
+            loss,
+        }
+    }
+
+    /// Refuses measures from which no load follows.
+    ///
+    /// # Errors
+    /// The first fault, naming load and measure.
+    pub fn check(&self) -> Result<(), LoadError> {
+        let load = || self.name.clone();
+        for (key, value) in [
+            ("x_mm", self.centre_mm[0]),
+            ("y_mm", self.centre_mm[1]),
+            ("turn_deg", self.turn_deg),
+        ] {
+            if !value.is_finite() {
+                return Err(LoadError::Place { load: load(), key });
+            }
+        }
+        if !(0.0..=1.0).contains(&self.loss) {
+            return Err(LoadError::Loss {
+                load: load(),
+                loss: self.loss,
+            });
+        }
+        self.shape.check(&self.name)
+    }
+
+    /// The outline on the sheet, m, counter-clockwise.
+    pub fn outline(&self) -> Vec<[f64; 2]> {
+        let (sin, cos) = self.turn_deg.to_radians().sin_cos();
+        self.shape
+            .outline_mm()
+            .into_iter()
+            .map(|[x, y]| {
+                [
+                    (self.centre_mm[0] + cos * x - sin * y) * 1e-3,
+                    (self.centre_mm[1] + sin * x + cos * y) * 1e-3,
+                ]
+            })
+            .collect()
+    }
+
+    /// Covered share of each triangle, by clipping the outline with the triangle: exact for polygons.
+    pub(crate) fn coverage(&self, mesh: &Mesh) -> Result<Vec<(usize, f64)>, LoadError> {
+        self.check()?;
+        let outline = self.outline();
+        let [low, high] = bounds(&outline);
+        let covered: Vec<(usize, f64)> = (0..mesh.triangles().len())
+            .filter_map(|t| {
+                let corners = mesh.corners(t);
+                let [from, to] = bounds(&corners);
+                let apart = (0..2).any(|i| from[i] >= high[i] || to[i] <= low[i]);
+                if apart {
+                    return None;
+                }
+                let share = (area(&clip(&outline, corners)) / mesh.area(t)).clamp(0.0, 1.0);
+                (share > 0.0).then_some((t, share))
+            })
+            .collect();
+        if covered.is_empty() {
+            return Err(LoadError::Beside {
+                load: self.name.clone(),
+                x_mm: self.centre_mm[0],
+                y_mm: self.centre_mm[1],
+            });
+        }
+        Ok(covered)
+    }
+}
+
+impl Shape {
+    /// Area, m2.
+    pub fn area(&self) -> f64 {
+        area(&self.outline_mm()) * 1e-6
+    }
+
+    fn check(&self, load: &str) -> Result<(), LoadError> {
+        let positive = |measures: &[(&'static str, f64)]| match measures
+            .iter()
+            .find(|(_, value)| !(*value > 0.0 && value.is_finite()))
+        {
+            Some(&(key, value)) => Err(LoadError::Measure {
+                load: load.to_owned(),
+                key,
+                value,
+            }),
+            None => Ok(()),
+        };
+        match self {
+            Self::Disc { diameter_mm } => positive(&[("diameter_mm", *diameter_mm)]),
+            Self::Rectangle {
+                width_mm,
+                height_mm,
+            } => positive(&[("width_mm", *width_mm), ("height_mm", *height_mm)]),
+            Self::Triangle { side_mm } => positive(&[("side_mm", *side_mm)]),
+            Self::FigureEight {
+                diameter_mm,
+                distance_mm,
+            } => {
+                positive(&[("diameter_mm", *diameter_mm), ("distance_mm", *distance_mm)])?;
+                if distance_mm < diameter_mm {
+                    Ok(())
+                } else {
+                    Err(LoadError::Apart {
+                        load: load.to_owned(),
+                        diameter_mm: *diameter_mm,
+                        distance_mm: *distance_mm,
+                    })
+                }
+            }
+            Self::Polygon { points_mm } => check_polygon(load, points_mm),
+        }
+    }
+
+    fn outline_mm(&self) -> Vec<[f64; 2]> {
+        match self {
+            Self::Disc { diameter_mm } => arc(0.0, 0.5 * diameter_mm, 0.0, TAU, ROUND),
+            Self::Rectangle {
+                width_mm,
+                height_mm,
+            } => {
+                let (x, y) = (0.5 * width_mm, 0.5 * height_mm);
+                vec![[-x, -y], [x, -y], [x, y], [-x, y]]
+            }
+            Self::Triangle { side_mm } => {
+                let height = side_mm * 3.0_f64.sqrt() / 2.0;
+                vec![
+                    [-0.5 * side_mm, -height / 3.0],
+                    [0.5 * side_mm, -height / 3.0],
+                    [0.0, 2.0 * height / 3.0],
+                ]
+            }
+            Self::FigureEight {
+                diameter_mm,
+                distance_mm,
+            } => {
+                // each disc without the part beyond the line between them
+                let (radius, half) = (0.5 * diameter_mm, 0.5 * distance_mm);
+                let waist = (half / radius).acos();
+                let open = TAU - 2.0 * waist;
+                let left = arc(-half, radius, waist, open, ROUND);
+                let right = arc(half, radius, waist - TAU / 2.0, open, ROUND);
+                left.into_iter().chain(right).collect()
+            }
+            Self::Polygon { points_mm } => {
+                let mut points = points_mm.clone();
+                if signed_area(&points) < 0.0 {
+                    points.reverse();
+                }
+                points
+            }
+        }
+    }
+}
+
+/// Pressure under a mass, kPa (mass g, area m2).
+pub fn pressure_kpa(mass_g: f64, area: f64) -> f64 {
+    mass_g * 1e-3 * GRAVITY / area * 1e-3
+}
+
+/// Loss of conductance under a pressure, p / (p + p_half): none at rest, half at `half_kpa`, never all (fact sheet,
+/// section 2.4). The paper gives no law; with its S1 (25.0 kPa, taken as a loss of 50 %) `half_kpa` is 25.
+pub fn loss_of_pressure(kpa: f64, half_kpa: f64) -> f64 {
+    kpa / (kpa + half_kpa)
+}
+
+/// Points of an arc about (x, 0), both ends included unless it closes; the radius is that of a polygon of equal area.
+fn arc(x: f64, radius: f64, from: f64, open: f64, pieces: usize) -> Vec<[f64; 2]> {
+    let step = open / pieces as f64;
+    let closed = (open - TAU).abs() < 1e-12;
+    let radius = if closed {
+        radius * (step / step.sin()).sqrt()
+    } else {
+        radius
+    };
+    (0..pieces + usize::from(!closed))
+        .map(|k| {
+            let (sin, cos) = (from + step * k as f64).sin_cos();
+            [x + radius * cos, radius * sin]
+        })
+        .collect()
+}
+
+fn signed_area(points: &[[f64; 2]]) -> f64 {
+    let Some(first) = points.first() else {
+        return 0.0;
+    };
+    // relative to one corner, against cancellation far from the origin
+    let at = |p: &[f64; 2]| [p[0] - first[0], p[1] - first[1]];
+    0.5 * points
+        .windows(2)
+        .map(|pair| {
+            let (a, b) = (at(&pair[0]), at(&pair[1]));
+            a[0] * b[1] - a[1] * b[0]
+        })
+        .sum::<f64>()
+}
+
+fn area(points: &[[f64; 2]]) -> f64 {
+    signed_area(points).abs()
+}
+
+fn bounds(points: &[[f64; 2]]) -> [[f64; 2]; 2] {
+    let mut low = [f64::INFINITY; 2];
+    let mut high = [f64::NEG_INFINITY; 2];
+    for point in points {
+        for i in 0..2 {
+            low[i] = low[i].min(point[i]);
+            high[i] = high[i].max(point[i]);
+        }
+    }
+    [low, high]
+}
+
+/// Twice the area of a, b, p: positive where p lies to the left of a to b.
+fn left(a: [f64; 2], b: [f64; 2], p: [f64; 2]) -> f64 {
+    (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
+}
+
+/// Sutherland and Hodgman: the polygon cut by the three sides of a triangle. Where a bent polygon falls into pieces they
+/// stay joined by slits along a side, which have no area.
+fn clip(polygon: &[[f64; 2]], [a, b, c]: [[f64; 2]; 3]) -> Vec<[f64; 2]> {
+    let mut points = polygon.to_vec();
+    for (from, to) in [(a, b), (b, c), (c, a)] {
+        let Some(&last) = points.last() else { break };
+        let mut kept = Vec::with_capacity(points.len() + 3);
+        let mut previous = (last, left(from, to, last));
+        for &point in &points {
+            let side = left(from, to, point);
+            if (side >= 0.0) != (previous.1 >= 0.0) {
+                let share = previous.1 / (previous.1 - side);
+                kept.push([0, 1].map(|i| previous.0[i] + share * (point[i] - previous.0[i])));
+            }
+            if side >= 0.0 {
+                kept.push(point);
+            }
+            previous = (point, side);
+        }
+        points = kept;
+    }
+    points
+}
+
+fn check_polygon(load: &str, points: &[[f64; 2]]) -> Result<(), LoadError> {
+    if points.iter().flatten().any(|value| !value.is_finite()) {
+        return Err(LoadError::Place {
+            load: load.to_owned(),
+            key: "points_mm",
+        });
+    }
+    let count = points.len();
+    if count < 3 || area(points) == 0.0 {
+        return Err(LoadError::Corners {
+            load: load.to_owned(),
+            corners: count,
+        });
+    }
+    let side = |k: usize| (points[k], points[(k + 1) % count]);
+    for first in 0..count {
+        for second in first + 2..count {
+            if first == 0 && second == count - 1 {
+                continue;
+            }
+            let ((a, b), (c, d)) = (side(first), side(second));
+            let apart = left(a, b, c) * left(a, b, d) > 0.0 || left(c, d, a) * left(c, d, b) > 0.0;
+            let [[al, bl], [ah, bh]] = bounds(&[a, b]);
+            let [[cl, dl], [ch, dh]] = bounds(&[c, d]);
+            let beside = al > ch || cl > ah || bl > dh || dl > bh;
+            if !(apart || beside) {
+                return Err(LoadError::Crossing {
+                    load: load.to_owned(),
+                    first,
+                    second,
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn areas_of_the_papers_loads() {
+        let disc = Shape::Disc { diameter_mm: 10.0 };
+        assert!((disc.area() / (TAU / 2.0 * 25e-6) - 1.0).abs() < 1e-12);
+        // 200 g on 10 mm: the 25.0 kPa of the paper
+        assert!((pressure_kpa(200.0, disc.area()) - 25.0).abs() < 0.05);
+        assert!((loss_of_pressure(25.0, 25.0) - 0.5).abs() < 1e-15);
+        let triangle = Shape::Triangle { side_mm: 60.0 };
+        assert!((triangle.area() - 3.0_f64.sqrt() / 4.0 * 3600e-6).abs() < 1e-12);
+        let eight = Shape::FigureEight {
+            diameter_mm: 50.0,
+            distance_mm: 45.0,
+        };
+        let lens = 1250.0 * 0.9_f64.acos() - 22.5 * (2500.0_f64 - 2025.0).sqrt();
+        let exact = 2.0 * TAU / 2.0 * 625.0 - lens;
+        assert!((eight.area() * 1e6 / exact - 1.0).abs() < 1e-4);
+        let [low, high] = bounds(&eight.outline_mm());
+        assert!((high[0] - low[0] - 95.0).abs() < 0.01);
+    }
+
+    #[test]
+    fn what_is_cut_out_adds_up() {
+        let mesh = eit::PaperSheet::default().mesh().unwrap();
+        let bent = vec![
+            [-20.0, -20.0],
+            [20.0, -20.0],
+            [20.0, 20.0],
+            [0.0, -5.0],
+            [-20.0, 20.0],
+        ];
+        for shape in [
+            Shape::Disc { diameter_mm: 10.0 },
+            Shape::Polygon { points_mm: bent },
+            Shape::FigureEight {
+                diameter_mm: 50.0,
+                distance_mm: 45.0,
+            },
+        ] {
+            let load = Load {
+                turn_deg: 33.0,
+                shape,
+                ..Load::disc([101.3, 120.7], 1.0, 0.5)
+            };
+            let covered: f64 = load
+                .coverage(&mesh)
+                .unwrap()
+                .iter()
+                .map(|(t, share)| share * mesh.area(*t))
+                .sum();
+            assert!((covered / load.shape.area() - 1.0).abs() < 1e-9, "{load:?}");
+        }
+    }
+
+    #[test]
+    fn faults_are_named() {
+        let refuse = |change: &dyn Fn(&mut Load)| {
+            let mut load = Load::disc([107.0, 115.0], 10.0, 0.5);
+            change(&mut load);
+            load.check().unwrap_err().to_string()
+        };
+        assert!(refuse(&|l| l.loss = 1.5).contains("150 %"));
+        assert!(refuse(&|l| l.shape = Shape::Disc { diameter_mm: 0.0 }).contains("diameter_mm"));
+        assert!(refuse(&|l| l.centre_mm[1] = f64::NAN).contains("y_mm"));
+        let polygon = |points: Vec<[f64; 2]>| {
+            refuse(&move |l| {
+                l.shape = Shape::Polygon {
+                    points_mm: points.clone(),
+                }
+            })
+        };
+        assert!(polygon(vec![[0.0, 0.0], [1.0, 0.0]]).contains("2 corners"));
+        assert!(
+            polygon(vec![[0.0, 0.0], [2.0, 2.0], [3.0, 0.0], [0.0, 3.0]]).contains("sides 0 and 2")
+        );
+        let beside = Load::disc([-50.0, 0.0], 10.0, 0.5);
+        let mesh = eit::DiscTank::default().mesh().unwrap();
+        assert!(beside.coverage(&mesh).is_ok());
+        let mesh = eit::PaperSheet::default().mesh().unwrap();
+        assert!(matches!(
+            beside.coverage(&mesh),
+            Err(LoadError::Beside { .. })
+        ));
+    }
+}

@@ -1,0 +1,478 @@
+//! Scenes: sheet, loads on a time line, effects, seed; written in TOML, refused as file:line:column.
+
+use std::ops::Range;
+use std::time::Duration;
+
+use eit::{DiscTank, PaperSheet, Preset};
+use serde::Deserialize;
+use toml::Spanned;
+
+use crate::effects::EffectSettings;
+use crate::load::{Load, Shape, loss_of_pressure, pressure_kpa};
+use crate::paper;
+
+/// How much finer than its preset the phantom's mesh is, unless the scene says.
+const FINER: f64 = 1.5;
+
+/// A load and when it is on the sheet.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TimedLoad {
+    /// What is pressed.
+    pub load: Load,
+    /// From this moment.
+    pub from: Duration,
+    /// Until this moment, excluded; `None` for good.
+    pub to: Option<Duration>,
+}
+
+impl TimedLoad {
+    /// Whether the load is on the sheet.
+    pub fn is_on(&self, at: Duration) -> bool {
+        at >= self.from && self.to.is_none_or(|to| at < to)
+    }
+}
+
+/// What is simulated.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scene {
+    /// What a person calls it.
+    pub name: String,
+    /// From which every effect's random stream follows.
+    pub seed: u64,
+    /// The sheet with its resistance and contacts, at the fineness of the phantom's own mesh.
+    pub sheet: Preset,
+    /// The time line.
+    pub loads: Vec<TimedLoad>,
+    /// The effects, none unless named.
+    pub effects: EffectSettings,
+}
+
+/// Why a text is not a scene: `file:line:column: what is wrong`.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{file}:{line}:{column}: {fault}")]
+pub struct SceneError {
+    /// The file's name.
+    pub file: String,
+    /// Line, from 1.
+    pub line: usize,
+    /// Column, from 1.
+    pub column: usize,
+    /// What is wrong.
+    pub fault: String,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Text {
+    name: Option<String>,
+    #[serde(default)]
+    seed: u64,
+    #[serde(rename = "paper-sheet")]
+    paper_sheet: Option<PaperSheet>,
+    #[serde(rename = "disc-tank")]
+    disc_tank: Option<Spanned<DiscTank>>,
+    mesh: Option<Spanned<MeshText>>,
+    pressure: Option<Spanned<PressureText>>,
+    #[serde(default)]
+    load: Vec<Spanned<LoadText>>,
+    effects: Option<Spanned<EffectSettings>>,
+}
+
+/// The phantom's own mesh, relative to the sheet's.
+#[derive(Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct MeshText {
+    fineness: f64,
+    seeding: u32,
+}
+
+impl Default for MeshText {
+    fn default() -> Self {
+        Self {
+            fineness: FINER,
+            seeding: 1,
+        }
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct PressureText {
+    half_kpa: f64,
+}
+
+impl Default for PressureText {
+    fn default() -> Self {
+        Self {
+            half_kpa: paper::HALF_KPA,
+        }
+    }
+}
+
+#[derive(Deserialize, Clone, Copy, PartialEq, Debug)]
+#[serde(rename_all = "kebab-case")]
+enum ShapeName {
+    Disc,
+    Rectangle,
+    Triangle,
+    FigureEight,
+    Polygon,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LoadText {
+    name: Option<String>,
+    shape: ShapeName,
+    x_mm: f64,
+    y_mm: f64,
+    #[serde(default)]
+    turn_deg: f64,
+    diameter_mm: Option<Spanned<f64>>,
+    distance_mm: Option<Spanned<f64>>,
+    width_mm: Option<Spanned<f64>>,
+    height_mm: Option<Spanned<f64>>,
+    side_mm: Option<Spanned<f64>>,
+    points_mm: Option<Spanned<Vec<[f64; 2]>>>,
+    loss_percent: Option<Spanned<f64>>,
+    mass_g: Option<Spanned<f64>>,
+    from_s: Option<Spanned<f64>>,
+    to_s: Option<Spanned<f64>>,
+}
+
+/// A fault at a place of the text.
+struct Fault(Range<usize>, String);
+
+impl Scene {
+    /// Reads a scene; the file's name only appears in messages. What is left out has a default: the paper's sheet, no
+    /// load, no effect, seed 0, a mesh 1.5 times finer than the sheet's.
+    ///
+    /// # Errors
+    /// A key that is unknown or missing, a value that is none, with its place.
+    pub fn parse(file_name: &str, text: &str) -> Result<Self, SceneError> {
+        let scene: Result<Text, _> = toml::from_str(text);
+        scene
+            .map_err(|fault| {
+                Fault(
+                    fault.span().unwrap_or(0..0),
+                    fault.message().trim().replace('\n', ", "),
+                )
+            })
+            .and_then(Text::scene)
+            .map_err(|Fault(span, fault)| {
+                let before = text.get(..span.start).unwrap_or(text);
+                let line_start = before.rfind('\n').map_or(0, |at| at + 1);
+                SceneError {
+                    file: file_name.to_owned(),
+                    line: before.matches('\n').count() + 1,
+                    column: before[line_start..].chars().count() + 1,
+                    fault,
+                }
+            })
+    }
+
+    /// The paper's sheet, untouched, without effects.
+    pub fn quiet() -> Self {
+        Self {
+            name: "quiet".to_owned(),
+            seed: 0,
+            sheet: Preset::default().remeshed(FINER, 1),
+            loads: Vec::new(),
+            effects: EffectSettings::default(),
+        }
+    }
+
+    /// The paper's Test #1 with S1 at one of its 16 positions (see [`paper::test1_positions`]) from the start; `None`
+    /// for a position beyond.
+    pub fn paper_test1(position: usize) -> Option<Self> {
+        let centre = *paper::test1_positions().get(position)?;
+        Some(Self {
+            name: format!("paper test 1, position {}", position + 1),
+            loads: vec![TimedLoad {
+                load: paper::s1(centre),
+                from: Duration::ZERO,
+                to: None,
+            }],
+            ..Self::quiet()
+        })
+    }
+
+    /// The scenes that come with the project: their file names and texts.
+    pub fn shipped() -> [(&'static str, &'static str); 3] {
+        [
+            ("quiet.toml", include_str!("../scenes/quiet.toml")),
+            (
+                "paper-test1.toml",
+                include_str!("../scenes/paper-test1.toml"),
+            ),
+            (
+                "paper-test2.toml",
+                include_str!("../scenes/paper-test2.toml"),
+            ),
+        ]
+    }
+}
+
+impl Text {
+    fn scene(self) -> Result<Scene, Fault> {
+        let sheet = match (self.paper_sheet, self.disc_tank) {
+            (Some(_), Some(tank)) => {
+                return Err(Fault(
+                    tank.span(),
+                    "a scene has one sheet: paper-sheet or disc-tank, not both".to_owned(),
+                ));
+            }
+            (sheet, None) => Preset::PaperSheet(sheet.unwrap_or_default()),
+            (None, Some(tank)) => Preset::DiscTank(tank.into_inner()),
+        };
+        let (mesh_span, MeshText { fineness, seeding }) = spanned(self.mesh);
+        if !(fineness > 0.0 && fineness.is_finite()) {
+            return Err(Fault(
+                mesh_span,
+                format!("mesh.fineness is {fineness}, it must be a positive number"),
+            ));
+        }
+        let (pressure_span, PressureText { half_kpa }) = spanned(self.pressure);
+        if !(half_kpa > 0.0 && half_kpa.is_finite()) {
+            return Err(Fault(
+                pressure_span,
+                format!("pressure.half_kpa is {half_kpa}, it must be a positive number"),
+            ));
+        }
+        let (effects_span, effects) = spanned(self.effects);
+        if let Some(fault) = effects.fault() {
+            return Err(Fault(effects_span, fault));
+        }
+        let loads = self
+            .load
+            .into_iter()
+            .enumerate()
+            .map(|(index, load)| {
+                let span = load.span();
+                load.into_inner().load(index, span, half_kpa)
+            })
+            .collect::<Result<_, _>>()?;
+        Ok(Scene {
+            name: self.name.unwrap_or_else(|| "unnamed".to_owned()),
+            seed: self.seed,
+            sheet: sheet.remeshed(fineness, seeding),
+            loads,
+            effects,
+        })
+    }
+}
+
+impl LoadText {
+    fn load(self, index: usize, span: Range<usize>, half_kpa: f64) -> Result<TimedLoad, Fault> {
+        let missing = |key: &str| {
+            Fault(
+                span.clone(),
+                format!("a load of this shape needs the key `{key}`"),
+            )
+        };
+        let (used, shape) = {
+            let need = |value: &Option<Spanned<f64>>, key: &str| {
+                value
+                    .as_ref()
+                    .map(|value| *value.get_ref())
+                    .ok_or_else(|| missing(key))
+            };
+            match self.shape {
+                ShapeName::Disc => (
+                    &["diameter_mm"][..],
+                    Shape::Disc {
+                        diameter_mm: need(&self.diameter_mm, "diameter_mm")?,
+                    },
+                ),
+                ShapeName::Rectangle => (
+                    &["width_mm", "height_mm"][..],
+                    Shape::Rectangle {
+                        width_mm: need(&self.width_mm, "width_mm")?,
+                        height_mm: need(&self.height_mm, "height_mm")?,
+                    },
+                ),
+                ShapeName::Triangle => (
+                    &["side_mm"][..],
+                    Shape::Triangle {
+                        side_mm: need(&self.side_mm, "side_mm")?,
+                    },
+                ),
+                ShapeName::FigureEight => (
+                    &["diameter_mm", "distance_mm"][..],
+                    Shape::FigureEight {
+                        diameter_mm: need(&self.diameter_mm, "diameter_mm")?,
+                        distance_mm: need(&self.distance_mm, "distance_mm")?,
+                    },
+                ),
+                ShapeName::Polygon => (
+                    &["points_mm"][..],
+                    Shape::Polygon {
+                        points_mm: self
+                            .points_mm
+                            .as_ref()
+                            .map(|points| points.get_ref().clone())
+                            .ok_or_else(|| missing("points_mm"))?,
+                    },
+                ),
+            }
+        };
+        let measures = [
+            ("diameter_mm", self.diameter_mm.as_ref().map(Spanned::span)),
+            ("distance_mm", self.distance_mm.as_ref().map(Spanned::span)),
+            ("width_mm", self.width_mm.as_ref().map(Spanned::span)),
+            ("height_mm", self.height_mm.as_ref().map(Spanned::span)),
+            ("side_mm", self.side_mm.as_ref().map(Spanned::span)),
+            ("points_mm", self.points_mm.as_ref().map(Spanned::span)),
+        ];
+        for (key, at) in measures {
+            if let Some(at) = at
+                && !used.contains(&key)
+            {
+                return Err(Fault(
+                    at,
+                    format!(
+                        "key `{key}` does not belong to this shape ({})",
+                        used.join(", ")
+                    ),
+                ));
+            }
+        }
+        let loss = match (&self.loss_percent, &self.mass_g) {
+            (Some(percent), None) => percent.get_ref() / 100.0,
+            (None, Some(mass)) => {
+                let grams = *mass.get_ref();
+                if !(grams > 0.0 && grams.is_finite()) {
+                    return Err(Fault(
+                        mass.span(),
+                        format!("mass_g is {grams}, it must be a positive number"),
+                    ));
+                }
+                loss_of_pressure(pressure_kpa(grams, shape.area()), half_kpa)
+            }
+            (Some(_), Some(mass)) => {
+                return Err(Fault(
+                    mass.span(),
+                    "a load has either loss_percent or mass_g, not both".to_owned(),
+                ));
+            }
+            (None, None) => return Err(missing("loss_percent` or `mass_g")),
+        };
+        let load = Load {
+            name: self.name.unwrap_or_else(|| format!("load {}", index + 1)),
+            shape,
+            centre_mm: [self.x_mm, self.y_mm],
+            turn_deg: self.turn_deg,
+            loss,
+        };
+        load.check()
+            .map_err(|fault| Fault(span.clone(), fault.to_string()))?;
+        let from = moment(self.from_s.as_ref(), "from_s")?;
+        let to = moment(self.to_s.as_ref(), "to_s")?;
+        if let (Some(to), Some(at)) = (to, &self.to_s)
+            && to <= from.unwrap_or_default()
+        {
+            return Err(Fault(
+                at.span(),
+                "to_s must be later than from_s".to_owned(),
+            ));
+        }
+        Ok(TimedLoad {
+            load,
+            from: from.unwrap_or_default(),
+            to,
+        })
+    }
+}
+
+/// What stands in the text and where, or its default.
+fn spanned<T: Default>(value: Option<Spanned<T>>) -> (Range<usize>, T) {
+    value.map_or_else(
+        || (0..0, T::default()),
+        |value| (value.span(), value.into_inner()),
+    )
+}
+
+fn moment(seconds: Option<&Spanned<f64>>, key: &str) -> Result<Option<Duration>, Fault> {
+    seconds
+        .map(|seconds| {
+            Duration::try_from_secs_f64(*seconds.get_ref()).map_err(|_| {
+                Fault(
+                    seconds.span(),
+                    format!(
+                        "{key} is {}, it must be zero or more seconds",
+                        seconds.get_ref()
+                    ),
+                )
+            })
+        })
+        .transpose()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refuse(text: &str) -> String {
+        Scene::parse("scene.toml", text).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn an_empty_text_is_the_quiet_sheet() {
+        let scene = Scene::parse("empty.toml", "").unwrap();
+        assert_eq!(
+            scene,
+            Scene {
+                name: "unnamed".to_owned(),
+                ..Scene::quiet()
+            }
+        );
+    }
+
+    #[test]
+    fn the_shipped_scenes_are_the_papers_tests() {
+        let scenes = Scene::shipped().map(|(file, text)| Scene::parse(file, text).unwrap());
+        let [quiet, test1, test2] = scenes;
+        assert_eq!(quiet, Scene::quiet());
+        assert_eq!(test1.loads.len(), 16);
+        for (timed, centre) in test1.loads.iter().zip(paper::test1_positions()) {
+            assert_eq!(timed.load.centre_mm, centre);
+            assert_eq!(timed.load.shape, paper::s1(centre).shape);
+            assert_eq!(timed.load.loss, 0.5);
+        }
+        // one after the other, never two at once
+        for pair in test1.loads.windows(2) {
+            assert!(pair[0].to.unwrap() <= pair[1].from);
+        }
+        assert_eq!(test2.loads.len(), 9);
+        let make = [paper::s2, paper::s3, paper::s4];
+        for (k, timed) in test2.loads.iter().enumerate() {
+            let wanted = make[k / 3](paper::TEST2_MM[k % 3]);
+            assert_eq!(timed.load, wanted);
+        }
+    }
+
+    #[test]
+    fn faults_have_a_place() {
+        assert!(refuse("seeed = 1").starts_with("scene.toml:1:1: unknown field `seeed`"));
+        let text = "[[load]]\nshape = \"disc\"\nx_mm = 1\ny_mm = 2\nloss_percent = 50\n";
+        assert_eq!(
+            refuse(text),
+            "scene.toml:1:1: a load of this shape needs the key `diameter_mm`"
+        );
+        let text = format!("{text}diameter_mm = 10\nside_mm = 3\n");
+        assert!(refuse(&text).starts_with("scene.toml:7:11: key `side_mm` does not belong"));
+        assert!(refuse("\n[paper-sheet]\nwidth_cm = 2").starts_with("scene.toml:3:1:"));
+        assert!(refuse("[effects]\nnoise = 2").starts_with("scene.toml:2:1: unknown field"));
+        assert!(refuse("[effects.voltmeter-noise]\nuv = -2").contains("zero or more"));
+        assert!(refuse("seed = \"x\"").starts_with("scene.toml:1:8:"));
+        assert!(refuse("[paper-sheet]\n[disc-tank]\n").contains("not both"));
+        assert!(refuse("[mesh]\nfineness = 0").contains("mesh.fineness"));
+        let timed = |from: f64, to: f64| {
+            format!(
+                "[[load]]\nshape = \"disc\"\ndiameter_mm = 10\nx_mm = 50\ny_mm = 50\nloss_percent = 50\nfrom_s = {from}\nto_s = {to}"
+            )
+        };
+        assert!(refuse(&timed(5.0, 5.0)).starts_with("scene.toml:8:8: to_s must be later"));
+        assert!(refuse(&timed(-1.0, 5.0)).starts_with("scene.toml:7:10: from_s is -1"));
+    }
+}
