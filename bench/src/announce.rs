@@ -1,0 +1,117 @@
+//! Announces the served instruments by mDNS as `_scpi-raw._tcp`, and says goodbye.
+//!
+//! `_lxi._tcp` and `_http._tcp` are not announced: they promise a web page, and there is none here. Announcing fails
+//! soft: a machine without a multicast route serves all the same.
+
+use std::net::{IpAddr, SocketAddr};
+use std::time::Duration;
+
+use mdns_sd::{ServiceDaemon, ServiceInfo};
+
+const SERVICE: &str = "_scpi-raw._tcp.local.";
+
+/// How long a goodbye may take.
+const GOODBYE: Duration = Duration::from_secs(2);
+
+/// What is announced, until [`Announcement::withdraw`].
+pub(crate) struct Announcement {
+    daemon: ServiceDaemon,
+    names: Vec<String>,
+}
+
+impl Announcement {
+    /// Announces each instrument by its `*IDN?` reply and its address; `None`, with a warning, when that cannot be done.
+    pub(crate) fn make(instruments: &[(String, SocketAddr)]) -> Option<Self> {
+        let daemon = ServiceDaemon::new()
+            .inspect_err(|fault| tracing::warn!("instruments are not announced: {fault}"))
+            .ok()?;
+        let mut names = Vec::new();
+        for (identity, address) in instruments {
+            match service(identity, *address).and_then(|service| {
+                let name = service.get_fullname().to_owned();
+                daemon.register(service).map(|()| name)
+            }) {
+                Ok(name) => names.push(name),
+                Err(fault) => tracing::warn!("'{identity}' is not announced: {fault}"),
+            }
+        }
+        Some(Self { daemon, names })
+    }
+
+    /// Sends the goodbye records.
+    pub(crate) async fn withdraw(self) {
+        for name in &self.names {
+            if let Ok(gone) = self.daemon.unregister(name) {
+                tokio::time::timeout(GOODBYE, gone.recv_async()).await.ok();
+            }
+        }
+        if let Ok(ended) = self.daemon.shutdown() {
+            tokio::time::timeout(GOODBYE, ended.recv_async()).await.ok();
+        }
+    }
+}
+
+/// The four fields of `*IDN?`, byte for byte, in the order of the fact sheet.
+pub(crate) fn properties(identity: &str) -> Vec<(&'static str, String)> {
+    let mut fields = identity.splitn(4, ',').map(str::to_owned);
+    let mut next = || fields.next().unwrap_or_default();
+    vec![
+        ("txtvers", "1".to_owned()),
+        ("Manufacturer", next()),
+        ("Model", next()),
+        ("SerialNumber", next()),
+        ("FirmwareVersion", next()),
+    ]
+}
+
+fn service(identity: &str, address: SocketAddr) -> mdns_sd::Result<ServiceInfo> {
+    let properties = properties(identity);
+    let (model, serial) = (&properties[2].1, &properties[3].1);
+    let instance = format!("Tactus simulated {model} #{serial}");
+    let letters = |text: &str| -> String {
+        text.chars()
+            .filter(char::is_ascii_alphanumeric)
+            .collect::<String>()
+            .to_lowercase()
+    };
+    let host = format!("tactus-{}-{}.local.", letters(model), letters(serial));
+    let anywhere = address.ip().is_unspecified();
+    let addresses: &[IpAddr] = if anywhere { &[] } else { &[address.ip()] };
+    let service = ServiceInfo::new(
+        SERVICE,
+        &instance,
+        &host,
+        addresses,
+        address.port(),
+        &properties[..],
+    )?;
+    Ok(if anywhere {
+        service.enable_addr_auto()
+    } else {
+        service
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_txt_record_is_the_idn_reply_byte_for_byte() {
+        let identity = "KEITHLEY INSTRUMENTS INC.,MODEL 6221,1234567,D04  /700x,1";
+        let properties = properties(identity);
+        assert_eq!(properties[0], ("txtvers", "1".to_owned()));
+        let joined: Vec<&str> = properties[1..]
+            .iter()
+            .map(|(_, value)| value.as_str())
+            .collect();
+        assert_eq!(joined.join(","), identity);
+        let service = service(identity, "127.0.0.1:1394".parse().unwrap()).unwrap();
+        assert_eq!(service.get_port(), 1394);
+        assert!(
+            service
+                .get_fullname()
+                .contains("Tactus simulated MODEL 6221 #1234567")
+        );
+    }
+}

@@ -1,0 +1,187 @@
+//! `tactus-bench`, as a function.
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use keysight_34980a::Module;
+use phantom::Scene;
+use tokio::signal::unix::{SignalKind, signal};
+use tracing_subscriber::EnvFilter;
+
+use crate::{Pace, Profile, ServeOptions, SimulatedRig, serve};
+
+/// Exit code of a profile or scene that cannot be used (EX_CONFIG).
+const CONFIGURATION: u8 = 78;
+
+/// Simulated instruments, joined to one simulated sheet, for any client that speaks SCPI.
+#[derive(Debug, Parser)]
+#[command(name = "tactus-bench", version)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Serve the instruments until stopped; prints one line of JSON once clients can connect.
+    Serve(Serve),
+}
+
+#[derive(Debug, clap::Args)]
+struct Serve {
+    /// The instruments: a file, or pairs-34924a, matrix-34932a, gpio-board.
+    #[arg(long, value_name = "FILE|NAME")]
+    profile: Option<String>,
+    /// The sheet, its loads and effects: a file, or quiet, paper-test1, paper-test2. Without one an unloaded sheet.
+    #[arg(long, value_name = "FILE|NAME")]
+    scene: Option<String>,
+    /// Port of the 6221; 0 takes a free one.
+    #[arg(long, value_name = "N", default_value_t = 1394)]
+    port_6221: u16,
+    /// Port of the 34980A; 0 takes a free one.
+    #[arg(long, value_name = "N", default_value_t = 5025)]
+    port_34980a: u16,
+    /// Put a module in a slot, in place of the profile's: 1=34924A, 3=34934A,4x128.
+    #[arg(long, value_name = "N=MODEL[,TERMINAL]", value_parser = slot)]
+    slot: Vec<(usize, Module)>,
+    /// Answer at once instead of taking the instruments' time.
+    #[arg(long)]
+    instant: bool,
+    /// Announce the instruments by mDNS.
+    #[arg(long)]
+    announce: bool,
+    /// Address to listen on.
+    #[arg(long, default_value = "127.0.0.1")]
+    bind: String,
+}
+
+fn slot(text: &str) -> Result<(usize, Module), String> {
+    let (number, module) = text
+        .split_once('=')
+        .ok_or("a slot is given as N=MODEL, such as 1=34924A")?;
+    let number: usize = number
+        .trim()
+        .parse()
+        .ok()
+        .filter(|number| (1..=8).contains(number))
+        .ok_or_else(|| format!("there is no slot '{number}', slots are 1 to 8"))?;
+    let module = module
+        .parse()
+        .map_err(|fault: keysight_34980a::ModuleError| fault.to_string())?;
+    Ok((number, module))
+}
+
+/// Runs `tactus-bench`; the first argument is the program's name.
+pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let arguments = match Arguments::try_parse_from(arguments) {
+        Ok(arguments) => arguments,
+        Err(refusal) => {
+            // Nothing is left to be told when even this cannot be printed.
+            refusal.print().ok();
+            return ExitCode::from(u8::try_from(refusal.exit_code()).unwrap_or(2));
+        }
+    };
+    let filter = EnvFilter::try_from_env("TACTUS_LOG")
+        .unwrap_or_else(|_| EnvFilter::new("warn,mdns_sd=error"));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .try_init()
+        .ok();
+    let Command::Serve(asked) = arguments.command;
+    let (profile, scene) = match prepare(&asked) {
+        Ok(prepared) => prepared,
+        Err(fault) => return fail(&*fault, CONFIGURATION),
+    };
+    let runtime = match tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()
+    {
+        Ok(runtime) => runtime,
+        Err(fault) => return fail(&fault, 1),
+    };
+    runtime.block_on(async {
+        let rig = match SimulatedRig::new(&profile, scene) {
+            Ok(rig) => rig,
+            Err(fault) => return fail(&fault, CONFIGURATION),
+        };
+        match serve_until_stopped(rig, &asked).await {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(fault) => fail(&*fault, 1),
+        }
+    })
+}
+
+type Fault = Box<dyn std::error::Error>;
+
+fn prepare(asked: &Serve) -> Result<(Profile, Scene), Fault> {
+    let mut profile = match &asked.profile {
+        Some(name) => Profile::load(name)?,
+        None => Profile::default(),
+    };
+    for (number, module) in &asked.slot {
+        profile.slots[number - 1] = Some(*module);
+    }
+    if asked.instant {
+        profile.pace = Pace::Instant;
+    }
+    let scene = match &asked.scene {
+        Some(name) => {
+            let shipped = Scene::shipped()
+                .into_iter()
+                .find(|(known, _)| known.trim_end_matches(".toml") == name);
+            let text = match shipped {
+                Some((_, text)) => text.to_owned(),
+                None => std::fs::read_to_string(name)
+                    .map_err(|fault| format!("scene {name} cannot be read: {fault}"))?,
+            };
+            Scene::parse(name, &text)?
+        }
+        None => Scene::quiet(),
+    };
+    Ok((profile, scene))
+}
+
+async fn serve_until_stopped(rig: SimulatedRig, asked: &Serve) -> Result<(), Fault> {
+    // Before the ready line: whoever waits for it may stop us at once.
+    let mut terminate = signal(SignalKind::terminate())?;
+    let mut interrupt = signal(SignalKind::interrupt())?;
+    let server = serve(
+        rig,
+        &ServeOptions {
+            bind: asked.bind.clone(),
+            port_6221: asked.port_6221,
+            port_34980a: asked.port_34980a,
+            announce: asked.announce,
+        },
+    )
+    .await?;
+    let mut line = serde_json::to_string(server.ready())?;
+    line.push('\n');
+    {
+        use std::io::Write;
+        let mut out = std::io::stdout().lock();
+        out.write_all(line.as_bytes())?;
+        out.flush()?;
+    }
+    tokio::select! {
+        _ = terminate.recv() => {}
+        _ = interrupt.recv() => {}
+    }
+    server.stop().await;
+    Ok(())
+}
+
+/// Prints the chain of causes once, at the edge.
+fn fail(fault: &dyn std::error::Error, code: u8) -> ExitCode {
+    eprint!("tactus-bench: {fault}");
+    let mut cause = fault.source();
+    while let Some(below) = cause {
+        eprint!(": {below}");
+        cause = below.source();
+    }
+    eprintln!();
+    ExitCode::from(code)
+}

@@ -1,0 +1,512 @@
+//! The simulators, joined to one sheet, behind streams of bytes.
+
+use std::collections::BTreeSet;
+use std::fmt;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use gpio_mux::{Poles, SimulatorGpioMux};
+use keithley_6221::{Load, Settings6221, Simulator6221};
+use keysight_34980a::{MeterRequest, Settings34980a, Simulator34980a, Wires};
+use phantom::{Load as Press, Phantom, PhantomError, ReadingContext, Scene};
+use rig::BoxStream;
+use survey::{Amps, Electrode, Relay, Volts};
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
+use tokio::sync::watch;
+use tokio::time::Instant;
+
+use crate::fixture::Fixture;
+use crate::profile::{Pace, Profile, milliseconds};
+use crate::sheet::Sheet;
+
+/// Longest message an instrument takes, bytes; a longer one is dropped.
+const LONGEST_MESSAGE: usize = 64 * 1024;
+/// What a pipe in memory holds, bytes.
+const PIPE: usize = 64 * 1024;
+
+/// One of the simulated instruments.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Instrument {
+    /// The current source, a 6221.
+    Source,
+    /// The switch and voltmeter, a 34980A.
+    Mainframe,
+    /// The multiplexer board.
+    Board,
+}
+
+impl Instrument {
+    fn index(self) -> usize {
+        self as usize
+    }
+}
+
+impl fmt::Display for Instrument {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Source => "6221",
+            Self::Mainframe => "34980a",
+            Self::Board => "gpio board",
+        })
+    }
+}
+
+/// The state of the wire to an instrument: a fault that a test or a person may cause.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wire {
+    /// Connected.
+    Sound,
+    /// Every connection is closed, and a new one at once.
+    Cut,
+    /// Open, but nothing comes through: the far side hears nothing and says nothing.
+    Silent,
+}
+
+/// What an instrument has heard and said, counted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Messages {
+    /// Messages heard.
+    pub heard: u64,
+    /// Replies given.
+    pub answered: u64,
+    /// Messages that made the voltmeter take readings.
+    pub reading: u64,
+    /// Readings that the voltmeter took.
+    pub readings: u64,
+}
+
+/// One line of a transcript.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Said {
+    /// The instruments' time.
+    pub at: Duration,
+    /// Who heard it.
+    pub instrument: Instrument,
+    /// What it heard.
+    pub heard: String,
+    /// What it answered.
+    pub answered: Option<String>,
+}
+
+/// Why there is no simulated rig.
+#[derive(Debug, thiserror::Error)]
+pub enum RigError {
+    /// The sheet of the scene cannot be had.
+    #[error("the simulated sheet cannot be made")]
+    Sheet(#[from] PhantomError),
+    /// The profile's boards are made for fewer electrodes.
+    #[error("the scene has {electrodes} electrodes, {what} holds {most}")]
+    Electrodes {
+        /// The scene's.
+        electrodes: usize,
+        /// Which instrument.
+        what: &'static str,
+        /// What fits.
+        most: usize,
+    },
+}
+
+/// Simulated instruments joined to one simulated sheet. A handle: clones mean the same rig.
+///
+/// Connections are streams of bytes; no way from the sheet to a reading avoids text. Inside a tokio runtime.
+#[derive(Debug, Clone)]
+pub struct SimulatedRig {
+    shared: Arc<Shared>,
+}
+
+#[derive(Debug)]
+struct Shared {
+    bench: Mutex<Bench>,
+    wires: [watch::Sender<Wire>; 3],
+    pace: Pace,
+    electrodes: usize,
+    has_board: bool,
+}
+
+#[derive(Debug)]
+struct Bench {
+    source: Simulator6221,
+    source_settings: Settings6221,
+    mainframe: Simulator34980a,
+    board: SimulatorGpioMux,
+    sheet: Sheet,
+    start: Instant,
+    /// In instant time: what the instruments would have needed so far. Else what [`SimulatedRig::advance`] added.
+    elapsed: Duration,
+    messages: [Messages; 3],
+    transcript: Option<Vec<Said>>,
+}
+
+impl SimulatedRig {
+    /// Instruments just switched on, the scene's time at zero.
+    ///
+    /// # Errors
+    /// A scene whose sheet cannot be made, or has more electrodes than the profile's board takes.
+    pub fn new(profile: &Profile, scene: Scene) -> Result<Self, RigError> {
+        let phantom = Phantom::new(scene)?;
+        let electrodes = phantom.electrodes();
+        if profile.board.is_some() && electrodes > 32 {
+            return Err(RigError::Electrodes {
+                electrodes,
+                what: "the multiplexer board",
+                most: 32,
+            });
+        }
+        let board = profile.board.clone().unwrap_or_default();
+        let source_settings = Settings6221 {
+            serial: profile.source.serial.clone(),
+            command_time: milliseconds(profile.source.command_ms),
+            ..Settings6221::default()
+        };
+        let bench = Bench {
+            source: Simulator6221::new(source_settings.clone()),
+            source_settings,
+            mainframe: Simulator34980a::new(Settings34980a {
+                serial: profile.mainframe.serial.clone(),
+                slots: profile.slots,
+                line_hz: profile.line_hz,
+                message_time: milliseconds(profile.mainframe.command_ms),
+                ..Settings34980a::default()
+            }),
+            board: SimulatorGpioMux::new(gpio_mux::Settings {
+                serial: board.serial,
+                electrodes: electrodes.min(32),
+                latency: milliseconds(board.command_ms),
+                ..gpio_mux::Settings::default()
+            }),
+            sheet: Sheet::new(phantom, Fixture::new(&profile.slots, electrodes)),
+            start: Instant::now(),
+            elapsed: Duration::ZERO,
+            messages: Default::default(),
+            transcript: None,
+        };
+        Ok(Self {
+            shared: Arc::new(Shared {
+                bench: Mutex::new(bench),
+                wires: [(); 3].map(|()| watch::Sender::new(Wire::Sound)),
+                pace: profile.pace,
+                electrodes,
+                has_board: profile.board.is_some(),
+            }),
+        })
+    }
+
+    /// Number of electrodes of the sheet.
+    pub fn electrodes(&self) -> usize {
+        self.shared.electrodes
+    }
+
+    /// Whether the profile has a multiplexer board.
+    pub fn has_board(&self) -> bool {
+        self.shared.has_board
+    }
+
+    /// Connects to the current source.
+    pub fn connect_6221(&self) -> BoxStream {
+        self.connect(Instrument::Source)
+    }
+
+    /// Connects to the mainframe. It serves several clients at once.
+    pub fn connect_34980a(&self) -> BoxStream {
+        self.connect(Instrument::Mainframe)
+    }
+
+    /// Connects to the multiplexer board. Its port has been open since it was switched on: no banner comes.
+    pub fn connect_gpio(&self) -> BoxStream {
+        self.connect(Instrument::Board)
+    }
+
+    /// Connects to one of the instruments.
+    pub fn connect(&self, instrument: Instrument) -> BoxStream {
+        let (here, there) = tokio::io::duplex(PIPE);
+        tokio::spawn(self.clone().converse(instrument, there));
+        Box::new(here)
+    }
+
+    /// Breaks or mends the wire to an instrument.
+    pub fn set_wire(&self, instrument: Instrument, wire: Wire) {
+        self.shared.wires[instrument.index()].send_replace(wire);
+    }
+
+    /// Presses a load on the sheet, beside those of the scene, until [`SimulatedRig::release`].
+    ///
+    /// # Errors
+    /// A load that cannot be.
+    pub fn press(&self, load: Press) -> Result<(), PhantomError> {
+        self.with_phantom(|phantom| phantom.press(load))
+    }
+
+    /// Takes off again what was pressed.
+    pub fn release(&self) {
+        self.with_phantom(Phantom::release);
+    }
+
+    /// The phantom behind the instruments, for pressing it and asking it for the truth.
+    pub fn with_phantom<T>(&self, act: impl FnOnce(&mut Phantom) -> T) -> T {
+        act(&mut self.bench().sheet.phantom)
+    }
+
+    /// What the instruments' clock shows: the scene's time line runs by it.
+    pub fn now(&self) -> Duration {
+        self.bench().now(self.shared.pace)
+    }
+
+    /// Lets the instruments' time pass.
+    pub fn advance(&self, by: Duration) {
+        self.bench().elapsed += by;
+    }
+
+    /// The current that really flows.
+    pub fn flowing(&self) -> Amps {
+        self.bench().sheet.flowing()
+    }
+
+    /// Whether the source's output is on, and the level it is set to.
+    pub fn source_output(&self) -> (bool, Amps) {
+        let bench = self.bench();
+        (bench.source.output(), bench.source.level())
+    }
+
+    /// The mainframe's relays that are really closed.
+    pub fn closed(&self) -> BTreeSet<Relay> {
+        self.bench().sheet.closed().clone()
+    }
+
+    /// The electrodes that the board's poles are really joined to: I+, I-, V+, V-.
+    pub fn poles(&self) -> [Option<Electrode>; 4] {
+        self.bench().sheet.poles()
+    }
+
+    /// What an ideal voltmeter on analogue bus 1 would have at its terminals now.
+    pub fn voltage(&self) -> Volts {
+        let mut bench = self.bench();
+        let at = bench.now(self.shared.pace);
+        bench.sheet.voltage(at)
+    }
+
+    /// Why the sheet could not be computed, if it ever could not; readings are then over range.
+    pub fn sheet_fault(&self) -> Option<String> {
+        self.bench().sheet.fault().map(ToString::to_string)
+    }
+
+    /// What an instrument has heard and said so far.
+    pub fn messages(&self, instrument: Instrument) -> Messages {
+        self.bench().messages[instrument.index()]
+    }
+
+    /// Begins to write down everything that is said, from nothing.
+    pub fn keep_transcript(&self) {
+        self.bench().transcript = Some(Vec::new());
+    }
+
+    /// Everything said since [`SimulatedRig::keep_transcript`].
+    pub fn transcript(&self) -> Vec<Said> {
+        self.bench().transcript.clone().unwrap_or_default()
+    }
+
+    /// Switches an instrument off and on: its settings are lost, latching relays stay, its connections break.
+    pub fn power_cycle(&self, instrument: Instrument) {
+        self.set_wire(instrument, Wire::Cut);
+        {
+            let mut bench = self.bench();
+            let at = bench.now(self.shared.pace);
+            bench.power_cycle(instrument, at);
+        }
+        self.set_wire(instrument, Wire::Sound);
+    }
+
+    /// Lets an instrument hear one message, and says what it answers and how long that takes in the caller's time.
+    pub fn hear(&self, instrument: Instrument, line: &str) -> (Option<String>, Duration) {
+        let mut bench = self.bench();
+        let at = bench.now(self.shared.pace);
+        let (text, busy) = bench.hear(instrument, line, at);
+        let count = &mut bench.messages[instrument.index()];
+        count.heard += 1;
+        count.answered += u64::from(text.is_some());
+        if let Some(transcript) = &mut bench.transcript {
+            transcript.push(Said {
+                at,
+                instrument,
+                heard: line.to_owned(),
+                answered: text.clone(),
+            });
+        }
+        let wait = match self.shared.pace {
+            Pace::Real => busy,
+            Pace::Scaled(speed) => busy.div_f64(speed),
+            Pace::Instant => {
+                bench.elapsed += busy;
+                Duration::ZERO
+            }
+        };
+        (text, wait)
+    }
+
+    /// Serves one connection until its client leaves or the wire is cut.
+    pub(crate) async fn converse<S>(self, instrument: Instrument, stream: S)
+    where
+        S: AsyncRead + AsyncWrite + Unpin + Send,
+    {
+        let mut wire = self.shared.wires[instrument.index()].subscribe();
+        let cut = async {
+            // The sender lives as long as this rig: waiting cannot fail.
+            wire.wait_for(|wire| *wire == Wire::Cut).await.is_ok()
+        };
+        tokio::select! {
+            biased;
+            _ = cut => {}
+            ended = self.answer(instrument, stream) => {
+                if let Err(fault) = ended {
+                    tracing::debug!("a client of the {instrument} left: {fault}");
+                }
+            }
+        }
+    }
+
+    async fn answer<S>(&self, instrument: Instrument, mut stream: S) -> std::io::Result<()>
+    where
+        S: AsyncRead + AsyncWrite + Unpin + Send,
+    {
+        let wire = self.shared.wires[instrument.index()].subscribe();
+        let mut framer = scpi::Framer::new(LONGEST_MESSAGE);
+        let mut chunk = [0; 4096];
+        loop {
+            let count = stream.read(&mut chunk).await?;
+            if count == 0 {
+                return Ok(());
+            }
+            if *wire.borrow() == Wire::Silent {
+                continue;
+            }
+            framer.push(&chunk[..count]);
+            for message in framer.by_ref() {
+                let line = match message {
+                    Ok(line) => String::from_utf8_lossy(&line).into_owned(),
+                    Err(fault) => {
+                        tracing::warn!("the {instrument} dropped a message: {fault}");
+                        continue;
+                    }
+                };
+                let rig = self.clone();
+                // A load that has moved costs a solution of the sheet, too long for a thread that others wait on.
+                let heard = tokio::task::spawn_blocking(move || rig.hear(instrument, &line)).await;
+                let (text, wait) = heard.map_err(std::io::Error::other)?;
+                if !wait.is_zero() {
+                    tokio::time::sleep(wait).await;
+                }
+                if let Some(mut text) = text
+                    && *wire.borrow() == Wire::Sound
+                {
+                    text.push('\n');
+                    stream.write_all(text.as_bytes()).await?;
+                    stream.flush().await?;
+                }
+            }
+        }
+    }
+
+    /// A simulator that panicked has told so already; what it held is still the truth to look at.
+    fn bench(&self) -> MutexGuard<'_, Bench> {
+        self.shared
+            .bench
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Bench {
+    fn now(&self, pace: Pace) -> Duration {
+        let passed = self.start.elapsed();
+        self.elapsed
+            + match pace {
+                Pace::Real => passed,
+                Pace::Scaled(speed) => passed.mul_f64(speed),
+                Pace::Instant => Duration::ZERO,
+            }
+    }
+
+    fn hear(
+        &mut self,
+        instrument: Instrument,
+        line: &str,
+        at: Duration,
+    ) -> (Option<String>, Duration) {
+        let mut ends = Ends {
+            source: &mut self.source,
+            sheet: &mut self.sheet,
+            readings: 0,
+        };
+        let heard = match instrument {
+            Instrument::Source => {
+                let reply = ends.source.hear(line, at, ends.sheet);
+                (reply.text, reply.busy)
+            }
+            Instrument::Mainframe => {
+                let reply = self.mainframe.hear(line, at, &mut ends);
+                (reply.text, reply.busy)
+            }
+            Instrument::Board => {
+                let reply = self.board.hear(line, at, &mut ends);
+                (reply.text, reply.busy)
+            }
+        };
+        let count = &mut self.messages[instrument.index()];
+        count.readings += ends.readings;
+        count.reading += u64::from(ends.readings > 0);
+        heard
+    }
+
+    fn power_cycle(&mut self, instrument: Instrument, at: Duration) {
+        let mut ends = Ends {
+            source: &mut self.source,
+            sheet: &mut self.sheet,
+            readings: 0,
+        };
+        match instrument {
+            Instrument::Source => {
+                *ends.source = Simulator6221::new(self.source_settings.clone());
+                ends.sheet.drive(Amps(0.0), ends.source.range(), at);
+            }
+            Instrument::Mainframe => self.mainframe.power_cycle(at, &mut ends),
+            Instrument::Board => {
+                self.board.reset(at, &mut ends);
+            }
+        }
+    }
+}
+
+/// Where the wires of mainframe and board end: whatever they move, the source feels.
+struct Ends<'a> {
+    source: &'a mut Simulator6221,
+    sheet: &'a mut Sheet,
+    readings: u64,
+}
+
+impl Wires for Ends<'_> {
+    fn relays(&mut self, closed: &BTreeSet<Relay>, at: Duration) {
+        self.sheet.set_closed(closed);
+        self.source.load_changed(at, self.sheet);
+    }
+
+    fn measure(&mut self, at: Duration, request: MeterRequest) -> Volts {
+        self.readings += 1;
+        self.sheet.set_scanned(request.channel);
+        // The sheet may have been pressed since the relays moved.
+        self.source.load_changed(at, self.sheet);
+        let volts = self.sheet.measured(ReadingContext {
+            at,
+            range: request.range,
+            nplc: request.nplc,
+            relay: request.channel,
+        });
+        self.sheet.set_scanned(None);
+        volts
+    }
+}
+
+impl Poles for Ends<'_> {
+    fn poles(&mut self, joined: [Option<Electrode>; 4], at: Duration) {
+        self.sheet.set_poles(joined);
+        self.source.load_changed(at, self.sheet);
+    }
+}

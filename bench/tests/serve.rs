@@ -1,0 +1,154 @@
+//! The program: its ready line, its ports, its serial port, its clean end.
+
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use gpio_mux::GpioMux;
+use keithley_6221::Keithley6221;
+use keysight_34980a::Keysight34980a;
+use rig::{Link, Move, Switch, connect_tcp, open_serial};
+use serde_json::Value;
+use survey::{Electrode, Relay};
+
+const DEADLINE: Duration = Duration::from_secs(20);
+
+/// The running program; killed if a test leaves it running.
+struct Served {
+    child: Child,
+    ready: Value,
+}
+
+impl Served {
+    fn start(arguments: &[&str]) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_tactus-bench"))
+            .arg("serve")
+            .args(["--port-6221", "0", "--port-34980a", "0", "--instant"])
+            .args(arguments)
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap())
+            .read_line(&mut line)
+            .unwrap();
+        let ready: Value = serde_json::from_str(&line).unwrap();
+        assert_eq!(ready["ready"], true);
+        Self { child, ready }
+    }
+
+    fn address(&self, instrument: &str) -> &str {
+        self.ready[instrument].as_str().unwrap()
+    }
+
+    async fn link(&self, instrument: &str) -> Link<rig::BoxStream> {
+        let stream = connect_tcp(self.address(instrument), DEADLINE)
+            .await
+            .unwrap();
+        Link::new(stream, instrument, DEADLINE)
+    }
+
+    /// Ends it as systemd would, and says how it ended.
+    fn terminate(mut self) -> Option<i32> {
+        let killed = Command::new("kill")
+            .arg(self.child.id().to_string())
+            .status();
+        assert!(killed.unwrap().success());
+        self.child.wait().unwrap().code()
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        self.child.kill().ok();
+        self.child.wait().ok();
+    }
+}
+
+#[tokio::test]
+async fn drivers_talk_to_the_program_over_tcp_and_it_ends_cleanly() {
+    let served = Served::start(&["--slot", "3=34934A,4x128"]);
+    assert_eq!(served.ready["serial"], Value::Null);
+    let source = Keithley6221::connect(served.link("6221").await)
+        .await
+        .unwrap();
+    assert!(source.identity().contains("MODEL 6221"));
+    let mainframe = Keysight34980a::connect(served.link("34980a").await)
+        .await
+        .unwrap();
+    let modules = mainframe.modules();
+    assert_eq!(modules[0], "34924A".parse().ok());
+    assert_eq!(modules[2], "34934A,4x128".parse().ok());
+    assert_eq!(served.terminate(), Some(0));
+}
+
+#[tokio::test]
+async fn the_mainframe_serves_several_clients_and_the_source_one_after_the_other() {
+    let served = Served::start(&[]);
+    let mut first = served.link("34980a").await;
+    let mut second = served.link("34980a").await;
+    first.send("ROUT:CLOS (@1036)").await.unwrap();
+    assert_eq!(
+        first.ask("*OPC?").await.unwrap().trim_start_matches('+'),
+        "1"
+    );
+    assert_eq!(second.ask("ROUT:CLOS? (@1036)").await.unwrap(), "1");
+    let mut source = served.link("6221").await;
+    source.send("SOUR:CURR 1e-3;:OUTP ON").await.unwrap();
+    assert_eq!(source.ask("OUTP?").await.unwrap(), "1");
+    drop(source);
+    // The output survives its client: the next one finds it on.
+    let mut next = served.link("6221").await;
+    assert_eq!(next.ask("OUTP?").await.unwrap(), "1");
+}
+
+#[tokio::test]
+async fn the_board_is_reached_through_its_serial_port_again_and_again() {
+    let served = Served::start(&["--profile", "gpio-board"]);
+    let path = served.ready["serial"].as_str().unwrap();
+    for electrode in [3, 7] {
+        let link = Link::new(open_serial(path, 115_200).unwrap(), path, DEADLINE);
+        let mut board = GpioMux::connect(link).await.unwrap();
+        let relays = [Relay(100 + electrode), Relay(200 + electrode + 1)];
+        board
+            .move_relays(&[Move::Close(relays.to_vec())])
+            .await
+            .unwrap();
+        board.settle().await.unwrap();
+        assert_eq!(board.closed(&relays).await.unwrap(), [true, true]);
+        let plus = Electrode::from_number(electrode as usize);
+        assert_eq!(board.state().await.unwrap().0[0], plus);
+        board.open_verified(&relays).await.unwrap();
+    }
+}
+
+#[test]
+fn what_cannot_be_served_is_refused_with_the_right_code() {
+    let run = |arguments: &[&str]| {
+        let ended = Command::new(env!("CARGO_BIN_EXE_tactus-bench"))
+            .args(arguments)
+            .output()
+            .unwrap();
+        (
+            ended.status.code(),
+            String::from_utf8(ended.stderr).unwrap(),
+        )
+    };
+    let (code, told) = run(&["serve", "--slot", "9=34924A"]);
+    assert_eq!(code, Some(2));
+    assert!(told.contains("slots are 1 to 8"), "{told}");
+    let (code, told) = run(&["serve", "--profile", "no-such-profile"]);
+    assert_eq!(code, Some(78));
+    assert!(
+        told.contains("pairs-34924a, matrix-34932a, gpio-board"),
+        "{told}"
+    );
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = taken.local_addr().unwrap().port().to_string();
+    let (code, told) = run(&["serve", "--port-6221", &port]);
+    assert_eq!(code, Some(1));
+    assert!(
+        told.contains(&port) && told.contains("for the 6221"),
+        "{told}"
+    );
+}
