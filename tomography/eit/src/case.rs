@@ -635,14 +635,14 @@ pub fn read_frames(path: &Path, readings: usize) -> Result<Vec<Vec<Option<f64>>>
         .collect())
 }
 
+/// A frame's label and its readings, V.
+pub type NamedFrame = (String, Vec<Option<f64>>);
+
 /// Like [`read_frames`], with the label of each frame: its row's label or its column's name, else its index from 0.
 ///
 /// # Errors
 /// As [`read_frames`].
-pub fn read_named_frames(
-    path: &Path,
-    readings: usize,
-) -> Result<Vec<(String, Vec<Option<f64>>)>, CaseError> {
+pub fn read_named_frames(path: &Path, readings: usize) -> Result<Vec<NamedFrame>, CaseError> {
     let table = Table::read(path)?;
     let frames = table.rows.len();
     if table.width() == readings && frames > 0 {

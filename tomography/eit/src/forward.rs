@@ -501,8 +501,7 @@ impl Forward {
         for (pattern, column) in currents.column_iter().enumerate() {
             let sum: f64 = column.iter().sum();
             let size: f64 = column.iter().map(|current| current.abs()).sum();
-            // negated so that NaN is refused too
-            if !(sum.abs() <= 1e-12 * size) {
+            if sum.is_nan() || sum.abs() > 1e-12 * size {
                 return Err(ForwardError::CurrentSum { pattern, sum });
             }
         }
@@ -545,7 +544,7 @@ impl Forward {
                     last = correction;
                     break;
                 }
-                if !(correction < 0.5 * last) {
+                if correction.is_nan() || correction >= 0.5 * last {
                     return Err(ForwardError::NotAccurate {
                         achieved: correction,
                     });

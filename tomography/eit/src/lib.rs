@@ -15,8 +15,8 @@ mod reconstructor;
 mod sparse;
 
 pub use case::{
-    Case, CaseError, Table, digits, frames_text, matrix_text, protocol_text, read_frames,
-    read_named_frames, read_protocol,
+    Case, CaseError, NamedFrame, Table, digits, frames_text, matrix_text, protocol_text,
+    read_frames, read_named_frames, read_protocol,
 };
 pub use forward::{Admitted, FLOOR, Fields, Forward, ForwardError};
 pub use mesh::{ENOUGH_EDGES, Mesh, MeshError, MeshQuality};

@@ -398,7 +398,7 @@ fn check_triangles(nodes: &[[f64; 2]], triangles: &[[usize; 3]]) -> Result<Vec<f
     }
     let total: f64 = areas.iter().map(|area| area.abs()).sum();
     for (element, &area) in areas.iter().enumerate() {
-        if !(area.abs() > SMALLEST_AREA * total) {
+        if area.is_nan() || area.abs() <= SMALLEST_AREA * total {
             return Err(MeshError::NoArea { element, area });
         }
         if area < 0.0 {
