@@ -623,8 +623,11 @@ pub fn protocol_text(protocol: &Protocol, currents: &[f64]) -> String {
     text
 }
 
+/// What an instrument sends for an overload (SCPI's infinity); at or above it there is no voltage.
+const OVERLOAD: f64 = 9.9e37;
+
 /// Frames of measured voltages, V: a row a frame, or a column a frame, whichever fits the number of readings. A field
-/// that is empty or not finite is a missing reading.
+/// that is empty, not finite or an overload (9.9e37) is a missing reading.
 ///
 /// # Errors
 /// A file that cannot be read, or whose rows and columns both do not fit; the line is named.
@@ -643,7 +646,10 @@ pub type NamedFrame = (String, Vec<Option<f64>>);
 /// # Errors
 /// As [`read_frames`].
 pub fn read_named_frames(path: &Path, readings: usize) -> Result<Vec<NamedFrame>, CaseError> {
-    let table = Table::read(path)?;
+    let mut table = Table::read(path)?;
+    for value in table.rows.iter_mut().flatten() {
+        *value = value.filter(|volts| volts.abs() < OVERLOAD);
+    }
     let frames = table.rows.len();
     if table.width() == readings && frames > 0 {
         let labels = table

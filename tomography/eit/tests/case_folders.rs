@@ -1,0 +1,235 @@
+//! Geometry, protocol and data go out and come in again, and faults name file and line.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use eit::{
+    Case, CaseError, DiscTank, PaperSheet, frames_text, read_frames, read_named_frames,
+    read_protocol,
+};
+use survey::Protocol;
+
+fn tank_case() -> Case {
+    let tank = DiscTank {
+        fineness: 0.5,
+        ..DiscTank::default()
+    };
+    let mesh = tank.mesh().unwrap();
+    let protocol = Protocol::sheffield(16).unwrap();
+    let sigma = vec![tank.conductance() / 3.0; mesh.triangles().len()];
+    Case {
+        contact_ohm_m: tank.contact_ohm_m(),
+        currents: vec![1e-3; protocol.len()],
+        protocol,
+        sigma: [("homog".to_owned(), sigma)].into(),
+        mesh: Arc::new(mesh),
+        has_region: false,
+    }
+}
+
+fn source_chain(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut source = error.source();
+    while let Some(cause) = source {
+        text = format!("{text}: {cause}");
+        source = cause.source();
+    }
+    text
+}
+
+#[test]
+fn a_case_comes_back_bit_for_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = tank_case();
+    case.write(folder.path()).unwrap();
+    let read = Case::read(folder.path()).unwrap();
+    assert_eq!(read, case);
+    assert_eq!(read.mesh.hash(), case.mesh.hash());
+    assert_eq!(read.sigma("homog").unwrap(), case.sigma["homog"]);
+    let file = folder.path().join("sigma_homog.csv");
+    assert_eq!(
+        read.sigma(file.to_str().unwrap()).unwrap(),
+        case.sigma["homog"]
+    );
+    assert!(
+        read.sigma("nobody")
+            .unwrap_err()
+            .to_string()
+            .contains("homog")
+    );
+}
+
+#[test]
+fn a_region_comes_back_in_its_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let sheet = PaperSheet {
+        fineness: 0.5,
+        ..PaperSheet::default()
+    };
+    let protocol = Protocol::sheffield(26).unwrap();
+    let case = Case {
+        mesh: Arc::new(sheet.mesh().unwrap()),
+        contact_ohm_m: sheet.contact_ohm_m(),
+        currents: vec![1.0; protocol.len()],
+        protocol,
+        sigma: [].into(),
+        has_region: true,
+    };
+    case.write(folder.path()).unwrap();
+    assert_eq!(Case::read(folder.path()).unwrap(), case);
+}
+
+fn change(folder: &Path, file: &str, change: impl Fn(Vec<String>) -> Vec<String>) -> String {
+    let path = folder.join(file);
+    let before = std::fs::read_to_string(&path).unwrap();
+    let lines = change(before.lines().map(str::to_owned).collect());
+    std::fs::write(&path, lines.join("\n")).unwrap();
+    let fault = Case::read(folder).unwrap_err();
+    std::fs::write(&path, before).unwrap();
+    source_chain(&fault)
+}
+
+#[test]
+fn faults_name_file_and_line() {
+    let folder = tempfile::tempdir().unwrap();
+    tank_case().write(folder.path()).unwrap();
+    let line = |at: usize, text: &'static str| {
+        move |mut lines: Vec<String>| {
+            text.clone_into(&mut lines[at - 1]);
+            lines
+        }
+    };
+    for (file, at, text, wanted) in [
+        (
+            "nodes.csv",
+            3,
+            "0.1,x",
+            "nodes.csv:3: column 2 is 'x', which is not a number",
+        ),
+        (
+            "nodes.csv",
+            4,
+            "0.1",
+            "nodes.csv:4: 1 columns, 2 are needed",
+        ),
+        (
+            "elems.csv",
+            2,
+            "0,1,99999",
+            "elems.csv:2: node 99999 does not exist",
+        ),
+        (
+            "elems.csv",
+            2,
+            "0,1.5,2",
+            "elems.csv:2: node is 1.5, which is not an index",
+        ),
+        (
+            "electrode_edges.csv",
+            5,
+            "16,0,1",
+            "electrode_edges.csv:5: electrode 16 does not exist",
+        ),
+        (
+            "electrodes.csv",
+            3,
+            "0,1,1,0,0",
+            "electrodes.csv:3: electrode 0 where electrode 1",
+        ),
+        (
+            "protocol.csv",
+            7,
+            "5,0,1,2,16,1",
+            "protocol.csv:7: electrode 16 does not exist",
+        ),
+        (
+            "protocol.csv",
+            7,
+            "5,0,0,2,3,1",
+            "reading 5 joins electrode 1 to itself",
+        ),
+    ] {
+        let fault = change(folder.path(), file, line(at, text));
+        assert!(fault.contains(wanted), "{fault}");
+    }
+    let short = |mut lines: Vec<String>| {
+        lines.pop();
+        lines
+    };
+    let fault = change(folder.path(), "sigma_homog.csv", short);
+    assert!(
+        fault.contains("sigma_homog.csv: ") && fault.contains("one an element"),
+        "{fault}"
+    );
+    std::fs::remove_file(folder.path().join("elems.csv")).unwrap();
+    let fault = source_chain(&Case::read(folder.path()).unwrap_err());
+    assert!(fault.contains("elems.csv: No such file"), "{fault}");
+}
+
+#[test]
+fn a_missing_current_is_one_ampere() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("protocol.csv");
+    std::fs::write(
+        &path,
+        "meas,source,sink,v_plus,v_minus\n0,0,1,2,3\n1,0,1,3,4\n",
+    )
+    .unwrap();
+    let (protocol, currents) = read_protocol(&path, None).unwrap();
+    assert_eq!(protocol.electrodes(), 5);
+    assert_eq!(currents, [1.0, 1.0]);
+    std::fs::write(&path, "0,0,1,2,3,0.002\n").unwrap();
+    let (protocol, currents) = read_protocol(&path, Some(16)).unwrap();
+    assert_eq!(protocol.electrodes(), 16);
+    assert_eq!(currents, [2e-3]);
+}
+
+#[test]
+fn frames_lie_or_stand() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("frames.csv");
+    let put = |text: &str| std::fs::write(&path, text).unwrap();
+    let two = vec![
+        vec![Some(1.0), Some(2.0), None],
+        vec![Some(4.0), Some(5.0), Some(6.0)],
+    ];
+    // a row a frame: plain, with a header, with labels, with both
+    put("1,2,nan\n4,5,6\n");
+    assert_eq!(read_frames(&path, 3).unwrap(), two);
+    put(&frames_text(&two));
+    assert_eq!(read_frames(&path, 3).unwrap(), two);
+    put("empty,1,2,\nball,4,5,6\n");
+    assert_eq!(read_frames(&path, 3).unwrap(), two);
+    put("frame,m0,m1,m2\nempty,1,2,\nball,4,5,6\n");
+    let named = read_named_frames(&path, 3).unwrap();
+    assert_eq!(named[1], ("ball".to_owned(), two[1].clone()));
+    // a column a frame
+    put("ref,train\n1,4\n2,5\nnan,6\n");
+    let named = read_named_frames(&path, 3).unwrap();
+    assert_eq!(named[0], ("ref".to_owned(), two[0].clone()));
+    assert_eq!(named[1], ("train".to_owned(), two[1].clone()));
+    // one column of values
+    put("v_V\n1\n2\n3\n");
+    assert_eq!(read_frames(&path, 3).unwrap().len(), 1);
+    // an overload is no number
+    put("1,+9.90000000E+37,3\n");
+    assert_eq!(read_frames(&path, 3).unwrap()[0][1], None);
+    put("1,inf,3\n");
+    assert_eq!(read_frames(&path, 3).unwrap()[0][1], None);
+    put("m0,m1,m2\n1,2,3\n1,2\n");
+    let fault = read_frames(&path, 3).unwrap_err();
+    assert!(
+        matches!(
+            fault,
+            CaseError::Columns {
+                line: 3,
+                has: 2,
+                ..
+            }
+        ),
+        "{fault}"
+    );
+    put("1,2,3,4\n");
+    let fault = read_frames(&path, 3).unwrap_err().to_string();
+    assert!(fault.contains("frames.csv:1: 4 columns, 3 "), "{fault}");
+}
