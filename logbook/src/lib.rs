@@ -1,1 +1,57 @@
 //! What is remembered: sessions, baselines, frames, events.
+//!
+//! One SQLite file a session, `<id>.tactus`, in one folder. A frame that [`SessionWriter::append`] has acknowledged is
+//! on disk: it survives `kill -9` and, as far as the disk tells the truth, a power cut. Voltages are the record, to the
+//! last bit; of a map only its hash is kept. Refused at this door: clocks (time comes in as an argument),
+//! instruments, mathematics, and numbers that are not finite.
+//!
+//! - **session**: one run of measurement, or the recording of a **baseline**; its **header** says with what it was taken
+//! - **record**: a frame as it comes back, with its quality and the hash of its map
+//! - **event**: something a person should find later, with its time
+//! - **closed**: how a session ended; a session whose writer was killed has no such entry, and is read all the same
+//!
+//! The layout of the file is in [`schema`], that of a frame's readings in [`codec`].
+//!
+//! ```
+//! # use std::time::Duration;
+//! # use chrono::DateTime;
+//! # use survey::{Amps, Frame, Protocol, Reading, Settings, Volts};
+//! use logbook::{SessionHeader, SessionReader, SessionWriter};
+//!
+//! # let folder = tempfile::tempdir()?;
+//! # let at = DateTime::UNIX_EPOCH;
+//! let protocol = Protocol::sheffield(4)?;
+//! # let settings = Settings { protocol_hash: protocol.hash(), current: Amps(1e-3), range: Volts(1.0), nplc: 1.0,
+//! #     settle: Duration::ZERO, wiring: "w".into() };
+//! let frame = Frame {
+//!     readings: vec![Reading::Ok(Volts(0.1234567)), Reading::Overload, Reading::Timeout, Reading::NotMeasured],
+//! #   sequence: 0, monotonic: Duration::ZERO, wall: at, duration: Duration::ZERO, settings, compliance: vec![],
+//! #   simulated: true,
+//!     // when, how long, with which settings
+//! };
+//! let mut writer = SessionWriter::create(folder.path(), &SessionHeader::new("monday", at, protocol))?;
+//! assert_eq!(writer.append(&frame, None)?, 1);
+//! writer.close(at, "asked to stop")?;
+//!
+//! let session = SessionReader::open(logbook::find(folder.path(), "mon")?)?;
+//! assert_eq!(session.frame(1)?.frame.readings, frame.readings);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+pub mod codec;
+mod header;
+mod lock;
+mod reader;
+mod refusal;
+pub mod schema;
+mod shelf;
+mod writer;
+
+pub use header::{
+    Closing, Event, InstrumentRecord, MapRecord, Record, SessionHeader, SessionKind, SessionSummary,
+};
+pub use lock::{StateLock, lock};
+pub use reader::{Frames, SessionReader};
+pub use refusal::LogbookError;
+pub use shelf::{Listing, Unreadable, baselines, find, latest_baseline, list};
+pub use writer::{SessionWriter, Storage};

@@ -1,0 +1,179 @@
+//! What is kept beside the readings.
+
+use std::fmt;
+use std::path::PathBuf;
+
+use chrono::{DateTime, Utc};
+use serde::{Deserialize, Serialize};
+use survey::{Frame, Protocol, Quality};
+
+/// What a session was for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SessionKind {
+    /// Frames of the unloaded sheet, and their mean.
+    Baseline,
+    /// Frames against a baseline.
+    Measurement,
+}
+
+impl SessionKind {
+    /// As written in the file: `baseline` or `measurement`.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Baseline => "baseline",
+            Self::Measurement => "measurement",
+        }
+    }
+
+    pub(crate) fn parse(text: &str) -> Option<Self> {
+        [Self::Baseline, Self::Measurement]
+            .into_iter()
+            .find(|kind| kind.as_str() == text)
+    }
+}
+
+impl fmt::Display for SessionKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+/// One instrument as it was found when the session began.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct InstrumentRecord {
+    /// `source`, `switch`, `voltmeter`, or what the rig calls it.
+    pub role: String,
+    /// Its whole reply to `*IDN?`.
+    pub identity: String,
+    /// Where it was reached, or `simulated`.
+    pub address: String,
+}
+
+/// With what a session is taken; written once, before the first frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SessionHeader {
+    /// Unique in its folder, `[a-z0-9_]+`; also the file's name.
+    pub id: String,
+    /// What it is for.
+    pub kind: SessionKind,
+    /// Wall time of the beginning.
+    pub started: DateTime<Utc>,
+    /// Every instrument with its identity.
+    pub instruments: Vec<InstrumentRecord>,
+    /// Modules found in the mainframe, one entry a slot, as a person reads them.
+    pub modules: Vec<String>,
+    /// The effective configuration.
+    pub config_toml: String,
+    /// SHA-256 of the effective configuration, hex.
+    pub config_hash: String,
+    /// SHA-256 of the model file that maps are made with.
+    pub model_hash: Option<String>,
+    /// Hash of the mesh that maps are made on.
+    pub geometry_hash: Option<String>,
+    /// The questions asked, in the order of the readings.
+    pub protocol: Protocol,
+    /// Version and commit of the program.
+    pub build: String,
+    /// Seed of everything random, where there is such a thing.
+    pub seed: Option<u64>,
+    /// Whether the voltages come from a simulated sheet.
+    pub simulated: bool,
+    /// What a person wants remembered.
+    pub note: String,
+}
+
+impl SessionHeader {
+    /// A measurement of real instruments about which nothing else is known yet; fill in the rest by field.
+    pub fn new(id: impl Into<String>, started: DateTime<Utc>, protocol: Protocol) -> Self {
+        Self {
+            id: id.into(),
+            kind: SessionKind::Measurement,
+            started,
+            instruments: Vec::new(),
+            modules: Vec::new(),
+            config_toml: String::new(),
+            config_hash: String::new(),
+            model_hash: None,
+            geometry_hash: None,
+            protocol,
+            build: String::new(),
+            seed: None,
+            simulated: false,
+            note: String::new(),
+        }
+    }
+}
+
+/// The trace a map leaves: enough to verify that recomputing it gives the same.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct MapRecord {
+    /// [`survey::Map::hash`].
+    pub hash: String,
+    /// [`survey::Map::method`].
+    pub method: String,
+    /// SHA-256 of the model file, where the method has one.
+    pub model_hash: Option<String>,
+    /// The program that made it.
+    pub build: String,
+    /// CPU features that its arithmetic used.
+    pub cpu: String,
+}
+
+/// A frame as it comes back from the file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// The frame, its sequence counted from 1.
+    pub frame: Frame,
+    /// What its readings say about it.
+    pub quality: Quality,
+    /// Its map, if one was made.
+    pub map: Option<MapRecord>,
+}
+
+/// Something worth finding later.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Event {
+    /// When.
+    pub at: DateTime<Utc>,
+    /// One word for a machine: `started`, `compliance`, `link_lost`.
+    pub kind: String,
+    /// A sentence for a person.
+    pub text: String,
+}
+
+/// How a session ended.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Closing {
+    /// When.
+    pub at: DateTime<Utc>,
+    /// Why, in words.
+    pub reason: String,
+}
+
+/// A session in one line of a list.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SessionSummary {
+    /// Its id.
+    pub id: String,
+    /// Its file.
+    pub path: PathBuf,
+    /// What it was for.
+    pub kind: SessionKind,
+    /// When it began.
+    pub started: DateTime<Utc>,
+    /// Wall time of the last frame.
+    pub last: Option<DateTime<Utc>>,
+    /// Frames in it.
+    pub frames: u64,
+    /// How it ended; `None` while it runs, or when its writer was killed.
+    pub closed: Option<Closing>,
+    /// Whether the voltages come from a simulated sheet.
+    pub simulated: bool,
+    /// Electrodes of the ring.
+    pub electrodes: usize,
+    /// Readings a frame.
+    pub readings: usize,
+    /// What a person wanted remembered.
+    pub note: String,
+}

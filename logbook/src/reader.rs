@@ -1,0 +1,554 @@
+//! Reading a session: closed, or left behind by a writer that was killed, or still being written.
+
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use chrono::{DateTime, Utc};
+use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, params};
+use survey::{Amps, Baseline, Electrode, Frame, Quality, Reading, Settings, Volts};
+
+use crate::writer::{FrameRow, baseline_checksum, unpack_hash};
+use crate::{
+    Closing, Event, LogbookError, MapRecord, Record, SessionHeader, SessionKind, SessionSummary,
+    codec, schema,
+};
+
+/// How many frames are fetched at a time while iterating.
+const PAGE: u32 = 64;
+
+/// A session's file, opened for reading; it is never changed.
+#[derive(Debug)]
+pub struct SessionReader {
+    connection: Connection,
+    path: PathBuf,
+    header: SessionHeader,
+    closed: Option<Closing>,
+}
+
+impl SessionReader {
+    /// Opens a session file. What a killed writer has left in the journal beside it is part of the session.
+    ///
+    /// # Errors
+    /// No such file, not a session, a newer schema, or damage to the header.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, LogbookError> {
+        let path = path.as_ref().to_owned();
+        // SQLite says "unable to open" for everything; the system says why.
+        std::fs::File::open(&path).map_err(|source| LogbookError::Io {
+            path: path.clone(),
+            attempt: "open",
+            source,
+        })?;
+        let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let failed = |source| LogbookError::reading(&path, "read the header of", source);
+        let connection = Connection::open_with_flags(&path, flags).map_err(failed)?;
+        let number = |name: &str| -> Result<i64, LogbookError> {
+            connection
+                .pragma_query_value(None, name, |row| row.get(0))
+                .map_err(failed)
+        };
+        if number("application_id")? != i64::from(schema::APPLICATION_ID) {
+            return Err(LogbookError::NotASession {
+                path,
+                why: "its application id is another (or its writer was killed before the header was written)"
+                    .into(),
+            });
+        }
+        let has = number("user_version")?;
+        if has > schema::VERSION {
+            return Err(LogbookError::NewerSchema {
+                path,
+                has,
+                reads: schema::VERSION,
+            });
+        }
+        let row = connection
+            .query_row("SELECT * FROM session", [], |row| Ok(header_row(row)))
+            .map_err(failed)?;
+        let (header, closed) = match row {
+            Ok(read) => read,
+            Err(HeaderFault::Store(source)) => return Err(failed(source)),
+            Err(HeaderFault::Content(why)) => {
+                return Err(LogbookError::Damaged {
+                    path,
+                    place: "its header".into(),
+                    why,
+                });
+            }
+        };
+        Ok(Self {
+            connection,
+            path,
+            header,
+            closed,
+        })
+    }
+
+    /// With what the session was taken.
+    pub fn header(&self) -> &SessionHeader {
+        &self.header
+    }
+
+    /// The session's file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// How the session had ended when it was opened here; `None` while it runs, or when its writer was killed.
+    pub fn closed(&self) -> Option<&Closing> {
+        self.closed.as_ref()
+    }
+
+    /// Frames in the file now.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn len(&self) -> Result<u64, LogbookError> {
+        self.connection
+            .query_row("SELECT coalesce(max(sequence), 0) FROM frame", [], |row| {
+                row.get::<_, i64>(0)
+            })
+            .map(|frames| frames as u64)
+            .map_err(|source| LogbookError::reading(&self.path, "count the frames of", source))
+    }
+
+    /// Whether there is no frame.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn is_empty(&self) -> Result<bool, LogbookError> {
+        Ok(self.len()? == 0)
+    }
+
+    /// The session in one line.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn summary(&self) -> Result<SessionSummary, LogbookError> {
+        let last: Option<i64> = self
+            .connection
+            .query_row(
+                "SELECT wall_ns FROM frame ORDER BY sequence DESC LIMIT 1",
+                [],
+                |row| row.get(0),
+            )
+            .optional()
+            .map_err(|source| {
+                LogbookError::reading(&self.path, "read the last frame of", source)
+            })?;
+        Ok(SessionSummary {
+            id: self.header.id.clone(),
+            path: self.path.clone(),
+            kind: self.header.kind,
+            started: self.header.started,
+            last: last.map(DateTime::from_timestamp_nanos),
+            frames: self.len()?,
+            closed: self.closed.clone(),
+            simulated: self.header.simulated,
+            electrodes: self.header.protocol.electrodes(),
+            readings: self.header.protocol.len(),
+            note: self.header.note.clone(),
+        })
+    }
+
+    /// The baseline that the session recorded or was measured against.
+    ///
+    /// # Errors
+    /// The file cannot be read, or its baseline is damaged.
+    pub fn baseline(&self) -> Result<Option<Baseline>, LogbookError> {
+        let row = self
+            .connection
+            .query_row(
+                "SELECT id, wall_ns, frames, settings, simulated, readings, deviation, checksum FROM baseline",
+                [],
+                |row| {
+                    Ok((
+                        row.get::<_, String>(0)?,
+                        row.get::<_, i64>(1)?,
+                        row.get::<_, i64>(2)?,
+                        row.get::<_, i64>(3)?,
+                        row.get::<_, bool>(4)?,
+                        row.get::<_, Vec<u8>>(5)?,
+                        row.get::<_, Vec<u8>>(6)?,
+                        row.get::<_, Vec<u8>>(7)?,
+                    ))
+                },
+            )
+            .optional()
+            .map_err(|source| LogbookError::reading(&self.path, "read the baseline of", source))?;
+        let Some((id, wall, frames, settings, simulated, readings, deviation, checksum)) = row
+        else {
+            return Ok(None);
+        };
+        let place = || "its baseline".to_owned();
+        if checksum
+            != baseline_checksum(
+                &id, wall, frames, settings, simulated, &readings, &deviation,
+            )
+        {
+            return Err(self.damaged(place(), "its checksum does not agree"));
+        }
+        let unpack = |blob: &[u8]| {
+            codec::decode(blob, &[]).map_err(|cause| self.damaged(place(), cause.to_string()))
+        };
+        Ok(Some(Baseline {
+            id,
+            readings: unpack(&readings)?,
+            deviation: unpack(&deviation)?
+                .into_iter()
+                .map(|deviation| deviation.volts().map(|volts| volts.0))
+                .collect(),
+            frames: frames as usize,
+            wall: DateTime::from_timestamp_nanos(wall),
+            settings: self.settings(settings)?,
+            simulated,
+        }))
+    }
+
+    /// One frame by its sequence, counted from 1.
+    ///
+    /// # Errors
+    /// No such frame, or a damaged one.
+    pub fn frame(&self, sequence: u64) -> Result<Record, LogbookError> {
+        let row = self
+            .connection
+            .prepare_cached("SELECT * FROM frame WHERE sequence = ?1")
+            .and_then(|mut statement| {
+                statement
+                    .query_row([sequence as i64], StoredFrame::read)
+                    .optional()
+            })
+            .map_err(|source| LogbookError::reading(&self.path, "read a frame of", source))?;
+        let Some(row) = row else {
+            return Err(LogbookError::NoSuchFrame {
+                path: self.path.clone(),
+                sequence,
+                frames: self.len()?,
+            });
+        };
+        self.unpack(row, &mut Known::default())
+    }
+
+    /// All frames in order. A damaged frame is an error in its place, and the ones after it still come.
+    pub fn frames(&self) -> Frames<'_> {
+        self.frames_from(1)
+    }
+
+    /// The frames from a sequence on.
+    pub fn frames_from(&self, sequence: u64) -> Frames<'_> {
+        Frames {
+            session: self,
+            next: sequence.max(1) as i64,
+            page: VecDeque::new(),
+            known: Known::default(),
+            ended: false,
+        }
+    }
+
+    /// The last frame, if there is one.
+    ///
+    /// # Errors
+    /// The file cannot be read, or that frame is damaged.
+    pub fn last(&self) -> Result<Option<Record>, LogbookError> {
+        match self.len()? {
+            0 => Ok(None),
+            last => self.frame(last).map(Some),
+        }
+    }
+
+    /// What happened, in order.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn events(&self) -> Result<Vec<Event>, LogbookError> {
+        let read = || -> rusqlite::Result<Vec<Event>> {
+            self.connection
+                .prepare_cached("SELECT at_ns, kind, text FROM event ORDER BY id")?
+                .query_map([], |row| {
+                    Ok(Event {
+                        at: DateTime::from_timestamp_nanos(row.get(0)?),
+                        kind: row.get(1)?,
+                        text: row.get(2)?,
+                    })
+                })?
+                .collect()
+        };
+        read().map_err(|source| LogbookError::reading(&self.path, "read the events of", source))
+    }
+
+    fn page(&self, from: i64) -> Result<VecDeque<StoredFrame>, LogbookError> {
+        let read = || -> rusqlite::Result<VecDeque<StoredFrame>> {
+            self.connection
+                .prepare_cached(
+                    "SELECT * FROM frame WHERE sequence >= ?1 ORDER BY sequence LIMIT ?2",
+                )?
+                .query_map(params![from, PAGE], StoredFrame::read)?
+                .collect()
+        };
+        read().map_err(|source| LogbookError::reading(&self.path, "read the frames of", source))
+    }
+
+    fn settings(&self, id: i64) -> Result<Settings, LogbookError> {
+        self.connection
+            .prepare_cached(
+                "SELECT protocol_hash, current_a, range_v, nplc, settle_ns, wiring FROM settings WHERE id = ?1",
+            )
+            .and_then(|mut statement| {
+                statement.query_row([id], |row| {
+                    Ok(Settings {
+                        protocol_hash: row.get(0)?,
+                        current: Amps(row.get(1)?),
+                        range: Volts(row.get(2)?),
+                        nplc: row.get(3)?,
+                        settle: nanoseconds(row.get(4)?),
+                        wiring: row.get(5)?,
+                    })
+                })
+            })
+            .map_err(|source| LogbookError::reading(&self.path, "read the settings of", source))
+    }
+
+    fn map_record(&self, id: i64, hash: &[u8]) -> Result<MapRecord, LogbookError> {
+        let hash = unpack_hash(hash)
+            .ok_or_else(|| self.damaged("the hash of a map".into(), "it is no hash"))?;
+        self.connection
+            .prepare_cached("SELECT method, model_hash, build, cpu FROM mapper WHERE id = ?1")
+            .and_then(|mut statement| {
+                statement.query_row([id], |row| {
+                    Ok(MapRecord {
+                        hash,
+                        method: row.get(0)?,
+                        model_hash: row.get(1)?,
+                        build: row.get(2)?,
+                        cpu: row.get(3)?,
+                    })
+                })
+            })
+            .map_err(|source| LogbookError::reading(&self.path, "read the map methods of", source))
+    }
+
+    fn unpack(&self, stored: StoredFrame, known: &mut Known) -> Result<Record, LogbookError> {
+        let StoredFrame {
+            row,
+            settings,
+            mapper,
+            reciprocity,
+            checksum,
+        } = stored;
+        let place = || format!("frame {}", row.sequence);
+        if checksum != row.checksum(settings, mapper) {
+            return Err(self.damaged(place(), "its checksum does not agree"));
+        }
+        if let Some(reference) = row.reference
+            && known
+                .reference
+                .as_ref()
+                .is_none_or(|(id, _)| *id != reference)
+        {
+            known.reference = Some((reference, self.reference(row.sequence, reference)?));
+        }
+        let reference = match (row.reference, &known.reference) {
+            (Some(_), Some((_, readings))) => readings.as_slice(),
+            _ => &[],
+        };
+        let readings = codec::decode(&row.blob, reference)
+            .map_err(|cause| self.damaged(place(), cause.to_string()))?;
+        if readings.len() != self.header.protocol.len() {
+            return Err(self.damaged(place(), "its length is not the protocol's"));
+        }
+        if row.reference.is_none() {
+            known.reference = Some((row.sequence, readings.clone()));
+        }
+        let compliance: Vec<Electrode> = match &row.compliance {
+            Some(json) => serde_json::from_str(json)
+                .map_err(|cause| self.damaged(place(), cause.to_string()))?,
+            None => Vec::new(),
+        };
+        if known
+            .settings
+            .as_ref()
+            .is_none_or(|(id, _)| *id != settings)
+        {
+            known.settings = Some((settings, self.settings(settings)?));
+        }
+        let taken = known
+            .settings
+            .as_ref()
+            .map(|(_, settings)| settings.clone());
+        let frame = Frame {
+            sequence: row.sequence as u64,
+            readings,
+            monotonic: nanoseconds(row.monotonic),
+            wall: DateTime::<Utc>::from_timestamp_nanos(row.wall),
+            duration: nanoseconds(row.duration),
+            settings: taken.expect("looked up just above"),
+            compliance,
+            simulated: row.simulated,
+        };
+        let map = match (mapper, &row.map_hash) {
+            (Some(id), Some(hash)) => Some(self.map_record(id, hash)?),
+            _ => None,
+        };
+        Ok(Record {
+            quality: Quality {
+                reciprocity,
+                ..frame.quality(&[])
+            },
+            frame,
+            map,
+        })
+    }
+
+    /// The readings that a frame's differences refer to.
+    fn reference(&self, of: i64, reference: i64) -> Result<Vec<Reading>, LogbookError> {
+        if reference == 0 {
+            let baseline = self.baseline()?;
+            return baseline.map(|baseline| baseline.readings).ok_or_else(|| {
+                self.damaged(
+                    format!("frame {of}"),
+                    "it refers to a baseline, and there is none",
+                )
+            });
+        }
+        // Earlier than the frame itself, so a damaged file cannot send this round in a circle.
+        if !(1..of).contains(&reference) {
+            return Err(self.damaged(format!("frame {of}"), "it refers to a later frame"));
+        }
+        Ok(self.frame(reference as u64)?.frame.readings)
+    }
+
+    fn damaged(&self, place: String, why: impl Into<String>) -> LogbookError {
+        LogbookError::Damaged {
+            path: self.path.clone(),
+            place,
+            why: why.into(),
+        }
+    }
+}
+
+/// Frames of a session in order; made by [`SessionReader::frames`].
+#[derive(Debug)]
+pub struct Frames<'a> {
+    session: &'a SessionReader,
+    next: i64,
+    page: VecDeque<StoredFrame>,
+    known: Known,
+    ended: bool,
+}
+
+impl Iterator for Frames<'_> {
+    type Item = Result<Record, LogbookError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.page.is_empty() && !self.ended {
+            match self.session.page(self.next) {
+                Ok(page) => self.page = page,
+                Err(failure) => {
+                    self.ended = true;
+                    return Some(Err(failure));
+                }
+            }
+        }
+        let Some(stored) = self.page.pop_front() else {
+            self.ended = true;
+            return None;
+        };
+        self.next = stored.row.sequence + 1;
+        Some(self.session.unpack(stored, &mut self.known))
+    }
+}
+
+/// What was looked up last, for the next frame mostly wants the same.
+#[derive(Debug, Default)]
+struct Known {
+    reference: Option<(i64, Vec<Reading>)>,
+    settings: Option<(i64, Settings)>,
+}
+
+struct StoredFrame {
+    row: FrameRow,
+    settings: i64,
+    mapper: Option<i64>,
+    reciprocity: Option<f64>,
+    checksum: Vec<u8>,
+}
+
+impl std::fmt::Debug for StoredFrame {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "frame {}", self.row.sequence)
+    }
+}
+
+impl StoredFrame {
+    fn read(row: &Row<'_>) -> rusqlite::Result<Self> {
+        Ok(Self {
+            row: FrameRow {
+                sequence: row.get("sequence")?,
+                wall: row.get("wall_ns")?,
+                monotonic: row.get("monotonic_ns")?,
+                duration: row.get("duration_ns")?,
+                simulated: row.get("simulated")?,
+                compliance: row.get("compliance")?,
+                map_hash: row.get("map_hash")?,
+                reference: row.get("reference")?,
+                blob: row.get("readings")?,
+            },
+            settings: row.get("settings")?,
+            mapper: row.get("mapper")?,
+            reciprocity: row.get("reciprocity")?,
+            checksum: row.get("checksum")?,
+        })
+    }
+}
+
+enum HeaderFault {
+    Store(rusqlite::Error),
+    Content(String),
+}
+
+impl From<rusqlite::Error> for HeaderFault {
+    fn from(source: rusqlite::Error) -> Self {
+        Self::Store(source)
+    }
+}
+
+fn header_row(row: &Row<'_>) -> Result<(SessionHeader, Option<Closing>), HeaderFault> {
+    let content = |what: &str, cause: &dyn std::fmt::Display| {
+        HeaderFault::Content(format!("{what}: {cause}"))
+    };
+    let text = |name: &str| row.get::<_, String>(name);
+    let kind = text("kind")?;
+    let seed: Option<String> = row.get("seed")?;
+    let closed_ns: Option<i64> = row.get("closed_ns")?;
+    let reason: Option<String> = row.get("closed_reason")?;
+    let header = SessionHeader {
+        id: text("id")?,
+        kind: SessionKind::parse(&kind).ok_or_else(|| content("kind", &kind))?,
+        started: DateTime::from_timestamp_nanos(row.get("started_ns")?),
+        instruments: serde_json::from_str(&text("instruments")?)
+            .map_err(|cause| content("instruments", &cause))?,
+        modules: serde_json::from_str(&text("modules")?)
+            .map_err(|cause| content("modules", &cause))?,
+        config_toml: text("config_toml")?,
+        config_hash: text("config_hash")?,
+        model_hash: row.get("model_hash")?,
+        geometry_hash: row.get("geometry_hash")?,
+        protocol: serde_json::from_str(&text("protocol")?)
+            .map_err(|cause| content("protocol", &cause))?,
+        build: text("build")?,
+        seed: seed
+            .map(|seed| seed.parse().map_err(|cause| content("seed", &cause)))
+            .transpose()?,
+        simulated: row.get("simulated")?,
+        note: text("note")?,
+    };
+    let closed = closed_ns.map(|at| Closing {
+        at: DateTime::from_timestamp_nanos(at),
+        reason: reason.unwrap_or_default(),
+    });
+    Ok((header, closed))
+}
+
+fn nanoseconds(count: i64) -> Duration {
+    Duration::from_nanos(count.max(0) as u64)
+}

@@ -1,0 +1,189 @@
+//! Why the logbook refuses; one list, because every caller must tell a full disk from a wrong file.
+
+use std::path::{Path, PathBuf};
+
+/// What went wrong with which file, and what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum LogbookError {
+    /// The disk took no more: full, failing, or no longer writable. Frames acknowledged before are safe.
+    #[error(
+        "the disk refused a write to {path} ({attempt}); earlier frames are safe; free space or mend the disk, then start a new session"
+    )]
+    DiskRefused {
+        /// The file.
+        path: PathBuf,
+        /// What was being written.
+        attempt: &'static str,
+        /// What the system said.
+        #[source]
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
+    /// The file is something else.
+    #[error("{path} is not a session file: {why}")]
+    NotASession {
+        /// The file.
+        path: PathBuf,
+        /// How one can tell.
+        why: String,
+    },
+    /// The file was written by a newer program.
+    #[error(
+        "{path} has schema {has}, this program reads up to {reads}; use the program that wrote it, or a newer one"
+    )]
+    NewerSchema {
+        /// The file.
+        path: PathBuf,
+        /// What it has.
+        has: i64,
+        /// What can be read.
+        reads: i64,
+    },
+    /// Another process owns the state directory.
+    #[error(
+        "another process{} already runs on {dir}; stop it, or configure another state directory",
+        pid.map(|pid| format!(" (pid {pid})")).unwrap_or_default()
+    )]
+    AlreadyRunning {
+        /// The directory.
+        dir: PathBuf,
+        /// Its process number, as it wrote it down.
+        pid: Option<u32>,
+    },
+    /// A session of that name exists; nothing is ever overwritten.
+    #[error("{path} exists already; a session is never overwritten, choose another id")]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The name cannot be a file name and a D-Bus path.
+    #[error("'{id}' cannot name a session: use a to z, 0 to 9 and _ (1 to 100 of them)")]
+    BadId {
+        /// What was given.
+        id: String,
+    },
+    /// The readings do not answer the session's protocol.
+    #[error("a frame of {has} readings does not fit a session whose protocol asks {wants}")]
+    WrongLength {
+        /// What it has.
+        has: usize,
+        /// What the protocol asks.
+        wants: usize,
+    },
+    /// A reading is flagged ok and is not a number.
+    #[error("reading {reading} is flagged ok and is not a finite number; flag it instead")]
+    NotFinite {
+        /// Its index, from 0.
+        reading: usize,
+    },
+    /// A time that does not fit 64 bits of nanoseconds.
+    #[error("{what} is out of range: wall times reach from 1677 to 2262, durations to 292 years")]
+    TimeOutOfRange {
+        /// Which time.
+        what: &'static str,
+    },
+    /// Something in the file does not agree with its checksum or with its own layout.
+    #[error("{path} is damaged at {place}: {why}")]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// Which entry.
+        place: String,
+        /// What does not agree.
+        why: String,
+    },
+    /// The session has no such frame.
+    #[error("{path} has no frame {sequence}; it has {frames}, counted from 1")]
+    NoSuchFrame {
+        /// The file.
+        path: PathBuf,
+        /// What was asked.
+        sequence: u64,
+        /// How many there are.
+        frames: u64,
+    },
+    /// No session of that name.
+    #[error("no session '{asked}' in {dir}; `tactus sessions` lists them")]
+    NoSuchSession {
+        /// The folder.
+        dir: PathBuf,
+        /// What was asked.
+        asked: String,
+    },
+    /// Several sessions begin like that.
+    #[error("'{asked}' may be any of {candidates} in {dir}; write more of the id")]
+    Ambiguous {
+        /// The folder.
+        dir: PathBuf,
+        /// What was asked.
+        asked: String,
+        /// Some of them.
+        candidates: String,
+    },
+    /// The folder or file could not be read.
+    #[error("cannot {attempt} {path}")]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What was attempted.
+        attempt: &'static str,
+        /// What the system said.
+        #[source]
+        source: std::io::Error,
+    },
+    /// The store failed in another way.
+    #[error("cannot {attempt} {path}")]
+    Store {
+        /// The file.
+        path: PathBuf,
+        /// What was attempted.
+        attempt: &'static str,
+        /// What SQLite said.
+        #[source]
+        source: rusqlite::Error,
+    },
+}
+
+impl LogbookError {
+    /// Sorts what SQLite said while something was being written.
+    pub(crate) fn writing(path: &Path, attempt: &'static str, source: rusqlite::Error) -> Self {
+        use rusqlite::ErrorCode::{CannotOpen, DiskFull, ReadOnly, SystemIoFailure};
+        match source.sqlite_error_code() {
+            Some(DiskFull | SystemIoFailure | ReadOnly | CannotOpen) => Self::DiskRefused {
+                path: path.to_owned(),
+                attempt,
+                source: Box::new(source),
+            },
+            _ => Self::Store {
+                path: path.to_owned(),
+                attempt,
+                source,
+            },
+        }
+    }
+
+    /// Sorts what SQLite said while something was being read.
+    pub(crate) fn reading(path: &Path, attempt: &'static str, source: rusqlite::Error) -> Self {
+        use rusqlite::ErrorCode::{DatabaseCorrupt, NotADatabase};
+        match source.sqlite_error_code() {
+            Some(NotADatabase) => Self::NotASession {
+                path: path.to_owned(),
+                why: "it is not an SQLite file".into(),
+            },
+            Some(DatabaseCorrupt) => Self::Damaged {
+                path: path.to_owned(),
+                place: attempt.to_owned(),
+                why: source.to_string(),
+            },
+            _ => Self::Store {
+                path: path.to_owned(),
+                attempt,
+                source,
+            },
+        }
+    }
+
+    /// Whether the disk is to blame, so that acquisition must stop.
+    pub fn is_disk(&self) -> bool {
+        matches!(self, Self::DiskRefused { .. })
+    }
+}

@@ -1,0 +1,106 @@
+//! The layout of a session file, for people who open it with another tool.
+//!
+//! An SQLite database, `application_id` 0x54616374 ("Tact"), `user_version` [`VERSION`]. While it is written it is in
+//! WAL mode with `synchronous = FULL`; closing it leaves a single file in rollback mode, readable from a read-only disk.
+//! Wall times are nanoseconds since 1970 UTC; durations and monotonic times are nanoseconds; other quantities are SI;
+//! electrodes are counted from 0.
+//!
+//! | table | holds |
+//! |---|---|
+//! | `session` | one row: id, kind, start, build, seed (decimal text), configuration and its hash, model and geometry hash, protocol, instruments and modules (JSON), and, once closed, when and why |
+//! | `settings` | one row for each way in which frames were taken |
+//! | `mapper` | one row for each method, model, build and CPU that made maps |
+//! | `baseline` | the baseline in use: readings and deviations as [`crate::codec`] blobs |
+//! | `frame` | one row a frame: times, settings, readings as a blob of [`crate::codec`], counts of flags, largest difference of reciprocal twins, driving electrodes in compliance (JSON), the hash of the map |
+//! | `event` | time, one word, one sentence |
+//!
+//! `frame.reference` says what the blob's differences are taken against: NULL nothing, 0 the baseline, n frame n, which
+//! itself refers to nothing or to the baseline. `checksum` is the first 8 bytes of the SHA-256 over the row's
+//! content; a frame that does not agree with it is an error, never a number.
+
+use rusqlite::Connection;
+
+/// "Tact" in ASCII.
+pub const APPLICATION_ID: i32 = 0x5461_6374;
+
+/// Version of the layout; a file with a higher one is refused.
+pub const VERSION: i64 = 1;
+
+const TABLES: &str = "
+CREATE TABLE session (
+    only INTEGER PRIMARY KEY CHECK (only = 1),
+    id TEXT NOT NULL,
+    kind TEXT NOT NULL CHECK (kind IN ('baseline', 'measurement')),
+    started_ns INTEGER NOT NULL,
+    simulated INTEGER NOT NULL CHECK (simulated IN (0, 1)),
+    build TEXT NOT NULL,
+    seed TEXT,
+    config_toml TEXT NOT NULL,
+    config_hash TEXT NOT NULL,
+    model_hash TEXT,
+    geometry_hash TEXT,
+    protocol TEXT NOT NULL,
+    instruments TEXT NOT NULL,
+    modules TEXT NOT NULL,
+    note TEXT NOT NULL,
+    closed_ns INTEGER,
+    closed_reason TEXT
+) STRICT;
+CREATE TABLE settings (
+    id INTEGER PRIMARY KEY,
+    protocol_hash TEXT NOT NULL,
+    current_a REAL NOT NULL,
+    range_v REAL NOT NULL,
+    nplc REAL NOT NULL,
+    settle_ns INTEGER NOT NULL,
+    wiring TEXT NOT NULL
+) STRICT;
+CREATE TABLE mapper (
+    id INTEGER PRIMARY KEY,
+    method TEXT NOT NULL,
+    model_hash TEXT,
+    build TEXT NOT NULL,
+    cpu TEXT NOT NULL
+) STRICT;
+CREATE TABLE baseline (
+    only INTEGER PRIMARY KEY CHECK (only = 1),
+    id TEXT NOT NULL,
+    wall_ns INTEGER NOT NULL,
+    frames INTEGER NOT NULL,
+    settings INTEGER NOT NULL REFERENCES settings (id),
+    simulated INTEGER NOT NULL CHECK (simulated IN (0, 1)),
+    readings BLOB NOT NULL,
+    deviation BLOB NOT NULL,
+    checksum BLOB NOT NULL
+) STRICT;
+CREATE TABLE frame (
+    sequence INTEGER PRIMARY KEY,
+    wall_ns INTEGER NOT NULL,
+    monotonic_ns INTEGER NOT NULL,
+    duration_ns INTEGER NOT NULL,
+    settings INTEGER NOT NULL REFERENCES settings (id),
+    simulated INTEGER NOT NULL CHECK (simulated IN (0, 1)),
+    overloads INTEGER NOT NULL,
+    timeouts INTEGER NOT NULL,
+    not_measured INTEGER NOT NULL,
+    reciprocity REAL,
+    compliance TEXT,
+    mapper INTEGER REFERENCES mapper (id),
+    map_hash BLOB,
+    reference INTEGER,
+    readings BLOB NOT NULL,
+    checksum BLOB NOT NULL
+) STRICT;
+CREATE TABLE event (
+    id INTEGER PRIMARY KEY,
+    at_ns INTEGER NOT NULL,
+    kind TEXT NOT NULL,
+    text TEXT NOT NULL
+) STRICT;
+";
+
+pub(crate) fn lay_out(connection: &Connection) -> rusqlite::Result<()> {
+    connection.execute_batch(TABLES)?;
+    connection.pragma_update(None, "application_id", APPLICATION_ID)?;
+    connection.pragma_update(None, "user_version", VERSION)
+}

@@ -1,0 +1,134 @@
+//! The folder of sessions.
+
+use std::path::{Path, PathBuf};
+
+use crate::{LogbookError, SessionKind, SessionReader, SessionSummary};
+
+/// How a session's file name ends.
+pub(crate) const EXTENSION: &str = "tactus";
+
+/// What a folder holds.
+#[derive(Debug, Default)]
+pub struct Listing {
+    /// Sessions, the oldest first.
+    pub sessions: Vec<SessionSummary>,
+    /// Files that look like sessions and cannot be read.
+    pub unreadable: Vec<Unreadable>,
+}
+
+/// A file that looks like a session and cannot be read.
+#[derive(Debug)]
+pub struct Unreadable {
+    /// The file.
+    pub path: PathBuf,
+    /// Why.
+    pub why: LogbookError,
+}
+
+/// Lists the sessions of a folder, by start; a folder that is not there holds none. What cannot be read is listed beside.
+///
+/// # Errors
+/// The folder cannot be read.
+pub fn list(dir: impl AsRef<Path>) -> Result<Listing, LogbookError> {
+    let mut listing = Listing::default();
+    for path in files(dir.as_ref())? {
+        match SessionReader::open(&path).and_then(|session| session.summary()) {
+            Ok(summary) => listing.sessions.push(summary),
+            Err(why) => listing.unreadable.push(Unreadable { path, why }),
+        }
+    }
+    listing
+        .sessions
+        .sort_by(|a, b| (a.started, &a.id).cmp(&(b.started, &b.id)));
+    Ok(listing)
+}
+
+/// Finds a session's file by its id, or by the beginning of it if that is enough.
+///
+/// # Errors
+/// No session of that name, or several.
+pub fn find(dir: impl AsRef<Path>, id_or_prefix: &str) -> Result<PathBuf, LogbookError> {
+    let dir = dir.as_ref();
+    let mut matching = Vec::new();
+    for path in files(dir)? {
+        let id = id_of(&path);
+        if id == id_or_prefix {
+            return Ok(path);
+        }
+        if id.starts_with(id_or_prefix) {
+            matching.push(path);
+        }
+    }
+    match matching.as_slice() {
+        [only] => Ok(only.clone()),
+        [] => Err(LogbookError::NoSuchSession {
+            dir: dir.to_owned(),
+            asked: id_or_prefix.to_owned(),
+        }),
+        several => {
+            let mut candidates: Vec<&str> =
+                several.iter().take(5).map(|path| id_of(path)).collect();
+            if several.len() > candidates.len() {
+                candidates.push("...");
+            }
+            Err(LogbookError::Ambiguous {
+                dir: dir.to_owned(),
+                asked: id_or_prefix.to_owned(),
+                candidates: candidates.join(", "),
+            })
+        }
+    }
+}
+
+/// The baseline sessions of a folder that were closed, the oldest first.
+///
+/// # Errors
+/// The folder cannot be read.
+pub fn baselines(dir: impl AsRef<Path>) -> Result<Vec<SessionSummary>, LogbookError> {
+    let mut sessions = list(dir)?.sessions;
+    sessions.retain(|session| session.kind == SessionKind::Baseline && session.closed.is_some());
+    Ok(sessions)
+}
+
+/// The baseline recorded last, if there is one; sessions that were closed without a baseline in them are passed over.
+///
+/// # Errors
+/// The folder or that baseline cannot be read.
+pub fn latest_baseline(
+    dir: impl AsRef<Path>,
+) -> Result<Option<(SessionSummary, survey::Baseline)>, LogbookError> {
+    for summary in baselines(dir)?.into_iter().rev() {
+        if let Some(baseline) = SessionReader::open(&summary.path)?.baseline()? {
+            return Ok(Some((summary, baseline)));
+        }
+    }
+    Ok(None)
+}
+
+fn files(dir: &Path) -> Result<Vec<PathBuf>, LogbookError> {
+    let failed = |source| LogbookError::Io {
+        path: dir.to_owned(),
+        attempt: "list",
+        source,
+    };
+    let entries = match std::fs::read_dir(dir) {
+        Ok(entries) => entries,
+        Err(absent) if absent.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(source) => return Err(failed(source)),
+    };
+    let mut files = Vec::new();
+    for entry in entries {
+        let path = entry.map_err(failed)?.path();
+        if path.extension().is_some_and(|end| end == EXTENSION) {
+            files.push(path);
+        }
+    }
+    files.sort();
+    Ok(files)
+}
+
+fn id_of(path: &Path) -> &str {
+    path.file_stem()
+        .and_then(|stem| stem.to_str())
+        .unwrap_or_default()
+}
