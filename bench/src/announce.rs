@@ -6,7 +6,7 @@
 use std::net::{IpAddr, SocketAddr};
 use std::time::Duration;
 
-use mdns_sd::{ServiceDaemon, ServiceInfo};
+use mdns_sd::{IfKind, ServiceDaemon, ServiceInfo};
 
 const SERVICE: &str = "_scpi-raw._tcp.local.";
 
@@ -25,6 +25,14 @@ impl Announcement {
         let daemon = ServiceDaemon::new()
             .inspect_err(|fault| tracing::warn!("instruments are not announced: {fault}"))
             .ok()?;
+        if instruments
+            .iter()
+            .any(|(_, address)| address.ip().is_loopback())
+        {
+            // Left out unless asked for; whoever serves on it alone is only heard there.
+            daemon.enable_interface(IfKind::LoopbackV4).ok();
+            daemon.enable_interface(IfKind::LoopbackV6).ok();
+        }
         let mut names = Vec::new();
         for (identity, address) in instruments {
             match service(identity, *address).and_then(|service| {

@@ -33,6 +33,7 @@ mod serve;
 mod sheet;
 mod simulated;
 
+pub use phantom::{Load, Scene, SceneError, Shape};
 pub use profile::{Board, Mainframe, Pace, Profile, ProfileError, Source};
 pub use program::run;
 pub use serve::{Ready, ServeError, ServeOptions, Server, serve};

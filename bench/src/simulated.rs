@@ -62,6 +62,13 @@ pub enum Wire {
     Silent,
 }
 
+/// A wire, and how often it was cut: a cut that is mended at once breaks connections all the same.
+#[derive(Debug, Clone, Copy)]
+struct Line {
+    wire: Wire,
+    cuts: u64,
+}
+
 /// What an instrument has heard and said, counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Messages {
@@ -117,7 +124,7 @@ pub struct SimulatedRig {
 #[derive(Debug)]
 struct Shared {
     bench: Mutex<Bench>,
-    wires: [watch::Sender<Wire>; 3],
+    wires: [watch::Sender<Line>; 3],
     pace: Pace,
     electrodes: usize,
     has_board: bool,
@@ -183,7 +190,12 @@ impl SimulatedRig {
         Ok(Self {
             shared: Arc::new(Shared {
                 bench: Mutex::new(bench),
-                wires: [(); 3].map(|()| watch::Sender::new(Wire::Sound)),
+                wires: [(); 3].map(|()| {
+                    watch::Sender::new(Line {
+                        wire: Wire::Sound,
+                        cuts: 0,
+                    })
+                }),
                 pace: profile.pace,
                 electrodes,
                 has_board: profile.board.is_some(),
@@ -225,7 +237,10 @@ impl SimulatedRig {
 
     /// Breaks or mends the wire to an instrument.
     pub fn set_wire(&self, instrument: Instrument, wire: Wire) {
-        self.shared.wires[instrument.index()].send_replace(wire);
+        self.shared.wires[instrument.index()].send_modify(|line| {
+            line.wire = wire;
+            line.cuts += u64::from(wire == Wire::Cut);
+        });
     }
 
     /// Presses a load on the sheet, beside those of the scene, until [`SimulatedRig::release`].
@@ -258,7 +273,7 @@ impl SimulatedRig {
 
     /// The current that really flows.
     pub fn flowing(&self) -> Amps {
-        self.bench().sheet.flowing()
+        self.bench_now().sheet.flowing()
     }
 
     /// Whether the source's output is on, and the level it is set to.
@@ -274,12 +289,12 @@ impl SimulatedRig {
 
     /// The electrodes that the board's poles are really joined to: I+, I-, V+, V-.
     pub fn poles(&self) -> [Option<Electrode>; 4] {
-        self.bench().sheet.poles()
+        self.bench_now().sheet.poles()
     }
 
     /// What an ideal voltmeter on analogue bus 1 would have at its terminals now.
     pub fn voltage(&self) -> Volts {
-        let mut bench = self.bench();
+        let mut bench = self.bench_now();
         let at = bench.now(self.shared.pace);
         bench.sheet.voltage(at)
     }
@@ -317,7 +332,7 @@ impl SimulatedRig {
 
     /// Lets an instrument hear one message, and says what it answers and how long that takes in the caller's time.
     pub fn hear(&self, instrument: Instrument, line: &str) -> (Option<String>, Duration) {
-        let mut bench = self.bench();
+        let mut bench = self.bench_now();
         let at = bench.now(self.shared.pace);
         let (text, busy) = bench.hear(instrument, line, at);
         let count = &mut bench.messages[instrument.index()];
@@ -347,10 +362,13 @@ impl SimulatedRig {
     where
         S: AsyncRead + AsyncWrite + Unpin + Send,
     {
-        let mut wire = self.shared.wires[instrument.index()].subscribe();
+        let mut line = self.shared.wires[instrument.index()].subscribe();
+        let before = line.borrow().cuts;
         let cut = async {
             // The sender lives as long as this rig: waiting cannot fail.
-            wire.wait_for(|wire| *wire == Wire::Cut).await.is_ok()
+            line.wait_for(|line| line.wire == Wire::Cut || line.cuts != before)
+                .await
+                .is_ok()
         };
         tokio::select! {
             biased;
@@ -367,7 +385,7 @@ impl SimulatedRig {
     where
         S: AsyncRead + AsyncWrite + Unpin + Send,
     {
-        let wire = self.shared.wires[instrument.index()].subscribe();
+        let line = self.shared.wires[instrument.index()].subscribe();
         let mut framer = scpi::Framer::new(LONGEST_MESSAGE);
         let mut chunk = [0; 4096];
         loop {
@@ -375,13 +393,13 @@ impl SimulatedRig {
             if count == 0 {
                 return Ok(());
             }
-            if *wire.borrow() == Wire::Silent {
+            if line.borrow().wire == Wire::Silent {
                 continue;
             }
             framer.push(&chunk[..count]);
             for message in framer.by_ref() {
-                let line = match message {
-                    Ok(line) => String::from_utf8_lossy(&line).into_owned(),
+                let heard = match message {
+                    Ok(heard) => String::from_utf8_lossy(&heard).into_owned(),
                     Err(fault) => {
                         tracing::warn!("the {instrument} dropped a message: {fault}");
                         continue;
@@ -389,13 +407,13 @@ impl SimulatedRig {
                 };
                 let rig = self.clone();
                 // A load that has moved costs a solution of the sheet, too long for a thread that others wait on.
-                let heard = tokio::task::spawn_blocking(move || rig.hear(instrument, &line)).await;
-                let (text, wait) = heard.map_err(std::io::Error::other)?;
+                let reply = tokio::task::spawn_blocking(move || rig.hear(instrument, &heard)).await;
+                let (text, wait) = reply.map_err(std::io::Error::other)?;
                 if !wait.is_zero() {
                     tokio::time::sleep(wait).await;
                 }
                 if let Some(mut text) = text
-                    && *wire.borrow() == Wire::Sound
+                    && line.borrow().wire == Wire::Sound
                 {
                     text.push('\n');
                     stream.write_all(text.as_bytes()).await?;
@@ -411,6 +429,29 @@ impl SimulatedRig {
             .bench
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl SimulatedRig {
+    /// The bench as it is by now: the board's watchdog may have opened its poles since the last message, and a load of
+    /// the scene may have changed what the source sees.
+    fn bench_now(&self) -> MutexGuard<'_, Bench> {
+        let mut bench = self.bench();
+        let at = bench.now(self.shared.pace);
+        let Bench {
+            source,
+            board,
+            sheet,
+            ..
+        } = &mut *bench;
+        let mut ends = Ends {
+            source,
+            sheet,
+            readings: 0,
+        };
+        board.pass(at, &mut ends);
+        ends.source.load_changed(at, ends.sheet);
+        bench
     }
 }
 

@@ -7,6 +7,7 @@ use std::time::Duration;
 use gpio_mux::GpioMux;
 use keithley_6221::Keithley6221;
 use keysight_34980a::Keysight34980a;
+use mdns_sd::{IfKind, ServiceDaemon, ServiceEvent};
 use rig::{Link, Move, Switch, connect_tcp, open_serial};
 use serde_json::Value;
 use survey::{Electrode, Relay};
@@ -120,6 +121,50 @@ async fn the_board_is_reached_through_its_serial_port_again_and_again() {
         assert_eq!(board.state().await.unwrap().0[0], plus);
         board.open_verified(&relays).await.unwrap();
     }
+}
+
+#[tokio::test]
+async fn announced_instruments_are_found_by_name_and_say_goodbye() {
+    let browser = ServiceDaemon::new().unwrap();
+    browser.enable_interface(IfKind::LoopbackV4).unwrap();
+    let events = browser.browse("_scpi-raw._tcp.local.").unwrap();
+    // Another serial number than any other simulator's on this machine.
+    let folder = tempfile::tempdir().unwrap();
+    let profile = folder.path().join("announced.toml");
+    let serial = std::process::id();
+    std::fs::write(&profile, format!("[source]\nserial = \"A{serial}\"\n")).unwrap();
+    let served = Served::start(&["--announce", "--profile", profile.to_str().unwrap()]);
+    let ours = |name: &str| name.contains(&format!("#A{serial}"));
+    let found = tokio::time::timeout(Duration::from_secs(5), async {
+        loop {
+            if let Ok(ServiceEvent::ServiceResolved(service)) = events.recv_async().await
+                && ours(&service.fullname)
+            {
+                return service;
+            }
+        }
+    });
+    let Ok(service) = found.await else {
+        println!("skipped: no multicast reaches this machine's own loopback interface");
+        return;
+    };
+    let port = service.port.to_string();
+    assert!(served.address("6221").ends_with(&port));
+    assert_eq!(
+        service.txt_properties.get_property_val_str("Model"),
+        Some("MODEL 6221")
+    );
+    assert_eq!(served.terminate(), Some(0));
+    tokio::time::timeout(Duration::from_secs(5), async {
+        while let Ok(event) = events.recv_async().await {
+            if matches!(event, ServiceEvent::ServiceRemoved(_, name) if ours(&name)) {
+                return;
+            }
+        }
+    })
+    .await
+    .expect("a goodbye within 5 s of a clean stop");
+    browser.shutdown().unwrap();
 }
 
 #[test]

@@ -132,13 +132,12 @@ where
     V: Voltmeter + 'static,
 {
     let (_here, caller) = watch::channel(());
+    let mut instruments = rig.lock().await;
     let monotonic = clock.monotonic();
     let wall = clock.wall();
     let shared = Arc::new(plan.clone());
-    let rig_handle = rig.clone();
     let (plan_of_task, stop) = (Arc::clone(&shared), stop.clone());
     let task = tokio::spawn(async move {
-        let mut instruments = rig_handle.lock().await;
         let mut run = Run {
             plan: &plan_of_task,
             meter,
