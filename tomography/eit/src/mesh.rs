@@ -1,5 +1,7 @@
 //! A triangulated sheet with electrodes on its boundary, checked once so that nobody checks again.
 
+mod check;
+
 use std::collections::{BTreeMap, BTreeSet};
 
 use sha2::{Digest, Sha256};
@@ -178,11 +180,11 @@ impl Mesh {
         electrode_edges: Vec<Vec<[usize; 2]>>,
         region: Option<Vec<usize>>,
     ) -> Result<Self, MeshError> {
-        let areas = check_triangles(&nodes, &triangles)?;
-        let sides = sides(&triangles)?;
-        check_connected(&triangles, &sides)?;
-        check_electrodes(&sides, &electrode_edges)?;
-        let region = check_region(region, triangles.len())?;
+        let areas = check::triangles(&nodes, &triangles)?;
+        let sides = check::sides(&triangles)?;
+        check::connected(&triangles, &sides)?;
+        check::electrodes(&sides, &electrode_edges)?;
+        let region = check::region(region, triangles.len())?;
         let hash = hash(&nodes, &triangles, &electrode_edges, &region);
         Ok(Self {
             nodes,
@@ -199,7 +201,7 @@ impl Mesh {
     /// # Errors
     /// A region that is empty, or names an element that does not exist or one twice.
     pub fn with_region(&self, region: Option<Vec<usize>>) -> Result<Self, MeshError> {
-        let region = check_region(region, self.triangles.len())?;
+        let region = check::region(region, self.triangles.len())?;
         let hash = hash(&self.nodes, &self.triangles, &self.electrode_edges, &region);
         Ok(Self {
             region,
@@ -372,152 +374,6 @@ pub(crate) fn angles(corners: [[f64; 2]; 3]) -> [f64; 3] {
 fn sides_of(triangle: &[usize; 3]) -> [[usize; 2]; 3] {
     let [a, b, c] = *triangle;
     [[a, b], [b, c], [c, a]]
-}
-
-fn check_triangles(nodes: &[[f64; 2]], triangles: &[[usize; 3]]) -> Result<Vec<f64>, MeshError> {
-    if triangles.is_empty() {
-        return Err(MeshError::Empty);
-    }
-    if let Some(node) = nodes
-        .iter()
-        .position(|p| !(p[0].is_finite() && p[1].is_finite()))
-    {
-        return Err(MeshError::NotFinite { node });
-    }
-    let mut used = vec![false; nodes.len()];
-    let mut areas = Vec::with_capacity(triangles.len());
-    for (element, triangle) in triangles.iter().enumerate() {
-        for &node in triangle {
-            *used.get_mut(node).ok_or(MeshError::NoSuchNode {
-                element,
-                node,
-                nodes: nodes.len(),
-            })? = true;
-        }
-        areas.push(signed_area(triangle.map(|node| nodes[node])));
-    }
-    let total: f64 = areas.iter().map(|area| area.abs()).sum();
-    for (element, &area) in areas.iter().enumerate() {
-        if area.is_nan() || area.abs() <= SMALLEST_AREA * total {
-            return Err(MeshError::NoArea { element, area });
-        }
-        if area < 0.0 {
-            return Err(MeshError::Inverted { element, area });
-        }
-    }
-    match used.iter().position(|used| !used) {
-        Some(node) => Err(MeshError::UnusedNode { node }),
-        None => Ok(areas),
-    }
-}
-
-/// The element on the left of each directed side.
-fn sides(triangles: &[[usize; 3]]) -> Result<BTreeMap<[usize; 2], usize>, MeshError> {
-    let mut sides = BTreeMap::new();
-    for (element, triangle) in triangles.iter().enumerate() {
-        for side in sides_of(triangle) {
-            if sides.insert(side, element).is_some() {
-                return Err(MeshError::Overlap {
-                    element,
-                    from: side[0],
-                    to: side[1],
-                });
-            }
-        }
-    }
-    Ok(sides)
-}
-
-fn check_connected(
-    triangles: &[[usize; 3]],
-    sides: &BTreeMap<[usize; 2], usize>,
-) -> Result<(), MeshError> {
-    let mut reached = vec![false; triangles.len()];
-    let mut waiting = vec![0];
-    reached[0] = true;
-    while let Some(element) = waiting.pop() {
-        for [a, b] in sides_of(&triangles[element]) {
-            if let Some(&neighbour) = sides.get(&[b, a])
-                && !reached[neighbour]
-            {
-                reached[neighbour] = true;
-                waiting.push(neighbour);
-            }
-        }
-    }
-    match reached.iter().position(|reached| !reached) {
-        Some(element) => Err(MeshError::Disconnected { element }),
-        None => Ok(()),
-    }
-}
-
-fn check_electrodes(
-    sides: &BTreeMap<[usize; 2], usize>,
-    electrode_edges: &[Vec<[usize; 2]>],
-) -> Result<(), MeshError> {
-    let mut owner: BTreeMap<usize, usize> = BTreeMap::new();
-    for (index, edges) in electrode_edges.iter().enumerate() {
-        let electrode = Electrode(index);
-        if edges.is_empty() {
-            return Err(MeshError::NoEdge { electrode });
-        }
-        let mut seen = BTreeSet::new();
-        for &[from, to] in edges {
-            if sides.contains_key(&[from, to]) == sides.contains_key(&[to, from]) {
-                return Err(MeshError::NotBoundary {
-                    electrode,
-                    from,
-                    to,
-                });
-            }
-            if !seen.insert([from.min(to), from.max(to)]) {
-                return Err(MeshError::EdgeTwice {
-                    electrode,
-                    from,
-                    to,
-                });
-            }
-            for node in [from, to] {
-                let first = *owner.entry(node).or_insert(index);
-                if first != index {
-                    return Err(MeshError::ElectrodesMeet {
-                        first: Electrode(first),
-                        second: electrode,
-                        node,
-                    });
-                }
-            }
-        }
-    }
-    Ok(())
-}
-
-fn check_region(region: Option<Vec<usize>>, triangles: usize) -> Result<Vec<usize>, MeshError> {
-    let Some(region) = region else {
-        return Ok((0..triangles).collect());
-    };
-    if region.is_empty() {
-        return Err(MeshError::Region {
-            fault: "is empty".to_owned(),
-        });
-    }
-    let mut seen = vec![false; triangles];
-    for &element in &region {
-        match seen.get_mut(element) {
-            None => {
-                return Err(MeshError::Region {
-                    fault: format!("names element {element}, but there are {triangles}"),
-                });
-            }
-            Some(seen) if *seen => {
-                return Err(MeshError::Region {
-                    fault: format!("names element {element} twice"),
-                });
-            }
-            Some(seen) => *seen = true,
-        }
-    }
-    Ok(region)
 }
 
 fn hash(

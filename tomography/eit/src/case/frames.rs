@@ -1,0 +1,77 @@
+//! Frames of measured voltages, lying or standing.
+
+use std::path::Path;
+
+use super::text::{digits, line};
+use super::{CaseError, Table};
+
+/// What an instrument sends for an overload (SCPI's infinity); at or above it there is no voltage.
+const OVERLOAD: f64 = 9.9e37;
+
+/// Frames of measured voltages, V: a row a frame, or a column a frame, whichever fits the number of readings. A field
+/// that is empty, not finite or an overload (9.9e37) is a missing reading.
+///
+/// # Errors
+/// A file that cannot be read, or whose rows and columns both do not fit; the line is named.
+pub fn read_frames(path: &Path, readings: usize) -> Result<Vec<Vec<Option<f64>>>, CaseError> {
+    Ok(read_named_frames(path, readings)?
+        .into_iter()
+        .map(|(_, frame)| frame)
+        .collect())
+}
+
+/// A frame's label and its readings, V.
+pub type NamedFrame = (String, Vec<Option<f64>>);
+
+/// Like [`read_frames`], with the label of each frame: its row's label or its column's name, else its index from 0.
+///
+/// # Errors
+/// As [`read_frames`].
+pub fn read_named_frames(path: &Path, readings: usize) -> Result<Vec<NamedFrame>, CaseError> {
+    let mut table = Table::read(path)?;
+    for value in table.rows.iter_mut().flatten() {
+        *value = value.filter(|volts| volts.abs() < OVERLOAD);
+    }
+    let frames = table.rows.len();
+    if table.width() == readings && frames > 0 {
+        let labels = table
+            .labels
+            .unwrap_or_else(|| (0..frames).map(|frame| frame.to_string()).collect());
+        return Ok(labels.into_iter().zip(table.rows).collect());
+    }
+    if frames == readings && table.width() > 0 {
+        let names = table
+            .header
+            .unwrap_or_else(|| (0..table.rows[0].len()).map(|k| k.to_string()).collect());
+        return Ok(names
+            .into_iter()
+            .enumerate()
+            .map(|(k, name)| (name, table.rows.iter().map(|row| row[k]).collect()))
+            .collect());
+    }
+    Err(CaseError::Columns {
+        path: path.to_owned(),
+        line: table.lines.first().copied().unwrap_or(1),
+        has: table.width(),
+        wants: format!(
+            "{readings} (a row a frame; or {readings} rows, a column a frame; there are {frames} rows)"
+        ),
+    })
+}
+
+/// Frames as the text of a file: header `m0,m1,...`, a row a frame.
+pub fn frames_text(frames: &[Vec<Option<f64>>]) -> String {
+    let mut text = String::new();
+    if let Some(first) = frames.first() {
+        let names: Vec<String> = (0..first.len()).map(|k| format!("m{k}")).collect();
+        line(&mut text, &names);
+    }
+    for frame in frames {
+        let fields: Vec<String> = frame
+            .iter()
+            .map(|value| value.map_or_else(|| "nan".to_owned(), digits))
+            .collect();
+        line(&mut text, &fields);
+    }
+    text
+}

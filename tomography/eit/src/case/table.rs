@@ -1,0 +1,193 @@
+//! A table of numbers by the rule of case folders: header, labels, lines.
+
+use std::path::{Path, PathBuf};
+
+use super::CaseError;
+
+/// A table of numbers as it stood in a file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Table {
+    path: PathBuf,
+    /// Names of the columns of numbers, if there was a header.
+    pub header: Option<Vec<String>>,
+    /// Labels of the rows, if the first column was text.
+    pub labels: Option<Vec<String>>,
+    /// Line of each row.
+    pub(super) lines: Vec<usize>,
+    /// The numbers; an empty field or `nan` is `None`.
+    pub rows: Vec<Vec<Option<f64>>>,
+}
+
+impl Table {
+    /// Reads a file by the rule at the top of this module. Empty lines are skipped.
+    ///
+    /// # Errors
+    /// A file that cannot be read, a field that is not a number, or a line with another number of columns than the
+    /// first.
+    pub fn read(path: &Path) -> Result<Self, CaseError> {
+        let text = std::fs::read_to_string(path).map_err(|cause| CaseError::Io {
+            path: path.to_owned(),
+            cause,
+        })?;
+        let mut lines = text
+            .lines()
+            .enumerate()
+            .map(|(index, line)| (index + 1, line.trim().trim_start_matches('\u{feff}')))
+            .filter(|(_, line)| !line.is_empty())
+            .map(|(line, text)| (line, text.split(',').map(str::trim).collect::<Vec<_>>()))
+            .peekable();
+        let is_text = |field: &&str| !field.is_empty() && field.parse::<f64>().is_err();
+        // a first line whose only text is its first field is a labelled row, if the second line looks the same
+        let all: Vec<(usize, Vec<&str>)> = lines.by_ref().collect();
+        let first_is_header = match all.first() {
+            None => false,
+            Some((_, fields)) => {
+                let texts = fields.iter().filter(|field| is_text(field)).count();
+                let only_label = texts == 1 && is_text(&fields[0]) && fields.len() > 1;
+                texts > 0 && !only_label
+            }
+        };
+        let (head, body) = all.split_at(usize::from(first_is_header));
+        let labelled = body
+            .first()
+            .is_some_and(|(_, fields)| fields.len() > 1 && is_text(&fields[0]));
+        let skip = usize::from(labelled);
+        let width = head
+            .first()
+            .or(body.first())
+            .map_or(0, |(_, fields)| fields.len());
+        let mut table = Self {
+            path: path.to_owned(),
+            header: head.first().map(|(_, fields)| {
+                fields
+                    .iter()
+                    .skip(skip)
+                    .map(|field| (*field).to_owned())
+                    .collect()
+            }),
+            labels: labelled.then(Vec::new),
+            lines: Vec::new(),
+            rows: Vec::new(),
+        };
+        for (line, fields) in body {
+            let line = *line;
+            if fields.len() != width {
+                return Err(CaseError::Columns {
+                    path: path.to_owned(),
+                    line,
+                    has: fields.len(),
+                    wants: width.to_string(),
+                });
+            }
+            if let Some(labels) = &mut table.labels {
+                labels.push(fields[0].to_owned());
+            }
+            let numbers = fields
+                .iter()
+                .enumerate()
+                .skip(skip)
+                .map(|(column, field)| {
+                    if field.is_empty() {
+                        return Ok(None);
+                    }
+                    field
+                        .parse::<f64>()
+                        .map(|value| Some(value).filter(|value| value.is_finite()))
+                        .map_err(|_| CaseError::NotANumber {
+                            path: path.to_owned(),
+                            line,
+                            column: column + 1,
+                            text: (*field).to_owned(),
+                        })
+                })
+                .collect::<Result<_, _>>()?;
+            table.lines.push(line);
+            table.rows.push(numbers);
+        }
+        Ok(table)
+    }
+
+    /// Number of columns of numbers.
+    pub fn width(&self) -> usize {
+        self.rows.first().map_or(0, Vec::len)
+    }
+
+    /// All rows with the number of columns in the range, every field a number.
+    pub(super) fn numbers(
+        &self,
+        least: usize,
+        most: usize,
+    ) -> Result<Vec<(usize, Vec<f64>)>, CaseError> {
+        self.lines
+            .iter()
+            .zip(&self.rows)
+            .map(|(&line, row)| {
+                if !(least..=most).contains(&row.len()) {
+                    let wants = if least == most {
+                        least.to_string()
+                    } else {
+                        format!("{least} to {most}")
+                    };
+                    return Err(CaseError::Columns {
+                        path: self.path.clone(),
+                        line,
+                        has: row.len(),
+                        wants,
+                    });
+                }
+                let numbers = row
+                    .iter()
+                    .enumerate()
+                    .map(|(column, value)| {
+                        value.ok_or_else(|| CaseError::NotANumber {
+                            path: self.path.clone(),
+                            line,
+                            column: column + 1,
+                            text: String::new(),
+                        })
+                    })
+                    .collect::<Result<_, _>>()?;
+                Ok((line, numbers))
+            })
+            .collect()
+    }
+
+    pub(super) fn index(
+        &self,
+        line: usize,
+        what: &'static str,
+        value: f64,
+    ) -> Result<usize, CaseError> {
+        if value >= 0.0 && value.fract() == 0.0 && value < 1e15 {
+            Ok(value as usize)
+        } else {
+            Err(CaseError::NotAnIndex {
+                path: self.path.clone(),
+                line,
+                what,
+                value,
+            })
+        }
+    }
+
+    pub(super) fn below(
+        &self,
+        line: usize,
+        what: &'static str,
+        value: f64,
+        count: usize,
+    ) -> Result<usize, CaseError> {
+        let value = self.index(line, what, value)?;
+        if value < count {
+            Ok(value)
+        } else {
+            Err(CaseError::NoSuch {
+                path: self.path.clone(),
+                line,
+                what,
+                value,
+                count,
+            })
+        }
+    }
+}
