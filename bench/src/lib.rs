@@ -32,8 +32,9 @@ mod pty;
 mod serve;
 mod sheet;
 mod simulated;
+mod workbench;
 
-pub use phantom::{Load, Scene, SceneError, Shape};
+pub use phantom::{Load, LoadError, PhantomError, Scene, SceneError, Shape};
 pub use profile::{Board, Mainframe, Pace, Profile, ProfileError, Source};
 pub use program::run;
 pub use serve::{Ready, ServeError, ServeOptions, Server, serve};

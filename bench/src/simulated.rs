@@ -5,19 +5,14 @@ use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use gpio_mux::{Poles, SimulatorGpioMux};
-use keithley_6221::{Load, Settings6221, Simulator6221};
-use keysight_34980a::{MeterRequest, Settings34980a, Simulator34980a, Wires};
-use phantom::{Load as Press, Phantom, PhantomError, ReadingContext, Scene};
+use phantom::{Load, Phantom, PhantomError, Scene};
 use rig::BoxStream;
 use survey::{Amps, Electrode, Relay, Volts};
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::sync::watch;
-use tokio::time::Instant;
 
-use crate::fixture::Fixture;
-use crate::profile::{Pace, Profile, milliseconds};
-use crate::sheet::Sheet;
+use crate::profile::Profile;
+use crate::workbench::Bench;
 
 /// Longest message an instrument takes, bytes; a longer one is dropped.
 const LONGEST_MESSAGE: usize = 64 * 1024;
@@ -36,7 +31,7 @@ pub enum Instrument {
 }
 
 impl Instrument {
-    fn index(self) -> usize {
+    pub(crate) fn index(self) -> usize {
         self as usize
     }
 }
@@ -125,23 +120,8 @@ pub struct SimulatedRig {
 struct Shared {
     bench: Mutex<Bench>,
     wires: [watch::Sender<Line>; 3],
-    pace: Pace,
     electrodes: usize,
     has_board: bool,
-}
-
-#[derive(Debug)]
-struct Bench {
-    source: Simulator6221,
-    source_settings: Settings6221,
-    mainframe: Simulator34980a,
-    board: SimulatorGpioMux,
-    sheet: Sheet,
-    start: Instant,
-    /// In instant time: what the instruments would have needed so far. Else what [`SimulatedRig::advance`] added.
-    elapsed: Duration,
-    messages: [Messages; 3],
-    transcript: Option<Vec<Said>>,
 }
 
 impl SimulatedRig {
@@ -159,44 +139,15 @@ impl SimulatedRig {
                 most: 32,
             });
         }
-        let board = profile.board.clone().unwrap_or_default();
-        let source_settings = Settings6221 {
-            serial: profile.source.serial.clone(),
-            command_time: milliseconds(profile.source.command_ms),
-            ..Settings6221::default()
-        };
-        let bench = Bench {
-            source: Simulator6221::new(source_settings.clone()),
-            source_settings,
-            mainframe: Simulator34980a::new(Settings34980a {
-                serial: profile.mainframe.serial.clone(),
-                slots: profile.slots,
-                line_hz: profile.line_hz,
-                message_time: milliseconds(profile.mainframe.command_ms),
-                ..Settings34980a::default()
-            }),
-            board: SimulatorGpioMux::new(gpio_mux::Settings {
-                serial: board.serial,
-                electrodes: electrodes.min(32),
-                latency: milliseconds(board.command_ms),
-                ..gpio_mux::Settings::default()
-            }),
-            sheet: Sheet::new(phantom, Fixture::new(&profile.slots, electrodes)),
-            start: Instant::now(),
-            elapsed: Duration::ZERO,
-            messages: Default::default(),
-            transcript: None,
-        };
         Ok(Self {
             shared: Arc::new(Shared {
-                bench: Mutex::new(bench),
+                bench: Mutex::new(Bench::new(profile, phantom)),
                 wires: [(); 3].map(|()| {
                     watch::Sender::new(Line {
                         wire: Wire::Sound,
                         cuts: 0,
                     })
                 }),
-                pace: profile.pace,
                 electrodes,
                 has_board: profile.board.is_some(),
             }),
@@ -247,7 +198,7 @@ impl SimulatedRig {
     ///
     /// # Errors
     /// A load that cannot be.
-    pub fn press(&self, load: Press) -> Result<(), PhantomError> {
+    pub fn press(&self, load: Load) -> Result<(), PhantomError> {
         self.with_phantom(|phantom| phantom.press(load))
     }
 
@@ -263,12 +214,12 @@ impl SimulatedRig {
 
     /// What the instruments' clock shows: the scene's time line runs by it.
     pub fn now(&self) -> Duration {
-        self.bench().now(self.shared.pace)
+        self.bench().now()
     }
 
     /// Lets the instruments' time pass.
     pub fn advance(&self, by: Duration) {
-        self.bench().elapsed += by;
+        self.bench().advance(by);
     }
 
     /// The current that really flows.
@@ -295,7 +246,7 @@ impl SimulatedRig {
     /// What an ideal voltmeter on analogue bus 1 would have at its terminals now.
     pub fn voltage(&self) -> Volts {
         let mut bench = self.bench_now();
-        let at = bench.now(self.shared.pace);
+        let at = bench.now();
         bench.sheet.voltage(at)
     }
 
@@ -306,7 +257,7 @@ impl SimulatedRig {
 
     /// What an instrument has heard and said so far.
     pub fn messages(&self, instrument: Instrument) -> Messages {
-        self.bench().messages[instrument.index()]
+        self.bench().messages(instrument)
     }
 
     /// Begins to write down everything that is said, from nothing.
@@ -322,39 +273,13 @@ impl SimulatedRig {
     /// Switches an instrument off and on: its settings are lost, latching relays stay, its connections break.
     pub fn power_cycle(&self, instrument: Instrument) {
         self.set_wire(instrument, Wire::Cut);
-        {
-            let mut bench = self.bench();
-            let at = bench.now(self.shared.pace);
-            bench.power_cycle(instrument, at);
-        }
+        self.bench().power_cycle(instrument);
         self.set_wire(instrument, Wire::Sound);
     }
 
     /// Lets an instrument hear one message, and says what it answers and how long that takes in the caller's time.
     pub fn hear(&self, instrument: Instrument, line: &str) -> (Option<String>, Duration) {
-        let mut bench = self.bench_now();
-        let at = bench.now(self.shared.pace);
-        let (text, busy) = bench.hear(instrument, line, at);
-        let count = &mut bench.messages[instrument.index()];
-        count.heard += 1;
-        count.answered += u64::from(text.is_some());
-        if let Some(transcript) = &mut bench.transcript {
-            transcript.push(Said {
-                at,
-                instrument,
-                heard: line.to_owned(),
-                answered: text.clone(),
-            });
-        }
-        let wait = match self.shared.pace {
-            Pace::Real => busy,
-            Pace::Scaled(speed) => busy.div_f64(speed),
-            Pace::Instant => {
-                bench.elapsed += busy;
-                Duration::ZERO
-            }
-        };
-        (text, wait)
+        self.bench().hear(instrument, line)
     }
 
     /// Serves one connection until its client leaves or the wire is cut.
@@ -423,131 +348,18 @@ impl SimulatedRig {
         }
     }
 
+    /// The bench as it is by now.
+    fn bench_now(&self) -> MutexGuard<'_, Bench> {
+        let mut bench = self.bench();
+        bench.catch_up();
+        bench
+    }
+
     /// A simulator that panicked has told so already; what it held is still the truth to look at.
     fn bench(&self) -> MutexGuard<'_, Bench> {
         self.shared
             .bench
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl SimulatedRig {
-    /// The bench as it is by now: the board's watchdog may have opened its poles since the last message, and a load of
-    /// the scene may have changed what the source sees.
-    fn bench_now(&self) -> MutexGuard<'_, Bench> {
-        let mut bench = self.bench();
-        let at = bench.now(self.shared.pace);
-        let Bench {
-            source,
-            board,
-            sheet,
-            ..
-        } = &mut *bench;
-        let mut ends = Ends {
-            source,
-            sheet,
-            readings: 0,
-        };
-        board.pass(at, &mut ends);
-        ends.source.load_changed(at, ends.sheet);
-        bench
-    }
-}
-
-impl Bench {
-    fn now(&self, pace: Pace) -> Duration {
-        let passed = self.start.elapsed();
-        self.elapsed
-            + match pace {
-                Pace::Real => passed,
-                Pace::Scaled(speed) => passed.mul_f64(speed),
-                Pace::Instant => Duration::ZERO,
-            }
-    }
-
-    fn hear(
-        &mut self,
-        instrument: Instrument,
-        line: &str,
-        at: Duration,
-    ) -> (Option<String>, Duration) {
-        let mut ends = Ends {
-            source: &mut self.source,
-            sheet: &mut self.sheet,
-            readings: 0,
-        };
-        let heard = match instrument {
-            Instrument::Source => {
-                let reply = ends.source.hear(line, at, ends.sheet);
-                (reply.text, reply.busy)
-            }
-            Instrument::Mainframe => {
-                let reply = self.mainframe.hear(line, at, &mut ends);
-                (reply.text, reply.busy)
-            }
-            Instrument::Board => {
-                let reply = self.board.hear(line, at, &mut ends);
-                (reply.text, reply.busy)
-            }
-        };
-        let count = &mut self.messages[instrument.index()];
-        count.readings += ends.readings;
-        count.reading += u64::from(ends.readings > 0);
-        heard
-    }
-
-    fn power_cycle(&mut self, instrument: Instrument, at: Duration) {
-        let mut ends = Ends {
-            source: &mut self.source,
-            sheet: &mut self.sheet,
-            readings: 0,
-        };
-        match instrument {
-            Instrument::Source => {
-                *ends.source = Simulator6221::new(self.source_settings.clone());
-                ends.sheet.drive(Amps(0.0), ends.source.range(), at);
-            }
-            Instrument::Mainframe => self.mainframe.power_cycle(at, &mut ends),
-            Instrument::Board => {
-                self.board.reset(at, &mut ends);
-            }
-        }
-    }
-}
-
-/// Where the wires of mainframe and board end: whatever they move, the source feels.
-struct Ends<'a> {
-    source: &'a mut Simulator6221,
-    sheet: &'a mut Sheet,
-    readings: u64,
-}
-
-impl Wires for Ends<'_> {
-    fn relays(&mut self, closed: &BTreeSet<Relay>, at: Duration) {
-        self.sheet.set_closed(closed);
-        self.source.load_changed(at, self.sheet);
-    }
-
-    fn measure(&mut self, at: Duration, request: MeterRequest) -> Volts {
-        self.readings += 1;
-        self.sheet.set_scanned(request.channel);
-        // The sheet may have been pressed since the relays moved.
-        self.source.load_changed(at, self.sheet);
-        let volts = self.sheet.measured(ReadingContext {
-            at,
-            range: request.range,
-            nplc: request.nplc,
-            relay: request.channel,
-        });
-        self.sheet.set_scanned(None);
-        volts
-    }
-}
-
-impl Poles for Ends<'_> {
-    fn poles(&mut self, joined: [Option<Electrode>; 4], at: Duration) {
-        self.sheet.set_poles(joined);
-        self.source.load_changed(at, self.sheet);
     }
 }
