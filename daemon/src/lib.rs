@@ -1,1 +1,279 @@
-//! Who keeps watch: tactusd.
+//! Who keeps watch: `tactusd`, as a library with one door, [`run`].
+//!
+//! It owns the instruments (or plays a recording), runs sessions by a schedule, takes the difference of each frame to a
+//! baseline, reconstructs, records, and publishes. Refused at this door: a simulator in place of a missing instrument, a
+//! frame that is published before it is durable, and any listener that would hold acquisition back.
+//!
+//! - **configuration**: what was written; **prepared**: what it means, found out without touching an instrument
+//! - **keeper**: the one head of a running daemon; **session state**: what it is doing, as a pure state machine
+//! - **watch**: acquisition of one session; **recorder**: reconstruction and the sinks, the logbook first
+//! - **herald**: carries news to every connection; **ring**: what a reader of the full-rate stream has not read yet
+//!
+//! ```
+//! // what the command line does: `--version` ends well
+//! let args = ["tactusd", "--version"].map(std::ffi::OsString::from);
+//! assert_eq!(daemon::run(args.into_iter()), std::process::ExitCode::SUCCESS);
+//! ```
+
+mod args;
+mod config;
+mod herald;
+mod keeper;
+mod live;
+mod model;
+mod place;
+mod prepare;
+mod problems;
+mod recorder;
+mod recording;
+mod report;
+mod rig_assembly;
+mod ring;
+mod schedule;
+mod service;
+mod session;
+mod simulation;
+mod stream;
+mod watch;
+
+use std::ffi::OsString;
+use std::io::Write;
+use std::process::ExitCode;
+
+use clap::Parser;
+use rig::SystemClock;
+use tokio::signal::unix::{SignalKind, signal};
+
+use crate::args::Args;
+use crate::keeper::Keeper;
+use crate::model::chain;
+use crate::prepare::{FramesFrom, Prepared, prepare};
+use crate::problems::Problem;
+use crate::rig_assembly::{Bench, assemble, make_safe_each};
+use crate::service::Offer;
+
+/// `EX_CONFIG`: systemd does not start a broken configuration again.
+const CONFIGURATION: u8 = 78;
+const USAGE: u8 = 2;
+
+/// The program `tactusd`. `args` begin with the program's name, as [`std::env::args_os`] gives them.
+///
+/// Exit codes: 0 done or stopped cleanly, 1 failed, 2 usage, 78 configuration.
+pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
+    let args = match Args::try_parse_from(args) {
+        Ok(args) => args,
+        Err(refusal) => {
+            let _ = refusal.print();
+            return match refusal.use_stderr() {
+                true => ExitCode::from(USAGE),
+                false => ExitCode::SUCCESS,
+            };
+        }
+    };
+    log_to_stderr();
+    if args.print_config {
+        return print_config(&args);
+    }
+    let prepared = match prepare(&args.config) {
+        Ok(prepared) => prepared,
+        Err(problems) => return complain(&problems),
+    };
+    if args.check {
+        say(&format!("{}: no problem found", args.config.display()));
+        return ExitCode::SUCCESS;
+    }
+    if args.plan {
+        return print_plan(&prepared, args.json);
+    }
+    let runtime = match tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()
+    {
+        Ok(runtime) => runtime,
+        Err(cause) => return fail(&format!("no threads to run on: {cause}")),
+    };
+    let outcome = runtime.block_on(async {
+        if args.safe_off {
+            safe_off(&prepared).await
+        } else {
+            serve(prepared).await
+        }
+    });
+    // a reader that never reads must not keep the process
+    runtime.shutdown_timeout(std::time::Duration::from_secs(2));
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(text) => fail(&text),
+    }
+}
+
+/// The daemon's life.
+async fn serve(prepared: Prepared) -> Result<(), String> {
+    let mut terminate = signal(SignalKind::terminate()).map_err(|cause| cause.to_string())?;
+    let mut interrupt = signal(SignalKind::interrupt()).map_err(|cause| cause.to_string())?;
+    let _lock = logbook::lock(&prepared.setup.record_directory).map_err(|error| chain(&error))?;
+    let clock = SystemClock::new();
+    let bench = bench_of(&prepared)?;
+    let assembled = match &prepared.frames {
+        FramesFrom::Rig(plan) => Some(
+            assemble(plan, &bench)
+                .await
+                .map_err(|error| chain(&error))?,
+        ),
+        FramesFrom::Recording { .. } => None,
+    };
+    if let Some(warning) = assembled.as_ref().and_then(|rig| rig.warning.as_deref()) {
+        tracing::warn!("{warning}; they have been opened, and the source verified off");
+    }
+    let section = prepared.setup.config.bus.clone();
+    let start = prepared.setup.config.schedule.start;
+    let keeper = Keeper::new(prepared, bench, assembled, clock);
+    let offer = Offer::open(&section, &keeper)
+        .await
+        .map_err(|error| chain(&error))?;
+    tracing::info!("ready on {}", offer.ways.join(", "));
+    let _ = sd_notify::notify(&[
+        sd_notify::NotifyState::Ready,
+        sd_notify::NotifyState::Status("idle"),
+    ]);
+    if start && let Err(fault) = keeper.start_session(&bus::Options::new()).await {
+        tracing::error!("the scheduled session could not be started: {fault}");
+    }
+    let why = tokio::select! {
+        _ = terminate.recv() => "the daemon was stopped (SIGTERM)",
+        _ = interrupt.recv() => "the daemon was stopped (SIGINT)",
+    };
+    let _ = sd_notify::notify(&[
+        sd_notify::NotifyState::Stopping,
+        sd_notify::NotifyState::Status("stopping"),
+    ]);
+    tracing::info!("{why}");
+    let safe = keeper.shut_down(why).await;
+    keeper.herald.farewell().await;
+    drop(offer);
+    safe
+}
+
+/// `--safe-off`.
+async fn safe_off(prepared: &Prepared) -> Result<(), String> {
+    let FramesFrom::Rig(plan) = &prepared.frames else {
+        say("a recording has no source; there is nothing to switch off");
+        return Ok(());
+    };
+    let bench = bench_of(prepared)?;
+    let mut failures = Vec::new();
+    for outcome in make_safe_each(plan, &bench).await {
+        match outcome {
+            Ok(line) => say(&line),
+            Err(error) => failures.push(chain(&error)),
+        }
+    }
+    if failures.is_empty() {
+        Ok(())
+    } else {
+        Err(failures.join("\n"))
+    }
+}
+
+fn bench_of(prepared: &Prepared) -> Result<Bench, String> {
+    match &prepared.frames {
+        FramesFrom::Rig(plan) => plan
+            .bench
+            .as_ref()
+            .map(|(profile, scene)| bench::SimulatedRig::new(profile, scene.clone()))
+            .transpose()
+            .map_err(|error| chain(&error)),
+        FramesFrom::Recording { .. } => Ok(None),
+    }
+}
+
+fn print_config(args: &Args) -> ExitCode {
+    match prepare::load(&args.config) {
+        Err(problems) => complain(&problems),
+        Ok((_, config)) => match toml::to_string_pretty(&config) {
+            Ok(text) => {
+                say(text.trim_end());
+                ExitCode::SUCCESS
+            }
+            Err(cause) => fail(&cause.to_string()),
+        },
+    }
+}
+
+fn print_plan(prepared: &Prepared, json: bool) -> ExitCode {
+    let FramesFrom::Rig(rig) = &prepared.frames else {
+        return fail("a recording has no plan: nothing is measured");
+    };
+    let plan = report::plan(rig);
+    if json {
+        let object = serde_json::json!({
+            "wiring": rig.plan.wiring.name,
+            "electrodes": rig.plan.protocol.electrodes(),
+            "steps": plan.steps,
+            "injections": plan.injections,
+            "readings": plan.readings,
+            "relay_moves": plan.relay_moves,
+            "reading_messages": plan.reading_messages,
+            "duration_s": plan.duration_s,
+            "current_a": plan.current_a,
+            "compliance_v": plan.compliance_v,
+            "limits": {
+                "source_current_a": rig.limits.source_current.0,
+                "relay_current_a": rig.limits.relay_current.0,
+                "relay_voltage_v": rig.limits.relay_voltage.0,
+            },
+            "simulated": prepared.is_simulated(),
+            "lines": plan.lines,
+        });
+        say(&object.to_string());
+        return ExitCode::SUCCESS;
+    }
+    say(rig.plan.to_string().trim_end());
+    say(&format!(
+        "{} steps, {} injections, {} relay moves, {} readings in {} messages, {:.2} s a frame",
+        plan.steps,
+        plan.injections,
+        plan.relay_moves,
+        plan.readings,
+        plan.reading_messages,
+        plan.duration_s
+    ));
+    say(&format!(
+        "{} through {}, at most {}; limits: source {}, relays {} and {}; checked, nothing moved",
+        rig.plan.current,
+        rig.plan.wiring.name,
+        rig.plan.compliance,
+        rig.limits.source_current,
+        rig.limits.relay_current,
+        rig.limits.relay_voltage
+    ));
+    ExitCode::SUCCESS
+}
+
+fn complain(problems: &[Problem]) -> ExitCode {
+    for problem in problems {
+        let _ = writeln!(std::io::stderr(), "{problem}");
+    }
+    ExitCode::from(CONFIGURATION)
+}
+
+fn fail(text: &str) -> ExitCode {
+    let _ = writeln!(std::io::stderr(), "tactusd: {text}");
+    ExitCode::FAILURE
+}
+
+/// To standard output; a reader that has gone is no failure.
+fn say(text: &str) {
+    let _ = writeln!(std::io::stdout(), "{text}");
+}
+
+/// `RUST_LOG` decides what is said; warnings and the daemon's own words by default.
+fn log_to_stderr() {
+    let filter = tracing_subscriber::EnvFilter::try_from_default_env()
+        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn,daemon=info"));
+    let _ = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_target(false)
+        .try_init();
+}

@@ -1,1 +1,5 @@
-fn main() {}
+//! `tactusd`.
+
+fn main() -> std::process::ExitCode {
+    daemon::run(std::env::args_os())
+}

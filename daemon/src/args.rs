@@ -1,0 +1,29 @@
+//! The command line of `tactusd`.
+
+use std::path::PathBuf;
+
+use clap::Parser;
+
+/// Owns the instruments, records and reconstructs frames, and publishes them on D-Bus.
+#[derive(Debug, Parser)]
+#[command(name = "tactusd", version, max_term_width = 100)]
+pub(crate) struct Args {
+    /// The configuration; relative paths in it are relative to its folder.
+    #[arg(long, value_name = "FILE", default_value = "/etc/tactus/config.toml")]
+    pub config: PathBuf,
+    /// Find every problem of the configuration, say it as file:line:column, and end (78 if there is one).
+    #[arg(long, group = "mode")]
+    pub check: bool,
+    /// Print the configuration with all defaults and paths in it, and end.
+    #[arg(long, group = "mode")]
+    pub print_config: bool,
+    /// Print the plan of a frame (steps, counts, duration, limits) without moving anything, and end.
+    #[arg(long, group = "mode")]
+    pub plan: bool,
+    /// Switch the source off and open the relays, verify both, and end.
+    #[arg(long, group = "mode")]
+    pub safe_off: bool,
+    /// With --plan: one JSON object.
+    #[arg(long, requires = "plan")]
+    pub json: bool,
+}

@@ -1,0 +1,314 @@
+//! What was written in `config.toml`: a document, every key optional, nothing opened yet.
+//!
+//! Defaults are those of the paper's sheet on a simulated rig. What it all means is found out in [`crate::prepare`].
+
+use std::path::{Path, PathBuf};
+
+use eit::{DiscTank, PaperSheet};
+use serde::{Deserialize, Serialize};
+
+/// The whole file.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct Config {
+    pub rig: RigSection,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub source: Option<InstrumentSection>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub switch: Option<InstrumentSection>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub voltmeter: Option<InstrumentSection>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub recording: Option<RecordingSection>,
+    pub wiring: WiringSection,
+    pub survey: SurveySection,
+    pub geometry: GeometrySection,
+    pub model: ModelSection,
+    pub record: RecordSection,
+    pub bus: BusSection,
+    pub schedule: ScheduleSection,
+}
+
+/// Where frames come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum RigKind {
+    /// Every instrument simulated, joined to one simulated sheet.
+    #[default]
+    Simulated,
+    /// Every instrument real.
+    Instruments,
+    /// Each instrument says for itself.
+    Mixed,
+    /// Frames measured before.
+    Recording,
+}
+
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct RigSection {
+    pub kind: RigKind,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub profile: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scene: Option<String>,
+}
+
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct InstrumentSection {
+    pub address: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub deadline_ms: Option<f64>,
+}
+
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct RecordingSection {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub session: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub case: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frames: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub baseline: Option<String>,
+    pub negate: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frames_per_s: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub speed: Option<f64>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub(crate) enum WiringKind {
+    /// Measuring pairs on bank 1, injecting pairs on bank 2 of a 34924A: 26 reading messages a frame.
+    #[default]
+    #[serde(rename = "pairs-34924a")]
+    Pairs34924a,
+    /// Pairs as columns of a 34932A matrix.
+    #[serde(rename = "matrix-34932a")]
+    Matrix34932a,
+    /// The multiplexer board on a serial line.
+    #[serde(rename = "gpio-board")]
+    GpioBoard,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct WiringSection {
+    pub kind: WiringKind,
+    pub slot: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub electrodes: Option<usize>,
+}
+
+impl Default for WiringSection {
+    fn default() -> Self {
+        Self {
+            kind: WiringKind::default(),
+            slot: 1,
+            electrodes: None,
+        }
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct SurveySection {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub electrodes: Option<usize>,
+    pub current_ua: f64,
+    pub compliance_v: f64,
+    pub settle_ms: f64,
+    pub range_v: f64,
+    pub nplc: f64,
+    pub autozero: bool,
+    pub line_hz: f64,
+}
+
+impl Default for SurveySection {
+    fn default() -> Self {
+        Self {
+            electrodes: None,
+            current_ua: 1000.0,
+            compliance_v: 10.0,
+            settle_ms: 2.0,
+            range_v: 1.0,
+            nplc: 1.0,
+            autozero: false,
+            line_hz: 50.0,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum PresetName {
+    #[default]
+    PaperSheet,
+    DiscTank,
+}
+
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct GeometrySection {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub preset: Option<PresetName>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub case: Option<PathBuf>,
+    #[serde(rename = "paper-sheet", skip_serializing_if = "Option::is_none")]
+    pub paper_sheet: Option<PaperSheet>,
+    #[serde(rename = "disc-tank", skip_serializing_if = "Option::is_none")]
+    pub disc_tank: Option<DiscTank>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum MethodName {
+    #[default]
+    OneStep,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum PriorName {
+    Tikhonov,
+    #[default]
+    Noser,
+    Laplace,
+}
+
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct ModelSection {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub method: Option<MethodName>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub prior: Option<PriorName>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exponent: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise_uv: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lambda: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub loss_only: Option<bool>,
+}
+
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct RecordSection {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub directory: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct BusSection {
+    pub peer: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub peer_path: Option<PathBuf>,
+    pub session: bool,
+    pub system: bool,
+}
+
+impl Default for BusSection {
+    fn default() -> Self {
+        Self {
+            peer: true,
+            peer_path: None,
+            session: false,
+            system: false,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct ScheduleSection {
+    pub start: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub every_s: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub count: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub for_s: Option<f64>,
+}
+
+impl Config {
+    /// The same with every path absolute or relative to `folder`, and with the paths that the environment decides.
+    pub(crate) fn resolved(mut self, folder: &Path) -> Self {
+        let paths = [
+            &mut self.geometry.case,
+            &mut self.model.file,
+            &mut self.record.directory,
+            &mut self.bus.peer_path,
+        ];
+        for path in paths.into_iter().flatten() {
+            *path = folder.join(&*path);
+        }
+        if let Some(recording) = &mut self.recording {
+            for path in [&mut recording.session, &mut recording.case]
+                .into_iter()
+                .flatten()
+            {
+                *path = folder.join(&*path);
+            }
+            if let Some(case) = &recording.case {
+                if let Some(frames) = &mut recording.frames {
+                    *frames = case.join(&*frames);
+                }
+                if let Some(baseline) = &mut recording.baseline
+                    && !baseline.starts_with("first:")
+                {
+                    *baseline = case.join(&*baseline).to_string_lossy().into_owned();
+                }
+            }
+        }
+        // a name without a slash or an ending is one that ships with the bench
+        for name in [&mut self.rig.profile, &mut self.rig.scene]
+            .into_iter()
+            .flatten()
+        {
+            if name.contains(['/', '.']) {
+                *name = folder.join(&*name).to_string_lossy().into_owned();
+            }
+        }
+        self.record
+            .directory
+            .get_or_insert_with(default_record_directory);
+        if self.bus.peer {
+            self.bus.peer_path.get_or_insert_with(default_peer_path);
+        }
+        self
+    }
+}
+
+/// `$STATE_DIRECTORY` (systemd), else `$XDG_STATE_HOME/tactus`, else `~/.local/state/tactus`, else `/var/lib/tactus`.
+fn default_record_directory() -> PathBuf {
+    let set = |name: &str| {
+        std::env::var_os(name)
+            .filter(|value| !value.is_empty())
+            .map(PathBuf::from)
+    };
+    set("STATE_DIRECTORY")
+        .or_else(|| Some(set("XDG_STATE_HOME")?.join("tactus")))
+        .or_else(|| Some(set("HOME")?.join(".local/state/tactus")))
+        .unwrap_or_else(|| PathBuf::from("/var/lib/tactus"))
+}
+
+/// `$RUNTIME_DIRECTORY/peer` (systemd), else `$XDG_RUNTIME_DIR/tactus/peer`, else `/run/tactus/peer`.
+fn default_peer_path() -> PathBuf {
+    let set = |name: &str| {
+        std::env::var_os(name)
+            .filter(|value| !value.is_empty())
+            .map(PathBuf::from)
+    };
+    set("RUNTIME_DIRECTORY")
+        .map(|directory| directory.join("peer"))
+        .or_else(|| Some(set("XDG_RUNTIME_DIR")?.join("tactus/peer")))
+        .unwrap_or_else(|| PathBuf::from("/run/tactus/peer"))
+}

@@ -1,0 +1,244 @@
+//! A session as everybody sees it: counters, the last frame and map, readers, and the wishes of those who control it.
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use logbook::SessionKind;
+use rig::{Stop, StopButton};
+use survey::{Frame, Map, Quality};
+use tokio::sync::watch;
+
+use crate::stream::Readers;
+
+/// What never changes.
+#[derive(Debug, Clone)]
+pub(crate) struct Facts {
+    pub id: String,
+    pub kind: SessionKind,
+    pub simulated: bool,
+    /// Empty for a baseline session.
+    pub baseline_id: String,
+    /// Empty for a baseline session.
+    pub method: String,
+    pub path: PathBuf,
+}
+
+/// How far it has come.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub(crate) struct Progress {
+    pub suspended: bool,
+    pub last_error: String,
+    /// Why it ended; `None` while it runs.
+    pub ended: Option<Ending>,
+}
+
+/// How it ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Ending {
+    pub reason: String,
+    pub faulted: bool,
+}
+
+/// A durable frame and what was made of it.
+#[derive(Debug)]
+pub(crate) struct Published {
+    pub frame: Frame,
+    pub quality: Quality,
+    pub map: Option<Map>,
+    /// Where the load was found, m.
+    pub found: Option<[f64; 2]>,
+}
+
+/// One session, shared by all who have to do with it.
+#[derive(Debug)]
+pub(crate) struct Live {
+    pub facts: Facts,
+    pub readers: Readers,
+    acquired: AtomicU64,
+    durable: watch::Sender<u64>,
+    dropped: AtomicU64,
+    progress: watch::Sender<Progress>,
+    latest: Mutex<(Option<Arc<Published>>, Option<Arc<Published>>)>,
+    button: StopButton,
+    stop: Stop,
+    suspend: watch::Sender<bool>,
+    /// Frames granted so far; `None` where nobody has to ask.
+    granted: Option<watch::Sender<u64>>,
+    why: Mutex<String>,
+}
+
+impl Live {
+    /// A session about to begin; with `step` it waits to be asked for each frame.
+    pub(crate) fn new(facts: Facts, step: bool) -> Self {
+        let (button, stop) = Stop::button();
+        Self {
+            facts,
+            readers: Readers::default(),
+            acquired: AtomicU64::new(0),
+            durable: watch::Sender::new(0),
+            dropped: AtomicU64::new(0),
+            progress: watch::Sender::new(Progress::default()),
+            latest: Mutex::new((None, None)),
+            button,
+            stop,
+            suspend: watch::Sender::new(false),
+            granted: step.then(|| watch::Sender::new(0)),
+            why: Mutex::new(String::new()),
+        }
+    }
+
+    pub(crate) fn acquired(&self) -> u64 {
+        self.acquired.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn count_acquired(&self) {
+        self.acquired.fetch_add(1, Ordering::Relaxed);
+    }
+
+    pub(crate) fn durable(&self) -> u64 {
+        *self.durable.borrow()
+    }
+
+    /// Follows the number of durable frames.
+    pub(crate) fn follow_durable(&self) -> watch::Receiver<u64> {
+        self.durable.subscribe()
+    }
+
+    pub(crate) fn dropped(&self) -> u64 {
+        self.dropped.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn count_dropped(&self, frames: u64) {
+        self.dropped.fetch_add(frames, Ordering::Relaxed);
+    }
+
+    pub(crate) fn progress(&self) -> Progress {
+        self.progress.borrow().clone()
+    }
+
+    /// Follows suspension, errors and the end.
+    pub(crate) fn follow(&self) -> watch::Receiver<Progress> {
+        self.progress.subscribe()
+    }
+
+    pub(crate) fn set_suspended(&self, suspended: bool) {
+        self.progress.send_if_modified(|progress| {
+            std::mem::replace(&mut progress.suspended, suspended) != suspended
+        });
+    }
+
+    pub(crate) fn set_last_error(&self, text: &str) {
+        self.progress.send_if_modified(|progress| {
+            let changed = progress.last_error != text;
+            if changed {
+                text.clone_into(&mut progress.last_error);
+            }
+            changed
+        });
+    }
+
+    /// The last word: nothing follows.
+    pub(crate) fn end(&self, ending: Ending) {
+        self.progress.send_modify(|progress| {
+            if ending.faulted {
+                progress.last_error.clone_from(&ending.reason);
+            }
+            progress.suspended = false;
+            progress.ended = Some(ending);
+        });
+    }
+
+    /// Waits for the end.
+    pub(crate) async fn ended(&self) -> Ending {
+        let mut follow = self.follow();
+        loop {
+            if let Some(ending) = follow.borrow_and_update().ended.clone() {
+                return ending;
+            }
+            if follow.changed().await.is_err() {
+                // the sender lives in self
+                std::future::pending::<()>().await;
+            }
+        }
+    }
+
+    /// A frame is on disk.
+    pub(crate) fn publish(&self, published: Published) {
+        let published = Arc::new(published);
+        let sequence = published.frame.sequence;
+        {
+            let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
+            if published.map.is_some() {
+                latest.1 = Some(Arc::clone(&published));
+            }
+            latest.0 = Some(published);
+        }
+        self.durable.send_replace(sequence);
+    }
+
+    pub(crate) fn latest_frame(&self) -> Option<Arc<Published>> {
+        self.latest
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .0
+            .clone()
+    }
+
+    /// The last one that has a map.
+    pub(crate) fn latest_map(&self) -> Option<Arc<Published>> {
+        self.latest
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .1
+            .clone()
+    }
+
+    /// Asks it to end, and says why; the first reason stands.
+    pub(crate) fn stop(&self, why: &str) {
+        let mut first = self.why.lock().unwrap_or_else(PoisonError::into_inner);
+        if first.is_empty() {
+            why.clone_into(&mut first);
+        }
+        drop(first);
+        self.button.press();
+    }
+
+    /// Why it was asked to end.
+    pub(crate) fn stop_reason(&self) -> String {
+        self.why
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
+    }
+
+    /// Hears of the wish to end.
+    pub(crate) fn stop_wish(&self) -> Stop {
+        self.stop.clone()
+    }
+
+    pub(crate) fn suspend(&self, suspend: bool) {
+        self.suspend.send_replace(suspend);
+    }
+
+    /// Hears of the wish to pause.
+    pub(crate) fn suspend_wish(&self) -> watch::Receiver<bool> {
+        self.suspend.subscribe()
+    }
+
+    /// Grants so many more frames and says up to which; `None` for a session with a schedule.
+    pub(crate) fn grant(&self, frames: u64) -> Option<u64> {
+        let granted = self.granted.as_ref()?;
+        let mut upto = 0;
+        granted.send_modify(|granted| {
+            *granted = granted.saturating_add(frames);
+            upto = *granted;
+        });
+        Some(upto)
+    }
+
+    /// Hears of frames granted; `None` for a session with a schedule.
+    pub(crate) fn grants(&self) -> Option<watch::Receiver<u64>> {
+        self.granted.as_ref().map(watch::Sender::subscribe)
+    }
+}

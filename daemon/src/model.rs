@@ -1,0 +1,259 @@
+//! From configuration to geometry and reconstructor, with every mismatch named by both sides.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use eit::{
+    Case, DiscTank, Hyper, Mesh, OneStep, OneStepOptions, PaperSheet, Preset, Prior, Reconstructor,
+};
+use survey::Protocol;
+
+use crate::config::{GeometrySection, ModelSection, PresetName, PriorName, SurveySection};
+
+/// The sheet as the reconstruction sees it.
+#[derive(Debug, Clone)]
+pub(crate) struct Geometry {
+    /// What a person calls it.
+    pub name: String,
+    pub mesh: Arc<Mesh>,
+    pub contact_ohm_m: Vec<f64>,
+    pub sigma0: Vec<f64>,
+}
+
+impl Geometry {
+    pub(crate) fn electrodes(&self) -> usize {
+        self.mesh.electrode_edges().len()
+    }
+}
+
+/// A reconstructor and where it comes from.
+#[derive(Clone)]
+pub(crate) struct Model {
+    pub reconstructor: Arc<dyn Reconstructor>,
+    /// Of the model file; `None` for a method without one.
+    pub hash: Option<String>,
+}
+
+/// Why there is no model.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum ModelFault {
+    #[error("model file {}: {cause}", .path.display())]
+    File {
+        path: PathBuf,
+        #[source]
+        cause: eit::ModelError,
+    },
+    #[error(
+        "model {model} asks {asks} readings of {model_electrodes} electrodes (survey {model_hash}), this rig asks {rig} \
+         of {rig_electrodes} (survey {rig_hash}); use a model trained for this rig"
+    )]
+    Survey {
+        model: String,
+        asks: usize,
+        model_electrodes: usize,
+        model_hash: String,
+        rig: usize,
+        rig_electrodes: usize,
+        rig_hash: String,
+    },
+    #[error(
+        "model {model} was made for geometry {model_hash}, this rig has {rig_hash} ({geometry}); use a model trained \
+         for this geometry, or configure its geometry"
+    )]
+    Geometry {
+        model: String,
+        model_hash: String,
+        rig_hash: String,
+        geometry: String,
+    },
+    #[error("the one-step method: {0}")]
+    OneStep(#[from] eit::OneStepError),
+    #[error("{0}")]
+    Setting(String),
+}
+
+impl ModelFault {
+    /// Whether the file is sound and only made for something else.
+    pub(crate) fn is_mismatch(&self) -> bool {
+        matches!(self, Self::Survey { .. } | Self::Geometry { .. })
+    }
+}
+
+/// Reads or makes the geometry. `case` is a case folder that a recording brings along.
+pub(crate) fn geometry(section: &GeometrySection, case: Option<&Path>) -> Result<Geometry, String> {
+    let brought = case.filter(|folder| folder.join("nodes.csv").exists());
+    if section.preset.is_some() && section.case.is_some() {
+        return Err("give a preset or a case folder, not both".to_owned());
+    }
+    let folder = match (&section.case, section.preset, brought) {
+        (Some(folder), _, _) => Some(folder.as_path()),
+        (None, None, Some(folder)) => Some(folder),
+        _ => None,
+    };
+    if let Some(folder) = folder {
+        let case = Case::read(folder).map_err(|cause| chain(&cause))?;
+        let sigma0 = case
+            .sigma("homog")
+            .unwrap_or_else(|_| vec![1e-3; case.mesh.triangles().len()]);
+        return Ok(Geometry {
+            name: format!("case {}", folder.display()),
+            mesh: case.mesh,
+            contact_ohm_m: case.contact_ohm_m,
+            sigma0,
+        });
+    }
+    let preset = match section.preset.unwrap_or_default() {
+        PresetName::PaperSheet => Preset::PaperSheet(
+            section
+                .paper_sheet
+                .clone()
+                .unwrap_or_else(PaperSheet::default),
+        ),
+        PresetName::DiscTank => {
+            Preset::DiscTank(section.disc_tank.clone().unwrap_or_else(DiscTank::default))
+        }
+    };
+    let mesh = preset.mesh().map_err(|cause| chain(&cause))?;
+    let name = match &preset {
+        Preset::PaperSheet(_) => "preset paper-sheet",
+        Preset::DiscTank(_) => "preset disc-tank",
+    };
+    Ok(Geometry {
+        name: name.to_owned(),
+        sigma0: vec![preset.conductance(); mesh.triangles().len()],
+        contact_ohm_m: preset.contact_ohm_m(),
+        mesh: Arc::new(mesh),
+    })
+}
+
+/// Loads the model file, or prepares the one-step method.
+pub(crate) fn model(
+    section: &ModelSection,
+    survey: &SurveySection,
+    geometry: &Geometry,
+    protocol: &Protocol,
+) -> Result<Model, ModelFault> {
+    match &section.file {
+        Some(path) => {
+            if section.method.is_some() {
+                return Err(ModelFault::Setting(
+                    "give a model file or a method, not both".to_owned(),
+                ));
+            }
+            from_file(path, geometry, protocol)
+        }
+        None => one_step(section, survey, geometry, protocol),
+    }
+}
+
+/// Loads a model file and checks that it was made for this survey and this geometry.
+pub(crate) fn from_file(
+    path: &Path,
+    geometry: &Geometry,
+    protocol: &Protocol,
+) -> Result<Model, ModelFault> {
+    let loaded = eit::model::load(path).map_err(|cause| ModelFault::File {
+        path: path.to_owned(),
+        cause,
+    })?;
+    let hash = Some(loaded.hash().to_owned());
+    let reconstructor: Arc<dyn Reconstructor> = Arc::from(loaded.into_reconstructor());
+    check(path, reconstructor.as_ref(), geometry, protocol)?;
+    Ok(Model {
+        reconstructor,
+        hash,
+    })
+}
+
+fn check(
+    path: &Path,
+    model: &dyn Reconstructor,
+    geometry: &Geometry,
+    protocol: &Protocol,
+) -> Result<(), ModelFault> {
+    let name = path.display().to_string();
+    if model.protocol() != protocol {
+        return Err(ModelFault::Survey {
+            model: name,
+            asks: model.protocol().len(),
+            model_electrodes: model.protocol().electrodes(),
+            model_hash: short(&model.protocol().hash()),
+            rig: protocol.len(),
+            rig_electrodes: protocol.electrodes(),
+            rig_hash: short(&protocol.hash()),
+        });
+    }
+    if model.mesh().hash() != geometry.mesh.hash() {
+        return Err(ModelFault::Geometry {
+            model: name,
+            model_hash: short(model.mesh().hash()),
+            rig_hash: short(geometry.mesh.hash()),
+            geometry: geometry.name.clone(),
+        });
+    }
+    Ok(())
+}
+
+/// Prepares the one-step method; settings not given have their defaults.
+pub(crate) fn one_step(
+    section: &ModelSection,
+    survey: &SurveySection,
+    geometry: &Geometry,
+    protocol: &Protocol,
+) -> Result<Model, ModelFault> {
+    let prior = match section.prior.unwrap_or_default() {
+        PriorName::Tikhonov => Prior::Tikhonov,
+        PriorName::Noser => Prior::Noser {
+            p: section.exponent.unwrap_or(0.5),
+        },
+        PriorName::Laplace => Prior::Laplace,
+    };
+    let hyper = match (section.lambda, section.noise_uv) {
+        (Some(_), Some(_)) => {
+            return Err(ModelFault::Setting(
+                "give lambda or noise_uv, not both".to_owned(),
+            ));
+        }
+        (Some(lambda), None) => Hyper::Lambda(lambda),
+        (None, noise) => Hyper::Noise {
+            volts: noise.unwrap_or(2.0) * 1e-6,
+            current: survey.current_ua * 1e-6,
+        },
+    };
+    let options = OneStepOptions {
+        prior,
+        hyper,
+        loss_only: section.loss_only.unwrap_or(false),
+        ..OneStepOptions::default()
+    };
+    let one_step = OneStep::new(
+        Arc::clone(&geometry.mesh),
+        &geometry.contact_ohm_m,
+        &geometry.sigma0,
+        protocol,
+        options,
+    )?;
+    Ok(Model {
+        reconstructor: Arc::new(one_step),
+        hash: None,
+    })
+}
+
+fn short(hash: &str) -> String {
+    hash.chars().take(12).collect()
+}
+
+/// An error with its causes, once, for a person.
+pub(crate) fn chain(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(inner) = cause {
+        let inner_text = inner.to_string();
+        if !text.contains(&inner_text) {
+            text.push_str(": ");
+            text.push_str(&inner_text);
+        }
+        cause = inner.source();
+    }
+    text
+}

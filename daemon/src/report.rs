@@ -1,0 +1,105 @@
+//! What the daemon knows, in the plain types of the bus.
+
+use bus::{BaselineReport, Options, PlanReport, SessionSummary};
+use survey::Baseline;
+
+use crate::model::Geometry;
+use crate::prepare::RigPlan;
+use crate::recorder::{nanoseconds, volts};
+
+/// The plan of a frame.
+pub(crate) fn plan(rig: &RigPlan) -> PlanReport {
+    let counts = rig.plan.counts();
+    let more = Options::new()
+        .with("wiring", rig.plan.wiring.name.as_str())
+        .with("electrodes", rig.plan.protocol.electrodes() as u64)
+        .with("extra_readings", counts.extra_readings as u64)
+        .with("source_current_max_a", rig.limits.source_current.0)
+        .with("relay_current_max_a", rig.limits.relay_current.0)
+        .with("relay_voltage_max_v", rig.limits.relay_voltage.0);
+    PlanReport {
+        steps: counts.steps as u64,
+        injections: counts.injections as u64,
+        readings: counts.readings as u64,
+        relay_moves: counts.relay_moves as u64,
+        reading_messages: counts.reading_messages as u64,
+        duration_s: rig.plan.duration(&rig.timing).as_secs_f64(),
+        current_a: rig.plan.current.0,
+        compliance_v: rig.plan.compliance.0,
+        lines: rig.plan.steps.iter().map(ToString::to_string).collect(),
+        more,
+    }
+}
+
+/// What is needed to draw a map.
+pub(crate) fn geometry(geometry: &Geometry) -> bus::Geometry {
+    let mesh = &geometry.mesh;
+    let flat = |points: &[[f64; 2]]| points.iter().flatten().copied().collect::<Vec<f64>>();
+    let outline = mesh.outline();
+    bus::Geometry {
+        mesh_hash: mesh.hash().to_owned(),
+        nodes: flat(mesh.nodes()),
+        triangles: mesh
+            .region()
+            .iter()
+            .flat_map(|&triangle| mesh.triangles()[triangle])
+            .map(|node| node as u32)
+            .collect(),
+        outline: outline.iter().flat_map(|points| flat(points)).collect(),
+        outline_lengths: outline.iter().map(|points| points.len() as u32).collect(),
+        electrodes: flat(&mesh.electrode_centres()),
+        more: Options::new().with("name", geometry.name.as_str()),
+    }
+}
+
+/// A baseline.
+pub(crate) fn baseline(baseline: &Baseline) -> BaselineReport {
+    let settings = &baseline.settings;
+    BaselineReport {
+        id: baseline.id.clone(),
+        wall_ns: nanoseconds(baseline.wall),
+        frames: baseline.frames as u64,
+        volts: volts(&baseline.readings),
+        flags: baseline
+            .readings
+            .iter()
+            .map(|reading| reading.flag())
+            .collect(),
+        deviation: baseline
+            .deviation
+            .iter()
+            .map(|deviation| deviation.unwrap_or(f64::NAN))
+            .collect(),
+        simulated: baseline.simulated,
+        more: Options::new()
+            .with("current_a", settings.current.0)
+            .with("range_v", settings.range.0)
+            .with("nplc", settings.nplc)
+            .with("settle_s", settings.settle.as_secs_f64())
+            .with("wiring", settings.wiring.as_str())
+            .with("protocol_hash", settings.protocol_hash.as_str()),
+    }
+}
+
+/// A session of the logbook; `active` is the id of the one that runs.
+pub(crate) fn session(summary: &logbook::SessionSummary, active: Option<&str>) -> SessionSummary {
+    let state = match &summary.closed {
+        Some(_) => "closed",
+        None if active == Some(summary.id.as_str()) => "open",
+        None => "interrupted",
+    };
+    let ended = summary.closed.as_ref();
+    SessionSummary {
+        id: summary.id.clone(),
+        kind: summary.kind.as_str().to_owned(),
+        state: state.to_owned(),
+        started_ns: nanoseconds(summary.started),
+        frames: summary.frames,
+        simulated: summary.simulated,
+        path: summary.path.display().to_string(),
+        more: Options::new()
+            .with("note", summary.note.as_str())
+            .with_some("reason", ended.map(|closing| closing.reason.as_str()))
+            .with_some("ended_ns", ended.map(|closing| nanoseconds(closing.at))),
+    }
+}

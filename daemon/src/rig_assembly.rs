@@ -1,0 +1,303 @@
+//! From addresses to a rig: connects, asks everybody's name, and leaves the source off and verified.
+
+use std::time::Duration;
+
+use gpio_mux::GpioMux;
+use keithley_6221::Keithley6221;
+use keysight_34980a::Keysight34980a;
+use rig::{
+    AcquireError, BoxStream, CleanupError, Clock, CurrentSource, Link, LinkError, MeterSettings,
+    Rig, RigError, StartError, Stop, Switch, acquire, check_at_start, safe_off,
+};
+use survey::{Frame, Plan, Wiring};
+
+use crate::config::WiringKind;
+use crate::place::Place;
+use crate::prepare::RigPlan;
+
+/// How long opening a connection may take.
+const TO_CONNECT: Duration = Duration::from_secs(5);
+/// A board restarts when its port is opened; it says so when it is ready.
+const TO_WAKE_UP: Duration = Duration::from_secs(2);
+
+type Source = Keithley6221<BoxStream>;
+type Mainframe = Keysight34980a<BoxStream>;
+type Board = GpioMux<BoxStream>;
+
+/// The rigs there are: one current source, one voltmeter, two kinds of switch.
+pub(crate) enum AnyRig {
+    Mainframe(Rig<Source, Mainframe, Mainframe>),
+    Board(Rig<Source, Board, Mainframe>),
+}
+
+/// One instrument as found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Found {
+    pub role: &'static str,
+    pub identity: String,
+    pub address: String,
+    pub simulated: bool,
+}
+
+/// A rig ready for work.
+pub(crate) struct Assembled {
+    pub rig: AnyRig,
+    pub instruments: Vec<Found>,
+    pub modules: Vec<String>,
+    /// What was found closed, and has been opened.
+    pub warning: Option<String>,
+}
+
+/// Why there is no rig.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum AssemblyError {
+    #[error("the {role} at {place} cannot be reached; is it switched on, and the address right?")]
+    Unreachable {
+        role: &'static str,
+        place: Place,
+        #[source]
+        cause: LinkError,
+    },
+    #[error("the {role} at {place}")]
+    Instrument {
+        role: &'static str,
+        place: Place,
+        #[source]
+        cause: RigError,
+    },
+    #[error("the wiring does not fit the mainframe")]
+    Wiring(#[source] RigError),
+    #[error("the rig could not be made safe: {0}")]
+    Unsafe(CleanupError),
+}
+
+impl AnyRig {
+    /// Runs the plan once.
+    pub(crate) async fn acquire(
+        &self,
+        plan: &Plan,
+        meter: MeterSettings,
+        clock: impl Clock,
+        stop: &Stop,
+    ) -> Result<Frame, AcquireError> {
+        match self {
+            Self::Mainframe(rig) => acquire(rig, plan, meter, clock, stop).await,
+            Self::Board(rig) => acquire(rig, plan, meter, clock, stop).await,
+        }
+    }
+
+    /// Source off and relays open, each verified.
+    pub(crate) async fn safe_off(&self, wiring: &Wiring) -> Result<(), CleanupError> {
+        match self {
+            Self::Mainframe(rig) => safe_off(rig, wiring).await,
+            Self::Board(rig) => safe_off(rig, wiring).await,
+        }
+    }
+
+    async fn check_at_start(&self, wiring: &Wiring) -> Result<(), StartError> {
+        match self {
+            Self::Mainframe(rig) => check_at_start(rig, wiring).await,
+            Self::Board(rig) => check_at_start(rig, wiring).await,
+        }
+    }
+}
+
+/// What the simulated instruments of a rig are connected to.
+pub(crate) type Bench = Option<bench::SimulatedRig>;
+
+/// Connects to every instrument, checks the wiring against the modules, and makes the rig safe: whatever was left on by
+/// a predecessor that was killed is off afterwards, and said.
+pub(crate) async fn assemble(plan: &RigPlan, bench: &Bench) -> Result<Assembled, AssemblyError> {
+    let places = &plan.instruments;
+    let simulated = [&places.source, &places.switch, &places.voltmeter]
+        .iter()
+        .any(|(place, _)| *place == Place::Simulated);
+    let wiring = &plan.plan.wiring;
+    let source = connect_source(plan, bench).await?;
+    let mainframe = connect_mainframe(plan, bench).await?;
+    let found = |role, identity: &str, place: &Place| Found {
+        role,
+        identity: identity.to_owned(),
+        address: place.to_string(),
+        simulated: *place == Place::Simulated,
+    };
+    let mut instruments = vec![found("source", source.identity(), &places.source.0)];
+    let modules = (1..)
+        .zip(mainframe.cards())
+        .filter_map(|(slot, card)| Some(format!("{slot}: {}", card.as_deref()?)))
+        .collect();
+    let rig = if plan.wiring == WiringKind::GpioBoard {
+        let board = connect_board(plan, bench).await?;
+        instruments.push(found("switch", board.identity(), &places.switch.0));
+        instruments.push(found(
+            "voltmeter",
+            mainframe.identity(),
+            &places.voltmeter.0,
+        ));
+        AnyRig::Board(if simulated {
+            Rig::simulated(source, board, mainframe)
+        } else {
+            Rig::new(source, board, mainframe)
+        })
+    } else {
+        mainframe
+            .check_wiring(wiring)
+            .map_err(AssemblyError::Wiring)?;
+        instruments.push(found(
+            "switch+voltmeter",
+            mainframe.identity(),
+            &places.voltmeter.0,
+        ));
+        AnyRig::Mainframe(if simulated {
+            Rig::simulated(source, mainframe.clone(), mainframe)
+        } else {
+            Rig::new(source, mainframe.clone(), mainframe)
+        })
+    };
+    let warning = match rig.check_at_start(wiring).await {
+        Ok(()) => None,
+        Err(closed @ StartError::Closed(_)) => Some(closed.to_string()),
+        Err(StartError::Unreadable(cause)) => {
+            return Err(AssemblyError::Instrument {
+                role: "switch",
+                place: places.switch.0.clone(),
+                cause,
+            });
+        }
+    };
+    rig.safe_off(wiring).await.map_err(AssemblyError::Unsafe)?;
+    Ok(Assembled {
+        rig,
+        instruments,
+        modules,
+        warning,
+    })
+}
+
+/// `--safe-off`: the source first, then the relays, each on its own, so that one missing instrument does not keep the
+/// other from being made safe. Returns a line for each.
+pub(crate) async fn make_safe_each(
+    plan: &RigPlan,
+    bench: &Bench,
+) -> Vec<Result<String, AssemblyError>> {
+    let source = async {
+        let mut source = connect_source(plan, bench).await?;
+        let place = plan.instruments.source.0.clone();
+        source
+            .off()
+            .await
+            .map_err(|cause| AssemblyError::Instrument {
+                role: "source",
+                place,
+                cause,
+            })?;
+        Ok(format!("source off, verified: {}", source.identity()))
+    };
+    let relays = async {
+        let wiring = &plan.plan.wiring;
+        let mut relays = wiring.injecting_relays();
+        relays.extend(wiring.measuring_relays());
+        relays.extend(&wiring.bus);
+        let (opened, identity) = if plan.wiring == WiringKind::GpioBoard {
+            let mut board = connect_board(plan, bench).await?;
+            (
+                board.open_verified(&relays).await,
+                board.identity().to_owned(),
+            )
+        } else {
+            let mut mainframe = connect_mainframe(plan, bench).await?;
+            (
+                mainframe.open_verified(&relays).await,
+                mainframe.identity().to_owned(),
+            )
+        };
+        opened.map_err(|cause| AssemblyError::Instrument {
+            role: "switch",
+            place: plan.instruments.switch.0.clone(),
+            cause,
+        })?;
+        Ok(format!(
+            "{} relays open, verified: {identity}",
+            relays.len()
+        ))
+    };
+    vec![source.await, relays.await]
+}
+
+async fn connect_source(plan: &RigPlan, bench: &Bench) -> Result<Source, AssemblyError> {
+    let (place, deadline) = &plan.instruments.source;
+    let stream = open(
+        "source",
+        place,
+        bench.as_ref().map(bench::SimulatedRig::connect_6221),
+    )
+    .await?;
+    let link = Link::new(stream, format!("6221 ({place})"), *deadline);
+    Keithley6221::connect(link)
+        .await
+        .map_err(|cause| AssemblyError::Instrument {
+            role: "source",
+            place: place.clone(),
+            cause,
+        })
+}
+
+async fn connect_mainframe(plan: &RigPlan, bench: &Bench) -> Result<Mainframe, AssemblyError> {
+    let (place, deadline) = &plan.instruments.voltmeter;
+    let stream = open(
+        "voltmeter",
+        place,
+        bench.as_ref().map(bench::SimulatedRig::connect_34980a),
+    )
+    .await?;
+    let link = Link::new(stream, format!("34980A ({place})"), *deadline);
+    Keysight34980a::connect(link)
+        .await
+        .map_err(|cause| AssemblyError::Instrument {
+            role: "voltmeter",
+            place: place.clone(),
+            cause,
+        })
+}
+
+async fn connect_board(plan: &RigPlan, bench: &Bench) -> Result<Board, AssemblyError> {
+    let (place, deadline) = &plan.instruments.switch;
+    let mut stream = open(
+        "switch",
+        place,
+        bench.as_ref().map(bench::SimulatedRig::connect_gpio),
+    )
+    .await?;
+    if matches!(place, Place::Serial { .. }) {
+        let banner = gpio_mux::await_banner(&mut stream, TO_WAKE_UP).await;
+        tracing::debug!(?banner, "multiplexer board");
+    }
+    let link = Link::new(stream, format!("multiplexer board ({place})"), *deadline);
+    GpioMux::connect(link)
+        .await
+        .map_err(|cause| AssemblyError::Instrument {
+            role: "switch",
+            place: place.clone(),
+            cause,
+        })
+}
+
+/// A stream to the place; `simulated` is the one to use where the place is in memory.
+async fn open(
+    role: &'static str,
+    place: &Place,
+    simulated: Option<BoxStream>,
+) -> Result<BoxStream, AssemblyError> {
+    let opened = match place {
+        Place::Simulated => {
+            return Ok(simulated.expect("a plan with a simulated place has a bench"));
+        }
+        Place::Tcp(address) => rig::connect_tcp(address, TO_CONNECT).await,
+        Place::Serial { path, baud } => rig::open_serial(path, *baud),
+    };
+    opened.map_err(|cause| AssemblyError::Unreachable {
+        role,
+        place: place.clone(),
+        cause,
+    })
+}

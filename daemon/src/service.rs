@@ -1,0 +1,173 @@
+//! The daemon on D-Bus: one set of objects on every connection, and the news that goes out on it.
+
+mod instrument1;
+mod manager1;
+mod offer;
+mod peer;
+mod session1;
+mod simulation1;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use bus::{Options, ROOT_PATH};
+use zbus::connection::Builder;
+use zbus::object_server::{InterfaceRef, ObjectServer};
+use zbus::{Connection, fdo::ObjectManager};
+
+use crate::herald::Notice;
+use crate::keeper::Keeper;
+use crate::live::{Live, Published};
+use instrument1::Instrument1;
+use manager1::Manager1;
+use session1::{Session1, Session1Signals};
+use simulation1::Simulation1;
+
+pub(crate) use offer::Offer;
+
+/// One frozen listener must not hold the others back: what cannot be said in this time ends the connection.
+const TO_SAY: Duration = Duration::from_millis(500);
+
+/// Puts the manager, the instruments and the sessions on a connection before it hears anything.
+fn furnish<'a>(mut builder: Builder<'a>, keeper: &Arc<Keeper>) -> Builder<'a> {
+    builder = builder
+        .serve_at(ROOT_PATH, ObjectManager)
+        .serve_at(ROOT_PATH, Manager1(Arc::clone(keeper)));
+    if keeper.house.bench.is_some() {
+        builder = builder.serve_at(ROOT_PATH, Simulation1(Arc::clone(keeper)));
+    }
+    for (index, _) in keeper.house.instruments.iter().enumerate() {
+        let instrument = Instrument1::new(Arc::clone(keeper), index);
+        builder = builder.serve_at(instrument.path(), instrument);
+    }
+    for live in keeper.sessions() {
+        if let Ok(path) = bus::session_path(&live.facts.id) {
+            builder = builder.serve_at(path, Session1(live));
+        }
+    }
+    builder
+}
+
+/// Puts a session on a connection, if it is not there yet.
+async fn show(server: &ObjectServer, live: &Arc<Live>) -> zbus::Result<()> {
+    if let Ok(path) = bus::session_path(&live.facts.id) {
+        server.at(path, Session1(Arc::clone(live))).await?;
+    }
+    Ok(())
+}
+
+/// Says one piece of news; `false` when the connection is of no use any more.
+async fn say(connection: &Connection, keeper: &Arc<Keeper>, notice: Notice) -> bool {
+    match tokio::time::timeout(TO_SAY, speak(connection, keeper, notice)).await {
+        Ok(Ok(())) => true,
+        Ok(Err(error)) => {
+            tracing::debug!("a connection failed: {error}");
+            false
+        }
+        Err(_) => {
+            tracing::warn!("a listener on the bus does not listen; its connection is closed");
+            false
+        }
+    }
+}
+
+async fn speak(connection: &Connection, keeper: &Arc<Keeper>, notice: Notice) -> zbus::Result<()> {
+    let server = connection.object_server();
+    match notice {
+        Notice::SessionAdded(live) => show(server, &live).await,
+        Notice::SessionRemoved(id) => {
+            if let Ok(path) = bus::session_path(&id) {
+                match server.remove::<Session1, _>(path).await {
+                    Ok(_) | Err(zbus::Error::InterfaceNotFound) => {}
+                    Err(error) => return Err(error),
+                }
+            }
+            Ok(())
+        }
+        Notice::SessionChanged(live) => {
+            let Some(session) = session(server, &live).await? else {
+                return Ok(());
+            };
+            let emitter = session.signal_emitter();
+            let object = session.get().await;
+            object.state_changed(emitter).await?;
+            object.last_error_changed(emitter).await?;
+            object.end_reason_changed(emitter).await
+        }
+        Notice::FrameDone(live, published) => {
+            let Some(session) = session(server, &live).await? else {
+                return Ok(());
+            };
+            let wall_ns = crate::recorder::nanoseconds(published.frame.wall);
+            session
+                .frame_done(
+                    published.frame.sequence,
+                    wall_ns,
+                    summary(&live, &published),
+                )
+                .await
+        }
+        Notice::Daemon => {
+            let manager = server.interface::<_, Manager1>(ROOT_PATH).await?;
+            let emitter = manager.signal_emitter();
+            let object = manager.get().await;
+            object.state_changed(emitter).await?;
+            object.active_session_changed(emitter).await?;
+            object.baseline_id_changed(emitter).await?;
+            object.last_error_changed(emitter).await
+        }
+        Notice::Instruments => {
+            for (index, _) in keeper.house.instruments.iter().enumerate() {
+                let path = Instrument1::new(Arc::clone(keeper), index).path();
+                let instrument = server.interface::<_, Instrument1>(path).await?;
+                let emitter = instrument.signal_emitter();
+                instrument.get().await.state_changed(emitter).await?;
+            }
+            Ok(())
+        }
+    }
+}
+
+async fn session(
+    server: &ObjectServer,
+    live: &Arc<Live>,
+) -> zbus::Result<Option<InterfaceRef<Session1>>> {
+    let Ok(path) = bus::session_path(&live.facts.id) else {
+        return Ok(None);
+    };
+    show(server, live).await?;
+    server.interface::<_, Session1>(path).await.map(Some)
+}
+
+/// What the signal of a frame says about it.
+fn summary(live: &Live, published: &Published) -> Options {
+    let options = Options::new()
+        .with("frames_acquired", live.acquired())
+        .with("frames_dropped", live.dropped())
+        .with("simulated", published.frame.simulated);
+    more_of_map(quality(options, published), published)
+}
+
+/// Counts of readings that are no voltages, and reciprocity.
+fn quality(options: Options, published: &Published) -> Options {
+    let quality = &published.quality;
+    options
+        .with("overloads", quality.overloads as u64)
+        .with("timeouts", quality.timeouts as u64)
+        .with("not_measured", quality.not_measured as u64)
+        .with("compliance", quality.compliance.len() as u64)
+        .with("duration_s", published.frame.duration.as_secs_f64())
+        .with_some("reciprocity", quality.reciprocity)
+}
+
+/// Where the load was found, and how large it is.
+fn more_of_map(options: Options, published: &Published) -> Options {
+    let Some(map) = &published.map else {
+        return options;
+    };
+    options
+        .with("masked", map.masked as u64)
+        .with_some("largest_loss", map.largest_loss().map(|(_, loss)| loss))
+        .with_some("found_x_m", published.found.map(|[x, _]| x))
+        .with_some("found_y_m", published.found.map(|[_, y]| y))
+}

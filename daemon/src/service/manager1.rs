@@ -1,0 +1,267 @@
+//! The daemon itself.
+
+use std::sync::Arc;
+
+use bus::{Fault, Options, ROOT_PATH, SessionSummary};
+use zbus::object_server::ObjectServer;
+use zbus::{ObjectPath, interface};
+
+use crate::keeper::{Keeper, disk_fault};
+use crate::live::Live;
+use crate::model::chain;
+use crate::report;
+
+/// The manager on one connection.
+pub(super) struct Manager1(pub(super) Arc<Keeper>);
+
+/// The daemon itself.
+#[interface(name = "org.tactus.Tactus1.Manager1")]
+impl Manager1 {
+    /// Starts a measurement and returns its object at once. Options: `every_s` (d, from start to start of frames; 0 back
+    /// to back), `count` (t), `for_s` (d), `baseline` (s, id; else the current one), `model` (s, absolute path, or
+    /// `one-step`), `speed` (d, recordings: 1 own rate, 0 as fast as possible), `step` (b, a frame only when
+    /// Session1.Step asks), `note` (s).
+    #[zbus(out_args("session"))]
+    async fn start_session(
+        &self,
+        options: Options,
+        #[zbus(object_server)] server: &ObjectServer,
+    ) -> Result<ObjectPath<'static>, Fault> {
+        let live = self.0.start_session(&options).await?;
+        shown(server, &live).await
+    }
+
+    /// Records a baseline and returns its session at once; when it has ended it is the current baseline. Options:
+    /// `frames` (t, default 10), `note` (s).
+    #[zbus(out_args("session"))]
+    async fn record_baseline(
+        &self,
+        options: Options,
+        #[zbus(object_server)] server: &ObjectServer,
+    ) -> Result<ObjectPath<'static>, Fault> {
+        let live = self.0.record_baseline(&options).await?;
+        shown(server, &live).await
+    }
+
+    /// What the logbook holds, newest first: id, kind, state (`open`, `closed`, `interrupted`), start in ns since 1970
+    /// UTC, frames, whether simulated, file, and `note`, `reason`, `ended_ns` where there are any. Option: `count` (t).
+    #[zbus(out_args("sessions"))]
+    async fn list_sessions(&self, options: Options) -> Result<Vec<SessionSummary>, Fault> {
+        options.only(&["count"])?;
+        let count = options.whole("count")?.unwrap_or(u64::MAX);
+        let directory = self.0.house.setup.record_directory.clone();
+        let listing = tokio::task::spawn_blocking(move || logbook::list(directory))
+            .await
+            .map_err(|_| Fault::Failed("the logbook could not be read".into()))?
+            .map_err(|error| disk_fault(&error))?;
+        for unreadable in &listing.unreadable {
+            tracing::warn!("{}: {}", unreadable.path.display(), chain(&unreadable.why));
+        }
+        let active = self.0.active().map(|live| live.facts.id.clone());
+        Ok(listing
+            .sessions
+            .iter()
+            .rev()
+            .take(usize::try_from(count).unwrap_or(usize::MAX))
+            .map(|summary| report::session(summary, active.as_deref()))
+            .collect())
+    }
+
+    /// The plan of a frame, without moving anything.
+    #[allow(clippy::type_complexity)]
+    #[zbus(out_args(
+        "steps",
+        "injections",
+        "readings",
+        "relay_moves",
+        "reading_messages",
+        "duration_s",
+        "current_a",
+        "compliance_v",
+        "lines",
+        "more"
+    ))]
+    async fn plan(
+        &self,
+    ) -> Result<(u64, u64, u64, u64, u64, f64, f64, f64, Vec<String>, Options), Fault> {
+        let plan = self
+            .0
+            .house
+            .plan
+            .as_deref()
+            .map(report::plan)
+            .ok_or_else(|| {
+                Fault::Unsupported("a recording has no plan: nothing is measured".into())
+            })?;
+        Ok((
+            plan.steps,
+            plan.injections,
+            plan.readings,
+            plan.relay_moves,
+            plan.reading_messages,
+            plan.duration_s,
+            plan.current_a,
+            plan.compliance_v,
+            plan.lines,
+            plan.more,
+        ))
+    }
+
+    /// What is needed to draw a map, in metres: mesh hash, corners (x, y, ...), triangles of the region in the order of a
+    /// map's values (three corners each), boundary loops one after the other (x, y, ...) with the points of each,
+    /// centres of the electrodes (x, y, ...).
+    #[allow(clippy::type_complexity)]
+    #[zbus(out_args(
+        "mesh_hash",
+        "nodes",
+        "triangles",
+        "outline",
+        "outline_lengths",
+        "electrodes",
+        "more"
+    ))]
+    async fn geometry(
+        &self,
+    ) -> Result<
+        (
+            String,
+            Vec<f64>,
+            Vec<u32>,
+            Vec<f64>,
+            Vec<u32>,
+            Vec<f64>,
+            Options,
+        ),
+        Fault,
+    > {
+        let geometry = report::geometry(&self.0.house.setup.geometry);
+        Ok((
+            geometry.mesh_hash,
+            geometry.nodes,
+            geometry.triangles,
+            geometry.outline,
+            geometry.outline_lengths,
+            geometry.electrodes,
+            geometry.more,
+        ))
+    }
+
+    /// The current baseline: id, time of its last frame, frames averaged, mean voltages with their flags, standard
+    /// deviations (NaN where unknown), whether simulated, settings.
+    #[allow(clippy::type_complexity)]
+    #[zbus(out_args(
+        "id",
+        "wall_ns",
+        "frames",
+        "volts",
+        "flags",
+        "deviation",
+        "simulated",
+        "more"
+    ))]
+    async fn baseline(
+        &self,
+    ) -> Result<(String, i64, u64, Vec<f64>, Vec<u8>, Vec<f64>, bool, Options), Fault> {
+        let baseline = self.0.baseline().ok_or_else(|| {
+            Fault::NoBaseline(
+                "no baseline has been recorded; record one of the unloaded sheet first".into(),
+            )
+        })?;
+        let report = report::baseline(&baseline);
+        Ok((
+            report.id,
+            report.wall_ns,
+            report.frames,
+            report.volts,
+            report.flags,
+            report.deviation,
+            report.simulated,
+            report.more,
+        ))
+    }
+
+    /// Version of the daemon.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn version(&self) -> &str {
+        env!("CARGO_PKG_VERSION")
+    }
+
+    /// `idle`, `baseline`, `acquiring`, `suspended`, `faulted`.
+    #[zbus(property)]
+    fn state(&self) -> &str {
+        self.0.state().word()
+    }
+
+    /// Whether voltages come from a simulated sheet.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn simulated(&self) -> bool {
+        self.0.house.simulated
+    }
+
+    /// `rig` or `recording`.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn source(&self) -> &str {
+        if self.0.is_recording() {
+            "recording"
+        } else {
+            "rig"
+        }
+    }
+
+    /// Their objects.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn instruments(&self) -> Vec<ObjectPath<'static>> {
+        let instruments = &self.0.house.instruments;
+        instruments
+            .iter()
+            .map(|found| super::instrument1::path(found.role))
+            .collect()
+    }
+
+    /// The running session, `/` when there is none.
+    #[zbus(property)]
+    fn active_session(&self) -> ObjectPath<'static> {
+        self.0
+            .active()
+            .and_then(|live| bus::session_path(&live.facts.id).ok())
+            .unwrap_or_else(|| ObjectPath::from_static_str_unchecked("/"))
+    }
+
+    /// Id of the current baseline, empty when there is none.
+    #[zbus(property)]
+    fn baseline_id(&self) -> String {
+        self.0
+            .baseline()
+            .map(|baseline| baseline.id.clone())
+            .unwrap_or_default()
+    }
+
+    /// The configured method as a person would name it.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn method(&self) -> &str {
+        self.0.house.setup.model.reconstructor.method()
+    }
+
+    /// Where session files are written.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn record_directory(&self) -> String {
+        self.0.house.setup.record_directory.display().to_string()
+    }
+
+    /// Why the daemon is faulted, empty when it is not.
+    #[zbus(property)]
+    fn last_error(&self) -> String {
+        match self.0.state() {
+            crate::session::State::Faulted(why) => why,
+            _ => String::new(),
+        }
+    }
+}
+
+/// The session's object, there on the caller's own connection before the caller hears of it.
+async fn shown(server: &ObjectServer, live: &Arc<Live>) -> Result<ObjectPath<'static>, Fault> {
+    super::show(server, live).await.map_err(Fault::Connection)?;
+    bus::session_path(&live.facts.id)
+        .or_else(|_| ObjectPath::try_from(ROOT_PATH))
+        .map_err(|error| Fault::Failed(error.to_string()))
+}

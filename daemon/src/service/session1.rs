@@ -1,0 +1,268 @@
+//! A session: a baseline being recorded, or a measurement.
+
+use std::sync::Arc;
+
+use bus::{Fault, Options};
+use zbus::object_server::SignalEmitter;
+use zbus::{OwnedFd, interface};
+
+use crate::live::Live;
+use crate::recorder::{nanoseconds, volts};
+use crate::stream::Wanted;
+
+/// Records held for a slow reader where nobody says, and at most.
+const RING: (u64, u64) = (64, 4096);
+
+/// The object of one session.
+pub(super) struct Session1(pub(super) Arc<Live>);
+
+/// A session: a baseline being recorded, or a measurement. The object outlives its session for a while.
+#[interface(name = "org.tactus.Tactus1.Session1")]
+impl Session1 {
+    /// Ends the session and returns when its record is closed and the source is off.
+    async fn stop(&self) -> Result<(), Fault> {
+        self.0.stop("stopped on request");
+        let ending = self.0.ended().await;
+        if ending.faulted {
+            return Err(Fault::Failed(ending.reason));
+        }
+        Ok(())
+    }
+
+    /// Suspends acquisition between frames; the source is off.
+    async fn suspend(&self) -> Result<(), Fault> {
+        self.running()?;
+        self.0.suspend(true);
+        Ok(())
+    }
+
+    /// Goes on after Suspend.
+    async fn resume(&self) -> Result<(), Fault> {
+        self.running()?;
+        self.0.suspend(false);
+        Ok(())
+    }
+
+    /// Takes so many frames now, in a session started with `step`; returns the sequence of the last durable one when
+    /// they are taken, or when a recording ends before.
+    async fn step(&self, frames: u64) -> Result<u64, Fault> {
+        self.running()?;
+        let upto = self.0.grant(frames).ok_or_else(|| {
+            Fault::Unsupported(
+                "this session has a schedule; start one with the option 'step'".into(),
+            )
+        })?;
+        let mut durable = self.0.follow_durable();
+        tokio::select! {
+            _ = durable.wait_for(|durable| *durable >= upto) => {}
+            ending = self.0.ended() => {
+                if ending.faulted {
+                    return Err(Fault::Failed(ending.reason));
+                }
+            }
+        }
+        Ok(self.0.durable())
+    }
+
+    /// Waits until the session has ended and returns why.
+    async fn wait(&self) -> Result<String, Fault> {
+        let ending = self.0.ended().await;
+        if ending.faulted {
+            return Err(Fault::Failed(ending.reason));
+        }
+        Ok(ending.reason)
+    }
+
+    /// The last durable frame. Voltages are NaN where the flag is not 0: 0 ok, 1 overload, 2 timeout, 3 not measured.
+    #[allow(clippy::type_complexity)]
+    #[zbus(out_args(
+        "sequence",
+        "wall_ns",
+        "volts",
+        "flags",
+        "unit",
+        "simulated",
+        "quality"
+    ))]
+    async fn latest_frame(
+        &self,
+    ) -> Result<(u64, i64, Vec<f64>, Vec<u8>, String, bool, Options), Fault> {
+        let latest = self
+            .0
+            .latest_frame()
+            .ok_or_else(|| Fault::NoFrame("the session has no frame yet".into()))?;
+        let frame = &latest.frame;
+        Ok((
+            frame.sequence,
+            nanoseconds(frame.wall),
+            volts(&frame.readings),
+            frame
+                .readings
+                .iter()
+                .map(|reading| reading.flag())
+                .collect(),
+            "V".to_owned(),
+            frame.simulated,
+            super::quality(Options::new(), &latest),
+        ))
+    }
+
+    /// The map of the last durable frame that has one: a value a triangle of the region.
+    #[allow(clippy::type_complexity)]
+    #[zbus(out_args(
+        "sequence",
+        "wall_ns",
+        "values",
+        "unit",
+        "mesh_hash",
+        "method",
+        "simulated",
+        "more"
+    ))]
+    async fn latest_map(
+        &self,
+    ) -> Result<(u64, i64, Vec<f64>, String, String, String, bool, Options), Fault> {
+        let nothing = || Fault::NoFrame("the session has no map yet".into());
+        let latest = self.0.latest_map().ok_or_else(nothing)?;
+        let map = latest.map.as_ref().ok_or_else(nothing)?;
+        Ok((
+            latest.frame.sequence,
+            nanoseconds(latest.frame.wall),
+            map.values.clone(),
+            map.unit.label().to_owned(),
+            map.mesh_hash.clone(),
+            map.method.clone(),
+            latest.frame.simulated,
+            super::more_of_map(Options::new(), &latest),
+        ))
+    }
+
+    /// A descriptor from which every frame and map can be read. Options: `frames` (b), `maps` (b), both true by
+    /// default; `ring` (t), records held for a slow reader, 64 by default.
+    #[zbus(out_args("stream"))]
+    async fn open_stream(&self, options: Options) -> Result<OwnedFd, Fault> {
+        options.only(&["frames", "maps", "ring"])?;
+        self.running()?;
+        let ring = options.whole("ring")?.unwrap_or(RING.0);
+        if !(1..=RING.1).contains(&ring) {
+            return Err(Fault::InvalidOption(format!(
+                "option 'ring' is {ring}; it must be 1 to {}",
+                RING.1
+            )));
+        }
+        let wanted = Wanted {
+            frames: options.flag("frames")?.unwrap_or(true),
+            maps: options.flag("maps")?.unwrap_or(true),
+            ring: ring as usize,
+        };
+        let descriptor = self
+            .0
+            .readers
+            .add(wanted)
+            .map_err(|error| Fault::Failed(format!("no socket for the stream: {error}")))?;
+        Ok(descriptor.into())
+    }
+
+    /// At most five a second, and one for the last frame.
+    #[zbus(signal)]
+    async fn frame_done(
+        emitter: &SignalEmitter<'_>,
+        sequence: u64,
+        wall_ns: i64,
+        summary: Options,
+    ) -> zbus::Result<()>;
+
+    /// Its id.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn id(&self) -> &str {
+        &self.0.facts.id
+    }
+
+    /// `baseline` or `measurement`.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn kind(&self) -> &str {
+        self.0.facts.kind.as_str()
+    }
+
+    /// `running`, `suspended`, `ended`, `faulted`.
+    #[zbus(property)]
+    fn state(&self) -> &str {
+        let progress = self.0.progress();
+        match progress.ended {
+            Some(ending) if ending.faulted => "faulted",
+            Some(_) => "ended",
+            None if progress.suspended => "suspended",
+            None => "running",
+        }
+    }
+
+    /// Frames that the rig or recording gave.
+    #[zbus(property(emits_changed_signal = "false"))]
+    fn frames_acquired(&self) -> u64 {
+        self.0.acquired()
+    }
+
+    /// Frames on disk.
+    #[zbus(property(emits_changed_signal = "false"))]
+    fn frames_durable(&self) -> u64 {
+        self.0.durable()
+    }
+
+    /// Frames that the schedule asked for and the rig could not give in time, or the disk refused.
+    #[zbus(property(emits_changed_signal = "false"))]
+    fn frames_dropped(&self) -> u64 {
+        self.0.dropped()
+    }
+
+    /// Why it is faulted, or why the last frame has no map; empty otherwise.
+    #[zbus(property)]
+    fn last_error(&self) -> String {
+        self.0.progress().last_error
+    }
+
+    /// Why it ended, empty while it runs.
+    #[zbus(property)]
+    fn end_reason(&self) -> String {
+        self.0
+            .progress()
+            .ended
+            .map(|ending| ending.reason)
+            .unwrap_or_default()
+    }
+
+    /// Whether voltages are simulated.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn simulated(&self) -> bool {
+        self.0.facts.simulated
+    }
+
+    /// Id of the baseline that it measures against, empty for a baseline session.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn baseline_id(&self) -> &str {
+        &self.0.facts.baseline_id
+    }
+
+    /// The method of its maps, empty for a baseline session.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn method(&self) -> &str {
+        &self.0.facts.method
+    }
+
+    /// Its file.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn path(&self) -> String {
+        self.0.facts.path.display().to_string()
+    }
+}
+
+impl Session1 {
+    fn running(&self) -> Result<(), Fault> {
+        match self.0.progress().ended {
+            None => Ok(()),
+            Some(ending) => Err(Fault::NoSession(format!(
+                "session {} has ended: {}",
+                self.0.facts.id, ending.reason
+            ))),
+        }
+    }
+}

@@ -1,0 +1,47 @@
+//! A hand on the simulated sheet.
+
+use std::sync::Arc;
+
+use bus::Fault;
+use zbus::interface;
+
+use crate::keeper::Keeper;
+use crate::simulation;
+
+/// Only on the root object of a simulated rig.
+pub(super) struct Simulation1(pub(super) Arc<Keeper>);
+
+/// A hand on the simulated sheet. There only when the rig is simulated: a real sheet is pressed by hand.
+#[interface(name = "org.tactus.Tactus1.Simulation1")]
+impl Simulation1 {
+    /// Puts a load down in place of the last one: `disc` (size = diameter), `rectangle` (longer side), `triangle`
+    /// (side) or `figure-eight` (length). Place and size in metres, loss of conductance from 0 to 1. Acts on the next
+    /// frame.
+    async fn press(
+        &self,
+        shape: &str,
+        x_m: f64,
+        y_m: f64,
+        size_m: f64,
+        loss: f64,
+    ) -> Result<(), Fault> {
+        let bench = self.bench()?;
+        simulation::press(bench, shape, [x_m, y_m], size_m, loss).map_err(Fault::InvalidOption)
+    }
+
+    /// Takes the load away.
+    async fn release(&self) -> Result<(), Fault> {
+        simulation::release(self.bench()?);
+        Ok(())
+    }
+}
+
+impl Simulation1 {
+    fn bench(&self) -> Result<&bench::SimulatedRig, Fault> {
+        self.0
+            .house
+            .bench
+            .as_ref()
+            .ok_or_else(|| Fault::Unsupported("the rig is not simulated".into()))
+    }
+}

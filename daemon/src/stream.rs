@@ -1,0 +1,199 @@
+//! The full-rate stream: a ring and a socket for each reader. Publishing never waits.
+
+use std::os::fd::OwnedFd;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use bus::stream::{Body, Record};
+use tokio::io::AsyncWriteExt;
+use tokio::net::UnixStream;
+use tokio::sync::Notify;
+
+use crate::ring::Ring;
+
+/// How long a reader may take for what is left after the end.
+const LAST_WORDS: Duration = Duration::from_secs(30);
+
+/// What a reader asked for.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Wanted {
+    pub frames: bool,
+    pub maps: bool,
+    /// Records held for it.
+    pub ring: usize,
+}
+
+/// Every reader of one session.
+#[derive(Debug, Default)]
+pub(crate) struct Readers {
+    readers: Mutex<Vec<Arc<Reader>>>,
+}
+
+#[derive(Debug)]
+struct Reader {
+    wanted: Wanted,
+    waiting: Mutex<Waiting>,
+    news: Notify,
+}
+
+#[derive(Debug)]
+struct Waiting {
+    ring: Ring,
+    ended: bool,
+    gone: bool,
+}
+
+impl Reader {
+    fn waiting(&self) -> std::sync::MutexGuard<'_, Waiting> {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Readers {
+    /// Adds a reader and returns its end of the socket. Must be called inside the runtime.
+    pub(crate) fn add(&self, wanted: Wanted) -> std::io::Result<OwnedFd> {
+        let (ours, theirs) = UnixStream::pair()?;
+        let theirs = theirs.into_std()?;
+        theirs.set_nonblocking(false)?;
+        let reader = Arc::new(Reader {
+            wanted,
+            waiting: Mutex::new(Waiting {
+                ring: Ring::new(wanted.ring),
+                ended: false,
+                gone: false,
+            }),
+            news: Notify::new(),
+        });
+        self.lock().push(Arc::clone(&reader));
+        tokio::spawn(serve(reader, ours));
+        Ok(theirs.into())
+    }
+
+    /// Whether anybody reads.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.lock().is_empty()
+    }
+
+    /// Hands a record to everybody who wants it; never waits.
+    pub(crate) fn publish(&self, record: &Record) {
+        let mut readers = self.lock();
+        readers.retain(|reader| !reader.waiting().gone);
+        if readers.is_empty() {
+            return;
+        }
+        let encoded: Arc<[u8]> = record.encode().into();
+        let ended = matches!(record.body, Body::End { .. });
+        for reader in readers.iter() {
+            let wants = match record.body {
+                Body::Frame { .. } => reader.wanted.frames,
+                Body::Map { .. } => reader.wanted.maps,
+                Body::End { .. } => true,
+            };
+            if wants {
+                let mut waiting = reader.waiting();
+                waiting.ring.push(Arc::clone(&encoded));
+                waiting.ended |= ended;
+                drop(waiting);
+                reader.news.notify_one();
+            }
+        }
+        if ended {
+            readers.clear();
+        }
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, Vec<Arc<Reader>>> {
+        self.readers.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Writes what waits, at the reader's own pace.
+async fn serve(reader: Arc<Reader>, mut socket: UnixStream) {
+    loop {
+        let (record, ended) = {
+            let mut waiting = reader.waiting();
+            (waiting.ring.pop(), waiting.ended)
+        };
+        let written = match record {
+            Some(record) if ended => {
+                match tokio::time::timeout(LAST_WORDS, socket.write_all(&record)).await {
+                    Ok(written) => written.is_ok(),
+                    Err(_) => false,
+                }
+            }
+            Some(record) => socket.write_all(&record).await.is_ok(),
+            None if ended => false,
+            None => {
+                reader.news.notified().await;
+                true
+            }
+        };
+        if !written {
+            reader.waiting().gone = true;
+            return;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bus::stream::Decoder;
+    use std::io::Read;
+
+    fn frame(sequence: u64) -> Record {
+        Record {
+            sequence,
+            wall_ns: 0,
+            gap: 0,
+            simulated: true,
+            body: Body::Frame {
+                volts: vec![0.0; 598],
+                flags: vec![0; 598],
+            },
+        }
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_reader_that_sleeps_loses_the_oldest_and_is_told_how_many() {
+        let readers = Readers::default();
+        let wanted = Wanted {
+            frames: true,
+            maps: false,
+            ring: 4,
+        };
+        let fd = readers.add(wanted).unwrap();
+        const SENT: u64 = 500;
+        for sequence in 1..=SENT {
+            readers.publish(&frame(sequence));
+            tokio::task::yield_now().await;
+        }
+        readers.publish(&Record {
+            body: Body::End {
+                reason: "over".into(),
+            },
+            ..frame(SENT)
+        });
+        let read = tokio::task::spawn_blocking(move || {
+            let mut bytes = Vec::new();
+            std::fs::File::from(fd).read_to_end(&mut bytes).unwrap();
+            bytes
+        })
+        .await
+        .unwrap();
+        let mut decoder = Decoder::new();
+        decoder.push(&read);
+        let (mut got, mut lost, mut last) = (0, 0, 0);
+        while let Some(record) = decoder.next_record().unwrap() {
+            lost += record.gap;
+            if let Body::Frame { .. } = record.body {
+                assert_eq!(record.sequence, last + record.gap + 1, "the gap is exact");
+                last = record.sequence;
+                got += 1;
+            }
+        }
+        assert!(lost > 0, "a socket does not hold 500 frames of 5 kB");
+        // the end took the place of a record in the ring, or of none
+        assert_eq!(got + lost, SENT);
+    }
+}

@@ -1,0 +1,218 @@
+//! Acquisition of one session: waits for the schedule, takes a frame, hands it to the recorder, and never to anybody
+//! who could hold it back.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use rig::{AcquireError, Clock, Stop, SystemClock};
+use survey::Frame;
+use tokio::sync::{mpsc, watch};
+
+use crate::live::Live;
+use crate::model::chain;
+use crate::prepare::RigPlan;
+use crate::recorder::Order;
+use crate::recording::{Recording, RecordingError};
+use crate::rig_assembly::AnyRig;
+use crate::schedule::{Next, Schedule};
+
+/// Where frames come from.
+pub(crate) enum FrameSource {
+    Rig {
+        /// `None` after a fault, until the rig has been assembled again.
+        rig: Option<AnyRig>,
+        plan: Arc<RigPlan>,
+    },
+    Recording(Box<Recording>),
+}
+
+/// How acquisition ended.
+#[derive(Debug)]
+pub(crate) enum Ended {
+    /// As asked or scheduled.
+    Done(String),
+    /// The rig failed; it is safe unless the text says otherwise.
+    Rig(AcquireError),
+    /// The recording failed.
+    Recording(RecordingError),
+}
+
+impl Ended {
+    /// For a person.
+    pub(crate) fn text(&self) -> String {
+        match self {
+            Self::Done(reason) => reason.clone(),
+            Self::Rig(error) => chain(error),
+            Self::Recording(error) => chain(error),
+        }
+    }
+}
+
+/// What the loop needs beside the source.
+pub(crate) struct Watch {
+    pub live: Arc<Live>,
+    pub schedule: Schedule,
+    /// Of a recording; `None` is the configured one.
+    pub speed: Option<f64>,
+    pub clock: SystemClock,
+    pub recorder: mpsc::Sender<Order>,
+    /// Told when acquisition pauses and goes on.
+    pub paused: Arc<dyn Fn(bool) + Send + Sync>,
+}
+
+/// What a wait ended with.
+enum Waited {
+    Due,
+    Stopped,
+}
+
+impl Watch {
+    /// Takes frames until the schedule, somebody, or a fault ends it.
+    pub(crate) async fn run(self, source: &mut FrameSource) -> Ended {
+        if let FrameSource::Recording(recording) = source {
+            recording.rewind(self.speed);
+        }
+        let mut stop = self.live.stop_wish();
+        let mut suspend = self.live.suspend_wish();
+        let mut grants = self.live.grants();
+        let began = self.clock.monotonic();
+        let (mut taken, mut last) = (0, None);
+        // time spent in pauses does not count as lateness of a recording
+        let mut shift = Duration::ZERO;
+        loop {
+            let paused = self.sit_out(&mut suspend, &mut stop).await;
+            shift += paused;
+            if stop.is_asked() {
+                return Ended::Done(self.live.stop_reason());
+            }
+            let now = self.clock.monotonic();
+            let (mut due, missed) = match self.schedule.next(began, taken, last, now) {
+                Next::End(reason) => return Ended::Done(reason.to_owned()),
+                Next::Frame { due, missed } => (due, missed),
+            };
+            if let FrameSource::Recording(recording) = source {
+                match recording.due() {
+                    Ok(Some(offset)) => due = began + shift + offset,
+                    Ok(None) => return Ended::Done("the recording is over".to_owned()),
+                    Err(error) => return Ended::Recording(error),
+                }
+            } else {
+                self.live.count_dropped(missed);
+            }
+            let waited = match &mut grants {
+                Some(grants) => granted(grants, taken, &mut stop).await,
+                None => self.until(due, &mut stop, &mut suspend).await,
+            };
+            match waited {
+                Waited::Stopped => return Ended::Done(self.live.stop_reason()),
+                Waited::Due if *suspend.borrow() => continue,
+                Waited::Due => {}
+            }
+            let frame = match self.take(source, &stop).await {
+                Ok(Some(frame)) => frame,
+                Ok(None) => return Ended::Done("the recording is over".to_owned()),
+                Err(Ended::Rig(AcquireError::Stopped { .. })) if stop.is_asked() => {
+                    return Ended::Done(self.live.stop_reason());
+                }
+                Err(ended) => return ended,
+            };
+            taken += 1;
+            last = Some(due);
+            self.live.count_acquired();
+            if !self
+                .hand_over(frame, matches!(source, FrameSource::Recording(_)))
+                .await
+            {
+                return Ended::Done(self.live.stop_reason());
+            }
+        }
+    }
+
+    async fn take(&self, source: &mut FrameSource, stop: &Stop) -> Result<Option<Frame>, Ended> {
+        match source {
+            FrameSource::Rig {
+                rig: Some(rig),
+                plan,
+            } => rig
+                .acquire(&plan.plan, plan.meter, self.clock, stop)
+                .await
+                .map(Some)
+                .map_err(Ended::Rig),
+            FrameSource::Rig { rig: None, .. } => Ok(None),
+            FrameSource::Recording(recording) => recording
+                .next(self.clock.monotonic(), self.clock.wall())
+                .map_err(Ended::Recording),
+        }
+    }
+
+    /// The logbook is the one sink that may hold acquisition back: between frames, with the source off, and said.
+    async fn hand_over(&self, frame: Frame, recording: bool) -> bool {
+        let frame = match self.recorder.try_send(Order::Frame(Box::new(frame))) {
+            Ok(()) => return true,
+            Err(mpsc::error::TrySendError::Closed(_)) => return false,
+            Err(mpsc::error::TrySendError::Full(frame)) => frame,
+        };
+        if recording {
+            return self.recorder.send(frame).await.is_ok();
+        }
+        self.live.set_suspended(true);
+        self.live
+            .set_last_error("the logbook cannot keep up; acquisition waits, the source is off");
+        (self.paused)(true);
+        let sent = self.recorder.send(frame).await.is_ok();
+        (self.paused)(false);
+        self.live.set_suspended(false);
+        self.live.set_last_error("");
+        sent
+    }
+
+    /// Waits while suspended; returns how long.
+    async fn sit_out(&self, suspend: &mut watch::Receiver<bool>, stop: &mut Stop) -> Duration {
+        if !*suspend.borrow() {
+            return Duration::ZERO;
+        }
+        let from = self.clock.monotonic();
+        self.live.set_suspended(true);
+        (self.paused)(true);
+        tokio::select! {
+            () = stop.asked() => {}
+            _ = suspend.wait_for(|suspended| !*suspended) => {}
+        }
+        (self.paused)(false);
+        self.live.set_suspended(false);
+        self.clock.monotonic() - from
+    }
+
+    async fn until(
+        &self,
+        due: Duration,
+        stop: &mut Stop,
+        suspend: &mut watch::Receiver<bool>,
+    ) -> Waited {
+        let wait = due.saturating_sub(self.clock.monotonic());
+        if wait.is_zero() {
+            // lets others run between frames that are back to back
+            tokio::task::yield_now().await;
+            return if stop.is_asked() {
+                Waited::Stopped
+            } else {
+                Waited::Due
+            };
+        }
+        tokio::select! {
+            () = stop.asked() => Waited::Stopped,
+            _ = suspend.wait_for(|suspended| *suspended) => Waited::Due,
+            () = tokio::time::sleep(wait) => Waited::Due,
+        }
+    }
+}
+
+async fn granted(grants: &mut watch::Receiver<u64>, taken: u64, stop: &mut Stop) -> Waited {
+    tokio::select! {
+        () = stop.asked() => Waited::Stopped,
+        granted = grants.wait_for(|granted| *granted > taken) => match granted {
+            Ok(_) => Waited::Due,
+            Err(_) => Waited::Stopped,
+        },
+    }
+}
