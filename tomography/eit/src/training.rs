@@ -1,0 +1,546 @@
+//! The training set of the paper (Algorithm 1, Eq. 6 to 9), and the training of the RBF network on it.
+//!
+//! Where the paper's text leaves a choice: centres are uniform over the region of interest; the vertices of a polygon are
+//! joined in the order of their angles; a triangle belongs to a polygon that holds its centroid (even-odd rule); fewer than
+//! three vertices, or none of the polygons, make an unchanged sample, which is kept; where polygons overlap, their losses
+//! multiply; a loss of 100 % is floored by the forward model ([`crate::FLOOR`]).
+
+use std::f64::consts::TAU;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, Normal};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use survey::Protocol;
+
+use crate::kmeans::{self, Rows};
+use crate::rbf::{RbfNetwork, Sparse};
+use crate::{Forward, ForwardError, Mesh};
+
+/// The noise that training adds to the inputs (Eq. 8).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "profile", rename_all = "snake_case")]
+pub enum Jitter {
+    /// Eq. 9: a standard deviation of gamma times that of the normalised baseline, on every reading alike.
+    Paper {
+        /// gamma, 0.01 in the paper.
+        gamma: f64,
+    },
+    /// As the noise is: white, on baseline and frame.
+    Matched {
+        /// Standard deviation of one reading, V.
+        noise_v: f64,
+        /// Injected current at which it is met, A.
+        current_a: f64,
+    },
+}
+
+impl Jitter {
+    /// The paper's value.
+    pub fn paper() -> Self {
+        Self::Paper { gamma: 0.01 }
+    }
+
+    /// 2 uV at 1 mA.
+    pub fn matched() -> Self {
+        Self::Matched {
+            noise_v: 2e-6,
+            current_a: 1e-3,
+        }
+    }
+
+    /// Standard deviation of a normalised input, from the baseline at 1 A.
+    fn deviation(self, baseline: &[f64]) -> f64 {
+        let top = baseline.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
+        match self {
+            Self::Paper { gamma } => {
+                let n = baseline.len() as f64;
+                let mean = baseline.iter().sum::<f64>() / n;
+                let square: f64 = baseline.iter().map(|v| (v - mean).powi(2)).sum();
+                gamma * (square / (n - 1.0)).sqrt() / top
+            }
+            Self::Matched { noise_v, current_a } => {
+                std::f64::consts::SQRT_2 * noise_v / current_a / top
+            }
+        }
+    }
+}
+
+/// Settings of a training; the defaults are the paper's (section 5.3).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrainingSettings {
+    /// C: simulated cases.
+    pub cases: usize,
+    /// S: jittered copies of each.
+    pub repeats: usize,
+    /// P: at most so many polygons a case.
+    pub polygons: usize,
+    /// R_p: largest radius of the circle round a polygon, m.
+    pub radius_m: f64,
+    /// K_p: at most so many vertices.
+    pub vertices: usize,
+    /// The jitter.
+    pub jitter: Jitter,
+    /// N: neurons.
+    pub neurons: usize,
+    /// The same seed gives the same network.
+    pub seed: u64,
+}
+
+impl Default for TrainingSettings {
+    fn default() -> Self {
+        Self {
+            cases: 15_000,
+            repeats: 5,
+            polygons: 4,
+            radius_m: 0.070,
+            vertices: 5,
+            jitter: Jitter::paper(),
+            neurons: 100,
+            seed: 1,
+        }
+    }
+}
+
+/// What a training found.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TrainingReport {
+    /// Cases in which no triangle changed.
+    pub unchanged: usize,
+    /// Standard deviation of the jitter, in units of the normalised input.
+    pub jitter: f64,
+    /// Rounds of k-means.
+    pub rounds: usize,
+    /// Clusters that ran empty and were begun again.
+    pub reseeded: usize,
+    /// b of Eq. 13.
+    pub spread: f64,
+    /// b over the median distance of two samples; above 10 a few samples rule it.
+    pub spread_over_median: f64,
+    /// Directions of Phi that were kept.
+    pub rank: usize,
+    /// Condition number of Phi.
+    pub condition: f64,
+    /// Largest entry of W.
+    pub largest_weight: f64,
+}
+
+/// Where a training is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    /// Solving forward problems.
+    Cases,
+    /// Rounds of k-means (at most so many).
+    Clusters,
+    /// Solving the least-squares problem.
+    Weights,
+}
+
+/// Why there is no network.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum TrainError {
+    /// The forward model refused.
+    #[error("the forward model of the training set")]
+    Forward(#[from] ForwardError),
+    /// A setting without meaning.
+    #[error("training setting {setting} is {value}, it must be {must}")]
+    Setting {
+        /// Which.
+        setting: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        must: &'static str,
+    },
+    /// Every sample is the same.
+    #[error("all samples of the training set are alike; more cases or a larger radius are needed")]
+    Alike,
+    /// The least-squares problem gave numbers that are not finite.
+    #[error("the weights could not be found: the least-squares problem gave out")]
+    Weights,
+}
+
+const MOST_ROUNDS: usize = 100;
+/// Pairs of samples from which the spread is estimated, where there are more.
+const PAIRS: usize = 1_000_000;
+
+/// Cases of Algorithm 1 without jitter.
+pub struct TrainingSet {
+    /// Readings of the baseline at 1 A.
+    pub baseline: Vec<f64>,
+    /// Normalised inputs (Eq. 6), one row a case.
+    inputs: Vec<f32>,
+    /// Relative changes of the region's triangles.
+    targets: Vec<Sparse>,
+}
+
+impl TrainingSet {
+    /// Draws and solves the cases; case c depends on the seed and c alone.
+    ///
+    /// # Errors
+    /// Settings without meaning, or what the forward model refuses.
+    pub fn build(
+        mesh: &Arc<Mesh>,
+        contact_ohm_m: &[f64],
+        sigma0: &[f64],
+        protocol: &Protocol,
+        settings: &TrainingSettings,
+        progress: &(dyn Fn(Stage, usize, usize) + Sync),
+    ) -> Result<Self, TrainError> {
+        check(settings)?;
+        let forward = Forward::new(Arc::clone(mesh), contact_ohm_m)?;
+        let baseline = forward.readings(sigma0, protocol)?.as_slice().to_vec();
+        let top = baseline.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
+        let region = Region::new(mesh);
+        let done = AtomicUsize::new(0);
+        let solved = (0..settings.cases)
+            .into_par_iter()
+            .map(|case| {
+                let target = region.case(settings, case);
+                let mut sigma = sigma0.to_vec();
+                for &(unknown, change) in &target {
+                    sigma[mesh.region()[unknown as usize]] *= 1.0 + f64::from(change);
+                }
+                let input: Vec<f32> = if target.is_empty() {
+                    vec![0.0; baseline.len()]
+                } else {
+                    forward
+                        .readings(&sigma, protocol)?
+                        .iter()
+                        .zip(&baseline)
+                        .map(|(volts, zero)| ((volts - zero) / top) as f32)
+                        .collect()
+                };
+                let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+                progress(Stage::Cases, done, settings.cases);
+                Ok((input, target))
+            })
+            .collect::<Result<Vec<_>, TrainError>>()?;
+        let mut inputs = Vec::with_capacity(settings.cases * baseline.len());
+        let mut targets = Vec::with_capacity(settings.cases);
+        for (input, target) in solved {
+            inputs.extend(input);
+            targets.push(target);
+        }
+        Ok(Self {
+            baseline,
+            inputs,
+            targets,
+        })
+    }
+
+    /// Eq. 8: the inputs `repeats` times over, each with its own noise, drawn from the seed, the copy and the case.
+    fn jittered(&self, settings: &TrainingSettings, deviation: f64) -> Vec<f32> {
+        let width = self.baseline.len();
+        let noise = Normal::new(0.0, deviation).expect("a deviation is a positive number");
+        let mut inputs = self.inputs.repeat(settings.repeats);
+        inputs
+            .par_chunks_mut(width)
+            .enumerate()
+            .for_each(|(sample, row)| {
+                let mut random = stream(settings.seed, Purpose::Jitter, sample);
+                for value in row {
+                    *value = (f64::from(*value) + noise.sample(&mut random)) as f32;
+                }
+            });
+        inputs
+    }
+}
+
+/// Trains an RBF network (Eq. 12 to 15).
+///
+/// # Errors
+/// See [`TrainError`].
+pub fn train_rbf(
+    mesh: &Arc<Mesh>,
+    contact_ohm_m: &[f64],
+    sigma0: &[f64],
+    protocol: &Protocol,
+    settings: &TrainingSettings,
+    progress: &(dyn Fn(Stage, usize, usize) + Sync),
+) -> Result<(RbfNetwork, TrainingReport), TrainError> {
+    let set = TrainingSet::build(mesh, contact_ohm_m, sigma0, protocol, settings, progress)?;
+    let deviation = settings.jitter.deviation(&set.baseline);
+    let inputs = set.jittered(settings, deviation);
+    let rows = Rows {
+        values: &inputs,
+        width: set.baseline.len(),
+    };
+    let clusters = kmeans::cluster(
+        rows,
+        settings.neurons,
+        settings.seed,
+        MOST_ROUNDS,
+        &|round| {
+            progress(Stage::Clusters, round, MOST_ROUNDS);
+        },
+    );
+    let (spread, median) = spread(rows, settings.seed, PAIRS);
+    if spread <= 0.0 || !spread.is_finite() {
+        return Err(TrainError::Alike);
+    }
+    progress(Stage::Weights, 0, 1);
+    let (network, conditioning) = RbfNetwork::fit(
+        rows,
+        &clusters.centres,
+        spread,
+        &set.targets,
+        mesh.region().len(),
+    )
+    .ok_or(TrainError::Weights)?;
+    progress(Stage::Weights, 1, 1);
+    let report = TrainingReport {
+        unchanged: set
+            .targets
+            .iter()
+            .filter(|target| target.is_empty())
+            .count(),
+        jitter: deviation,
+        rounds: clusters.rounds,
+        reseeded: clusters.reseeded,
+        spread,
+        spread_over_median: spread / median,
+        rank: conditioning.rank,
+        condition: conditioning.condition,
+        largest_weight: conditioning.largest_weight,
+    };
+    Ok((network, report))
+}
+
+fn check(settings: &TrainingSettings) -> Result<(), TrainError> {
+    let refuse = |setting, value, must| {
+        Err(TrainError::Setting {
+            setting,
+            value,
+            must,
+        })
+    };
+    for (setting, value) in [
+        ("cases", settings.cases),
+        ("repeats", settings.repeats),
+        ("neurons", settings.neurons),
+    ] {
+        if value == 0 {
+            return refuse(setting, 0.0, "1 or more");
+        }
+    }
+    let samples = settings.cases * settings.repeats;
+    if settings.neurons > samples {
+        return refuse(
+            "neurons",
+            settings.neurons as f64,
+            "no more than there are samples",
+        );
+    }
+    let noise = match settings.jitter {
+        Jitter::Paper { gamma } => [("gamma", gamma), ("gamma", gamma)],
+        Jitter::Matched { noise_v, current_a } => [("noise_v", noise_v), ("current_a", current_a)],
+    };
+    for (setting, value) in noise.into_iter().chain([("radius_m", settings.radius_m)]) {
+        if !(value > 0.0 && value.is_finite()) {
+            return refuse(setting, value, "a positive number");
+        }
+    }
+    Ok(())
+}
+
+/// What a random stream is for: streams of different purposes never meet.
+#[derive(Clone, Copy)]
+enum Purpose {
+    Case = 1,
+    Jitter = 2,
+    Pairs = 3,
+}
+
+fn stream(seed: u64, purpose: Purpose, item: usize) -> ChaCha8Rng {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(((purpose as u64) << 48) | item as u64);
+    random
+}
+
+/// The region of interest as the cases see it.
+struct Region {
+    corners: Vec<[[f64; 2]; 3]>,
+    centroids: Vec<[f64; 2]>,
+    /// Sums of the areas up to and with each triangle.
+    areas: Vec<f64>,
+}
+
+impl Region {
+    fn new(mesh: &Mesh) -> Self {
+        let mut sum = 0.0;
+        Self {
+            corners: mesh.region().iter().map(|&t| mesh.corners(t)).collect(),
+            centroids: mesh.region_centroids(),
+            areas: mesh
+                .region_areas()
+                .into_iter()
+                .map(|area| {
+                    sum += area;
+                    sum
+                })
+                .collect(),
+        }
+    }
+
+    /// A point uniform over the region.
+    fn point(&self, random: &mut ChaCha8Rng) -> [f64; 2] {
+        let total = self.areas.last().copied().unwrap_or_default();
+        let at = random.random::<f64>() * total;
+        let triangle = self
+            .areas
+            .partition_point(|sum| *sum <= at)
+            .min(self.areas.len() - 1);
+        let (mut p, mut q) = (random.random::<f64>(), random.random::<f64>());
+        if p + q > 1.0 {
+            (p, q) = (1.0 - p, 1.0 - q);
+        }
+        let [a, b, c] = self.corners[triangle];
+        [0, 1].map(|axis| a[axis] + p * (b[axis] - a[axis]) + q * (c[axis] - a[axis]))
+    }
+
+    /// One case of Algorithm 1.
+    fn case(&self, settings: &TrainingSettings, case: usize) -> Sparse {
+        let random = &mut stream(settings.seed, Purpose::Case, case);
+        let mut kept = vec![1.0_f64; self.centroids.len()];
+        for _ in 0..random.random_range(0..=settings.polygons) {
+            let centre = self.point(random);
+            let radius = random.random::<f64>() * settings.radius_m;
+            let mut angles: Vec<f64> = (0..random.random_range(0..=settings.vertices))
+                .map(|_| random.random::<f64>() * TAU)
+                .collect();
+            let loss = random.random::<f64>();
+            angles.sort_by(f64::total_cmp);
+            let polygon: Vec<[f64; 2]> = angles
+                .iter()
+                .map(|angle| {
+                    [
+                        centre[0] + radius * angle.cos(),
+                        centre[1] + radius * angle.sin(),
+                    ]
+                })
+                .collect();
+            for (kept, centroid) in kept.iter_mut().zip(&self.centroids) {
+                if (centroid[0] - centre[0]).abs() <= radius && holds(&polygon, *centroid) {
+                    *kept *= 1.0 - loss;
+                }
+            }
+        }
+        kept.iter()
+            .enumerate()
+            .filter(|(_, kept)| **kept < 1.0)
+            .map(|(unknown, kept)| (unknown as u32, (kept - 1.0) as f32))
+            .collect()
+    }
+}
+
+/// The even-odd rule; nothing is inside fewer than three vertices.
+fn holds(polygon: &[[f64; 2]], [x, y]: [f64; 2]) -> bool {
+    if polygon.len() < 3 {
+        return false;
+    }
+    let mut inside = false;
+    let mut from = polygon[polygon.len() - 1];
+    for &to in polygon {
+        if (from[1] > y) != (to[1] > y)
+            && x < from[0] + (y - from[1]) / (to[1] - from[1]) * (to[0] - from[0])
+        {
+            inside = !inside;
+        }
+        from = to;
+    }
+    inside
+}
+
+/// Eq. 13, mean plus standard deviation of the distances of two samples, and their median: over all pairs where there are
+/// no more than `most`, else over `most` of them drawn at random.
+fn spread(rows: Rows<'_>, seed: u64, most: usize) -> (f64, f64) {
+    const CHUNK: usize = 10_000;
+    let n = rows.len();
+    let all = n * n.saturating_sub(1) / 2;
+    let distance = |a: usize, b: usize| {
+        let other: Vec<f64> = rows.row(b).iter().map(|value| f64::from(*value)).collect();
+        kmeans::squared_distance(rows.row(a), &other).sqrt()
+    };
+    let mut distances: Vec<f64> = if all <= most {
+        (0..n)
+            .into_par_iter()
+            .flat_map_iter(|a| (a + 1..n).map(move |b| distance(a, b)))
+            .collect()
+    } else {
+        (0..most.div_ceil(CHUNK))
+            .into_par_iter()
+            .flat_map_iter(|chunk| {
+                let mut random = stream(seed, Purpose::Pairs, chunk);
+                (0..CHUNK.min(most - chunk * CHUNK)).map(move |_| {
+                    let a = random.random_range(0..n);
+                    let b = random.random_range(0..n - 1);
+                    distance(a, if b < a { b } else { b + 1 })
+                })
+            })
+            .collect()
+    };
+    if distances.is_empty() {
+        return (0.0, 0.0);
+    }
+    let count = distances.len() as f64;
+    let mean = distances.iter().sum::<f64>() / count;
+    let square: f64 = distances.iter().map(|d| (d - mean).powi(2)).sum();
+    let deviation = (square / (count - 1.0).max(1.0)).sqrt();
+    distances.sort_by(f64::total_cmp);
+    (mean + deviation, distances[distances.len() / 2])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::DiscTank;
+
+    #[test]
+    fn a_polygon_of_fewer_than_three_vertices_holds_nothing() {
+        assert!(!holds(&[], [0.0, 0.0]));
+        assert!(!holds(&[[0.0, 0.0], [1.0, 1.0]], [0.5, 0.5]));
+        let square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        assert!(holds(&square, [0.5, 0.5]));
+        assert!(!holds(&square, [1.5, 0.5]));
+    }
+
+    #[test]
+    fn ten_thousand_cases_are_drawn_and_some_are_unchanged() {
+        let mesh = DiscTank::default().mesh().unwrap();
+        let region = Region::new(&mesh);
+        let settings = TrainingSettings::default();
+        let unchanged = (0..10_000)
+            .filter(|&case| {
+                let target = region.case(&settings, case);
+                assert!(
+                    target
+                        .iter()
+                        .all(|(_, change)| (-1.0..0.0).contains(change))
+                );
+                target.is_empty()
+            })
+            .count();
+        // 1/5 of the cases have no polygon, and half of all polygons have fewer than three vertices
+        assert!((3500..5000).contains(&unchanged), "{unchanged}");
+    }
+
+    #[test]
+    fn the_sampled_spread_is_within_a_percent_of_the_exact_one() {
+        let mut random = ChaCha8Rng::seed_from_u64(7);
+        let values: Vec<f32> = (0..2000 * 20)
+            .map(|_| (random.random::<f64>() * 4.0).exp() as f32)
+            .collect();
+        let rows = Rows {
+            values: &values,
+            width: 20,
+        };
+        let (exact, _) = spread(rows, 1, usize::MAX);
+        let (sampled, _) = spread(rows, 1, 200_000);
+        assert!((sampled / exact - 1.0).abs() < 0.01, "{sampled} {exact}");
+    }
+}

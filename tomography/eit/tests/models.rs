@@ -1,0 +1,281 @@
+//! Training, saving, loading and running RBF networks, and the files that are refused.
+
+use std::path::Path;
+use std::sync::{Arc, OnceLock};
+
+use eit::model::{load, save};
+use eit::{
+    DiscTank, Forward, Jitter, Mesh, Model, ModelError, ReconstructError, Reconstructor, Stage,
+    TrainError, TrainingSettings, load_reconstructor, train_rbf,
+};
+use survey::{Protocol, Reading, Volts};
+
+const CONTACT: [f64; 8] = [0.3; 8];
+
+fn mesh() -> Arc<Mesh> {
+    static MESH: OnceLock<Arc<Mesh>> = OnceLock::new();
+    Arc::clone(MESH.get_or_init(|| {
+        let tank = DiscTank {
+            radius_mm: 100.0,
+            electrodes: 8,
+            fineness: 0.5,
+            ..DiscTank::default()
+        };
+        Arc::new(tank.mesh().unwrap())
+    }))
+}
+
+fn settings() -> TrainingSettings {
+    TrainingSettings {
+        cases: 400,
+        repeats: 2,
+        neurons: 25,
+        radius_m: 0.06,
+        jitter: Jitter::matched(),
+        ..TrainingSettings::default()
+    }
+}
+
+fn trained(settings: &TrainingSettings) -> Result<Model, TrainError> {
+    let mesh = mesh();
+    let protocol = Protocol::sheffield(8).unwrap();
+    let sigma = vec![1e-3; mesh.triangles().len()];
+    let silent = |_: Stage, _: usize, _: usize| {};
+    let (network, report) = train_rbf(&mesh, &CONTACT, &sigma, &protocol, settings, &silent)?;
+    Ok(Model::rbf(
+        "rbf test",
+        mesh,
+        &protocol,
+        network,
+        settings.clone(),
+        report,
+    )
+    .unwrap())
+}
+
+fn model() -> &'static Model {
+    static MODEL: OnceLock<Model> = OnceLock::new();
+    MODEL.get_or_init(|| trained(&settings()).unwrap())
+}
+
+/// Baseline and a frame with a disc of 60 mm at (30, 20) mm pressed to half its conductance.
+fn frames() -> [Vec<Reading>; 2] {
+    let mesh = mesh();
+    let forward = Forward::new(Arc::clone(&mesh), &CONTACT).unwrap();
+    let protocol = Protocol::sheffield(8).unwrap();
+    let pressed = (0..mesh.triangles().len())
+        .map(|triangle| {
+            let [x, y] = mesh.centroid(triangle);
+            let inside = (x - 0.03).hypot(y - 0.02) < 0.03;
+            if inside { 5e-4 } else { 1e-3 }
+        })
+        .collect::<Vec<_>>();
+    [vec![1e-3; mesh.triangles().len()], pressed].map(|sigma| {
+        let volts = forward.readings(&sigma, &protocol).unwrap();
+        volts.iter().map(|v| Reading::Ok(Volts(1e-3 * v))).collect()
+    })
+}
+
+#[test]
+fn a_small_network_finds_a_large_press() {
+    let [baseline, frame] = frames();
+    let mesh = mesh();
+    let network = model().clone().into_reconstructor();
+    let map = network.reconstruct(&baseline, &frame).unwrap();
+    let found = map
+        .found(&mesh.region_centroids(), &mesh.region_areas())
+        .unwrap();
+    let error = (found[0] - 0.03).hypot(found[1] - 0.02);
+    assert!(error < 0.025, "{found:?}");
+    // nothing pressed: next to nothing found
+    let still = network.reconstruct(&baseline, &baseline).unwrap();
+    let most = still.largest_loss().map_or(0.0, |(_, loss)| loss);
+    assert!(most < 0.5 * map.largest_loss().unwrap().1, "{most}");
+}
+
+#[test]
+fn a_model_comes_back_from_its_file_as_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.safetensors");
+    save(&path, model()).unwrap();
+    let loaded = load(&path).unwrap();
+    assert_eq!(loaded.hash(), model().hash());
+    assert_eq!(loaded.network(), model().network());
+    assert_eq!(loaded.protocol(), model().protocol());
+    assert_eq!(loaded.mesh().hash(), mesh().hash());
+    assert_eq!(loaded.metadata().training, settings());
+    let [baseline, frame] = frames();
+    let map = |network: &dyn Reconstructor| network.reconstruct(&baseline, &frame).unwrap().hash();
+    assert_eq!(
+        map(load_reconstructor(&path).unwrap().as_ref()),
+        map(model().clone().into_reconstructor().as_ref())
+    );
+}
+
+#[test]
+fn the_same_settings_give_the_same_bytes_on_any_number_of_threads() {
+    let few = TrainingSettings {
+        cases: 60,
+        neurons: 10,
+        ..settings()
+    };
+    let hash = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        pool.install(|| trained(&few).unwrap().hash().to_owned())
+    };
+    let one = hash(1);
+    assert_eq!(one, hash(3));
+    let other = TrainingSettings { seed: 2, ..few };
+    assert_ne!(one, trained(&other).unwrap().hash());
+}
+
+#[test]
+fn a_masked_reading_moves_the_map_little() {
+    let [baseline, frame] = frames();
+    let network = model().clone().into_reconstructor();
+    let whole = network.reconstruct(&baseline, &frame).unwrap();
+    let mut masked = frame.clone();
+    masked[3] = Reading::Overload;
+    let map = network.reconstruct(&baseline, &masked).unwrap();
+    assert_eq!(map.masked, 1);
+    let most = whole.largest_loss().unwrap().1;
+    for (a, b) in whole.values.iter().zip(&map.values) {
+        // its reciprocal twin stands in for it, equal up to the forward solution's rounding
+        assert!((a - b).abs() < 1e-6 * most, "{a} {b}");
+    }
+    masked[..11].fill(Reading::Timeout);
+    assert!(matches!(
+        network.reconstruct(&baseline, &masked),
+        Err(ReconstructError::TooManyMissing { missing: 11, .. })
+    ));
+}
+
+#[test]
+fn far_from_its_training_the_network_says_so() {
+    let [baseline, _] = frames();
+    let far: Vec<Reading> = baseline
+        .iter()
+        .map(|reading| Reading::Ok(Volts(-30.0 * reading.volts().unwrap().0)))
+        .collect();
+    let network = model().clone().into_reconstructor();
+    assert!(matches!(
+        network.reconstruct(&baseline, &far),
+        Err(ReconstructError::OutsideModel { novelty, .. }) if novelty > 6.0
+    ));
+    let dead = vec![Reading::Ok(Volts(0.0)); baseline.len()];
+    assert_eq!(
+        network.reconstruct(&dead, &baseline),
+        Err(ReconstructError::DeadBaseline)
+    );
+}
+
+#[test]
+fn files_that_are_no_models_are_refused_by_what_they_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("m.safetensors");
+    save(&path, model()).unwrap();
+    let good = std::fs::read(&path).unwrap();
+    let refusal = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        let refusal = load(&path).unwrap_err();
+        assert!(refusal.to_string().contains("m.safetensors"), "{refusal}");
+        refusal
+    };
+    for cut in [0, 5, 100, good.len() / 2, good.len() - 1] {
+        let refusal = refusal(&good[..cut]);
+        assert!(matches!(refusal, ModelError::Truncated { .. }), "{refusal}");
+    }
+    let text = refusal(b"x_m,y_m\n0.1,0.2\n0.3,0.4\n");
+    assert!(matches!(text, ModelError::Foreign { .. }), "{text}");
+    let stranger = b"\x08\0\0\0\0\0\0\0{}      ";
+    assert!(matches!(refusal(stranger), ModelError::Foreign { .. }));
+    let replaced = |from: &str, to: &str| {
+        let at = good
+            .windows(from.len())
+            .position(|window| window == from.as_bytes())
+            .unwrap();
+        let mut bytes = good.clone();
+        bytes[at..at + to.len()].copy_from_slice(to.as_bytes());
+        bytes
+    };
+    let kind = refusal(&replaced(r#"\"kind\":\"rbf\""#, r#"\"kind\":\"dnn\""#));
+    assert!(
+        matches!(&kind, ModelError::Kind { holds, .. } if holds.contains("dnn")),
+        "{kind}"
+    );
+    let geometry = model().metadata().geometry.clone();
+    let other = refusal(&replaced(&geometry, &"0".repeat(64)));
+    assert!(
+        matches!(&other, ModelError::Damaged { why, .. } if why.contains("geometry")),
+        "{other}"
+    );
+    let mut poisoned = good.clone();
+    let end = poisoned.len();
+    poisoned[end - 4..].copy_from_slice(&[0, 0, 0xc0, 0x7f]);
+    assert!(load_fails_as_damaged(&path, &poisoned));
+    assert!(matches!(
+        load(&folder.path().join("none")),
+        Err(ModelError::Io { .. })
+    ));
+}
+
+fn load_fails_as_damaged(path: &Path, bytes: &[u8]) -> bool {
+    std::fs::write(path, bytes).unwrap();
+    // the last tensor need not be of floats: indices out of range are damage too
+    matches!(load(path), Err(ModelError::Damaged { .. }))
+}
+
+#[test]
+fn another_survey_or_geometry_is_refused_naming_both() {
+    let other = Protocol::sheffield(9).unwrap();
+    let survey = model().check(&other, &mesh()).unwrap_err().to_string();
+    assert!(
+        survey.contains(&other.hash()) && survey.contains(&model().metadata().survey),
+        "{survey}"
+    );
+    let finer = DiscTank::default().mesh().unwrap();
+    let geometry = model()
+        .check(model().protocol(), &finer)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        geometry.contains(finer.hash()) && geometry.contains(mesh().hash()),
+        "{geometry}"
+    );
+}
+
+#[test]
+fn settings_without_meaning_are_refused() {
+    for (broken, name) in [
+        (
+            TrainingSettings {
+                cases: 0,
+                ..settings()
+            },
+            "cases",
+        ),
+        (
+            TrainingSettings {
+                neurons: 801,
+                ..settings()
+            },
+            "neurons",
+        ),
+        (
+            TrainingSettings {
+                jitter: Jitter::Paper { gamma: f64::NAN },
+                ..settings()
+            },
+            "gamma",
+        ),
+    ] {
+        let refusal = trained(&broken).unwrap_err();
+        assert!(
+            matches!(refusal, TrainError::Setting { setting, .. } if setting == name),
+            "{refusal}"
+        );
+    }
+}
