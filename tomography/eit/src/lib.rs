@@ -1,4 +1,27 @@
 //! The mathematics: mesh, forward model, sensitivity, reconstructors, model files.
+//!
+//! From conductances to voltages (complete electrode model) and back to a map. Refused at this door: clocks, tokio, the
+//! bus, instruments, and the phantom: a reconstructor that could see the truth would be an inverse crime.
+//!
+//! - **mesh**: triangles with electrodes on boundary edges and a region of interest; **preset**: a ready-made one
+//! - **case**: a mesh, contacts, a protocol and conductances as a folder of CSV files
+//! - **forward**: voltages of all drives from one factorisation; **Jacobian**: how readings follow conductances
+//! - **reconstructor**: a map from a baseline and a frame; **model**: a reconstructor as one file
+//!
+//! ```
+//! use std::sync::Arc;
+//! use eit::{DiscTank, Forward};
+//! use survey::Protocol;
+//! let tank = DiscTank { fineness: 0.5, ..DiscTank::default() };
+//! let mesh = Arc::new(tank.mesh()?);
+//! let forward = Forward::new(mesh.clone(), &tank.contact_ohm_m())?;
+//! let sigma = vec![tank.conductance(); mesh.triangles().len()];
+//! let protocol = Protocol::sheffield(16)?;
+//! let volts = forward.readings(&sigma, &protocol)?;
+//! let jacobian = forward.jacobian(&sigma, &protocol)?;
+//! assert_eq!((volts.len(), jacobian.shape()), (208, (208, mesh.triangles().len())));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod bounded;
 mod case;
