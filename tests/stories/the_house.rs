@@ -20,7 +20,7 @@ const MAY_KNOW: &[(&str, &[&str])] = &[
     ("gpio-mux", &["rig", "scpi", "survey"]),
     (
         "bench",
-        &["phantom", "keithley-6221", "keysight-34980a", "gpio-mux", "rig", "scpi", "eit", "survey"],
+        &["phantom", "keithley-6221", "keysight-34980a", "gpio-mux", "rig", "scpi", "survey"],
     ),
     ("lab", &["bench", "phantom", "eit", "picture", "logbook", "survey"]),
     (
