@@ -1,1 +1,116 @@
-//! Who may interrupt: tactus.
+//! Who may interrupt: `tactus`.
+//!
+//! This room turns a command line into calls of a running daemon (status, baseline, start, stop, watch, plan) or into
+//! work on recorded files without one (sessions, export, replay), and answers in text for a person or, with `--json`,
+//! in one object a line for a script. Refused at this door: instruments, the daemon's insides, anything that would make
+//! an answer up: no daemon is an error that says how to start one, a missing reading is a blank and never a number.
+//!
+//! - **printer**: where answers go, in one of the two languages
+//! - **failure**: why a command did not do what was asked, and the exit code that says so
+//! - **eye**: what turns voltages into a map here: a model file, or the one-step method on a geometry
+//!
+//! ```
+//! use std::process::ExitCode;
+//! let done = cli::run(["tactus", "completions", "bash"].map(Into::into).into_iter());
+//! assert_eq!(format!("{done:?}"), format!("{:?}", ExitCode::SUCCESS));
+//! ```
+
+mod args;
+mod baseline;
+mod choices;
+mod connection;
+mod drawing;
+mod duration;
+mod export;
+mod eye;
+mod failure;
+mod instruments;
+mod output;
+mod plan;
+mod recipe;
+mod recording;
+mod replay;
+mod session;
+mod sessions;
+mod state;
+mod status;
+mod table;
+mod viewer;
+mod watch;
+
+use std::ffi::OsString;
+use std::io::Write;
+use std::process::ExitCode;
+
+use clap::{CommandFactory, Parser};
+
+use args::{Arguments, BaselineCommand, Command};
+use failure::Failure;
+use output::Printer;
+
+pub use duration::{SpanError, parse_span};
+
+/// Runs `tactus` with the arguments of the process, the program's name first, and returns its exit code.
+pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
+    let arguments = match Arguments::try_parse_from(args) {
+        Ok(arguments) => arguments,
+        Err(refusal) => {
+            let code = u8::try_from(refusal.exit_code()).unwrap_or(2);
+            // Nothing can be said where the terminal itself has gone.
+            let _unsayable = refusal.print();
+            return ExitCode::from(code);
+        }
+    };
+    let mut printer = Printer::stdout(arguments.global.json, arguments.global.colour);
+    match dispatch(arguments, &mut printer) {
+        Ok(()) | Err(Failure::Closed) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("tactus: {failure}");
+            failure.exit_code()
+        }
+    }
+}
+
+fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
+    let Arguments { global, command } = arguments;
+    match command {
+        Command::Sessions => sessions::run(&global, printer),
+        Command::Export(export) => export::run(&global, &export, printer),
+        Command::Replay(replay) => replay::run(&global, &replay, printer),
+        Command::Completions { shell } => {
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut Arguments::command(), "tactus", &mut script);
+            printer.raw(&script)
+        }
+        live => {
+            let runtime = tokio::runtime::Builder::new_current_thread()
+                .enable_all()
+                .build()
+                .map_err(|error| Failure::failed("the program cannot wait for anything", &error))?;
+            runtime.block_on(async {
+                let daemon = connection::open(&global).await?;
+                match live {
+                    Command::Status => status::run(&daemon, printer).await,
+                    Command::Instruments => instruments::run(&daemon, printer).await,
+                    Command::Baseline {
+                        what: BaselineCommand::Record(record),
+                    } => baseline::record(&daemon, &record, printer).await,
+                    Command::Baseline {
+                        what: BaselineCommand::Show,
+                    } => baseline::show(&daemon, printer).await,
+                    Command::Start(start) => session::start(&daemon, &start, printer).await,
+                    Command::Stop(stop) => session::stop(&daemon, &stop, printer).await,
+                    Command::Step(step) => session::step(&daemon, &step, printer).await,
+                    Command::Watch(watch) => watch::run(&daemon, &watch, printer).await,
+                    Command::Plan(asked) => plan::run(&daemon, asked.steps, printer).await,
+                    Command::Sessions
+                    | Command::Export(_)
+                    | Command::Replay(_)
+                    | Command::Completions { .. } => {
+                        unreachable!("the offline commands were taken above")
+                    }
+                }
+            })
+        }
+    }
+}

@@ -1,0 +1,394 @@
+//! The command line as written: every command, its options, and what each says in `--help`.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args, Parser, Subcommand};
+
+use crate::choices::{BaselineChoice, Format, Geometry, MethodChoice, Scale};
+use crate::duration::{SpanError, parse_span};
+use crate::output::Colour;
+
+fn span(text: &str) -> Result<Duration, SpanError> {
+    parse_span(text)
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(speed) if speed >= 0.0 && speed.is_finite() => Ok(speed),
+        _ => Err(
+            "1 is the recording's own rate, 10 ten times faster, 0 as fast as possible".to_owned(),
+        ),
+    }
+}
+
+/// Everything a person may say to `tactus`.
+#[derive(Debug, Parser)]
+#[command(
+    name = "tactus",
+    version,
+    about = "Pressure maps of a conductive sheet: talk to the daemon, read what it has recorded",
+    long_about = "Controls a running tactusd over D-Bus (status, baseline, start, stop, watch, plan) and reads what was \
+                  recorded without one (sessions, export, replay). A research instrument, not a medical device.",
+    after_help = "Exit codes: 0 done, 1 failed, 2 usage, 3 no daemon or no such session, 4 not authorised, \
+                  5 instrument fault, 6 timeout, 78 configuration.\n\
+                  With --json every command that prints data prints one object a line; cli/JSON.md documents the fields.",
+    propagate_version = true,
+    infer_subcommands = false
+)]
+pub struct Arguments {
+    #[command(flatten)]
+    pub global: Global,
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// Options that every command takes.
+#[derive(Debug, Clone, Args)]
+pub struct Global {
+    /// Where the daemon is: system, session, or unix:PATH (default: TACTUS_BUS, else the peer sockets, then the session bus, then the system bus)
+    #[arg(
+        long,
+        global = true,
+        value_name = "BUS",
+        help_heading = "Global options"
+    )]
+    pub bus: Option<String>,
+    /// Directory of session files, read without a daemon (default: TACTUS_STATE, else $XDG_STATE_HOME/tactus, else ~/.local/state/tactus, else /var/lib/tactus)
+    #[arg(
+        long,
+        global = true,
+        value_name = "DIR",
+        help_heading = "Global options"
+    )]
+    pub state: Option<PathBuf>,
+    /// Print one JSON object a line instead of text
+    #[arg(long, global = true, help_heading = "Global options")]
+    pub json: bool,
+    /// Colour of maps
+    #[arg(
+        long,
+        global = true,
+        value_name = "WHEN",
+        default_value = "auto",
+        help_heading = "Global options"
+    )]
+    pub colour: Colour,
+    /// Give up when the daemon has not answered one call for this long
+    #[arg(long, global = true, value_name = "SPAN", value_parser = span, default_value = "30s", help_heading = "Global options")]
+    pub timeout: Duration,
+}
+
+/// What is asked.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Show what the daemon is doing
+    Status,
+    /// List the instruments and whether they answer
+    Instruments,
+    /// Record or show the baseline of the unloaded sheet
+    Baseline {
+        #[command(subcommand)]
+        what: BaselineCommand,
+    },
+    /// Start a measuring session
+    Start(Start),
+    /// Stop the running session; the source is switched off and verified
+    Stop(Stop),
+    /// Take frames one by one in a session started with --step
+    Step(Step),
+    /// Follow frames and draw the map of each in the terminal
+    Watch(Watch),
+    /// List recorded sessions, from the state directory
+    Sessions,
+    /// Write a session's frames as CSV, or a frame's map as PNG or SVG
+    Export(Export),
+    /// Reconstruct a recording offline: a case folder, or a session
+    Replay(Box<Replay>),
+    /// Show the steps, count, duration and limits of a frame without moving anything (before there is a daemon: tactusd --plan)
+    Plan(Plan),
+    /// Print the completion script of a shell
+    Completions {
+        /// Which shell
+        shell: clap_complete::Shell,
+    },
+}
+
+/// What is asked of the baseline.
+#[derive(Debug, Subcommand)]
+pub enum BaselineCommand {
+    /// Record a new baseline of the unloaded sheet and wait until it is done
+    Record(BaselineRecord),
+    /// Show the baseline in use
+    Show,
+}
+
+/// Options of `baseline record`.
+#[derive(Debug, Args)]
+pub struct BaselineRecord {
+    /// Frames to average
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub frames: u32,
+    /// A remark kept with the record
+    #[arg(long, value_name = "TEXT")]
+    pub note: Option<String>,
+    /// Give up after this long; the recording itself goes on in the daemon
+    #[arg(long, value_name = "SPAN", value_parser = span)]
+    pub within: Option<Duration>,
+    /// Return at once instead of waiting for the last frame
+    #[arg(long)]
+    pub no_wait: bool,
+}
+
+/// Options of `start`.
+#[derive(Debug, Args)]
+pub struct Start {
+    /// Begin a frame every so often (10s, 5m); without it frames follow back to back
+    #[arg(long, value_name = "SPAN", value_parser = span)]
+    pub every: Option<Duration>,
+    /// End after this many frames
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub count: Option<u64>,
+    /// End after this long (2h)
+    #[arg(long = "for", value_name = "SPAN", value_parser = span)]
+    pub duration: Option<Duration>,
+    /// Model file to reconstruct with, or `one-step` (default: what the daemon's configuration says)
+    #[arg(long, value_name = "FILE|one-step")]
+    pub model: Option<PathBuf>,
+    /// Baseline to subtract (default: the current one)
+    #[arg(long, value_name = "ID")]
+    pub baseline: Option<String>,
+    /// Recordings: play so many times faster than it was recorded; 0 as fast as possible (default: its own rate)
+    #[arg(long, value_name = "FACTOR", value_parser = speed, allow_hyphen_values = true, conflicts_with_all = ["every", "step"])]
+    pub speed: Option<f64>,
+    /// Take a frame only when `tactus step` asks for it
+    #[arg(long, conflicts_with_all = ["every", "wait"])]
+    pub step: bool,
+    /// A remark kept with the record
+    #[arg(long, value_name = "TEXT")]
+    pub note: Option<String>,
+    /// Wait until the session has ended
+    #[arg(long)]
+    pub wait: bool,
+    /// With --wait: give up after this long; the session itself goes on
+    #[arg(long, value_name = "SPAN", value_parser = span, requires = "wait")]
+    pub within: Option<Duration>,
+}
+
+/// Options of `stop`.
+#[derive(Debug, Args)]
+pub struct Stop {
+    /// Session to stop (default: the running one)
+    pub session: Option<String>,
+}
+
+/// Options of `step`.
+#[derive(Debug, Args)]
+pub struct Step {
+    /// Frames to take
+    #[arg(default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
+    pub frames: u64,
+    /// Session (default: the running one)
+    #[arg(long, value_name = "ID")]
+    pub session: Option<String>,
+}
+
+/// Options of `watch`.
+#[derive(Debug, Args)]
+pub struct Watch {
+    /// Session to follow (default: the running one, or the next to start)
+    pub session: Option<String>,
+    /// End after this many frames
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub count: Option<u64>,
+    /// End after this long
+    #[arg(long = "for", value_name = "SPAN", value_parser = span)]
+    pub duration: Option<Duration>,
+    /// Scale of the map: `own` (each map fills it) or LOW,HIGH
+    #[arg(
+        long,
+        value_name = "SCALE",
+        default_value = "own",
+        allow_hyphen_values = true
+    )]
+    pub scale: Scale,
+    /// Print a line a frame but draw no map
+    #[arg(long)]
+    pub no_map: bool,
+}
+
+/// Options of `export`.
+#[derive(Debug, Args)]
+pub struct Export {
+    /// Session: an id, the beginning of one, or a session file
+    pub session: String,
+    /// What to write
+    #[arg(long, value_enum, value_name = "FORMAT")]
+    pub format: Format,
+    /// File to write (csv: its baseline goes beside it as NAME.baseline.csv, its protocol and bare frames as the case folder NAME.case/)
+    #[arg(long, short, value_name = "PATH")]
+    pub out: PathBuf,
+    /// Which frame's map to draw (default: the last one)
+    #[arg(long, value_name = "SEQUENCE")]
+    pub frame: Option<u64>,
+    /// Scale of the map: `own` or LOW,HIGH
+    #[arg(
+        long,
+        value_name = "SCALE",
+        default_value = "own",
+        allow_hyphen_values = true
+    )]
+    pub scale: Scale,
+    #[command(flatten)]
+    pub method: MethodChoice,
+    #[command(flatten)]
+    pub geometry: Geometry,
+}
+
+/// Options of `replay`.
+#[derive(Debug, Args)]
+pub struct Replay {
+    /// A case folder with protocol.csv (and a mesh if it has one), a session file, or a session's id
+    pub source: String,
+    /// Frames of a case folder, a row (or column) a frame; a bare name is looked for in the folder
+    #[arg(long, value_name = "FILE")]
+    pub frames: Option<PathBuf>,
+    /// What to subtract: FILE (its frames' mean) or first:N (mean of the first N frames); a session uses its own unless said
+    #[arg(long, value_name = "FILE|first:N")]
+    pub baseline: Option<BaselineChoice>,
+    /// Readings are magnitudes, as an instrument without sign gives them: take them as negative
+    #[arg(long)]
+    pub negate: bool,
+    /// Only the first N frames
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub count: Option<u64>,
+    /// Write the maps as CSV, a row a frame, a column a triangle of the region
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Write a picture of each map into this directory
+    #[arg(long, value_name = "DIR")]
+    pub png: Option<PathBuf>,
+    /// Scale of the maps: `own` or LOW,HIGH
+    #[arg(
+        long,
+        value_name = "SCALE",
+        default_value = "own",
+        allow_hyphen_values = true
+    )]
+    pub scale: Scale,
+    /// Print a line a frame but draw no map in the terminal
+    #[arg(long)]
+    pub no_map: bool,
+    #[command(flatten)]
+    pub method: MethodChoice,
+    #[command(flatten)]
+    pub geometry: Geometry,
+}
+
+/// Options of `plan`.
+#[derive(Debug, Args)]
+pub struct Plan {
+    /// List every step
+    #[arg(long)]
+    pub steps: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+    use crate::choices::PresetName;
+
+    fn parse(words: &[&str]) -> Result<Arguments, clap::Error> {
+        Arguments::try_parse_from(std::iter::once("tactus").chain(words.iter().copied()))
+    }
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn a_schedule_is_read() {
+        let arguments = parse(&[
+            "start", "--every", "10s", "--count", "16", "--for", "2h", "--json",
+        ])
+        .unwrap();
+        assert!(arguments.global.json);
+        let Command::Start(start) = arguments.command else {
+            panic!()
+        };
+        assert_eq!(start.every, Some(Duration::from_secs(10)));
+        assert_eq!(start.count, Some(16));
+        assert_eq!(start.duration, Some(Duration::from_secs(7200)));
+        assert!(!start.wait);
+    }
+
+    #[test]
+    fn global_options_stand_before_or_after() {
+        for words in [
+            ["--bus", "unix:/run/x", "status"],
+            ["status", "--bus", "unix:/run/x"],
+        ] {
+            assert_eq!(
+                parse(&words).unwrap().global.bus.as_deref(),
+                Some("unix:/run/x")
+            );
+        }
+    }
+
+    #[test]
+    fn the_recording_of_the_story_is_read() {
+        let arguments = parse(&[
+            "replay",
+            "data",
+            "--frames",
+            "replay.csv",
+            "--baseline",
+            "first:16",
+            "--negate",
+            "--preset",
+            "disc-tank",
+        ])
+        .unwrap();
+        let Command::Replay(replay) = arguments.command else {
+            panic!()
+        };
+        assert_eq!(replay.baseline, Some(BaselineChoice::First(16)));
+        assert_eq!(replay.geometry.preset, Some(PresetName::DiscTank));
+        assert!(replay.negate);
+        assert_eq!(replay.method.prior, None);
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused() {
+        for (words, says) in [
+            (&["start", "--every", "10"][..], "no unit"),
+            (&["start", "--count", "0"][..], "0"),
+            (&["start", "--within", "5s"][..], "--wait"),
+            (&["start", "--speed", "-1"][..], "own rate"),
+            (&["replay", "d", "--baseline", "first:0"][..], "first:16"),
+            (
+                &["replay", "d", "--model", "m", "--lambda", "1"][..],
+                "--model",
+            ),
+            (&["replay", "d", "--scale", "1,0"][..], "two numbers"),
+            (&["export", "s", "--out", "x"][..], "--format"),
+            (&["frobnicate"][..], "frobnicate"),
+        ] {
+            let refusal = parse(words).unwrap_err();
+            assert_eq!(refusal.exit_code(), 2, "{words:?}");
+            assert!(refusal.to_string().contains(says), "{words:?}: {refusal}");
+        }
+    }
+
+    #[test]
+    fn a_fixed_scale_may_be_negative() {
+        let arguments = parse(&["replay", "d", "--scale", "-0.5,0"]).unwrap();
+        let Command::Replay(replay) = arguments.command else {
+            panic!()
+        };
+        assert_eq!(replay.scale, Scale::Fixed(-0.5, 0.0));
+    }
+}

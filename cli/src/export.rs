@@ -1,0 +1,358 @@
+//! `tactus export`: a recorded session as tables that any program reads, or a frame's map as a picture.
+
+use std::fmt::Write as _;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use logbook::{Record, SessionHeader, SessionReader};
+use serde::Serialize;
+use survey::{Amps, Baseline, Protocol, Reading};
+
+use crate::args::{Export, Global};
+use crate::choices::Format;
+use crate::drawing;
+use crate::eye::{Eye, Scene};
+use crate::failure::Failure;
+use crate::output::Printer;
+use crate::recording::Home;
+use crate::sessions::utc;
+use crate::state;
+
+/// A line of `export --json`; see `cli/JSON.md`.
+#[derive(Debug, Serialize)]
+struct Written {
+    what: &'static str,
+    path: String,
+    session: String,
+    frames: usize,
+    simulated: bool,
+    /// Of a picture: which frame, how, and what it shows.
+    frame: Option<u64>,
+    method: Option<String>,
+    found_mm: Option<[f64; 2]>,
+    largest_loss: Option<f64>,
+}
+
+/// Writes what was asked and says where it lies.
+pub(crate) fn run(
+    global: &Global,
+    export: &Export,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let session = state::open(&state::session_file(global, &export.session)?)?;
+    match export.format {
+        Format::Csv => tables(&session, export, printer),
+        Format::Png | Format::Svg => picture(&session, export, printer),
+    }
+}
+
+fn tables(
+    session: &SessionReader,
+    export: &Export,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let header = session.header();
+    let (records, damaged) = state::frames(session);
+    let baseline = session.baseline().map_err(|error| state::refused(&error))?;
+    let mut say = |what, path: &Path, frames: usize| {
+        let written = Written {
+            what,
+            path: path.display().to_string(),
+            session: header.id.clone(),
+            frames,
+            simulated: header.simulated,
+            frame: None,
+            method: None,
+            found_mm: None,
+            largest_loss: None,
+        };
+        printer.record(&written, |written| {
+            format!("{:<9} {}", written.what, written.path)
+        })
+    };
+    let mut file = File::create(&export.out)?;
+    file.write(frames_heading(header.protocol.len()).as_bytes())?;
+    for record in &records {
+        file.write(frame_row(record).as_bytes())?;
+    }
+    say("frames", &file.finish()?, records.len())?;
+    if let Some(baseline) = &baseline {
+        let path = export.out.with_extension("baseline.csv");
+        replace_file(&path, baseline_table(&header.protocol, baseline).as_bytes())?;
+        say("baseline", &path, baseline.frames)?;
+    }
+    let folder = export.out.with_extension("case");
+    case_folder(&folder, header, &records, baseline.as_ref())?;
+    say("case", &folder, records.len())?;
+    if damaged > 0 {
+        return Err(Failure::Failed(format!(
+            "{damaged} damaged frames of session {} are left out; the others are written",
+            header.id
+        )));
+    }
+    Ok(())
+}
+
+/// Columns of the table of frames: what a person looks for first, then the voltages.
+fn frames_heading(readings: usize) -> String {
+    let mut heading = String::from(
+        "sequence,wall_utc,monotonic_s,duration_s,simulated,current_A,overloads,timeouts,not_measured,compliance,missing",
+    );
+    for reading in 0..readings {
+        let _infallible = write!(heading, ",m{reading}_V");
+    }
+    heading.push('\n');
+    heading
+}
+
+fn frame_row(record: &Record) -> String {
+    let frame = &record.frame;
+    let electrodes: Vec<String> = frame.compliance.iter().map(ToString::to_string).collect();
+    let missing: Vec<String> = frame
+        .readings
+        .iter()
+        .enumerate()
+        .filter_map(|(index, &reading)| Some(format!("m{index}:{}", reason(reading)?)))
+        .collect();
+    let mut row = format!(
+        "{},{},{},{},{},{},{},{},{},{},{}",
+        frame.sequence,
+        utc(frame.wall),
+        frame.monotonic.as_secs_f64(),
+        frame.duration.as_secs_f64(),
+        frame.simulated,
+        frame.settings.current.0,
+        record.quality.overloads,
+        record.quality.timeouts,
+        record.quality.not_measured,
+        electrodes.join(" "),
+        missing.join(" "),
+    );
+    for reading in &frame.readings {
+        row.push(',');
+        row.push_str(&cell(*reading));
+    }
+    row.push('\n');
+    row
+}
+
+fn baseline_table(protocol: &Protocol, baseline: &Baseline) -> String {
+    let mut table = String::from("reading,source,sink,v_plus,v_minus,flag,mean_V,deviation_V\n");
+    for (index, (question, reading)) in protocol
+        .measurements()
+        .iter()
+        .zip(&baseline.readings)
+        .enumerate()
+    {
+        let deviation = baseline.deviation.get(index).copied().flatten();
+        let _infallible = writeln!(
+            table,
+            "m{index},{},{},{},{},{},{},{}",
+            question.drive.plus,
+            question.drive.minus,
+            question.sense.plus,
+            question.sense.minus,
+            reason(*reading).unwrap_or("ok"),
+            cell(*reading),
+            deviation
+                .map(|deviation| deviation.to_string())
+                .unwrap_or_default(),
+        );
+    }
+    table
+}
+
+/// The same as a case folder (electrodes from 0, bare voltages), for `tactus replay` and `tactus-lab reconstruct`.
+fn case_folder(
+    folder: &Path,
+    header: &SessionHeader,
+    records: &[Record],
+    baseline: Option<&Baseline>,
+) -> Result<(), Failure> {
+    std::fs::create_dir_all(folder).map_err(|error| {
+        Failure::failed(&format!("{} cannot be made", folder.display()), &error)
+    })?;
+    let current = records
+        .first()
+        .map(|record| record.frame.settings.current)
+        .or(baseline.map(|baseline| baseline.settings.current))
+        .unwrap_or(Amps(1.0));
+    let protocol = eit::protocol_text(&header.protocol, &vec![current.0; header.protocol.len()]);
+    replace_file(&folder.join("protocol.csv"), protocol.as_bytes())?;
+    let heading: Vec<String> = (0..header.protocol.len())
+        .map(|reading| format!("m{reading}"))
+        .collect();
+    let heading = format!("frame,{}\n", heading.join(","));
+    let mut file = File::create(&folder.join("frames.csv"))?;
+    file.write(heading.as_bytes())?;
+    for record in records {
+        file.write(
+            bare_row(
+                &format!("f{}", record.frame.sequence),
+                &record.frame.readings,
+            )
+            .as_bytes(),
+        )?;
+    }
+    file.finish()?;
+    if let Some(baseline) = baseline {
+        let table = heading + &bare_row("baseline", &baseline.readings);
+        replace_file(&folder.join("baseline.csv"), table.as_bytes())?;
+    }
+    Ok(())
+}
+
+fn bare_row(label: &str, readings: &[Reading]) -> String {
+    let mut row = label.to_owned();
+    for reading in readings {
+        row.push(',');
+        row.push_str(&cell(*reading));
+    }
+    row.push('\n');
+    row
+}
+
+/// The voltage to the last bit, or nothing.
+fn cell(reading: Reading) -> String {
+    reading
+        .volts()
+        .map(|volts| volts.0.to_string())
+        .unwrap_or_default()
+}
+
+fn reason(reading: Reading) -> Option<&'static str> {
+    match reading {
+        Reading::Ok(_) => None,
+        Reading::Overload => Some("overload"),
+        Reading::Timeout => Some("timeout"),
+        Reading::NotMeasured => Some("not_measured"),
+    }
+}
+
+fn picture(
+    session: &SessionReader,
+    export: &Export,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let header = session.header();
+    let baseline = session.baseline().map_err(|error| state::refused(&error))?.ok_or_else(|| {
+        Failure::Failed(format!(
+            "session {} holds no baseline, so there is no change to draw; `tactus replay {} --baseline first:N` can",
+            header.id, header.id
+        ))
+    })?;
+    let frames = session.len().map_err(|error| state::refused(&error))?;
+    let sequence = export.frame.unwrap_or(frames);
+    let record = session
+        .frame(sequence)
+        .map_err(|error| state::refused(&error))?;
+    let noise: Vec<f64> = baseline.deviation.iter().flatten().copied().collect();
+    let noise = (!noise.is_empty())
+        .then(|| {
+            (noise
+                .iter()
+                .map(|deviation| deviation * deviation)
+                .sum::<f64>()
+                / noise.len() as f64)
+                .sqrt()
+        })
+        .filter(|noise| *noise > 0.0);
+    let eye = Eye::open(
+        &export.method,
+        &export.geometry,
+        &Home::Session(Box::new(header.clone())),
+        &Scene {
+            protocol: &header.protocol,
+            baseline: &baseline.readings,
+            noise,
+            current: record.frame.settings.current,
+        },
+    )?;
+    let map = eye.look(&baseline.readings, &record.frame.readings)?;
+    let found = eye.field.found(&map);
+    let title = format!(
+        "{} frame {sequence}, {}, {}",
+        header.id,
+        utc(record.frame.wall),
+        map.method
+    );
+    let style = drawing::style(title, export.scale, header.simulated, found);
+    let (what, bytes) = match export.format {
+        Format::Svg => ("svg", drawing::svg(&eye.field, &map, &style)?.into_bytes()),
+        Format::Png | Format::Csv => ("png", drawing::png(&eye.field, &map, &style)?),
+    };
+    replace_file(&export.out, &bytes)?;
+    for remark in &eye.remarks {
+        printer.text(remark)?;
+    }
+    let written = Written {
+        what,
+        path: export.out.display().to_string(),
+        session: header.id.clone(),
+        frames: 1,
+        simulated: header.simulated,
+        frame: Some(sequence),
+        method: Some(map.method.clone()),
+        found_mm: drawing::millimetres(found),
+        largest_loss: Some(map.largest_loss().map_or(0.0, |(_, loss)| loss)),
+    };
+    printer.record(&written, |written| {
+        format!(
+            "{} {}: frame {sequence}, found {}",
+            written.what,
+            written.path,
+            drawing::place(written.found_mm)
+        )
+    })
+}
+
+/// A file that appears whole under its name, or not at all.
+pub(crate) struct File {
+    path: PathBuf,
+    part: PathBuf,
+    writer: BufWriter<std::fs::File>,
+}
+
+impl File {
+    pub(crate) fn create(path: &Path) -> Result<Self, Failure> {
+        let mut name = path
+            .file_name()
+            .map(ToOwned::to_owned)
+            .ok_or_else(|| Failure::Usage(format!("{} is no name for a file", path.display())))?;
+        name.push(".part");
+        let part = path.with_file_name(name);
+        let file = std::fs::File::create(&part).map_err(|error| unwritable(path, &error))?;
+        Ok(Self {
+            path: path.to_owned(),
+            part,
+            writer: BufWriter::new(file),
+        })
+    }
+
+    pub(crate) fn write(&mut self, bytes: &[u8]) -> Result<(), Failure> {
+        self.writer
+            .write_all(bytes)
+            .map_err(|error| unwritable(&self.path, &error))
+    }
+
+    pub(crate) fn finish(mut self) -> Result<PathBuf, Failure> {
+        self.writer
+            .flush()
+            .and_then(|()| self.writer.get_ref().sync_all())
+            .and_then(|()| std::fs::rename(&self.part, &self.path))
+            .map_err(|error| unwritable(&self.path, &error))?;
+        Ok(self.path)
+    }
+}
+
+/// Writes a whole file in place of an older one.
+pub(crate) fn replace_file(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    let mut file = File::create(path)?;
+    file.write(bytes)?;
+    file.finish()?;
+    Ok(())
+}
+
+fn unwritable(path: &Path, error: &std::io::Error) -> Failure {
+    Failure::failed(&format!("{} cannot be written", path.display()), error)
+}

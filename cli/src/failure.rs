@@ -1,0 +1,112 @@
+//! Why a command did not do what was asked, and the exit code that says so to a script.
+
+use std::error::Error;
+use std::fmt::Write as _;
+use std::process::ExitCode;
+
+/// The kinds of failure, each with its exit code. The message says what to do next.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum Failure {
+    /// Something was attempted and did not work.
+    #[error("{0}")]
+    Failed(String),
+    /// The command line asks for something that cannot be.
+    #[error("{0}")]
+    Usage(String),
+    /// No daemon answers, or there is no such session.
+    #[error("{0}")]
+    Missing(String),
+    /// The daemon does not take orders from this user.
+    #[error("{0}")]
+    NotAuthorised(String),
+    /// An instrument failed, or the daemon stopped because of one.
+    #[error("{0}")]
+    Instrument(String),
+    /// The thing waited for did not come.
+    #[error("{0}")]
+    Timeout(String),
+    /// A file, model or recording that does not fit.
+    #[error("{0}")]
+    Configuration(String),
+    /// The reader of our output has gone (`tactus ... | head`): not a failure.
+    #[error("the reader of the output has gone")]
+    Closed,
+}
+
+impl Failure {
+    /// The exit code of design.md: 0 done, 1 failed, 2 usage, 3 no daemon or no such session, 4 not authorised,
+    /// 5 instrument fault, 6 timeout, 78 configuration.
+    pub(crate) fn code(&self) -> u8 {
+        match self {
+            Self::Closed => 0,
+            Self::Failed(_) => 1,
+            Self::Usage(_) => 2,
+            Self::Missing(_) => 3,
+            Self::NotAuthorised(_) => 4,
+            Self::Instrument(_) => 5,
+            Self::Timeout(_) => 6,
+            Self::Configuration(_) => 78,
+        }
+    }
+
+    pub(crate) fn exit_code(&self) -> ExitCode {
+        ExitCode::from(self.code())
+    }
+
+    /// A failed attempt, with the whole chain of causes in one line.
+    pub(crate) fn failed(what: &str, cause: &dyn Error) -> Self {
+        Self::Failed(format!("{what}: {}", chain(cause)))
+    }
+
+    /// A file or model that does not fit, with the whole chain of causes in one line.
+    pub(crate) fn configuration(what: &str, cause: &dyn Error) -> Self {
+        Self::Configuration(format!("{what}: {}", chain(cause)))
+    }
+}
+
+/// An error and all its causes, joined by colons; a cause already told by its parent is not repeated.
+pub(crate) fn chain(error: &dyn Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        let said = error.to_string();
+        if !text.contains(&said) {
+            let _infallible = write!(text, ": {said}");
+        }
+        cause = error.source();
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_codes_of_the_design() {
+        let text = String::new;
+        assert_eq!(Failure::Closed.code(), 0);
+        assert_eq!(Failure::Failed(text()).code(), 1);
+        assert_eq!(Failure::Usage(text()).code(), 2);
+        assert_eq!(Failure::Missing(text()).code(), 3);
+        assert_eq!(Failure::NotAuthorised(text()).code(), 4);
+        assert_eq!(Failure::Instrument(text()).code(), 5);
+        assert_eq!(Failure::Timeout(text()).code(), 6);
+        assert_eq!(Failure::Configuration(text()).code(), 78);
+    }
+
+    #[test]
+    fn a_chain_tells_each_cause_once() {
+        #[derive(Debug, thiserror::Error)]
+        #[error("inner")]
+        struct Inner;
+        #[derive(Debug, thiserror::Error)]
+        #[error("outer")]
+        struct Outer(#[source] Inner);
+        #[derive(Debug, thiserror::Error)]
+        #[error("outer of {0}")]
+        struct Telling(#[source] Inner);
+        assert_eq!(chain(&Outer(Inner)), "outer: inner");
+        assert_eq!(chain(&Telling(Inner)), "outer of inner");
+    }
+}

@@ -1,0 +1,334 @@
+//! A recording to be reconstructed offline: a case folder with measured frames, or a session of the logbook.
+
+use std::path::{Path, PathBuf};
+
+use chrono::{DateTime, Utc};
+use survey::{Amps, Protocol, Reading, Volts};
+
+use crate::args::{Global, Replay};
+use crate::choices::BaselineChoice;
+use crate::failure::Failure;
+use crate::state;
+
+/// One frame of a recording.
+pub(crate) struct Recorded {
+    /// Its number in the session, or its row in the file counted from 1.
+    pub(crate) sequence: u64,
+    /// What the file calls it; else its number.
+    pub(crate) label: String,
+    /// When, where the record says so.
+    pub(crate) wall: Option<DateTime<Utc>>,
+    pub(crate) readings: Vec<Reading>,
+    /// Hash of the map that was made of it when it was recorded.
+    pub(crate) map_hash: Option<String>,
+}
+
+/// Where a recording's mesh can be found without being told.
+pub(crate) enum Home {
+    /// A case folder: it may hold a mesh.
+    Folder(PathBuf),
+    /// A session: its configuration names the geometry.
+    Session(Box<logbook::SessionHeader>),
+}
+
+/// Frames, and what they are to be compared with.
+pub(crate) struct Recording {
+    pub(crate) protocol: Protocol,
+    pub(crate) frames: Vec<Recorded>,
+    pub(crate) baseline: Vec<Reading>,
+    /// In words.
+    pub(crate) baseline_name: String,
+    /// Standard deviation of one reading over the baseline's frames, V (rms over the readings); `None` for one frame.
+    pub(crate) noise: Option<f64>,
+    pub(crate) current: Amps,
+    /// `None` where the record does not say.
+    pub(crate) simulated: Option<bool>,
+    pub(crate) home: Home,
+}
+
+/// Opens what `replay` names: a folder, a session file, or a session's id in the state directory.
+pub(crate) fn open(global: &Global, replay: &Replay) -> Result<Recording, Failure> {
+    let path = Path::new(&replay.source);
+    let mut recording = if path.is_dir() {
+        from_folder(path, replay)?
+    } else {
+        from_session(&state::session_file(global, &replay.source)?, replay)?
+    };
+    if let Some(count) = replay.count {
+        recording
+            .frames
+            .truncate(usize::try_from(count).unwrap_or(usize::MAX));
+    }
+    Ok(recording)
+}
+
+fn from_folder(folder: &Path, replay: &Replay) -> Result<Recording, Failure> {
+    let protocol_file = folder.join("protocol.csv");
+    let (protocol, currents) = eit::read_protocol(&protocol_file, replay.geometry.electrodes)
+        .map_err(|error| Failure::configuration("the protocol of the recording", &error))?;
+    let current = one_current(&protocol_file, &currents)?;
+    let Some(frames_file) = &replay.frames else {
+        return Err(Failure::Usage(format!(
+            "which frames of {}? Name the file with --frames FILE",
+            folder.display()
+        )));
+    };
+    let Some(baseline) = &replay.baseline else {
+        return Err(Failure::Usage(
+            "what is the unloaded state? Say --baseline FILE, or --baseline first:N for the first N frames".to_owned(),
+        ));
+    };
+    let read = |file: &Path| rows(&within(folder, file), protocol.len(), replay.negate);
+    let (labels, frames): (Vec<String>, Vec<Vec<Reading>>) = read(frames_file)?.into_iter().unzip();
+    let (unloaded, baseline_name) = match baseline {
+        BaselineChoice::First(count) => (first(&frames, *count)?.to_vec(), first_frames(*count)),
+        BaselineChoice::File(file) => (
+            read(file)?.into_iter().map(|(_, frame)| frame).collect(),
+            format!("mean of {}", file.display()),
+        ),
+    };
+    let (baseline, noise) = average(&unloaded);
+    let frames = frames
+        .into_iter()
+        .zip(labels)
+        .zip(1..)
+        .map(|((readings, label), sequence)| Recorded {
+            sequence,
+            label,
+            wall: None,
+            readings,
+            map_hash: None,
+        })
+        .collect();
+    Ok(Recording {
+        protocol,
+        frames,
+        baseline,
+        baseline_name,
+        noise,
+        current,
+        simulated: None,
+        home: Home::Folder(folder.to_owned()),
+    })
+}
+
+fn from_session(path: &Path, replay: &Replay) -> Result<Recording, Failure> {
+    if let Some(file) = &replay.frames {
+        return Err(Failure::Usage(format!(
+            "--frames {} belongs to a case folder; a session has its own frames",
+            file.display()
+        )));
+    }
+    let session = state::open(path)?;
+    let header = session.header().clone();
+    let kept = session.baseline().map_err(|error| state::refused(&error))?;
+    let (recorded, _damaged) = state::frames(&session);
+    let protocol = header.protocol.clone();
+    let current = recorded
+        .first()
+        .map(|record| record.frame.settings.current)
+        .or(kept.as_ref().map(|baseline| baseline.settings.current))
+        .unwrap_or(Amps(1.0));
+    let sign = |readings: &[Reading]| -> Vec<Reading> {
+        readings
+            .iter()
+            .map(|&reading| negated(reading, replay.negate))
+            .collect()
+    };
+    let frames: Vec<Recorded> = recorded
+        .iter()
+        .map(|record| Recorded {
+            sequence: record.frame.sequence,
+            label: record.frame.sequence.to_string(),
+            wall: Some(record.frame.wall),
+            readings: sign(&record.frame.readings),
+            map_hash: record.map.as_ref().map(|map| map.hash.clone()),
+        })
+        .collect();
+    let (baseline, noise, baseline_name) = match &replay.baseline {
+        None => {
+            let kept = kept.ok_or_else(|| {
+                Failure::Failed(format!(
+                    "session {} holds no baseline; say --baseline first:N for its first N frames",
+                    header.id
+                ))
+            })?;
+            let deviation = rms(kept.deviation.iter().filter_map(|deviation| *deviation));
+            (
+                sign(&kept.readings),
+                deviation,
+                format!("baseline {}", kept.id),
+            )
+        }
+        Some(BaselineChoice::First(count)) => {
+            let readings: Vec<_> = frames.iter().map(|frame| frame.readings.clone()).collect();
+            let (mean, noise) = average(first(&readings, *count)?);
+            (mean, noise, first_frames(*count))
+        }
+        Some(BaselineChoice::File(file)) => {
+            let frames: Vec<Vec<Reading>> = rows(file, protocol.len(), replay.negate)?
+                .into_iter()
+                .map(|(_, frame)| frame)
+                .collect();
+            let (mean, noise) = average(&frames);
+            (mean, noise, format!("mean of {}", file.display()))
+        }
+    };
+    Ok(Recording {
+        protocol,
+        frames,
+        baseline,
+        baseline_name,
+        noise,
+        current,
+        simulated: Some(header.simulated),
+        home: Home::Session(Box::new(header)),
+    })
+}
+
+/// Frames of a file with their labels.
+fn rows(
+    file: &Path,
+    readings: usize,
+    negate: bool,
+) -> Result<Vec<(String, Vec<Reading>)>, Failure> {
+    let rows = eit::read_named_frames(file, readings)
+        .map_err(|error| Failure::configuration("the frames", &error))?;
+    Ok(rows
+        .into_iter()
+        .map(|(label, row)| {
+            (
+                label,
+                row.into_iter()
+                    .map(|value| reading(value, negate))
+                    .collect(),
+            )
+        })
+        .collect())
+}
+
+fn one_current(file: &Path, currents: &[f64]) -> Result<Amps, Failure> {
+    let current = currents.first().copied().unwrap_or(1.0);
+    if currents.iter().any(|other| *other != current) {
+        return Err(Failure::Configuration(format!(
+            "{} injects different currents; divide the readings by their current and leave the column current_A out",
+            file.display()
+        )));
+    }
+    Ok(Amps(current))
+}
+
+/// A file as named, or the one of that name in the folder.
+fn within(folder: &Path, file: &Path) -> PathBuf {
+    let inside = folder.join(file);
+    if !file.exists() && inside.exists() {
+        inside
+    } else {
+        file.to_owned()
+    }
+}
+
+fn reading(value: Option<f64>, negate: bool) -> Reading {
+    match value {
+        Some(volts) if volts.is_finite() => negated(Reading::Ok(Volts(volts)), negate),
+        _ => Reading::NotMeasured,
+    }
+}
+
+fn negated(reading: Reading, negate: bool) -> Reading {
+    match reading {
+        Reading::Ok(volts) if negate => Reading::Ok(-volts),
+        other => other,
+    }
+}
+
+fn first(frames: &[Vec<Reading>], count: usize) -> Result<&[Vec<Reading>], Failure> {
+    frames.get(..count).ok_or_else(|| {
+        Failure::Usage(format!(
+            "--baseline first:{count} asks for more than the {} frames there are",
+            frames.len()
+        ))
+    })
+}
+
+fn first_frames(count: usize) -> String {
+    match count {
+        1 => "the first frame".to_owned(),
+        count => format!("mean of the first {count} frames"),
+    }
+}
+
+/// The mean of each reading over the frames where it is valid, and the rms of their standard deviations.
+fn average(frames: &[Vec<Reading>]) -> (Vec<Reading>, Option<f64>) {
+    let readings = frames.first().map_or(0, Vec::len);
+    let mut mean = Vec::with_capacity(readings);
+    let mut deviations = Vec::new();
+    for index in 0..readings {
+        let valid: Vec<f64> = frames
+            .iter()
+            .filter_map(|frame| frame[index].volts())
+            .map(|volts| volts.0)
+            .collect();
+        if valid.is_empty() {
+            mean.push(frames[0][index]);
+            continue;
+        }
+        let centre = valid.iter().sum::<f64>() / valid.len() as f64;
+        mean.push(Reading::Ok(Volts(centre)));
+        if valid.len() > 1 {
+            let squares: f64 = valid.iter().map(|volts| (volts - centre).powi(2)).sum();
+            deviations.push((squares / (valid.len() - 1) as f64).sqrt());
+        }
+    }
+    (mean, rms(deviations.into_iter()))
+}
+
+fn rms(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (count, squares) = values.fold((0_usize, 0.0), |(count, squares), value| {
+        (count + 1, squares + value * value)
+    });
+    (count > 0 && squares > 0.0).then(|| (squares / count as f64).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mean_leaves_out_what_is_not_valid() {
+        let frames = [
+            vec![
+                Reading::Ok(Volts(1.0)),
+                Reading::Overload,
+                Reading::Ok(Volts(2.0)),
+            ],
+            vec![Reading::Ok(Volts(3.0)), Reading::Overload, Reading::Timeout],
+        ];
+        let (mean, noise) = average(&frames);
+        assert_eq!(
+            mean,
+            [
+                Reading::Ok(Volts(2.0)),
+                Reading::Overload,
+                Reading::Ok(Volts(2.0))
+            ]
+        );
+        assert_eq!(noise, Some(2.0_f64.sqrt()));
+        assert_eq!(average(&frames[..1]).1, None);
+    }
+
+    #[test]
+    fn a_blank_is_not_a_number_and_a_magnitude_gets_its_sign() {
+        assert_eq!(reading(None, true), Reading::NotMeasured);
+        assert_eq!(reading(Some(f64::NAN), false), Reading::NotMeasured);
+        assert_eq!(reading(Some(0.5), true), Reading::Ok(Volts(-0.5)));
+    }
+
+    #[test]
+    fn more_baseline_frames_than_frames_is_said() {
+        let frames = [vec![Reading::Overload]];
+        let refusal = first(&frames, 2).unwrap_err();
+        assert_eq!(refusal.code(), 2);
+        assert!(refusal.to_string().contains("1 frames"), "{refusal}");
+    }
+}

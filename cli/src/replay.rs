@@ -1,0 +1,196 @@
+//! `tactus replay`: a recording reconstructed offline, frame by frame, with the mathematics the daemon uses.
+
+use std::io::{IsTerminal, Write};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+use survey::Map;
+
+use crate::args::{Global, Replay};
+use crate::drawing;
+use crate::export::{File, replace_file};
+use crate::eye::{Eye, Scene};
+use crate::failure::Failure;
+use crate::output::Printer;
+use crate::recording::{self, Recording};
+
+/// One line of `replay --json`; see `cli/JSON.md`.
+#[derive(Debug, Serialize)]
+struct Line<'a> {
+    frame: u64,
+    label: &'a str,
+    wall: Option<String>,
+    method: &'a str,
+    found_mm: Option<[f64; 2]>,
+    largest_loss: f64,
+    masked: usize,
+    map_hash: String,
+    /// Whether the recorded map had the same bits; `None` where none was recorded.
+    verified: Option<bool>,
+    simulated: Option<bool>,
+    png: Option<String>,
+}
+
+/// Reconstructs each frame of the recording; prints, draws and writes what was asked.
+pub(crate) fn run(
+    global: &Global,
+    replay: &Replay,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let recording = recording::open(global, replay)?;
+    let eye = Eye::open(
+        &replay.method,
+        &replay.geometry,
+        &recording.home,
+        &Scene {
+            protocol: &recording.protocol,
+            baseline: &recording.baseline,
+            noise: recording.noise,
+            current: recording.current,
+        },
+    )?;
+    introduce(&recording, &eye, printer)?;
+    if let Some(directory) = &replay.png {
+        std::fs::create_dir_all(directory).map_err(|error| {
+            Failure::failed(&format!("{} cannot be made", directory.display()), &error)
+        })?;
+    }
+    let mut maps = replay.out.as_deref().map(File::create).transpose()?;
+    let progress = progress(recording.frames.len(), printer.is_terminal());
+    let draw = printer.is_terminal() && !replay.no_map;
+    for recorded in &recording.frames {
+        let map =
+            eye.look(&recording.baseline, &recorded.readings)
+                .map_err(|failure| match failure {
+                    Failure::Failed(text) => {
+                        Failure::Failed(format!("frame {}: {text}", recorded.sequence))
+                    }
+                    other => other,
+                })?;
+        let found = eye.field.found(&map);
+        if let Some(file) = &mut maps {
+            file.write(&row(&map))?;
+        }
+        let style = || {
+            drawing::style(
+                format!("frame {}, {}", recorded.label, eye.method()),
+                replay.scale,
+                recording.simulated == Some(true),
+                found,
+            )
+        };
+        let png = match &replay.png {
+            None => None,
+            Some(directory) => {
+                let path = directory.join(format!("frame-{:06}.png", recorded.sequence));
+                replace_file(&path, &drawing::png(&eye.field, &map, &style())?)?;
+                Some(path.display().to_string())
+            }
+        };
+        let line = Line {
+            frame: recorded.sequence,
+            label: &recorded.label,
+            wall: recorded.wall.map(|wall| wall.to_rfc3339()),
+            method: eye.method(),
+            found_mm: drawing::millimetres(found),
+            largest_loss: map.largest_loss().map_or(0.0, |(_, loss)| loss),
+            masked: map.masked,
+            map_hash: map.hash(),
+            verified: recorded.map_hash.as_ref().map(|hash| *hash == map.hash()),
+            simulated: recording.simulated,
+            png,
+        };
+        progress.suspend(|| -> Result<(), Failure> {
+            printer.record(&line, sentence)?;
+            if draw {
+                let style = drawing::terminal_style(printer, style());
+                printer.text(&drawing::terminal(&eye.field, &map, &style)?)?;
+            }
+            Ok(())
+        })?;
+        progress.inc(1);
+    }
+    progress.finish_and_clear();
+    if let Some(file) = maps {
+        let path = file.finish()?;
+        printer.text(&format!("maps: {}", path.display()))?;
+    }
+    Ok(())
+}
+
+fn introduce(
+    recording: &Recording,
+    eye: &Eye,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    printer.text(&format!(
+        "{} frames of {} readings, {} electrodes; baseline: {}; {} on {} triangles{}",
+        recording.frames.len(),
+        recording.protocol.len(),
+        recording.protocol.electrodes(),
+        recording.baseline_name,
+        eye.method(),
+        eye.field.sheet.triangles.len(),
+        if recording.simulated == Some(true) {
+            "; SIMULATED"
+        } else {
+            ""
+        },
+    ))?;
+    for remark in &eye.remarks {
+        printer.text(remark)?;
+    }
+    Ok(())
+}
+
+fn sentence(line: &Line<'_>) -> String {
+    let mut text = format!(
+        "frame {}{}: found {}, largest loss {:.3}",
+        line.frame,
+        if line.label.parse::<u64>().is_ok() {
+            String::new()
+        } else {
+            format!(" ({})", line.label)
+        },
+        drawing::place(line.found_mm),
+        line.largest_loss
+    );
+    if line.masked > 0 {
+        text.push_str(&format!(", {} readings left out", line.masked));
+    }
+    match line.verified {
+        Some(true) => text.push_str(", same bits as recorded"),
+        Some(false) => {
+            text.push_str(", not the map that was recorded (other method, build or processor)")
+        }
+        None => {}
+    }
+    text
+}
+
+fn row(map: &Map) -> Vec<u8> {
+    let mut row = Vec::new();
+    let mut push = || -> std::io::Result<()> {
+        let mut values = map.values.iter();
+        if let Some(value) = values.next() {
+            write!(row, "{value}")?;
+        }
+        for value in values {
+            write!(row, ",{value}")?;
+        }
+        writeln!(row)
+    };
+    push().expect("writing into a vector cannot fail");
+    row
+}
+
+/// A bar on the terminal's error stream; hidden where nobody watches.
+fn progress(frames: usize, terminal: bool) -> ProgressBar {
+    if !terminal || !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    ProgressBar::new(frames as u64).with_style(
+        ProgressStyle::with_template("{bar:40} {pos}/{len} frames, {eta} left")
+            .unwrap_or_else(|_| ProgressStyle::default_bar()),
+    )
+}

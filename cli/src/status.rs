@@ -1,0 +1,174 @@
+//! `tactus status`: what the daemon is doing.
+
+use std::io::Write;
+
+use serde::Serialize;
+
+use crate::connection::Daemon;
+use crate::failure::Failure;
+use crate::output::Printer;
+
+/// The line of `status --json`; see `cli/JSON.md`.
+#[derive(Debug, Serialize)]
+struct Status {
+    state: String,
+    simulated: bool,
+    source: String,
+    method: String,
+    baseline: Option<String>,
+    session: Option<Running>,
+    record_directory: String,
+    last_error: Option<String>,
+    version: String,
+    bus: String,
+}
+
+#[derive(Debug, Serialize)]
+struct Running {
+    id: String,
+    kind: String,
+    state: String,
+    frames_acquired: u64,
+    frames_durable: u64,
+    frames_dropped: u64,
+    last_error: Option<String>,
+}
+
+pub(crate) async fn run(daemon: &Daemon, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
+    let manager = &daemon.manager;
+    let session = match daemon.active().await? {
+        None => None,
+        Some(session) => Some(Running {
+            id: daemon.ask("the session", session.id()).await?,
+            kind: daemon.ask("the session", session.kind()).await?,
+            state: daemon.ask("the session", session.state()).await?,
+            frames_acquired: daemon.ask("the session", session.frames_acquired()).await?,
+            frames_durable: daemon.ask("the session", session.frames_durable()).await?,
+            frames_dropped: daemon.ask("the session", session.frames_dropped()).await?,
+            last_error: said(daemon.ask("the session", session.last_error()).await?),
+        }),
+    };
+    let status = Status {
+        state: daemon.ask("the state", manager.state()).await?,
+        simulated: daemon.ask("the rig", manager.simulated()).await?,
+        source: daemon.ask("the source of frames", manager.source()).await?,
+        method: daemon.ask("the method", manager.method()).await?,
+        baseline: said(daemon.ask("the baseline", manager.baseline_id()).await?),
+        session,
+        record_directory: daemon.ask("the record", manager.record_directory()).await?,
+        last_error: said(daemon.ask("the last error", manager.last_error()).await?),
+        version: daemon.ask("the version", manager.version()).await?,
+        bus: daemon.address.to_string(),
+    };
+    printer.record(&status, for_a_person)
+}
+
+/// Empty means that there is none.
+pub(crate) fn said(text: String) -> Option<String> {
+    Some(text).filter(|text| !text.is_empty())
+}
+
+fn for_a_person(status: &Status) -> String {
+    let mut lines = vec![
+        format!(
+            "state      {}{}",
+            status.state,
+            if status.simulated {
+                "  (SIMULATED)"
+            } else {
+                ""
+            }
+        ),
+        format!("source     {}", status.source),
+        format!("method     {}", status.method),
+        format!(
+            "baseline   {}",
+            status
+                .baseline
+                .as_deref()
+                .unwrap_or("none; take all loads off the sheet and run `tactus baseline record`")
+        ),
+    ];
+    match &status.session {
+        None => lines.push("session    none; `tactus start` starts one".to_owned()),
+        Some(session) => {
+            lines.push(format!(
+                "session    {} ({}, {}): {} frames recorded{}",
+                session.id,
+                session.kind,
+                session.state,
+                session.frames_durable,
+                match session.frames_dropped {
+                    0 => String::new(),
+                    dropped => format!(", {dropped} missed their time"),
+                }
+            ));
+            if let Some(error) = &session.last_error {
+                lines.push(format!("           {error}"));
+            }
+        }
+    }
+    if let Some(error) = &status.last_error {
+        lines.push(format!("fault      {error}"));
+    }
+    lines.push(format!("record     {}", status.record_directory));
+    lines.push(format!(
+        "daemon     tactusd {} at {}",
+        status.version, status.bus
+    ));
+    lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn status() -> Status {
+        Status {
+            state: "acquiring".into(),
+            simulated: true,
+            source: "rig".into(),
+            method: "one-step noser".into(),
+            baseline: None,
+            session: Some(Running {
+                id: "m1".into(),
+                kind: "measurement".into(),
+                state: "running".into(),
+                frames_acquired: 8,
+                frames_durable: 7,
+                frames_dropped: 0,
+                last_error: None,
+            }),
+            record_directory: "/r".into(),
+            last_error: None,
+            version: "0.1.0".into(),
+            bus: "unix:/p".into(),
+        }
+    }
+
+    #[test]
+    fn the_golden_line() {
+        let mut printer = Printer::into(true, Vec::new());
+        printer.record(&status(), for_a_person).unwrap();
+        assert_eq!(
+            String::from_utf8(printer.sink()).unwrap(),
+            "{\"state\":\"acquiring\",\"simulated\":true,\"source\":\"rig\",\"method\":\"one-step noser\",\"baseline\":null,\
+             \"session\":{\"id\":\"m1\",\"kind\":\"measurement\",\"state\":\"running\",\"frames_acquired\":8,\
+             \"frames_durable\":7,\"frames_dropped\":0,\"last_error\":null},\"record_directory\":\"/r\",\
+             \"last_error\":null,\"version\":\"0.1.0\",\"bus\":\"unix:/p\"}\n"
+        );
+    }
+
+    #[test]
+    fn a_person_is_told_what_is_simulated_and_what_to_do() {
+        let text = for_a_person(&status());
+        assert!(
+            text.contains("SIMULATED") && text.contains("`tactus baseline record`"),
+            "{text}"
+        );
+        assert!(
+            text.contains("m1 (measurement, running): 7 frames recorded"),
+            "{text}"
+        );
+    }
+}

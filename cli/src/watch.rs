@@ -1,0 +1,89 @@
+//! `tactus watch`: every frame of a session as it comes, with its map in the terminal.
+
+use std::io::Write;
+use std::os::unix::net::UnixStream;
+use std::time::Duration;
+
+use bus::{Options, Session1Proxy};
+use tokio::time::Instant;
+
+use crate::args::Watch;
+use crate::connection::Daemon;
+use crate::drawing::Field;
+use crate::duration::display_span;
+use crate::failure::Failure;
+use crate::output::Printer;
+use crate::viewer::Viewer;
+
+/// How often the daemon is asked whether a session has begun.
+const LOOK_AGAIN: Duration = Duration::from_millis(200);
+/// Follows a session until it ends, or until `--count` or `--for` is reached.
+pub(crate) async fn run(
+    daemon: &Daemon,
+    watch: &Watch,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let deadline = watch.duration.map(|duration| Instant::now() + duration);
+    let session = match &watch.session {
+        Some(id) => daemon.named(id).await?,
+        None => match first(daemon, deadline, printer).await? {
+            Some(session) => session,
+            None => {
+                return Err(Failure::Timeout(format!(
+                    "no session has started within {}; `tactus start` starts one",
+                    display_span(watch.duration.unwrap_or_default())
+                )));
+            }
+        },
+    };
+    let id = daemon.ask("the session", session.id()).await?;
+    let maps = !daemon
+        .ask("the session", session.method())
+        .await?
+        .is_empty();
+    let field = if maps {
+        Some(Field::from_bus(
+            daemon
+                .ask("the geometry", daemon.manager.geometry())
+                .await?,
+        )?)
+    } else {
+        None
+    };
+    let options = Options::new().with("frames", true).with("maps", maps);
+    let descriptor = daemon
+        .ask("the stream", session.open_stream(&options))
+        .await?;
+    let stream = UnixStream::from(std::os::fd::OwnedFd::from(descriptor));
+    let unreadable = |error: std::io::Error| Failure::failed("the stream cannot be read", &error);
+    stream.set_nonblocking(true).map_err(unreadable)?;
+    let stream = tokio::net::UnixStream::from_std(stream).map_err(unreadable)?;
+    let mut viewer = Viewer::new(id, watch, field, printer);
+    let ended = viewer.follow(stream, deadline).await?;
+    match ended {
+        Some(reason) => viewer.end(daemon, &session, reason).await,
+        None => Ok(()),
+    }
+}
+
+/// The running session, or the next to start; `None` at the deadline.
+async fn first(
+    daemon: &Daemon,
+    deadline: Option<Instant>,
+    printer: &mut Printer<impl Write>,
+) -> Result<Option<Session1Proxy<'static>>, Failure> {
+    let mut told = false;
+    loop {
+        if let Some(session) = daemon.active().await? {
+            return Ok(Some(session));
+        }
+        if deadline.is_some_and(|deadline| Instant::now() >= deadline) {
+            return Ok(None);
+        }
+        if !told {
+            printer.text("no session is running; waiting for one (`tactus start`)")?;
+            told = true;
+        }
+        tokio::time::sleep(LOOK_AGAIN).await;
+    }
+}

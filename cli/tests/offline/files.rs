@@ -1,0 +1,198 @@
+//! Lists, tables, refusals.
+
+use crate::scene::{done, lines, refused, session, tactus};
+
+#[test]
+fn sessions_are_listed_without_a_daemon() {
+    let folder = tempfile::tempdir().unwrap();
+    assert!(done(folder.path(), &["sessions"]).contains("no session in"));
+    assert_eq!(done(folder.path(), &["sessions", "--json"]), "");
+    let path = session(folder.path());
+    assert_eq!(
+        done(folder.path(), &["sessions", "--json"]),
+        format!(
+            "{{\"id\":\"m20270115_1\",\"kind\":\"measurement\",\"started\":\"2027-01-15T08:00:00Z\",\
+             \"last_frame\":\"2027-01-15T08:00:03Z\",\"frames\":3,\"simulated\":true,\"closed\":true,\
+             \"closed_at\":\"2027-01-15T08:00:04Z\",\"reason\":\"count reached\",\"electrodes\":16,\"readings\":208,\
+             \"note\":\"three frames\",\"path\":\"{}\"}}\n",
+            path.display()
+        )
+    );
+    let text = done(folder.path(), &["sessions"]);
+    assert!(
+        text.contains("measurement (SIMULATED)") && text.contains("count reached"),
+        "{text}"
+    );
+    std::fs::write(folder.path().join("x.tactus"), "not a session").unwrap();
+    let output = tactus(folder.path(), &["sessions"]);
+    assert_eq!(output.status.code(), Some(0));
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(said.contains("x.tactus is left out"), "{said}");
+}
+
+#[test]
+fn an_overload_is_a_blank_in_the_table_and_its_reason_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    session(folder.path());
+    let said = done(
+        folder.path(),
+        &[
+            "export", "m2027", "--format", "csv", "--out", "out.csv", "--json",
+        ],
+    );
+    let what: Vec<_> = lines(&said)
+        .iter()
+        .map(|line| line["what"].clone())
+        .collect();
+    assert_eq!(what, ["frames", "baseline", "case"]);
+    let table = std::fs::read_to_string(folder.path().join("out.csv")).unwrap();
+    let rows: Vec<Vec<&str>> = table
+        .lines()
+        .map(|line| line.split(',').collect())
+        .collect();
+    assert_eq!(rows.len(), 4);
+    assert_eq!(
+        rows[0][..12],
+        [
+            "sequence",
+            "wall_utc",
+            "monotonic_s",
+            "duration_s",
+            "simulated",
+            "current_A",
+            "overloads",
+            "timeouts",
+            "not_measured",
+            "compliance",
+            "missing",
+            "m0_V"
+        ]
+    );
+    assert!(rows.iter().all(|row| row.len() == 11 + 208));
+    assert_eq!(rows[2][0..2], ["2", "2027-01-15T08:00:02Z"]);
+    assert_eq!(rows[2][6], "1");
+    assert_eq!(rows[2][10], "m7:overload");
+    assert_eq!(rows[2][11 + 7], "");
+    assert!(!table.contains("E37") && !table.contains("NaN"));
+    // To the last bit.
+    let baseline = std::fs::read_to_string(folder.path().join("out.baseline.csv")).unwrap();
+    let mean = baseline.lines().nth(1).unwrap().split(',').nth(6).unwrap();
+    assert_eq!(mean, rows[1][11]);
+    assert!(
+        baseline
+            .lines()
+            .nth(1)
+            .unwrap()
+            .starts_with("m0,1,2,3,4,ok,"),
+        "electrodes count from 1 for people"
+    );
+}
+
+#[test]
+fn what_is_wrong_is_named_with_its_exit_code() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    session(path);
+    let no_daemon = format!("unix:{}/peer", path.display());
+    let said = refused(path, &["--bus", &no_daemon, "status"], 3);
+    assert!(
+        said.contains("tactusd --config") && said.contains("peer"),
+        "{said}"
+    );
+    assert!(refused(path, &["--bus", "tcp:x", "status"], 2).contains("unix:PATH"));
+    assert!(refused(path, &["frobnicate"], 2).contains("frobnicate"));
+    assert!(refused(path, &["start", "--every", "10"], 2).contains("no unit"));
+    let said = refused(
+        path,
+        &["export", "zzz", "--format", "csv", "--out", "x.csv"],
+        3,
+    );
+    assert!(said.contains("'zzz'") && said.contains("--state"), "{said}");
+    let export = [
+        "export",
+        "m20270115_1",
+        "--format",
+        "png",
+        "--out",
+        "x.png",
+        "--preset",
+        "disc-tank",
+    ];
+    assert!(refused(path, &[&export[..], &["--frame", "9"]].concat(), 1).contains("no frame 9"));
+    assert!(
+        refused(path, &[&export[..], &["--electrodes", "8"]].concat(), 78).contains("8 electrodes")
+    );
+    let said = refused(path, &["replay", "m20270115_1", "--model", "no.model"], 78);
+    assert!(said.contains("no.model"), "{said}");
+    std::fs::write(path.join("no.model"), "not a model").unwrap();
+    let said = refused(path, &["replay", "m20270115_1", "--model", "no.model"], 78);
+    assert!(said.contains("no.model"), "{said}");
+    let said = refused(
+        path,
+        &["replay", "m20270115_1", "--preset", "disc-tank", "--negate"],
+        78,
+    );
+    assert!(said.contains("--negate"), "{said}");
+}
+
+#[test]
+fn a_wrong_number_of_columns_names_the_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    session(path);
+    done(
+        path,
+        &[
+            "export",
+            "m20270115_1",
+            "--format",
+            "csv",
+            "--out",
+            "out.csv",
+        ],
+    );
+    let frames = path.join("out.case/frames.csv");
+    let mut text = std::fs::read_to_string(&frames).unwrap();
+    let last = text.trim_end().rfind(',').unwrap();
+    text.truncate(last);
+    std::fs::write(&frames, text + "\n").unwrap();
+    let said = refused(
+        path,
+        &[
+            "replay",
+            "out.case",
+            "--frames",
+            "frames.csv",
+            "--baseline",
+            "first:1",
+            "--preset",
+            "disc-tank",
+        ],
+        78,
+    );
+    assert!(said.contains("frames.csv") && said.contains('4'), "{said}");
+    let said = refused(
+        path,
+        &[
+            "replay",
+            "out.case",
+            "--frames",
+            "frames.csv",
+            "--preset",
+            "disc-tank",
+        ],
+        2,
+    );
+    assert!(!said.is_empty());
+}
+
+#[test]
+fn completions_know_every_command() {
+    let folder = tempfile::tempdir().unwrap();
+    for shell in ["bash", "zsh", "fish"] {
+        let script = done(folder.path(), &["completions", shell]);
+        for command in ["status", "baseline", "watch", "export", "replay"] {
+            assert!(script.contains(command), "{shell}: {command}");
+        }
+    }
+}

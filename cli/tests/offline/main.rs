@@ -1,0 +1,5 @@
+//! The commands that need no daemon, run as a person runs them, on session files written here.
+
+mod files;
+mod maps;
+mod scene;

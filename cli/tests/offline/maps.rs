@@ -1,0 +1,178 @@
+//! Maps made again from what was recorded.
+
+use crate::scene::{PRESSED, done, lines, refused, session, session_of};
+
+#[test]
+fn a_replay_of_a_session_finds_the_load_and_so_does_one_of_its_case_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    session(folder.path());
+    let from_session = lines(&done(
+        folder.path(),
+        &[
+            "replay",
+            "m20270115_1",
+            "--preset",
+            "disc-tank",
+            "--noise-v",
+            "2e-6",
+            "--json",
+            "--out",
+            "maps.csv",
+            "--png",
+            "maps",
+        ],
+    ));
+    assert_eq!(from_session.len(), 3);
+    for (line, masked) in from_session[1..].iter().zip([1, 0]) {
+        let found = &line["found_mm"];
+        let missed = (found[0].as_f64().unwrap() - PRESSED[0])
+            .hypot(found[1].as_f64().unwrap() - PRESSED[1]);
+        assert!(missed < 8.0, "{missed} mm beside: {line}");
+        assert_eq!(line["masked"], masked);
+        assert_eq!(line["simulated"], true);
+        assert!(line["largest_loss"].as_f64().unwrap() > 0.05);
+    }
+    let keys: Vec<_> = from_session[0].as_object().unwrap().keys().collect();
+    assert_eq!(
+        keys,
+        [
+            "frame",
+            "label",
+            "wall",
+            "method",
+            "found_mm",
+            "largest_loss",
+            "masked",
+            "map_hash",
+            "verified",
+            "simulated",
+            "png"
+        ]
+    );
+    let png = std::fs::read(folder.path().join(from_session[2]["png"].as_str().unwrap())).unwrap();
+    assert!(png.starts_with(b"\x89PNG"));
+    let maps = std::fs::read_to_string(folder.path().join("maps.csv")).unwrap();
+    assert_eq!(maps.lines().count(), 3);
+
+    done(
+        folder.path(),
+        &[
+            "export",
+            "m20270115_1",
+            "--format",
+            "csv",
+            "--out",
+            "out.csv",
+        ],
+    );
+    let from_folder = lines(&done(
+        folder.path(),
+        &[
+            "replay",
+            "out.case",
+            "--frames",
+            "frames.csv",
+            "--baseline",
+            "out.case/baseline.csv",
+            "--preset",
+            "disc-tank",
+            "--noise-v",
+            "2e-6",
+            "--json",
+        ],
+    ));
+    for (one, other) in from_session.iter().zip(&from_folder) {
+        assert_eq!(
+            one["map_hash"], other["map_hash"],
+            "the same voltages give the same map"
+        );
+    }
+    assert_eq!(from_folder[2]["label"], "f3");
+}
+
+#[test]
+fn pictures_say_that_they_are_simulated() {
+    let folder = tempfile::tempdir().unwrap();
+    session(folder.path());
+    let line = lines(&done(
+        folder.path(),
+        &[
+            "export",
+            "m20270115_1",
+            "--format",
+            "svg",
+            "--out",
+            "map.svg",
+            "--preset",
+            "disc-tank",
+            "--json",
+        ],
+    ));
+    assert_eq!(line[0]["frame"], 3);
+    let svg = std::fs::read_to_string(folder.path().join("map.svg")).unwrap();
+    assert!(svg.contains("<svg") && svg.to_lowercase().contains("simulated"));
+    done(
+        folder.path(),
+        &[
+            "export",
+            "m20270115_1",
+            "--format",
+            "png",
+            "--out",
+            "map.png",
+            "--preset",
+            "disc-tank",
+            "--frame",
+            "2",
+        ],
+    );
+    assert!(
+        std::fs::read(folder.path().join("map.png"))
+            .unwrap()
+            .starts_with(b"\x89PNG")
+    );
+    assert!(!folder.path().join("map.png.part").exists());
+}
+
+#[test]
+fn a_session_is_replayed_as_its_daemon_made_it_and_verified() {
+    let folder = tempfile::tempdir().unwrap();
+    session_of(folder.path(), "m1", "[model]\nnoise_uv = 3.0\n");
+    let made_again = lines(&done(folder.path(), &["replay", "m1", "--json"]));
+    assert_eq!(made_again.len(), 3);
+    assert!(
+        made_again.iter().all(|line| line["verified"] == true),
+        "{made_again:?}"
+    );
+    let otherwise = lines(&done(
+        folder.path(),
+        &["replay", "m1", "--json", "--prior", "tikhonov"],
+    ));
+    // The first frame is the baseline: no change by any method.
+    assert!(otherwise[1..].iter().all(|line| line["verified"] == false));
+    assert_eq!(otherwise[0]["method"], "one-step tikhonov");
+}
+
+#[test]
+fn a_geometry_that_is_not_the_one_recorded_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    session_of(
+        folder.path(),
+        "m1",
+        "[geometry.disc-tank]\nradius_mm = 100.0\n",
+    );
+    let said = refused(folder.path(), &["replay", "m1"], 78);
+    assert!(said.contains("was recorded on geometry"), "{said}");
+    // What a person names is believed.
+    done(
+        folder.path(),
+        &[
+            "replay",
+            "m1",
+            "--preset",
+            "disc-tank",
+            "--diameter-mm",
+            "300",
+        ],
+    );
+}

@@ -1,0 +1,177 @@
+//! A simulated tank, a session of it, and the program run as a person runs it.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::Arc;
+use std::time::Duration;
+
+use chrono::{DateTime, Utc};
+use eit::{DiscTank, Forward, Hyper, Mesh, OneStep, OneStepOptions, Prior, Reconstructor};
+use logbook::{MapRecord, SessionHeader, SessionKind, SessionWriter};
+use serde_json::Value;
+use survey::{Amps, Baseline, Frame, Protocol, Reading, Settings, Volts};
+
+const CURRENT: f64 = 1e-3;
+/// Where the simulated load lies, mm from the tank's centre.
+pub const PRESSED: [f64; 2] = [60.0, 35.0];
+
+pub fn tactus(folder: &Path, words: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_tactus"))
+        .args(words)
+        .current_dir(folder)
+        .env_remove("TACTUS_BUS")
+        .env("TACTUS_STATE", folder)
+        .output()
+        .expect("the program was built beside this test")
+}
+
+pub fn done(folder: &Path, words: &[&str]) -> String {
+    let output = tactus(folder, words);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(0), "{words:?}: {said}");
+    String::from_utf8(output.stdout).expect("text")
+}
+
+pub fn refused(folder: &Path, words: &[&str], code: i32) -> String {
+    let output = tactus(folder, words);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(code), "{words:?}: {said}");
+    said
+}
+
+pub fn lines(text: &str) -> Vec<Value> {
+    text.lines()
+        .map(|line| serde_json::from_str(line).expect("one object a line"))
+        .collect()
+}
+
+fn at(second: i64) -> DateTime<Utc> {
+    DateTime::from_timestamp(1_800_000_000 + second, 0).expect("a time in range")
+}
+
+/// Voltages of a tank on a finer mesh than the reconstruction's, with or without the load.
+fn voltages(
+    tank: &Arc<Mesh>,
+    forward: &Forward,
+    protocol: &Protocol,
+    pressed: bool,
+) -> Vec<Reading> {
+    let sigma: Vec<f64> = (0..tank.triangles().len())
+        .map(|triangle| {
+            let [x, y] = tank.centroid(triangle);
+            let near = (x * 1e3 - PRESSED[0]).hypot(y * 1e3 - PRESSED[1]) < 15.0;
+            if pressed && near { 0.5e-3 } else { 1e-3 }
+        })
+        .collect();
+    forward
+        .readings(&sigma, protocol)
+        .expect("a sound tank")
+        .iter()
+        .map(|ohms| Reading::Ok(Volts(ohms * CURRENT)))
+        .collect()
+}
+
+/// A measurement of three frames, the second with an overload, on a simulated tank; recorded without a daemon.
+pub fn session(folder: &Path) -> PathBuf {
+    record(
+        folder,
+        SessionHeader::new("m20270115_1", at(0), protocol()),
+        None,
+    )
+}
+
+/// The same as a daemon records it that reconstructs on a disc tank, for 3 uV of noise; `configuration` is kept with it.
+pub fn session_of(folder: &Path, id: &str, configuration: &str) -> PathBuf {
+    let tank = DiscTank::default();
+    let mesh = Arc::new(tank.mesh().expect("a sound tank"));
+    let header = SessionHeader {
+        config_toml: format!("{configuration}[geometry]\npreset = \"disc-tank\"\n"),
+        geometry_hash: Some(mesh.hash().to_owned()),
+        ..SessionHeader::new(id, at(0), protocol())
+    };
+    let options = OneStepOptions {
+        prior: Prior::Noser { p: 0.5 },
+        hyper: Hyper::Noise {
+            volts: 3.0 * 1e-6,
+            current: 1000.0 * 1e-6,
+        },
+        ..OneStepOptions::default()
+    };
+    let sigma = vec![tank.conductance(); mesh.triangles().len()];
+    let eye = OneStep::new(mesh, &tank.contact_ohm_m(), &sigma, &protocol(), options)
+        .expect("a sound method");
+    record(folder, header, Some(&eye))
+}
+
+fn protocol() -> Protocol {
+    Protocol::sheffield(16).expect("sixteen electrodes")
+}
+
+fn record(folder: &Path, header: SessionHeader, eye: Option<&OneStep>) -> PathBuf {
+    let protocol = protocol();
+    let preset = DiscTank {
+        fineness: 1.3,
+        seeding: 3,
+        ..DiscTank::default()
+    };
+    let tank = Arc::new(preset.mesh().expect("a sound tank"));
+    let forward = Forward::new(Arc::clone(&tank), &preset.contact_ohm_m()).expect("a sound tank");
+    let settings = Settings {
+        protocol_hash: protocol.hash(),
+        current: Amps(CURRENT),
+        range: Volts(1.0),
+        nplc: 1.0,
+        settle: Duration::from_millis(1),
+        wiring: "test".into(),
+    };
+    let frame = |second: i64, readings: Vec<Reading>| Frame {
+        sequence: 0,
+        readings,
+        monotonic: Duration::from_secs(second as u64),
+        wall: at(second),
+        duration: Duration::from_millis(500),
+        settings: settings.clone(),
+        compliance: Vec::new(),
+        simulated: true,
+    };
+    let unloaded = voltages(&tank, &forward, &protocol, false);
+    let loaded = voltages(&tank, &forward, &protocol, true);
+    let mut gap = loaded.clone();
+    gap[7] = Reading::Overload;
+    let header = SessionHeader {
+        kind: SessionKind::Measurement,
+        simulated: true,
+        note: "three frames".into(),
+        ..header
+    };
+    let mut writer = SessionWriter::create(folder, &header).expect("a folder to write in");
+    writer
+        .baseline(&Baseline {
+            id: "b20270115_1".into(),
+            deviation: vec![Some(2e-6); unloaded.len()],
+            readings: unloaded.clone(),
+            frames: 10,
+            wall: at(-60),
+            settings: settings.clone(),
+            simulated: true,
+        })
+        .expect("written");
+    for (second, readings) in [(1, unloaded.clone()), (2, gap), (3, loaded)] {
+        let map = eye.map(|eye| {
+            let map = eye.reconstruct(&unloaded, &readings).expect("a map");
+            MapRecord {
+                hash: map.hash(),
+                method: map.method,
+                model_hash: None,
+                build: "test".into(),
+                cpu: "test".into(),
+            }
+        });
+        writer
+            .append(&frame(second, readings), map.as_ref())
+            .expect("written");
+    }
+    let path = writer.path().to_owned();
+    writer.close(at(4), "count reached").expect("closed");
+    path
+}
