@@ -1,0 +1,179 @@
+//! A daemon in a folder of its own, reached over its peer socket.
+
+// each test file uses what it needs of it
+#![allow(dead_code)]
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::time::Duration;
+
+use bus::{Address, Instrument1Proxy, Manager1Proxy, Options, Session1Proxy, Simulation1Proxy};
+use tokio::io::{AsyncBufReadExt, BufReader};
+use zbus::{Connection, OwnedObjectPath};
+
+/// The one deadline under which everything is awaited.
+pub const DEADLINE: Duration = Duration::from_secs(120);
+
+/// A sheet with as few triangles as make a map, in instant time.
+pub const SMALL: &str = r#"
+[rig]
+kind = "simulated"
+profile = "PROFILE"
+scene = "scene.toml"
+[geometry]
+preset = "disc-tank"
+[geometry.disc-tank]
+electrodes = 16
+[survey]
+electrodes = 16
+[record]
+directory = "state"
+[bus]
+peer_path = "run/peer"
+"#;
+
+const SCENE: &str = "[disc-tank]\nelectrodes = 16\n[effects.voltmeter-noise]\nuv = 2.0\n";
+
+/// A folder with a configuration.
+pub struct Stage {
+    pub folder: tempfile::TempDir,
+}
+
+impl Stage {
+    pub fn new(config: &str) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let profile = "time = \"instant\"\n[slots]\n1 = \"34924A\"\n";
+        std::fs::write(folder.path().join("profile.toml"), profile).unwrap();
+        std::fs::write(folder.path().join("scene.toml"), SCENE).unwrap();
+        let stage = Self { folder };
+        stage.configure(config);
+        stage
+    }
+
+    pub fn configure(&self, config: &str) {
+        std::fs::write(self.config(), config.replace("PROFILE", "profile.toml")).unwrap();
+    }
+
+    pub fn path(&self) -> &Path {
+        self.folder.path()
+    }
+
+    pub fn config(&self) -> PathBuf {
+        self.path().join("config.toml")
+    }
+
+    /// Runs `tactusd` with the configuration and these arguments to its end.
+    pub fn run(&self, args: &[&str]) -> Output {
+        Command::new(env!("CARGO_BIN_EXE_tactusd"))
+            .arg("--config")
+            .arg(self.config())
+            .args(args)
+            .env_remove("NOTIFY_SOCKET")
+            .output()
+            .unwrap()
+    }
+
+    /// Starts the daemon and connects to it when it says that it is ready.
+    pub async fn start(&self) -> Running {
+        let mut child = tokio::process::Command::new(env!("CARGO_BIN_EXE_tactusd"))
+            .arg("--config")
+            .arg(self.config())
+            .env_remove("NOTIFY_SOCKET")
+            .env("RUST_LOG", "daemon=debug,warn")
+            .stderr(Stdio::piped())
+            .kill_on_drop(true)
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+        let mut said = String::new();
+        let ready = async {
+            while let Ok(Some(line)) = lines.next_line().await {
+                if line.contains("ready on") {
+                    return true;
+                }
+                said.push_str(&line);
+                said.push('\n');
+            }
+            false
+        };
+        let ready = tokio::time::timeout(DEADLINE, ready).await.unwrap_or(false);
+        assert!(ready, "tactusd did not become ready; it said:\n{said}");
+        let log = tokio::spawn(async move {
+            let mut log = String::new();
+            while let Ok(Some(line)) = lines.next_line().await {
+                log.push_str(&line);
+                log.push('\n');
+            }
+            log
+        });
+        let address = Address::Unix(self.path().join("run/peer"));
+        let (connection, _) = bus::connect(Some(&address)).await.unwrap();
+        let manager = Manager1Proxy::new(&connection).await.unwrap();
+        Running {
+            child,
+            log,
+            connection,
+            manager,
+        }
+    }
+}
+
+/// A daemon that runs, and a connection to it.
+pub struct Running {
+    child: tokio::process::Child,
+    log: tokio::task::JoinHandle<String>,
+    pub connection: Connection,
+    pub manager: Manager1Proxy<'static>,
+}
+
+impl Running {
+    pub async fn session(&self, path: &OwnedObjectPath) -> Session1Proxy<'static> {
+        Session1Proxy::builder(&self.connection)
+            .path(path.clone())
+            .build()
+            .await
+            .unwrap()
+    }
+
+    pub async fn instrument(&self, path: &OwnedObjectPath) -> Instrument1Proxy<'static> {
+        Instrument1Proxy::builder(&self.connection)
+            .path(path.clone())
+            .build()
+            .await
+            .unwrap()
+    }
+
+    pub async fn simulation(&self) -> Simulation1Proxy<'static> {
+        Simulation1Proxy::new(&self.connection).await.unwrap()
+    }
+
+    /// Records a baseline of so many frames and waits for its end.
+    pub async fn baseline(&self, frames: u64) -> Session1Proxy<'static> {
+        let options = Options::new().with("frames", frames);
+        let path = self.manager.record_baseline(&options).await.unwrap();
+        let session = self.session(&path).await;
+        within(session.wait()).await.unwrap();
+        session
+    }
+
+    /// Starts a session and returns it.
+    pub async fn start(&self, options: Options) -> Session1Proxy<'static> {
+        let path = self.manager.start_session(&options).await.unwrap();
+        self.session(&path).await
+    }
+
+    /// Asks it to end, and returns how it ended and what it said.
+    pub async fn terminate(mut self) -> (std::process::ExitStatus, String) {
+        let pid = rustix::process::Pid::from_raw(self.child.id().unwrap() as i32).unwrap();
+        rustix::process::kill_process(pid, rustix::process::Signal::TERM).unwrap();
+        let status = within(self.child.wait()).await.unwrap();
+        (status, within(self.log).await.unwrap())
+    }
+}
+
+/// Awaits under the one deadline.
+pub async fn within<T>(future: impl Future<Output = T>) -> T {
+    tokio::time::timeout(DEADLINE, future)
+        .await
+        .expect("nothing takes that long")
+}
