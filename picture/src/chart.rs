@@ -1,0 +1,509 @@
+//! Everything of a picture except its triangles: outline, axes, numbers, marks, colour bar, words.
+
+use std::sync::Once;
+
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::{FontStyle, register_font};
+use survey::{Electrode, Map};
+
+use crate::scale::step;
+use crate::{Extent, PictureError, Range, Sheet, Style};
+
+const INK: RGBColor = RGBColor(34, 34, 38);
+const PALE: RGBColor = RGBColor(120, 120, 126);
+const PAPER: RGBColor = RGBColor(236, 236, 238);
+const ALARM: RGBColor = RGBColor(176, 64, 0);
+/// Between the sheet's edge and the axes: room for the electrodes' numbers, in points.
+pub(crate) const RING: f64 = 20.0;
+
+/// Where text stands relative to its point.
+#[derive(Clone, Copy)]
+enum Anchor {
+    Left,
+    Centre,
+    Right,
+}
+
+/// A plotters area whose unit is the point: `scale` pixels.
+pub(crate) struct Pen<'a, DB: DrawingBackend> {
+    area: &'a DrawingArea<DB, Shift>,
+    scale: f64,
+    /// How far below its place a backend must be told to write for the words to stand centred there, in heights.
+    sink: f64,
+}
+
+impl<'a, DB: DrawingBackend> Pen<'a, DB> {
+    pub(crate) fn new(area: &'a DrawingArea<DB, Shift>, scale: f64, sink: f64) -> Self {
+        static FONTS: Once = Once::new();
+        FONTS.call_once(|| {
+            let regular = include_bytes!("../fonts/DejaVuSans-subset.ttf");
+            let bold = include_bytes!("../fonts/DejaVuSans-Bold-subset.ttf");
+            for (style, bytes) in [
+                (FontStyle::Normal, regular.as_slice()),
+                (FontStyle::Bold, bold.as_slice()),
+            ] {
+                if register_font("sans-serif", style, bytes).is_err() {
+                    unreachable!(
+                        "the fonts compiled in are whole: every picture of the tests uses them"
+                    );
+                }
+            }
+        });
+        Self { area, scale, sink }
+    }
+
+    fn pixel(&self, [x, y]: [f64; 2]) -> (i32, i32) {
+        (
+            (x * self.scale).round() as i32,
+            (y * self.scale).round() as i32,
+        )
+    }
+
+    fn line(
+        &self,
+        points: impl IntoIterator<Item = [f64; 2]>,
+        colour: RGBColor,
+        width: f64,
+    ) -> Result<(), PictureError> {
+        let points: Vec<_> = points.into_iter().map(|point| self.pixel(point)).collect();
+        let width = (width * self.scale).round().max(1.0) as u32;
+        self.draw(PathElement::new(points, colour.stroke_width(width)))
+    }
+
+    fn area(&self, points: &[[f64; 2]], colour: RGBColor) -> Result<(), PictureError> {
+        let points: Vec<_> = points.iter().map(|point| self.pixel(*point)).collect();
+        self.draw(Polygon::new(points, colour.filled()))
+    }
+
+    fn draw<E>(&self, element: E) -> Result<(), PictureError>
+    where
+        for<'b> &'b E: plotters::element::PointCollection<'b, (i32, i32)>,
+        E: plotters::element::Drawable<DB>,
+    {
+        self.area
+            .draw(&element)
+            .map_err(|cause| PictureError::Draw(cause.to_string()))
+    }
+
+    fn text(
+        &self,
+        words: &str,
+        at: [f64; 2],
+        size: f64,
+        colour: RGBColor,
+        anchor: Anchor,
+    ) -> Result<(), PictureError> {
+        let font = ("sans-serif", size * self.scale).into_font();
+        self.write(words, at, font, colour, anchor)
+    }
+
+    fn bold(
+        &self,
+        words: &str,
+        at: [f64; 2],
+        size: f64,
+        colour: RGBColor,
+        anchor: Anchor,
+    ) -> Result<(), PictureError> {
+        let font = FontDesc::new(FontFamily::SansSerif, size * self.scale, FontStyle::Bold);
+        self.write(words, at, font, colour, anchor)
+    }
+
+    fn upright(&self, words: &str, at: [f64; 2], size: f64) -> Result<(), PictureError> {
+        let font = ("sans-serif", size * self.scale)
+            .into_font()
+            .transform(FontTransform::Rotate270);
+        self.write(words, at, font, INK, Anchor::Centre)
+    }
+
+    fn write(
+        &self,
+        words: &str,
+        at: [f64; 2],
+        font: FontDesc<'_>,
+        colour: RGBColor,
+        anchor: Anchor,
+    ) -> Result<(), PictureError> {
+        let across = match anchor {
+            Anchor::Left => HPos::Left,
+            Anchor::Centre => HPos::Center,
+            Anchor::Right => HPos::Right,
+        };
+        let style = TextStyle::from(font)
+            .color(&colour)
+            .pos(Pos::new(across, VPos::Center));
+        let (mut x, mut y) = self.pixel(at);
+        let sink = (self.sink * style.font.get_size()).round() as i32;
+        match style.font.get_transform() {
+            FontTransform::Rotate270 => x += sink,
+            _ => y += sink,
+        }
+        self.area
+            .draw_text(words, &style, (x, y))
+            .map_err(|cause| PictureError::Draw(cause.to_string()))
+    }
+}
+
+/// One map's place on the page, in points from the upper left corner.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Panel {
+    /// Upper left corner of the sheet's box.
+    pub(crate) corner: [f64; 2],
+    /// Points a metre.
+    pub(crate) per_metre: f64,
+    pub(crate) extent: Extent,
+    /// Size of the small words.
+    pub(crate) words: f64,
+    /// Whether numbers stand at the axes' ticks: across, up.
+    pub(crate) numbered: [bool; 2],
+}
+
+impl Panel {
+    pub(crate) fn place(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        [
+            self.corner[0] + (x - self.extent.low[0]) * self.per_metre,
+            self.corner[1] + (self.extent.high[1] - y) * self.per_metre,
+        ]
+    }
+
+    pub(crate) fn size(&self) -> [f64; 2] {
+        [
+            self.extent.width() * self.per_metre,
+            self.extent.height() * self.per_metre,
+        ]
+    }
+
+    /// The sheet itself, as far as the map leaves it bare.
+    pub(crate) fn ground<DB: DrawingBackend>(
+        &self,
+        pen: &Pen<'_, DB>,
+        sheet: &Sheet,
+    ) -> Result<(), PictureError> {
+        let mut loops: Vec<Vec<[f64; 2]>> = sheet
+            .outline
+            .iter()
+            .filter(|corners| corners.len() >= 3)
+            .map(|corners| corners.iter().map(|point| self.place(*point)).collect())
+            .collect();
+        // The outer edge is the largest; the others are holes in it.
+        loops.sort_by(|a, b| area(b).total_cmp(&area(a)));
+        for (index, corners) in loops.iter().enumerate() {
+            pen.area(corners, if index == 0 { PAPER } else { WHITE })?;
+        }
+        Ok(())
+    }
+
+    /// Outline, electrodes, axes, marks.
+    pub(crate) fn furniture<DB: DrawingBackend>(
+        &self,
+        pen: &Pen<'_, DB>,
+        sheet: &Sheet,
+        style: &Style,
+    ) -> Result<(), PictureError> {
+        for corners in &sheet.outline {
+            let closed = corners.iter().chain(corners.first());
+            pen.line(closed.map(|point| self.place(*point)), PALE, 1.0)?;
+        }
+        self.electrodes(pen, sheet)?;
+        self.axes(pen)?;
+        if let Some(place) = style.true_position {
+            let radius = (place.radius * self.per_metre).max(4.0);
+            circle(pen, self.place(place.centre), radius)?;
+        }
+        if let Some(found) = style.found {
+            cross(pen, self.place(found), self.words * 0.36)?;
+        }
+        Ok(())
+    }
+
+    fn electrodes<DB: DrawingBackend>(
+        &self,
+        pen: &Pen<'_, DB>,
+        sheet: &Sheet,
+    ) -> Result<(), PictureError> {
+        let [width, height] = self.size();
+        let middle = [self.corner[0] + width / 2.0, self.corner[1] + height / 2.0];
+        let places: Vec<_> = sheet.electrodes.iter().map(|at| self.place(*at)).collect();
+        let size = self.words * 0.86;
+        let beside: Vec<_> = places
+            .iter()
+            .map(|at| self.beside(*at, middle, size))
+            .collect();
+        let every = number_every(&beside, size);
+        for (index, (at, beside)) in places.iter().zip(&beside).enumerate() {
+            let mark = (self.words * 0.16).max(1.2);
+            pen.area(
+                &[
+                    [at[0] - mark, at[1] - mark],
+                    [at[0] + mark, at[1] - mark],
+                    [at[0] + mark, at[1] + mark],
+                    [at[0] - mark, at[1] + mark],
+                ],
+                INK,
+            )?;
+            let number = Electrode(index).number();
+            if !(number == 1 || number.is_multiple_of(every)) {
+                continue;
+            }
+            pen.text(&number.to_string(), *beside, size, INK, Anchor::Centre)?;
+        }
+        Ok(())
+    }
+
+    /// Just outside the sheet: straight out from an electrode on a side of the box, else away from the middle.
+    fn beside(&self, at: [f64; 2], middle: [f64; 2], size: f64) -> [f64; 2] {
+        let [width, height] = self.size();
+        let out = size * 0.95;
+        let near = 0.06 * width.min(height);
+        let to_side = [
+            at[0] - self.corner[0],
+            self.corner[0] + width - at[0],
+            at[1] - self.corner[1],
+            self.corner[1] + height - at[1],
+        ];
+        let nearest = (0..4).min_by(|a, b| to_side[*a].total_cmp(&to_side[*b]));
+        match nearest {
+            Some(0) if to_side[0] < near => [self.corner[0] - out, at[1]],
+            Some(1) if to_side[1] < near => [self.corner[0] + width + out, at[1]],
+            Some(2) if to_side[2] < near => [at[0], self.corner[1] - out],
+            Some(3) if to_side[3] < near => [at[0], self.corner[1] + height + out],
+            _ => {
+                let away = [at[0] - middle[0], at[1] - middle[1]];
+                let length = away[0].hypot(away[1]).max(1e-9);
+                let out = out + self.words * 0.3;
+                [
+                    at[0] + away[0] / length * out,
+                    at[1] + away[1] / length * out,
+                ]
+            }
+        }
+    }
+
+    fn axes<DB: DrawingBackend>(&self, pen: &Pen<'_, DB>) -> Result<(), PictureError> {
+        let [width, height] = self.size();
+        let [left, top] = [self.corner[0] - RING, self.corner[1] - RING];
+        let [right, bottom] = [
+            self.corner[0] + width + RING,
+            self.corner[1] + height + RING,
+        ];
+        let frame = [
+            [left, top],
+            [right, top],
+            [right, bottom],
+            [left, bottom],
+            [left, top],
+        ];
+        pen.line(frame, PALE, 0.6)?;
+        for axis in 0..2 {
+            let (low, high) = (
+                self.extent.low[axis] - RING / self.per_metre,
+                self.extent.high[axis] + RING / self.per_metre,
+            );
+            let room = [width, height][axis] / (self.words * 3.6);
+            let (step, decimals) = step((high - low) * 1e3, room.max(2.0) as usize);
+            for k in (low * 1e3 / step).ceil() as i64..=(high * 1e3 / step).floor() as i64 {
+                let millimetres = k as f64 * step;
+                let number = format!("{millimetres:.decimals$}").replace('-', "\u{2212}");
+                if axis == 0 {
+                    let x = self.place([millimetres / 1e3, 0.0])[0];
+                    pen.line([[x, bottom], [x, bottom + 4.0]], PALE, 0.6)?;
+                    if self.numbered[0] {
+                        let at = [x, bottom + 5.0 + self.words * 0.7];
+                        pen.text(&number, at, self.words, INK, Anchor::Centre)?;
+                    }
+                } else {
+                    let y = self.place([0.0, millimetres / 1e3])[1];
+                    pen.line([[left - 4.0, y], [left, y]], PALE, 0.6)?;
+                    if self.numbered[1] {
+                        let at = [left - 6.0, y];
+                        pen.text(&number, at, self.words, INK, Anchor::Right)?;
+                    }
+                }
+            }
+        }
+        if self.numbered[0] {
+            let at = [(left + right) / 2.0, bottom + 8.0 + self.words * 1.9];
+            pen.text("x, mm", at, self.words, INK, Anchor::Centre)?;
+        }
+        if self.numbered[1] {
+            let at = [left - 10.0 - self.words * 2.4, (top + bottom) / 2.0];
+            pen.upright("y, mm", at, self.words)?;
+        }
+        Ok(())
+    }
+}
+
+/// A colour bar with its ticks and what they mean.
+pub(crate) fn bar<DB: DrawingBackend>(
+    pen: &Pen<'_, DB>,
+    range: &Range,
+    label: &str,
+    [left, top]: [f64; 2],
+    [width, height]: [f64; 2],
+    words: f64,
+) -> Result<(), PictureError> {
+    let at = |value: f64| top + height * (range.high - value) / (range.high - range.low);
+    let slices = (height * 1.5) as usize;
+    for slice in 0..slices {
+        let part = |k: usize| top + height * k as f64 / slices as f64;
+        let middle = (slice as f64 + 0.5) / slices as f64;
+        let value = range.high - middle * (range.high - range.low);
+        if let Some([r, g, b]) = range.colour(value) {
+            // Half a point of overlap hides the seam to the next slice.
+            let below = (part(slice + 1) + 0.5).min(top + height);
+            let (first, last) = (
+                pen.pixel([left, part(slice)]),
+                pen.pixel([left + width, below]),
+            );
+            pen.draw(Rectangle::new([first, last], RGBColor(r, g, b).filled()))?;
+        }
+    }
+    let edge = [
+        [left, top],
+        [left + width, top],
+        [left + width, top + height],
+        [left, top + height],
+        [left, top],
+    ];
+    pen.line(edge, PALE, 0.6)?;
+    for (value, number) in range.ticks((height / (words * 2.6)).max(2.0) as usize) {
+        let y = at(value);
+        pen.line([[left + width, y], [left + width + 4.0, y]], PALE, 0.6)?;
+        pen.text(&number, [left + width + 7.0, y], words, INK, Anchor::Left)?;
+    }
+    for (beyond, value, y, sign) in [
+        (range.above, range.high, top - words * 0.9, "\u{2265}"),
+        (
+            range.below,
+            range.low,
+            top + height + words * 0.9,
+            "\u{2264}",
+        ),
+    ] {
+        if beyond {
+            let end = format!("{sign} {}", range.percent(value));
+            pen.text(&end, [left, y], words, INK, Anchor::Left)?;
+        }
+    }
+    let place = [left + width + 16.0 + words * 2.6, top + height / 2.0];
+    pen.upright(&format!("{label}, %"), place, words)
+}
+
+/// Title, and under it method and gaps; at the right end the mark of a simulation.
+pub(crate) fn heading<DB: DrawingBackend>(
+    pen: &Pen<'_, DB>,
+    title: &str,
+    below: &str,
+    simulated: bool,
+    page: f64,
+) -> Result<(), PictureError> {
+    pen.bold(title, [16.0, 22.0], 19.0, INK, Anchor::Left)?;
+    pen.text(below, [16.0, 44.0], 14.0, PALE, Anchor::Left)?;
+    if simulated {
+        let (left, right, top, bottom) = (page - 126.0, page - 14.0, 10.0, 34.0);
+        pen.area(
+            &[[left, top], [right, top], [right, bottom], [left, bottom]],
+            ALARM,
+        )?;
+        let at = [(left + right) / 2.0, (top + bottom) / 2.0];
+        pen.bold("SIMULATED", at, 15.0, WHITE, Anchor::Centre)?;
+    }
+    Ok(())
+}
+
+/// What the marks mean; nothing where there are none.
+pub(crate) fn legend<DB: DrawingBackend>(
+    pen: &Pen<'_, DB>,
+    [mut x, y]: [f64; 2],
+    truth: bool,
+    found: bool,
+) -> Result<(), PictureError> {
+    if truth {
+        circle(pen, [x + 6.0, y], 6.0)?;
+        pen.text("true place", [x + 18.0, y], 13.0, INK, Anchor::Left)?;
+        x += 106.0;
+    }
+    if found {
+        cross(pen, [x + 6.0, y], 5.5)?;
+        pen.text("found", [x + 18.0, y], 13.0, INK, Anchor::Left)?;
+    }
+    Ok(())
+}
+
+/// What stands under the title: the method, and how many readings it had to do without.
+pub(crate) fn caption(map: &Map) -> String {
+    match map.masked {
+        0 => map.method.clone(),
+        1 => format!("{}, 1 reading left out", map.method),
+        several => format!("{}, {several} readings left out", map.method),
+    }
+}
+
+/// The title over one map of a grid.
+pub(crate) fn small_title<DB: DrawingBackend>(
+    pen: &Pen<'_, DB>,
+    title: &str,
+    at: [f64; 2],
+    size: f64,
+) -> Result<(), PictureError> {
+    pen.bold(title, at, size, INK, Anchor::Centre)
+}
+
+fn circle<DB: DrawingBackend>(
+    pen: &Pen<'_, DB>,
+    centre: [f64; 2],
+    radius: f64,
+) -> Result<(), PictureError> {
+    let dashes = ((radius * 0.7) as usize).clamp(6, 40);
+    let at = |turn: f64| {
+        let angle = turn * std::f64::consts::TAU;
+        [
+            centre[0] + radius * angle.cos(),
+            centre[1] + radius * angle.sin(),
+        ]
+    };
+    // White beneath, so that it shows on dark colours as well.
+    pen.line((0..=72).map(|k| at(f64::from(k) / 72.0)), WHITE, 2.4)?;
+    for dash in 0..dashes {
+        let arc = (0..=6).map(|k| at((dash as f64 + 0.58 * f64::from(k) / 6.0) / dashes as f64));
+        pen.line(arc, INK, 1.6)?;
+    }
+    Ok(())
+}
+
+fn cross<DB: DrawingBackend>(
+    pen: &Pen<'_, DB>,
+    [x, y]: [f64; 2],
+    arm: f64,
+) -> Result<(), PictureError> {
+    for (colour, width, arm) in [(WHITE, 3.6, arm + 0.8), (INK, 1.8, arm)] {
+        pen.line([[x - arm, y - arm], [x + arm, y + arm]], colour, width)?;
+        pen.line([[x - arm, y + arm], [x + arm, y - arm]], colour, width)?;
+    }
+    Ok(())
+}
+
+/// Every electrode's number where neighbours leave room, else every fifth or tenth.
+fn number_every(places: &[[f64; 2]], size: f64) -> usize {
+    let closest = places
+        .iter()
+        .zip(places.iter().cycle().skip(1))
+        .map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]))
+        .fold(f64::INFINITY, f64::min);
+    [1, 2, 5, 10]
+        .into_iter()
+        .find(|every| closest * *every as f64 >= size * 1.5)
+        .unwrap_or(20)
+}
+
+fn area(corners: &[[f64; 2]]) -> f64 {
+    let next = corners.iter().cycle().skip(1);
+    let twice: f64 = corners
+        .iter()
+        .zip(next)
+        .map(|(a, b)| a[0] * b[1] - a[1] * b[0])
+        .sum();
+    twice.abs() / 2.0
+}
