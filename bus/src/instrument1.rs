@@ -25,6 +25,6 @@ pub trait Instrument1 {
     fn simulated(&self) -> Result<bool, Fault>;
 
     /// `ready` or `fault: ...`.
-    #[zbus(property)]
+    #[zbus(property(emits_changed_signal = "false"))]
     fn state(&self) -> Result<String, Fault>;
 }

@@ -6,6 +6,10 @@
 //! - **fault**: one error name a kind ([`Fault`]); **options**: the last `a{sv}` argument of a method ([`Options`])
 //! - **record**: one frame, map or end in the full-rate stream ([`stream`])
 //!
+//! The proxies ask for every property that may change each time they are asked, so an answer is never older than the
+//! question. The daemon says changes with PropertiesChanged; whoever wants to follow listens to
+//! `zbus::fdo::PropertiesProxy`.
+//!
 //! Three ways lead to the daemon ([`Address`]): the system bus, the session bus, and a unix socket that needs no broker.
 //!
 //! ```

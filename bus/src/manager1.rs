@@ -44,7 +44,7 @@ pub trait Manager1 {
     fn version(&self) -> Result<String, Fault>;
 
     /// `idle`, `baseline`, `acquiring`, `suspended`, `faulted`.
-    #[zbus(property)]
+    #[zbus(property(emits_changed_signal = "false"))]
     fn state(&self) -> Result<String, Fault>;
 
     /// Whether voltages come from a simulated sheet.
@@ -60,11 +60,11 @@ pub trait Manager1 {
     fn instruments(&self) -> Result<Vec<OwnedObjectPath>, Fault>;
 
     /// The running session, `/` when there is none.
-    #[zbus(property)]
+    #[zbus(property(emits_changed_signal = "false"))]
     fn active_session(&self) -> Result<OwnedObjectPath, Fault>;
 
     /// Id of the current baseline, empty when there is none.
-    #[zbus(property)]
+    #[zbus(property(emits_changed_signal = "false"))]
     fn baseline_id(&self) -> Result<String, Fault>;
 
     /// The configured method as a person would name it.
@@ -76,7 +76,7 @@ pub trait Manager1 {
     fn record_directory(&self) -> Result<String, Fault>;
 
     /// Why the daemon is faulted, empty when it is not.
-    #[zbus(property)]
+    #[zbus(property(emits_changed_signal = "false"))]
     fn last_error(&self) -> Result<String, Fault>;
 }
 

@@ -50,7 +50,7 @@ pub trait Session1 {
     fn kind(&self) -> Result<String, Fault>;
 
     /// `running`, `suspended`, `ended`, `faulted`.
-    #[zbus(property)]
+    #[zbus(property(emits_changed_signal = "false"))]
     fn state(&self) -> Result<String, Fault>;
 
     /// Frames that the rig or recording gave.
@@ -66,11 +66,11 @@ pub trait Session1 {
     fn frames_dropped(&self) -> Result<u64, Fault>;
 
     /// Why it is faulted, or why the last frame has no map; empty otherwise.
-    #[zbus(property)]
+    #[zbus(property(emits_changed_signal = "false"))]
     fn last_error(&self) -> Result<String, Fault>;
 
     /// Why it ended, empty while it runs.
-    #[zbus(property)]
+    #[zbus(property(emits_changed_signal = "false"))]
     fn end_reason(&self) -> Result<String, Fault>;
 
     /// Whether voltages are simulated.

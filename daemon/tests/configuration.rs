@@ -1,0 +1,201 @@
+//! What is wrong in a configuration is said with its place, and nothing starts.
+
+mod stage;
+
+use std::path::Path;
+use std::process::Command;
+
+use stage::{SMALL, Stage};
+
+/// Exit code and standard error of `tactusd --check`.
+fn check(config: &str) -> (Option<i32>, String) {
+    let output = Stage::new(config).run(&["--check"]);
+    (
+        output.status.code(),
+        String::from_utf8_lossy(&output.stderr).into_owned(),
+    )
+}
+
+#[test]
+fn the_shipped_example_has_no_problem_and_says_every_section() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config.toml");
+    let text = std::fs::read_to_string(file).unwrap();
+    let (code, said) = check(&text);
+    assert_eq!((code, said.as_str()), (Some(0), ""));
+    // the same with every commented-out key in it is read too, though it says too much to be run
+    for section in [
+        "rig",
+        "source",
+        "switch",
+        "voltmeter",
+        "recording",
+        "wiring",
+        "survey",
+        "geometry",
+        "model",
+        "record",
+        "bus",
+        "schedule",
+    ] {
+        assert!(
+            text.contains(&format!("[{section}]")),
+            "[{section}] is not shown"
+        );
+    }
+}
+
+#[test]
+fn each_bad_input_is_named_at_its_place() {
+    let with = |from: &str, to: &str| {
+        assert!(SMALL.contains(from), "{from}");
+        SMALL.replace(from, to)
+    };
+    let more = |text: &str| format!("{SMALL}{text}");
+    let cases = [
+        (
+            with("kind =", "kinds ="),
+            "config.toml:3:1: unknown key 'kinds'; did you mean 'kind'?",
+        ),
+        (
+            with("[survey]\n", "[survey]\nsettle_us = 10\n"),
+            ":11:1: unknown key 'settle_us'; did you mean 'settle_ms'?",
+        ),
+        (
+            with("electrodes = 16\n[record]", "electrodes = 20\n[record]"),
+            ":11:14: survey.electrodes: the survey asks 20 electrodes, the geometry (preset disc-tank) has 16",
+        ),
+        (
+            more("[wiring]\nelectrodes = 26\n"),
+            ":17:14: wiring.electrodes: wiring '34924A pairs in slot 1' has 26 electrodes, the survey asks 16",
+        ),
+        (more("[wiring]\nslot = 9\n"), "slot 9 does not exist"),
+        (
+            more("[model]\nfile = \"nowhere.safetensors\"\n"),
+            "nowhere.safetensors",
+        ),
+        (
+            more("[model]\nnoise_uv = -2.0\n"),
+            "must be a positive number",
+        ),
+        (more("[model]\nnoise_uv = 2.0\nlambda = 1.0\n"), "not both"),
+        (with("[record]", "current_ua = 200000.0\n[record]"), "over"),
+        (
+            with("[record]", "nplc = 3.0\n[record]"),
+            ":12:8: survey.nplc: 3 is none of",
+        ),
+        (
+            with("PROFILE", "nowhere.toml"),
+            ":4:11: rig.profile: profile",
+        ),
+        (
+            with("scene = \"scene.toml\"", "scene = \"busy\""),
+            "shipped ones are quiet",
+        ),
+        (with("\"simulated\"", "\"instruments\""), ":3:8: the rig"),
+        (
+            with("\"simulated\"", "\"recording\""),
+            "needs a section [recording]",
+        ),
+        (
+            more("[source]\naddress = \"tcp:10.0.0.1:1394\"\n"),
+            "source: a simulated rig has no addresses",
+        ),
+        (
+            with("peer_path = \"run/peer\"", "peer = false"),
+            "nobody could reach the daemon",
+        ),
+    ];
+    for (config, says) in cases {
+        let (code, said) = check(&config);
+        assert_eq!(code, Some(78), "{config}\n{said}");
+        if says == ":3:8: the rig" {
+            // three missing instruments and two keys of a simulated rig: all at once
+            assert_eq!(said.lines().count(), 5, "{said}");
+            assert!(said.contains("the rig has no [source]"), "{said}");
+            continue;
+        }
+        assert!(said.contains(says), "wanted {says:?} in\n{said}");
+    }
+}
+
+#[test]
+fn a_simulated_instrument_does_not_stand_in_for_a_real_one() {
+    let real = "[rig]\nkind = \"instruments\"\n[source]\naddress = \"simulated\"\n[switch]\naddress = \"tcp:h:1\"\n\
+                [voltmeter]\naddress = \"tcp:h:2\"\n";
+    let (code, said) = check(real);
+    assert_eq!(code, Some(78));
+    assert!(said.contains("set rig.kind = \"mixed\""), "{said}");
+    let (_, said) = check(&real.replace("\"simulated\"", "\"tcp:h:3\""));
+    assert!(said.contains("give both the same address"), "{said}");
+}
+
+#[test]
+fn a_missing_instrument_is_an_error_and_nothing_else() {
+    let port = std::net::TcpListener::bind("127.0.0.1:0")
+        .unwrap()
+        .local_addr()
+        .unwrap();
+    let config = format!(
+        "[rig]\nkind = \"instruments\"\n[record]\ndirectory = \"state\"\n[bus]\npeer_path = \"run/peer\"\n[source]\naddress = \"tcp:{port}\"\n\
+         [switch]\naddress = \"tcp:{port}\"\n[voltmeter]\naddress = \"tcp:{port}\"\n"
+    );
+    let stage = Stage::new(&config);
+    for args in [&[][..], &["--safe-off"]] {
+        let output = stage.run(args);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(
+            said.contains(&format!("source at tcp:{port} cannot be reached")),
+            "{said}"
+        );
+    }
+}
+
+#[test]
+fn the_plan_is_printed_and_nothing_moves() {
+    let stage = Stage::new(SMALL);
+    let output = stage.run(&["--plan", "--json"]);
+    let plan: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(plan["readings"], 208);
+    assert_eq!(plan["reading_messages"], 16);
+    assert_eq!(
+        plan["lines"].as_array().unwrap().len() as u64,
+        plan["steps"].as_u64().unwrap()
+    );
+    let text = String::from_utf8(stage.run(&["--plan"]).stdout).unwrap();
+    assert!(
+        text.contains("nothing moved") && text.contains("16 injections"),
+        "{text}"
+    );
+}
+
+#[test]
+fn the_effective_configuration_is_a_configuration() {
+    let stage = Stage::new(SMALL);
+    let printed = String::from_utf8(stage.run(&["--print-config"]).stdout).unwrap();
+    assert!(printed.contains("settle_ms = 2.0"), "{printed}");
+    let (code, said) = check(&printed);
+    assert_eq!(code, Some(0), "{said}");
+    let again = Stage::new(&printed).run(&["--print-config"]).stdout;
+    assert_eq!(String::from_utf8(again).unwrap(), printed);
+}
+
+#[test]
+fn safe_off_verifies_both() {
+    let output = Stage::new(SMALL).run(&["--safe-off"]);
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(output.status.success());
+    assert!(
+        said.contains("source off, verified") && said.contains("relays open, verified"),
+        "{said}"
+    );
+}
+
+#[test]
+fn usage_is_told_apart() {
+    let output = Command::new(env!("CARGO_BIN_EXE_tactusd"))
+        .arg("--chekc")
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+}
