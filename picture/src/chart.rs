@@ -209,11 +209,11 @@ impl Panel {
         self.electrodes(pen, sheet)?;
         self.axes(pen)?;
         if let Some(place) = style.true_position {
-            let radius = (place.radius * self.per_metre).max(4.0);
+            let radius = (place.radius * self.per_metre).max(8.0);
             circle(pen, self.place(place.centre), radius)?;
         }
         if let Some(found) = style.found {
-            cross(pen, self.place(found), self.words * 0.36)?;
+            cross(pen, self.place(found), self.words * 0.32)?;
         }
         Ok(())
     }
@@ -456,7 +456,7 @@ fn circle<DB: DrawingBackend>(
     centre: [f64; 2],
     radius: f64,
 ) -> Result<(), PictureError> {
-    let dashes = ((radius * 0.7) as usize).clamp(6, 40);
+    let dashes = ((radius * 0.9) as usize).clamp(6, 40);
     let at = |turn: f64| {
         let angle = turn * std::f64::consts::TAU;
         [
@@ -465,10 +465,10 @@ fn circle<DB: DrawingBackend>(
         ]
     };
     // White beneath, so that it shows on dark colours as well.
-    pen.line((0..=72).map(|k| at(f64::from(k) / 72.0)), WHITE, 2.4)?;
+    pen.line((0..=72).map(|k| at(f64::from(k) / 72.0)), WHITE, 2.2)?;
     for dash in 0..dashes {
         let arc = (0..=6).map(|k| at((dash as f64 + 0.58 * f64::from(k) / 6.0) / dashes as f64));
-        pen.line(arc, INK, 1.6)?;
+        pen.line(arc, INK, 1.4)?;
     }
     Ok(())
 }
@@ -478,7 +478,8 @@ fn cross<DB: DrawingBackend>(
     [x, y]: [f64; 2],
     arm: f64,
 ) -> Result<(), PictureError> {
-    for (colour, width, arm) in [(WHITE, 3.6, arm + 0.8), (INK, 1.8, arm)] {
+    let thick = (arm * 0.3).clamp(1.2, 1.8);
+    for (colour, width, arm) in [(WHITE, thick + 1.4, arm + 0.6), (INK, thick, arm)] {
         pen.line([[x - arm, y - arm], [x + arm, y + arm]], colour, width)?;
         pen.line([[x - arm, y + arm], [x + arm, y - arm]], colour, width)?;
     }

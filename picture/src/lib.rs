@@ -71,7 +71,7 @@ pub enum Scale {
 pub struct TruePlace {
     /// Its centre, m.
     pub centre: [f64; 2],
-    /// Radius of the circle to draw, m.
+    /// Radius of the circle to draw, m; where that is smaller than 8 points, 8 points are drawn.
     pub radius: f64,
 }
 
