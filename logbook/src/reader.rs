@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
+use rusqlite::types::Value;
 use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, params};
 use survey::{Amps, Baseline, Electrode, Frame, Quality, Reading, Settings, Volts};
 
@@ -308,7 +309,7 @@ impl SessionReader {
             .map_err(|source| LogbookError::reading(&self.path, "read the settings of", source))
     }
 
-    fn map_record(&self, id: i64, hash: &[u8]) -> Result<MapRecord, LogbookError> {
+    fn map_record(&self, id: i64, hash: &Value) -> Result<MapRecord, LogbookError> {
         let hash = unpack_hash(hash)
             .ok_or_else(|| self.damaged("the hash of a map".into(), "it is no hash"))?;
         self.connection

@@ -11,7 +11,7 @@
 //! | `settings` | one row for each way in which frames were taken |
 //! | `mapper` | one row for each method, model, build and CPU that made maps |
 //! | `baseline` | the baseline in use: readings and deviations as [`crate::codec`] blobs |
-//! | `frame` | one row a frame: times, settings, readings as a blob of [`crate::codec`], counts of flags, largest difference of reciprocal twins, driving electrodes in compliance (JSON), the hash of the map |
+//! | `frame` | one row a frame: times, settings, readings as a blob of [`crate::codec`], counts of flags, largest difference of reciprocal twins, driving electrodes in compliance (JSON), the hash of the map (32 bytes; a text where it is no SHA-256) |
 //! | `event` | time, one word, one sentence |
 //!
 //! `frame.reference` says what the blob's differences are taken against: NULL nothing, 0 the baseline, n frame n, which
@@ -86,7 +86,7 @@ CREATE TABLE frame (
     reciprocity REAL,
     compliance TEXT,
     mapper INTEGER REFERENCES mapper (id),
-    map_hash BLOB,
+    map_hash ANY,
     reference INTEGER,
     readings BLOB NOT NULL,
     checksum BLOB NOT NULL

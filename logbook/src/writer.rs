@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
+use rusqlite::types::Value;
 use rusqlite::{Connection, OpenFlags, OptionalExtension, params};
 use sha2::{Digest, Sha256};
 use survey::{Baseline, Frame, Reading, Settings, Volts};
@@ -420,7 +421,7 @@ pub(crate) struct FrameRow {
     pub(crate) duration: i64,
     pub(crate) simulated: bool,
     pub(crate) compliance: Option<String>,
-    pub(crate) map_hash: Option<Vec<u8>>,
+    pub(crate) map_hash: Option<Value>,
     pub(crate) reference: Option<i64>,
     pub(crate) blob: Vec<u8>,
 }
@@ -441,9 +442,14 @@ impl FrameRow {
         ] {
             hasher.update(number.to_le_bytes());
         }
+        let hash = match &self.map_hash {
+            Some(Value::Blob(bytes)) => bytes.as_slice(),
+            Some(Value::Text(text)) => text.as_bytes(),
+            _ => &[],
+        };
         for bytes in [
             self.compliance.as_deref().unwrap_or("").as_bytes(),
-            self.map_hash.as_deref().unwrap_or(&[]),
+            hash,
             &self.blob,
         ] {
             hasher.update((bytes.len() as u64).to_le_bytes());
@@ -524,8 +530,8 @@ fn same_mapper(a: &MapRecord, b: &MapRecord) -> bool {
     (&a.method, &a.model_hash, &a.build, &a.cpu) == (&b.method, &b.model_hash, &b.build, &b.cpu)
 }
 
-/// Half the size where the hash is lower-case hex; as its text, behind a quote, where it is anything else.
-fn pack_hash(hash: &str) -> Vec<u8> {
+/// As 32 bytes where the hash is lower-case hex of that length, else as the text that it is.
+fn pack_hash(hash: &str) -> Value {
     let nibbles: Option<Vec<u8>> = hash
         .bytes()
         .map(|digit| match digit {
@@ -535,18 +541,18 @@ fn pack_hash(hash: &str) -> Vec<u8> {
         })
         .collect();
     match nibbles {
-        Some(nibbles) if nibbles.len() == 64 => nibbles
-            .chunks(2)
-            .map(|pair| pair[0] << 4 | pair[1])
-            .collect(),
-        _ => [b"'", hash.as_bytes()].concat(),
+        Some(nibbles) if nibbles.len() == 64 => {
+            let (pairs, _) = nibbles.as_chunks::<2>();
+            Value::Blob(pairs.iter().map(|[high, low]| high << 4 | low).collect())
+        }
+        _ => Value::Text(hash.to_owned()),
     }
 }
 
-pub(crate) fn unpack_hash(bytes: &[u8]) -> Option<String> {
-    match bytes {
-        [b'\'', text @ ..] if bytes.len() != 32 => String::from_utf8(text.to_vec()).ok(),
-        _ if bytes.len() == 32 => Some(bytes.iter().map(|byte| format!("{byte:02x}")).collect()),
+pub(crate) fn unpack_hash(stored: &Value) -> Option<String> {
+    match stored {
+        Value::Text(text) => Some(text.clone()),
+        Value::Blob(bytes) => Some(bytes.iter().map(|byte| format!("{byte:02x}")).collect()),
         _ => None,
     }
 }

@@ -1,0 +1,469 @@
+//! What a session file keeps, and what it refuses.
+
+use std::path::Path;
+use std::time::Duration;
+
+use chrono::{DateTime, Utc};
+use logbook::{
+    InstrumentRecord, LogbookError, MapRecord, SessionHeader, SessionKind, SessionReader,
+    SessionWriter, Storage,
+};
+use survey::{Amps, Baseline, Electrode, Frame, Protocol, Reading, Settings, Volts};
+
+fn at(seconds: i64) -> DateTime<Utc> {
+    DateTime::from_timestamp(1_700_000_000 + seconds, 123_456_789).unwrap()
+}
+
+fn protocol() -> Protocol {
+    Protocol::sheffield(8).unwrap()
+}
+
+fn settings() -> Settings {
+    Settings {
+        protocol_hash: protocol().hash(),
+        current: Amps(0.1 + 0.2),
+        range: Volts(1.0),
+        nplc: 0.02,
+        settle: Duration::from_micros(1500),
+        wiring: "34924A pairs in slot 1".into(),
+    }
+}
+
+/// Readings on steps of 0.1 uV that differ a little from frame to frame, with every kind of gap.
+fn frame(number: u64) -> Frame {
+    let readings = (0..protocol().len() as u64)
+        .map(|k| match (k + number) % 37 {
+            5 => Reading::Overload,
+            6 => Reading::Timeout,
+            7 => Reading::NotMeasured,
+            noise => {
+                let counts = 7919 * k * k % 3_000_000 + noise;
+                Reading::Ok(Volts(format!("{counts}e-7").parse().unwrap()))
+            }
+        })
+        .collect();
+    Frame {
+        sequence: 0,
+        readings,
+        monotonic: Duration::from_millis(1000 * number),
+        wall: at(number as i64),
+        duration: Duration::from_nanos(987_654_321),
+        settings: settings(),
+        compliance: if number.is_multiple_of(3) {
+            vec![Electrode(0), Electrode(7)]
+        } else {
+            Vec::new()
+        },
+        simulated: true,
+    }
+}
+
+fn header(id: &str) -> SessionHeader {
+    SessionHeader {
+        instruments: vec![InstrumentRecord {
+            role: "source".into(),
+            identity: "KEITHLEY INSTRUMENTS INC.,MODEL 6221,1234567,A01".into(),
+            address: "simulated".into(),
+        }],
+        modules: vec!["slot 1: 34924A".into()],
+        config_toml: "[rig]\nkind = \"simulated\"\n".into(),
+        config_hash: "c".repeat(64),
+        model_hash: Some("d".repeat(64)),
+        geometry_hash: Some("e".repeat(64)),
+        build: "0.1.0 (abcdef)".into(),
+        seed: Some(u64::MAX),
+        simulated: true,
+        note: "a note with 'quotes'".into(),
+        ..SessionHeader::new(id, at(0), protocol())
+    }
+}
+
+fn map_record(number: u64) -> MapRecord {
+    MapRecord {
+        hash: match number {
+            // Whatever else a hash may be one day, it comes back.
+            5 => "'".repeat(32),
+            _ => format!("{number:064x}"),
+        },
+        method: if number < 3 {
+            "one-step".into()
+        } else {
+            "rbf".into()
+        },
+        model_hash: (number >= 3).then(|| "d".repeat(64)),
+        build: "0.1.0".into(),
+        cpu: "avx2 fma".into(),
+    }
+}
+
+fn baseline() -> Baseline {
+    Baseline::from_frames("b1", &(1..5).map(frame).collect::<Vec<_>>()).unwrap()
+}
+
+fn assert_is(record: &logbook::Record, number: u64) {
+    let mut expected = frame(number);
+    expected.sequence = number;
+    assert_eq!(record.frame, expected);
+    assert_eq!(
+        record.quality,
+        expected.quality(&protocol().reciprocal_twins())
+    );
+}
+
+#[test]
+fn everything_comes_back_as_it_was_written() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut writer = SessionWriter::create(dir.path(), &header("s1")).unwrap();
+    writer.baseline(&baseline()).unwrap();
+    writer.event(at(1), "started", "began by hand").unwrap();
+    for number in 1..=6 {
+        let map = map_record(number);
+        let map = (number != 2).then_some(&map);
+        assert_eq!(writer.append(&frame(number), map).unwrap(), number);
+    }
+    writer.event(at(7), "compliance", "at electrode 8").unwrap();
+    writer.close(at(8), "asked to stop").unwrap();
+
+    let companions: Vec<_> = std::fs::read_dir(dir.path())
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name())
+        .collect();
+    assert_eq!(companions, ["s1.tactus"], "a closed session is one file");
+
+    let session = SessionReader::open(dir.path().join("s1.tactus")).unwrap();
+    assert_eq!(*session.header(), header("s1"));
+    assert_eq!(session.baseline().unwrap(), Some(baseline()));
+    assert_eq!(session.len().unwrap(), 6);
+    for (record, number) in session.frames().zip(1..) {
+        let record = record.unwrap();
+        assert_is(&record, number);
+        assert_eq!(record.map, (number != 2).then(|| map_record(number)));
+    }
+    assert_is(&session.frame(4).unwrap(), 4);
+    assert_is(&session.last().unwrap().unwrap(), 6);
+    assert_eq!(session.frames_from(5).count(), 2);
+    let events = session.events().unwrap();
+    assert_eq!(events.len(), 2);
+    assert_eq!(
+        (events[1].at, events[1].text.as_str()),
+        (at(7), "at electrode 8")
+    );
+    let closed = session.closed().unwrap();
+    assert_eq!(
+        (closed.at, closed.reason.as_str()),
+        (at(8), "asked to stop")
+    );
+    assert!(matches!(
+        session.frame(7),
+        Err(LogbookError::NoSuchFrame {
+            sequence: 7,
+            frames: 6,
+            ..
+        })
+    ));
+    assert!(matches!(
+        session.frame(0),
+        Err(LogbookError::NoSuchFrame { .. })
+    ));
+}
+
+#[test]
+fn any_bits_survive_and_key_frames_are_followed() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut writer = SessionWriter::create(dir.path(), &header("bits")).unwrap();
+    let odd = |number: u64| {
+        let mut odd = frame(number);
+        odd.compliance.clear();
+        for (k, reading) in odd.readings.iter_mut().enumerate() {
+            let value = f64::from_bits((k as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ number);
+            if value.is_finite() && k % 3 == 0 {
+                *reading = Reading::Ok(Volts(value));
+            }
+        }
+        odd
+    };
+    // More than one key frame's worth.
+    for number in 1..=600 {
+        writer.append(&odd(number), None).unwrap();
+    }
+    drop(writer);
+    let session = SessionReader::open(dir.path().join("bits.tactus")).unwrap();
+    let bits = |frame: &Frame| -> Vec<Option<u64>> {
+        frame
+            .readings
+            .iter()
+            .map(|r| r.volts().map(|v| v.0.to_bits()))
+            .collect()
+    };
+    for (record, number) in session.frames().zip(1..) {
+        assert_eq!(
+            bits(&record.unwrap().frame),
+            bits(&odd(number)),
+            "frame {number}"
+        );
+    }
+    for number in [1, 256, 257, 258, 599] {
+        assert_eq!(
+            bits(&session.frame(number).unwrap().frame),
+            bits(&odd(number))
+        );
+    }
+}
+
+#[test]
+fn a_writer_that_vanishes_leaves_every_acknowledged_frame_and_an_unclosed_session() {
+    let dir = tempfile::tempdir().unwrap();
+    let copy = tempfile::tempdir().unwrap();
+    let mut writer = SessionWriter::create(dir.path(), &header("cut")).unwrap();
+    for number in 1..=5 {
+        writer.append(&frame(number), None).unwrap();
+    }
+    // What lies on the disk at this moment, without any of the writer's parting acts.
+    for entry in std::fs::read_dir(dir.path()).unwrap() {
+        let entry = entry.unwrap();
+        std::fs::copy(entry.path(), copy.path().join(entry.file_name())).unwrap();
+    }
+    for place in [copy.path(), dir.path()] {
+        let session = SessionReader::open(place.join("cut.tactus")).unwrap();
+        assert_eq!(session.closed(), None);
+        assert_eq!(session.len().unwrap(), 5);
+        assert_is(&session.frame(5).unwrap(), 5);
+    }
+    drop(writer);
+    let session = SessionReader::open(dir.path().join("cut.tactus")).unwrap();
+    assert_eq!((session.closed(), session.len().unwrap()), (None, 5));
+}
+
+#[test]
+fn a_torn_journal_costs_at_most_the_frame_that_was_not_acknowledged() {
+    let dir = tempfile::tempdir().unwrap();
+    let copy = tempfile::tempdir().unwrap();
+    let mut writer = SessionWriter::create(dir.path(), &header("torn")).unwrap();
+    for number in 1..=4 {
+        writer.append(&frame(number), None).unwrap();
+    }
+    let journal = |place: &Path| place.join("torn.tactus-wal");
+    let acknowledged = std::fs::metadata(journal(dir.path())).unwrap().len();
+    writer.append(&frame(5), None).unwrap();
+    std::fs::copy(writer.path(), copy.path().join("torn.tactus")).unwrap();
+    let whole = std::fs::read(journal(dir.path())).unwrap();
+    std::fs::write(journal(copy.path()), &whole[..acknowledged as usize + 700]).unwrap();
+    let session = SessionReader::open(copy.path().join("torn.tactus")).unwrap();
+    assert_eq!(session.len().unwrap(), 4);
+    assert_is(&session.frame(4).unwrap(), 4);
+}
+
+#[test]
+fn a_full_disk_is_said_and_the_frames_before_are_whole() {
+    let dir = tempfile::tempdir().unwrap();
+    let storage = Storage {
+        page_limit: Some(30),
+    };
+    let mut writer = SessionWriter::create_with(dir.path(), &header("full"), storage).unwrap();
+    let mut kept = 0;
+    let refusal = loop {
+        match writer.append(&frame(kept + 1), None) {
+            Ok(sequence) => kept = sequence,
+            Err(refusal) => break refusal,
+        }
+        assert!(kept < 10_000, "the limit does not hold");
+    };
+    assert!(refusal.is_disk(), "{refusal}");
+    assert!(refusal.to_string().contains("full.tactus"), "{refusal}");
+    assert!(kept > 10);
+    assert_eq!(writer.acknowledged(), kept);
+    drop(writer);
+    let session = SessionReader::open(dir.path().join("full.tactus")).unwrap();
+    assert_eq!(session.len().unwrap(), kept);
+    for (record, number) in session.frames().zip(1..) {
+        assert_is(&record.unwrap(), number);
+    }
+}
+
+#[test]
+fn a_flipped_bit_is_an_error_in_its_place_and_nothing_else() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut writer = SessionWriter::create(dir.path(), &header("flip")).unwrap();
+    writer.baseline(&baseline()).unwrap();
+    for number in 1..=9 {
+        writer.append(&frame(number), None).unwrap();
+    }
+    let path = writer.path().to_owned();
+    writer.close(at(10), "done").unwrap();
+    let connection = rusqlite::Connection::open(&path).unwrap();
+    for (column, sequence) in [("wall_ns", 4), ("duration_ns", 6)] {
+        let change =
+            format!("UPDATE frame SET {column} = {column} + 1 WHERE sequence = {sequence}");
+        connection.execute(&change, []).unwrap();
+    }
+    let blob: Vec<u8> = connection
+        .query_row("SELECT readings FROM frame WHERE sequence = 8", [], |row| {
+            row.get(0)
+        })
+        .unwrap();
+    let mut bent = blob;
+    let last = bent.len() - 3;
+    bent[last] ^= 1;
+    connection
+        .execute("UPDATE frame SET readings = ?1 WHERE sequence = 8", [bent])
+        .unwrap();
+    drop(connection);
+    let session = SessionReader::open(&path).unwrap();
+    let outcomes: Vec<bool> = session.frames().map(|record| record.is_ok()).collect();
+    assert_eq!(
+        outcomes,
+        [true, true, true, false, true, false, true, false, true]
+    );
+    let refusal = session.frame(8).unwrap_err().to_string();
+    assert!(
+        refusal.contains("frame 8") && refusal.contains("flip.tactus"),
+        "{refusal}"
+    );
+}
+
+#[test]
+fn strangers_and_newer_files_are_refused_by_name() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(format!("{name}.tactus"));
+    std::fs::write(path("text"), "dear diary, ".repeat(500)).unwrap();
+    std::fs::write(path("empty"), "").unwrap();
+    rusqlite::Connection::open(path("other"))
+        .unwrap()
+        .execute_batch("CREATE TABLE t (x)")
+        .unwrap();
+    for stranger in ["text", "empty", "other"] {
+        let refusal = SessionReader::open(path(stranger)).unwrap_err();
+        assert!(
+            matches!(refusal, LogbookError::NotASession { .. }),
+            "{stranger}: {refusal:?}"
+        );
+    }
+    let writer = SessionWriter::create(dir.path(), &header("newer")).unwrap();
+    writer.close(at(1), "done").unwrap();
+    rusqlite::Connection::open(path("newer"))
+        .unwrap()
+        .pragma_update(None, "user_version", 99)
+        .unwrap();
+    let refusal = SessionReader::open(path("newer")).unwrap_err();
+    assert!(
+        matches!(refusal, LogbookError::NewerSchema { has: 99, .. }),
+        "{refusal:?}"
+    );
+    assert!(matches!(
+        SessionReader::open(path("absent")),
+        Err(LogbookError::Io { .. })
+    ));
+    let listing = logbook::list(dir.path()).unwrap();
+    assert_eq!((listing.sessions.len(), listing.unreadable.len()), (0, 4));
+}
+
+#[test]
+fn nonsense_is_refused_before_it_is_written() {
+    let dir = tempfile::tempdir().unwrap();
+    for id in ["", "../up", "A", "a b", &"x".repeat(101)] {
+        let refusal = SessionWriter::create(dir.path(), &header(id)).unwrap_err();
+        assert!(matches!(refusal, LogbookError::BadId { .. }), "{refusal:?}");
+    }
+    let mut writer = SessionWriter::create(dir.path(), &header("once")).unwrap();
+    assert!(matches!(
+        SessionWriter::create(dir.path(), &header("once")),
+        Err(LogbookError::Exists { .. })
+    ));
+    let mut short = frame(1);
+    short.readings.pop();
+    assert!(matches!(
+        writer.append(&short, None),
+        Err(LogbookError::WrongLength { has: 39, wants: 40 })
+    ));
+    let mut infinite = frame(1);
+    infinite.readings[11] = Reading::Ok(Volts(f64::INFINITY));
+    assert!(matches!(
+        writer.append(&infinite, None),
+        Err(LogbookError::NotFinite { reading: 11 })
+    ));
+    let mut early = frame(1);
+    early.wall = DateTime::<Utc>::MIN_UTC;
+    assert!(matches!(
+        writer.append(&early, None),
+        Err(LogbookError::TimeOutOfRange { .. })
+    ));
+    assert_eq!(writer.append(&frame(1), None).unwrap(), 1);
+}
+
+#[test]
+fn sessions_are_listed_and_found_by_the_beginning_of_their_id() {
+    let dir = tempfile::tempdir().unwrap();
+    assert!(
+        logbook::list(dir.path().join("absent"))
+            .unwrap()
+            .sessions
+            .is_empty()
+    );
+    for (second, id, kind) in [
+        (5, "20250105_a", SessionKind::Measurement),
+        (1, "20250101_b", SessionKind::Baseline),
+        (3, "20250103_b", SessionKind::Baseline),
+    ] {
+        let mut header = header(id);
+        header.started = at(second);
+        header.kind = kind;
+        let mut writer = SessionWriter::create(dir.path(), &header).unwrap();
+        writer.append(&frame(1), None).unwrap();
+        if id == "20250101_b" {
+            writer.baseline(&baseline()).unwrap();
+        }
+        writer.close(at(second + 1), "done").unwrap();
+    }
+    let running = SessionWriter::create(dir.path(), &header("20250107_a")).unwrap();
+    let listing = logbook::list(dir.path()).unwrap();
+    let ids: Vec<&str> = listing
+        .sessions
+        .iter()
+        .map(|session| session.id.as_str())
+        .collect();
+    assert_eq!(
+        ids,
+        ["20250107_a", "20250101_b", "20250103_b", "20250105_a"]
+    );
+    assert_eq!(
+        (listing.sessions[3].frames, listing.sessions[3].last),
+        (1, Some(at(1)))
+    );
+    assert!(listing.sessions[0].closed.is_none());
+    let found = |asked: &str| logbook::find(dir.path(), asked);
+    assert!(found("20250105").unwrap().ends_with("20250105_a.tactus"));
+    assert!(matches!(
+        found("nothing"),
+        Err(LogbookError::NoSuchSession { .. })
+    ));
+    let refusal = found("2025010").unwrap_err();
+    assert!(
+        matches!(&refusal, LogbookError::Ambiguous { .. }),
+        "{refusal:?}"
+    );
+    assert!(refusal.to_string().contains("20250103_b"), "{refusal}");
+    assert_eq!(logbook::baselines(dir.path()).unwrap().len(), 2);
+    // The later one was closed before it had a baseline.
+    let (summary, kept) = logbook::latest_baseline(dir.path()).unwrap().unwrap();
+    assert_eq!((summary.id.as_str(), kept), ("20250101_b", baseline()));
+    drop(running);
+}
+
+#[test]
+fn a_reader_beside_a_writer_sees_what_was_acknowledged_and_does_not_hold_it_back() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut writer = SessionWriter::create(dir.path(), &header("live")).unwrap();
+    writer.append(&frame(1), None).unwrap();
+    let session = SessionReader::open(writer.path()).unwrap();
+    let mut frames = session.frames();
+    assert_is(&frames.next().unwrap().unwrap(), 1);
+    writer.append(&frame(2), None).unwrap();
+    assert_is(&frames.next().unwrap().unwrap(), 2);
+    assert!(frames.next().is_none());
+    writer.append(&frame(3), None).unwrap();
+    assert_eq!(session.len().unwrap(), 3);
+    writer.close(at(4), "done").unwrap();
+    assert_is(&session.frame(3).unwrap(), 3);
+    let again = SessionReader::open(dir.path().join("live.tactus")).unwrap();
+    assert!(again.closed().is_some());
+}
