@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use bus::{Address, ConnectError, Fault, Instrument1Proxy, Manager1Proxy, Session1Proxy};
+use zbus::DBusError;
 use zbus::proxy::CacheProperties;
 use zbus::{Connection, ObjectPath};
 
@@ -182,24 +183,36 @@ pub(crate) fn fault(what: &str, fault: &Fault) -> Failure {
         Fault::InvalidOption(_) => Failure::Usage(said),
         Fault::NoFrame(_) => Failure::Failed(advise("`tactus watch` waits for the first")),
         Fault::Unsupported(_) | Fault::Failed(_) => Failure::Failed(said),
-        Fault::Connection(zbus::Error::MethodError(name, _, _)) => match name.as_str() {
-            "org.freedesktop.DBus.Error.AccessDenied" | "org.freedesktop.DBus.Error.AuthFailed" => {
-                Failure::NotAuthorised(format!(
-                    "{what}: {said}; ask for the group tactus, or run as root"
-                ))
-            }
-            "org.freedesktop.DBus.Error.UnknownObject" => {
-                Failure::Missing(format!("{what}: {said}"))
-            }
-            "org.freedesktop.DBus.Error.UnknownMethod"
-            | "org.freedesktop.DBus.Error.UnknownInterface" => Failure::Missing(format!(
-                "{what}: the daemon does not know it ({said}); is it of another version than this tactus?"
-            )),
-            _ if fault.is_connection() => gone(what, &said),
-            _ => Failure::Failed(format!("{what}: {said}")),
-        },
+        Fault::Connection(zbus::Error::FDO(standard)) => {
+            let name = standard.name();
+            let said = standard.description().unwrap_or_default();
+            undelivered(what, name.as_str(), said)
+        }
+        Fault::Connection(zbus::Error::MethodError(name, said, _)) => {
+            undelivered(what, name.as_str(), said.as_deref().unwrap_or_default())
+        }
         Fault::Connection(zbus::Error::InputOutput(_)) => gone(what, &said),
         Fault::Connection(_) => Failure::Failed(format!("{what}: {said}")),
+    }
+}
+
+/// An error that is not the daemon's own: the bus, or the library at the other end, says it.
+fn undelivered(what: &str, name: &str, said: &str) -> Failure {
+    match name.rsplit('.').next().unwrap_or(name) {
+        "AccessDenied" | "AuthFailed" | "InteractiveAuthorizationRequired" => {
+            Failure::NotAuthorised(format!(
+                "{what}: {said}; ask for the group tactus, or run as root"
+            ))
+        }
+        "UnknownObject" => Failure::Missing(format!("{what}: {said}")),
+        "UnknownMethod" | "UnknownInterface" | "UnknownProperty" => Failure::Missing(format!(
+            "{what}: the daemon does not know it ({said}); is it of another version than this tactus?"
+        )),
+        "ServiceUnknown" | "NameHasNoOwner" | "NoReply" | "Disconnected" | "NoServer" => {
+            gone(what, said)
+        }
+        "Timeout" | "TimedOut" => Failure::Timeout(format!("{what}: {said}")),
+        _ => Failure::Failed(format!("{what}: {said} ({name})")),
     }
 }
 
@@ -237,6 +250,22 @@ mod tests {
             let said = failure.to_string();
             assert!(said.contains("so it is") && said.contains(advice), "{said}");
         }
+    }
+
+    #[test]
+    fn what_the_bus_itself_says_has_an_exit_code_too() {
+        use zbus::fdo::Error;
+        let code = |error: Error| {
+            let failure = fault("it", &Fault::Connection(zbus::Error::FDO(Box::new(error))));
+            assert!(failure.to_string().contains("so it is"), "{failure}");
+            failure.code()
+        };
+        let text = || "so it is".to_owned();
+        assert_eq!(code(Error::UnknownObject(text())), 3);
+        assert_eq!(code(Error::UnknownMethod(text())), 3);
+        assert_eq!(code(Error::ServiceUnknown(text())), 3);
+        assert_eq!(code(Error::AccessDenied(text())), 4);
+        assert_eq!(code(Error::Failed(text())), 1);
     }
 
     #[test]

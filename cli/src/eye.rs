@@ -44,6 +44,8 @@ pub(crate) struct Scene<'a> {
 /// Noise assumed where nobody says it and the baseline is a single frame: a thousandth of the readings' rms, the
 /// order of what a laboratory instrument repeats to.
 const ASSUMED_NOISE: f64 = 1e-3;
+/// What rounding alone leaves of a mean, as a share of the readings' rms; below it there is no noise to speak of.
+const SMALLEST_NOISE: f64 = 1e-12;
 
 impl Eye {
     /// Loads the model, or builds the one-step method on the geometry that options, folder or session name.
@@ -109,7 +111,11 @@ impl Eye {
             Some(current) => current,
             None => gain(&forward, &sigma, scene)?,
         };
-        let hyper = match (recipe.lambda, recipe.noise_v, scene.noise) {
+        // Frames equal to the last bit (instruments without noise) say nothing about noise.
+        let measured = scene
+            .noise
+            .filter(|noise| *noise > SMALLEST_NOISE * rms(scene.baseline));
+        let hyper = match (recipe.lambda, recipe.noise_v, measured) {
             (Some(lambda), _, _) => Hyper::Lambda(lambda),
             (None, Some(volts), _) => Hyper::Noise { volts, current },
             (None, None, Some(volts)) => {

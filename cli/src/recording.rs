@@ -154,11 +154,7 @@ fn from_session(path: &Path, replay: &Replay) -> Result<Recording, Failure> {
                 ))
             })?;
             let deviation = rms(kept.deviation.iter().filter_map(|deviation| *deviation));
-            (
-                sign(&kept.readings),
-                deviation,
-                format!("baseline {}", kept.id),
-            )
+            (sign(&kept.readings), deviation, kept.id.clone())
         }
         Some(BaselineChoice::First(count)) => {
             let readings: Vec<_> = frames.iter().map(|frame| frame.readings.clone()).collect();

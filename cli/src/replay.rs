@@ -13,6 +13,7 @@ use crate::eye::{Eye, Scene};
 use crate::failure::Failure;
 use crate::output::Printer;
 use crate::recording::{self, Recording};
+use crate::sessions::utc;
 
 /// One line of `replay --json`; see `cli/JSON.md`.
 #[derive(Debug, Serialize)]
@@ -90,7 +91,7 @@ pub(crate) fn run(
         let line = Line {
             frame: recorded.sequence,
             label: &recorded.label,
-            wall: recorded.wall.map(|wall| wall.to_rfc3339()),
+            wall: recorded.wall.map(utc),
             method: eye.method(),
             found_mm: drawing::millimetres(found),
             largest_loss: map.largest_loss().map_or(0.0, |(_, loss)| loss),
