@@ -43,6 +43,7 @@ mod header;
 mod lock;
 mod reader;
 mod refusal;
+mod row;
 pub mod schema;
 mod shelf;
 mod writer;

@@ -6,13 +6,12 @@ use std::time::Duration;
 
 use chrono::{DateTime, Utc};
 use rusqlite::types::Value;
-use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, params};
+use rusqlite::{Connection, OpenFlags, OptionalExtension, params};
 use survey::{Amps, Baseline, Electrode, Frame, Quality, Reading, Settings, Volts};
 
-use crate::writer::{FrameRow, baseline_checksum, unpack_hash};
+use crate::row::{HeaderFault, StoredFrame, baseline_checksum, header_row, unpack_hash};
 use crate::{
-    Closing, Event, LogbookError, MapRecord, Record, SessionHeader, SessionKind, SessionSummary,
-    codec, schema,
+    Closing, Event, LogbookError, MapRecord, Record, SessionHeader, SessionSummary, codec, schema,
 };
 
 /// How many frames are fetched at a time while iterating.
@@ -464,90 +463,6 @@ impl Iterator for Frames<'_> {
 struct Known {
     reference: Option<(i64, Vec<Reading>)>,
     settings: Option<(i64, Settings)>,
-}
-
-struct StoredFrame {
-    row: FrameRow,
-    settings: i64,
-    mapper: Option<i64>,
-    reciprocity: Option<f64>,
-    checksum: Vec<u8>,
-}
-
-impl std::fmt::Debug for StoredFrame {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "frame {}", self.row.sequence)
-    }
-}
-
-impl StoredFrame {
-    fn read(row: &Row<'_>) -> rusqlite::Result<Self> {
-        Ok(Self {
-            row: FrameRow {
-                sequence: row.get("sequence")?,
-                wall: row.get("wall_ns")?,
-                monotonic: row.get("monotonic_ns")?,
-                duration: row.get("duration_ns")?,
-                simulated: row.get("simulated")?,
-                compliance: row.get("compliance")?,
-                map_hash: row.get("map_hash")?,
-                reference: row.get("reference")?,
-                blob: row.get("readings")?,
-            },
-            settings: row.get("settings")?,
-            mapper: row.get("mapper")?,
-            reciprocity: row.get("reciprocity")?,
-            checksum: row.get("checksum")?,
-        })
-    }
-}
-
-enum HeaderFault {
-    Store(rusqlite::Error),
-    Content(String),
-}
-
-impl From<rusqlite::Error> for HeaderFault {
-    fn from(source: rusqlite::Error) -> Self {
-        Self::Store(source)
-    }
-}
-
-fn header_row(row: &Row<'_>) -> Result<(SessionHeader, Option<Closing>), HeaderFault> {
-    let content = |what: &str, cause: &dyn std::fmt::Display| {
-        HeaderFault::Content(format!("{what}: {cause}"))
-    };
-    let text = |name: &str| row.get::<_, String>(name);
-    let kind = text("kind")?;
-    let seed: Option<String> = row.get("seed")?;
-    let closed_ns: Option<i64> = row.get("closed_ns")?;
-    let reason: Option<String> = row.get("closed_reason")?;
-    let header = SessionHeader {
-        id: text("id")?,
-        kind: SessionKind::parse(&kind).ok_or_else(|| content("kind", &kind))?,
-        started: DateTime::from_timestamp_nanos(row.get("started_ns")?),
-        instruments: serde_json::from_str(&text("instruments")?)
-            .map_err(|cause| content("instruments", &cause))?,
-        modules: serde_json::from_str(&text("modules")?)
-            .map_err(|cause| content("modules", &cause))?,
-        config_toml: text("config_toml")?,
-        config_hash: text("config_hash")?,
-        model_hash: row.get("model_hash")?,
-        geometry_hash: row.get("geometry_hash")?,
-        protocol: serde_json::from_str(&text("protocol")?)
-            .map_err(|cause| content("protocol", &cause))?,
-        build: text("build")?,
-        seed: seed
-            .map(|seed| seed.parse().map_err(|cause| content("seed", &cause)))
-            .transpose()?,
-        simulated: row.get("simulated")?,
-        note: text("note")?,
-    };
-    let closed = closed_ns.map(|at| Closing {
-        at: DateTime::from_timestamp_nanos(at),
-        reason: reason.unwrap_or_default(),
-    });
-    Ok((header, closed))
 }
 
 fn nanoseconds(count: i64) -> Duration {

@@ -5,11 +5,10 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
-use rusqlite::types::Value;
 use rusqlite::{Connection, OpenFlags, OptionalExtension, params};
-use sha2::{Digest, Sha256};
 use survey::{Baseline, Frame, Reading, Settings, Volts};
 
+use crate::row::{FrameRow, baseline_checksum, pack_hash};
 use crate::schema;
 use crate::{LogbookError, MapRecord, SessionHeader, codec};
 
@@ -413,72 +412,6 @@ impl SessionWriter {
     }
 }
 
-/// A row of `frame` as it is checked: everything that a picture or an export is made from.
-pub(crate) struct FrameRow {
-    pub(crate) sequence: i64,
-    pub(crate) wall: i64,
-    pub(crate) monotonic: i64,
-    pub(crate) duration: i64,
-    pub(crate) simulated: bool,
-    pub(crate) compliance: Option<String>,
-    pub(crate) map_hash: Option<Value>,
-    pub(crate) reference: Option<i64>,
-    pub(crate) blob: Vec<u8>,
-}
-
-impl FrameRow {
-    /// First 8 bytes of SHA-256; absent values hash as -1, texts and blobs with their length in front.
-    pub(crate) fn checksum(&self, settings: i64, mapper: Option<i64>) -> Vec<u8> {
-        let mut hasher = Sha256::new();
-        for number in [
-            self.sequence,
-            self.wall,
-            self.monotonic,
-            self.duration,
-            settings,
-            i64::from(self.simulated),
-            mapper.unwrap_or(-1),
-            self.reference.unwrap_or(-1),
-        ] {
-            hasher.update(number.to_le_bytes());
-        }
-        let hash = match &self.map_hash {
-            Some(Value::Blob(bytes)) => bytes.as_slice(),
-            Some(Value::Text(text)) => text.as_bytes(),
-            _ => &[],
-        };
-        for bytes in [
-            self.compliance.as_deref().unwrap_or("").as_bytes(),
-            hash,
-            &self.blob,
-        ] {
-            hasher.update((bytes.len() as u64).to_le_bytes());
-            hasher.update(bytes);
-        }
-        hasher.finalize()[..8].to_vec()
-    }
-}
-
-pub(crate) fn baseline_checksum(
-    id: &str,
-    wall: i64,
-    frames: i64,
-    settings: i64,
-    simulated: bool,
-    readings: &[u8],
-    deviation: &[u8],
-) -> Vec<u8> {
-    let mut hasher = Sha256::new();
-    for number in [wall, frames, settings, i64::from(simulated)] {
-        hasher.update(number.to_le_bytes());
-    }
-    for bytes in [id.as_bytes(), readings, deviation] {
-        hasher.update((bytes.len() as u64).to_le_bytes());
-        hasher.update(bytes);
-    }
-    hasher.finalize()[..8].to_vec()
-}
-
 fn settings_id(connection: &Connection, settings: &Settings, settle: i64) -> rusqlite::Result<i64> {
     let values = params![
         settings.protocol_hash,
@@ -528,33 +461,6 @@ fn mapper_id(connection: &Connection, map: &MapRecord) -> rusqlite::Result<i64> 
 
 fn same_mapper(a: &MapRecord, b: &MapRecord) -> bool {
     (&a.method, &a.model_hash, &a.build, &a.cpu) == (&b.method, &b.model_hash, &b.build, &b.cpu)
-}
-
-/// As 32 bytes where the hash is lower-case hex of that length, else as the text that it is.
-fn pack_hash(hash: &str) -> Value {
-    let nibbles: Option<Vec<u8>> = hash
-        .bytes()
-        .map(|digit| match digit {
-            b'0'..=b'9' => Some(digit - b'0'),
-            b'a'..=b'f' => Some(digit - b'a' + 10),
-            _ => None,
-        })
-        .collect();
-    match nibbles {
-        Some(nibbles) if nibbles.len() == 64 => {
-            let (pairs, _) = nibbles.as_chunks::<2>();
-            Value::Blob(pairs.iter().map(|[high, low]| high << 4 | low).collect())
-        }
-        _ => Value::Text(hash.to_owned()),
-    }
-}
-
-pub(crate) fn unpack_hash(stored: &Value) -> Option<String> {
-    match stored {
-        Value::Text(text) => Some(text.clone()),
-        Value::Blob(bytes) => Some(bytes.iter().map(|byte| format!("{byte:02x}")).collect()),
-        _ => None,
-    }
 }
 
 fn check_id(id: &str) -> Result<(), LogbookError> {

@@ -281,6 +281,18 @@ fn a_full_disk_is_said_and_the_frames_before_are_whole() {
 }
 
 #[test]
+fn a_disk_too_full_for_a_header_leaves_nothing_behind() {
+    let dir = tempfile::tempdir().unwrap();
+    let storage = Storage {
+        page_limit: Some(3),
+    };
+    let refusal = SessionWriter::create_with(dir.path(), &header("none"), storage).unwrap_err();
+    assert!(refusal.is_disk(), "{refusal:?}");
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+    SessionWriter::create(dir.path(), &header("none")).unwrap();
+}
+
+#[test]
 fn a_flipped_bit_is_an_error_in_its_place_and_nothing_else() {
     let dir = tempfile::tempdir().unwrap();
     let mut writer = SessionWriter::create(dir.path(), &header("flip")).unwrap();

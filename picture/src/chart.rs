@@ -1,150 +1,17 @@
 //! Everything of a picture except its triangles: outline, axes, numbers, marks, colour bar, words.
 
-use std::sync::Once;
-
-use plotters::coord::Shift;
 use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
-use plotters::style::{FontStyle, register_font};
 use survey::{Electrode, Map};
 
+use crate::pen::{Anchor, INK, Pen};
 use crate::scale::step;
 use crate::{Extent, PictureError, Range, Sheet, Style};
 
-const INK: RGBColor = RGBColor(34, 34, 38);
 const PALE: RGBColor = RGBColor(120, 120, 126);
 const PAPER: RGBColor = RGBColor(236, 236, 238);
 const ALARM: RGBColor = RGBColor(176, 64, 0);
 /// Between the sheet's edge and the axes: room for the electrodes' numbers, in points.
 pub(crate) const RING: f64 = 20.0;
-
-/// Where text stands relative to its point.
-#[derive(Clone, Copy)]
-enum Anchor {
-    Left,
-    Centre,
-    Right,
-}
-
-/// A plotters area whose unit is the point: `scale` pixels.
-pub(crate) struct Pen<'a, DB: DrawingBackend> {
-    area: &'a DrawingArea<DB, Shift>,
-    scale: f64,
-    /// How far below its place a backend must be told to write for the words to stand centred there, in heights.
-    sink: f64,
-}
-
-impl<'a, DB: DrawingBackend> Pen<'a, DB> {
-    pub(crate) fn new(area: &'a DrawingArea<DB, Shift>, scale: f64, sink: f64) -> Self {
-        static FONTS: Once = Once::new();
-        FONTS.call_once(|| {
-            let regular = include_bytes!("../fonts/DejaVuSans-subset.ttf");
-            let bold = include_bytes!("../fonts/DejaVuSans-Bold-subset.ttf");
-            for (style, bytes) in [
-                (FontStyle::Normal, regular.as_slice()),
-                (FontStyle::Bold, bold.as_slice()),
-            ] {
-                if register_font("sans-serif", style, bytes).is_err() {
-                    unreachable!(
-                        "the fonts compiled in are whole: every picture of the tests uses them"
-                    );
-                }
-            }
-        });
-        Self { area, scale, sink }
-    }
-
-    fn pixel(&self, [x, y]: [f64; 2]) -> (i32, i32) {
-        (
-            (x * self.scale).round() as i32,
-            (y * self.scale).round() as i32,
-        )
-    }
-
-    fn line(
-        &self,
-        points: impl IntoIterator<Item = [f64; 2]>,
-        colour: RGBColor,
-        width: f64,
-    ) -> Result<(), PictureError> {
-        let points: Vec<_> = points.into_iter().map(|point| self.pixel(point)).collect();
-        let width = (width * self.scale).round().max(1.0) as u32;
-        self.draw(PathElement::new(points, colour.stroke_width(width)))
-    }
-
-    fn area(&self, points: &[[f64; 2]], colour: RGBColor) -> Result<(), PictureError> {
-        let points: Vec<_> = points.iter().map(|point| self.pixel(*point)).collect();
-        self.draw(Polygon::new(points, colour.filled()))
-    }
-
-    fn draw<E>(&self, element: E) -> Result<(), PictureError>
-    where
-        for<'b> &'b E: plotters::element::PointCollection<'b, (i32, i32)>,
-        E: plotters::element::Drawable<DB>,
-    {
-        self.area
-            .draw(&element)
-            .map_err(|cause| PictureError::Draw(cause.to_string()))
-    }
-
-    fn text(
-        &self,
-        words: &str,
-        at: [f64; 2],
-        size: f64,
-        colour: RGBColor,
-        anchor: Anchor,
-    ) -> Result<(), PictureError> {
-        let font = ("sans-serif", size * self.scale).into_font();
-        self.write(words, at, font, colour, anchor)
-    }
-
-    fn bold(
-        &self,
-        words: &str,
-        at: [f64; 2],
-        size: f64,
-        colour: RGBColor,
-        anchor: Anchor,
-    ) -> Result<(), PictureError> {
-        let font = FontDesc::new(FontFamily::SansSerif, size * self.scale, FontStyle::Bold);
-        self.write(words, at, font, colour, anchor)
-    }
-
-    fn upright(&self, words: &str, at: [f64; 2], size: f64) -> Result<(), PictureError> {
-        let font = ("sans-serif", size * self.scale)
-            .into_font()
-            .transform(FontTransform::Rotate270);
-        self.write(words, at, font, INK, Anchor::Centre)
-    }
-
-    fn write(
-        &self,
-        words: &str,
-        at: [f64; 2],
-        font: FontDesc<'_>,
-        colour: RGBColor,
-        anchor: Anchor,
-    ) -> Result<(), PictureError> {
-        let across = match anchor {
-            Anchor::Left => HPos::Left,
-            Anchor::Centre => HPos::Center,
-            Anchor::Right => HPos::Right,
-        };
-        let style = TextStyle::from(font)
-            .color(&colour)
-            .pos(Pos::new(across, VPos::Center));
-        let (mut x, mut y) = self.pixel(at);
-        let sink = (self.sink * style.font.get_size()).round() as i32;
-        match style.font.get_transform() {
-            FontTransform::Rotate270 => x += sink,
-            _ => y += sink,
-        }
-        self.area
-            .draw_text(words, &style, (x, y))
-            .map_err(|cause| PictureError::Draw(cause.to_string()))
-    }
-}
 
 /// One map's place on the page, in points from the upper left corner.
 #[derive(Debug, Clone, Copy)]

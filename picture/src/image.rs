@@ -7,7 +7,8 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use survey::Map;
 
-use crate::chart::{Panel, Pen, RING, bar, caption, heading, legend, small_title};
+use crate::chart::{Panel, RING, bar, caption, heading, legend, small_title};
+use crate::pen::Pen;
 use crate::raster::{check_size, fill};
 use crate::{PictureError, Range, Rgb, Sheet, Style};
 

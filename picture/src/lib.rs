@@ -31,6 +31,7 @@ mod chart;
 mod colour;
 mod hot_spot;
 mod image;
+mod pen;
 mod raster;
 mod scale;
 mod terminal;
