@@ -30,6 +30,7 @@ mod dense;
 mod forward;
 mod jacobian;
 mod kmeans;
+mod linear;
 mod mesh;
 mod mesher;
 pub mod model;
@@ -46,6 +47,7 @@ pub use case::{
     read_frames, read_named_frames, read_protocol,
 };
 pub use forward::{Admitted, FLOOR, Fields, Forward, ForwardError};
+pub use linear::probable_lambda;
 pub use mesh::{ENOUGH_EDGES, Mesh, MeshError, MeshQuality};
 pub use model::{Model, ModelError, load_reconstructor};
 pub use one_step::{

@@ -11,9 +11,9 @@ use survey::{Map, MapUnit, Protocol, Reading};
 
 use crate::bounded::Bounded;
 use crate::data_space::DataSpace;
+use crate::linear::Linear;
 use crate::prior::{Penalty, Prior};
-use crate::reconstructor::Difference;
-use crate::{Forward, ForwardError, Mesh, ReconstructError, Reconstructor};
+use crate::{ForwardError, Mesh, ReconstructError, Reconstructor};
 
 /// Where the hyper-parameter comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -142,14 +142,8 @@ pub struct OneStep {
     mesh_hash: String,
     protocol: Protocol,
     method: String,
-    scale: Scale,
+    linear: Linear,
     lambda: f64,
-    /// Readings of the model at 1 A.
-    model: Vec<f64>,
-    /// Distance round the ring between driving and sensing pair of each reading.
-    distances: Vec<usize>,
-    /// 1 over the deviation of each reading, root mean square 1.
-    weights: Option<Vec<f64>>,
     solution: DataSpace,
     bounded: Option<Bounded>,
 }
@@ -166,44 +160,8 @@ impl OneStep {
         protocol: &Protocol,
         options: OneStepOptions,
     ) -> Result<Self, OneStepError> {
-        let forward = Forward::new(Arc::clone(&mesh), contact_ohm_m)?;
-        let model = forward.readings(sigma0, protocol)?;
-        let absolute = forward.jacobian(sigma0, protocol)?;
-        let region = mesh.region();
-        let mut sensitivity = DMatrix::from_fn(protocol.len(), region.len(), |reading, unknown| {
-            absolute[(reading, region[unknown])] * sigma0[region[unknown]]
-        });
-        let readings = protocol.len();
-        let counted = |what, has: usize| {
-            if has == readings {
-                Ok(())
-            } else {
-                Err(OneStepError::Count {
-                    what,
-                    has,
-                    wants: readings,
-                })
-            }
-        };
-        if let Scale::Currents(currents) = &options.scale {
-            counted("currents", currents.len())?;
-            scale_rows(&mut sensitivity, currents);
-        }
-        let weights = match &options.deviations {
-            None => None,
-            Some(deviations) => {
-                counted("deviations", deviations.len())?;
-                Some(weights(deviations)?)
-            }
-        };
-        if let Some(weights) = &weights {
-            scale_rows(&mut sensitivity, weights);
-        }
-        let penalty = match options.prior {
-            Prior::Tikhonov => Penalty::identity(region.len()),
-            Prior::Noser { p } => Penalty::noser(&sensitivity, p),
-            Prior::Laplace => Penalty::laplacian(&mesh),
-        };
+        let (linear, sensitivity, penalty) =
+            Linear::new(&mesh, contact_ohm_m, sigma0, protocol, &options)?;
         let lambda = match options.hyper {
             Hyper::Lambda(lambda) => lambda,
             Hyper::Noise { volts, current } => {
@@ -232,12 +190,9 @@ impl OneStep {
             method: format!("one-step {}{loss}", options.prior.name()),
             mesh_hash: mesh.hash().to_owned(),
             mesh,
-            distances: distances(protocol),
             protocol: protocol.clone(),
-            scale: options.scale,
+            linear,
             lambda,
-            model: model.as_slice().to_vec(),
-            weights,
             solution,
             bounded,
         })
@@ -272,22 +227,7 @@ impl Reconstructor for OneStep {
         baseline: &[Reading],
         frame: &[Reading],
     ) -> Result<Map, ReconstructError> {
-        let mut difference = Difference::new(baseline, frame, self.protocol.len(), &self.method)?;
-        match self.scale {
-            Scale::Currents(_) => {}
-            Scale::Uniform => difference.scale(&self.model, None)?,
-            Scale::ByDistance => difference.scale(&self.model, Some(&self.distances))?,
-        }
-        let Difference {
-            mut change,
-            missing,
-            ..
-        } = difference;
-        if let Some(weights) = &self.weights {
-            for (value, weight) in change.iter_mut().zip(weights) {
-                *value *= weight;
-            }
-        }
+        let (mut change, missing) = self.linear.change(baseline, frame, &self.method)?;
         let numerical = |cause: &str| ReconstructError::Numerical {
             method: self.method.clone(),
             cause: cause.to_owned(),
@@ -313,43 +253,5 @@ impl Reconstructor for OneStep {
             method: self.method.clone(),
             masked: missing.len(),
         })
-    }
-}
-
-/// Distance round the ring from each reading's driving to its sensing pair, the same for reciprocal twins.
-fn distances(protocol: &Protocol) -> Vec<usize> {
-    let ring = protocol.electrodes();
-    protocol
-        .measurements()
-        .iter()
-        .map(|question| {
-            let ahead = (ring + question.sense.plus.0 - question.drive.plus.0) % ring;
-            ahead.min(ring - ahead)
-        })
-        .collect()
-}
-
-/// 1 / deviation, scaled so that the deviations have a root mean square of 1.
-fn weights(deviations: &[f64]) -> Result<Vec<f64>, OneStepError> {
-    if let Some(&value) = deviations
-        .iter()
-        .find(|value| !(**value > 0.0 && value.is_finite()))
-    {
-        return Err(OneStepError::NotPositive {
-            what: "deviation of a reading",
-            value,
-        });
-    }
-    let square: f64 = deviations.iter().map(|value| value * value).sum();
-    let scale = (square / deviations.len() as f64).sqrt();
-    Ok(deviations.iter().map(|value| scale / value).collect())
-}
-
-/// Multiplies row i by factor i.
-fn scale_rows(matrix: &mut DMatrix<f64>, factors: &[f64]) {
-    for mut column in matrix.column_iter_mut() {
-        for (value, factor) in column.iter_mut().zip(factors) {
-            *value *= factor;
-        }
     }
 }

@@ -1,1 +1,70 @@
-//! Offline work: meshes, forward solutions, sensitivities, training, reconstruction of recorded data.
+//! Offline work: meshes, forward solutions, sensitivities, training, reconstruction of recorded data; `tactus-lab`.
+//!
+//! Everything here reads and writes plain files: case folders (geometry, protocol, conductances as CSV), frames, maps,
+//! model files. Refused at this door: instruments, the bus, the daemon; nothing that runs for months links this crate.
+//!
+//! - **case**: a folder with a mesh, electrodes and a protocol; **preset**: a case made from measures
+//! - **frames**: rows (or columns) of readings; **baseline**: the frame of the unloaded sheet
+//! - **maps**: a row a frame, a column a triangle of the region, relative change of conductance
+//!
+//! ```
+//! let folder = tempfile::tempdir()?;
+//! let case = folder.path().join("tank");
+//! let mesh = ["tactus-lab", "mesh", "--preset", "disc-tank", "--set", "electrodes=8", "--out"];
+//! let words = mesh.iter().map(Into::into).chain([case.clone().into_os_string()]);
+//! assert_eq!(lab::run(words), std::process::ExitCode::SUCCESS);
+//! assert!(case.join("nodes.csv").is_file());
+//! # Ok::<(), std::io::Error>(())
+//! ```
+
+mod args;
+mod choice;
+mod failure;
+mod geometry;
+mod progress;
+mod reconstruct;
+mod recording;
+mod solve;
+mod train;
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use clap::{CommandFactory, Parser};
+
+use args::{Arguments, Command};
+use failure::Failure;
+
+/// The whole program: `words` are the arguments with the program's name first. 0 done, 1 failed, 2 usage.
+pub fn run(words: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let arguments = match Arguments::try_parse_from(words) {
+        Ok(arguments) => arguments,
+        Err(refusal) => {
+            // --help and --version come this way too, and are no failure; a closed terminal is not ours to report
+            let _ = refusal.print();
+            return ExitCode::from(if refusal.use_stderr() { 2 } else { 0 });
+        }
+    };
+    match perform(&arguments.command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("tactus-lab: {failure}");
+            failure.code()
+        }
+    }
+}
+
+fn perform(command: &Command) -> Result<(), Failure> {
+    match command {
+        Command::Mesh(options) => geometry::mesh(options),
+        Command::Forward(options) => solve::forward(options),
+        Command::Jacobian(options) => solve::jacobian(options),
+        Command::Train { network } => train::train(network),
+        Command::Reconstruct(options) => reconstruct::reconstruct(options),
+        Command::Completions { shell } => {
+            let mut command = Arguments::command();
+            clap_complete::generate(*shell, &mut command, "tactus-lab", &mut std::io::stdout());
+            Ok(())
+        }
+    }
+}

@@ -1,1 +1,5 @@
-fn main() {}
+//! `tactus-lab`: the workshop's program; all of it is in the library.
+
+fn main() -> std::process::ExitCode {
+    lab::run(std::env::args_os())
+}

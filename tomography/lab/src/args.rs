@@ -1,0 +1,207 @@
+//! The command line as data.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+/// Meshes, forward solutions, sensitivities, training and reconstruction, offline.
+#[derive(Debug, Parser)]
+#[command(name = "tactus-lab", version)]
+pub(crate) struct Arguments {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Make a case folder from a preset geometry, and print the quality of its mesh
+    Mesh(MeshOptions),
+    /// Solve the forward model: readings of a case for a conductance
+    Forward(ForwardOptions),
+    /// The sensitivity dV/dsigma of a case: a row a reading, a column a triangle
+    Jacobian(JacobianOptions),
+    /// Train a network and write its model file
+    Train {
+        #[command(subcommand)]
+        network: Network,
+    },
+    /// Make maps of recorded frames
+    Reconstruct(ReconstructOptions),
+    /// Print the completions of a shell
+    Completions {
+        /// Which shell
+        shell: clap_complete::Shell,
+    },
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum PresetName {
+    /// The paper's sheet: 214 x 230 mm, 26 square voids
+    PaperSheet,
+    /// A round tank with electrodes on arcs
+    DiscTank,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct MeshOptions {
+    /// Which geometry
+    #[arg(long, value_enum)]
+    pub(crate) preset: PresetName,
+    /// Change a measure of the preset, e.g. radius_mm=115, electrodes=16, fineness=1.5 (repeatable)
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub(crate) set: Vec<String>,
+    /// Current of every reading in protocol.csv, mA
+    #[arg(long, value_name = "MA", default_value_t = 1.0)]
+    pub(crate) current_ma: f64,
+    /// Folder to write
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: PathBuf,
+    /// Print the quality as one JSON object
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct ForwardOptions {
+    /// Case folder
+    #[arg(long, value_name = "DIR")]
+    pub(crate) case: PathBuf,
+    /// Conductance: a name in the case (sigma_NAME.csv) or a file
+    #[arg(long, value_name = "NAME|FILE")]
+    pub(crate) sigma: String,
+    /// Readings, V, one a line with 17 digits
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: PathBuf,
+    /// Electrode voltages too, a row a drive, mean over the electrodes zero
+    #[arg(long, value_name = "FILE")]
+    pub(crate) potentials: Option<PathBuf>,
+    /// Print 'forward N ms', the median after set-up, on standard error
+    #[arg(long)]
+    pub(crate) timing: bool,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct JacobianOptions {
+    /// Case folder
+    #[arg(long, value_name = "DIR")]
+    pub(crate) case: PathBuf,
+    /// Conductance: a name in the case (sigma_NAME.csv) or a file
+    #[arg(long, value_name = "NAME|FILE")]
+    pub(crate) sigma: String,
+    /// Sensitivity, V per (S per square), a row a reading
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: PathBuf,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Network {
+    /// A radial-basis-function network (the paper's section 4.3)
+    Rbf(TrainOptions),
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Profile {
+    /// The paper's jitter: gamma times the standard deviation of the normalised baseline
+    Paper,
+    /// Jitter as the noise is: white, in volts, on baseline and frame
+    Matched,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct TrainOptions {
+    /// Which jitter
+    #[arg(long, value_enum)]
+    pub(crate) profile: Profile,
+    /// Simulated cases
+    #[arg(long, value_name = "N", default_value_t = 15_000)]
+    pub(crate) cases: usize,
+    /// Jittered copies of each case
+    #[arg(long, value_name = "N", default_value_t = 5)]
+    pub(crate) repeats: usize,
+    /// Neurons
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub(crate) neurons: usize,
+    /// The same seed gives the same file
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// gamma of the profile `paper`
+    #[arg(long, default_value_t = 0.01)]
+    pub(crate) gamma: f64,
+    /// Noise of one reading for the profile `matched`, V
+    #[arg(long, value_name = "SD", default_value_t = 2e-6)]
+    pub(crate) noise_v: f64,
+    /// Case folder to train for; the preset of the paper's sheet at 1 mA if none is given
+    #[arg(long, value_name = "DIR")]
+    pub(crate) case: Option<PathBuf>,
+    /// Model file to write
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: PathBuf,
+    /// Print what the training found as one JSON object
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Method {
+    /// The best of the methods there are for the given noise; says what it chose and why
+    Best,
+    /// One-step difference reconstruction
+    OneStep,
+    /// Total variation (not in this version)
+    Tv,
+    /// Trained linear map (not in this version)
+    Linear,
+    /// Radial-basis-function network
+    Rbf,
+    /// Deep network (not in this version)
+    Dnn,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct ReconstructOptions {
+    /// Case folder
+    #[arg(long, value_name = "DIR")]
+    pub(crate) case: PathBuf,
+    /// Method
+    #[arg(long, value_enum, default_value_t = Method::Best, conflicts_with = "model")]
+    pub(crate) method: Method,
+    /// Model file in place of a method
+    #[arg(long, value_name = "FILE")]
+    pub(crate) model: Option<PathBuf>,
+    /// Prior of the one-step method: tikhonov, noser (p = 0.5), noser:P, laplace [default: noser:0.25]
+    #[arg(long, value_name = "P")]
+    pub(crate) prior: Option<String>,
+    /// White noise of one reading, V
+    #[arg(long, value_name = "SD", conflicts_with = "lambda")]
+    pub(crate) noise_v: Option<f64>,
+    /// Hyper-parameter of the one-step method
+    #[arg(long, value_name = "X")]
+    pub(crate) lambda: Option<f64>,
+    /// Bound the one-step map to losses, -1 <= x <= 0
+    #[arg(long)]
+    pub(crate) loss_only: bool,
+    /// Unloaded conductance: a name in the case or a file [default: homog if there is one, else fitted to the baseline]
+    #[arg(long, value_name = "NAME|FILE")]
+    pub(crate) sigma0: Option<String>,
+    /// Frames: a row or a column a frame
+    #[arg(long, value_name = "FILE")]
+    pub(crate) frames: PathBuf,
+    /// Baseline: a file (the mean of its frames) or first:N (the mean of the first N frames)
+    #[arg(long, value_name = "FILE|first:N", default_value = "first:1")]
+    pub(crate) baseline: String,
+    /// Negate all readings: the instrument gives magnitudes
+    #[arg(long)]
+    pub(crate) negate: bool,
+    /// Simulated cases where a network is trained for the case
+    #[arg(long, value_name = "N", default_value_t = 15_000)]
+    pub(crate) cases: usize,
+    /// Maps: a row for each frame of the file, a column a triangle of the region
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: PathBuf,
+    /// Print 'frame N ms', the median, on standard error
+    #[arg(long)]
+    pub(crate) timing: bool,
+    /// Print one JSON object a frame: frame, largest_loss, found_m, masked
+    #[arg(long)]
+    pub(crate) json: bool,
+}

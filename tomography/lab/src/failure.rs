@@ -1,0 +1,60 @@
+//! How a command ends when it does not succeed.
+
+use std::fmt;
+use std::path::Path;
+use std::process::ExitCode;
+
+/// A failure with its whole chain of causes, and whether the command line is to blame.
+#[derive(Debug)]
+pub(crate) struct Failure {
+    message: String,
+    usage: bool,
+}
+
+impl Failure {
+    /// The command line cannot be followed: exit code 2.
+    pub(crate) fn usage(message: impl Into<String>) -> Self {
+        Self {
+            message: message.into(),
+            usage: true,
+        }
+    }
+
+    /// What was attempted, and why it failed: exit code 1.
+    pub(crate) fn of(attempt: &str, cause: &dyn std::error::Error) -> Self {
+        let mut message = format!("{attempt}: {cause}");
+        let mut source = cause.source();
+        while let Some(deeper) = source {
+            message = format!("{message}: {deeper}");
+            source = deeper.source();
+        }
+        Self {
+            message,
+            usage: false,
+        }
+    }
+
+    /// A failure without a deeper cause.
+    pub(crate) fn because(message: impl Into<String>) -> Self {
+        Self {
+            message: message.into(),
+            usage: false,
+        }
+    }
+
+    pub(crate) fn code(&self) -> ExitCode {
+        ExitCode::from(if self.usage { 2 } else { 1 })
+    }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.message)
+    }
+}
+
+/// Writes a result file.
+pub(crate) fn write(path: &Path, text: String) -> Result<(), Failure> {
+    std::fs::write(path, text)
+        .map_err(|cause| Failure::of(&format!("cannot write {}", path.display()), &cause))
+}

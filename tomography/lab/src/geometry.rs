@@ -1,0 +1,116 @@
+//! `tactus-lab mesh`: a case folder from a preset.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use eit::{Case, Preset};
+use survey::Protocol;
+
+use crate::args::{MeshOptions, PresetName};
+use crate::failure::Failure;
+
+/// Writes the folder and prints the quality of its mesh.
+pub(crate) fn mesh(options: &MeshOptions) -> Result<(), Failure> {
+    let preset = preset(options.preset, &options.set)?;
+    if !(options.current_ma > 0.0 && options.current_ma.is_finite()) {
+        return Err(Failure::usage(format!(
+            "--current-ma is {}, it must be a positive number",
+            options.current_ma
+        )));
+    }
+    let case = case(&preset, options.current_ma * 1e-3)?;
+    case.write(&options.out)
+        .map_err(|fault| Failure::of("cannot write the case", &fault))?;
+    let mesh = &case.mesh;
+    let quality = mesh.quality();
+    if options.json {
+        let line = serde_json::json!({
+            "case": options.out,
+            "nodes": mesh.nodes().len(),
+            "triangles": mesh.triangles().len(),
+            "region_triangles": mesh.region().len(),
+            "electrodes": mesh.electrodes(),
+            "readings": case.protocol.len(),
+            "smallest_angle_deg": quality.smallest_angle,
+            "largest_angle_deg": quality.largest_angle,
+            "fewest_electrode_edges": quality.fewest_electrode_edges,
+            "geometry": mesh.hash(),
+        });
+        println!("{line}");
+    } else {
+        println!(
+            "{}: {} nodes, {} triangles ({} in the region), {} electrodes, {} readings, angles {:.1} to {:.1} degrees, {} or more edges an electrode",
+            options.out.display(),
+            mesh.nodes().len(),
+            mesh.triangles().len(),
+            mesh.region().len(),
+            mesh.electrodes(),
+            case.protocol.len(),
+            quality.smallest_angle,
+            quality.largest_angle,
+            quality.fewest_electrode_edges
+        );
+    }
+    warn_of_coarse_electrodes(&case);
+    Ok(())
+}
+
+/// The preset with the Sheffield protocol and its uniform conductance, named `homog`.
+pub(crate) fn case(preset: &Preset, current: f64) -> Result<Case, Failure> {
+    let mesh = preset
+        .mesh()
+        .map_err(|fault| Failure::of("the preset makes no mesh", &fault))?;
+    let protocol = Protocol::sheffield(mesh.electrodes())
+        .map_err(|fault| Failure::of("no protocol for this ring", &fault))?;
+    let sigma = BTreeMap::from([(
+        "homog".to_owned(),
+        vec![preset.conductance(); mesh.triangles().len()],
+    )]);
+    Ok(Case {
+        contact_ohm_m: preset.contact_ohm_m(),
+        currents: vec![current; protocol.len()],
+        has_region: mesh.region().len() < mesh.triangles().len(),
+        protocol,
+        sigma,
+        mesh: Arc::new(mesh),
+    })
+}
+
+/// A case folder, with a warning on standard error where its electrodes are coarse.
+pub(crate) fn read(folder: &std::path::Path) -> Result<Case, Failure> {
+    let case = Case::read(folder).map_err(|fault| Failure::of("cannot read the case", &fault))?;
+    warn_of_coarse_electrodes(&case);
+    Ok(case)
+}
+
+fn warn_of_coarse_electrodes(case: &Case) {
+    let coarse = case.coarse_electrodes();
+    if !coarse.is_empty() {
+        eprintln!(
+            "tactus-lab: {} of {} electrodes have fewer than {} edges: their resistance is the mesh's rather than theirs",
+            coarse.len(),
+            case.mesh.electrodes(),
+            eit::ENOUGH_EDGES
+        );
+    }
+}
+
+/// The preset with its changed measures; an unknown key or a value of another type is named.
+fn preset(name: PresetName, set: &[String]) -> Result<Preset, Failure> {
+    let kind = match name {
+        PresetName::PaperSheet => "paper-sheet",
+        PresetName::DiscTank => "disc-tank",
+    };
+    let mut text = format!("kind = \"{kind}\"\n");
+    for change in set {
+        if !change.contains('=') {
+            return Err(Failure::usage(format!(
+                "--set {change}: KEY=VALUE is expected, e.g. --set fineness=1.5"
+            )));
+        }
+        text.push_str(change);
+        text.push('\n');
+    }
+    toml::from_str(&text)
+        .map_err(|fault| Failure::usage(format!("--set for preset {kind}: {}", fault.message())))
+}

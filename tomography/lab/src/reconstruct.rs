@@ -1,0 +1,58 @@
+//! `tactus-lab reconstruct`: maps of recorded frames.
+
+use std::time::Instant;
+
+use eit::matrix_text;
+use nalgebra::DMatrix;
+
+use crate::args::ReconstructOptions;
+use crate::failure::{Failure, write};
+use crate::recording::Recording;
+use crate::solve::median;
+use crate::{choice, geometry, progress};
+
+/// A row for each frame of the file. A frame that is refused makes the command fail, naming it.
+pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
+    let case = geometry::read(&options.case)?;
+    let recording = Recording::read(
+        &options.frames,
+        &options.baseline,
+        case.protocol.len(),
+        options.negate,
+    )?;
+    let choice = choice::prepare(options, &case, &recording)?;
+    for note in &choice.notes {
+        eprintln!("tactus-lab: {note}");
+    }
+    let (centroids, areas) = (case.mesh.region_centroids(), case.mesh.region_areas());
+    let bar = progress::bar(recording.frames.len(), "frames");
+    let mut maps = Vec::with_capacity(recording.frames.len() * areas.len());
+    let mut times = Vec::with_capacity(recording.frames.len());
+    for (name, frame) in &recording.frames {
+        let start = Instant::now();
+        let map = choice
+            .reconstructor
+            .reconstruct(&recording.baseline, frame)
+            .map_err(|fault| Failure::of(&format!("frame '{name}'"), &fault))?;
+        times.push(start.elapsed().as_secs_f64() * 1e3);
+        bar.inc(1);
+        if options.json {
+            let line = serde_json::json!({
+                "frame": name,
+                "method": map.method,
+                "largest_loss": map.largest_loss().map(|(_, loss)| loss),
+                "found_m": map.found(&centroids, &areas),
+                "masked": map.masked,
+            });
+            println!("{line}");
+        }
+        maps.extend(map.values);
+    }
+    bar.finish_and_clear();
+    let maps = DMatrix::from_row_slice(recording.frames.len(), areas.len(), &maps);
+    write(&options.out, matrix_text(&maps))?;
+    if options.timing {
+        eprintln!("frame {:.3} ms", median(&mut times));
+    }
+    Ok(())
+}

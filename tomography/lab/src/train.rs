@@ -1,0 +1,170 @@
+//! `tactus-lab train rbf`, and the networks that `reconstruct` trains for a case and keeps.
+
+use std::path::{Path, PathBuf};
+
+use eit::{Case, Jitter, Model, Preset, TrainingSettings, model, train_rbf};
+
+use crate::args::{Network, Profile};
+use crate::failure::Failure;
+use crate::{geometry, progress};
+
+/// Above this ratio of spread to median distance a few samples rule the spread of Eq. 13.
+const SPREAD_RULED: f64 = 10.0;
+
+/// Trains and writes the model file.
+pub(crate) fn train(network: &Network) -> Result<(), Failure> {
+    let Network::Rbf(options) = network;
+    let case = match &options.case {
+        Some(folder) => geometry::read(folder)?,
+        None => geometry::case(&Preset::default(), 1e-3)?,
+    };
+    let (jitter, profile) = match options.profile {
+        Profile::Paper => (
+            Jitter::Paper {
+                gamma: options.gamma,
+            },
+            "paper",
+        ),
+        Profile::Matched => (
+            Jitter::Matched {
+                noise_v: options.noise_v,
+                current_a: current(&case)?,
+            },
+            "matched",
+        ),
+    };
+    let settings = TrainingSettings {
+        cases: options.cases,
+        repeats: options.repeats,
+        neurons: options.neurons,
+        seed: options.seed,
+        jitter,
+        ..TrainingSettings::default()
+    };
+    let model = network_for(&case, settings, &format!("rbf {profile}"))?;
+    model::save(&options.out, &model)
+        .map_err(|fault| Failure::of("cannot write the model", &fault))?;
+    let report = &model.metadata().report;
+    if options.json {
+        let line = serde_json::json!({
+            "model": options.out,
+            "hash": model.hash(),
+            "name": model.metadata().name,
+            "training": model.metadata().training,
+            "report": report,
+        });
+        println!("{line}");
+    } else {
+        println!(
+            "{}: {} of {} cases, {} unchanged, jitter {:.2e}, spread {:.3e} ({:.1} median distances), rank {} of {}, \
+             condition {:.1e}, largest weight {:.1e}\nsha256 {}",
+            options.out.display(),
+            model.metadata().name,
+            options.cases,
+            report.unchanged,
+            report.jitter,
+            report.spread,
+            report.spread_over_median,
+            report.rank,
+            options.neurons,
+            report.condition,
+            report.largest_weight,
+            model.hash()
+        );
+    }
+    Ok(())
+}
+
+/// The one current of a case's readings.
+pub(crate) fn current(case: &Case) -> Result<f64, Failure> {
+    let first = case.currents.first().copied().unwrap_or(1.0);
+    if case.currents.iter().all(|current| *current == first) {
+        Ok(first.abs())
+    } else {
+        Err(Failure::because(
+            "noise in volts needs one current for all readings; protocol.csv has several",
+        ))
+    }
+}
+
+fn network_for(case: &Case, settings: TrainingSettings, name: &str) -> Result<Model, Failure> {
+    let sigma0 = case
+        .sigma("homog")
+        .unwrap_or_else(|_| vec![1e-3; case.mesh.triangles().len()]);
+    let bars = progress::Training::new();
+    let show = |stage, done, of| bars.show(stage, done, of);
+    let failed = |fault| Failure::of("the training", &fault);
+    let (network, report) = train_rbf(
+        &case.mesh,
+        &case.contact_ohm_m,
+        &sigma0,
+        &case.protocol,
+        &settings,
+        &show,
+    )
+    .map_err(failed)?;
+    drop(bars);
+    if report.spread_over_median > SPREAD_RULED {
+        eprintln!(
+            "tactus-lab: the spread is {:.0} median distances: a few cases near electrodes rule it (Eq. 13)",
+            report.spread_over_median
+        );
+    }
+    Model::rbf(
+        name,
+        std::sync::Arc::clone(&case.mesh),
+        &case.protocol,
+        network,
+        settings,
+        report,
+    )
+    .map_err(|fault| Failure::of("the training", &fault))
+}
+
+/// The network of a case: from the cache if it was trained before with the same settings, else trained and kept there.
+pub(crate) fn cached(case: &Case, settings: TrainingSettings) -> Result<Model, Failure> {
+    let path = cache_file(case, &settings);
+    if let Some(path) = &path
+        && let Ok(model) = model::load(path)
+        && model.check(&case.protocol, &case.mesh).is_ok()
+        && model.metadata().training == settings
+    {
+        return Ok(model);
+    }
+    let model = network_for(case, settings, "rbf")?;
+    if let Some(path) = path {
+        let kept = path
+            .parent()
+            .map_or(Ok(()), std::fs::create_dir_all)
+            .map_err(|cause| cause.to_string())
+            .and_then(|()| model::save(&path, &model).map_err(|fault| fault.to_string()));
+        match kept {
+            Ok(()) => eprintln!(
+                "tactus-lab: the trained network is kept in {}",
+                path.display()
+            ),
+            Err(why) => eprintln!("tactus-lab: the trained network is not kept: {why}"),
+        }
+    }
+    Ok(model)
+}
+
+/// `$XDG_CACHE_HOME/tactus/rbf-HASH.safetensors`; the hash is of everything that the training depends on.
+fn cache_file(case: &Case, settings: &TrainingSettings) -> Option<PathBuf> {
+    let base = std::env::var_os("XDG_CACHE_HOME")
+        .filter(|base| Path::new(base).is_absolute())
+        .map(PathBuf::from)
+        .or_else(|| std::env::var_os("HOME").map(|home| Path::new(&home).join(".cache")))?;
+    let said = serde_json::json!({
+        "geometry": case.mesh.hash(),
+        "survey": case.protocol.hash(),
+        "contact": case.contact_ohm_m,
+        "sigma0": case.sigma.get("homog"),
+        "settings": settings,
+    });
+    let hash = eit::model::fingerprint(said.to_string().as_bytes());
+    Some(
+        base.join("tactus")
+            .join(format!("rbf-{}.safetensors", &hash[..16])),
+    )
+}

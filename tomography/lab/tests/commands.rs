@@ -1,0 +1,202 @@
+//! The program's commands: what they write, and what they refuse.
+
+mod workshop;
+
+use workshop::{done, lab, numbers, reference, words};
+
+fn refused(line: &str, paths: &[&std::path::Path]) -> (Option<i32>, String) {
+    let output = lab(&words(line, paths));
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success(), "{said}");
+    (output.status.code(), said)
+}
+
+fn largest_error(found: &[Vec<f64>], exact: &[Vec<f64>]) -> f64 {
+    assert_eq!(found.len(), exact.len());
+    let mut error = 0.0_f64;
+    let mut size = 0.0_f64;
+    for (found, exact) in found.iter().flatten().zip(exact.iter().flatten()) {
+        error = error.max((found - exact).abs());
+        size = size.max(exact.abs());
+    }
+    error / size
+}
+
+#[test]
+fn the_solved_case_by_the_command_line() {
+    let Some(case) = reference("cases/disc16") else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let (v, u, j) = (
+        folder.path().join("v.csv"),
+        folder.path().join("U.csv"),
+        folder.path().join("J.csv"),
+    );
+    for name in ["homog", "one", "random"] {
+        let line =
+            format!("forward --case {{}} --sigma {name} --out {{}} --potentials {{}} --timing");
+        let said = done(&words(&line, &[&case, &v, &u]));
+        assert!(said.contains("forward "), "{said}");
+        let exact = |letter: &str| numbers(&case.join(format!("{letter}_exact_{name}.csv")));
+        assert!(largest_error(&numbers(&v), &exact("v")) < 1e-13);
+        if name != "random" {
+            assert!(largest_error(&numbers(&u), &exact("U")) < 1e-13);
+        }
+    }
+    done(&words(
+        "jacobian --case {} --sigma homog --out {}",
+        &[&case, &j],
+    ));
+    assert!(largest_error(&numbers(&j), &numbers(&case.join("J_homog.csv"))) < 1e-11);
+    for (prior, lambda) in [
+        ("tikhonov", "0.001"),
+        ("noser", "0.03"),
+        ("laplace", "0.001"),
+    ] {
+        let line = format!(
+            "reconstruct --case {{}} --method one-step --prior {prior} --lambda {lambda} --frames {{}} --baseline {{}} --out {{}}"
+        );
+        let maps = folder.path().join("maps.csv");
+        let (frame, baseline) = (case.join("v_exact_one.csv"), case.join("v_exact_homog.csv"));
+        done(&words(&line, &[&case, &frame, &baseline, &maps]));
+        let map = numbers(&maps);
+        assert_eq!((map.len(), map[0].len()), (1, 780));
+        let solved = numbers(&case.join(format!("recon_{prior}_one.csv")));
+        let column: Vec<Vec<f64>> = map[0].iter().map(|value| vec![*value]).collect();
+        let error = largest_error(&column, &solved);
+        println!("{prior}: {error:.1e}");
+        assert!(error < 1e-11, "{prior}: {error:e}");
+    }
+}
+
+#[test]
+fn a_small_network_is_trained_kept_and_used() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    done(&words(
+        "mesh --preset disc-tank --set electrodes=8 --set fineness=0.5 --out {}",
+        &[&path("tank")],
+    ));
+    done(&words(
+        "forward --case {} --sigma homog --out {}",
+        &[&path("tank"), &path("v.csv")],
+    ));
+    let train = "train rbf --profile matched --cases 60 --neurons 12 --seed 3 --case {} --out {}";
+    done(&words(train, &[&path("tank"), &path("a.safetensors")]));
+    done(&words(train, &[&path("tank"), &path("b.safetensors")]));
+    assert_eq!(
+        std::fs::read(path("a.safetensors")).unwrap(),
+        std::fs::read(path("b.safetensors")).unwrap()
+    );
+    let use_it = "reconstruct --case {} --model {} --frames {} --out {} --json";
+    let output = lab(&words(
+        use_it,
+        &[
+            &path("tank"),
+            &path("a.safetensors"),
+            &path("v.csv"),
+            &path("maps.csv"),
+        ],
+    ));
+    assert!(output.status.success());
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(said.contains("\"method\":\"rbf matched\""), "{said}");
+
+    // another ring, another mesh: refused by name
+    done(&words(
+        "mesh --preset disc-tank --set electrodes=9 --set fineness=0.5 --out {}",
+        &[&path("nine")],
+    ));
+    done(&words(
+        "forward --case {} --sigma homog --out {}",
+        &[&path("nine"), &path("v9.csv")],
+    ));
+    let (code, said) = refused(
+        use_it,
+        &[
+            &path("nine"),
+            &path("a.safetensors"),
+            &path("v9.csv"),
+            &path("maps.csv"),
+        ],
+    );
+    assert_eq!(code, Some(1));
+    assert!(
+        said.contains("40 readings") && said.contains("54 readings"),
+        "{said}"
+    );
+
+    // a file cut short, and one that is something else
+    let whole = std::fs::read(path("a.safetensors")).unwrap();
+    std::fs::write(path("cut.safetensors"), &whole[..whole.len() / 2]).unwrap();
+    for (model, word) in [
+        ("cut.safetensors", "truncated"),
+        ("v.csv", "not a model file"),
+    ] {
+        let (code, said) = refused(
+            use_it,
+            &[
+                &path("tank"),
+                &path(model),
+                &path("v.csv"),
+                &path("maps.csv"),
+            ],
+        );
+        assert_eq!(code, Some(1));
+        assert!(said.contains(word) && said.contains(model), "{said}");
+    }
+}
+
+#[test]
+fn a_wrong_column_count_names_file_and_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    done(&words(
+        "mesh --preset disc-tank --set electrodes=4 --set fineness=0.5 --out {}",
+        &[&path("tank")],
+    ));
+    std::fs::write(path("frames.csv"), "m0,m1,m2,m3\n1,2,3,4\n1,2,3\n").unwrap();
+    let (code, said) = refused(
+        "reconstruct --case {} --frames {} --out {}",
+        &[&path("tank"), &path("frames.csv"), &path("maps.csv")],
+    );
+    assert_eq!(code, Some(1));
+    assert!(said.contains("frames.csv:3"), "{said}");
+}
+
+#[test]
+fn what_cannot_be_meant_is_a_usage_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    done(&words(
+        "mesh --preset disc-tank --set electrodes=8 --set fineness=0.5 --out {}",
+        &[&path("tank")],
+    ));
+    done(&words(
+        "forward --case {} --sigma homog --out {}",
+        &[&path("tank"), &path("v.csv")],
+    ));
+    for (options, word) in [
+        ("--method tv", "not in this version"),
+        ("--method dnn", "not in this version"),
+        ("--method rbf --lambda 1", "--lambda"),
+        ("--prior quadratic", "quadratic"),
+        ("--noise-v 1 --lambda 1", "--lambda"),
+        ("--baseline first:0", "first:0"),
+        ("--metod one-step", "--metod"),
+    ] {
+        let line = format!("reconstruct --case {{}} {options} --frames {{}} --out {{}}");
+        let (code, said) = refused(&line, &[&path("tank"), &path("v.csv"), &path("maps.csv")]);
+        assert_eq!(code, Some(2), "{options}: {said}");
+        assert!(said.contains(word), "{options}: {said}");
+    }
+    for set in ["radius=3", "radius_mm", "electrodes=sixteen"] {
+        let line = format!("mesh --preset disc-tank --set {set} --out {{}}");
+        let (code, said) = refused(&line, &[&path("other")]);
+        assert_eq!(code, Some(2), "{said}");
+        assert!(said.contains("--set"), "{said}");
+    }
+    let shells = lab(&words("completions bash", &[]));
+    assert!(String::from_utf8_lossy(&shells.stdout).contains("tactus-lab"));
+}
