@@ -15,7 +15,7 @@ use scpi::Common;
 use survey::{Reading, Relay, Wiring};
 use tokio::sync::Mutex;
 
-use crate::command::{Command, INTEGRATION, RANGES};
+use crate::command::{Command, INTEGRATION, RANGES, Route, System};
 use crate::modules::{Module, split};
 use unit::{Prepared, Unit, compact, garbled};
 
@@ -72,7 +72,7 @@ impl<S: Stream> Keysight34980a<S> {
         }
         let mut cards = [const { None }; 8];
         for (slot, card) in (1..).zip(&mut cards) {
-            let asked = Command::CardType(slot).to_string();
+            let asked = System::CardType(slot).to_string();
             let answer = link.ask(&asked).await?;
             let model = answer
                 .trim()
@@ -215,10 +215,10 @@ impl<S: Stream> Switch for Keysight34980a<S> {
             }
             let list = compact(relays);
             commands.push(match one {
-                Move::Close(_) => Command::Close(list),
+                Move::Close(_) => Route::Close(list).into(),
                 Move::Open(_) => {
                     opens = true;
-                    Command::Open(list)
+                    Route::Open(list).into()
                 }
             });
         }
@@ -257,9 +257,9 @@ impl<S: Stream> Switch for Keysight34980a<S> {
         let mut unit = self.unit.lock().await;
         // On the way to safety nothing closes.
         unit.held
-            .retain(|command| !matches!(command, Command::Close(_)));
+            .retain(|command| !matches!(command, Command::Route(Route::Close(_))));
         if !relays.is_empty() {
-            unit.held.push(Command::Open(compact(relays)));
+            unit.held.push(Route::Open(compact(relays)).into());
         }
         let closed = unit.read_closed(relays).await?;
         let stuck: Vec<Relay> = relays

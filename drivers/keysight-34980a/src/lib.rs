@@ -35,8 +35,11 @@ mod modules;
 mod simulator;
 
 pub use command::{
-    Channels, Command, Field, INTEGRATION, Message, RANGES, Range, StatusGroup, TriggerSource,
+    Channels, Command, Field, INTEGRATION, Measure, Message, Protection, Quantity, RANGES, Range,
+    Route, Sense, Setting, StatusGroup, System, TriggerSource,
 };
 pub use driver::Keysight34980a;
 pub use modules::{Contact, Model, Module, ModuleError, Terminal, join, split};
-pub use simulator::{MeterRequest, Response, Settings34980a, Simulator34980a, Wires};
+pub use simulator::{
+    MeterRequest, Output, Response, Session, Settings34980a, Simulator34980a, Wires,
+};

@@ -2,143 +2,19 @@
 //!
 //! A channel is counted within its slot (`36`, `911`); a [`Relay`] with its slot (`1036`, `1911`).
 
+mod contact;
+mod model;
+#[cfg(test)]
+mod tests;
+
 use std::fmt;
 use std::str::FromStr;
-use std::time::Duration;
 
-use survey::{Amps, Limits, Relay, Volts};
+use survey::Relay;
 
-/// A switch module that fits a slot of the mainframe.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Model {
-    /// 40 two-wire armature relays and 4 current channels.
-    M34921A,
-    /// 70 two-wire armature relays.
-    M34922A,
-    /// 40 two-wire reed relays.
-    M34923A,
-    /// 70 two-wire reed relays.
-    M34924A,
-    /// 40 two-wire FET switches.
-    M34925A,
-    /// Dual 4 x 8 armature matrix.
-    M34931A,
-    /// Dual 4 x 16 armature matrix.
-    M34932A,
-    /// Dual 4 x 8 reed matrix.
-    M34933A,
-    /// Reed matrix whose layout its terminal block decides.
-    M34934A,
-}
-
-impl Model {
-    /// Every module known.
-    pub const ALL: [Self; 9] = [
-        Self::M34921A,
-        Self::M34922A,
-        Self::M34923A,
-        Self::M34924A,
-        Self::M34925A,
-        Self::M34931A,
-        Self::M34932A,
-        Self::M34933A,
-        Self::M34934A,
-    ];
-
-    /// As `SYST:CTYP?` names it, without a layout.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::M34921A => "34921A",
-            Self::M34922A => "34922A",
-            Self::M34923A => "34923A",
-            Self::M34924A => "34924A",
-            Self::M34925A => "34925A",
-            Self::M34931A => "34931A",
-            Self::M34932A => "34932A",
-            Self::M34933A => "34933A",
-            Self::M34934A => "34934A",
-        }
-    }
-
-    /// Time to close a relay. A FET's is not worth counting.
-    pub fn close_time(self) -> Duration {
-        match self {
-            Self::M34921A | Self::M34922A | Self::M34931A | Self::M34932A => {
-                Duration::from_millis(4)
-            }
-            Self::M34923A | Self::M34924A | Self::M34933A => Duration::from_micros(500),
-            Self::M34934A => Duration::from_micros(350),
-            Self::M34925A => Duration::ZERO,
-        }
-    }
-
-    /// Time to open a relay.
-    pub fn open_time(self) -> Duration {
-        match self {
-            Self::M34934A => Duration::from_micros(100),
-            other => other.close_time(),
-        }
-    }
-
-    /// Channels a second in a scan; `None` for a module that cannot be scanned.
-    pub fn scan_rate(self) -> Option<u32> {
-        match self {
-            Self::M34921A | Self::M34922A => Some(100),
-            Self::M34923A | Self::M34924A => Some(500),
-            Self::M34925A => Some(1000),
-            Self::M34931A | Self::M34932A | Self::M34933A | Self::M34934A => None,
-        }
-    }
-
-    /// Whether its relays keep their state without power. (Its ABus relays never do.)
-    pub fn latching(self) -> bool {
-        matches!(
-            self,
-            Self::M34921A | Self::M34922A | Self::M34931A | Self::M34932A
-        )
-    }
-
-    /// What a plan may ask of its relays, with a 6221 as the source: the current through a closed one, the voltage
-    /// over an open one. A 34933A is taken with its in-rush resistors.
-    pub fn limits(self) -> Limits {
-        let (relay_current, relay_voltage) = match self {
-            Self::M34921A | Self::M34922A | Self::M34931A | Self::M34932A => (1.0, 300.0),
-            Self::M34923A | Self::M34924A | Self::M34933A => (0.05, 150.0),
-            Self::M34925A => (0.02, 80.0),
-            Self::M34934A => (0.5, 100.0),
-        };
-        Limits {
-            relay_current: Amps(relay_current),
-            relay_voltage: Volts(relay_voltage),
-            ..Limits::REED
-        }
-    }
-
-    /// Most coils (closures, where a coil is no limit) that may be at work in the slot, and in each bank.
-    fn most_coils(self) -> (u32, u32) {
-        match self {
-            Self::M34923A | Self::M34924A => (40, 20),
-            Self::M34933A => (40, 40),
-            Self::M34934A => (64, 64),
-            _ => (u32::MAX, u32::MAX),
-        }
-    }
-
-    /// Channels of bank 1; bank 2 has as many.
-    fn bank_size(self) -> Option<u32> {
-        match self {
-            Self::M34921A | Self::M34923A | Self::M34925A => Some(20),
-            Self::M34922A | Self::M34924A => Some(35),
-            _ => None,
-        }
-    }
-}
-
-impl fmt::Display for Model {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
+pub use contact::Contact;
+use contact::{dual_matrix, large_matrix, multiplexer};
+pub use model::Model;
 
 /// What is screwed to a module. It decides which channels of a matrix exist, and how many wires each switches.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -156,49 +32,6 @@ pub enum Terminal {
         /// Columns.
         columns: u32,
     },
-}
-
-/// One switch of a module: what a channel number means.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Contact {
-    /// A channel of a multiplexer: joins its two wires to the bank's common.
-    Channel {
-        /// 1 or 2.
-        bank: u32,
-    },
-    /// A current channel of a 34921A.
-    Current {
-        /// 1 or 2.
-        bank: u32,
-    },
-    /// A bank's common (a multiplexer) or a row (a matrix) to an analogue bus.
-    AnalogBus {
-        /// 1 or 2; on a matrix always 2.
-        bank: u32,
-        /// 1 to 4. The voltmeter is on 1.
-        bus: u32,
-    },
-    /// A cross point.
-    Cross {
-        /// Which of the module's matrices, from 1.
-        matrix: u32,
-        /// Row, as the module numbers it (5 to 8 on the second matrix of a dual one).
-        row: u32,
-        /// Column, from 1.
-        column: u32,
-    },
-}
-
-impl Contact {
-    /// The bank of a multiplexer's channel or of an ABus relay.
-    pub fn bank(self) -> Option<u32> {
-        match self {
-            Self::Channel { bank } | Self::Current { bank } | Self::AnalogBus { bank, .. } => {
-                Some(bank)
-            }
-            Self::Cross { .. } => None,
-        }
-    }
 }
 
 /// A module with its terminal block.
@@ -276,14 +109,45 @@ impl Module {
         self.terminal
     }
 
-    /// As `SYST:CTYP?` names it: a 34934A appends its layout.
+    /// As `SYST:CTYP?` names it: a 34934A appends its layout, also without a terminal block (then 4x32: a public
+    /// client reads the layout there when `SYST:MOD:TERM:TYPE?` says NONE).
     pub fn card_type(&self) -> String {
         match (self.model, self.terminal) {
             (Model::M34934A, Terminal::Matrix { rows, columns }) => {
                 format!("34934A-{rows}x{columns}")
             }
+            (Model::M34934A, _) => "34934A-4x32".to_owned(),
             (model, _) => model.name().to_owned(),
         }
+    }
+
+    /// As `SYST:MOD:TERM:TYPE?` names the terminal block: `NONE`, a matrix's layout as `R8_R64`, and for the others
+    /// (which the sources do not name) the block's order number.
+    pub fn terminal_type(&self) -> String {
+        match self.terminal {
+            Terminal::None => "NONE".to_owned(),
+            Terminal::Matrix { rows, columns } => format!("R{rows}_R{columns}"),
+            Terminal::Plain | Terminal::OneWire => {
+                format!("{}T", self.model.name().trim_end_matches('A'))
+            }
+        }
+    }
+
+    /// The channel of the low side that belongs to one of the high side: on a 34934A of a two-wire layout (4x32,
+    /// 4x64, 8x32). `None` for every other channel and module.
+    pub fn pair(&self, channel: u32) -> Option<u32> {
+        let Terminal::Matrix { rows, columns } = self.terminal else {
+            return None;
+        };
+        let Some(Contact::Cross { matrix, .. }) = self.contact(channel) else {
+            return None;
+        };
+        let highs = match (self.model, rows, columns) {
+            (Model::M34934A, 4, 32) => 2,
+            (Model::M34934A, 4, 64) | (Model::M34934A, 8, 32) => 1,
+            _ => 0,
+        };
+        (matrix <= highs).then_some(channel + highs * columns)
     }
 
     /// Reads the model field of a `SYST:CTYP?` reply.
@@ -469,153 +333,5 @@ fn takes(model: Model) -> &'static str {
         Model::M34933A => "plain, none, 1-wire, 8x8, 4x16",
         Model::M34934A => "none, 4x32, 4x64, 4x128, 8x32, 8x64, 16x32",
         _ => "plain, none",
-    }
-}
-
-fn multiplexer(model: Model, size: u32, channel: u32) -> Option<Contact> {
-    match channel {
-        911..=914 => Some(Contact::AnalogBus {
-            bank: 1,
-            bus: channel - 910,
-        }),
-        921..=924 => Some(Contact::AnalogBus {
-            bank: 2,
-            bus: channel - 920,
-        }),
-        // Which bank a current channel belongs to is not in the sources; the nearer numbers are taken.
-        41..=44 if model == Model::M34921A => Some(Contact::Current {
-            bank: if channel <= 42 { 1 } else { 2 },
-        }),
-        _ if channel >= 1 && channel <= size => Some(Contact::Channel { bank: 1 }),
-        _ if channel > size && channel <= 2 * size => Some(Contact::Channel { bank: 2 }),
-        _ => None,
-    }
-}
-
-/// Rows 1 to 4 are matrix 1, rows 5 to 8 matrix 2; only matrix 2 reaches the ABus.
-fn dual_matrix(channel: u32, columns: u32) -> Option<Contact> {
-    if (921..=924).contains(&channel) {
-        return Some(Contact::AnalogBus {
-            bank: 2,
-            bus: channel - 920,
-        });
-    }
-    let (row, column) = (channel / 100, channel % 100);
-    ((1..=8).contains(&row) && (1..=columns).contains(&column)).then_some(Contact::Cross {
-        matrix: if row <= 4 { 1 } else { 2 },
-        row,
-        column,
-    })
-}
-
-/// A 34934A: every row's channels begin at its own number; the further matrices follow in the same row.
-fn large_matrix(rows: u32, columns: u32, channel: u32) -> Option<Contact> {
-    let matrices = match (rows, columns) {
-        (4, 32) => 4,
-        (4, 64) | (8, 32) => 2,
-        _ => 1,
-    };
-    let first = |row: u32| match rows {
-        4 => 100 * (2 * row - 1),
-        8 => 100 * row,
-        _ => 50 * (row + 1),
-    };
-    (1..=rows).find_map(|row| {
-        let offset = channel.checked_sub(first(row) + 1)?;
-        (offset < columns * matrices).then_some(Contact::Cross {
-            matrix: offset / columns + 1,
-            row,
-            column: offset % columns + 1,
-        })
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn module(text: &str) -> Module {
-        text.parse().unwrap()
-    }
-
-    #[test]
-    fn every_module_has_the_channels_of_the_table() {
-        for (text, channels) in [
-            ("34921A", 40 + 4 + 8),
-            ("34922A", 70 + 8),
-            ("34923A", 40 + 8),
-            ("34924A", 70 + 8),
-            ("34925A", 40 + 8),
-            ("34931A", 64 + 4),
-            ("34932A", 128 + 4),
-            ("34933A", 64 + 4),
-            ("34933A,1-wire", 128),
-            ("34934A,4x32", 512),
-            ("34934A,4x64", 512),
-            ("34934A,4x128", 512),
-            ("34934A,8x32", 512),
-            ("34934A,8x64", 512),
-            ("34934A,16x32", 512),
-            ("34934A,none", 0),
-        ] {
-            assert_eq!(module(text).channels().count(), channels, "{text}");
-        }
-    }
-
-    #[test]
-    fn banks_rows_and_bus_relays_are_where_the_table_says() {
-        let reed = module("34924A");
-        assert_eq!(reed.contact(35), Some(Contact::Channel { bank: 1 }));
-        assert_eq!(reed.contact(36), Some(Contact::Channel { bank: 2 }));
-        assert_eq!(reed.contact(71), None);
-        assert_eq!(reed.bus_relay(1, 1), Some(911));
-        let cross = |matrix, row, column| {
-            Some(Contact::Cross {
-                matrix,
-                row,
-                column,
-            })
-        };
-        let matrix = module("34932A,4x32");
-        assert_eq!(matrix.contact(116), cross(1, 1, 16));
-        assert_eq!(matrix.contact(501), cross(2, 5, 1));
-        assert_eq!(matrix.contact(117), None);
-        assert_eq!(matrix.contact(911), None);
-        assert!(matrix.contact(921).is_some());
-        assert!(!matrix.scannable(101));
-        // 100(2R-1)+C, plus 32 for M2H: row 3, column 5 of M2H
-        assert_eq!(module("34934A,4x32").contact(537), cross(2, 3, 5));
-        assert_eq!(module("34934A,4x128").contact(726), cross(1, 4, 26));
-        assert_eq!(module("34934A,8x32").contact(833), cross(2, 8, 1));
-        assert_eq!(module("34934A,16x32").contact(882), cross(1, 16, 32));
-        assert_eq!(module("34934A,16x32").contact(883), None);
-    }
-
-    #[test]
-    fn coils_are_counted() {
-        let reed = module("34924A");
-        assert_eq!(reed.check_closed(1..=10), Ok(()));
-        assert!(reed.check_closed(1..=11).is_err());
-        assert!(reed.check_closed((1..=10).chain([911])).is_err());
-        assert_eq!(reed.check_closed((1..=10).chain(36..=45)), Ok(()));
-        assert_eq!(module("34922A").check_closed(1..=70), Ok(()));
-        assert_eq!(module("34925A").check_closed([1, 21, 911]), Ok(()));
-        assert!(module("34925A").check_closed([1, 2]).is_err());
-    }
-
-    #[test]
-    fn a_terminal_that_does_not_fit_is_refused_by_name() {
-        let refusal = "34924A,4x32".parse::<Module>().unwrap_err();
-        assert_eq!(
-            refusal.to_string(),
-            "a 34924A takes no terminal '4x32'; it takes plain, none"
-        );
-        assert!("34999A".parse::<Module>().is_err());
-        assert!("34934A,7x7".parse::<Module>().is_err());
-        for model in Model::ALL {
-            let module = Module::new(model);
-            assert_eq!(module.to_string().parse(), Ok(module));
-            assert_eq!(Module::from_card_type(&module.card_type()), Ok(module));
-        }
     }
 }

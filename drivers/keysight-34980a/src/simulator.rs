@@ -1,29 +1,48 @@
-//! The mainframe as a state machine: relays, scan list, voltmeter, memory, status, error queue.
+//! The mainframe as a state machine: relays, scan list, voltmeter, memory, sequences, sessions, status, error queue.
 //!
 //! No I/O, no clock, no physics: lines and time come in as arguments, relays and voltages go out through [`Wires`].
-//! What the fact sheet leaves open is decided so: a command error ends its message, an error of execution does not; a
-//! measurement started by INIT is reckoned at once, and commands that would disturb it wait for its end; `TRIG:COUN INF`
-//! and a READ? of more than the memory holds are refused.
+//! What happens by itself (a scan into memory, a sequence) happens when time is next told, at its own instants: see
+//! [`Simulator34980a::pass`] and [`Simulator34980a::due`].
+//!
+//! What the fact sheet leaves open is decided so: a command error ends its message, an error of execution does not.
+//! Settings of the voltmeter wait for a measurement whose end can be foreseen and are refused during another; relays
+//! move during a scan. `*OPC?` does not wait for what only a trigger or ABOR can end. READ? of more than the memory
+//! holds, or without end, is refused, and its readings are taken ahead of their time: another session that speaks
+//! meanwhile finds the relays as the scan leaves them.
 
+mod calendar;
+mod faults;
+mod memory;
 mod meter;
+mod obey;
 mod relays;
+mod run;
+mod sequences;
+mod sessions;
+mod setup;
 mod trouble;
 
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use scpi::{Common, ErrorQueue, ParseError, StatusModel, StatusRegister, quote};
+use scpi::{ErrorQueue, StandardEvent, StatusModel};
 use survey::{Relay, Volts};
 
-use crate::command::{Command, StatusGroup};
+use crate::command::Command;
 use crate::modules::Module;
-use meter::{Meter, Sweep};
+use calendar::Calendar;
+use meter::Meter;
+use obey::Turn;
 use relays::Relays;
+use sequences::Sequences;
+use sessions::Sessions;
+pub use sessions::{Output, Session};
 use trouble::Trouble;
 
 /// What the mainframe's relays and its voltmeter are joined to. The bench implements it.
 pub trait Wires {
-    /// Told which relays are closed now, whenever that changes; during a scan for every channel of it.
+    /// Told which relays are closed now, whenever that changes; during a scan for every channel of it. A relay that is
+    /// stuck is told as it is, whatever the mainframe believes.
     fn relays(&mut self, closed: &BTreeSet<Relay>, at: Duration);
 
     /// Asked for the voltage between the voltmeter's terminals, before its range is looked at.
@@ -56,10 +75,14 @@ pub struct Settings34980a {
     pub message_time: Duration,
     /// Time that a measurement setting costs for each channel it is for.
     pub setting_time: Duration,
+    /// Readings that the memory holds.
+    pub memory: usize,
+    /// What its clock shows at time zero: since 1970-01-01.
+    pub clock: Duration,
 }
 
 impl Default for Settings34980a {
-    /// Empty slots, 50 Hz, no time lost over messages.
+    /// Empty slots, 50 Hz, no time lost over messages, memory as in section 5, the year 2000.
     fn default() -> Self {
         Self {
             vendor: "Agilent Technologies".to_owned(),
@@ -68,6 +91,8 @@ impl Default for Settings34980a {
             line_hz: 50.0,
             message_time: Duration::ZERO,
             setting_time: Duration::ZERO,
+            memory: 500_000,
+            clock: Duration::from_secs(946_684_800),
         }
     }
 }
@@ -84,11 +109,16 @@ pub struct Response {
 /// Entries of the error queue (section 7).
 const ERRORS: usize = 20;
 
-/// Questionable event bits (section 7).
+/// Questionable bits (section 7).
 const VOLTAGE_OVERLOAD: u8 = 0;
-/// Operation condition bits (section 7).
+const MEMORY_OVERFLOW: u8 = 12;
+/// Operation bits (section 7).
 const MEASURING: u8 = 4;
 const WAITING_FOR_TRIGGER: u8 = 5;
+const CONFIGURATION_CHANGED: u8 = 8;
+const MEMORY_THRESHOLD: u8 = 9;
+const LOCKED: u8 = 10;
+const SEQUENCE_RUNNING: u8 = 14;
 
 /// A simulated mainframe.
 #[derive(Debug)]
@@ -96,30 +126,16 @@ pub struct Simulator34980a {
     settings: Settings34980a,
     relays: Relays,
     meter: Meter,
+    sequences: Sequences,
+    sessions: Sessions,
+    calendar: Calendar,
     status: StatusModel,
     errors: ErrorQueue,
-    /// `*OPC` waits for the end of a measurement.
+    display: String,
+    /// Commands may begin before relays have settled.
+    overlap: bool,
+    /// `*OPC` waits for the end of what is going on.
     completion_awaited: bool,
-}
-
-/// What became of one command.
-#[derive(Debug, Default)]
-struct Done {
-    text: Option<String>,
-    took: Duration,
-}
-
-impl Done {
-    fn said(text: impl Into<String>) -> Self {
-        Self {
-            text: Some(text.into()),
-            took: Duration::ZERO,
-        }
-    }
-
-    fn took(took: Duration) -> Self {
-        Self { text: None, took }
-    }
 }
 
 impl Simulator34980a {
@@ -127,15 +143,20 @@ impl Simulator34980a {
     pub fn new(settings: Settings34980a) -> Self {
         Self {
             relays: Relays::new(settings.slots),
-            meter: Meter::new(settings.line_hz),
+            meter: Meter::new(settings.line_hz, settings.memory),
+            sequences: Sequences::default(),
+            sessions: Sessions::default(),
+            calendar: Calendar::new(settings.clock),
             status: StatusModel::new(),
             errors: ErrorQueue::new(ERRORS),
+            display: String::new(),
+            overlap: false,
             completion_awaited: false,
             settings,
         }
     }
 
-    /// The relays closed now.
+    /// The relays closed now, as the mainframe believes.
     pub fn closed(&self) -> &BTreeSet<Relay> {
         self.relays.closed()
     }
@@ -145,24 +166,65 @@ impl Simulator34980a {
         self.errors.len()
     }
 
-    /// Switches power off and on: latching relays keep their state, everything else is as new (section 3).
-    pub fn power_cycle(&mut self, at: Duration, wires: &mut dyn Wires) {
-        self.relays.lose_power();
-        self.meter = Meter::new(self.settings.line_hz);
-        self.status = StatusModel::new();
-        self.errors.clear();
-        self.completion_awaited = false;
-        wires.relays(self.relays.closed(), at);
+    /// When something next happens by itself: a reading, a sweep, a step of a sequence. Whoever owns the time tells it
+    /// then by [`Simulator34980a::pass`], so that nothing else in the rig has moved on in between.
+    pub fn due(&self) -> Option<Duration> {
+        let due = [self.meter.due(), self.sequences.due()];
+        due.into_iter().flatten().min()
     }
 
-    /// Hears one message (a line without its end) and answers it.
+    /// Lets time pass: takes the readings and the steps of sequences that were due by then, each at its own instant.
+    pub fn pass(&mut self, at: Duration, wires: &mut dyn Wires) {
+        while let Some(due) = self.sequences.due().filter(|due| *due <= at) {
+            self.meter.advance(due, &mut self.relays, wires);
+            self.step(due, wires);
+        }
+        self.meter.advance(at, &mut self.relays, wires);
+        self.notice(at);
+    }
+
+    /// Switches power off and on: latching relays keep their state, sequences, relay counts and the clock are kept,
+    /// everything else is as new (sections 3 and 6).
+    pub fn power_cycle(&mut self, at: Duration, wires: &mut dyn Wires) {
+        self.relays.lose_power();
+        self.meter.as_new();
+        self.sequences.abort();
+        self.sessions = Sessions::default();
+        self.status = StatusModel::new();
+        self.errors.clear();
+        self.display.clear();
+        self.overlap = false;
+        self.completion_awaited = false;
+        self.relays.tell(at, wires);
+    }
+
+    /// Hears one message (a line without its end) from the only session, and answers it.
     pub fn hear(&mut self, line: &str, at: Duration, wires: &mut dyn Wires) -> Response {
-        let mut now = at + self.settings.message_time;
+        self.hear_from(Session::default(), line, at, wires)
+    }
+
+    /// Hears one message of a session, and answers it. What the response's time is over, the session's next message may
+    /// be heard; other sessions need not wait for that.
+    pub fn hear_from(
+        &mut self,
+        session: Session,
+        line: &str,
+        at: Duration,
+        wires: &mut dyn Wires,
+    ) -> Response {
+        let mut turn = Turn {
+            session,
+            now: self.sessions.takes_up(session, at) + self.settings.message_time,
+            replied: self.sessions.has_reply(session),
+            depth: 0,
+            wires,
+        };
         let mut replies = Vec::new();
         for call in scpi::parse_message(line) {
-            self.notice(now);
-            let command = match call.and_then(|call| Command::of(&call)) {
-                Ok(command) => command,
+            self.pass(turn.now, turn.wires);
+            let heard = call.and_then(|call| Ok((call.query, Command::of(&call)?)));
+            let (query, command) = match heard {
+                Ok(heard) => heard,
                 Err(refusal) => {
                     self.fail(refusal.into());
                     // What follows a command error is not understood any more, what follows a bad value is.
@@ -172,18 +234,22 @@ impl Simulator34980a {
                     continue;
                 }
             };
-            match self.obey(command, now, !replies.is_empty(), wires) {
-                Ok(done) => {
-                    now += done.took;
-                    replies.extend(done.text);
-                }
+            if self.sessions.forbids(session, query, &command) {
+                self.fail(Trouble::LOCKED);
+                continue;
+            }
+            match self.obey(command, &mut turn) {
+                Ok(text) => replies.extend(text),
                 Err(trouble) => self.fail(trouble),
             }
+            turn.replied |= !replies.is_empty();
         }
-        self.notice(now);
+        let done = turn.now;
+        self.pass(done, turn.wires);
+        self.sessions.keep_busy(session, done);
         Response {
             text: (!replies.is_empty()).then(|| replies.join(";")),
-            busy: now - at,
+            busy: done - at,
         }
     }
 
@@ -194,298 +260,29 @@ impl Simulator34980a {
 
     /// Brings the registers up to the time.
     fn notice(&mut self, now: Duration) {
-        let measuring = self.meter.is_measuring(now);
-        self.status.operation.set(MEASURING, measuring);
-        let waiting = self.meter.is_waiting();
-        self.status.operation.set(WAITING_FOR_TRIGGER, waiting);
-        if self.completion_awaited && !measuring {
-            self.completion_awaited = false;
-            self.status.raise(scpi::StandardEvent::OperationComplete);
+        let operation = &mut self.status.operation;
+        operation.set(MEASURING, self.meter.is_measuring(now));
+        operation.set(WAITING_FOR_TRIGGER, self.meter.is_waiting());
+        operation.set(LOCKED, self.sessions.is_locked());
+        operation.set(SEQUENCE_RUNNING, self.sequences.is_running());
+        let noticed = self.meter.take_noticed();
+        if noticed.measured {
+            operation.latch(MEASURING);
         }
-    }
-
-    /// Carries one command out. `replied`: whether a reply of this message waits already.
-    fn obey(
-        &mut self,
-        command: Command,
-        now: Duration,
-        replied: bool,
-        wires: &mut dyn Wires,
-    ) -> Result<Done, Trouble> {
-        let wait = self.meter.time_left(now);
-        match command {
-            Command::Common(common) => self.obey_common(common, now, replied, wires),
-            Command::Close(list) => {
-                let relays = self.relays.expand(&list)?;
-                let took = self.relays.close(&relays, self.meter.scan_list())?;
-                Ok(self.moved(now, wait + took, wires))
-            }
-            Command::CloseExclusive(list) => {
-                let relays = self.relays.expand(&list)?;
-                let took = self
-                    .relays
-                    .close_exclusive(&relays, self.meter.scan_list())?;
-                Ok(self.moved(now, wait + took, wires))
-            }
-            Command::Open(list) => {
-                let relays = self.relays.expand_some(&list)?;
-                let took = self.relays.open(|relay| relays.contains(&relay));
-                Ok(self.moved(now, wait + took, wires))
-            }
-            Command::OpenAll(slot) => {
-                if let Some(slot) = slot {
-                    self.relays.module(slot)?;
-                }
-                let took = self
-                    .relays
-                    .open(|relay| slot.is_none_or(|slot| relay.0 / 1000 == slot));
-                Ok(self.moved(now, wait + took, wires))
-            }
-            Command::OpenBuses(bus) => {
-                let took = self.relays.open_buses(bus);
-                Ok(self.moved(now, wait + took, wires))
-            }
-            Command::Closed(list) => self.states(&list, true),
-            Command::Opened(list) => self.states(&list, false),
-            Command::RelayCycles(list) => {
-                let relays = self.relays.expand_some(&list)?;
-                let counts = relays.iter().map(|relay| self.relays.cycles(*relay));
-                Ok(Done::said(join(counts.map(|count| format!("{count:+}")))))
-            }
-            Command::SetScan(list) => {
-                let relays = self.relays.expand(&list)?;
-                self.meter.set_scan(&self.relays, relays)?;
-                Ok(Done::took(wait))
-            }
-            Command::Scan => {
-                let list = scpi::ChannelList::of(self.meter.scan_list().iter().map(|r| r.0));
-                let block = scpi::format_block(list.to_string().as_bytes());
-                Ok(Done::said(String::from_utf8_lossy(&block)))
-            }
-            Command::ScanSize => Ok(Done::said(format!("{:+}", self.meter.scan_list().len()))),
-            Command::Read(channels) => {
-                if self.meter.is_busy(now) {
-                    return Err(ParseError::InitIgnored.into());
-                }
-                let list = match channels {
-                    Some(list) => {
-                        let relays = self.relays.expand(&list)?;
-                        self.meter.sorted(&self.relays, relays)?
-                    }
-                    None => self.meter.scan_list().to_vec(),
-                };
-                self.meter.check_read(list.len())?;
-                self.meter.clear_memory();
-                let took = self.sweep(&list, self.meter.count(), now, wires);
-                Ok(Done {
-                    text: Some(self.meter.readings()),
-                    took,
-                })
-            }
-            Command::Initiate => {
-                if self.meter.is_busy(now) {
-                    return Err(ParseError::InitIgnored.into());
-                }
-                let list = self.meter.scan_list().to_vec();
-                self.meter.check_memory(list.len())?;
-                self.meter.clear_memory();
-                if self.meter.awaits_trigger() {
-                    self.meter.wait_for_triggers();
-                    return Ok(Done::default());
-                }
-                let took = self.sweep(&list, self.meter.count(), now, wires);
-                self.meter.measuring_until(now + took);
-                Ok(Done::default())
-            }
-            Command::Fetch => {
-                if !self.meter.has_readings() {
-                    return Err(ParseError::DataStale.into());
-                }
-                Ok(Done {
-                    text: Some(self.meter.readings()),
-                    took: wait,
-                })
-            }
-            Command::Abort => {
-                self.meter.abort(now);
-                Ok(Done::default())
-            }
-            Command::CardType(slot) => Ok(Done::said(self.card_type(slot))),
-            Command::NextError => {
-                let entry = self.errors.pop();
-                Ok(Done::said(format!(
-                    "{:+},{}",
-                    entry.code,
-                    quote(&entry.message)
-                )))
-            }
-            Command::Version => Ok(Done::said("1999.0")),
-            Command::Events(group) => {
-                let events = self.register(group).take_event();
-                Ok(Done::said(format!("{events:+}")))
-            }
-            Command::Conditions(group) => {
-                let conditions = self.register(group).condition();
-                Ok(Done::said(format!("{conditions:+}")))
-            }
-            Command::SetEnable(group, mask) => {
-                self.register(group).set_enable(mask);
-                Ok(Done::default())
-            }
-            Command::Enable(group) => {
-                let enable = self.register(group).enable();
-                Ok(Done::said(format!("{enable:+}")))
-            }
-            Command::PresetStatus => {
-                self.status.preset();
-                Ok(Done::default())
-            }
-            // What remains is the voltmeter's own affair.
-            Command::SetChannelDelay(..)
-            | Command::ChannelDelay(_)
-            | Command::SetChannelDelayAuto(..)
-            | Command::ChannelDelayAuto(_)
-            | Command::ConfigureVolts { .. }
-            | Command::Configuration(_)
-            | Command::SetNplc(..)
-            | Command::Nplc(_)
-            | Command::SetRange(..)
-            | Command::Range(_)
-            | Command::SetRangeAuto(..)
-            | Command::RangeAuto(_)
-            | Command::SetAutozero(..)
-            | Command::Autozero(_)
-            | Command::SetInputAuto(..)
-            | Command::InputAuto(_)
-            | Command::SetTriggerSource(_)
-            | Command::TriggerSource
-            | Command::SetTriggerTimer(_)
-            | Command::TriggerTimer
-            | Command::SetTriggerCount(_)
-            | Command::TriggerCount
-            | Command::SetField(..)
-            | Command::Field(_) => {
-                let (text, channels) = self.meter.obey(&self.relays, command)?;
-                let each = u32::try_from(channels).unwrap_or(u32::MAX);
-                let took = match text {
-                    Some(_) => Duration::ZERO,
-                    None => wait + self.settings.setting_time * each,
-                };
-                Ok(Done { text, took })
-            }
+        if noticed.threshold {
+            operation.latch(MEMORY_THRESHOLD);
         }
-    }
-
-    fn obey_common(
-        &mut self,
-        common: Common,
-        now: Duration,
-        replied: bool,
-        wires: &mut dyn Wires,
-    ) -> Result<Done, Trouble> {
-        let signed = |value: u8| Ok(Done::said(format!("{value:+}")));
-        match common {
-            Common::Identify => Ok(Done::said(format!(
-                "{},34980A,{},2.43-2.43-0.00-0.00",
-                self.settings.vendor, self.settings.serial
-            ))),
-            Common::Reset => {
-                self.meter = Meter::new(self.settings.line_hz);
-                self.completion_awaited = false;
-                let took = self.relays.open(|_| true);
-                Ok(self.moved(now, took, wires))
-            }
-            Common::ClearStatus => {
-                self.status.clear();
-                self.errors.clear();
-                self.completion_awaited = false;
-                Ok(Done::default())
-            }
-            Common::SetEventEnable(mask) => {
-                self.status.set_standard_enable(mask);
-                Ok(Done::default())
-            }
-            Common::EventEnable => signed(self.status.standard_enable()),
-            Common::Events => signed(self.status.take_standard()),
-            Common::SetServiceEnable(mask) => {
-                self.status.set_service_enable(mask);
-                Ok(Done::default())
-            }
-            Common::ServiceEnable => signed(self.status.service_enable()),
-            Common::StatusByte => signed(self.status.status_byte(!self.errors.is_empty(), replied)),
-            Common::OperationComplete => {
-                self.completion_awaited = true;
-                Ok(Done::default())
-            }
-            Common::WhenComplete => Ok(Done {
-                text: Some("1".to_owned()),
-                took: self.meter.time_left(now),
-            }),
-            Common::Wait => Ok(Done::took(self.meter.time_left(now))),
-            Common::SelfTest => signed(0),
-            Common::Trigger => {
-                if self.meter.is_measuring(now) || !self.meter.take_trigger() {
-                    return Err(ParseError::TriggerIgnored.into());
-                }
-                let list = self.meter.scan_list().to_vec();
-                let took = self.sweep(&list, 1, now, wires);
-                self.meter.measuring_until(now + took);
-                Ok(Done::default())
-            }
-        }
-    }
-
-    fn moved(&self, started: Duration, took: Duration, wires: &mut dyn Wires) -> Done {
-        wires.relays(self.relays.closed(), started + took);
-        Done::took(took)
-    }
-
-    fn states(&self, list: &scpi::ChannelList, closed: bool) -> Result<Done, Trouble> {
-        let relays = self.relays.expand_some(list)?;
-        let is = |relay| self.relays.closed().contains(relay) == closed;
-        let states = relays.iter().map(|relay| u8::from(is(relay)).to_string());
-        Ok(Done::said(join(states)))
-    }
-
-    fn card_type(&self, slot: u32) -> String {
-        match self.relays.module(slot) {
-            Ok(module) => format!(
-                "{},{},MY4490000{slot},1.00",
-                self.settings.vendor,
-                module.card_type()
-            ),
-            Err(_) => format!("{},0,0,0", self.settings.vendor),
-        }
-    }
-
-    fn register(&mut self, group: StatusGroup) -> &mut StatusRegister {
-        match group {
-            StatusGroup::Operation => &mut self.status.operation,
-            StatusGroup::Questionable => &mut self.status.questionable,
-        }
-    }
-
-    /// Takes so many sweeps into memory and says how long they took.
-    fn sweep(
-        &mut self,
-        list: &[Relay],
-        sweeps: u32,
-        now: Duration,
-        wires: &mut dyn Wires,
-    ) -> Duration {
-        let sweep = Sweep {
-            list,
-            sweeps,
-            start: now,
-        };
-        let (took, overload) = self.meter.sweep(&mut self.relays, &sweep, wires);
-        if overload {
+        if noticed.overload {
             self.status.questionable.latch(VOLTAGE_OVERLOAD);
         }
-        took
+        let overflown = self.meter.memory().is_overflown();
+        self.status.questionable.set(MEMORY_OVERFLOW, overflown);
+        let pending = self.meter.is_measuring(now)
+            || self.sequences.is_running()
+            || self.relays.settled_at(None) > now;
+        if self.completion_awaited && !pending {
+            self.completion_awaited = false;
+            self.status.raise(StandardEvent::OperationComplete);
+        }
     }
-}
-
-fn join(texts: impl Iterator<Item = String>) -> String {
-    texts.collect::<Vec<_>>().join(",")
 }

@@ -37,7 +37,9 @@ fn section_1_who_it_is_and_what_it_holds() {
          > SYSTEM:CTYPE? 3
          < Agilent Technologies,34934A-8x64,MY44900003,1.00
          > SYST:CTYP? 4
-         < Agilent Technologies,34934A,MY44900004,1.00
+         < Agilent Technologies,34934A-4x32,MY44900004,1.00
+         > SYST:MOD:TERM:TYPE? 3;TYPE? 4;TYPE? 1
+         < R8_R64;NONE;34924T
          > SYST:CTYP? 9
          .
          > SYST:ERR?

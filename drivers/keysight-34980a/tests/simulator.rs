@@ -161,17 +161,20 @@ fn triggers_from_the_bus_take_one_sweep_each() {
 }
 
 #[test]
-fn what_would_not_fit_the_memory_is_refused() {
+fn a_read_of_more_than_the_memory_holds_is_refused() {
     let (mut unit, mut sheet) = (mainframe(&["34924A"]), Sheet::default());
     say(
         &mut unit,
         &mut sheet,
         "CONF:VOLT 1,(@1001:1026);:TRIG:COUN 50000",
     );
-    for start in ["READ?", "INIT", "TRIG:SOUR BUS;:INIT"] {
-        assert_eq!(say(&mut unit, &mut sheet, start), None);
-    }
-    assert_eq!(unit.errors_waiting(), 3);
+    assert_eq!(say(&mut unit, &mut sheet, "READ?"), None);
+    say(&mut unit, &mut sheet, "TRIG:COUN INF");
+    assert_eq!(say(&mut unit, &mut sheet, "READ?"), None);
+    assert_eq!(
+        say(&mut unit, &mut sheet, "SYST:ERR?;:SYST:ERR?").as_deref(),
+        Some("-225,\"Out of memory\";-214,\"Trigger deadlock\"")
+    );
     assert!(sheet.requests.is_empty());
 }
 

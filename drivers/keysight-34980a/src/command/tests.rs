@@ -1,9 +1,199 @@
 //! What the driver says, the simulator hears.
 
+use proptest::prelude::*;
+use scpi::Numeric;
+
 use super::*;
 
+fn every_route(list: &ChannelList) -> Vec<Route> {
+    use Route as R;
+    let name = || "A_1".to_owned();
+    let mut said: Vec<Route> = [
+        R::Close,
+        R::CloseExclusive,
+        R::ClosePair,
+        R::Closed,
+        R::ClosedPair,
+        R::Open,
+        R::OpenPair,
+        R::Opened,
+        R::OpenedPair,
+        R::SetScan,
+        R::AddScan,
+        R::RemoveScan,
+    ]
+    .map(|command| command(list.clone()))
+    .to_vec();
+    said.extend([
+        R::SetScan(ChannelList::default()),
+        R::OpenAll(None),
+        R::OpenAll(Some(8)),
+        R::OpenBuses(None),
+        R::OpenBuses(Some(4)),
+        R::SetOverlap(true),
+        R::Overlap,
+        R::ModuleBusy(None),
+        R::ModuleBusy(Some(3)),
+        R::ModuleWait(None),
+        R::ModuleWait(Some(3)),
+        R::Scan,
+        R::ScanSize,
+        R::SetOrdered(false),
+        R::Ordered,
+        R::Define {
+            name: name(),
+            commands: Message(vec![
+                R::Close(list.clone()).into(),
+                System::Delay(0.5).into(),
+                System::SetDisplay("it \"runs\"".to_owned()).into(),
+                R::Run(name()).into(),
+            ]),
+        },
+        R::Definition(name()),
+        R::Run(name()),
+        R::Delete(Some(name())),
+        R::Delete(None),
+        R::Catalog,
+        R::SequenceBusy,
+        R::SequenceWait,
+        R::SequenceAbort,
+    ]);
+    said
+}
+
+fn every_sense(channels: &Channels) -> Vec<Sense> {
+    let channels = || channels.clone();
+    let mut said = vec![
+        Sense::Configure {
+            range: Range::Auto,
+            resolution: None,
+            channels: channels(),
+        },
+        Sense::Configure {
+            range: Range::Fixed(10.0),
+            resolution: Some(Numeric::Value(1e-4)),
+            channels: channels(),
+        },
+        Sense::Configuration(channels()),
+    ];
+    let mut settings = vec![
+        Setting::Range(Range::Auto),
+        Setting::RangeAuto(false),
+        Setting::Aperture(300e-6),
+        Setting::Aperture(0.123_456),
+        Setting::ApertureEnabled(true),
+        Setting::Resolution(Numeric::Min),
+        Setting::Resolution(Numeric::Value(1e-5)),
+        Setting::Autozero(false),
+        Setting::InputAuto(true),
+        Setting::Delay(0.002),
+        Setting::DelayAuto(true),
+    ];
+    settings.extend(RANGES.map(|range| Setting::Range(Range::Fixed(range))));
+    settings.extend(INTEGRATION.map(|(nplc, _)| Setting::Nplc(nplc)));
+    for setting in settings {
+        said.push(Sense::Set(setting, channels()));
+        let quantity = setting.quantity();
+        said.push(Sense::Ask(quantity, None, channels()));
+        said.push(Sense::Ask(quantity, Some(Numeric::Max), channels()));
+    }
+    said
+}
+
+fn every_measure(channels: &Channels) -> Vec<Measure> {
+    use Measure as M;
+    let mut said = vec![
+        M::Read(channels.clone()),
+        M::Volts {
+            range: Range::Auto,
+            resolution: Some(Numeric::Max),
+            channels: channels.clone(),
+        },
+        M::Initiate,
+        M::Fetch,
+        M::ReadAndErase(None),
+        M::ReadAndErase(Some(10)),
+        M::Remove(5),
+        M::Points,
+        M::SetThreshold(100),
+        M::Threshold,
+        M::Abort,
+        M::Source,
+        M::SetTimer(0.25),
+        M::Timer(None),
+        M::Timer(Some(Numeric::Min)),
+        M::SetCount(Some(50_000)),
+        M::SetCount(None),
+        M::Count(None),
+        M::Count(Some(Numeric::Max)),
+        M::SetAbsoluteTime(true),
+        M::SetAbsoluteTime(false),
+        M::AbsoluteTime,
+    ];
+    for source in [
+        TriggerSource::Immediate,
+        TriggerSource::Bus,
+        TriggerSource::External,
+        TriggerSource::Timer,
+        TriggerSource::Alarm(1),
+        TriggerSource::Alarm(4),
+    ] {
+        said.push(M::SetSource(source));
+    }
+    for field in [Field::Unit, Field::Time, Field::Channel, Field::Alarm] {
+        said.extend([M::SetField(field, true), M::Field(field)]);
+    }
+    said
+}
+
+fn every_system(list: &ChannelList) -> Vec<System> {
+    use System as S;
+    let mut said = vec![
+        S::CardType(8),
+        S::TerminalType(1),
+        S::Protection(2),
+        S::RelayCycles(list.clone()),
+        S::ClearRelayCycles(list.clone()),
+        S::VoltmeterInstalled,
+        S::NextError,
+        S::Version,
+        S::SetDate(2026, 11, 21),
+        S::Date,
+        S::SetTime(23, 59, 58.125),
+        S::Time,
+        S::ScanTime,
+        S::RequestLock,
+        S::ReleaseLock,
+        S::LockName,
+        S::LockOwner,
+        S::Delay(0.25),
+        S::SetDisplay("a; \"b\"".to_owned()),
+        S::Display,
+        S::ClearDisplay,
+        S::Beep,
+        S::Preset,
+        S::PresetStatus,
+    ];
+    for protection in [
+        Protection::Auto100,
+        Protection::Auto0,
+        Protection::Fix,
+        Protection::Iso,
+    ] {
+        said.push(S::SetProtection(3, protection));
+    }
+    for group in [StatusGroup::Operation, StatusGroup::Questionable] {
+        said.extend([
+            S::Events(group),
+            S::Conditions(group),
+            S::SetEnable(group, 65_535),
+            S::Enable(group),
+        ]);
+    }
+    said
+}
+
 fn every_command() -> Vec<Command> {
-    use Command as C;
     let list: ChannelList = "(@1001,1003:1010)".parse().unwrap();
     let mut said: Vec<Command> = [
         Common::Identify,
@@ -21,78 +211,13 @@ fn every_command() -> Vec<Command> {
         Common::SelfTest,
         Common::Trigger,
     ]
-    .map(C::Common)
+    .map(Command::Common)
     .to_vec();
-    said.extend([
-        C::Initiate,
-        C::Fetch,
-        C::Abort,
-        C::Close(list.clone()),
-        C::CloseExclusive(list.clone()),
-        C::Closed(list.clone()),
-        C::Open(list.clone()),
-        C::Opened(list.clone()),
-        C::OpenAll(None),
-        C::OpenAll(Some(8)),
-        C::OpenBuses(None),
-        C::OpenBuses(Some(4)),
-        C::SetScan(ChannelList::default()),
-        C::Scan,
-        C::ScanSize,
-        C::SetTriggerTimer(0.25),
-        C::TriggerTimer,
-        C::SetTriggerCount(50_000),
-        C::TriggerCount,
-        C::TriggerSource,
-        C::CardType(8),
-        C::NextError,
-        C::Version,
-        C::RelayCycles(list.clone()),
-        C::PresetStatus,
-    ]);
+    said.extend(every_route(&list).into_iter().map(Command::from));
+    said.extend(every_system(&list).into_iter().map(Command::from));
     for channels in [None, Some(ChannelList::default()), Some(list)] {
-        let channels = || channels.clone();
-        said.extend([
-            C::Read(channels()),
-            C::SetChannelDelay(0.002, channels()),
-            C::ChannelDelay(channels()),
-            C::SetChannelDelayAuto(true, channels()),
-            C::ChannelDelayAuto(channels()),
-            C::ConfigureVolts {
-                range: Range::Auto,
-                resolution: None,
-                channels: channels(),
-            },
-            C::ConfigureVolts {
-                range: Range::Fixed(10.0),
-                resolution: Some(Numeric::Value(1e-4)),
-                channels: channels(),
-            },
-            C::Configuration(channels()),
-            C::Nplc(channels()),
-            C::SetRange(Range::Auto, channels()),
-            C::Range(channels()),
-            C::SetRangeAuto(false, channels()),
-            C::RangeAuto(channels()),
-            C::SetAutozero(false, channels()),
-            C::Autozero(channels()),
-            C::SetInputAuto(true, channels()),
-            C::InputAuto(channels()),
-        ]);
-        said.extend(RANGES.map(|range| C::SetRange(Range::Fixed(range), channels())));
-        said.extend(INTEGRATION.map(|(nplc, _)| C::SetNplc(nplc, channels())));
-    }
-    said.extend(SOURCES.map(|(_, source)| C::SetTriggerSource(source)));
-    for (_, field) in FIELDS {
-        said.extend([C::SetField(field, true), C::Field(field)]);
-    }
-    for (_, group) in GROUPS {
-        said.extend([
-            C::Events(group),
-            C::Conditions(group),
-            C::SetEnable(group, 65_535),
-            C::Enable(group),
-        ]);
+        said.extend(every_sense(&channels).into_iter().map(Command::from));
+        said.extend(every_measure(&channels).into_iter().map(Command::from));
     }
     said
 }
@@ -117,21 +242,77 @@ fn a_whole_message_is_heard_as_its_commands() {
 #[test]
 fn values_become_what_the_instrument_makes_of_them() {
     let heard = |text: &str| text.parse::<Command>();
+    let set = |setting, channels: Channels| Ok(Command::from(Sense::Set(setting, channels)));
     assert_eq!(
         heard("sense:voltage:range 0.5"),
-        Ok(Command::SetRange(Range::Fixed(1.0), None))
+        set(Setting::Range(Range::Fixed(1.0)), None)
     );
     assert_eq!(
         heard("VOLT:DC:NPLC 0.5,(@1001)"),
-        Ok(Command::SetNplc(1.0, Some(ChannelList::of([1001]))))
+        set(Setting::Nplc(1.0), Some(ChannelList::of([1001])))
     );
-    assert_eq!(heard("VOLT:RANG 301"), Err(ParseError::OutOfRange));
-    assert_eq!(heard("VOLT:NPLC"), Err(ParseError::MissingParameter));
     assert_eq!(
-        heard("VOLT:NPLC 1,(@1001),2"),
-        Err(ParseError::ParameterNotAllowed)
+        heard("VOLT:APER 301.7 us"),
+        set(Setting::Aperture(300e-6), None)
     );
-    assert_eq!(heard("ROUT:CLOS 1001"), Err(ParseError::NumericNotAllowed));
-    assert_eq!(heard("ROUT:CLOSE:NONE"), Err(ParseError::UndefinedHeader));
-    assert_eq!(heard("SYST:CTYP? 9"), Err(ParseError::OutOfRange));
+    assert_eq!(
+        heard("ROUT:OPEN:ALL slot3"),
+        Ok(Route::OpenAll(Some(3)).into())
+    );
+    assert_eq!(
+        heard("ROUT:OPEN:ABUS ABUS2"),
+        Ok(Route::OpenBuses(Some(2)).into())
+    );
+    assert_eq!(
+        heard("TRIG:COUN 9.9E37"),
+        Ok(Measure::SetCount(None).into())
+    );
+    assert_eq!(
+        heard("TRIG:COUN MAX"),
+        Ok(Measure::SetCount(Some(50_000)).into())
+    );
+    assert_eq!(
+        heard("SYSTem:MODule:ROW:PROTection 1, AUTO100"),
+        Ok(System::SetProtection(1, Protection::Auto100).into())
+    );
+}
+
+#[test]
+fn what_cannot_be_is_refused_by_its_own_number() {
+    for (text, refusal) in [
+        ("VOLT:RANG 301", ParseError::OutOfRange),
+        ("VOLT:NPLC", ParseError::MissingParameter),
+        ("VOLT:NPLC 1,(@1001),2", ParseError::ParameterNotAllowed),
+        ("VOLT:NPLC? 3", ParseError::IllegalParameter),
+        ("VOLT:APER 2", ParseError::OutOfRange),
+        ("ROUT:CLOS 1001", ParseError::NumericNotAllowed),
+        ("ROUT:CLOSE:NONE", ParseError::UndefinedHeader),
+        ("SYST:CTYP? 9", ParseError::OutOfRange),
+        ("SYST:CTYP? SLOT9", ParseError::OutOfRange),
+        ("SYST:MOD:ROW:PROT 1,AUTO", ParseError::IllegalParameter),
+        ("TRIG:COUN 0", ParseError::OutOfRange),
+        ("TRIG:SOUR ALAR5", ParseError::IllegalParameter),
+        (
+            "ROUT:SEQ:DEF 1A,\"ROUT:OPEN:ALL\"",
+            ParseError::NumericNotAllowed,
+        ),
+        ("ROUT:SEQ:DEF A,\"READ?\"", ParseError::SettingsConflict),
+        ("ROUT:SEQ:DEF A,\"INIT\"", ParseError::SettingsConflict),
+        (
+            "ROUT:SEQ:DEF A,\"ROUT:KLOS (@1001)\"",
+            ParseError::UndefinedHeader,
+        ),
+        ("ROUT:SEQ:DEF A,\"\"", ParseError::IllegalParameter),
+    ] {
+        assert_eq!(text.parse::<Command>(), Err(refusal), "{text}");
+    }
+}
+
+proptest! {
+    #[test]
+    fn whatever_is_understood_is_written_so_that_it_is_understood_again(text in "[ -~]{0,40}") {
+        if let Ok(command) = text.parse::<Command>() {
+            prop_assert_eq!(command.to_string().parse(), Ok(command));
+        }
+    }
 }

@@ -6,7 +6,9 @@ use rig::{Link, MeterSettings, RigError, Stream};
 use scpi::{Answer, ChannelEntry, ChannelList, Common, ErrorEntry};
 use survey::{Reading, Relay, Volts};
 
-use crate::command::{Command, Field, Message, Range, TriggerSource};
+use crate::command::{
+    Command, Field, Measure, Message, Quantity, Range, Route, Sense, Setting, System, TriggerSource,
+};
 
 /// Entries of the error queue (section 7), and some more.
 const MOST_ERRORS: usize = 25;
@@ -73,7 +75,7 @@ impl<S: Stream> Unit<S> {
     async fn tell(&mut self, commands: Vec<Command>) -> Result<(), RigError> {
         let said = Message(commands.clone()).to_string();
         let mut message = commands;
-        message.push(Command::NextError);
+        message.push(System::NextError.into());
         let (asked, answer) = self.ask(message, self.link.deadline()).await?;
         let error = self.error(&asked, &answer)?;
         match error.code {
@@ -87,7 +89,7 @@ impl<S: Stream> Unit<S> {
         let mut first = None;
         for _ in 0..MOST_ERRORS {
             let (asked, answer) = self
-                .ask(vec![Command::NextError], self.link.deadline())
+                .ask(vec![System::NextError.into()], self.link.deadline())
                 .await?;
             let error = self.error(&asked, &answer)?;
             if error.code == 0 {
@@ -117,33 +119,30 @@ impl<S: Stream> Unit<S> {
     }
 
     pub(super) async fn set_up(&mut self, wanted: &Prepared) -> Result<(), RigError> {
-        use Command as C;
         if !self.reset {
-            self.tell(vec![
-                C::Common(Common::Reset),
-                C::Common(Common::ClearStatus),
-            ])
-            .await?;
+            self.tell(vec![Common::Reset.into(), Common::ClearStatus.into()])
+                .await?;
             self.reset = true;
         }
         let list = || Some(wanted.list());
+        let set = |setting: Setting| Command::from(Sense::Set(setting, list()));
         let mut settings = vec![
-            C::ConfigureVolts {
+            Command::from(Sense::Configure {
                 range: Range::Fixed(wanted.meter.range.0),
                 resolution: None,
                 channels: list(),
-            },
-            C::SetNplc(wanted.meter.nplc, list()),
-            C::SetAutozero(wanted.meter.autozero, list()),
-            C::SetInputAuto(true, list()),
-            C::SetTriggerSource(TriggerSource::Immediate),
-            C::SetTriggerCount(1),
+            }),
+            set(Setting::Nplc(wanted.meter.nplc)),
+            set(Setting::Autozero(wanted.meter.autozero)),
+            set(Setting::InputAuto(true)),
+            Measure::SetSource(TriggerSource::Immediate).into(),
+            Measure::SetCount(Some(1)).into(),
         ];
         if !wanted.scan.is_empty() {
-            settings.push(C::SetChannelDelay(0.0, list()));
+            settings.push(set(Setting::Delay(0.0)));
         }
         let fields = [Field::Unit, Field::Time, Field::Channel, Field::Alarm];
-        settings.extend(fields.map(|field| C::SetField(field, false)));
+        settings.extend(fields.map(|field| Measure::SetField(field, false).into()));
         for setting in settings {
             self.tell(vec![setting]).await?;
         }
@@ -152,24 +151,31 @@ impl<S: Stream> Unit<S> {
 
     /// Reads every setting back that a reading depends on.
     pub(super) async fn verify(&mut self, wanted: &Prepared) -> Result<(), RigError> {
-        use Command as C;
-        let list = || Some(wanted.list());
+        let ask = |quantity| Command::from(Sense::Ask(quantity, None, Some(wanted.list())));
         let channels = wanted.scan.len().max(1);
         let number = |value: f64| vec![value; channels];
         let mut settings = vec![
-            ("range", C::Range(list()), number(wanted.meter.range.0)),
-            ("integration", C::Nplc(list()), number(wanted.meter.nplc)),
+            ("range", ask(Quantity::Range), number(wanted.meter.range.0)),
+            (
+                "integration",
+                ask(Quantity::Nplc),
+                number(wanted.meter.nplc),
+            ),
             (
                 "autozero",
-                C::Autozero(list()),
+                ask(Quantity::Autozero),
                 number(f64::from(u8::from(wanted.meter.autozero))),
             ),
-            ("input impedance", C::InputAuto(list()), number(1.0)),
-            ("trigger count", C::TriggerCount, vec![1.0]),
-            ("scan size", C::ScanSize, vec![wanted.scan.len() as f64]),
+            ("input impedance", ask(Quantity::InputAuto), number(1.0)),
+            ("trigger count", Measure::Count(None).into(), vec![1.0]),
+            (
+                "scan size",
+                Route::ScanSize.into(),
+                vec![wanted.scan.len() as f64],
+            ),
         ];
         if !wanted.scan.is_empty() {
-            settings.push(("channel delay", C::ChannelDelay(list()), number(0.0)));
+            settings.push(("channel delay", ask(Quantity::Delay), number(0.0)));
         }
         for (setting, question, set) in settings {
             let (asked, answer) = self.ask(vec![question], self.link.deadline()).await?;
@@ -183,7 +189,9 @@ impl<S: Stream> Unit<S> {
                 return Err(self.mismatch(setting, set[place].to_string(), answer));
             }
         }
-        let (asked, answer) = self.ask(vec![C::Scan], self.link.deadline()).await?;
+        let (asked, answer) = self
+            .ask(vec![Route::Scan.into()], self.link.deadline())
+            .await?;
         let meant = ChannelList::of(wanted.ascending().iter().map(|relay| relay.0));
         let read = scpi::parse_block(answer.as_bytes())
             .ok()
@@ -235,7 +243,7 @@ impl<S: Stream> Unit<S> {
             });
         };
         let (asked, answer) = self
-            .ask(vec![Command::Read(None)], prepared.deadline)
+            .ask(vec![Measure::Read(None).into()], prepared.deadline)
             .await?;
         let answers = self.numbers(&asked, &answer, prepared.scan.len().max(1))?;
         let reading = |answer: &Answer| match answer {
@@ -259,7 +267,7 @@ impl<S: Stream> Unit<S> {
         if relays.is_empty() {
             return Ok(Vec::new());
         }
-        let question = Command::Closed(compact(relays));
+        let question = Route::Closed(compact(relays)).into();
         let (asked, answer) = self.ask(vec![question], self.link.deadline()).await?;
         self.states(&asked, &answer, relays.len())
     }

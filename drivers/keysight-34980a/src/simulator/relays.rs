@@ -1,32 +1,80 @@
 //! Which relays are closed, and which may be: fact sheet sections 2 to 4.
 
+mod slots;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use scpi::{ChannelEntry, ChannelList};
 use survey::Relay;
 
+use super::Wires;
 use super::trouble::Trouble;
 use crate::modules::{Contact, Model, Module, Terminal, join, split};
+pub(super) use slots::Moves;
+use slots::Slot;
 
 #[derive(Debug)]
 pub(super) struct Relays {
-    slots: [Option<Module>; 8],
+    slots: [Slot; 8],
     closed: BTreeSet<Relay>,
     cycles: BTreeMap<Relay, u64>,
+    stuck_open: BTreeSet<Relay>,
+    stuck_closed: BTreeSet<Relay>,
 }
 
 impl Relays {
-    pub(super) fn new(slots: [Option<Module>; 8]) -> Self {
+    pub(super) fn new(modules: [Option<Module>; 8]) -> Self {
         Self {
-            slots,
+            slots: modules.map(|module| Slot {
+                module,
+                ..Slot::default()
+            }),
             closed: BTreeSet::new(),
             cycles: BTreeMap::new(),
+            stuck_open: BTreeSet::new(),
+            stuck_closed: BTreeSet::new(),
         }
+    }
+
+    /// Tells the wires what really conducts.
+    pub(super) fn tell(&self, at: Duration, wires: &mut dyn Wires) {
+        if self.stuck_open.is_empty() && self.stuck_closed.is_empty() {
+            wires.relays(&self.closed, at);
+            return;
+        }
+        let conducting = &(&self.closed - &self.stuck_open) | &self.stuck_closed;
+        wires.relays(&conducting, at);
     }
 
     pub(super) fn closed(&self) -> &BTreeSet<Relay> {
         &self.closed
+    }
+
+    /// Counts the closures of scans that nobody watched.
+    pub(super) fn count_scanned(&mut self, channel: Relay, times: u32) {
+        let Ok((module, _)) = self.contact(channel) else {
+            return;
+        };
+        if module.model() != Model::M34925A {
+            let bus = self.bus_relay(channel);
+            for relay in [Some(channel), bus].into_iter().flatten() {
+                *self.cycles.entry(relay).or_default() += u64::from(times);
+            }
+        }
+    }
+
+    /// The relay that leads a channel to bus 1.
+    fn bus_relay(&self, channel: Relay) -> Option<Relay> {
+        let (module, contact) = self.contact(channel).ok()?;
+        let relay = module.bus_relay(contact.bank()?, 1)?;
+        Some(join(channel.0 / 1000, relay))
+    }
+
+    pub(super) fn clear_cycles(&mut self, relays: &[Relay]) {
+        for relay in relays {
+            self.cycles.remove(relay);
+        }
     }
 
     pub(super) fn cycles(&self, relay: Relay) -> u64 {
@@ -36,11 +84,8 @@ impl Relays {
     /// The module of a slot.
     pub(super) fn module(&self, slot: u32) -> Result<Module, Trouble> {
         let index = slot.checked_sub(1).ok_or(Trouble::SLOT)?;
-        self.slots
-            .get(index as usize)
-            .copied()
-            .flatten()
-            .ok_or(Trouble::SLOT)
+        let place = self.slots.get(index as usize);
+        place.and_then(|place| place.module).ok_or(Trouble::SLOT)
     }
 
     /// What a relay is, and of which module.
@@ -93,7 +138,7 @@ impl Relays {
     }
 
     /// Closes all or none, and says how long that takes.
-    pub(super) fn close(&mut self, relays: &[Relay], scan: &[Relay]) -> Result<Duration, Trouble> {
+    pub(super) fn close(&mut self, relays: &[Relay], scan: &[Relay]) -> Result<Moves, Trouble> {
         let mut after = self.closed.clone();
         after.extend(relays);
         self.check(relays, &after, scan)?;
@@ -105,7 +150,7 @@ impl Relays {
         &mut self,
         relays: &[Relay],
         scan: &[Relay],
-    ) -> Result<Duration, Trouble> {
+    ) -> Result<Moves, Trouble> {
         let slots: BTreeSet<u32> = relays.iter().map(|relay| relay.0 / 1000).collect();
         let mut after: BTreeSet<Relay> = self
             .closed
@@ -116,7 +161,7 @@ impl Relays {
         after.extend(relays);
         self.check(relays, &after, scan)?;
         let opened = self.open(|relay| !after.contains(&relay));
-        Ok(opened + self.become_closed(after))
+        Ok(opened.then(self.become_closed(after)))
     }
 
     /// The scan rule of section 4, the interlock, and the coils of section 3.
@@ -140,7 +185,10 @@ impl Relays {
             {
                 return Err(Trouble::COMMITTED);
             }
-            if bus && module.terminal() == Terminal::None {
+            // `contact` has found the slot.
+            let interlocked = self.slots[relay.0 as usize / 1000 - 1].interlocked;
+            let matrix = module.model() == Model::M34934A;
+            if (bus || matrix) && (interlocked || module.terminal() == Terminal::None) {
                 return Err(Trouble::UNABLE);
             }
         }
@@ -156,6 +204,22 @@ impl Relays {
         Ok(())
     }
 
+    fn is_bus(&self, relay: Relay) -> bool {
+        matches!(self.contact(relay), Ok((_, Contact::AnalogBus { .. })))
+    }
+
+    /// The relays of a list of high sides with their low sides.
+    pub(super) fn expand_pairs(&self, list: &ChannelList) -> Result<Vec<[Relay; 2]>, Trouble> {
+        self.expand_some(list)?
+            .into_iter()
+            .map(|high| {
+                let (module, _) = self.contact(high)?;
+                let low = module.pair(high.0 % 1000).ok_or(Trouble::CHANNEL_UNABLE)?;
+                Ok([high, join(high.0 / 1000, low)])
+            })
+            .collect()
+    }
+
     /// Slot and bank.
     fn bank(&self, relay: Relay) -> (u32, Option<u32>) {
         let bank = self
@@ -165,36 +229,34 @@ impl Relays {
         (relay.0 / 1000, bank)
     }
 
-    fn become_closed(&mut self, after: BTreeSet<Relay>) -> Duration {
-        let mut took = Duration::ZERO;
+    fn become_closed(&mut self, after: BTreeSet<Relay>) -> Moves {
+        let mut moves = Moves::default();
         for relay in after.difference(&self.closed) {
             if let Ok((module, _)) = self.contact(*relay) {
-                took = took.max(module.model().close_time());
+                moves.at_least(*relay, module.model().close_time());
                 if module.model() != Model::M34925A {
                     *self.cycles.entry(*relay).or_default() += 1;
                 }
             }
         }
         self.closed = after;
-        took
+        moves
     }
 
     /// Opens those of the closed relays that are meant, and says how long that takes.
-    pub(super) fn open(&mut self, meant: impl Fn(Relay) -> bool) -> Duration {
-        let slots = self.slots;
-        let mut took = Duration::ZERO;
-        self.closed.retain(|relay| {
-            let stays = !meant(*relay);
-            let slot = (relay.0 / 1000) as usize;
-            if let (false, Some(module)) = (stays, slots.get(slot - 1).copied().flatten()) {
-                took = took.max(module.model().open_time());
+    pub(super) fn open(&mut self, meant: impl Fn(Relay) -> bool) -> Moves {
+        let mut moves = Moves::default();
+        let opened: Vec<Relay> = self.closed.iter().copied().filter(|r| meant(*r)).collect();
+        for relay in opened {
+            self.closed.remove(&relay);
+            if let Ok((module, _)) = self.contact(relay) {
+                moves.at_least(relay, module.model().open_time());
             }
-            stays
-        });
-        took
+        }
+        moves
     }
 
-    pub(super) fn open_buses(&mut self, which: Option<u32>) -> Duration {
+    pub(super) fn open_buses(&mut self, which: Option<u32>) -> Moves {
         let meant: BTreeSet<Relay> = self
             .closed
             .iter()
@@ -225,10 +287,7 @@ impl Relays {
 
     /// Joins one channel to bus 1 for its reading. What is closed for it is to be opened by [`Relays::unjoin`].
     pub(super) fn join_to_bus(&mut self, channel: Relay) -> [Option<Relay>; 2] {
-        let bus = self.contact(channel).ok().and_then(|(module, contact)| {
-            let relay = module.bus_relay(contact.bank()?, 1)?;
-            Some(join(channel.0 / 1000, relay))
-        });
+        let bus = self.bus_relay(channel);
         let joined = [Some(channel), bus];
         let mut after = self.closed.clone();
         after.extend(joined.into_iter().flatten());
@@ -254,5 +313,9 @@ impl Relays {
             .copied()
             .collect();
         self.closed = stay;
+        self.reset_protection();
+        for slot in &mut self.slots {
+            slot.settled = Duration::ZERO;
+        }
     }
 }

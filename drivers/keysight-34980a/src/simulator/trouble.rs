@@ -18,8 +18,11 @@ impl Trouble {
     pub(super) const UNABLE: Self = Self::new(305, "Not able to perform requested operation");
     pub(super) const CHANNEL_UNABLE: Self =
         Self::new(308, "Channel not able to perform requested operation");
+    pub(super) const LOCKED: Self = Self::new(-203, "Command protected");
     pub(super) const DEADLOCK: Self = Self::new(-214, "Trigger deadlock");
     pub(super) const MEMORY: Self = Self::new(-225, "Out of memory");
+    pub(super) const NO_SEQUENCE: Self = Self::new(-292, "Referenced name does not exist");
+    pub(super) const NESTED_TOO_DEEP: Self = Self::new(-276, "Macro recursion error");
 
     const fn new(code: i32, text: &'static str) -> Self {
         Self { code, text }

@@ -1,0 +1,125 @@
+//! The table of headers, and the readings of arguments that several chapters share.
+
+use std::sync::LazyLock;
+
+use scpi::{Argument, Call, ChannelList, Numeric, ParseError, Pattern, Unit};
+
+use super::{Channels, Command, measure, route, sense, system};
+
+/// Makes a command of a call whose header is known.
+pub(super) type Hearer = Box<dyn Fn(&Call) -> Result<Command, ParseError> + Send + Sync>;
+
+/// Headers with what they mean.
+#[derive(Default)]
+pub(super) struct Table(Vec<(bool, Pattern, Hearer)>);
+
+impl Table {
+    /// Adds a header in the manual's notation, ending in `?` for queries.
+    pub(super) fn hear<C: Into<Command>>(
+        &mut self,
+        notation: &str,
+        hearer: impl Fn(&Call) -> Result<C, ParseError> + Send + Sync + 'static,
+    ) {
+        let hearer: Hearer = Box::new(move |call| hearer(call).map(Into::into));
+        self.0
+            .push((notation.ends_with('?'), Pattern::new(notation), hearer));
+    }
+}
+
+static GRAMMAR: LazyLock<Table> = LazyLock::new(|| {
+    let mut table = Table::default();
+    // The most frequent come first.
+    route::rows(&mut table);
+    measure::rows(&mut table);
+    sense::rows(&mut table);
+    system::rows(&mut table);
+    table
+});
+
+/// Reads a call that is no common command.
+pub(super) fn read(call: &Call) -> Result<Command, ParseError> {
+    GRAMMAR
+        .0
+        .iter()
+        .find(|(query, pattern, _)| *query == call.query && pattern.matches(call))
+        .map_or(Err(ParseError::UndefinedHeader), |(_, _, hear)| hear(call))
+}
+
+/// A command without arguments.
+pub(super) fn plain<C>(call: &Call, command: C) -> Result<C, ParseError> {
+    call.exactly::<0>().map(|_| command)
+}
+
+/// A channel list and nothing else.
+pub(super) fn list(call: &Call) -> Result<ChannelList, ParseError> {
+    let [channels] = call.exactly()?;
+    channels.channels()
+}
+
+/// A channel list or nothing.
+pub(super) fn only_channels(call: &Call) -> Result<Channels, ParseError> {
+    call.at_most_one()?.map(Argument::channels).transpose()
+}
+
+/// The arguments before the channel list, which may only be the last, and that list.
+pub(super) fn before_channels(call: &Call) -> Result<(&[Argument], Channels), ParseError> {
+    match call.arguments.split_last() {
+        Some((last @ Argument::Expression(_), values)) => Ok((values, Some(last.channels()?))),
+        _ => Ok((&call.arguments, None)),
+    }
+}
+
+/// One value before the channel list.
+pub(super) fn value_and_channels(call: &Call) -> Result<(&Argument, Channels), ParseError> {
+    match before_channels(call)? {
+        ([], _) => Err(ParseError::MissingParameter),
+        ([value], channels) => Ok((value, channels)),
+        _ => Err(ParseError::ParameterNotAllowed),
+    }
+}
+
+/// MIN, MAX or DEF, where a query asks for a limit instead of the setting.
+pub(super) fn limit(argument: Option<&Argument>) -> Result<Option<Numeric>, ParseError> {
+    let Some(argument) = argument else {
+        return Ok(None);
+    };
+    match argument.number(Unit::None)? {
+        limit @ (Numeric::Min | Numeric::Max | Numeric::Def) => Ok(Some(limit)),
+        _ => Err(ParseError::IllegalParameter),
+    }
+}
+
+/// A number from 1 to `most`, also with the word before it that manuals allow (`SLOT3`, `ABUS2`); `None` for the word
+/// that means all of them, and for nothing at all where that is allowed.
+pub(super) fn one_or(
+    argument: Option<&Argument>,
+    prefix: &str,
+    all: &str,
+    most: i64,
+) -> Result<Option<u32>, ParseError> {
+    match argument {
+        None => Ok(None),
+        Some(Argument::Word(word)) if word.eq_ignore_ascii_case(all) => Ok(None),
+        Some(argument) => numbered(argument, prefix, most).map(Some),
+    }
+}
+
+/// A number from 1 to `most`, also with a word before it.
+pub(super) fn numbered(argument: &Argument, prefix: &str, most: i64) -> Result<u32, ParseError> {
+    let number = match argument {
+        Argument::Word(word) => {
+            let upper = word.to_ascii_uppercase();
+            let digits = upper.strip_prefix(prefix);
+            let number: i64 = digits
+                .and_then(|digits| digits.parse().ok())
+                .ok_or(ParseError::IllegalParameter)?;
+            (1..=most)
+                .contains(&number)
+                .then_some(number)
+                .ok_or(ParseError::OutOfRange)?
+        }
+        number => number.integer(1, most)?,
+    };
+    // `most` is 8 at the most.
+    Ok(number as u32)
+}

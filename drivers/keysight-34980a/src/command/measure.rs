@@ -1,0 +1,255 @@
+//! Triggers, measurements, memory, and the form of a reading: fact sheet section 5.
+
+use std::fmt;
+
+use scpi::{Call, Numeric, Unit};
+
+use super::grammar::{Table, limit, only_channels, plain};
+use super::sense::{volts, write_volts};
+use super::{Asked, Channels, On, Range, word};
+
+/// What starts a sweep.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum TriggerSource {
+    /// At once.
+    Immediate,
+    /// `*TRG`.
+    Bus,
+    /// A pulse at the rear.
+    External,
+    /// The timer.
+    Timer,
+    /// An alarm, 1 to 4. No alarm can be set up here, so it waits.
+    Alarm(u8),
+}
+
+/// A field that a reading may carry behind its value, in the order of the reply.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Field {
+    /// ` VDC`.
+    Unit,
+    /// Time of the reading.
+    Time,
+    /// Channel number.
+    Channel,
+    /// Number of the alarm.
+    Alarm,
+}
+
+/// Triggers, readings, memory, the form of readings.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Measure {
+    /// Measure and answer all readings; with a list, as if that were the scan list.
+    Read(Channels),
+    /// Set up as CONF does, measure and answer all readings.
+    Volts {
+        /// Range.
+        range: Range,
+        /// Resolution, V.
+        resolution: Option<Numeric>,
+        /// The scan list.
+        channels: Channels,
+    },
+    /// Measure into memory.
+    Initiate,
+    /// Answer all readings in memory, at the end of the measurement.
+    Fetch,
+    /// Answer the oldest readings in memory, so many at the most, and erase them.
+    ReadAndErase(Option<u32>),
+    /// Answer exactly so many of the oldest readings in memory, and erase them.
+    Remove(u32),
+    /// Read how many readings are in memory.
+    Points,
+    /// Set how many readings in memory make an event.
+    SetThreshold(u32),
+    /// Read it.
+    Threshold,
+    /// Stop measuring.
+    Abort,
+    /// Set what starts a sweep.
+    SetSource(TriggerSource),
+    /// Read it.
+    Source,
+    /// Set the time from sweep to sweep, s.
+    SetTimer(f64),
+    /// Read it, or a limit of it.
+    Timer(Option<Numeric>),
+    /// Set how many sweeps a measurement has; `None`: until it is stopped.
+    SetCount(Option<u32>),
+    /// Read it, or a limit of it.
+    Count(Option<Numeric>),
+    /// Append a field to every reading, or not.
+    SetField(Field, bool),
+    /// Read whether it is appended.
+    Field(Field),
+    /// Stamp readings with the time of day (true), or with the time since the start of the scan.
+    SetAbsoluteTime(bool),
+    /// Read which.
+    AbsoluteTime,
+}
+
+const SOURCES: [(&str, TriggerSource); 8] = [
+    ("IMMediate", TriggerSource::Immediate),
+    ("BUS", TriggerSource::Bus),
+    ("EXTernal", TriggerSource::External),
+    ("TIMer", TriggerSource::Timer),
+    ("ALARm1", TriggerSource::Alarm(1)),
+    ("ALARm2", TriggerSource::Alarm(2)),
+    ("ALARm3", TriggerSource::Alarm(3)),
+    ("ALARm4", TriggerSource::Alarm(4)),
+];
+
+const FIELDS: [(&str, Field); 4] = [
+    ("UNIT", Field::Unit),
+    ("TIME", Field::Time),
+    ("CHANnel", Field::Channel),
+    ("ALARm", Field::Alarm),
+];
+
+const TIMES: [(&str, bool); 2] = [("ABSolute", true), ("RELative", false)];
+
+/// Longest time between sweeps, s.
+pub(crate) const LONGEST_TIMER: f64 = 359_999.999;
+/// Most sweeps that can be counted.
+pub(crate) const MOST_SWEEPS: u32 = 50_000;
+/// A number of readings that is more than any memory holds.
+const MOST_READINGS: i64 = 1_000_000_000;
+
+pub(super) fn rows(table: &mut Table) {
+    use Measure as M;
+    table.hear("READ?", |call| only_channels(call).map(M::Read));
+    table.hear("MEASure:VOLTage[:DC]?", |call| {
+        let (range, resolution, channels) = volts(call)?;
+        Ok(M::Volts {
+            range,
+            resolution,
+            channels,
+        })
+    });
+    table.hear("INITiate[:IMMediate]", |call| plain(call, M::Initiate));
+    table.hear("FETCh?", |call| plain(call, M::Fetch));
+    table.hear("R?", |call| match call.at_most_one()? {
+        None => Ok(M::ReadAndErase(None)),
+        Some(most) => Ok(M::ReadAndErase(
+            Some(most.integer(1, MOST_READINGS)? as u32),
+        )),
+    });
+    table.hear("DATA:REMove?", |call| {
+        let [count] = call.exactly()?;
+        Ok(M::Remove(count.integer(1, MOST_READINGS)? as u32))
+    });
+    table.hear("DATA:POINts?", |call| plain(call, M::Points));
+    table.hear("DATA:POINts:EVENt:THReshold", |call| {
+        let [count] = call.exactly()?;
+        Ok(M::SetThreshold(count.integer(1, MOST_READINGS)? as u32))
+    });
+    table.hear("DATA:POINts:EVENt:THReshold?", |call| {
+        plain(call, M::Threshold)
+    });
+    table.hear("ABORt", |call| plain(call, M::Abort));
+    table.hear("TRIGger:SOURce", |call| {
+        let [source] = call.exactly()?;
+        source.choice(&SOURCES).map(M::SetSource)
+    });
+    table.hear("TRIGger:SOURce?", |call| plain(call, M::Source));
+    table.hear("TRIGger:TIMer", |call| {
+        let [time] = call.exactly()?;
+        let time = time
+            .number(Unit::Second)?
+            .within(0.0, LONGEST_TIMER, 10.0)?;
+        // Milliseconds are what the instrument keeps.
+        Ok(M::SetTimer((time * 1e3).round() / 1e3))
+    });
+    table.hear("TRIGger:TIMer?", |call| {
+        limit(call.at_most_one()?).map(M::Timer)
+    });
+    table.hear("TRIGger:COUNt", |call| {
+        let [count] = call.exactly()?;
+        Ok(M::SetCount(match count.number(Unit::None)? {
+            Numeric::Infinity => None,
+            Numeric::Def => Some(1),
+            // The limits are those of u32.
+            _ => Some(count.integer(1, MOST_SWEEPS.into())? as u32),
+        }))
+    });
+    table.hear("TRIGger:COUNt?", |call| {
+        limit(call.at_most_one()?).map(M::Count)
+    });
+    table.hear("FORMat:READing:TIME:TYPE", |call| {
+        let [choice] = call.exactly()?;
+        choice.choice(&TIMES).map(M::SetAbsoluteTime)
+    });
+    table.hear("FORMat:READing:TIME:TYPE?", |call| {
+        plain(call, M::AbsoluteTime)
+    });
+    for (name, field) in FIELDS {
+        table.hear(&format!("FORMat:READing:{name}"), move |call: &Call| {
+            let [on] = call.exactly()?;
+            on.boolean().map(|on| M::SetField(field, on))
+        });
+        table.hear(&format!("FORMat:READing:{name}?"), move |call: &Call| {
+            plain(call, M::Field(field))
+        });
+    }
+}
+
+impl TriggerSource {
+    /// As `TRIG:SOUR?` answers it.
+    pub fn word(self) -> String {
+        word(&SOURCES, self)
+    }
+
+    /// Whether a sweep waits for something outside.
+    pub fn waits(self) -> bool {
+        matches!(self, Self::Bus | Self::External | Self::Alarm(_))
+    }
+}
+
+/// As `FORM:READ:TIME:TYPE?` answers it.
+pub(crate) fn time_word(absolute: bool) -> String {
+    word(&TIMES, absolute)
+}
+
+impl fmt::Display for Measure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let limit = |limit: &Option<Numeric>| match limit {
+            Some(limit) => format!(" {limit}"),
+            None => String::new(),
+        };
+        match self {
+            Self::Read(list) => write!(f, "READ?{}", Asked(list)),
+            Self::Volts {
+                range,
+                resolution,
+                channels,
+            } => {
+                f.write_str("MEAS:VOLT:DC? ")?;
+                write_volts(f, *range, *resolution, channels)
+            }
+            Self::Initiate => f.write_str("INIT"),
+            Self::Fetch => f.write_str("FETC?"),
+            Self::ReadAndErase(None) => f.write_str("R?"),
+            Self::ReadAndErase(Some(most)) => write!(f, "R? {most}"),
+            Self::Remove(count) => write!(f, "DATA:REM? {count}"),
+            Self::Points => f.write_str("DATA:POIN?"),
+            Self::SetThreshold(count) => write!(f, "DATA:POIN:EVEN:THR {count}"),
+            Self::Threshold => f.write_str("DATA:POIN:EVEN:THR?"),
+            Self::Abort => f.write_str("ABOR"),
+            Self::SetSource(source) => write!(f, "TRIG:SOUR {}", source.word()),
+            Self::Source => f.write_str("TRIG:SOUR?"),
+            Self::SetTimer(time) => write!(f, "TRIG:TIM {time}"),
+            Self::Timer(asked) => write!(f, "TRIG:TIM?{}", limit(asked)),
+            Self::SetCount(Some(count)) => write!(f, "TRIG:COUN {count}"),
+            Self::SetCount(None) => f.write_str("TRIG:COUN INF"),
+            Self::Count(asked) => write!(f, "TRIG:COUN?{}", limit(asked)),
+            Self::SetField(field, shown) => {
+                write!(f, "FORM:READ:{} {}", word(&FIELDS, *field), On(*shown))
+            }
+            Self::Field(field) => write!(f, "FORM:READ:{}?", word(&FIELDS, *field)),
+            Self::SetAbsoluteTime(absolute) => {
+                write!(f, "FORM:READ:TIME:TYPE {}", time_word(*absolute))
+            }
+            Self::AbsoluteTime => f.write_str("FORM:READ:TIME:TYPE?"),
+        }
+    }
+}

@@ -1,0 +1,251 @@
+//! Switching (section 4), the scan list (section 5) and sequences (section 6).
+
+use std::fmt;
+
+use scpi::{Call, ChannelList, ParseError, quote};
+
+use super::grammar::{Table, list, numbered, one_or, plain};
+use super::{Message, On};
+use crate::command::Command;
+
+/// Relays, scan list, sequences.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Route {
+    /// Close channels.
+    Close(ChannelList),
+    /// Open everything else in the slots named, then close channels.
+    CloseExclusive(ChannelList),
+    /// Close channels of the high side with theirs of the low side (34934A, two-wire).
+    ClosePair(ChannelList),
+    /// Read whether channels are closed.
+    Closed(ChannelList),
+    /// Read whether both channels of a pair are closed.
+    ClosedPair(ChannelList),
+    /// Open channels.
+    Open(ChannelList),
+    /// Open channels of the high side with theirs of the low side.
+    OpenPair(ChannelList),
+    /// Read whether channels are open.
+    Opened(ChannelList),
+    /// Read whether both channels of a pair are open.
+    OpenedPair(ChannelList),
+    /// Open everything, or everything in one slot.
+    OpenAll(Option<u32>),
+    /// Open the relays of all analogue buses, or of one.
+    OpenBuses(Option<u32>),
+    /// Let commands begin before relays have settled, or not.
+    SetOverlap(bool),
+    /// Read whether they may.
+    Overlap,
+    /// Read whether relays of a slot, or of any, are still moving.
+    ModuleBusy(Option<u32>),
+    /// Wait until the relays of a slot, or of all, have settled.
+    ModuleWait(Option<u32>),
+    /// Set the scan list.
+    SetScan(ChannelList),
+    /// Add to the scan list.
+    AddScan(ChannelList),
+    /// Take from the scan list.
+    RemoveScan(ChannelList),
+    /// Read the scan list.
+    Scan,
+    /// Read how many channels the scan list has.
+    ScanSize,
+    /// Keep the scan list ascending and without repeats, or as it was given.
+    SetOrdered(bool),
+    /// Read which.
+    Ordered,
+    /// Define a sequence.
+    Define {
+        /// Its name.
+        name: String,
+        /// What it does, in order.
+        commands: Message,
+    },
+    /// Read what a sequence does.
+    Definition(String),
+    /// Run a sequence.
+    Run(String),
+    /// Forget one sequence, or all.
+    Delete(Option<String>),
+    /// Read the names of all sequences.
+    Catalog,
+    /// Read whether one runs.
+    SequenceBusy,
+    /// Wait until none runs.
+    SequenceWait,
+    /// Stop the sequence that runs.
+    SequenceAbort,
+}
+
+/// Longest name of a sequence (section 6).
+const LONGEST_NAME: usize = 30;
+
+pub(super) fn rows(table: &mut Table) {
+    use Route as R;
+    let slot = |call: &Call, all: &str| one_or(call.at_most_one()?, "SLOT", all, 8);
+    table.hear("ROUTe:CLOSe", |call| list(call).map(R::Close));
+    table.hear("ROUTe:OPEN", |call| list(call).map(R::Open));
+    table.hear("ROUTe:CLOSe?", |call| list(call).map(R::Closed));
+    table.hear("ROUTe:OPEN?", |call| list(call).map(R::Opened));
+    table.hear("ROUTe:CLOSe:EXCLusive", |call| {
+        list(call).map(R::CloseExclusive)
+    });
+    table.hear("ROUTe:CLOSe:PAIR", |call| list(call).map(R::ClosePair));
+    table.hear("ROUTe:CLOSe:PAIR?", |call| list(call).map(R::ClosedPair));
+    table.hear("ROUTe:OPEN:PAIR", |call| list(call).map(R::OpenPair));
+    table.hear("ROUTe:OPEN:PAIR?", |call| list(call).map(R::OpenedPair));
+    table.hear("ROUTe:OPEN:ALL", move |call| {
+        slot(call, "ALL").map(R::OpenAll)
+    });
+    table.hear("ROUTe:OPEN:ABUS", |call| {
+        one_or(call.at_most_one()?, "ABUS", "ALL", 4).map(R::OpenBuses)
+    });
+    table.hear("ROUTe:OPERation:OVERlap[:ENABle]", |call| {
+        let [on] = call.exactly()?;
+        on.boolean().map(R::SetOverlap)
+    });
+    table.hear("ROUTe:OPERation:OVERlap[:ENABle]?", |call| {
+        plain(call, R::Overlap)
+    });
+    table.hear("ROUTe:MODule:BUSY?", move |call| {
+        slot(call, "ANY").map(R::ModuleBusy)
+    });
+    table.hear("ROUTe:MODule:WAIT", move |call| {
+        slot(call, "ALL").map(R::ModuleWait)
+    });
+    table.hear("ROUTe:SCAN", |call| list(call).map(R::SetScan));
+    table.hear("ROUTe:SCAN:ADD", |call| list(call).map(R::AddScan));
+    table.hear("ROUTe:SCAN:REMove", |call| list(call).map(R::RemoveScan));
+    table.hear("ROUTe:SCAN?", |call| plain(call, R::Scan));
+    table.hear("ROUTe:SCAN:SIZE?", |call| plain(call, R::ScanSize));
+    table.hear("ROUTe:SCAN:ORDered", |call| {
+        let [on] = call.exactly()?;
+        on.boolean().map(R::SetOrdered)
+    });
+    table.hear("ROUTe:SCAN:ORDered?", |call| plain(call, R::Ordered));
+    table.hear("ROUTe:SEQuence:DEFine", define);
+    table.hear("ROUTe:SEQuence:DEFine?", |call| {
+        name(call).map(R::Definition)
+    });
+    table.hear("ROUTe:SEQuence:TRIGger[:IMMediate]", |call| {
+        name(call).map(R::Run)
+    });
+    table.hear("ROUTe:SEQuence:DELete[:NAME]", |call| {
+        name(call).map(|name| R::Delete(Some(name)))
+    });
+    table.hear("ROUTe:SEQuence:DELete:ALL", |call| {
+        plain(call, R::Delete(None))
+    });
+    table.hear("ROUTe:SEQuence:CATalog?", |call| plain(call, R::Catalog));
+    table.hear("ROUTe:SEQuence:BUSY?", |call| plain(call, R::SequenceBusy));
+    table.hear("ROUTe:SEQuence:WAIT", |call| plain(call, R::SequenceWait));
+    table.hear("ROUTe:SEQuence:ABORt", |call| plain(call, R::SequenceAbort));
+    table.hear("SYSTem:CPON", |call| {
+        let [slot] = call.exactly()?;
+        if slot
+            .word()
+            .is_ok_and(|word| word.eq_ignore_ascii_case("ALL"))
+        {
+            return Ok(R::OpenAll(None));
+        }
+        numbered(slot, "SLOT", 8).map(|slot| R::OpenAll(Some(slot)))
+    });
+}
+
+/// A name: a letter, then letters, digits and underscores; kept in capitals.
+fn checked_name(word: &str) -> Result<String, ParseError> {
+    if word.len() > LONGEST_NAME || !word.starts_with(|c: char| c.is_ascii_alphabetic()) {
+        return Err(ParseError::IllegalParameter);
+    }
+    Ok(word.to_ascii_uppercase())
+}
+
+fn name(call: &Call) -> Result<String, ParseError> {
+    let [name] = call.exactly()?;
+    checked_name(name.word()?)
+}
+
+/// The commands are understood when they are defined; one that is not, or may not stand in a sequence, discards the
+/// whole (section 6).
+fn define(call: &Call) -> Result<Route, ParseError> {
+    let [name, text] = call.exactly()?;
+    let name = checked_name(name.word()?)?;
+    let text = text.string()?;
+    let mut commands = Vec::new();
+    for call in scpi::parse_message(text) {
+        let command = Command::of(&call?)?;
+        if !command.may_stand_in_a_sequence() {
+            return Err(ParseError::SettingsConflict);
+        }
+        commands.push(command);
+    }
+    if commands.is_empty() {
+        return Err(ParseError::IllegalParameter);
+    }
+    let commands = Message(commands);
+    Ok(Route::Define { name, commands })
+}
+
+impl Command {
+    /// Whether a sequence may hold it: fact sheet section 6, digital outputs and DACs aside, which no module here has.
+    fn may_stand_in_a_sequence(&self) -> bool {
+        use super::{Measure, System};
+        matches!(
+            self,
+            Self::Route(
+                Route::Close(_)
+                    | Route::CloseExclusive(_)
+                    | Route::Open(_)
+                    | Route::OpenAll(_)
+                    | Route::OpenBuses(_)
+                    | Route::ModuleWait(_)
+                    | Route::Run(_)
+            ) | Self::Measure(Measure::Abort)
+                | Self::System(System::Delay(_) | System::SetDisplay(_) | System::Beep)
+        )
+    }
+}
+
+impl fmt::Display for Route {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let one = |number: &Option<u32>, all: &str| {
+            number.map_or_else(|| all.to_owned(), |number| number.to_string())
+        };
+        match self {
+            Self::Close(list) => write!(f, "ROUT:CLOS {list}"),
+            Self::CloseExclusive(list) => write!(f, "ROUT:CLOS:EXCL {list}"),
+            Self::ClosePair(list) => write!(f, "ROUT:CLOS:PAIR {list}"),
+            Self::Closed(list) => write!(f, "ROUT:CLOS? {list}"),
+            Self::ClosedPair(list) => write!(f, "ROUT:CLOS:PAIR? {list}"),
+            Self::Open(list) => write!(f, "ROUT:OPEN {list}"),
+            Self::OpenPair(list) => write!(f, "ROUT:OPEN:PAIR {list}"),
+            Self::Opened(list) => write!(f, "ROUT:OPEN? {list}"),
+            Self::OpenedPair(list) => write!(f, "ROUT:OPEN:PAIR? {list}"),
+            Self::OpenAll(slot) => write!(f, "ROUT:OPEN:ALL {}", one(slot, "ALL")),
+            Self::OpenBuses(bus) => write!(f, "ROUT:OPEN:ABUS {}", one(bus, "ALL")),
+            Self::SetOverlap(on) => write!(f, "ROUT:OPER:OVER {}", On(*on)),
+            Self::Overlap => f.write_str("ROUT:OPER:OVER?"),
+            Self::ModuleBusy(slot) => write!(f, "ROUT:MOD:BUSY? {}", one(slot, "ANY")),
+            Self::ModuleWait(slot) => write!(f, "ROUT:MOD:WAIT {}", one(slot, "ALL")),
+            Self::SetScan(list) => write!(f, "ROUT:SCAN {list}"),
+            Self::AddScan(list) => write!(f, "ROUT:SCAN:ADD {list}"),
+            Self::RemoveScan(list) => write!(f, "ROUT:SCAN:REM {list}"),
+            Self::Scan => f.write_str("ROUT:SCAN?"),
+            Self::ScanSize => f.write_str("ROUT:SCAN:SIZE?"),
+            Self::SetOrdered(on) => write!(f, "ROUT:SCAN:ORD {}", On(*on)),
+            Self::Ordered => f.write_str("ROUT:SCAN:ORD?"),
+            Self::Define { name, commands } => {
+                write!(f, "ROUT:SEQ:DEF {name},{}", quote(&commands.to_string()))
+            }
+            Self::Definition(name) => write!(f, "ROUT:SEQ:DEF? {name}"),
+            Self::Run(name) => write!(f, "ROUT:SEQ:TRIG {name}"),
+            Self::Delete(Some(name)) => write!(f, "ROUT:SEQ:DEL {name}"),
+            Self::Delete(None) => f.write_str("ROUT:SEQ:DEL:ALL"),
+            Self::Catalog => f.write_str("ROUT:SEQ:CAT?"),
+            Self::SequenceBusy => f.write_str("ROUT:SEQ:BUSY?"),
+            Self::SequenceWait => f.write_str("ROUT:SEQ:WAIT"),
+            Self::SequenceAbort => f.write_str("ROUT:SEQ:ABOR"),
+        }
+    }
+}

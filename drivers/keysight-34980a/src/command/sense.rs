@@ -1,0 +1,328 @@
+//! How channels are measured: fact sheet section 5.
+
+use std::fmt;
+
+use scpi::{Argument, Call, Numeric, ParseError, Unit};
+
+use super::grammar::{Table, before_channels, limit, only_channels, value_and_channels};
+use super::{Asked, Behind, Channels, On};
+
+/// DC voltage ranges, V (section 5).
+pub const RANGES: [f64; 5] = [0.1, 1.0, 10.0, 100.0, 300.0];
+
+/// Integration times, power-line cycles, and the resolution of each as a fraction of the range (section 5). For 2, 20
+/// and 200 cycles the sources give none; that of the next shorter is taken.
+pub const INTEGRATION: [(f64, f64); 8] = [
+    (0.02, 1e-4),
+    (0.2, 1e-5),
+    (1.0, 3e-6),
+    (2.0, 3e-6),
+    (10.0, 1e-6),
+    (20.0, 1e-6),
+    (100.0, 3e-7),
+    (200.0, 3e-7),
+];
+
+/// A DC voltage range.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Range {
+    /// The instrument chooses at every reading.
+    Auto,
+    /// One of [`RANGES`].
+    Fixed(f64),
+}
+
+/// One setting of a channel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Setting {
+    /// The range.
+    Range(Range),
+    /// Let the instrument choose the range, or keep the one it has.
+    RangeAuto(bool),
+    /// Integration time, power-line cycles.
+    Nplc(f64),
+    /// Integration time, s; from now on not in power-line cycles.
+    Aperture(f64),
+    /// Integrate over the time set by aperture, or over power-line cycles.
+    ApertureEnabled(bool),
+    /// Resolution, V: chooses the integration time.
+    Resolution(Numeric),
+    /// Take a zero reading after every reading, or not.
+    Autozero(bool),
+    /// Over 10 Gohm on the low ranges (on), or 10 Mohm on all.
+    InputAuto(bool),
+    /// Delay before each scanned reading, s.
+    Delay(f64),
+    /// Let the delay follow the integration time, or not.
+    DelayAuto(bool),
+}
+
+/// Which setting is asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quantity {
+    /// See [`Setting::Range`].
+    Range,
+    /// See [`Setting::RangeAuto`].
+    RangeAuto,
+    /// See [`Setting::Nplc`].
+    Nplc,
+    /// See [`Setting::Aperture`].
+    Aperture,
+    /// See [`Setting::ApertureEnabled`].
+    ApertureEnabled,
+    /// See [`Setting::Resolution`].
+    Resolution,
+    /// See [`Setting::Autozero`].
+    Autozero,
+    /// See [`Setting::InputAuto`].
+    InputAuto,
+    /// See [`Setting::Delay`].
+    Delay,
+    /// See [`Setting::DelayAuto`].
+    DelayAuto,
+}
+
+/// Setting up channels; without a list those of the scan list.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Sense {
+    /// Measure DC volts: sets the scan list, and everything else to its default.
+    Configure {
+        /// Range.
+        range: Range,
+        /// Resolution, V: chooses the integration time.
+        resolution: Option<Numeric>,
+        /// The scan list.
+        channels: Channels,
+    },
+    /// Read function, range and resolution.
+    Configuration(Channels),
+    /// Change one setting.
+    Set(Setting, Channels),
+    /// Read one setting, or a limit of it (MIN, MAX, DEF).
+    Ask(Quantity, Option<Numeric>, Channels),
+}
+
+const HEADERS: [(Quantity, &str, &str); 10] = [
+    (Quantity::Nplc, "[SENSe]:VOLTage[:DC]:NPLC", "VOLT:DC:NPLC"),
+    (
+        Quantity::Range,
+        "[SENSe]:VOLTage[:DC]:RANGe",
+        "VOLT:DC:RANG",
+    ),
+    (
+        Quantity::RangeAuto,
+        "[SENSe]:VOLTage[:DC]:RANGe:AUTO",
+        "VOLT:DC:RANG:AUTO",
+    ),
+    (
+        Quantity::Aperture,
+        "[SENSe]:VOLTage[:DC]:APERture",
+        "VOLT:DC:APER",
+    ),
+    (
+        Quantity::ApertureEnabled,
+        "[SENSe]:VOLTage[:DC]:APERture:ENABle",
+        "VOLT:DC:APER:ENAB",
+    ),
+    (
+        Quantity::Resolution,
+        "[SENSe]:VOLTage[:DC]:RESolution",
+        "VOLT:DC:RES",
+    ),
+    (Quantity::Autozero, "[SENSe]:ZERO:AUTO", "ZERO:AUTO"),
+    (Quantity::InputAuto, "INPut:IMPedance:AUTO", "INP:IMP:AUTO"),
+    (Quantity::Delay, "ROUTe:CHANnel:DELay", "ROUT:CHAN:DEL"),
+    (
+        Quantity::DelayAuto,
+        "ROUTe:CHANnel:DELay:AUTO",
+        "ROUT:CHAN:DEL:AUTO",
+    ),
+];
+
+pub(super) fn rows(table: &mut Table) {
+    for (quantity, notation, _) in HEADERS {
+        table.hear(notation, move |call| {
+            let (value, channels) = value_and_channels(call)?;
+            Ok(Sense::Set(setting(quantity, value)?, channels))
+        });
+        table.hear(&format!("{notation}?"), move |call| {
+            let (values, channels) = before_channels(call)?;
+            if values.len() > 1 {
+                return Err(ParseError::ParameterNotAllowed);
+            }
+            Ok(Sense::Ask(quantity, limit(values.first())?, channels))
+        });
+    }
+    table.hear("CONFigure:VOLTage[:DC]", |call| {
+        let (range, resolution, channels) = volts(call)?;
+        Ok(Sense::Configure {
+            range,
+            resolution,
+            channels,
+        })
+    });
+    table.hear("CONFigure?", |call| {
+        only_channels(call).map(Sense::Configuration)
+    });
+}
+
+/// `[<range>[,<resolution>]][,(@list)]`.
+pub(super) fn volts(call: &Call) -> Result<(Range, Option<Numeric>, Channels), ParseError> {
+    let (values, channels) = before_channels(call)?;
+    let (range_value, resolution) = match values {
+        [] => (None, None),
+        [range] => (Some(range), None),
+        [range, resolution] => (Some(range), Some(resolution.number(Unit::Volt)?)),
+        _ => return Err(ParseError::ParameterNotAllowed),
+    };
+    Ok((
+        range_value.map_or(Ok(Range::Auto), range)?,
+        resolution.filter(|resolution| *resolution != Numeric::Def),
+        channels,
+    ))
+}
+
+/// How `[<range>[,<resolution>]][,(@list)]` is written.
+pub(super) fn write_volts(
+    f: &mut fmt::Formatter<'_>,
+    range: Range,
+    resolution: Option<Numeric>,
+    channels: &Channels,
+) -> fmt::Result {
+    write!(f, "{range}")?;
+    if let Some(resolution) = resolution {
+        write!(f, ",{resolution}")?;
+    }
+    write!(f, "{}", Behind(channels))
+}
+
+fn setting(quantity: Quantity, value: &Argument) -> Result<Setting, ParseError> {
+    Ok(match quantity {
+        Quantity::Range => Setting::Range(range(value)?),
+        Quantity::RangeAuto => Setting::RangeAuto(value.boolean()?),
+        Quantity::Nplc => {
+            let nplc = value.number(Unit::PowerLineCycle)?;
+            Setting::Nplc(integration_of(nplc.within(0.02, 200.0, 1.0)?))
+        }
+        Quantity::Aperture => {
+            let aperture = value.number(Unit::Second)?.within(300e-6, 1.0, 1.0)?;
+            // In steps of 4 us from the shortest.
+            Setting::Aperture((aperture / 4e-6).round() * 4.0 / 1e6)
+        }
+        Quantity::ApertureEnabled => Setting::ApertureEnabled(value.boolean()?),
+        Quantity::Resolution => Setting::Resolution(value.number(Unit::Volt)?),
+        Quantity::Autozero => Setting::Autozero(value.boolean()?),
+        Quantity::InputAuto => Setting::InputAuto(value.boolean()?),
+        Quantity::Delay => {
+            // Milliseconds are what the instrument keeps.
+            let delay = value.number(Unit::Second)?.within(0.0, 60.0, 0.0)?;
+            Setting::Delay((delay * 1e3).round() / 1e3)
+        }
+        Quantity::DelayAuto => Setting::DelayAuto(value.boolean()?),
+    })
+}
+
+/// The smallest range that holds a value.
+fn range(value: &Argument) -> Result<Range, ParseError> {
+    if let Argument::Word(word) = value
+        && word.eq_ignore_ascii_case("AUTO")
+    {
+        return Ok(Range::Auto);
+    }
+    let [least, .., most] = RANGES;
+    match value.number(Unit::Volt)? {
+        Numeric::Def => Ok(Range::Auto),
+        Numeric::Min => Ok(Range::Fixed(least)),
+        Numeric::Max => Ok(Range::Fixed(most)),
+        Numeric::Value(value) => RANGES
+            .into_iter()
+            .find(|range| value.abs() <= *range)
+            .map(Range::Fixed)
+            .ok_or(ParseError::OutOfRange),
+        _ => Err(ParseError::OutOfRange),
+    }
+}
+
+/// The shortest integration time that is not shorter than asked.
+fn integration_of(nplc: f64) -> f64 {
+    INTEGRATION
+        .into_iter()
+        .map(|(time, _)| time)
+        .find(|time| nplc <= *time)
+        .unwrap_or(200.0)
+}
+
+impl Setting {
+    /// Which setting it is.
+    pub fn quantity(self) -> Quantity {
+        match self {
+            Self::Range(_) => Quantity::Range,
+            Self::RangeAuto(_) => Quantity::RangeAuto,
+            Self::Nplc(_) => Quantity::Nplc,
+            Self::Aperture(_) => Quantity::Aperture,
+            Self::ApertureEnabled(_) => Quantity::ApertureEnabled,
+            Self::Resolution(_) => Quantity::Resolution,
+            Self::Autozero(_) => Quantity::Autozero,
+            Self::InputAuto(_) => Quantity::InputAuto,
+            Self::Delay(_) => Quantity::Delay,
+            Self::DelayAuto(_) => Quantity::DelayAuto,
+        }
+    }
+}
+
+impl Quantity {
+    fn header(self) -> &'static str {
+        HEADERS
+            .into_iter()
+            .find(|(quantity, ..)| *quantity == self)
+            .map_or("", |(_, _, short)| short)
+    }
+}
+
+impl fmt::Display for Range {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Auto => f.write_str("AUTO"),
+            Self::Fixed(range) => write!(f, "{range}"),
+        }
+    }
+}
+
+impl fmt::Display for Setting {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ", self.quantity().header())?;
+        match self {
+            Self::Range(range) => write!(f, "{range}"),
+            Self::Nplc(value) | Self::Aperture(value) | Self::Delay(value) => write!(f, "{value}"),
+            Self::Resolution(value) => write!(f, "{value}"),
+            Self::RangeAuto(on)
+            | Self::ApertureEnabled(on)
+            | Self::Autozero(on)
+            | Self::InputAuto(on)
+            | Self::DelayAuto(on) => write!(f, "{}", On(*on)),
+        }
+    }
+}
+
+impl fmt::Display for Sense {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Configure {
+                range,
+                resolution,
+                channels,
+            } => {
+                f.write_str("CONF:VOLT:DC ")?;
+                write_volts(f, *range, *resolution, channels)
+            }
+            Self::Configuration(list) => write!(f, "CONF?{}", Asked(list)),
+            Self::Set(setting, list) => write!(f, "{setting}{}", Behind(list)),
+            Self::Ask(quantity, None, list) => {
+                write!(f, "{}?{}", quantity.header(), Asked(list))
+            }
+            Self::Ask(quantity, Some(limit), list) => {
+                write!(f, "{}? {limit}{}", quantity.header(), Behind(list))
+            }
+        }
+    }
+}

@@ -1,0 +1,262 @@
+//! Modules, errors, clock, lock, display and status: fact sheet sections 1, 3 and 7.
+
+use std::fmt;
+
+use scpi::{Call, ChannelList, Unit, quote};
+
+use super::grammar::{Table, list, numbered, plain};
+use super::word;
+
+/// A group of status registers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum StatusGroup {
+    /// Measuring, waiting for a trigger, locked, running a sequence.
+    Operation,
+    /// Overload, memory.
+    Questionable,
+}
+
+/// How the rows of a 34934A are protected. The physics of it is the bench's.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Protection {
+    /// 100 ohm in the row while a relay moves, and after.
+    #[default]
+    Auto100,
+    /// 100 ohm in the row while a relay moves.
+    Auto0,
+    /// 100 ohm always.
+    Fix,
+    /// The rows are cut off while a relay moves.
+    Iso,
+}
+
+/// Modules, errors, clock, lock, status.
+#[derive(Debug, Clone, PartialEq)]
+pub enum System {
+    /// Read what a slot holds.
+    CardType(u32),
+    /// Read which terminal block a slot has.
+    TerminalType(u32),
+    /// Set how a slot's rows are protected.
+    SetProtection(u32, Protection),
+    /// Read it.
+    Protection(u32),
+    /// Read how often relays were closed.
+    RelayCycles(ChannelList),
+    /// Begin to count them anew.
+    ClearRelayCycles(ChannelList),
+    /// Read whether there is a voltmeter.
+    VoltmeterInstalled,
+    /// Take the oldest error.
+    NextError,
+    /// Read the year of the SCPI standard kept.
+    Version,
+    /// Set the calendar: year, month, day.
+    SetDate(i32, u32, u32),
+    /// Read it.
+    Date,
+    /// Set the clock: hour, minute, second.
+    SetTime(u32, u32, f64),
+    /// Read it.
+    Time,
+    /// Read when the last scan began.
+    ScanTime,
+    /// Ask to be the only one who changes anything; answers whether that was granted.
+    RequestLock,
+    /// Give one request back.
+    ReleaseLock,
+    /// Read who asks.
+    LockName,
+    /// Read who has the lock.
+    LockOwner,
+    /// Wait, s.
+    Delay(f64),
+    /// Show a text.
+    SetDisplay(String),
+    /// Read it.
+    Display,
+    /// Show the usual again.
+    ClearDisplay,
+    /// Make a sound.
+    Beep,
+    /// As `*RST`.
+    Preset,
+    /// Read a group's events and clear them.
+    Events(StatusGroup),
+    /// Read a group's conditions.
+    Conditions(StatusGroup),
+    /// Choose which of a group's events are summed up.
+    SetEnable(StatusGroup, u16),
+    /// Read which.
+    Enable(StatusGroup),
+    /// Zero the enables of both groups.
+    PresetStatus,
+}
+
+const GROUPS: [(&str, StatusGroup); 2] = [
+    ("OPERation", StatusGroup::Operation),
+    ("QUEStionable", StatusGroup::Questionable),
+];
+
+const PROTECTIONS: [(&str, Protection); 4] = [
+    ("AUTO100", Protection::Auto100),
+    ("AUTO0", Protection::Auto0),
+    ("FIXed", Protection::Fix),
+    ("ISOlated", Protection::Iso),
+];
+
+pub(super) fn rows(table: &mut Table) {
+    use System as S;
+    let slot = |call: &Call| {
+        let [slot] = call.exactly()?;
+        numbered(slot, "SLOT", 8)
+    };
+    table.hear("SYSTem:ERRor[:NEXT]?", |call| plain(call, S::NextError));
+    table.hear("SYSTem:CTYPe?", move |call| slot(call).map(S::CardType));
+    table.hear("SYSTem:MODule:TERMinal:TYPE?", move |call| {
+        slot(call).map(S::TerminalType)
+    });
+    table.hear("SYSTem:MODule:ROW:PROTection", |call| {
+        let [slot, protection] = call.exactly()?;
+        Ok(S::SetProtection(
+            numbered(slot, "SLOT", 8)?,
+            protection.choice(&PROTECTIONS)?,
+        ))
+    });
+    table.hear("SYSTem:MODule:ROW:PROTection?", move |call| {
+        slot(call).map(S::Protection)
+    });
+    table.hear("DIAGnostic:RELay:CYCLes?", |call| {
+        list(call).map(S::RelayCycles)
+    });
+    table.hear("DIAGnostic:RELay:CYCLes:CLEar", |call| {
+        list(call).map(S::ClearRelayCycles)
+    });
+    table.hear("INSTrument:DMM:INSTalled?", |call| {
+        plain(call, S::VoltmeterInstalled)
+    });
+    table.hear("SYSTem:VERSion?", |call| plain(call, S::Version));
+    table.hear("SYSTem:DATE", |call| {
+        let [year, month, day] = call.exactly()?;
+        let number = |argument: &scpi::Argument, least, most| argument.integer(least, most);
+        let (year, month) = (number(year, 1970, 2099)?, number(month, 1, 12)?);
+        let day = number(day, 1, days_in(year, month))?;
+        // The limits are far inside both types.
+        Ok(S::SetDate(year as i32, month as u32, day as u32))
+    });
+    table.hear("SYSTem:DATE?", |call| plain(call, S::Date));
+    table.hear("SYSTem:TIME", |call| {
+        let [hour, minute, second] = call.exactly()?;
+        let (hour, minute) = (hour.integer(0, 23)?, minute.integer(0, 59)?);
+        // A client that rounds 59.9996 up says 60.000, which the next minute begins with.
+        let second = second.number(Unit::Second)?.within(0.0, 60.0, 0.0)?;
+        Ok(S::SetTime(hour as u32, minute as u32, second))
+    });
+    table.hear("SYSTem:TIME?", |call| plain(call, S::Time));
+    table.hear("SYSTem:TIME:SCAN?", |call| plain(call, S::ScanTime));
+    table.hear("SYSTem:LOCK:REQuest?", |call| plain(call, S::RequestLock));
+    table.hear("SYSTem:LOCK:RELease", |call| plain(call, S::ReleaseLock));
+    table.hear("SYSTem:LOCK:NAME?", |call| plain(call, S::LockName));
+    table.hear("SYSTem:LOCK:OWNer?", |call| plain(call, S::LockOwner));
+    table.hear("SYSTem:DELay[:IMMediate]", |call| {
+        let [time] = call.exactly()?;
+        let time = time.number(Unit::Second)?.within(0.0, 60.0, 0.0)?;
+        Ok(S::Delay((time * 1e3).round() / 1e3))
+    });
+    table.hear("DISPlay:TEXT", |call| {
+        let [text] = call.exactly()?;
+        text.string().map(|text| S::SetDisplay(text.to_owned()))
+    });
+    table.hear("DISPlay:TEXT?", |call| plain(call, S::Display));
+    table.hear("DISPlay:TEXT:CLEar", |call| plain(call, S::ClearDisplay));
+    table.hear("SYSTem:BEEPer[:IMMediate]", |call| plain(call, S::Beep));
+    table.hear("SYSTem:PRESet", |call| plain(call, S::Preset));
+    table.hear("STATus:PRESet", |call| plain(call, S::PresetStatus));
+    for (name, group) in GROUPS {
+        table.hear(&format!("STATus:{name}[:EVENt]?"), move |call: &Call| {
+            plain(call, S::Events(group))
+        });
+        table.hear(&format!("STATus:{name}:CONDition?"), move |call: &Call| {
+            plain(call, S::Conditions(group))
+        });
+        table.hear(&format!("STATus:{name}:ENABle?"), move |call: &Call| {
+            plain(call, S::Enable(group))
+        });
+        table.hear(&format!("STATus:{name}:ENABle"), move |call: &Call| {
+            let [mask] = call.exactly()?;
+            // The limits are those of u16.
+            Ok(S::SetEnable(group, mask.integer(0, 65_535)? as u16))
+        });
+    }
+}
+
+/// Days of a month of the Gregorian calendar.
+fn days_in(year: i64, month: i64) -> i64 {
+    match month {
+        4 | 6 | 9 | 11 => 30,
+        2 if year % 4 == 0 && (year % 100 != 0 || year % 400 == 0) => 29,
+        2 => 28,
+        _ => 31,
+    }
+}
+
+impl Protection {
+    /// As `SYST:MOD:ROW:PROT?` answers it.
+    pub fn word(self) -> String {
+        word(&PROTECTIONS, self)
+    }
+}
+
+impl fmt::Display for System {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::CardType(slot) => write!(f, "SYST:CTYP? {slot}"),
+            Self::TerminalType(slot) => write!(f, "SYST:MOD:TERM:TYPE? {slot}"),
+            Self::SetProtection(slot, protection) => {
+                write!(f, "SYST:MOD:ROW:PROT {slot},{}", protection.word())
+            }
+            Self::Protection(slot) => write!(f, "SYST:MOD:ROW:PROT? {slot}"),
+            Self::RelayCycles(list) => write!(f, "DIAG:REL:CYCL? {list}"),
+            Self::ClearRelayCycles(list) => write!(f, "DIAG:REL:CYCL:CLE {list}"),
+            Self::VoltmeterInstalled => f.write_str("INST:DMM:INST?"),
+            Self::NextError => f.write_str("SYST:ERR?"),
+            Self::Version => f.write_str("SYST:VERS?"),
+            Self::SetDate(year, month, day) => write!(f, "SYST:DATE {year},{month},{day}"),
+            Self::Date => f.write_str("SYST:DATE?"),
+            Self::SetTime(hour, minute, second) => write!(f, "SYST:TIME {hour},{minute},{second}"),
+            Self::Time => f.write_str("SYST:TIME?"),
+            Self::ScanTime => f.write_str("SYST:TIME:SCAN?"),
+            Self::RequestLock => f.write_str("SYST:LOCK:REQ?"),
+            Self::ReleaseLock => f.write_str("SYST:LOCK:REL"),
+            Self::LockName => f.write_str("SYST:LOCK:NAME?"),
+            Self::LockOwner => f.write_str("SYST:LOCK:OWN?"),
+            Self::Delay(time) => write!(f, "SYST:DEL {time}"),
+            Self::SetDisplay(text) => write!(f, "DISP:TEXT {}", quote(text)),
+            Self::Display => f.write_str("DISP:TEXT?"),
+            Self::ClearDisplay => f.write_str("DISP:TEXT:CLE"),
+            Self::Beep => f.write_str("SYST:BEEP"),
+            Self::Preset => f.write_str("SYST:PRES"),
+            Self::Events(group) => write!(f, "STAT:{}?", word(&GROUPS, *group)),
+            Self::Conditions(group) => write!(f, "STAT:{}:COND?", word(&GROUPS, *group)),
+            Self::SetEnable(group, mask) => {
+                write!(f, "STAT:{}:ENAB {mask}", word(&GROUPS, *group))
+            }
+            Self::Enable(group) => write!(f, "STAT:{}:ENAB?", word(&GROUPS, *group)),
+            Self::PresetStatus => f.write_str("STAT:PRES"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use scpi::ParseError;
+
+    #[test]
+    fn the_calendar_knows_its_months() {
+        let heard = |text: &str| text.parse::<super::super::Command>();
+        assert!(heard("SYST:DATE 2024,2,29").is_ok());
+        assert_eq!(heard("SYST:DATE 2025,2,29"), Err(ParseError::OutOfRange));
+        assert_eq!(heard("SYST:DATE 2025,13,1"), Err(ParseError::OutOfRange));
+        assert_eq!(heard("SYST:TIME 24,0,0"), Err(ParseError::OutOfRange));
+    }
+}

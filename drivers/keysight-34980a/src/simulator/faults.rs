@@ -1,0 +1,86 @@
+//! Faults that a scene or a person may cause (section 10). Those of the wire are the server's.
+
+use std::time::Duration;
+
+use scpi::ParseError;
+use survey::Relay;
+
+use super::{Simulator34980a, Wires};
+use crate::command::{Protection, TriggerSource};
+use crate::modules::Module;
+
+impl Simulator34980a {
+    /// A relay that never conducts again. The mainframe does not know: its state reads as it was told.
+    pub fn stick_open(&mut self, relay: Relay, at: Duration, wires: &mut dyn Wires) {
+        self.stick(relay, Some(false), at, wires);
+    }
+
+    /// A relay that conducts for ever. The mainframe does not know.
+    pub fn stick_closed(&mut self, relay: Relay, at: Duration, wires: &mut dyn Wires) {
+        self.stick(relay, Some(true), at, wires);
+    }
+
+    /// Mends a relay that was stuck.
+    pub fn mend(&mut self, relay: Relay, at: Duration, wires: &mut dyn Wires) {
+        self.stick(relay, None, at, wires);
+    }
+
+    fn stick(&mut self, relay: Relay, conducts: Option<bool>, at: Duration, wires: &mut dyn Wires) {
+        self.pass(at, wires);
+        self.relays.stick(relay, conducts);
+        self.relays.tell(at, wires);
+    }
+
+    /// Takes the voltmeter out, or puts it in again.
+    pub fn set_voltmeter(&mut self, installed: bool, at: Duration, wires: &mut dyn Wires) {
+        self.pass(at, wires);
+        if !installed {
+            self.meter.abort(at, &mut self.relays, wires);
+        }
+        self.meter.install(installed);
+    }
+
+    /// Puts another module into a slot (1 to 8), or none. Its relays are open, its channels out of the scan list.
+    pub fn set_module(
+        &mut self,
+        slot: u32,
+        module: Option<Module>,
+        at: Duration,
+        wires: &mut dyn Wires,
+    ) {
+        self.pass(at, wires);
+        self.meter.abort(at, &mut self.relays, wires);
+        self.meter.forget_slot(slot);
+        self.relays.replace(slot, module);
+        self.relays.tell(at, wires);
+    }
+
+    /// Opens the terminal block of a slot, or shuts it. While it is open no relay to a bus closes, nor any of a 34934A.
+    pub fn set_interlock(&mut self, slot: u32, open: bool, at: Duration, wires: &mut dyn Wires) {
+        self.pass(at, wires);
+        self.relays.interlock(slot, open);
+        self.relays.tell(at, wires);
+    }
+
+    /// A pulse at the rear, for `TRIG:SOUR EXT`.
+    pub fn pulse(&mut self, at: Duration, wires: &mut dyn Wires) {
+        self.pass(at, wires);
+        // A pulse that nobody waits for is no error.
+        if self.meter.trigger(TriggerSource::External, at).is_ok() {
+            self.pass(at, wires);
+        }
+    }
+
+    /// Fills the error queue until it overflows.
+    pub fn overflow_errors(&mut self) {
+        while self.errors.len() < super::ERRORS {
+            self.fail(ParseError::Syntax.into());
+        }
+        self.fail(ParseError::Syntax.into());
+    }
+
+    /// How the rows of a 34934A are protected; `None` for any other slot.
+    pub fn protection(&self, slot: u32) -> Option<Protection> {
+        self.relays.protection(slot).ok()
+    }
+}

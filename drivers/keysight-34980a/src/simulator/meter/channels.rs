@@ -1,0 +1,126 @@
+//! How each channel is set up.
+
+use scpi::Numeric;
+use survey::Relay;
+
+use super::Meter;
+use crate::command::{Channels, Quantity, Range, Setting};
+use crate::simulator::relays::Relays;
+use crate::simulator::setup::Setup;
+use crate::simulator::trouble::Trouble;
+
+impl Meter {
+    /// CONF: sets the scan list, everything else to its default, and the fields of readings off.
+    pub(in crate::simulator) fn configure(
+        &mut self,
+        relays: &Relays,
+        range: Range,
+        resolution: Option<Numeric>,
+        channels: &Channels,
+    ) -> Result<usize, Trouble> {
+        self.need_voltmeter()?;
+        let setup = Setup::configured(range, resolution)?;
+        if let Some(list) = channels {
+            let list = relays.expand(list)?;
+            self.set_scan(relays, list)?;
+        }
+        self.form.fields.clear();
+        self.change(relays, &None, |target| {
+            *target = setup;
+            Ok(())
+        })
+    }
+
+    /// Changes one setting, and says of how many channels.
+    pub(in crate::simulator) fn set(
+        &mut self,
+        relays: &Relays,
+        setting: Setting,
+        channels: &Channels,
+    ) -> Result<usize, Trouble> {
+        let line_hz = self.line_hz;
+        self.change(relays, channels, |setup| setup.change(setting, line_hz))
+    }
+
+    /// All of the channels are changed, or none.
+    fn change(
+        &mut self,
+        relays: &Relays,
+        channels: &Channels,
+        change: impl Fn(&mut Setup) -> Result<(), Trouble>,
+    ) -> Result<usize, Trouble> {
+        self.need_voltmeter()?;
+        let mut changed = Vec::new();
+        for target in self.targets(relays, channels)? {
+            let mut setup = self.setup(target);
+            change(&mut setup)?;
+            changed.push((target, setup));
+        }
+        let count = changed.len();
+        for (target, setup) in changed {
+            match target {
+                Some(relay) => drop(self.channels.insert(relay, setup)),
+                None => self.bare = setup,
+            }
+        }
+        self.memory.clear();
+        Ok(count)
+    }
+
+    /// Answers one setting of every channel.
+    pub(in crate::simulator) fn ask(
+        &self,
+        relays: &Relays,
+        quantity: Quantity,
+        limit: Option<Numeric>,
+        channels: &Channels,
+    ) -> Result<String, Trouble> {
+        self.answers(relays, channels, |setup| {
+            setup.answer(quantity, limit, self.line_hz)
+        })
+    }
+
+    /// Answers function, range and resolution of every channel.
+    pub(in crate::simulator) fn configuration(
+        &self,
+        relays: &Relays,
+        channels: &Channels,
+    ) -> Result<String, Trouble> {
+        self.answers(relays, channels, |setup| {
+            Ok(setup.configuration(self.line_hz))
+        })
+    }
+
+    fn answers(
+        &self,
+        relays: &Relays,
+        channels: &Channels,
+        answer: impl Fn(Setup) -> Result<String, Trouble>,
+    ) -> Result<String, Trouble> {
+        self.need_voltmeter()?;
+        let targets = self.targets(relays, channels)?;
+        let answers: Result<Vec<String>, Trouble> = targets
+            .into_iter()
+            .map(|target| answer(self.setup(target)))
+            .collect();
+        Ok(answers?.join(","))
+    }
+
+    /// The channels that a setting is for; `None` stands for the bare voltmeter.
+    fn targets(&self, relays: &Relays, channels: &Channels) -> Result<Vec<Option<Relay>>, Trouble> {
+        let list = match channels {
+            Some(list) => {
+                // Queries answer in the list's own order, once all of it can be scanned.
+                let list = relays.expand(list)?;
+                self.arranged(relays, list.clone())?;
+                list
+            }
+            None => self.scan.clone(),
+        };
+        if list.is_empty() {
+            Ok(vec![None])
+        } else {
+            Ok(list.into_iter().map(Some).collect())
+        }
+    }
+}

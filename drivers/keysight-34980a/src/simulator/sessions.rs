@@ -1,0 +1,175 @@
+//! Several clients at once: a reply queue for each, and the lock that one of them may hold (sections 1 and 10).
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use scpi::{Common, ParseError};
+
+use super::{Simulator34980a, Wires};
+use crate::command::{Command, Measure, System};
+
+/// A client's connection, numbered by whoever serves it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Default)]
+pub struct Session(pub u32);
+
+/// What a session finds when it reads.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Output {
+    /// A reply, without line end.
+    Reply(String),
+    /// A reply that is ready only after so long.
+    Later(Duration),
+    /// Nothing was asked; -420 is in the error queue now.
+    Nothing,
+}
+
+#[derive(Debug, Default)]
+pub(super) struct Sessions {
+    names: BTreeMap<Session, String>,
+    /// Replies not read yet, and when they are ready.
+    replies: BTreeMap<Session, (String, Duration)>,
+    /// Until when the last message keeps each of them.
+    busy: BTreeMap<Session, Duration>,
+    /// Who holds the lock, and how many requests are to be given back.
+    lock: Option<(Session, u32)>,
+}
+
+impl Sessions {
+    pub(super) fn has_reply(&self, session: Session) -> bool {
+        self.replies.contains_key(&session)
+    }
+
+    /// When a message that has come is taken up: messages of one session follow one another.
+    pub(super) fn takes_up(&self, session: Session, at: Duration) -> Duration {
+        self.busy.get(&session).map_or(at, |busy| at.max(*busy))
+    }
+
+    pub(super) fn keep_busy(&mut self, session: Session, until: Duration) {
+        self.busy.insert(session, until);
+    }
+
+    pub(super) fn is_locked(&self) -> bool {
+        self.lock.is_some()
+    }
+
+    /// Whether another session's lock forbids a command: the state may be asked for, but not changed, and nothing be
+    /// measured.
+    pub(super) fn forbids(&self, session: Session, query: bool, command: &Command) -> bool {
+        if self.lock.is_none_or(|(owner, _)| owner == session) {
+            return false;
+        }
+        match command {
+            Command::Common(common) => matches!(common, Common::Reset | Common::Trigger),
+            Command::Measure(measure) => {
+                !query
+                    || matches!(
+                        measure,
+                        Measure::Read(_)
+                            | Measure::Volts { .. }
+                            | Measure::ReadAndErase(_)
+                            | Measure::Remove(_)
+                    )
+            }
+            // It has nothing to give back.
+            Command::System(System::ReleaseLock) => false,
+            Command::Route(_) | Command::Sense(_) | Command::System(_) => !query,
+        }
+    }
+
+    pub(super) fn request_lock(&mut self, session: Session) -> bool {
+        match &mut self.lock {
+            None => self.lock = Some((session, 1)),
+            Some((owner, requests)) if *owner == session => *requests = requests.saturating_add(1),
+            Some(_) => return false,
+        }
+        true
+    }
+
+    pub(super) fn release_lock(&mut self, session: Session) {
+        match &mut self.lock {
+            Some((owner, requests)) if *owner == session && *requests > 1 => *requests -= 1,
+            Some((owner, _)) if *owner == session => self.lock = None,
+            _ => {}
+        }
+    }
+
+    /// How `SYST:LOCK:NAME?` calls a session.
+    pub(super) fn name(&self, session: Session) -> String {
+        let named = self.names.get(&session).cloned();
+        named.unwrap_or_else(|| format!("LAN{}", session.0 + 1))
+    }
+
+    pub(super) fn owner(&self) -> String {
+        match self.lock {
+            Some((owner, _)) => self.name(owner),
+            None => "NONE".to_owned(),
+        }
+    }
+}
+
+impl Simulator34980a {
+    /// Gives a session the name that `SYST:LOCK:NAME?` answers: `GPIB`, `USB`, `VXI11`, or `LAN` and an address.
+    pub fn name_session(&mut self, session: Session, name: impl Into<String>) {
+        self.sessions.names.insert(session, name.into());
+    }
+
+    /// Ends a session: its reply is gone, and its lock is released.
+    pub fn end_session(&mut self, session: Session) {
+        self.sessions.names.remove(&session);
+        self.sessions.replies.remove(&session);
+        if self
+            .sessions
+            .lock
+            .is_some_and(|(owner, _)| owner == session)
+        {
+            self.sessions.lock = None;
+        }
+    }
+
+    /// Hears a message of a session whose replies are fetched (VXI-11, GPIB), and says how long it is busy. A reply
+    /// that nobody fetched is lost: -410.
+    pub fn write_from(
+        &mut self,
+        session: Session,
+        line: &str,
+        at: Duration,
+        wires: &mut dyn Wires,
+    ) -> Duration {
+        if self.sessions.replies.remove(&session).is_some() {
+            self.fail(ParseError::QueryInterrupted.into());
+        }
+        let response = self.hear_from(session, line, at, wires);
+        if let Some(text) = response.text {
+            let ready = at + response.busy;
+            self.sessions.replies.insert(session, (text, ready));
+        }
+        response.busy
+    }
+
+    /// Fetches a session's reply. Where none was asked for: -420.
+    pub fn read_by(&mut self, session: Session, at: Duration) -> Output {
+        match self.sessions.replies.remove(&session) {
+            Some((text, ready)) if ready <= at => Output::Reply(text),
+            Some((text, ready)) => {
+                self.sessions.replies.insert(session, (text, ready));
+                Output::Later(ready - at)
+            }
+            None => {
+                self.fail(ParseError::QueryUnterminated.into());
+                Output::Nothing
+            }
+        }
+    }
+
+    /// Clears a session's reply, as a device clear does.
+    pub fn clear_session(&mut self, session: Session) {
+        self.sessions.replies.remove(&session);
+    }
+
+    /// What the server noticed of a connection: a message came before the reply was read (-410), a reply was read that
+    /// was not asked for (-420), or both buffers were full (-430). The session's reply is lost.
+    pub fn fault_of_session(&mut self, session: Session, fault: ParseError) {
+        self.sessions.replies.remove(&session);
+        self.fail(fault.into());
+    }
+}
