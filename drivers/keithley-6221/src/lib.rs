@@ -2,11 +2,12 @@
 //!
 //! A floating current source with a voltage limit. It has no voltmeter: all it knows of its load is whether the limit
 //! holds the current back (*compliance*). Refused at this door: a current or limit that the instrument does not have
-//! (an error, nothing is clipped), physics (the simulator asks its [`Load`] for a resistance), and sweeps, waves and
-//! delta modes, which the simulator answers with -113.
+//! (an error, nothing is clipped), physics (the simulator asks its [`Load`] for a resistance), and delta modes: the
+//! simulator answers them as an instrument does that no 2182A is connected to.
 //!
 //! - **level**: the current asked for; **range**: the scale it is made on, 5 % over allowed
 //! - **compliance**: the voltage limit, and the state of being held back by it
+//! - **parameter**: a setting that is one value; **sweep**, **wave**: levels that follow from the time
 //! - **command**: one unit of a message as a value; **message**: commands sent in one segment
 //!
 //! ```
@@ -41,12 +42,18 @@
 
 mod command;
 mod driver;
+mod kind;
 mod load;
+mod parameter;
 mod range;
 mod simulator;
 
-pub use command::{Ask, Command, Message, Shield, Speed, StatusGroup};
+pub use command::{
+    Address, Ask, Board, Command, DeltaMode, Element, List, Message, Shield, Speed, StatusGroup,
+};
 pub use driver::Keithley6221;
+pub use kind::Kind;
 pub use load::{Load, Resistor};
+pub use parameter::Parameter;
 pub use range::{LARGEST_CURRENT, LARGEST_LIMIT, LIMIT_STEP, RANGES, Range, SMALLEST_LIMIT};
-pub use simulator::{Response, Settings6221, Simulator6221};
+pub use simulator::{Response, Settings6221, Simulator6221, Trigger};

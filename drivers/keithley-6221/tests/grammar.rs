@@ -1,6 +1,9 @@
 //! What the driver can say, the simulator hears.
 
-use keithley_6221::{Ask, Command, Message, Shield, Speed, StatusGroup};
+use keithley_6221::{
+    Address, Ask, Board, Command, DeltaMode, Element, Kind, List, Message, Parameter, Shield,
+    Speed, StatusGroup,
+};
 use proptest::prelude::*;
 use scpi::{Common, ParseError, parse_message};
 use survey::{Amps, Volts};
@@ -45,7 +48,77 @@ fn every_command() -> Vec<Command> {
         Command::NextError,
         Command::ClearErrors,
         Command::Version,
+        Command::Save(0),
+        Command::Recall(4),
+        Command::ArmSweep,
+        Command::SweepArmed,
+        Command::AbortSweep,
+        Command::Initiate,
+        Command::Abort,
+        Command::SignalArm,
+        Command::SignalTrigger,
+        Command::ArmWave,
+        Command::StartWave,
+        Command::AbortWave,
+        Command::CopyWave(3),
+        Command::LatestReading,
+        Command::FreshReading,
+        Command::SerialSend("SENS:VOLT:RANG 10; said \"so\"".to_owned()),
+        Command::SerialEnter,
+        Command::ClearBuffer,
+        Command::BufferData,
+        Command::BufferLength,
+        Command::BufferFree,
+        Command::BufferType,
+        Command::SetElements(vec![Element::Reading, Element::Source]),
+        Command::Elements,
+        Command::Preset,
+        Command::Beep {
+            hertz: 440.0,
+            seconds: 0.25,
+        },
+        Command::SaveAddresses,
+        Command::BoardSerial(Board::Analogue),
+        Command::BoardRevision(Board::Digital),
     ];
+    for mode in [DeltaMode::Delta, DeltaMode::Conductance, DeltaMode::Pulse] {
+        commands.extend([
+            Command::DeltaPresent(mode),
+            Command::ArmDelta(mode),
+            Command::DeltaArmed(mode),
+        ]);
+    }
+    for address in [Address::Own, Address::Mask, Address::Gateway] {
+        let told = std::net::Ipv4Addr::new(10, 0, 0, 7);
+        commands.extend([
+            Command::SetAddress(address, told),
+            Command::Address(address),
+        ]);
+    }
+    for list in [List::Levels, List::Delays, List::Limits, List::Wave] {
+        commands.extend([
+            Command::SetList(list, vec![0.1, 0.1]),
+            Command::AppendList(list, vec![0.1]),
+            Command::List(list),
+            Command::ListLength(list),
+        ]);
+    }
+    for &parameter in Parameter::ALL {
+        let kind = parameter.kind();
+        commands.push(Command::SetParameter(parameter, kind.reset_value()));
+        commands.push(Command::Parameter(parameter, Ask::Now));
+        match kind {
+            Kind::Real { limits, .. } | Kind::Whole { limits, .. } => {
+                commands.extend(limits.map(|value| Command::SetParameter(parameter, value)));
+                commands.extend(asks.map(|ask| Command::Parameter(parameter, ask)));
+            }
+            Kind::Switch(_) => commands.push(Command::SetParameter(parameter, 1.0)),
+            Kind::Choice(words) => {
+                let places = (0u8..).map(f64::from).take(words.len());
+                commands.extend(places.map(|at| Command::SetParameter(parameter, at)));
+            }
+        }
+    }
     for on in [false, true] {
         commands.extend([
             Command::SetAutorange(on),
@@ -75,7 +148,7 @@ fn every_command() -> Vec<Command> {
 #[test]
 fn what_the_driver_says_the_simulator_hears() {
     for said in every_command() {
-        assert_eq!(said.to_string().parse(), Ok(said), "{said}");
+        assert_eq!(said.to_string().parse().as_ref(), Ok(&said), "{said}");
         assert_eq!(said.is_query(), said.to_string().contains('?'), "{said}");
     }
 }
@@ -106,6 +179,31 @@ fn long_forms_and_units_are_heard() {
         ("output:state on", Command::SetOutput(true)),
         ("outp:ishield guard", Command::SetShield(Shield::Guard)),
         (
+            "source:wave:function sinusoid",
+            Command::SetParameter(Parameter::Function, 0.0),
+        ),
+        (
+            "SOUR:WAVE:FUNC arb4",
+            Command::SetParameter(Parameter::Function, 7.0),
+        ),
+        (
+            "sour:curr:swe:coun inf",
+            Command::SetParameter(Parameter::Count, f64::INFINITY),
+        ),
+        (
+            "SOUR:WAVE:DUR:TIME 100 ns",
+            Command::SetParameter(Parameter::WaveTime, 100e-9),
+        ),
+        (
+            "TRIG:SEQ:LAY:TCON:OUTP delay",
+            Command::SetParameter(Parameter::TriggerOutput, 2.0),
+        ),
+        (
+            "FORM:ELEM TST,READ",
+            Command::SetElements(Element::DEFAULT.to_vec()),
+        ),
+        ("init", Command::Initiate),
+        (
             "STATUS:MEASUREMENT:EVENT?",
             Command::Events(StatusGroup::Measurement),
         ),
@@ -130,6 +228,18 @@ fn what_is_out_of_range_or_of_another_type_has_its_number() {
         ("STAT:MEAS 1", ParseError::UndefinedHeader),
         ("SOUR:CLE?", ParseError::UndefinedHeader),
         ("OUTP:INT:TRIP 1", ParseError::UndefinedHeader),
+        ("TRIG:SOUR BUS", ParseError::IllegalParameter),
+        ("SOUR:SWE:COUN 10000", ParseError::OutOfRange),
+        ("SOUR:SWE:POIN INF", ParseError::OutOfRange),
+        ("SOUR:WAVE:FUNC? MIN", ParseError::ParameterNotAllowed),
+        ("SOUR:WAVE:ARB:COPY 0", ParseError::OutOfRange),
+        ("SOUR:WAVE:ARB:DATA 1.01", ParseError::OutOfRange),
+        ("SOUR:LIST:CURR", ParseError::MissingParameter),
+        ("SYST:BEEP 440", ParseError::MissingParameter),
+        ("SYST:BEEP 64,1", ParseError::OutOfRange),
+        ("SYST:COMM:ETH:ADDR \"1.2.3\"", ParseError::IllegalParameter),
+        ("FORM:ELEM TIME", ParseError::IllegalParameter),
+        ("*SAV 5", ParseError::OutOfRange),
     ] {
         assert_eq!(text.parse::<Command>(), Err(refusal), "{text}");
     }
@@ -144,6 +254,15 @@ proptest! {
             Command::SetCompliance(Volts(limit)),
         ] {
             prop_assert_eq!(said.to_string().parse(), Ok(said));
+        }
+    }
+
+    #[test]
+    fn what_a_kind_hears_it_allows(at in 0..Parameter::ALL.len(), text in "(-?[0-9]{1,3}(\\.[0-9])?(e-?[0-9])?|INF|MIN|MAX|DEF|ON|[A-Z]{3,4}[0-9]?)") {
+        let kind = Parameter::ALL[at].kind();
+        let argument = parse_message(format!("X {text}"))[0].clone().unwrap().arguments.remove(0);
+        if let Ok(value) = kind.hear(&argument) {
+            prop_assert!(kind.allows(value), "{text} gives {value}");
         }
     }
 }

@@ -1,0 +1,361 @@
+//! What is heard: headers in the manual's notation with what they mean.
+
+use std::str::FromStr;
+use std::sync::LazyLock;
+
+use scpi::{Argument, Call, Common, ParseError, Pattern, Unit, parse_message};
+use survey::{Amps, Volts};
+
+use super::vocabulary::{ADDRESSES, ASKS, BOARDS, ELEMENTS, GROUPS, LISTS, MODES, SHIELDS, SPEEDS};
+use super::{Ask, Command, Element, List};
+use crate::Parameter;
+use crate::kind::Kind;
+use crate::range::{LARGEST_CURRENT, LARGEST_LIMIT, RANGES, SMALLEST_LIMIT};
+
+/// Most values of an arbitrary wave in one message (fact sheet, section 4).
+const MOST_WAVE_POINTS: usize = 100;
+
+/// Commands without arguments. A notation that ends with `?` is a query.
+pub(super) const PLAIN: &[(&str, Command)] = &[
+    ("[SOURce]:CURRent:RANGe:AUTO?", Command::Autorange),
+    ("[SOURce]:CURRent:FILTer[:STATe]?", Command::Filter),
+    ("[SOURce]:CLEar[:IMMediate]", Command::ClearSource),
+    ("OUTPut[:STATe]?", Command::Output),
+    ("OUTPut:ISHield?", Command::Shield),
+    ("OUTPut:LTEarth?", Command::LowToEarth),
+    ("OUTPut:RESPonse?", Command::Speed),
+    ("OUTPut:INTerlock:TRIPped?", Command::Interlock),
+    ("[SOURce]:SWEep:ARM[:STATe]", Command::ArmSweep),
+    ("[SOURce]:SWEep:ARM[:STATe]?", Command::SweepArmed),
+    ("[SOURce]:SWEep:ABORt", Command::AbortSweep),
+    ("INITiate[:IMMediate]", Command::Initiate),
+    ("ABORt", Command::Abort),
+    ("ARM[:SEQuence][:LAYer]:SIGNal", Command::SignalArm),
+    ("TRIGger[:SEQuence][:LAYer]:SIGNal", Command::SignalTrigger),
+    ("[SOURce]:WAVE:ARM", Command::ArmWave),
+    ("[SOURce]:WAVE:INITiate", Command::StartWave),
+    ("[SOURce]:WAVE:ABORt", Command::AbortWave),
+    ("SENSe:DATA[:LATest]?", Command::LatestReading),
+    ("SENSe:DATA:FRESh?", Command::FreshReading),
+    ("SYSTem:COMMunicate:SERial:ENTer?", Command::SerialEnter),
+    ("TRACe:CLEar", Command::ClearBuffer),
+    ("TRACe:DATA?", Command::BufferData),
+    ("TRACe:POINts:ACTual?", Command::BufferLength),
+    ("TRACe:ACTual?", Command::BufferLength),
+    ("TRACe:FREE?", Command::BufferFree),
+    ("TRACe[:DATA]:TYPE?", Command::BufferType),
+    ("FORMat:ELEMents?", Command::Elements),
+    ("STATus:PRESet", Command::PresetStatus),
+    ("SYSTem:ERRor[:NEXT]?", Command::NextError),
+    ("STATus:QUEue[:NEXT]?", Command::NextError),
+    ("STATus:QUEue:CLEar", Command::ClearErrors),
+    ("SYSTem:CLEar", Command::ClearErrors),
+    ("SYSTem:VERSion?", Command::Version),
+    ("SYSTem:PRESet", Command::Preset),
+    ("SYSTem:COMMunicate:ETHernet:SAVE", Command::SaveAddresses),
+];
+
+type Hearer = Box<dyn Fn(&Call) -> Result<Command, ParseError> + Send + Sync>;
+
+/// A header, whether it is a query's, and what it means.
+struct Row {
+    pattern: Pattern,
+    query: bool,
+    hear: Hearer,
+}
+
+fn row(
+    rows: &mut Vec<Row>,
+    notation: &str,
+    hear: impl Fn(&Call) -> Result<Command, ParseError> + Send + Sync + 'static,
+) {
+    rows.push(Row {
+        pattern: Pattern::new(notation),
+        query: notation.ends_with('?'),
+        hear: Box::new(hear),
+    });
+}
+
+/// The grammar, its notation read once.
+static GRAMMAR: LazyLock<Vec<Row>> = LazyLock::new(|| {
+    let mut rows = Vec::new();
+    source(&mut rows);
+    for (notation, command) in PLAIN {
+        row(&mut rows, notation, |call| {
+            call.exactly::<0>().map(|_| command.clone())
+        });
+    }
+    for &parameter in Parameter::ALL {
+        row(&mut rows, parameter.notation(), move |call| {
+            let [value] = call.exactly()?;
+            let value = parameter.kind().hear(value)?;
+            Ok(Command::SetParameter(parameter, value))
+        });
+        let question = format!("{}?", parameter.notation());
+        row(&mut rows, &question, move |call| {
+            if parameter.kind().is_number() {
+                Ok(Command::Parameter(parameter, ask(call)?))
+            } else {
+                call.exactly::<0>()?;
+                Ok(Command::Parameter(parameter, Ask::Now))
+            }
+        });
+    }
+    lists(&mut rows);
+    status_and_system(&mut rows);
+    rows
+});
+
+fn source(rows: &mut Vec<Row>) {
+    const LEVEL: &str = "[SOURce]:CURRent[:LEVel][:IMMediate][:AMPLitude]";
+    row(rows, LEVEL, |call| current(call).map(Command::SetLevel));
+    row(rows, &format!("{LEVEL}?"), |call| {
+        ask(call).map(Command::Level)
+    });
+    row(rows, "[SOURce]:CURRent:RANGe", |call| {
+        range(call).map(Command::SetRange)
+    });
+    row(rows, "[SOURce]:CURRent:RANGe?", |call| {
+        ask(call).map(Command::Range)
+    });
+    row(rows, "[SOURce]:CURRent:RANGe:AUTO", |call| {
+        boolean(call).map(Command::SetAutorange)
+    });
+    row(rows, "[SOURce]:CURRent:COMPliance", |call| {
+        limit(call).map(Command::SetCompliance)
+    });
+    row(rows, "[SOURce]:CURRent:COMPliance?", |call| {
+        ask(call).map(Command::Compliance)
+    });
+    row(rows, "[SOURce]:CURRent:FILTer[:STATe]", |call| {
+        boolean(call).map(Command::SetFilter)
+    });
+    row(rows, "OUTPut[:STATe]", |call| {
+        boolean(call).map(Command::SetOutput)
+    });
+    row(rows, "OUTPut:ISHield", |call| {
+        let [shield] = call.exactly()?;
+        shield.choice(&SHIELDS).map(Command::SetShield)
+    });
+    row(rows, "OUTPut:LTEarth", |call| {
+        boolean(call).map(Command::SetLowToEarth)
+    });
+    row(rows, "OUTPut:RESPonse", |call| {
+        let [speed] = call.exactly()?;
+        speed.choice(&SPEEDS).map(Command::SetSpeed)
+    });
+    for (name, mode) in MODES {
+        row(rows, &format!("[SOURce]:{name}:NVPResent?"), move |call| {
+            plain(call, Command::DeltaPresent(mode))
+        });
+        row(rows, &format!("[SOURce]:{name}:ARM"), move |call| {
+            plain(call, Command::ArmDelta(mode))
+        });
+        row(rows, &format!("[SOURce]:{name}:ARM?"), move |call| {
+            plain(call, Command::DeltaArmed(mode))
+        });
+    }
+}
+
+fn lists(rows: &mut Vec<Row>) {
+    for (values, more, list) in LISTS {
+        row(rows, values, move |call| {
+            Ok(Command::SetList(list, heard(list, &call.arguments)?))
+        });
+        row(rows, more, move |call| {
+            Ok(Command::AppendList(list, heard(list, &call.arguments)?))
+        });
+        row(rows, &format!("{values}?"), move |call| {
+            plain(call, Command::List(list))
+        });
+        let count = values.trim_end_matches(":DATA");
+        row(rows, &format!("{count}:POINts?"), move |call| {
+            plain(call, Command::ListLength(list))
+        });
+    }
+    row(rows, "[SOURce]:WAVE:ARBitrary:COPY", |call| {
+        place(call, 1, 4).map(Command::CopyWave)
+    });
+    row(rows, "FORMat:ELEMents", |call| {
+        elements(&call.arguments).map(Command::SetElements)
+    });
+}
+
+fn status_and_system(rows: &mut Vec<Row>) {
+    for (name, group) in GROUPS {
+        row(rows, &format!("STATus:{name}[:EVENt]?"), move |call| {
+            plain(call, Command::Events(group))
+        });
+        row(rows, &format!("STATus:{name}:CONDition?"), move |call| {
+            plain(call, Command::Conditions(group))
+        });
+        row(rows, &format!("STATus:{name}:ENABle?"), move |call| {
+            plain(call, Command::Enable(group))
+        });
+        row(rows, &format!("STATus:{name}:ENABle"), move |call| {
+            let [mask] = call.exactly()?;
+            // The limits are those of u16.
+            let mask = mask.integer(0, 65535)? as u16;
+            Ok(Command::SetEnable(group, mask))
+        });
+    }
+    row(rows, "*SAV", |call| place(call, 0, 4).map(Command::Save));
+    row(rows, "*RCL", |call| place(call, 0, 4).map(Command::Recall));
+    row(rows, "SYSTem:BEEPer[:IMMediate]", |call| {
+        let [hertz, seconds] = call.exactly()?;
+        Ok(Command::Beep {
+            hertz: hertz.number(Unit::Hertz)?.within(65.0, 2e6, 65.0)?,
+            seconds: seconds.number(Unit::Second)?.within(0.0, 7.9, 0.0)?,
+        })
+    });
+    for (name, address) in ADDRESSES {
+        let notation = format!("SYSTem:COMMunicate:ETHernet:{name}");
+        row(rows, &notation, move |call| {
+            let [text] = call.exactly()?;
+            let told = text.string()?.trim();
+            let told = told.parse().map_err(|_| ParseError::IllegalParameter)?;
+            Ok(Command::SetAddress(address, told))
+        });
+        row(rows, &format!("{notation}?"), move |call| {
+            plain(call, Command::Address(address))
+        });
+    }
+    row(rows, "SYSTem:COMMunicate:SERial:SEND", |call| {
+        let [line] = call.exactly()?;
+        Ok(Command::SerialSend(line.string()?.to_owned()))
+    });
+    for (name, board) in BOARDS {
+        row(rows, &format!("SYSTem:{name}:SNUMber?"), move |call| {
+            plain(call, Command::BoardSerial(board))
+        });
+        row(rows, &format!("SYSTem:{name}:REVision?"), move |call| {
+            plain(call, Command::BoardRevision(board))
+        });
+    }
+}
+
+impl Command {
+    /// Reads one unit of a message.
+    ///
+    /// # Errors
+    /// -113 for a header that is not one of these, and what the arguments deserve.
+    pub fn of(call: &Call) -> Result<Self, ParseError> {
+        if let Some(common) = Common::of(call) {
+            return common.map(Command::Common);
+        }
+        GRAMMAR
+            .iter()
+            .find(|row| call.query == row.query && row.pattern.matches(call))
+            .map_or(Err(ParseError::UndefinedHeader), |row| (row.hear)(call))
+    }
+}
+
+impl FromStr for Command {
+    type Err = ParseError;
+
+    /// Reads a message of exactly one command.
+    fn from_str(text: &str) -> Result<Self, ParseError> {
+        match parse_message(text).as_slice() {
+            [call] => call.as_ref().map_err(|refusal| *refusal).and_then(Self::of),
+            _ => Err(ParseError::Syntax),
+        }
+    }
+}
+
+fn plain(call: &Call, command: Command) -> Result<Command, ParseError> {
+    call.exactly::<0>().map(|_| command)
+}
+
+fn boolean(call: &Call) -> Result<bool, ParseError> {
+    call.exactly::<1>().and_then(|[value]| value.boolean())
+}
+
+fn current(call: &Call) -> Result<Amps, ParseError> {
+    let [value] = call.exactly()?;
+    let most = LARGEST_CURRENT.0;
+    value
+        .number(Unit::Ampere)?
+        .within(-most, most, 0.0)
+        .map(Amps)
+}
+
+fn range(call: &Call) -> Result<Amps, ParseError> {
+    let [value] = call.exactly()?;
+    let most = LARGEST_CURRENT.0;
+    match value.number(Unit::Ampere)? {
+        scpi::Numeric::Min => Ok(RANGES[0].full_scale),
+        scpi::Numeric::Max | scpi::Numeric::Def => Ok(RANGES[RANGES.len() - 1].full_scale),
+        value => value.within(-most, most, most).map(Amps),
+    }
+}
+
+fn limit(call: &Call) -> Result<Volts, ParseError> {
+    let [value] = call.exactly()?;
+    value
+        .number(Unit::Volt)?
+        .within(SMALLEST_LIMIT.0, LARGEST_LIMIT.0, 10.0)
+        .map(Volts)
+}
+
+fn ask(call: &Call) -> Result<Ask, ParseError> {
+    call.at_most_one()?
+        .map_or(Ok(Ask::Now), |which: &Argument| which.choice(&ASKS))
+}
+
+/// The number of a memory.
+fn place(call: &Call, first: u8, last: u8) -> Result<u8, ParseError> {
+    let [place] = call.exactly()?;
+    let place = place.integer(first.into(), last.into())?;
+    // The limits are those of u8.
+    Ok(place as u8)
+}
+
+fn heard(list: List, arguments: &[Argument]) -> Result<Vec<f64>, ParseError> {
+    if arguments.is_empty() {
+        return Err(ParseError::MissingParameter);
+    }
+    if list == List::Wave && arguments.len() > MOST_WAVE_POINTS {
+        return Err(ParseError::TooMuchData);
+    }
+    let kind = list.kind();
+    arguments.iter().map(|value| kind.hear(value)).collect()
+}
+
+impl List {
+    /// What values the list takes.
+    pub fn kind(self) -> Kind {
+        match self {
+            List::Levels => Parameter::Start.kind(),
+            List::Delays => Parameter::Delay.kind(),
+            List::Limits => Kind::Real {
+                unit: Unit::Volt,
+                limits: [SMALLEST_LIMIT.0, LARGEST_LIMIT.0, 10.0],
+                endless: false,
+            },
+            List::Wave => Kind::Real {
+                unit: Unit::None,
+                limits: [-1.0, 1.0, 0.0],
+                endless: false,
+            },
+        }
+    }
+}
+
+fn elements(arguments: &[Argument]) -> Result<Vec<Element>, ParseError> {
+    if let [only] = arguments {
+        let whole = [("ALL", true), ("DEFault", false)];
+        match only.choice(&whole) {
+            Ok(true) => return Ok(ELEMENTS.map(|(_, element)| element).to_vec()),
+            Ok(false) => return Ok(Element::DEFAULT.to_vec()),
+            Err(_) => {}
+        }
+    }
+    if arguments.is_empty() {
+        return Err(ParseError::MissingParameter);
+    }
+    let told = arguments.iter().map(|element| element.choice(&ELEMENTS));
+    let told: Vec<Element> = told.collect::<Result<_, _>>()?;
+    // Whatever the order they are asked for in, they are told in the instrument's.
+    let kept = ELEMENTS.iter().map(|(_, element)| *element);
+    Ok(kept.filter(|element| told.contains(element)).collect())
+}

@@ -1,0 +1,150 @@
+//! What values a setting takes, and how they are told.
+
+use scpi::{Argument, Numeric, ParseError, Unit, format_nr3};
+
+use crate::Ask;
+
+/// Decimals of a number read back: `1.000000E-06` (fact sheet, section 3).
+pub(crate) const DECIMALS: usize = 6;
+
+/// What values a parameter takes. Every value is an `f64`: the number in base units, [`f64::INFINITY`] for INF, 0 or 1
+/// for a switch, the place among the words for a choice.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Kind {
+    /// A real number, read back in exponent form.
+    Real {
+        /// Unit that may follow it.
+        unit: Unit,
+        /// Smallest, largest and reset value.
+        limits: [f64; 3],
+        /// Whether INF is allowed.
+        endless: bool,
+    },
+    /// A whole number.
+    Whole {
+        /// Smallest, largest and reset value.
+        limits: [f64; 3],
+        /// Whether INF is allowed.
+        endless: bool,
+    },
+    /// On or off, with its reset value.
+    Switch(bool),
+    /// One of these words; the first is the reset value.
+    Choice(&'static [&'static str]),
+}
+
+impl Kind {
+    /// Reads an argument.
+    ///
+    /// # Errors
+    /// -222 outside of the limits, -224 for another word, and what another type deserves.
+    pub fn hear(self, argument: &Argument) -> Result<f64, ParseError> {
+        let number = |unit, [min, max, def]: [f64; 3], endless| match argument.number(unit)? {
+            Numeric::Infinity if endless => Ok(f64::INFINITY),
+            Numeric::Def => Ok(def),
+            value => value.within(min, max, def),
+        };
+        match self {
+            Kind::Real {
+                unit,
+                limits,
+                endless,
+            } => number(unit, limits, endless),
+            Kind::Whole { limits, endless } => number(Unit::None, limits, endless).map(f64::round),
+            Kind::Switch(_) => argument.boolean().map(|on| f64::from(u8::from(on))),
+            Kind::Choice(words) => {
+                let places: Vec<(&str, f64)> =
+                    words.iter().copied().zip((0u8..).map(f64::from)).collect();
+                argument.choice(&places)
+            }
+        }
+    }
+
+    /// Whether this value is one of those that [`Kind::hear`] gives.
+    pub fn allows(self, value: f64) -> bool {
+        match self {
+            Kind::Real {
+                limits: [min, max, _],
+                endless,
+                ..
+            } => (min..=max).contains(&value) || (endless && value == f64::INFINITY),
+            Kind::Whole {
+                limits: [min, max, _],
+                endless,
+            } => {
+                ((min..=max).contains(&value) && value == value.round())
+                    || (endless && value == f64::INFINITY)
+            }
+            Kind::Switch(_) => value == 0.0 || value == 1.0,
+            Kind::Choice(words) => {
+                value == value.round() && (0.0..words.len() as f64).contains(&value)
+            }
+        }
+    }
+
+    /// The value as the instrument reads it back.
+    pub(crate) fn read_back(self, value: f64) -> String {
+        match self {
+            Kind::Real { .. } => format_nr3(value, DECIMALS),
+            Kind::Whole { .. } if value.is_infinite() => format_nr3(value, DECIMALS),
+            Kind::Whole { .. } | Kind::Switch(_) => format!("{value:.0}"),
+            // A value lies within the words.
+            Kind::Choice(words) => short(words[value as usize]),
+        }
+    }
+
+    /// The value as a client says it: the fewest digits that read back to the same bits.
+    pub(crate) fn said(self, value: f64) -> String {
+        match self {
+            Kind::Real { .. } | Kind::Whole { .. } if value.is_infinite() => "INF".to_owned(),
+            Kind::Real { .. } => format!("{value:E}"),
+            Kind::Whole { .. } | Kind::Switch(_) | Kind::Choice(_) => self.read_back(value),
+        }
+    }
+
+    /// The value after `*RST`.
+    pub fn reset_value(self) -> f64 {
+        match self {
+            Kind::Real {
+                limits: [.., def], ..
+            }
+            | Kind::Whole {
+                limits: [.., def], ..
+            } => def,
+            Kind::Switch(on) => f64::from(u8::from(on)),
+            Kind::Choice(_) => 0.0,
+        }
+    }
+
+    /// What a query with MIN, MAX or DEF is told; `now` without. Switches and words have only a value of now.
+    pub(crate) fn asked(self, ask: Ask, now: f64) -> f64 {
+        match (self, ask) {
+            (_, Ask::Now) => now,
+            (_, Ask::Def) => self.reset_value(),
+            (Kind::Real { limits, .. } | Kind::Whole { limits, .. }, Ask::Min) => limits[0],
+            (Kind::Real { limits, .. } | Kind::Whole { limits, .. }, Ask::Max) => limits[1],
+            (Kind::Switch(_) | Kind::Choice(_), Ask::Min | Ask::Max) => now,
+        }
+    }
+
+    /// Whether MIN, MAX and DEF may be asked for.
+    pub(crate) fn is_number(self) -> bool {
+        matches!(self, Kind::Real { .. } | Kind::Whole { .. })
+    }
+}
+
+/// A notation in short form from the root: `[SOURce]:WAVE:DURation:TIME` gives `SOUR:WAVE:DUR:TIME`. Optional nodes are
+/// left out, but for a leading one.
+pub(crate) fn short(notation: &str) -> String {
+    let mut written = String::new();
+    let mut left_out = false;
+    for (at, c) in notation.char_indices() {
+        match c {
+            '[' => left_out = at > 0,
+            ']' => left_out = false,
+            c if left_out || c.is_ascii_lowercase() => {}
+            c => written.push(c),
+        }
+    }
+    written
+}

@@ -1,0 +1,307 @@
+//! The simulated 6221: settings, output, sweeps, waves, error queue and status registers, without I/O and without
+//! physics.
+//!
+//! An ideal instrument: the current is exactly what is asked for until the voltage limit holds it back. Time comes in
+//! with each message; what went on since the last one is worked out then, against the load as it is then. No 2182A is
+//! connected: delta modes are refused, and the buffer stays empty.
+
+mod level;
+mod lists;
+mod modes;
+mod plan;
+mod readings;
+mod settings;
+mod status;
+mod sweep;
+mod values;
+mod wave;
+
+use std::net::Ipv4Addr;
+use std::time::Duration;
+
+use scpi::{Common, ErrorQueue, ParseError, StatusModel, parse_message};
+use survey::Amps;
+
+pub use settings::{Response, Settings6221};
+pub use sweep::Trigger;
+
+use crate::command::{COMPLIANCE_BIT, Command, Element};
+use crate::{Load, Range};
+use level::Panel;
+use lists::Lists;
+use modes::{Mode, Outcome};
+use values::Values;
+
+/// A 6221 that hears lines and gives replies. It knows nothing of connections: output and settings outlive them.
+#[derive(Debug, Clone)]
+pub struct Simulator6221 {
+    settings: Settings6221,
+    now: Duration,
+    panel: Panel,
+    values: Values,
+    lists: Lists,
+    elements: Vec<Element>,
+    addresses: [Ipv4Addr; 3],
+    /// Arbitrary waves that are kept.
+    waves: [Vec<f64>; 4],
+    /// Settings that are kept.
+    memories: [Option<Box<(Panel, Values)>>; 5],
+    mode: Mode,
+    outcome: Outcome,
+    /// `*OPC` was heard and something is still under way.
+    completion_awaited: bool,
+    flowing: Amps,
+    told_range: Range,
+    interlock_closed: bool,
+    /// When the opened interlock switches the output off.
+    trips_at: Option<Duration>,
+    errors: ErrorQueue,
+    status: StatusModel,
+}
+
+impl Simulator6221 {
+    /// As after power on, interlock closed.
+    pub fn new(settings: Settings6221) -> Self {
+        let mut new = Self {
+            errors: ErrorQueue::new(settings.queue_depth),
+            settings,
+            now: Duration::ZERO,
+            panel: level::RESET,
+            values: Values::reset(),
+            lists: Lists::reset(),
+            elements: Element::DEFAULT.to_vec(),
+            addresses: [
+                Ipv4Addr::new(192, 168, 0, 2),
+                Ipv4Addr::new(255, 255, 255, 0),
+                Ipv4Addr::new(192, 168, 0, 1),
+            ],
+            waves: Default::default(),
+            memories: Default::default(),
+            mode: Mode::Source,
+            outcome: Outcome::None,
+            completion_awaited: false,
+            flowing: Amps(0.0),
+            told_range: level::RESET.range,
+            interlock_closed: true,
+            trips_at: None,
+            status: StatusModel::new(),
+        };
+        new.show();
+        // Idle from the start is no event.
+        new.status.operation.clear();
+        new
+    }
+
+    /// Hears one line (without its terminator) at a time since power on. A unit that is refused goes to the error queue
+    /// and gets no reply; those after it are carried out.
+    ///
+    /// What comes behind a `*WAI` or `*OPC?` in the same line is carried out as of the end of what was waited for, and
+    /// the wait is part of [`Response::busy`].
+    pub fn hear(&mut self, line: &str, at: Duration, load: &mut dyn Load) -> Response {
+        self.pass(at, load);
+        let mut replies: Vec<String> = Vec::new();
+        let mut busy = self.settings.command_time;
+        let mut wait = Duration::ZERO;
+        for call in parse_message(line) {
+            if !wait.is_zero() {
+                busy = busy.saturating_add(wait);
+                self.pass(self.now.saturating_add(wait), load);
+                wait = Duration::ZERO;
+            }
+            let range = self.panel.range;
+            let command = call.and_then(|call| Command::of(&call));
+            let outcome = match &command {
+                Ok(Command::Common(Common::Wait)) => {
+                    wait = self.remaining().unwrap_or_default();
+                    Ok(None)
+                }
+                Ok(Command::Common(Common::WhenComplete)) => {
+                    // What never ends is never answered.
+                    let left = self.remaining();
+                    wait = left.unwrap_or_default();
+                    Ok(left.map(|_| "1".to_owned()))
+                }
+                Ok(command) => self.carry_out(command, !replies.is_empty()),
+                Err(refusal) => Err(*refusal),
+            };
+            match outcome {
+                Ok(reply) => replies.extend(reply),
+                Err(refusal) => self.refuse(refusal),
+            }
+            if self.panel.range != range {
+                busy += self.settings.range_time;
+            }
+            self.pass(self.now, load);
+            self.flow(load);
+        }
+        Response {
+            text: (!replies.is_empty()).then(|| replies.join(";")),
+            busy: busy.saturating_add(wait),
+        }
+    }
+
+    /// Looks at the load again: its resistance changed, or time went on.
+    pub fn load_changed(&mut self, at: Duration, load: &mut dyn Load) {
+        self.pass(at, load);
+        self.flow(load);
+    }
+
+    /// Lets a trigger in that does not come as a message; false when nothing waits for it.
+    pub fn trigger(&mut self, event: Trigger, at: Duration, load: &mut dyn Load) -> bool {
+        self.pass(at, load);
+        let heard = self.hear_trigger(event);
+        self.pass(at, load);
+        self.flow(load);
+        heard
+    }
+
+    /// Queues an error that arose before a line could be heard: -363 for one that was too long, -410 for one that came
+    /// before the last reply was read, -420 for a reply that was read without a question.
+    pub fn refuse(&mut self, refusal: ParseError) {
+        let text = match refusal {
+            // The maker's wording where it is not the standard's.
+            ParseError::OutOfRange => "Parameter data out of range",
+            other => other.text(),
+        };
+        self.status.raise_error(refusal.code());
+        self.errors.push(refusal.code(), text);
+    }
+
+    /// Closes or opens the interlock. Open, it switches the output off and keeps it so.
+    pub fn set_interlock(&mut self, closed: bool, at: Duration, load: &mut dyn Load) {
+        self.pass(at, load);
+        self.interlock_closed = closed;
+        self.status
+            .measurement
+            .set(crate::command::INTERLOCK_BIT, !closed);
+        self.trips_at = (!closed).then(|| self.now.saturating_add(self.settings.interlock_time));
+        self.pass(at, load);
+        self.flow(load);
+    }
+
+    /// What the manual leaves open, as it was chosen.
+    pub fn settings(&self) -> &Settings6221 {
+        &self.settings
+    }
+
+    /// Whether the output is on.
+    pub fn output(&self) -> bool {
+        self.panel.output
+    }
+
+    /// The level asked for; of a running wave its value at the time told last.
+    pub fn level(&self) -> Amps {
+        self.asked()
+    }
+
+    /// The current that flows.
+    pub fn flowing(&self) -> Amps {
+        self.flowing
+    }
+
+    /// Full scale of the range.
+    pub fn range(&self) -> Amps {
+        self.made_on().full_scale
+    }
+
+    /// Whether the voltage limit holds the current back.
+    pub fn in_compliance(&self) -> bool {
+        self.status.measurement.condition() & 1 << COMPLIANCE_BIT != 0
+    }
+
+    /// How many errors wait in the queue.
+    pub fn errors(&self) -> usize {
+        self.errors.len()
+    }
+
+    fn carry_out(
+        &mut self,
+        command: &Command,
+        replies_wait: bool,
+    ) -> Result<Option<String>, ParseError> {
+        let bit = |on: bool| Some(u8::from(on).to_string());
+        let text = |value: &dyn ToString| Some(value.to_string());
+        match command {
+            Command::Common(common) => return self.carry_out_common(*common, replies_wait),
+            Command::Save(place) => self.save(*place),
+            Command::Recall(place) => self.recall(*place),
+            Command::SetLevel(level) => self.set_level(*level)?,
+            Command::Level(ask) => return Ok(Some(self.panel.read_level(*ask))),
+            Command::SetRange(level) => self.set_range(*level)?,
+            Command::Range(ask) => return Ok(Some(self.panel.read_range(*ask))),
+            Command::SetAutorange(on) => self.set_autorange(*on)?,
+            Command::Autorange => return Ok(bit(self.panel.autorange)),
+            Command::SetCompliance(limit) => self.set_compliance(*limit)?,
+            Command::Compliance(ask) => return Ok(Some(self.panel.read_compliance(*ask))),
+            Command::SetFilter(on) => self.panel.filter = *on,
+            Command::Filter => return Ok(bit(self.panel.filter)),
+            Command::ClearSource => self.clear_source(),
+            Command::SetOutput(on) => self.set_output(*on)?,
+            Command::Output => return Ok(bit(self.panel.output)),
+            Command::SetShield(shield) => self.panel.shield = *shield,
+            Command::Shield => return Ok(text(&self.panel.shield)),
+            Command::SetLowToEarth(on) => self.panel.low_to_earth = *on,
+            Command::LowToEarth => return Ok(bit(self.panel.low_to_earth)),
+            Command::SetSpeed(speed) => self.panel.speed = *speed,
+            Command::Speed => return Ok(text(&self.panel.speed)),
+            Command::Interlock => return Ok(bit(self.interlock_closed)),
+            Command::SetParameter(parameter, value) => self.set_parameter(*parameter, *value)?,
+            Command::Parameter(parameter, ask) => {
+                return Ok(Some(self.values.read(*parameter, *ask)));
+            }
+            Command::SetList(list, values) => {
+                self.is_free_to_change(*list)?;
+                self.lists.set(*list, values.clone())?;
+            }
+            Command::AppendList(list, values) => {
+                self.is_free_to_change(*list)?;
+                self.lists.append(*list, values.clone())?;
+            }
+            Command::List(list) => return self.read_list(*list).map(Some),
+            Command::ListLength(list) => return Ok(text(&self.lists.get(*list).len())),
+            Command::ArmSweep => self.arm_sweep()?,
+            Command::SweepArmed => return Ok(bit(matches!(self.mode, Mode::Sweep(_)))),
+            Command::AbortSweep => self.abort_sweep(),
+            Command::Initiate => self.initiate()?,
+            Command::Abort => self.abort_sweep(),
+            Command::SignalArm => self.signal_arm()?,
+            Command::SignalTrigger => self.signal_trigger()?,
+            Command::ArmWave => self.arm_wave()?,
+            Command::StartWave => self.start_wave()?,
+            Command::AbortWave => self.abort_wave(),
+            Command::CopyWave(place) => self.copy_wave(*place)?,
+            Command::DeltaPresent(_) | Command::DeltaArmed(_) => return Ok(bit(false)),
+            Command::ArmDelta(_) => return Err(ParseError::SettingsConflict),
+            Command::LatestReading | Command::FreshReading | Command::BufferData => {
+                return Err(ParseError::DataStale);
+            }
+            // It goes out on a line at whose end nobody listens.
+            Command::SerialSend(_) => {}
+            Command::SerialEnter => return Err(ParseError::HardwareMissing),
+            Command::ClearBuffer => {}
+            Command::BufferLength => return Ok(text(&0)),
+            Command::BufferFree => return Ok(Some(readings::FREE.to_owned())),
+            Command::BufferType => return Ok(Some("NONE".to_owned())),
+            Command::SetElements(elements) => self.elements.clone_from(elements),
+            Command::Elements => return Ok(Some(self.read_elements())),
+            Command::Events(group) => return Ok(text(&self.group(*group).take_event())),
+            Command::Conditions(group) => return Ok(text(&self.group(*group).condition())),
+            Command::SetEnable(group, mask) => self.group(*group).set_enable(*mask),
+            Command::Enable(group) => return Ok(text(&self.group(*group).enable())),
+            Command::PresetStatus => self.status.preset(),
+            Command::NextError => return Ok(text(&self.errors.pop())),
+            Command::ClearErrors => self.errors.clear(),
+            Command::Version => return Ok(Some("1999.0".to_owned())),
+            Command::Preset => self.preset(),
+            Command::Beep { .. } | Command::SaveAddresses => {}
+            Command::SetAddress(address, told) => self.addresses[*address as usize] = *told,
+            Command::Address(address) => {
+                let told = self.addresses[*address as usize].to_string();
+                return Ok(Some(scpi::quote(&told)));
+            }
+            Command::BoardSerial(_) => return Ok(Some(self.settings.serial.clone())),
+            Command::BoardRevision(_) => return Ok(Some(self.settings.firmware.clone())),
+        }
+        Ok(None)
+    }
+}

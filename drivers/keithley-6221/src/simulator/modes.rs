@@ -1,0 +1,341 @@
+//! Sweeps and waves: armed, started, ended; and time that passes over them.
+
+use std::time::Duration;
+
+use scpi::ParseError;
+use survey::Amps;
+
+use super::level::is_limited;
+use super::plan::plan;
+use super::sweep::{Sweep, Trigger};
+use super::wave::{Lasting, Shape, Wave};
+use super::{Simulator6221, status};
+use crate::command::COMPLIANCE_BIT;
+use crate::parameter::Subject;
+use crate::range::LARGEST_CURRENT;
+use crate::{List, Load, Parameter, Range};
+
+/// What the source makes.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Mode {
+    /// The level.
+    Source,
+    /// A sweep, armed, running, or done and resting on its last point.
+    Sweep(Box<Sweep>),
+    /// A wave, armed, running or at its end.
+    Wave(Box<Wave>),
+}
+
+/// How the last sweep or wave ended; the operation register shows it until the next is armed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Outcome {
+    None,
+    SweepDone,
+    SweepAborted,
+    WaveStopped,
+}
+
+/// Places of the choices [`Parameter::Function`].
+const SQUARE: usize = 1;
+const RAMP: usize = 2;
+const FIRST_ARBITRARY: usize = 3;
+
+impl Simulator6221 {
+    pub(super) fn is_sweeping(&self) -> bool {
+        matches!(&self.mode, Mode::Sweep(sweep) if sweep.is_running())
+    }
+
+    pub(super) fn is_waving(&self) -> bool {
+        matches!(&self.mode, Mode::Wave(wave) if wave.is_running())
+    }
+
+    /// How long what is under way still lasts: nothing for nothing, and for a wave without end, which nobody can wait
+    /// for; `None` for a sweep that waits for an event or has no end.
+    pub(super) fn remaining(&self) -> Option<Duration> {
+        match &self.mode {
+            Mode::Source => Some(Duration::ZERO),
+            Mode::Sweep(sweep) => sweep.remaining(self.now),
+            Mode::Wave(wave) => Some(wave.remaining(self.now).unwrap_or_default()),
+        }
+    }
+
+    /// Lets time go on to `at` (never back).
+    pub(super) fn pass(&mut self, at: Duration, load: &mut dyn Load) {
+        self.now = self.now.max(at);
+        if self.trips_at.is_some_and(|trip| trip <= self.now) {
+            self.trips_at = None;
+            self.stop_mode();
+            self.panel.output = false;
+        }
+        let (now, panel) = (self.now, &mut self.panel);
+        match &mut self.mode {
+            Mode::Source => {}
+            Mode::Sweep(sweep) if sweep.is_running() => {
+                let resistance = panel.output.then(|| load.resistance(now));
+                let limit = panel.compliance;
+                let progress = sweep.advance(now, |point| {
+                    let limit = point.limit.unwrap_or(limit);
+                    resistance.is_some_and(|ohms| is_limited(point.level, ohms, limit))
+                });
+                if let Some(point) = sweep.point() {
+                    (panel.level, panel.range) = (point.level, point.range);
+                    panel.compliance = point.limit.unwrap_or(limit);
+                }
+                if progress.limited {
+                    self.status.measurement.latch(COMPLIANCE_BIT);
+                }
+                if progress.aborted {
+                    panel.output = false;
+                    self.outcome = Outcome::SweepAborted;
+                    self.mode = Mode::Source;
+                } else if sweep.is_done() {
+                    self.outcome = Outcome::SweepDone;
+                }
+            }
+            Mode::Wave(wave) if wave.is_running() => {
+                // Between two looks the wave has been at its peak.
+                if panel.output && wave.has_peaked(now) {
+                    let resistance = load.resistance(now);
+                    if is_limited(wave.peak(), resistance, panel.compliance) {
+                        self.status.measurement.latch(COMPLIANCE_BIT);
+                    }
+                }
+                if wave.advance(now) {
+                    self.outcome = Outcome::WaveStopped;
+                }
+            }
+            Mode::Sweep(_) | Mode::Wave(_) => {}
+        }
+        self.show();
+        if self.completion_awaited && self.remaining() == Some(Duration::ZERO) {
+            self.completion_awaited = false;
+            self.status.raise(scpi::StandardEvent::OperationComplete);
+        }
+    }
+
+    /// Makes the operation register show what is going on (fact sheet, section 5).
+    pub(super) fn show(&mut self) {
+        let sweep = match &self.mode {
+            Mode::Sweep(sweep) if sweep.is_running() => Some(sweep),
+            _ => None,
+        };
+        let waving = self.is_waving();
+        let register = &mut self.status.operation;
+        register.set(status::SWEEPING, sweep.is_some());
+        let awaits_trigger = sweep.is_some_and(|sweep| sweep.awaits_trigger());
+        register.set(status::AWAITING_TRIGGER, awaits_trigger);
+        let awaits_arm = sweep.is_some_and(|sweep| sweep.awaits_arm());
+        register.set(status::AWAITING_ARM, awaits_arm);
+        register.set(status::WAVE_STARTED, waving);
+        register.set(status::IDLE, sweep.is_none() && !waving);
+        register.set(status::SWEEP_DONE, self.outcome == Outcome::SweepDone);
+        register.set(status::SWEEP_ABORTED, self.outcome == Outcome::SweepAborted);
+        register.set(status::WAVE_STOPPED, self.outcome == Outcome::WaveStopped);
+    }
+
+    /// # Errors
+    /// -221 for what a running sweep or wave holds on to, -222 for what would reach beyond the instrument.
+    pub(super) fn set_parameter(
+        &mut self,
+        parameter: Parameter,
+        value: f64,
+    ) -> Result<(), ParseError> {
+        let held = match parameter.subject() {
+            Subject::Sweep => self.is_sweeping(),
+            Subject::Wave => self.is_waving(),
+            Subject::LiveWave | Subject::Communication | Subject::Other => false,
+        };
+        if held {
+            return Err(ParseError::SettingsConflict);
+        }
+        if let Mode::Wave(wave) = &mut self.mode
+            && parameter.subject() == Subject::LiveWave
+        {
+            let mut changed = wave.clone();
+            match parameter {
+                Parameter::Frequency => changed.retune(value, self.now),
+                Parameter::Amplitude => changed.amplitude = value,
+                _ => changed.offset = value,
+            }
+            if !changed.range.holds(changed.peak()) {
+                return Err(ParseError::SettingsConflict);
+            }
+            *wave = changed;
+        }
+        self.values.set(parameter, value)
+    }
+
+    /// # Errors
+    /// -221 while a sweep or wave holds on to its list.
+    pub(super) fn is_free_to_change(&self, list: List) -> Result<(), ParseError> {
+        let held = match list {
+            List::Levels | List::Delays | List::Limits => self.is_sweeping(),
+            List::Wave => self.is_waving(),
+        };
+        if held {
+            Err(ParseError::SettingsConflict)
+        } else {
+            Ok(())
+        }
+    }
+
+    /// # Errors
+    /// -230 for an arbitrary wave that was never told.
+    pub(super) fn read_list(&self, list: List) -> Result<String, ParseError> {
+        if self.lists.get(list).is_empty() {
+            return Err(ParseError::DataStale);
+        }
+        Ok(self.lists.read(list))
+    }
+
+    /// Arming switches the output on (assumed); the level flows until the sweep is started.
+    pub(super) fn arm_sweep(&mut self) -> Result<(), ParseError> {
+        self.is_free_to_arm()?;
+        let points = plan(&self.values, &self.lists, self.panel.range)?;
+        self.mode = Mode::Sweep(Box::new(Sweep::new(points, &self.values)));
+        self.outcome = Outcome::None;
+        self.panel.output = true;
+        Ok(())
+    }
+
+    fn is_free_to_arm(&self) -> Result<(), ParseError> {
+        if self.is_sweeping() || self.is_waving() || !self.interlock_closed {
+            return Err(ParseError::SettingsConflict);
+        }
+        Ok(())
+    }
+
+    /// # Errors
+    /// -221 when no sweep is armed, -213 while one is running.
+    pub(super) fn initiate(&mut self) -> Result<(), ParseError> {
+        match &mut self.mode {
+            Mode::Sweep(sweep) if sweep.is_running() => Err(ParseError::InitIgnored),
+            Mode::Sweep(sweep) => {
+                sweep.start(self.now);
+                self.outcome = Outcome::None;
+                self.panel.output = self.interlock_closed;
+                Ok(())
+            }
+            Mode::Source | Mode::Wave(_) => Err(ParseError::SettingsConflict),
+        }
+    }
+
+    /// Ends a sweep that is armed or running, the output off (assumed); one that is done rests on its last point.
+    pub(super) fn abort_sweep(&mut self) {
+        if let Mode::Sweep(sweep) = &self.mode {
+            let rests = sweep.is_done();
+            self.stop_mode();
+            self.panel.output &= rests;
+        }
+    }
+
+    fn sweep_mut(&mut self) -> Option<&mut Sweep> {
+        match &mut self.mode {
+            Mode::Sweep(sweep) => Some(sweep),
+            Mode::Source | Mode::Wave(_) => None,
+        }
+    }
+
+    pub(super) fn hear_trigger(&mut self, event: Trigger) -> bool {
+        let now = self.now;
+        self.sweep_mut().is_some_and(|sweep| sweep.hear(event, now))
+    }
+
+    pub(super) fn signal_arm(&mut self) -> Result<(), ParseError> {
+        let now = self.now;
+        let heard = self.sweep_mut().is_some_and(|sweep| sweep.signal_arm(now));
+        heard.then_some(()).ok_or(ParseError::TriggerIgnored)
+    }
+
+    pub(super) fn signal_trigger(&mut self) -> Result<(), ParseError> {
+        let now = self.now;
+        let heard = self
+            .sweep_mut()
+            .is_some_and(|sweep| sweep.signal_trigger(now));
+        heard.then_some(()).ok_or(ParseError::TriggerIgnored)
+    }
+
+    /// # Errors
+    /// -221 for a wave beyond its range or the instrument, and for an arbitrary one that was never told.
+    pub(super) fn arm_wave(&mut self) -> Result<(), ParseError> {
+        self.is_free_to_arm()?;
+        let values = &self.values;
+        let part = values.get(Parameter::DutyCycle) / 100.0;
+        // A place among the eight words.
+        let shape = match values.get(Parameter::Function) as usize {
+            SQUARE => Shape::Square(part),
+            RAMP => Shape::Ramp(part),
+            FIRST_ARBITRARY => Shape::Arbitrary(self.lists.get(List::Wave).to_vec()),
+            kept @ 4.. => Shape::Arbitrary(self.waves[kept - FIRST_ARBITRARY - 1].clone()),
+            _ => Shape::Sine,
+        };
+        if matches!(&shape, Shape::Arbitrary(points) if points.is_empty()) {
+            return Err(ParseError::SettingsConflict);
+        }
+        let settings = [
+            Parameter::Frequency,
+            Parameter::Amplitude,
+            Parameter::Offset,
+        ]
+        .map(|parameter| values.get(parameter));
+        let lasting = if values.cycles_lead() {
+            Lasting::Cycles(values.get(Parameter::WaveCycles))
+        } else {
+            Lasting::Seconds(values.get(Parameter::WaveTime))
+        };
+        let [_, amplitude, offset] = settings;
+        let peak = Amps(amplitude + offset.abs());
+        let range = if values.is_on(Parameter::WaveRanging) {
+            self.panel.range
+        } else {
+            // Sums of decimals may lie a hair beyond the largest current.
+            let peak = if peak <= LARGEST_CURRENT * (1.0 + 1e-12) {
+                peak.0.min(LARGEST_CURRENT.0)
+            } else {
+                f64::NAN
+            };
+            Range::holding(Amps(peak)).ok_or(ParseError::SettingsConflict)?
+        };
+        if !range.holds(peak) {
+            return Err(ParseError::SettingsConflict);
+        }
+        self.mode = Mode::Wave(Box::new(Wave::new(shape, settings, lasting, range)));
+        self.outcome = Outcome::None;
+        Ok(())
+    }
+
+    /// # Errors
+    /// -221 when no wave is armed or the interlock is open, -213 while one is running.
+    pub(super) fn start_wave(&mut self) -> Result<(), ParseError> {
+        match &mut self.mode {
+            Mode::Wave(wave) if wave.is_running() => Err(ParseError::InitIgnored),
+            Mode::Wave(wave) if self.interlock_closed => {
+                wave.start(self.now);
+                self.outcome = Outcome::None;
+                self.panel.output = true;
+                Ok(())
+            }
+            _ => Err(ParseError::SettingsConflict),
+        }
+    }
+
+    /// Ends a wave that is armed or running, the output off (assumed).
+    pub(super) fn abort_wave(&mut self) {
+        if matches!(self.mode, Mode::Wave(_)) {
+            self.stop_mode();
+            self.panel.output = false;
+        }
+    }
+
+    /// # Errors
+    /// -230 when no arbitrary wave was told.
+    pub(super) fn copy_wave(&mut self, place: u8) -> Result<(), ParseError> {
+        let points = self.lists.get(List::Wave);
+        if points.is_empty() {
+            return Err(ParseError::DataStale);
+        }
+        // Places are 1 to 4.
+        self.waves[usize::from(place) - 1] = points.to_vec();
+        Ok(())
+    }
+}

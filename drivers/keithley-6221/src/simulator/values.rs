@@ -1,0 +1,125 @@
+//! The parameters as they are set, with those that hang on others.
+
+use scpi::ParseError;
+
+use crate::parameter::Subject;
+use crate::range::LARGEST_CURRENT;
+use crate::{Ask, Parameter};
+
+/// Places of the choice [`Parameter::Spacing`].
+pub(super) const LINEAR: f64 = 0.0;
+pub(super) const LOGARITHMIC: f64 = 1.0;
+
+/// A value for each parameter.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Values {
+    held: Vec<f64>,
+    /// Of a linear sweep the number of points was set last, and the step follows; else the other way round.
+    points_lead: bool,
+    /// The wave's duration was set in cycles, and its time follows; else the other way round.
+    cycles_lead: bool,
+}
+
+impl Values {
+    pub(super) fn reset() -> Self {
+        Self {
+            held: Parameter::ALL
+                .iter()
+                .map(|parameter| parameter.kind().reset_value())
+                .collect(),
+            points_lead: false,
+            cycles_lead: false,
+        }
+    }
+
+    /// Takes the values of `other` for all but the communication settings.
+    pub(super) fn become_like(&mut self, other: &Values) {
+        for &parameter in Parameter::ALL {
+            if parameter.subject() != Subject::Communication {
+                self.held[parameter as usize] = other.held[parameter as usize];
+            }
+        }
+        self.points_lead = other.points_lead;
+        self.cycles_lead = other.cycles_lead;
+    }
+
+    fn held(&self, parameter: Parameter) -> f64 {
+        self.held[parameter as usize]
+    }
+
+    pub(super) fn is_on(&self, parameter: Parameter) -> bool {
+        self.held(parameter) != 0.0
+    }
+
+    pub(super) fn get(&self, parameter: Parameter) -> f64 {
+        let span = self.held(Parameter::Stop) - self.held(Parameter::Start);
+        let linear = self.held(Parameter::Spacing) == LINEAR;
+        match parameter {
+            Parameter::Center => self.held(Parameter::Start) + span / 2.0,
+            Parameter::Span => span.abs(),
+            Parameter::Points if linear && !self.points_lead => self.linear_points().min(65_535.0),
+            Parameter::Step if linear && self.points_lead && self.held(Parameter::Points) > 1.0 => {
+                span.abs() / (self.held(Parameter::Points) - 1.0)
+            }
+            Parameter::WaveTime if self.cycles_lead => {
+                self.held(Parameter::WaveCycles) / self.held(Parameter::Frequency)
+            }
+            Parameter::WaveCycles if !self.cycles_lead => {
+                self.held(Parameter::WaveTime) * self.held(Parameter::Frequency)
+            }
+            other => self.held(other),
+        }
+    }
+
+    /// Points of a linear sweep, which may be more than a sweep can have.
+    pub(super) fn linear_points(&self) -> f64 {
+        if self.points_lead {
+            return self.held(Parameter::Points);
+        }
+        let span = (self.held(Parameter::Stop) - self.held(Parameter::Start)).abs();
+        // A part in 1e9 keeps the last point when span / step is a hair below its decimal.
+        (span / self.held(Parameter::Step) * (1.0 + 1e-9)).floor() + 1.0
+    }
+
+    /// Sets a value that its kind allows.
+    ///
+    /// # Errors
+    /// -222 when centre and span reach beyond the instrument's current.
+    pub(super) fn set(&mut self, parameter: Parameter, value: f64) -> Result<(), ParseError> {
+        match parameter {
+            Parameter::Center => self.sweep_over(value, self.get(Parameter::Span))?,
+            Parameter::Span => self.sweep_over(self.get(Parameter::Center), value)?,
+            Parameter::Points => self.points_lead = true,
+            Parameter::Step => self.points_lead = false,
+            Parameter::WaveTime => self.cycles_lead = false,
+            Parameter::WaveCycles => self.cycles_lead = true,
+            Parameter::DeltaHigh => self.held[Parameter::DeltaLow as usize] = -value,
+            _ => {}
+        }
+        self.held[parameter as usize] = value;
+        Ok(())
+    }
+
+    fn sweep_over(&mut self, center: f64, span: f64) -> Result<(), ParseError> {
+        let ends = [center - span / 2.0, center + span / 2.0];
+        // Halves of decimals may lie a hair beyond theirs.
+        let most = LARGEST_CURRENT.0 * (1.0 + 1e-12);
+        if ends.iter().any(|end| end.abs() > most) {
+            return Err(ParseError::OutOfRange);
+        }
+        let [start, stop] = ends.map(|end| end.clamp(-LARGEST_CURRENT.0, LARGEST_CURRENT.0));
+        self.held[Parameter::Start as usize] = start;
+        self.held[Parameter::Stop as usize] = stop;
+        Ok(())
+    }
+
+    pub(super) fn cycles_lead(&self) -> bool {
+        self.cycles_lead
+    }
+
+    /// The value as a query reads it.
+    pub(super) fn read(&self, parameter: Parameter, ask: Ask) -> String {
+        let kind = parameter.kind();
+        kind.read_back(kind.asked(ask, self.get(parameter)))
+    }
+}

@@ -1,0 +1,162 @@
+//! A wave under way: what flows at an instant follows from its settings.
+
+use std::f64::consts::TAU;
+use std::time::Duration;
+
+use survey::Amps;
+
+use crate::Range;
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Shape {
+    Sine,
+    /// High for this part of a period.
+    Square(f64),
+    /// Rising for this part of a period.
+    Ramp(f64),
+    /// Points held for equal parts of a period, in parts of the amplitude.
+    Arbitrary(Vec<f64>),
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Lasting {
+    Seconds(f64),
+    Cycles(f64),
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Phase {
+    Ready,
+    Running {
+        began: Duration,
+        /// Since when the frequency is what it is.
+        since: Duration,
+        /// Periods made before that.
+        turns: f64,
+    },
+    Stopped,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Wave {
+    pub(super) shape: Shape,
+    pub(super) hertz: f64,
+    pub(super) amplitude: f64,
+    pub(super) offset: f64,
+    pub(super) lasting: Lasting,
+    pub(super) range: Range,
+    phase: Phase,
+}
+
+impl Wave {
+    /// Ready, not started.
+    pub(super) fn new(
+        shape: Shape,
+        [hertz, amplitude, offset]: [f64; 3],
+        lasting: Lasting,
+        range: Range,
+    ) -> Self {
+        Self {
+            shape,
+            hertz,
+            amplitude,
+            offset,
+            lasting,
+            range,
+            phase: Phase::Ready,
+        }
+    }
+
+    pub(super) fn start(&mut self, now: Duration) {
+        self.phase = Phase::Running {
+            began: now,
+            since: now,
+            turns: 0.0,
+        };
+    }
+
+    pub(super) fn is_running(&self) -> bool {
+        matches!(self.phase, Phase::Running { .. })
+    }
+
+    /// Periods made so far.
+    fn turns(&self, now: Duration) -> f64 {
+        match self.phase {
+            Phase::Running { since, turns, .. } => {
+                turns + now.saturating_sub(since).as_secs_f64() * self.hertz
+            }
+            Phase::Ready | Phase::Stopped => 0.0,
+        }
+    }
+
+    /// Changes the frequency without a jump of phase.
+    pub(super) fn retune(&mut self, hertz: f64, now: Duration) {
+        let so_far = self.turns(now);
+        if let Phase::Running { since, turns, .. } = &mut self.phase {
+            (*since, *turns) = (now, so_far);
+        }
+        self.hertz = hertz;
+    }
+
+    /// Largest current of either sign.
+    pub(super) fn peak(&self) -> Amps {
+        Amps(self.amplitude + self.offset.abs())
+    }
+
+    /// Whether a whole period has been made, so that its peak has been.
+    pub(super) fn has_peaked(&self, now: Duration) -> bool {
+        self.turns(now) >= 1.0
+    }
+
+    /// How long the wave still lasts; `None` for one without end.
+    pub(super) fn remaining(&self, now: Duration) -> Option<Duration> {
+        let Phase::Running { began, .. } = self.phase else {
+            return Some(Duration::ZERO);
+        };
+        let seconds = match self.lasting {
+            Lasting::Seconds(whole) => whole - now.saturating_sub(began).as_secs_f64(),
+            Lasting::Cycles(whole) => (whole - self.turns(now)) / self.hertz,
+        };
+        seconds
+            .is_finite()
+            .then(|| Duration::try_from_secs_f64(seconds.max(0.0)).unwrap_or(Duration::MAX))
+    }
+
+    /// Brings time forward; true when the wave ended meanwhile.
+    pub(super) fn advance(&mut self, now: Duration) -> bool {
+        // Half a nanosecond: an end that has been waited for is reached.
+        let over = self.is_running()
+            && self
+                .remaining(now)
+                .is_some_and(|left| left <= Duration::from_nanos(1));
+        if over {
+            self.phase = Phase::Stopped;
+        }
+        over
+    }
+
+    /// What is asked to flow now: nothing before the start and after the end.
+    pub(super) fn value(&self, now: Duration) -> Amps {
+        if !self.is_running() {
+            return Amps(0.0);
+        }
+        let at = self.turns(now).fract();
+        let unit = match &self.shape {
+            Shape::Sine => (TAU * at).sin(),
+            Shape::Square(high) => {
+                if at < *high {
+                    1.0
+                } else {
+                    -1.0
+                }
+            }
+            Shape::Ramp(rising) if at < *rising => 2.0 * at / rising - 1.0,
+            Shape::Ramp(rising) => 1.0 - 2.0 * (at - rising) / (1.0 - rising),
+            Shape::Arbitrary(points) => {
+                let place = (at * points.len() as f64) as usize;
+                points[place.min(points.len() - 1)]
+            }
+        };
+        Amps(self.offset + self.amplitude * unit)
+    }
+}
