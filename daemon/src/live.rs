@@ -50,6 +50,13 @@ pub(crate) struct Published {
     pub found: Option<[f64; 2]>,
 }
 
+/// The last frame, and the last one that has a map.
+#[derive(Debug, Default)]
+struct Latest {
+    frame: Option<Arc<Published>>,
+    with_map: Option<Arc<Published>>,
+}
+
 /// One session, shared by all who have to do with it.
 #[derive(Debug)]
 pub(crate) struct Live {
@@ -59,7 +66,7 @@ pub(crate) struct Live {
     durable: watch::Sender<u64>,
     dropped: AtomicU64,
     progress: watch::Sender<Progress>,
-    latest: Mutex<(Option<Arc<Published>>, Option<Arc<Published>>)>,
+    latest: Mutex<Latest>,
     button: StopButton,
     stop: Stop,
     suspend: watch::Sender<bool>,
@@ -79,7 +86,7 @@ impl Live {
             durable: watch::Sender::new(0),
             dropped: AtomicU64::new(0),
             progress: watch::Sender::new(Progress::default()),
-            latest: Mutex::new((None, None)),
+            latest: Mutex::default(),
             button,
             stop,
             suspend: watch::Sender::new(false),
@@ -170,9 +177,9 @@ impl Live {
         {
             let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
             if published.map.is_some() {
-                latest.1 = Some(Arc::clone(&published));
+                latest.with_map = Some(Arc::clone(&published));
             }
-            latest.0 = Some(published);
+            latest.frame = Some(published);
         }
         self.durable.send_replace(sequence);
     }
@@ -181,7 +188,7 @@ impl Live {
         self.latest
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
-            .0
+            .frame
             .clone()
     }
 
@@ -190,7 +197,7 @@ impl Live {
         self.latest
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
-            .1
+            .with_map
             .clone()
     }
 

@@ -3,9 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use eit::{
-    Case, DiscTank, Hyper, Mesh, OneStep, OneStepOptions, PaperSheet, Preset, Prior, Reconstructor,
-};
+use eit::{Case, Hyper, Mesh, OneStep, OneStepOptions, Preset, Prior, Reconstructor};
 use survey::Protocol;
 
 use crate::config::{GeometrySection, ModelSection, PresetName, PriorName, SurveySection};
@@ -103,15 +101,10 @@ pub(crate) fn geometry(section: &GeometrySection, case: Option<&Path>) -> Result
         });
     }
     let preset = match section.preset.unwrap_or_default() {
-        PresetName::PaperSheet => Preset::PaperSheet(
-            section
-                .paper_sheet
-                .clone()
-                .unwrap_or_else(PaperSheet::default),
-        ),
-        PresetName::DiscTank => {
-            Preset::DiscTank(section.disc_tank.clone().unwrap_or_else(DiscTank::default))
+        PresetName::PaperSheet => {
+            Preset::PaperSheet(section.paper_sheet.clone().unwrap_or_default())
         }
+        PresetName::DiscTank => Preset::DiscTank(section.disc_tank.clone().unwrap_or_default()),
     };
     let mesh = preset.mesh().map_err(|cause| chain(&cause))?;
     let name = match &preset {

@@ -52,7 +52,7 @@ enum Tape {
         settings: Settings,
     },
     Session {
-        reader: SessionReader,
+        reader: Box<SessionReader>,
         frames: u64,
         first: Duration,
     },
@@ -111,7 +111,7 @@ impl Recording {
             Self {
                 simulated: reader.header().simulated,
                 tape: Tape::Session {
-                    reader,
+                    reader: Box::new(reader),
                     frames,
                     first,
                 },

@@ -32,9 +32,9 @@ pub(crate) enum Ended {
     /// As asked or scheduled.
     Done(String),
     /// The rig failed; it is safe unless the text says otherwise.
-    Rig(AcquireError),
+    Rig(Box<AcquireError>),
     /// The recording failed.
-    Recording(RecordingError),
+    Recording(Box<RecordingError>),
 }
 
 impl Ended {
@@ -42,8 +42,8 @@ impl Ended {
     pub(crate) fn text(&self) -> String {
         match self {
             Self::Done(reason) => reason.clone(),
-            Self::Rig(error) => chain(error),
-            Self::Recording(error) => chain(error),
+            Self::Rig(error) => chain(error.as_ref()),
+            Self::Recording(error) => chain(error.as_ref()),
         }
     }
 }
@@ -94,7 +94,7 @@ impl Watch {
                 match recording.due() {
                     Ok(Some(offset)) => due = began + shift + offset,
                     Ok(None) => return Ended::Done("the recording is over".to_owned()),
-                    Err(error) => return Ended::Recording(error),
+                    Err(error) => return Ended::Recording(Box::new(error)),
                 }
             } else {
                 self.live.count_dropped(missed);
@@ -111,7 +111,9 @@ impl Watch {
             let frame = match self.take(source, &stop).await {
                 Ok(Some(frame)) => frame,
                 Ok(None) => return Ended::Done("the recording is over".to_owned()),
-                Err(Ended::Rig(AcquireError::Stopped { .. })) if stop.is_asked() => {
+                Err(Ended::Rig(error))
+                    if stop.is_asked() && matches!(*error, AcquireError::Stopped { .. }) =>
+                {
                     return Ended::Done(self.live.stop_reason());
                 }
                 Err(ended) => return ended,
@@ -137,11 +139,11 @@ impl Watch {
                 .acquire(&plan.plan, plan.meter, self.clock, stop)
                 .await
                 .map(Some)
-                .map_err(Ended::Rig),
+                .map_err(|error| Ended::Rig(Box::new(error))),
             FrameSource::Rig { rig: None, .. } => Ok(None),
             FrameSource::Recording(recording) => recording
                 .next(self.clock.monotonic(), self.clock.wall())
-                .map_err(Ended::Recording),
+                .map_err(|error| Ended::Recording(Box::new(error))),
         }
     }
 

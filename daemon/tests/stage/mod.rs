@@ -75,7 +75,26 @@ impl Stage {
 
     /// Starts the daemon and connects to it when it says that it is ready.
     pub async fn start(&self) -> Running {
-        let mut child = tokio::process::Command::new(env!("CARGO_BIN_EXE_tactusd"))
+        self.start_by(tokio::process::Command::new(env!("CARGO_BIN_EXE_tactusd")))
+            .await
+    }
+
+    /// Starts the daemon on a disk that takes files of so many kilobytes and no more.
+    pub async fn start_on_a_small_disk(&self, kilobytes: u32) -> Running {
+        let mut shell = tokio::process::Command::new("sh");
+        // 512-byte blocks; the signal that comes with the refusal is ignored, as on a disk that is full
+        let blocks = kilobytes * 2;
+        shell
+            .arg("-c")
+            .arg(format!(
+                "trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" \"$@\""
+            ))
+            .arg(env!("CARGO_BIN_EXE_tactusd"));
+        self.start_by(shell).await
+    }
+
+    async fn start_by(&self, mut command: tokio::process::Command) -> Running {
+        let mut child = command
             .arg("--config")
             .arg(self.config())
             .env_remove("NOTIFY_SOCKET")
@@ -160,6 +179,11 @@ impl Running {
     pub async fn start(&self, options: Options) -> Session1Proxy<'static> {
         let path = self.manager.start_session(&options).await.unwrap();
         self.session(&path).await
+    }
+
+    /// Kills it as a power cut would.
+    pub async fn kill(mut self) {
+        within(self.child.kill()).await.unwrap();
     }
 
     /// Asks it to end, and returns how it ended and what it said.

@@ -1,0 +1,190 @@
+//! What somebody asks of the daemon, checked before anything moves.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use bus::{Fault, Options};
+use survey::Baseline;
+
+use super::Keeper;
+use crate::live::Live;
+use crate::model::{self, Model, ModelFault, chain};
+use crate::prepare::{Setup, seconds};
+use crate::schedule::Schedule;
+use crate::session::Work;
+
+/// Frames of a baseline where nobody says.
+const BASELINE_FRAMES: u64 = 10;
+
+/// What a session is to be.
+pub(super) struct Assignment {
+    pub work: Work,
+    pub schedule: Schedule,
+    pub speed: Option<f64>,
+    pub step: bool,
+    pub note: String,
+    pub frames: u64,
+    pub baseline: Option<Arc<Baseline>>,
+    pub model: Option<Model>,
+}
+
+impl Keeper {
+    /// Starts a measurement.
+    ///
+    /// # Errors
+    /// An option that cannot be, no or another baseline, a model that does not fit, a session running, an instrument or
+    /// a disk that fails.
+    pub(crate) async fn start_session(
+        self: &Arc<Self>,
+        options: &Options,
+    ) -> Result<Arc<Live>, Fault> {
+        options.only(&bus::SESSION_OPTIONS)?;
+        let not_negative = |key: &str| match options.number(key)? {
+            Some(value) if value < 0.0 => Err(Fault::InvalidOption(format!(
+                "option '{key}' is {value}; it must be 0 or more"
+            ))),
+            value => Ok(value),
+        };
+        let given = &self.house.setup.schedule;
+        let step = options.flag("step")?.unwrap_or(false);
+        let schedule = Schedule {
+            every: not_negative("every_s")?.map_or(given.every, seconds),
+            count: options.whole("count")?.or(given.count),
+            lasts: not_negative("for_s")?.map(seconds).or(given.lasts),
+        };
+        if schedule.count == Some(0) {
+            return Err(Fault::InvalidOption(
+                "option 'count' is 0; it must be 1 or more".into(),
+            ));
+        }
+        let speed = not_negative("speed")?;
+        if speed.is_some() && !self.is_recording() {
+            return Err(Fault::InvalidOption(
+                "option 'speed' is for recordings; a rig has its own rate".into(),
+            ));
+        }
+        let note = options.text("note")?.unwrap_or_default().to_owned();
+        let baseline = self.chosen_baseline(options.text("baseline")?)?;
+        self.check_baseline(&baseline)?;
+        let model = self.chosen_model(options.text("model")?).await?;
+        self.begin(Assignment {
+            work: Work::Measurement,
+            schedule,
+            speed,
+            step,
+            note,
+            frames: 0,
+            baseline: Some(baseline),
+            model: Some(model),
+        })
+        .await
+    }
+
+    /// Starts the recording of a baseline.
+    ///
+    /// # Errors
+    /// As [`Keeper::start_session`].
+    pub(crate) async fn record_baseline(
+        self: &Arc<Self>,
+        options: &Options,
+    ) -> Result<Arc<Live>, Fault> {
+        options.only(&["frames", "note"])?;
+        let frames = options.whole("frames")?.unwrap_or(BASELINE_FRAMES);
+        if frames == 0 {
+            return Err(Fault::InvalidOption(
+                "option 'frames' is 0; it must be 1 or more".into(),
+            ));
+        }
+        let schedule = Schedule {
+            count: Some(frames),
+            ..Schedule::default()
+        };
+        self.begin(Assignment {
+            work: Work::Baseline,
+            schedule,
+            speed: self.is_recording().then_some(0.0),
+            step: false,
+            note: options.text("note")?.unwrap_or_default().to_owned(),
+            frames,
+            baseline: None,
+            model: None,
+        })
+        .await
+    }
+
+    fn chosen_baseline(&self, id: Option<&str>) -> Result<Arc<Baseline>, Fault> {
+        let current = self.baseline();
+        let Some(id) = id else {
+            return current.ok_or_else(|| {
+                Fault::NoBaseline(
+                    "no baseline has been recorded; record one of the unloaded sheet first".into(),
+                )
+            });
+        };
+        if let Some(current) = current.filter(|current| current.id == id) {
+            return Ok(current);
+        }
+        let found = logbook::find(&self.house.setup.record_directory, id)
+            .and_then(logbook::SessionReader::open)
+            .and_then(|session| session.baseline());
+        match found {
+            Ok(Some(baseline)) => Ok(Arc::new(baseline)),
+            Ok(None) => Err(Fault::NoBaseline(format!(
+                "session '{id}' has no baseline in it"
+            ))),
+            Err(error) => Err(Fault::NoBaseline(chain(&error))),
+        }
+    }
+
+    fn check_baseline(&self, baseline: &Baseline) -> Result<(), Fault> {
+        let Some(settings) = &self.house.settings else {
+            return Ok(());
+        };
+        baseline
+            .check(
+                settings,
+                self.house.setup.protocol.len(),
+                self.house.simulated,
+            )
+            .map_err(|error| Fault::BaselineMismatch(error.to_string()))
+    }
+
+    pub(super) async fn chosen_model(
+        self: &Arc<Self>,
+        asked: Option<&str>,
+    ) -> Result<Model, Fault> {
+        let Some(asked) = asked.map(str::to_owned) else {
+            return Ok(self.house.setup.model.clone());
+        };
+        if asked != "one-step" && !Path::new(&asked).is_absolute() {
+            return Err(Fault::InvalidOption(format!(
+                "option 'model' is '{asked}'; write an absolute path, or one-step"
+            )));
+        }
+        let keeper = Arc::clone(self);
+        let loaded = tokio::task::spawn_blocking(move || {
+            let Setup {
+                config,
+                geometry,
+                protocol,
+                ..
+            } = &keeper.house.setup;
+            if asked == "one-step" {
+                let section = crate::config::ModelSection {
+                    file: None,
+                    ..config.model.clone()
+                };
+                model::one_step(&section, &config.survey, geometry, protocol)
+            } else {
+                model::from_file(Path::new(&asked), geometry, protocol)
+            }
+        });
+        match loaded.await {
+            Ok(Ok(model)) => Ok(model),
+            Ok(Err(fault)) if fault.is_mismatch() => Err(Fault::ModelMismatch(chain(&fault))),
+            Ok(Err(fault @ ModelFault::File { .. })) => Err(Fault::ModelFile(chain(&fault))),
+            Ok(Err(fault)) => Err(Fault::Failed(chain(&fault))),
+            Err(_) => Err(Fault::Failed("the model could not be prepared".into())),
+        }
+    }
+}

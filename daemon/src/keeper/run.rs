@@ -1,0 +1,311 @@
+//! A session from its first frame to its closed record.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use bus::Fault;
+use chrono::{DateTime, Utc};
+use logbook::{InstrumentRecord, LogbookError, SessionHeader, SessionKind, SessionWriter};
+use rig::Clock;
+use survey::Baseline;
+use tokio::sync::mpsc;
+
+use super::asked::Assignment;
+use super::{Keeper, disk_fault};
+use crate::herald::Notice;
+use crate::live::{Ending, Facts, Live};
+use crate::model::chain;
+use crate::prepare::Setup;
+use crate::recorder::{Order, QUEUE, Recorder, Task};
+use crate::session::{Event, Work};
+use crate::watch::{Ended, FrameSource, Watch};
+
+/// Ended sessions that stay on the bus, so that who started one can still ask how it went.
+const REMEMBERED: usize = 16;
+/// Summaries are at most five a second.
+const BETWEEN_SUMMARIES: Duration = Duration::from_millis(200);
+
+impl Keeper {
+    pub(super) async fn begin(self: &Arc<Self>, order: Assignment) -> Result<Arc<Live>, Fault> {
+        self.happened(Event::Start(order.work))
+            .map_err(|refusal| Fault::SessionActive(refusal.to_string()))?;
+        // whoever loses interest in the answer does not leave the state behind
+        let keeper = Arc::clone(self);
+        let begun = tokio::spawn(async move {
+            let begun = keeper.begin_now(order).await;
+            if let Err(fault) = &begun {
+                let _ = match fault {
+                    Fault::DiskRefused(text) | Fault::InstrumentFault(text) => {
+                        keeper.happened(Event::Fault(text.clone()))
+                    }
+                    _ => keeper.happened(Event::Ended),
+                };
+            }
+            begun
+        });
+        begun
+            .await
+            .unwrap_or_else(|_| Err(Fault::Failed("the session could not be started".into())))
+    }
+
+    pub(super) async fn begin_now(self: &Arc<Self>, order: Assignment) -> Result<Arc<Live>, Fault> {
+        if self.rig_fault().is_some() {
+            self.find_rig_again()
+                .await
+                .map_err(Fault::InstrumentFault)?;
+        }
+        let started = self.house.clock.wall();
+        let (kind, letter) = match order.work {
+            Work::Baseline => (SessionKind::Baseline, 'b'),
+            Work::Measurement => (SessionKind::Measurement, 'm'),
+        };
+        let header = self.header(kind, started, letter, &order);
+        let directory = self.house.setup.record_directory.clone();
+        let copy = order.baseline.clone();
+        let id = header.id.clone();
+        let writer = tokio::task::spawn_blocking(move || {
+            let mut writer = SessionWriter::create(&directory, &header)?;
+            if let Some(baseline) = copy {
+                writer.baseline(&baseline)?;
+            }
+            Ok::<_, LogbookError>(writer)
+        })
+        .await
+        .map_err(|_| Fault::Failed("the session file could not be made".into()))?
+        .map_err(|error| disk_fault(&error))?;
+        let baseline_id = order
+            .baseline
+            .as_ref()
+            .map(|b| b.id.clone())
+            .unwrap_or_default();
+        let method = order
+            .model
+            .as_ref()
+            .map(|m| m.reconstructor.method().to_owned())
+            .unwrap_or_default();
+        let live = Arc::new(Live::new(
+            Facts {
+                id,
+                kind,
+                simulated: self.house.simulated,
+                baseline_id,
+                method,
+                path: writer.path().to_owned(),
+            },
+            order.step,
+        ));
+        self.inner().active = Some(Arc::clone(&live));
+        self.herald.say(&Notice::SessionAdded(Arc::clone(&live)));
+        self.herald.say(&Notice::Daemon);
+        tokio::spawn(Arc::clone(self).tell_progress(Arc::clone(&live)));
+        tokio::spawn(Arc::clone(self).keep(Arc::clone(&live), writer, order));
+        Ok(live)
+    }
+
+    fn header(
+        &self,
+        kind: SessionKind,
+        started: DateTime<Utc>,
+        letter: char,
+        order: &Assignment,
+    ) -> SessionHeader {
+        let Setup {
+            config_toml,
+            config_hash,
+            protocol,
+            geometry,
+            ..
+        } = &self.house.setup;
+        let id = format!("{letter}{}", started.format("%Y%m%dt%H%M%S_%3f"));
+        SessionHeader {
+            kind,
+            instruments: self
+                .house
+                .instruments
+                .iter()
+                .map(|found| InstrumentRecord {
+                    role: found.role.to_owned(),
+                    identity: found.identity.clone(),
+                    address: found.address.clone(),
+                })
+                .collect(),
+            modules: self.house.modules.clone(),
+            config_toml: config_toml.clone(),
+            config_hash: config_hash.clone(),
+            model_hash: order.model.as_ref().and_then(|model| model.hash.clone()),
+            geometry_hash: Some(geometry.mesh.hash().to_owned()),
+            build: self.house.build.clone(),
+            simulated: self.house.simulated,
+            seed: self.house.bench.as_ref().map(crate::simulation::seed),
+            note: order.note.clone(),
+            ..SessionHeader::new(id, started, protocol.clone())
+        }
+    }
+
+    /// A session from its first frame to its closed record.
+    pub(super) async fn keep(
+        self: Arc<Self>,
+        live: Arc<Live>,
+        writer: SessionWriter,
+        order: Assignment,
+    ) {
+        let (orders, queue) = mpsc::channel(QUEUE);
+        let mesh = &self.house.setup.geometry.mesh;
+        let recorder = Recorder {
+            live: Arc::clone(&live),
+            writer,
+            clock: self.house.clock,
+            twins: self.house.setup.protocol.reciprocal_twins(),
+            build: self.house.build.clone(),
+            task: match (order.baseline, order.model) {
+                (Some(baseline), Some(model)) => Task::Maps {
+                    baseline: Box::new(baseline.as_ref().clone()),
+                    model,
+                    centroids: mesh.region_centroids(),
+                    areas: mesh.region_areas(),
+                },
+                _ => Task::Baseline {
+                    frames: Vec::new(),
+                    wanted: order.frames,
+                },
+            },
+        };
+        let recording = tokio::task::spawn_blocking(move || recorder.run(queue));
+        let keeper = Arc::clone(&self);
+        let watch = Watch {
+            live: Arc::clone(&live),
+            schedule: order.schedule,
+            speed: order.speed,
+            clock: self.house.clock,
+            recorder: orders.clone(),
+            paused: Arc::new(move |paused| {
+                let event = if paused {
+                    Event::Suspend
+                } else {
+                    Event::Resume
+                };
+                let _ = keeper.happened(event);
+            }),
+        };
+        let ended = {
+            let mut source = self.source.lock().await;
+            let ended = watch.run(&mut source).await;
+            if matches!(ended, Ended::Rig(_))
+                && let FrameSource::Rig { rig, .. } = &mut *source
+            {
+                // its links may be out of step: it is put together anew
+                *rig = None;
+            }
+            ended
+        };
+        let reason = ended.text();
+        if !matches!(ended, Ended::Done(_)) {
+            tracing::error!(session = live.facts.id, "{reason}");
+            let _ = orders
+                .send(Order::Event {
+                    at: self.house.clock.wall(),
+                    kind: "fault",
+                    text: reason.clone(),
+                })
+                .await;
+        }
+        let _ = orders
+            .send(Order::Close {
+                at: self.house.clock.wall(),
+                reason: reason.clone(),
+            })
+            .await;
+        drop(orders);
+        let recorded = match recording.await {
+            Ok(Ok(baseline)) => Ok(baseline),
+            Ok(Err(error)) => Err(chain(&error)),
+            Err(_) => Err("the recorder failed".to_owned()),
+        };
+        self.finish(&live, &ended, recorded);
+    }
+
+    fn finish(
+        self: &Arc<Self>,
+        live: &Arc<Live>,
+        ended: &Ended,
+        recorded: Result<Option<Baseline>, String>,
+    ) {
+        let fault = match (&recorded, ended) {
+            (Err(disk), _) => Some(format!("the record failed, the source is off: {disk}")),
+            (Ok(_), Ended::Done(_)) => None,
+            (Ok(_), ended) => Some(ended.text()),
+        };
+        {
+            let mut inner = self.inner();
+            if let Ok(Some(baseline)) = recorded {
+                inner.baseline = Some(Arc::new(baseline));
+            }
+            inner.active = None;
+            inner.recent.push_back(Arc::clone(live));
+            while inner.recent.len() > REMEMBERED {
+                if let Some(old) = inner.recent.pop_front() {
+                    self.herald
+                        .say(&Notice::SessionRemoved(old.facts.id.clone()));
+                }
+            }
+            if matches!(ended, Ended::Rig(_)) {
+                inner.rig_fault = Some(ended.text());
+            }
+        }
+        let ending = Ending {
+            reason: fault.clone().unwrap_or_else(|| ended.text()),
+            faulted: fault.is_some(),
+        };
+        let _ = self.happened(match fault {
+            Some(text) => Event::Fault(text),
+            None => Event::Ended,
+        });
+        live.readers.publish(&bus::stream::Record {
+            sequence: live.durable(),
+            wall_ns: crate::recorder::nanoseconds(self.house.clock.wall()),
+            gap: 0,
+            simulated: live.facts.simulated,
+            body: bus::stream::Body::End {
+                reason: ending.reason.clone(),
+            },
+        });
+        live.end(ending);
+        if matches!(ended, Ended::Rig(_)) {
+            self.herald.say(&Notice::Instruments);
+            tokio::spawn(Arc::clone(self).look_for_rig());
+        }
+    }
+
+    /// Tells everybody of frames, at most five times a second, and of everything else about a session.
+    pub(super) async fn tell_progress(self: Arc<Self>, live: Arc<Live>) {
+        let mut durable = live.follow_durable();
+        let mut progress = live.follow();
+        let mut told = 0;
+        loop {
+            let over = tokio::select! {
+                changed = durable.changed() => changed.is_err(),
+                changed = progress.changed() => {
+                    let over = progress.borrow_and_update().ended.is_some();
+                    if !over {
+                        self.herald.say(&Notice::SessionChanged(Arc::clone(&live)));
+                    }
+                    over || changed.is_err()
+                }
+            };
+            if let Some(latest) = live.latest_frame()
+                && latest.frame.sequence > told
+            {
+                told = latest.frame.sequence;
+                self.herald
+                    .say(&Notice::FrameDone(Arc::clone(&live), latest));
+                if !over {
+                    tokio::time::sleep(BETWEEN_SUMMARIES).await;
+                }
+            }
+            if over {
+                self.herald.say(&Notice::SessionChanged(live));
+                return;
+            }
+        }
+    }
+}

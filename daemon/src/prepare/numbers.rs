@@ -1,0 +1,66 @@
+//! Numbers that cannot be, whatever the rest of the configuration says.
+
+use super::Findings;
+use crate::config::Config;
+
+/// Adds a problem for each.
+pub(super) fn check(config: &Config, findings: &mut Findings<'_>) {
+    let survey = &config.survey;
+    let positive = [
+        ("survey.current_ua", survey.current_ua),
+        ("survey.compliance_v", survey.compliance_v),
+        ("survey.range_v", survey.range_v),
+    ];
+    for (key, value) in positive {
+        if !(value > 0.0 && value.is_finite()) {
+            findings.add(key, format!("{value} is not a positive number"));
+        }
+    }
+    let not_negative = [
+        ("survey.settle_ms", Some(survey.settle_ms)),
+        ("schedule.every_s", config.schedule.every_s),
+        ("schedule.for_s", config.schedule.for_s),
+        (
+            "recording.speed",
+            config.recording.as_ref().and_then(|r| r.speed),
+        ),
+    ];
+    for (key, value) in not_negative {
+        if let Some(value) = value
+            && !(value >= 0.0 && value.is_finite())
+        {
+            findings.add(key, format!("{value} is not a number from 0 on"));
+        }
+    }
+    if let Some(rate) = config.recording.as_ref().and_then(|r| r.frames_per_s)
+        && !(rate > 0.0 && rate.is_finite())
+    {
+        findings.add(
+            "recording.frames_per_s",
+            format!("{rate} is not a positive number"),
+        );
+    }
+    let allowed = [0.02, 0.2, 1.0, 2.0, 10.0, 20.0, 100.0, 200.0];
+    if !allowed.contains(&survey.nplc) {
+        findings.add(
+            "survey.nplc",
+            format!(
+                "{} is none of 0.02, 0.2, 1, 2, 10, 20, 100, 200",
+                survey.nplc
+            ),
+        );
+    }
+    let ranges = [0.1, 1.0, 10.0, 100.0, 300.0];
+    if survey.range_v > 0.0 && !ranges.contains(&survey.range_v) {
+        findings.add(
+            "survey.range_v",
+            format!("{} is none of 0.1, 1, 10, 100, 300", survey.range_v),
+        );
+    }
+    if ![50.0, 60.0].contains(&survey.line_hz) {
+        findings.add(
+            "survey.line_hz",
+            format!("{} is neither 50 nor 60", survey.line_hz),
+        );
+    }
+}
