@@ -2,7 +2,7 @@
 
 mod stage;
 
-use std::io::Write;
+use std::io::{BufRead, Write};
 use std::process::{Command, Stdio};
 
 use bus::{Fault, Options};
@@ -286,13 +286,38 @@ async fn a_reader_of_the_bus_that_freezes_is_let_go_and_the_others_go_on() {
     let stage = Stage::new(SMALL);
     let daemon = stage.start().await;
     daemon.baseline(2).await;
-    // a client that greets as D-Bus wants it and then never reads again
-    let mut frozen =
-        std::os::unix::net::UnixStream::connect(stage.path().join("run/peer")).unwrap();
-    frozen
-        .write_all(b"\0AUTH EXTERNAL\r\nDATA\r\nNEGOTIATE_UNIX_FD\r\nBEGIN\r\n")
-        .unwrap();
-    let session = daemon.start(Options::new().with("count", 30_u64)).await;
+    // a client that greets as D-Bus wants it, asks for more than a socket holds, and never reads again
+    let socket = std::os::unix::net::UnixStream::connect(stage.path().join("run/peer")).unwrap();
+    let mut frozen = std::io::BufReader::new(socket);
+    let uid = rustix::process::geteuid().as_raw().to_string();
+    let uid: String = uid.bytes().map(|digit| format!("{digit:02x}")).collect();
+    for said in [
+        format!("\0AUTH EXTERNAL {uid}\r\n"),
+        "NEGOTIATE_UNIX_FD\r\n".to_owned(),
+    ] {
+        frozen.get_mut().write_all(said.as_bytes()).unwrap();
+        let mut answer = String::new();
+        frozen.read_line(&mut answer).unwrap();
+        assert!(
+            answer.starts_with("OK") || answer.starts_with("AGREE"),
+            "{answer}"
+        );
+    }
+    let socket = frozen.get_mut();
+    socket.write_all(b"BEGIN\r\n").unwrap();
+    for _ in 0..100 {
+        let question = zbus::Message::method_call(bus::ROOT_PATH, "Geometry")
+            .interface(bus::MANAGER_INTERFACE)
+            .build(&())
+            .unwrap();
+        socket.write_all(question.data()).unwrap();
+    }
+    let session = daemon
+        .start(Options::new().with("every_s", 0.1).with("count", 15_u64))
+        .await;
     within(session.wait()).await.unwrap();
-    assert_eq!(session.frames_durable().await.unwrap(), 30);
+    assert_eq!(session.frames_durable().await.unwrap(), 15);
+    assert_eq!(session.frames_dropped().await.unwrap(), 0);
+    let (status, log) = daemon.terminate().await;
+    assert!(status.success() && log.contains("does not listen"), "{log}");
 }

@@ -111,7 +111,7 @@ async fn stay(which: &'static str, mut connection: Connection, keeper: Arc<Keepe
                 }
             }
         }
-        drop(connection);
+        let _ = tokio::time::timeout(super::TO_SAY, connection.close()).await;
         tracing::warn!("the {which} bus is gone; acquisition goes on");
         let mut pause = LOOK_AGAIN.0;
         connection = loop {

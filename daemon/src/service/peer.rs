@@ -95,6 +95,9 @@ async fn attend(stream: UnixStream, keeper: Arc<Keeper>) {
     let Ok(stream) = stream.into_std() else {
         return;
     };
+    let Ok(hang_up) = stream.try_clone() else {
+        return;
+    };
     // listened to before it can speak: nothing is missed between
     let mut news = keeper.herald.listen();
     let builder = Builder::unix_stream(stream)
@@ -115,7 +118,8 @@ async fn attend(stream: UnixStream, keeper: Arc<Keeper>) {
             notice = news.recv() => {
                 let Some(notice) = notice else { return };
                 if !super::say(&connection, &keeper, notice).await {
-                    // not close(): that would wait for what cannot be said
+                    // answers that wait for a reader who never reads end with the socket
+                    let _ = hang_up.shutdown(std::net::Shutdown::Both);
                     return;
                 }
             }

@@ -93,6 +93,13 @@ impl Stage {
         self.start_by(shell).await
     }
 
+    /// Starts the daemon with a session bus at this address.
+    pub async fn start_on_bus(&self, address: &str) -> Running {
+        let mut command = tokio::process::Command::new(env!("CARGO_BIN_EXE_tactusd"));
+        command.env("DBUS_SESSION_BUS_ADDRESS", address);
+        self.start_by(command).await
+    }
+
     async fn start_by(&self, mut command: tokio::process::Command) -> Running {
         let mut child = command
             .arg("--config")

@@ -1,0 +1,62 @@
+//! From the last reading to the record and the signal, at the paper's size.
+
+mod stage;
+
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use bus::Options;
+use stage::{Stage, within};
+
+const PAPER: &str = r#"
+[rig]
+profile = "PROFILE"
+[record]
+directory = "state"
+[bus]
+peer_path = "run/peer"
+"#;
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_frame_is_durable_and_said_within_20_ms_of_its_last_reading() {
+    let stage = Stage::new(PAPER);
+    let daemon = stage.start().await;
+    daemon.baseline(2).await;
+    let session = daemon
+        .start(Options::new().with("every_s", 0.25).with("count", 10_u64))
+        .await;
+    let mut signals = session.receive_frame_done().await.unwrap();
+    let mut took = Vec::new();
+    // every 250 ms: summaries keep 200 ms of distance, and none has to wait for its turn
+    for _ in 0..10 {
+        let signal = within(bus::next(&mut signals)).await.unwrap();
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap();
+        let arguments = signal.args().unwrap();
+        let duration_s = arguments.summary.number("duration_s").unwrap().unwrap();
+        let last_reading =
+            Duration::from_nanos(arguments.wall_ns as u64) + Duration::from_secs_f64(duration_s);
+        took.push(now.saturating_sub(last_reading));
+    }
+    took.sort();
+    let median = took[took.len() / 2];
+    let durable: Vec<u64> = {
+        let (_, log) = daemon.terminate().await;
+        let mut us: Vec<u64> = log
+            .lines()
+            .filter_map(|line| {
+                line.split("us=")
+                    .nth(1)?
+                    .split_whitespace()
+                    .next()?
+                    .parse()
+                    .ok()
+            })
+            .collect();
+        us.sort_unstable();
+        us
+    };
+    println!("last reading to signal {took:?}, to durable record {durable:?} us");
+    assert!(
+        median < Duration::from_millis(20),
+        "median {median:?} of {took:?}"
+    );
+}
