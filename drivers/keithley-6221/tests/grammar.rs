@@ -50,6 +50,7 @@ fn every_command() -> Vec<Command> {
         Command::Version,
         Command::Save(0),
         Command::Recall(4),
+        Command::Options,
         Command::ArmSweep,
         Command::SweepArmed,
         Command::AbortSweep,

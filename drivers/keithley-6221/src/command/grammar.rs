@@ -17,6 +17,7 @@ const MOST_WAVE_POINTS: usize = 100;
 
 /// Commands without arguments. A notation that ends with `?` is a query.
 pub(super) const PLAIN: &[(&str, Command)] = &[
+    ("*OPT?", Command::Options),
     ("[SOURce]:CURRent:RANGe:AUTO?", Command::Autorange),
     ("[SOURce]:CURRent:FILTer[:STATe]?", Command::Filter),
     ("[SOURce]:CLEar[:IMMediate]", Command::ClearSource),

@@ -26,6 +26,8 @@ pub enum Command {
     Save(u8),
     /// Take the settings out of a memory.
     Recall(u8),
+    /// Read which options are built in.
+    Options,
 
     /// Set the level.
     SetLevel(Amps),
@@ -183,7 +185,8 @@ impl Command {
     pub fn is_query(&self) -> bool {
         match self {
             Command::Common(common) => common.is_query(),
-            Command::Level(_)
+            Command::Options
+            | Command::Level(_)
             | Command::Range(_)
             | Command::Autorange
             | Command::Compliance(_)

@@ -99,7 +99,8 @@ impl fmt::Display for Command {
             Command::Address(address) => write!(f, "SYST:COMM:ETH:{address}?"),
             Command::BoardSerial(board) => write!(f, "SYST:{board}:SNUM?"),
             Command::BoardRevision(board) => write!(f, "SYST:{board}:REV?"),
-            Command::Autorange
+            Command::Options
+            | Command::Autorange
             | Command::Filter
             | Command::ClearSource
             | Command::Output
@@ -147,7 +148,10 @@ impl fmt::Display for Message<'_> {
         for (k, command) in self.0.iter().enumerate() {
             match (k, command) {
                 (0, _) => {}
-                (_, Command::Common(_) | Command::Save(_) | Command::Recall(_)) => {
+                (
+                    _,
+                    Command::Common(_) | Command::Save(_) | Command::Recall(_) | Command::Options,
+                ) => {
                     f.write_str(";")?;
                 }
                 _ => f.write_str(";:")?,

@@ -225,6 +225,8 @@ impl Simulator6221 {
             Command::Common(common) => return self.carry_out_common(*common, replies_wait),
             Command::Save(place) => self.save(*place),
             Command::Recall(place) => self.recall(*place),
+            // IEEE 488.2 section 10.20: 0 where there is none.
+            Command::Options => return Ok(text(&0)),
             Command::SetLevel(level) => self.set_level(*level)?,
             Command::Level(ask) => return Ok(Some(self.panel.read_level(*ask))),
             Command::SetRange(level) => self.set_range(*level)?,
