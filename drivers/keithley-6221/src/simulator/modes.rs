@@ -2,18 +2,15 @@
 
 use std::time::Duration;
 
-use scpi::ParseError;
-use survey::Amps;
-
 use super::level::is_limited;
-use super::plan::plan;
+use super::plan::{plan_sweep, plan_wave};
 use super::sweep::{Sweep, Trigger};
-use super::wave::{Lasting, Shape, Wave};
+use super::wave::Wave;
 use super::{Simulator6221, status};
 use crate::command::COMPLIANCE_BIT;
 use crate::parameter::Subject;
-use crate::range::LARGEST_CURRENT;
-use crate::{List, Load, Parameter, Range};
+use crate::{List, Load, Parameter};
+use scpi::ParseError;
 
 /// What the source makes.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,11 +31,6 @@ pub(super) enum Outcome {
     SweepAborted,
     WaveStopped,
 }
-
-/// Places of the choices [`Parameter::Function`].
-const SQUARE: usize = 1;
-const RAMP: usize = 2;
-const FIRST_ARBITRARY: usize = 3;
 
 impl Simulator6221 {
     pub(super) fn is_sweeping(&self) -> bool {
@@ -150,6 +142,7 @@ impl Simulator6221 {
         }
         if let Mode::Wave(wave) = &mut self.mode
             && parameter.subject() == Subject::LiveWave
+            && wave.is_running()
         {
             let mut changed = wave.clone();
             match parameter {
@@ -189,13 +182,20 @@ impl Simulator6221 {
     }
 
     /// Arming switches the output on (assumed); the level flows until the sweep is started.
+    ///
+    /// # Errors
+    /// -221 for settings that make no sweep.
     pub(super) fn arm_sweep(&mut self) -> Result<(), ParseError> {
         self.is_free_to_arm()?;
-        let points = plan(&self.values, &self.lists, self.panel.range)?;
-        self.mode = Mode::Sweep(Box::new(Sweep::new(points, &self.values)));
+        self.mode = Mode::Sweep(Box::new(self.planned_sweep()?));
         self.outcome = Outcome::None;
         self.panel.output = true;
         Ok(())
+    }
+
+    fn planned_sweep(&self) -> Result<Sweep, ParseError> {
+        let points = plan_sweep(&self.values, &self.lists, self.panel.range)?;
+        Ok(Sweep::new(points, &self.values))
     }
 
     fn is_free_to_arm(&self) -> Result<(), ParseError> {
@@ -205,18 +205,23 @@ impl Simulator6221 {
         Ok(())
     }
 
+    /// Starts the sweep with the settings as they are now.
+    ///
     /// # Errors
-    /// -221 when no sweep is armed, -213 while one is running.
+    /// -221 when no sweep is armed, the interlock is open, or the settings have come to make no sweep; -213 while one is
+    /// running.
     pub(super) fn initiate(&mut self) -> Result<(), ParseError> {
-        match &mut self.mode {
+        match &self.mode {
             Mode::Sweep(sweep) if sweep.is_running() => Err(ParseError::InitIgnored),
-            Mode::Sweep(sweep) => {
+            Mode::Sweep(_) if self.interlock_closed => {
+                let mut sweep = self.planned_sweep()?;
                 sweep.start(self.now);
+                self.mode = Mode::Sweep(Box::new(sweep));
                 self.outcome = Outcome::None;
-                self.panel.output = self.interlock_closed;
+                self.panel.output = true;
                 Ok(())
             }
-            Mode::Source | Mode::Wave(_) => Err(ParseError::SettingsConflict),
+            _ => Err(ParseError::SettingsConflict),
         }
     }
 
@@ -256,61 +261,30 @@ impl Simulator6221 {
     }
 
     /// # Errors
-    /// -221 for a wave beyond its range or the instrument, and for an arbitrary one that was never told.
+    /// -221 for settings that make no wave.
     pub(super) fn arm_wave(&mut self) -> Result<(), ParseError> {
         self.is_free_to_arm()?;
-        let values = &self.values;
-        let part = values.get(Parameter::DutyCycle) / 100.0;
-        // A place among the eight words.
-        let shape = match values.get(Parameter::Function) as usize {
-            SQUARE => Shape::Square(part),
-            RAMP => Shape::Ramp(part),
-            FIRST_ARBITRARY => Shape::Arbitrary(self.lists.get(List::Wave).to_vec()),
-            kept @ 4.. => Shape::Arbitrary(self.waves[kept - FIRST_ARBITRARY - 1].clone()),
-            _ => Shape::Sine,
-        };
-        if matches!(&shape, Shape::Arbitrary(points) if points.is_empty()) {
-            return Err(ParseError::SettingsConflict);
-        }
-        let settings = [
-            Parameter::Frequency,
-            Parameter::Amplitude,
-            Parameter::Offset,
-        ]
-        .map(|parameter| values.get(parameter));
-        let lasting = if values.cycles_lead() {
-            Lasting::Cycles(values.get(Parameter::WaveCycles))
-        } else {
-            Lasting::Seconds(values.get(Parameter::WaveTime))
-        };
-        let [_, amplitude, offset] = settings;
-        let peak = Amps(amplitude + offset.abs());
-        let range = if values.is_on(Parameter::WaveRanging) {
-            self.panel.range
-        } else {
-            // Sums of decimals may lie a hair beyond the largest current.
-            let peak = if peak <= LARGEST_CURRENT * (1.0 + 1e-12) {
-                peak.0.min(LARGEST_CURRENT.0)
-            } else {
-                f64::NAN
-            };
-            Range::holding(Amps(peak)).ok_or(ParseError::SettingsConflict)?
-        };
-        if !range.holds(peak) {
-            return Err(ParseError::SettingsConflict);
-        }
-        self.mode = Mode::Wave(Box::new(Wave::new(shape, settings, lasting, range)));
+        self.mode = Mode::Wave(Box::new(self.planned_wave()?));
         self.outcome = Outcome::None;
         Ok(())
     }
 
+    fn planned_wave(&self) -> Result<Wave, ParseError> {
+        plan_wave(&self.values, &self.lists, &self.waves, self.panel.range)
+    }
+
+    /// Starts the wave with the settings as they are now.
+    ///
     /// # Errors
-    /// -221 when no wave is armed or the interlock is open, -213 while one is running.
+    /// -221 when no wave is armed, the interlock is open, or the settings have come to make no wave; -213 while one is
+    /// running.
     pub(super) fn start_wave(&mut self) -> Result<(), ParseError> {
-        match &mut self.mode {
+        match &self.mode {
             Mode::Wave(wave) if wave.is_running() => Err(ParseError::InitIgnored),
-            Mode::Wave(wave) if self.interlock_closed => {
+            Mode::Wave(_) if self.interlock_closed => {
+                let mut wave = self.planned_wave()?;
                 wave.start(self.now);
+                self.mode = Mode::Wave(Box::new(wave));
                 self.outcome = Outcome::None;
                 self.panel.output = true;
                 Ok(())

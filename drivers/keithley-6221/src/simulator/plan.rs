@@ -1,4 +1,4 @@
-//! The points of a sweep, worked out when it is armed.
+//! What sweeps and waves are made of, worked out from the settings when they are armed, and again when they start.
 
 use std::time::Duration;
 
@@ -7,12 +7,18 @@ use survey::{Amps, Volts};
 
 use super::lists::Lists;
 use super::values::{LINEAR, LOGARITHMIC, Values};
+use super::wave::{Lasting, Shape, Wave};
+use crate::range::LARGEST_CURRENT;
 use crate::{List, Parameter, RANGES, Range};
 
 const MOST_POINTS: f64 = 65_535.0;
 /// Places of the choice [`Parameter::Ranging`].
 const BEST: f64 = 0.0;
 const AUTO: f64 = 1.0;
+/// Places of the choice [`Parameter::Function`].
+const SQUARE: usize = 1;
+const RAMP: usize = 2;
+const FIRST_ARBITRARY: usize = 3;
 
 /// A point of a sweep.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,12 +30,16 @@ pub(super) struct Point {
     pub(super) range: Range,
 }
 
-/// Works out the points.
+/// Works out the points of a sweep.
 ///
 /// # Errors
 /// -221 for settings that make no sweep: too many points, a logarithm of 0 or across it, lists of different length, a
 /// level beyond the fixed range.
-pub(super) fn plan(values: &Values, lists: &Lists, fixed: Range) -> Result<Vec<Point>, ParseError> {
+pub(super) fn plan_sweep(
+    values: &Values,
+    lists: &Lists,
+    fixed: Range,
+) -> Result<Vec<Point>, ParseError> {
     let spacing = values.get(Parameter::Spacing);
     let (levels, delays, limits) = if spacing == LINEAR {
         let delay = vec![values.get(Parameter::Delay)];
@@ -116,4 +126,54 @@ fn logarithmic(values: &Values) -> Result<Vec<f64>, ParseError> {
             k => start * (stop / start).powf(f64::from(k) / steps),
         })
         .collect())
+}
+
+/// Works out a wave.
+///
+/// # Errors
+/// -221 for a wave beyond its range or the instrument, and for an arbitrary one that was never told.
+pub(super) fn plan_wave(
+    values: &Values,
+    lists: &Lists,
+    kept: &[Vec<f64>; 4],
+    fixed: Range,
+) -> Result<Wave, ParseError> {
+    let part = values.get(Parameter::DutyCycle) / 100.0;
+    // A place among the eight words.
+    let shape = match values.get(Parameter::Function) as usize {
+        SQUARE => Shape::Square(part),
+        RAMP => Shape::Ramp(part),
+        FIRST_ARBITRARY => Shape::Arbitrary(lists.get(List::Wave).to_vec()),
+        place @ 4.. => Shape::Arbitrary(kept[place - FIRST_ARBITRARY - 1].clone()),
+        _ => Shape::Sine,
+    };
+    if matches!(&shape, Shape::Arbitrary(points) if points.is_empty()) {
+        return Err(ParseError::SettingsConflict);
+    }
+    let settings = [
+        Parameter::Frequency,
+        Parameter::Amplitude,
+        Parameter::Offset,
+    ]
+    .map(|parameter| values.get(parameter));
+    let lasting = if values.cycles_lead() {
+        Lasting::Cycles(values.get(Parameter::WaveCycles))
+    } else {
+        Lasting::Seconds(values.get(Parameter::WaveTime))
+    };
+    let [_, amplitude, offset] = settings;
+    let peak = Amps(amplitude + offset.abs());
+    // Sums of decimals may lie a hair beyond the largest current.
+    let peak = if peak <= LARGEST_CURRENT * (1.0 + 1e-12) {
+        Amps(peak.0.min(LARGEST_CURRENT.0))
+    } else {
+        return Err(ParseError::SettingsConflict);
+    };
+    let range = if values.is_on(Parameter::WaveRanging) {
+        Some(fixed).filter(|range| range.holds(peak))
+    } else {
+        Range::holding(peak)
+    };
+    let range = range.ok_or(ParseError::SettingsConflict)?;
+    Ok(Wave::new(shape, settings, lasting, range))
 }

@@ -180,3 +180,76 @@ fn section_7_five_per_cent_over_and_ten_millivolt_steps() {
         ("CURR:COMP 4.237;COMP?", "4.240000E+00"),
     ]);
 }
+
+#[test]
+fn section_6_errors_of_the_conversation_itself() {
+    use scpi::ParseError;
+    for (refusal, event, text) in [
+        (
+            ParseError::QueryDeadlocked,
+            "4",
+            "-430,\"Query DEADLOCKED\"",
+        ),
+        (
+            ParseError::QueryUnterminated,
+            "4",
+            "-420,\"Query UNTERMINATED\"",
+        ),
+        (
+            ParseError::QueryInterrupted,
+            "4",
+            "-410,\"Query INTERRUPTED\"",
+        ),
+        (
+            ParseError::InputOverrun,
+            "8",
+            "-363,\"Input buffer overrun\"",
+        ),
+    ] {
+        let mut talk = Talk::new(500.0);
+        talk.hold(&[("*CLS", "-")]);
+        talk.source.refuse(refusal);
+        talk.hold(&[("*ESR?", event), ("SYST:ERR?", text)]);
+    }
+}
+
+#[test]
+fn section_6_the_depth_of_the_queue_is_a_setting() {
+    use keithley_6221::{Settings6221, Simulator6221};
+    let mut talk = Talk::new(500.0);
+    talk.source = Simulator6221::new(Settings6221 {
+        queue_depth: 2,
+        ..Settings6221::default()
+    });
+    talk.hold(&[
+        ("XYZ;:XYZ;:XYZ", "-"),
+        (
+            "SYST:ERR?;ERR?;ERR?",
+            "-113,\"Undefined header\";-350,\"Queue overflow\";0,\"No error\"",
+        ),
+    ]);
+}
+
+#[test]
+fn section_5_groups_are_summed_up_in_the_status_byte() {
+    let mut talk = Talk::new(500.0);
+    talk.hold(&[
+        ("*ESR?;:STAT:OPER:ENAB 2;:STAT:MEAS:ENAB 2;:*SRE 129", "128"),
+        ("*STB?", "0"),
+        ("SOUR:DEL 0.001;:SOUR:SWE:POIN 1;ARM;:INIT", "-"),
+    ]);
+    // Sweep done: bit 1 of the operation group, summed up in bit 7; bit 6 asks for service.
+    talk.at(1.0)
+        .hold(&[("*STB?", "192"), ("STAT:OPER?;*STB?", "1034;16")]);
+    let now = talk.now();
+    talk.source.set_interlock(false, now, &mut talk.load);
+    talk.hold(&[
+        ("STAT:MEAS:COND?;*STB?", "2;81"),
+        ("STAT:MEAS?;:STAT:PRES;:STAT:MEAS:ENAB?", "2;0"),
+    ]);
+    talk.source.set_interlock(true, now, &mut talk.load);
+    talk.hold(&[(
+        "STAT:MEAS:COND?;:STAT:MEAS?;:STAT:QUES?;QUES:COND?",
+        "0;0;0;0",
+    )]);
+}

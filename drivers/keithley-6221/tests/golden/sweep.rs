@@ -237,3 +237,15 @@ fn section_5_completion_is_told_when_a_sweep_is_done() {
     // What stands behind it is carried out when it is over.
     talk.hold(&[("*WAI;:SOUR:CURR?;:STAT:OPER:COND?", "3.000000E-03;1026")]);
 }
+
+#[test]
+fn section_4_a_sweep_starts_with_the_settings_of_its_start_and_may_be_started_again() {
+    let mut talk = staircase(100.0);
+    talk.hold(&[("SOUR:CURR:STOP 1e-3;:SOUR:DEL 0.1;:INIT", "-")]);
+    talk.at(0.2);
+    assert_eq!(talk.operation(), DONE | IDLE);
+    assert_eq!(talk.load.flowing, Amps(1e-3));
+    talk.hold(&[("INIT", "-")]);
+    assert_eq!(talk.operation(), SWEEPING);
+    assert_eq!(talk.load.flowing, Amps(0.0));
+}

@@ -151,3 +151,20 @@ fn section_5_a_wave_is_held_back_at_its_peaks() {
     // It has been at its peak between two looks.
     talk.at(2.0).hold(&[("STAT:MEAS?;:STAT:MEAS:COND?", "8;0")]);
 }
+
+#[test]
+fn section_4_a_wave_starts_with_the_settings_of_its_start() {
+    let mut talk = wave("SOUR:WAVE:FUNC SQU");
+    talk.hold(&[
+        (
+            "SOUR:WAVE:AMPL 50e-3;OFFS 0;FREQ 10;DUR:TIME 1;:SOUR:WAVE:INIT",
+            "-",
+        ),
+        ("SYST:ERR?", "0,\"No error\""),
+    ]);
+    flows(&mut talk, &[(0.01, 50e-3), (0.06, -50e-3), (1.01, 0.0)]);
+    talk.hold(&[(
+        "SOUR:WAVE:FUNC ARB4;INIT;:SYST:ERR?",
+        "-221,\"Settings conflict\"",
+    )]);
+}
