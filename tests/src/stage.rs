@@ -13,6 +13,9 @@ pub const DEADLINE: Duration = Duration::from_secs(120);
 /// A simulated rig in instant time with 2 uV of voltmeter noise, pair wiring, one-step reconstruction, peer bus only.
 pub const SIMULATED: &str = include_str!("../rigs/simulated.toml");
 
+/// The instruments of that rig.
+const INSTANT: &str = include_str!("../rigs/instant.toml");
+
 /// Why the stage could not be set, or a program did not do what was asked.
 #[derive(Debug, thiserror::Error)]
 pub enum StageError {
@@ -82,7 +85,8 @@ impl Stage {
     /// # Errors
     /// The temporary folder cannot be made.
     pub fn new(config: &str) -> Result<Self, StageError> {
-        let program = std::env::current_exe().map_err(|cause| system("cannot tell which binary this is", cause))?;
+        let program = std::env::current_exe()
+            .map_err(|cause| system("cannot tell which binary this is", cause))?;
         Self::with_program(config, program)
     }
 
@@ -95,8 +99,13 @@ impl Stage {
             .prefix("tactus-")
             .tempdir()
             .map_err(|cause| system("cannot make a temporary folder", cause))?;
-        let stage = Self { folder, program: program.into() };
+        let stage = Self {
+            folder,
+            program: program.into(),
+        };
         stage.configure(config)?;
+        std::fs::write(stage.path().join("profile.toml"), INSTANT)
+            .map_err(|cause| system("cannot write profile.toml", cause))?;
         Ok(stage)
     }
 
@@ -106,7 +115,8 @@ impl Stage {
     /// The file cannot be written.
     pub fn configure(&self, config: &str) -> Result<(), StageError> {
         let text = config.replace("STAGE", &self.folder.path().display().to_string());
-        std::fs::write(self.config_path(), text).map_err(|cause| system("cannot write config.toml", cause))
+        std::fs::write(self.config_path(), text)
+            .map_err(|cause| system("cannot write config.toml", cause))
     }
 
     /// The folder.
@@ -133,10 +143,17 @@ impl Stage {
     pub fn command(&self, program: &str) -> Command {
         let mut command = Command::new(&self.program);
         command.arg(program).stdin(Stdio::null());
-        for variable in ["TACTUS_BUS", "TACTUS_STATE", "NOTIFY_SOCKET", "DBUS_SESSION_BUS_ADDRESS"] {
+        for variable in [
+            "TACTUS_BUS",
+            "TACTUS_STATE",
+            "NOTIFY_SOCKET",
+            "DBUS_SESSION_BUS_ADDRESS",
+        ] {
             command.env_remove(variable);
         }
-        command.env("XDG_RUNTIME_DIR", self.folder.path()).env("XDG_STATE_HOME", self.folder.path());
+        command
+            .env("XDG_RUNTIME_DIR", self.folder.path())
+            .env("XDG_STATE_HOME", self.folder.path());
         command
     }
 
@@ -152,11 +169,14 @@ impl Stage {
     ///
     /// # Errors
     /// As [`Stage::start_daemon`].
-    pub fn start_daemon_with(&self, adjust: impl FnOnce(&mut Command)) -> Result<Keeper, StageError> {
+    pub fn start_daemon_with(
+        &self,
+        adjust: impl FnOnce(&mut Command),
+    ) -> Result<Keeper, StageError> {
         let notify_path = self.folder.path().join("notify");
         let _ = std::fs::remove_file(&notify_path);
-        let notify =
-            UnixDatagram::bind(&notify_path).map_err(|cause| system("cannot bind the notify socket", cause))?;
+        let notify = UnixDatagram::bind(&notify_path)
+            .map_err(|cause| system("cannot bind the notify socket", cause))?;
         let log_path = self.folder.path().join("tactusd.log");
         let log = std::fs::OpenOptions::new()
             .create(true)
@@ -171,15 +191,22 @@ impl Stage {
             .stdout(Stdio::null())
             .stderr(log);
         adjust(&mut command);
-        let child = command.spawn().map_err(|cause| system("cannot start tactusd", cause))?;
+        let child = command
+            .spawn()
+            .map_err(|cause| system("cannot start tactusd", cause))?;
         let mut keeper = Keeper { child, log_path };
         let (tell, told) = mpsc::channel();
-        let ears = notify.try_clone().map_err(|cause| system("cannot clone the notify socket", cause))?;
+        let ears = notify
+            .try_clone()
+            .map_err(|cause| system("cannot clone the notify socket", cause))?;
         std::thread::spawn(move || {
             let mut buffer = [0; 4096];
             while let Ok(length) = ears.recv(&mut buffer) {
                 let text = String::from_utf8_lossy(&buffer[..length]).into_owned();
-                if text.lines().any(|line| line == "READY=1" || line == "ENDED") {
+                if text
+                    .lines()
+                    .any(|line| line == "READY=1" || line == "ENDED")
+                {
                     let _ = tell.send(text);
                     return;
                 }
@@ -193,8 +220,12 @@ impl Stage {
                     let ended = keeper.child.try_wait().ok().flatten().is_some();
                     if ended || begun.elapsed() > DEADLINE {
                         // lets the listening thread go
-                        let _ = UnixDatagram::unbound().and_then(|socket| socket.send_to(b"ENDED", &notify_path));
-                        return Err(StageError::NotReady { deadline: DEADLINE, stderr: keeper.log() });
+                        let _ = UnixDatagram::unbound()
+                            .and_then(|socket| socket.send_to(b"ENDED", &notify_path));
+                        return Err(StageError::NotReady {
+                            deadline: DEADLINE,
+                            stderr: keeper.log(),
+                        });
                     }
                 }
             }
@@ -250,7 +281,10 @@ fn listen(mut command: Command) -> Result<Spoken, StageError> {
         Ok(status) => status.map_err(|cause| system(&format!("cannot await `{line}`"), cause))?,
         Err(_) => {
             signal(id, rustix::process::Signal::KILL);
-            return Err(StageError::Slow { command: line, deadline: begun.elapsed() });
+            return Err(StageError::Slow {
+                command: line,
+                deadline: begun.elapsed(),
+            });
         }
     };
     Ok(Spoken {
@@ -272,7 +306,10 @@ fn drain(pipe: Option<impl Read + Send + 'static>) -> std::thread::JoinHandle<St
 }
 
 fn signal(id: u32, signal: rustix::process::Signal) {
-    if let Some(pid) = i32::try_from(id).ok().and_then(rustix::process::Pid::from_raw) {
+    if let Some(pid) = i32::try_from(id)
+        .ok()
+        .and_then(rustix::process::Pid::from_raw)
+    {
         let _ = rustix::process::kill_process(pid, signal);
     }
 }
@@ -286,7 +323,12 @@ impl Spoken {
         if self.code == Some(0) {
             return Ok(self);
         }
-        Err(StageError::Failed { command: self.command, code: self.code, stdout: self.stdout, stderr: self.stderr })
+        Err(StageError::Failed {
+            command: self.command,
+            code: self.code,
+            stdout: self.stdout,
+            stderr: self.stderr,
+        })
     }
 
     /// Each line of standard output as JSON.
@@ -297,8 +339,12 @@ impl Spoken {
         self.stdout
             .lines()
             .map(|line| {
-                serde_json::from_str(line)
-                    .unwrap_or_else(|fault| panic!("`{}` printed a line that is not JSON ({fault}): {line}", self.command))
+                serde_json::from_str(line).unwrap_or_else(|fault| {
+                    panic!(
+                        "`{}` printed a line that is not JSON ({fault}): {line}",
+                        self.command
+                    )
+                })
             })
             .collect()
     }
@@ -330,11 +376,18 @@ impl Keeper {
         signal(self.child.id(), rustix::process::Signal::TERM);
         let begun = Instant::now();
         let status = loop {
-            if let Some(status) = self.child.try_wait().map_err(|cause| system("cannot await tactusd", cause))? {
+            if let Some(status) = self
+                .child
+                .try_wait()
+                .map_err(|cause| system("cannot await tactusd", cause))?
+            {
                 break status;
             }
             if begun.elapsed() > DEADLINE {
-                return Err(StageError::Slow { command: "tactusd after SIGTERM".into(), deadline: DEADLINE });
+                return Err(StageError::Slow {
+                    command: "tactusd after SIGTERM".into(),
+                    deadline: DEADLINE,
+                });
             }
             std::thread::yield_now();
             std::thread::park_timeout(Duration::from_millis(10));
@@ -365,5 +418,8 @@ impl Drop for Keeper {
 }
 
 fn system(what: &str, cause: io::Error) -> StageError {
-    StageError::System { what: what.to_owned(), cause }
+    StageError::System {
+        what: what.to_owned(),
+        cause,
+    }
 }

@@ -1,0 +1,42 @@
+//! An untouched sheet reads the same again, within the voltmeter's own noise.
+
+use crate::scenery::{self, Needs, ask, baseline, number};
+
+/// Noise of a reading at 1 PLC relative to its range (34970A integration table, same converter), taken as rms; a rig's
+/// own noise may be ten times that before something is wrong with its wiring.
+const NOISE_OF_RANGE: f64 = 3e-6;
+const ALLOWANCE: f64 = 10.0;
+
+#[test]
+fn a_baseline_is_as_quiet_as_the_voltmeter() {
+    let Some(stage) = scenery::set(Needs::ANY, scenery::NOISY) else {
+        return;
+    };
+    let _keeper = scenery::start(&stage);
+    baseline(&stage, 10);
+    let shown = &ask(&stage, &["baseline", "show"])[0];
+    let noise = number(shown, "noise_v");
+    let range = number(shown, "range_v");
+    assert!(
+        noise < ALLOWANCE * NOISE_OF_RANGE * range,
+        "{noise} V on a range of {range} V"
+    );
+    assert!(noise > 0.0, "a voltmeter without noise is a stuck one");
+    assert_eq!(shown["missing"], 0);
+    assert_eq!(shown["readings"], 598);
+}
+
+#[test]
+fn the_noise_of_a_scene_is_what_the_baseline_measures() {
+    let Some(stage) = scenery::set(Needs::SIMULATED, scenery::NOISY) else {
+        return;
+    };
+    let _keeper = scenery::start(&stage);
+    baseline(&stage, 20);
+    let noise = number(&ask(&stage, &["baseline", "show"])[0], "noise_v");
+    // 598 readings, 19 degrees of freedom each: the estimate is good to 1 %
+    assert!(
+        (noise / 2e-6 - 1.0).abs() < 0.05,
+        "{noise} V, the scene says 2 uV"
+    );
+}

@@ -1,0 +1,185 @@
+//! No path from phantom to frame avoids text: 26 messages carry a frame, the digits are the instruments', and one wrong
+//! relay number spoils it.
+
+use std::time::Duration;
+
+use bench::{Instrument, Pace, Profile, SimulatedRig};
+use keithley_6221::Keithley6221;
+use keysight_34980a::Keysight34980a;
+use phantom::Scene;
+use rig::{BoxStream, Link, MeterSettings, Rig, Stop, SystemClock};
+use survey::{Amps, Dipole, Frame, Plan, Protocol, Relay, Volts, Wiring};
+
+use crate::scenery::runtime;
+
+const DEADLINE: Duration = Duration::from_secs(30);
+pub const METER: MeterSettings = MeterSettings {
+    range: Volts(1.0),
+    nplc: 1.0,
+    autozero: false,
+};
+pub const CURRENT: Amps = Amps(1e-3);
+
+pub type PairRig =
+    Rig<Keithley6221<BoxStream>, Keysight34980a<BoxStream>, Keysight34980a<BoxStream>>;
+
+/// A simulated rig in instant time.
+pub fn simulated(profile: &str, scene: Scene) -> SimulatedRig {
+    let profile = Profile::shipped(profile)
+        .expect("the profile ships with the bench")
+        .at_pace(Pace::Instant);
+    SimulatedRig::new(&profile, scene).expect("the scene's sheet can be made")
+}
+
+/// The real drivers on the simulated rig's streams.
+pub async fn drivers(bench: &SimulatedRig) -> PairRig {
+    let source = Keithley6221::connect(Link::new(bench.connect_6221(), "6221 in memory", DEADLINE))
+        .await
+        .expect("the simulated 6221 answers");
+    let mainframe = Keysight34980a::connect(Link::new(
+        bench.connect_34980a(),
+        "34980A in memory",
+        DEADLINE,
+    ))
+    .await
+    .expect("the simulated 34980A answers");
+    Rig::simulated(source, mainframe.clone(), mainframe)
+}
+
+pub fn plan(wiring: &Wiring) -> Plan {
+    let protocol = Protocol::sheffield(26).expect("26 electrodes");
+    // no waiting time: relays and question then travel in one message
+    Plan::new(&protocol, wiring, CURRENT, Volts(10.0), Duration::ZERO)
+        .expect("the wiring serves the protocol")
+}
+
+pub async fn frame(rig: &PairRig, plan: &Plan) -> Frame {
+    rig::acquire(rig, plan, METER, SystemClock::new(), &Stop::never())
+        .await
+        .expect("a frame is acquired")
+}
+
+pub fn volts(frame: &Frame) -> Vec<f64> {
+    let volt = |(index, reading): (usize, &survey::Reading)| match reading.volts() {
+        Some(volts) => volts.0,
+        None => panic!(
+            "m{index} is {reading:?}, in compliance: {:?}",
+            frame.compliance
+        ),
+    };
+    frame.readings.iter().enumerate().map(volt).collect()
+}
+
+#[test]
+fn a_frame_is_26_questions_and_their_answers() {
+    runtime().block_on(async {
+        let bench = simulated("pairs-34924a", Scene::quiet());
+        let rig = drivers(&bench).await;
+        let plan = plan(&Wiring::pairs_34924a(1, 26).expect("26 pairs fit"));
+        bench.keep_transcript();
+        let before = bench.messages(Instrument::Mainframe);
+        frame(&rig, &plan).await;
+        let after = bench.messages(Instrument::Mainframe);
+        assert_eq!(
+            after.reading - before.reading,
+            26,
+            "one reading message an injection"
+        );
+        assert_eq!(
+            after.readings - before.readings,
+            26 * 26,
+            "a scan takes all 26 pairs"
+        );
+        let transcript = bench.transcript();
+        let scans: Vec<_> = transcript
+            .iter()
+            .filter(|said| said.heard.contains("READ?"))
+            .collect();
+        assert_eq!(scans.len(), 26);
+        for said in &scans[1..] {
+            assert!(
+                said.heard.contains("ROUT:CLOS (@"),
+                "relays and question in one message: {}",
+                said.heard
+            );
+            let answer = said.answered.as_deref().expect("READ? is answered");
+            assert_eq!(answer.split(',').count(), 26, "{answer}");
+        }
+    });
+}
+
+#[test]
+fn the_first_frame_is_the_forward_solution_in_the_instruments_digits() {
+    runtime().block_on(async {
+        let bench = simulated("pairs-34924a", Scene::quiet());
+        let rig = drivers(&bench).await;
+        let plan = plan(&Wiring::pairs_34924a(1, 26).expect("26 pairs fit"));
+        let measured = volts(&frame(&rig, &plan).await);
+        let impedance = bench.with_phantom(|phantom| {
+            phantom
+                .transfer_impedance(Duration::ZERO)
+                .expect("it is solved")
+                .clone()
+        });
+        for (question, measured) in plan.protocol.measurements().iter().zip(measured) {
+            let (drive, sense) = (question.drive, question.sense);
+            let between =
+                |to: usize| impedance[(sense.plus.0, to)] - impedance[(sense.minus.0, to)];
+            let exact = CURRENT.0 * (between(drive.plus.0) - between(drive.minus.0));
+            // +d.ddddddddE+dd: half a unit of the ninth digit
+            let digit = 0.5 * 10_f64.powf(exact.abs().log10().floor() - 8.0);
+            assert!(
+                (measured - exact).abs() <= 1.01 * digit,
+                "{drive} {sense}: {measured:e} against {exact:e}"
+            );
+        }
+    });
+}
+
+#[test]
+fn one_wrong_relay_number_spoils_the_readings() {
+    runtime().block_on(async {
+        let bench = simulated("pairs-34924a", Scene::quiet());
+        let rig = drivers(&bench).await;
+        let right = Wiring::pairs_34924a(1, 26).expect("26 pairs fit");
+        let good = volts(&frame(&rig, &plan(&right)).await);
+        let mut wrong = right.clone();
+        // pair 6 is told to use the relay of a pair that is wired elsewhere: 62 is wired to nothing
+        wrong.inject[5] = (Dipole::adjacent(5, 26), vec![Relay(1062)]);
+        let spoiled = rig::acquire(
+            &rig,
+            &plan(&wrong),
+            METER,
+            SystemClock::new(),
+            &Stop::never(),
+        )
+        .await
+        .expect("the frame is taken, its readings tell");
+        let injected: Vec<usize> = (0..598).filter(|reading| reading / 23 == 5).collect();
+        assert!(
+            injected
+                .iter()
+                .all(|reading| !spoiled.readings[*reading].is_ok()),
+            "nothing closed: compliance, not numbers: {:?}",
+            spoiled.readings[injected[0]]
+        );
+        assert_eq!(spoiled.compliance.len(), 1);
+
+        let mut swapped = right;
+        swapped.measure.swap(2, 9);
+        let (third, tenth) = (swapped.measure[2].0, swapped.measure[9].0);
+        swapped.measure[2].0 = tenth;
+        swapped.measure[9].0 = third;
+        let spoiled = frame(&rig, &plan(&swapped)).await;
+        // where a driven pair is read for another, its contacts carry the current and the reading is over range
+        let changed = good
+            .iter()
+            .zip(&spoiled.readings)
+            .filter(|(good, read)| {
+                read.volts()
+                    .is_none_or(|volts| (*good - volts.0).abs() > 1e-6)
+            })
+            .count();
+        assert!(changed > 20, "{changed} readings changed");
+    });
+}

@@ -1,0 +1,71 @@
+//! A night of logging: every frame is recorded, numbered without a gap, and the session closes itself.
+
+use crate::scenery::{self, Needs, ask, baseline, measure};
+
+#[test]
+fn every_frame_is_on_disk_and_none_is_missing() {
+    let Some(stage) = scenery::set(Needs::ANY, scenery::NOISY) else {
+        return;
+    };
+    let keeper = scenery::start(&stage);
+    baseline(&stage, 3);
+    let frames = if std::env::var_os("TACTUS_RIG").is_some() {
+        20
+    } else {
+        200
+    };
+    let id = measure(&stage, frames);
+    let status = &ask(&stage, &["status"])[0];
+    assert_eq!(status["state"], "idle", "{status}");
+    keeper.stop().unwrap_or_else(|fault| panic!("{fault}"));
+
+    let sessions = ask(&stage, &["sessions"]);
+    let session = sessions
+        .iter()
+        .find(|session| session["id"] == id.as_str())
+        .expect("the session is listed");
+    assert_eq!(session["frames"], frames);
+    assert_eq!(session["closed"], true);
+    assert_eq!(session["readings"], 598);
+
+    let csv = stage.path().join("night.csv");
+    ask(
+        &stage,
+        &[
+            "export",
+            &id,
+            "--format",
+            "csv",
+            "--out",
+            &csv.display().to_string(),
+        ],
+    );
+    let text = std::fs::read_to_string(csv).expect("the export was written");
+    let rows: Vec<&str> = text.lines().skip(1).collect();
+    assert_eq!(rows.len(), frames);
+    let mut last = f64::NEG_INFINITY;
+    for (row, expected) in rows.iter().zip(1_u64..) {
+        let fields: Vec<&str> = row.split(',').collect();
+        assert_eq!(fields[0].parse(), Ok(expected), "sequence");
+        let monotonic: f64 = fields[2].parse().expect("monotonic seconds");
+        assert!(monotonic > last, "time goes on: {monotonic} after {last}");
+        last = monotonic;
+    }
+}
+
+#[test]
+fn a_schedule_ends_by_itself_and_a_daemon_stops_cleanly_in_the_middle_of_one() {
+    let Some(stage) = scenery::set(Needs::ANY, scenery::NOISY) else {
+        return;
+    };
+    let keeper = scenery::start(&stage);
+    baseline(&stage, 2);
+    ask(&stage, &["start", "--every", "50ms", "--for", "10h"]);
+    // the session is running: let it take a few frames before the daemon is asked to end
+    ask(&stage, &["watch", "--count", "3", "--no-map"]);
+    keeper.stop().unwrap_or_else(|fault| panic!("{fault}"));
+    let sessions = ask(&stage, &["sessions"]);
+    let last = sessions.last().expect("a session is listed");
+    assert_eq!(last["closed"], true, "{last}");
+    assert!(scenery::number(last, "frames") >= 3.0, "{last}");
+}

@@ -1,0 +1,130 @@
+//! Recordings of a real tank play through the daemon as a rig does, and offline through `tactus replay`.
+
+use std::path::Path;
+
+use crate::scenery::{self, Needs, ask, measure, number};
+
+fn tank(data: &Path, frames: &str, baseline: &str) -> String {
+    format!(
+        r#"
+[rig]
+kind = "recording"
+
+[recording]
+case = "{}"
+frames = "{frames}"
+baseline = "{baseline}"
+negate = true
+frames_per_s = 13.0
+speed = 0.0
+
+[geometry]
+preset = "disc-tank"
+
+[geometry.disc-tank]
+radius_mm = 150.0
+electrodes = 16
+
+[record]
+directory = "STAGE/state"
+
+[bus]
+peer = true
+peer_path = "STAGE/peer"
+"#,
+        data.display()
+    )
+}
+
+#[test]
+fn the_daemon_plays_750_frames_of_a_real_tank() {
+    let Some(data) = scenery::shared("data/uottawa2005") else {
+        return;
+    };
+    let config = tank(&data, "replay_ph3t1_750frames.csv", "first:16");
+    let Some(stage) = scenery::set_with(Needs::SIMULATED, scenery::QUIET, |_| config) else {
+        return;
+    };
+    let _keeper = scenery::start(&stage);
+    let id = measure(&stage, 750);
+    let session = ask(&stage, &["sessions"])
+        .into_iter()
+        .find(|line| line["id"] == id.as_str())
+        .expect("listed");
+    assert_eq!(session["frames"], 750);
+    assert_eq!(
+        session["simulated"], false,
+        "a recording of a real tank is no simulation"
+    );
+    assert_eq!(session["readings"], 208);
+    let maps = ask(&stage, &["replay", &id, "--no-map"]);
+    assert_eq!(maps.len(), 750);
+    assert!(
+        maps.iter().all(|map| map["verified"] == true),
+        "every map is made again, bit for bit"
+    );
+    // the ball is carried round: from frame 60 on something is always found inside the tank
+    for map in &maps[60..] {
+        let place = &map["found_mm"];
+        let radius = place[0]
+            .as_f64()
+            .expect("x")
+            .hypot(place[1].as_f64().expect("y"));
+        assert!(radius < 150.0, "{map}");
+    }
+}
+
+#[test]
+fn the_ball_is_found_within_two_centimetres() {
+    let Some(data) = scenery::shared("data/uottawa2005") else {
+        return;
+    };
+    let Some(stage) = scenery::set(Needs::SIMULATED, scenery::QUIET) else {
+        return;
+    };
+    let text =
+        std::fs::read_to_string(data.join("truth.csv")).expect("the truth is beside the frames");
+    let replayed = ask(
+        &stage,
+        &[
+            "replay",
+            &data.display().to_string(),
+            "--frames",
+            "frames.csv",
+            "--baseline",
+            "first:1",
+            "--negate",
+            "--preset",
+            "disc-tank",
+            "--diameter-mm",
+            "300",
+            "--no-map",
+        ],
+    );
+    let mut checked = 0;
+    for line in text.lines().skip(1) {
+        let fields: Vec<&str> = line.split(',').collect();
+        if !["ph1t1_setup2", "ph1t1_setup3"].contains(&fields[0]) {
+            continue;
+        }
+        let truth: Vec<f64> = fields[2..4]
+            .iter()
+            .map(|field| field.trim().parse().expect("centimetres"))
+            .collect();
+        let found = replayed
+            .iter()
+            .find(|map| map["label"] == fields[0])
+            .unwrap_or_else(|| panic!("no frame is labelled {}: {replayed:?}", fields[0]));
+        let x = found["found_mm"][0].as_f64().expect("x") / 10.0;
+        let y = found["found_mm"][1].as_f64().expect("y") / 10.0;
+        let off = (x - truth[0]).hypot(y - truth[1]);
+        println!(
+            "{}: true ({}, {}) cm, found ({x:.2}, {y:.2}) cm, {off:.2} cm off",
+            fields[0], truth[0], truth[1]
+        );
+        assert!(off < 2.0, "{}: {off} cm off", fields[0]);
+        assert!(number(found, "largest_loss") > 0.0);
+        checked += 1;
+    }
+    assert_eq!(checked, 2, "both set-ups with a ball are in truth.csv");
+}

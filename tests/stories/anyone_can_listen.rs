@@ -1,0 +1,186 @@
+//! Nobody needs our clients: `busctl` reads a map from the session bus, twenty lines of Python read the stream.
+
+use std::io::Read;
+use std::os::fd::OwnedFd;
+use std::process::{Child, Command, Stdio};
+
+use bus::{Address, Options, Session1Proxy};
+
+use crate::scenery::{self, Needs, ask, baseline, has};
+
+/// A private message bus, ended with the story.
+struct Broker {
+    child: Child,
+    address: String,
+}
+
+impl Broker {
+    fn start(folder: &std::path::Path) -> Self {
+        let config = folder.join("bus.conf");
+        std::fs::write(
+            &config,
+            format!(
+                "<busconfig><type>session</type><listen>unix:path={}/bus</listen><auth>EXTERNAL</auth>\
+                 <policy context=\"default\"><allow send_destination=\"*\" eavesdrop=\"true\"/><allow own=\"*\"/>\
+                 <allow eavesdrop=\"true\"/></policy></busconfig>",
+                folder.display()
+            ),
+        )
+        .expect("the story's folder can be written");
+        let mut child = Command::new("dbus-daemon")
+            .arg(format!("--config-file={}", config.display()))
+            .args(["--print-address=1", "--nofork"])
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("dbus-daemon is installed");
+        let mut address = Vec::new();
+        let mut pipe = child.stdout.take().expect("its output is a pipe");
+        let mut byte = [0];
+        while pipe.read_exact(&mut byte).is_ok() && byte[0] != b'\n' {
+            address.push(byte[0]);
+        }
+        Self {
+            child,
+            address: String::from_utf8(address).expect("an address is text"),
+        }
+    }
+}
+
+impl Drop for Broker {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[test]
+fn busctl_alone_reads_a_map() {
+    if !(has("dbus-daemon", "TACTUS_REQUIRE_DBUS") && has("busctl", "TACTUS_REQUIRE_DBUS")) {
+        return;
+    }
+    let on_the_bus = |config: &str| format!("{config}session = true\n");
+    let Some(stage) = scenery::set_with(Needs::SIMULATED, scenery::NOISY, on_the_bus) else {
+        return;
+    };
+    let broker = Broker::start(stage.path());
+    let _keeper = stage
+        .start_daemon_with(|command| {
+            command.env("DBUS_SESSION_BUS_ADDRESS", &broker.address);
+        })
+        .unwrap_or_else(|fault| panic!("{fault}"));
+    baseline(&stage, 2);
+    let id = scenery::measure(&stage, 1);
+    let busctl = |words: &[&str]| {
+        let said = Command::new("busctl")
+            .arg(format!("--address={}", broker.address))
+            .args(words)
+            .output()
+            .expect("busctl runs");
+        assert!(
+            said.status.success(),
+            "busctl {words:?}: {}",
+            String::from_utf8_lossy(&said.stderr)
+        );
+        String::from_utf8_lossy(&said.stdout).into_owned()
+    };
+    let session = format!("/org/tactus/Tactus1/session/{id}");
+    let map = busctl(&[
+        "call",
+        bus::BUS_NAME,
+        &session,
+        bus::SESSION_INTERFACE,
+        "LatestMap",
+    ]);
+    let words: Vec<&str> = map.split_whitespace().take(4).collect();
+    assert_eq!(words[0], "txadsssba{sv}", "{words:?}");
+    assert_eq!(words[1], "1", "the first frame's map");
+    let values: usize = words[3].parse().expect("the length of the array");
+    assert!((3000..5000).contains(&values), "{values} triangles");
+    let frame = busctl(&[
+        "call",
+        bus::BUS_NAME,
+        &session,
+        bus::SESSION_INTERFACE,
+        "LatestFrame",
+    ]);
+    assert_eq!(frame.split_whitespace().nth(3), Some("598"), "598 voltages");
+    let state = busctl(&[
+        "get-property",
+        bus::BUS_NAME,
+        bus::ROOT_PATH,
+        bus::MANAGER_INTERFACE,
+        "State",
+    ]);
+    assert_eq!(state.trim(), "s \"idle\"");
+    // the daemon that owns the name keeps it: a second one on another state directory is refused it
+    let second = Command::new("busctl")
+        .arg(format!("--address={}", broker.address))
+        .args(["status", bus::BUS_NAME])
+        .output()
+        .expect("busctl runs");
+    assert!(second.status.success());
+}
+
+#[test]
+fn twenty_lines_of_python_read_the_stream() {
+    if !has("python3", "TACTUS_REQUIRE_PYTHON") {
+        return;
+    }
+    let Some(stage) = scenery::set(Needs::ANY, scenery::NOISY) else {
+        return;
+    };
+    let _keeper = scenery::start(&stage);
+    baseline(&stage, 2);
+    let id = ask(&stage, &["start", "--step"])[0]["session"]
+        .as_str()
+        .expect("an id")
+        .to_owned();
+    let stream: OwnedFd = scenery::runtime().block_on(async {
+        let (connection, _) = bus::connect(Some(&Address::Unix(stage.peer_path())))
+            .await
+            .expect("the daemon listens");
+        let path = bus::session_path(&id).expect("an id makes a path");
+        let session = Session1Proxy::new(&connection, path)
+            .await
+            .expect("the session is there");
+        let stream = session
+            .open_stream(&Options::new())
+            .await
+            .expect("a stream is handed out");
+        session.step(3).await.expect("frames are taken");
+        session.stop().await.expect("the session ends");
+        stream.into()
+    });
+    let reader = Command::new("python3")
+        .arg(concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../bus/stream_reader.py"
+        ))
+        .stdin(Stdio::from(stream))
+        .output()
+        .expect("python3 runs");
+    assert!(
+        reader.status.success(),
+        "{}",
+        String::from_utf8_lossy(&reader.stderr)
+    );
+    let records: Vec<serde_json::Value> = String::from_utf8_lossy(&reader.stdout)
+        .lines()
+        .map(|line| serde_json::from_str(line).expect("one object a line"))
+        .collect();
+    let of = |kind: &str| {
+        records
+            .iter()
+            .filter(|record| record["kind"] == kind)
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(of("frame").len(), 3);
+    assert_eq!(of("map").len(), 3);
+    assert_eq!(of("end").len(), 1);
+    for (frame, sequence) in of("frame").iter().zip(1..) {
+        assert_eq!(frame["sequence"], sequence);
+        assert_eq!(frame["gap"], 0);
+        assert_eq!(frame["volts"].as_array().map(Vec::len), Some(598));
+        assert_eq!(frame["simulated"], std::env::var_os("TACTUS_RIG").is_none());
+    }
+}

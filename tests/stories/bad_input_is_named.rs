@@ -1,0 +1,194 @@
+//! Bad input is named where it stands, nothing moves, and the exit code says configuration.
+
+use crate::scenery::{self, Needs, ask, baseline};
+
+/// Runs `tactusd --check` on a changed configuration: exit code 78, and the message names each word.
+fn refused(change: &dyn Fn(&str) -> String, words: &[&str]) {
+    let Some(stage) = scenery::set_with(Needs::SIMULATED, scenery::NOISY, |config| change(config))
+    else {
+        return;
+    };
+    let path = stage.config_path().display().to_string();
+    let said = stage
+        .run("tactusd", &["--config", &path, "--check"])
+        .unwrap_or_else(|fault| panic!("{fault}"));
+    assert_eq!(said.code, Some(78), "{}{}", said.stdout, said.stderr);
+    let text = format!("{}{}", said.stdout, said.stderr);
+    for word in words {
+        assert!(text.contains(word), "'{word}' is not in: {text}");
+    }
+}
+
+#[test]
+fn an_unknown_key_is_named_with_its_line() {
+    refused(
+        &|config| config.replace("settle_ms = 2.0", "setle_ms = 2.0"),
+        &["config.toml:", "setle_ms", "settle_ms"],
+    );
+}
+
+#[test]
+fn a_unit_that_does_not_exist_is_named() {
+    refused(
+        &|config| config.replace("current_ua = 1000.0", "current_ma = 1.0"),
+        &["config.toml:", "current_ma"],
+    );
+}
+
+#[test]
+fn electrode_counts_that_disagree_are_both_named() {
+    refused(
+        &|config| config.replace("nplc = 1.0", "nplc = 1.0\nelectrodes = 16"),
+        &["config.toml:", "16", "26"],
+    );
+}
+
+#[test]
+fn a_current_over_the_relays_limit_is_refused_not_clipped() {
+    refused(
+        &|config| config.replace("current_ua = 1000.0", "current_ua = 60000.0"),
+        &["60 mA", "50 mA"],
+    );
+}
+
+#[test]
+fn a_missing_scene_is_named() {
+    refused(
+        &|config| config.replace("STAGE/scene.toml", "STAGE/nosuch.toml"),
+        &["nosuch.toml"],
+    );
+}
+
+#[test]
+fn a_missing_instrument_is_an_error_and_never_a_simulator() {
+    let real = |config: &str| {
+        // port 1 of loopback: nobody listens
+        config
+            .replace("kind = \"simulated\"", "kind = \"instruments\"")
+            .replace("profile = \"STAGE/profile.toml\"\n", "")
+            .replace("scene = \"STAGE/scene.toml\"\n", "")
+            + "\n[source]\naddress = \"127.0.0.1:1\"\n[switch]\naddress = \"127.0.0.1:1\"\n[voltmeter]\naddress = \"127.0.0.1:1\"\n"
+    };
+    let Some(stage) = scenery::set_with(Needs::SIMULATED, scenery::NOISY, real) else {
+        return;
+    };
+    let fault = stage.start_daemon().expect_err("there is no instrument");
+    let text = fault.to_string();
+    assert!(text.contains("127.0.0.1:1"), "{text}");
+}
+
+#[test]
+fn a_second_daemon_on_the_same_record_is_refused() {
+    let Some(stage) = scenery::set(Needs::ANY, scenery::NOISY) else {
+        return;
+    };
+    let keeper = scenery::start(&stage);
+    let second = stage
+        .run(
+            "tactusd",
+            &["--config", &stage.config_path().display().to_string()],
+        )
+        .unwrap_or_else(|fault| panic!("{fault}"));
+    assert_ne!(second.code, Some(0));
+    assert!(
+        second.stderr.contains(&keeper.id().to_string()),
+        "names the other's process: {}",
+        second.stderr
+    );
+    // and the first goes on
+    assert_eq!(ask(&stage, &["status"])[0]["state"], "idle");
+}
+
+#[test]
+fn a_baseline_taken_with_other_settings_is_refused() {
+    let Some(stage) = scenery::set(Needs::SIMULATED, scenery::NOISY) else {
+        return;
+    };
+    let keeper = scenery::start(&stage);
+    let id = baseline(&stage, 2)[0]["session"]
+        .as_str()
+        .expect("an id")
+        .to_owned();
+    keeper.stop().unwrap_or_else(|fault| panic!("{fault}"));
+    let other = stories::SIMULATED.replace("current_ua = 1000.0", "current_ua = 500.0");
+    stage
+        .configure(&other)
+        .expect("the configuration is written");
+    let _keeper = scenery::start(&stage);
+    let said = stage
+        .tactus(&["start", "--count", "1", "--baseline", &id])
+        .unwrap_or_else(|fault| panic!("{fault}"));
+    assert_ne!(said.code, Some(0));
+    assert!(
+        said.stderr.contains("500 uA") && said.stderr.contains("1 mA"),
+        "{}",
+        said.stderr
+    );
+}
+
+#[test]
+fn a_truncated_or_foreign_model_is_refused() {
+    let shipped = std::path::Path::new(concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../models/rbf-matched.safetensors"
+    ));
+    let whole = std::fs::read(shipped).expect("the model ships with the project");
+    for (bytes, name) in [
+        (&whole[..whole.len() / 2], "half.safetensors"),
+        (&b"not a model"[..], "foreign.safetensors"),
+    ] {
+        let change = |config: &str| {
+            config.replace(
+                "method = \"one-step\"\nexponent = 0.25\nprior = \"noser\"\nnoise_uv = 2.0",
+                &format!("file = \"STAGE/{name}\""),
+            )
+        };
+        let Some(stage) = scenery::set_with(Needs::SIMULATED, scenery::NOISY, change) else {
+            return;
+        };
+        std::fs::write(stage.path().join(name), bytes).expect("the story's folder can be written");
+        let path = stage.config_path().display().to_string();
+        let said = stage
+            .run("tactusd", &["--config", &path, "--check"])
+            .unwrap_or_else(|fault| panic!("{fault}"));
+        assert_eq!(said.code, Some(78), "{}{}", said.stdout, said.stderr);
+        assert!(
+            format!("{}{}", said.stdout, said.stderr).contains(name),
+            "{}{}",
+            said.stdout,
+            said.stderr
+        );
+    }
+}
+
+#[test]
+fn a_wrong_column_count_names_the_line() {
+    let Some(data) = scenery::shared("data/uottawa2005") else {
+        return;
+    };
+    let Some(stage) = scenery::set(Needs::SIMULATED, scenery::QUIET) else {
+        return;
+    };
+    let text = std::fs::read_to_string(data.join("frames.csv")).expect("frames lie there");
+    let broken: String = text
+        .lines()
+        .enumerate()
+        .map(|(index, line)| if index == 2 { line.rsplit_once(',').expect("columns").0.to_owned() } else { line.to_owned() } + "\n")
+        .collect();
+    let frames = stage.path().join("broken.csv");
+    std::fs::write(&frames, broken).expect("the story's folder can be written");
+    let said = stage
+        .tactus(&[
+            "replay",
+            &data.display().to_string(),
+            "--frames",
+            &frames.display().to_string(),
+            "--baseline",
+            "first:1",
+            "--preset",
+            "disc-tank",
+        ])
+        .unwrap_or_else(|fault| panic!("{fault}"));
+    assert_ne!(said.code, Some(0));
+    assert!(said.stderr.contains("broken.csv:3"), "{}", said.stderr);
+}

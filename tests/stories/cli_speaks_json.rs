@@ -1,0 +1,110 @@
+//! Every command that prints data prints one object a line, and says no with the exit code that design promises.
+
+use crate::scenery::{self, Needs, ask, baseline, measure};
+
+#[test]
+fn every_command_speaks_json() {
+    let Some(stage) = scenery::set(Needs::ANY, scenery::NOISY) else {
+        return;
+    };
+    let keeper = scenery::start(&stage);
+    baseline(&stage, 2);
+    let id = measure(&stage, 2);
+    let picture = stage.path().join("map.png").display().to_string();
+    let fields: [(&[&str], &[&str]); 7] = [
+        (
+            &["status"],
+            &[
+                "state",
+                "simulated",
+                "source",
+                "method",
+                "baseline",
+                "session",
+                "version",
+                "bus",
+            ],
+        ),
+        (
+            &["instruments"],
+            &["id", "role", "state", "identity", "address", "simulated"],
+        ),
+        (
+            &["baseline", "show"],
+            &["id", "wall", "frames", "volts", "flags", "noise_v"],
+        ),
+        (
+            &["sessions"],
+            &["id", "kind", "frames", "simulated", "closed", "path"],
+        ),
+        (
+            &["plan"],
+            &[
+                "wiring",
+                "steps",
+                "readings",
+                "reading_messages",
+                "duration_s",
+                "lines",
+            ],
+        ),
+        (
+            &["replay", &id, "--no-map"],
+            &["frame", "method", "found_mm", "map_hash", "verified"],
+        ),
+        (
+            &["export", &id, "--format", "png", "--out", &picture],
+            &["what", "path", "session", "simulated"],
+        ),
+    ];
+    for (command, wanted) in fields {
+        let lines = ask(&stage, command);
+        assert!(
+            !lines.is_empty(),
+            "tactus {} printed nothing",
+            command.join(" ")
+        );
+        for line in &lines {
+            for field in wanted {
+                assert!(
+                    line.get(field).is_some(),
+                    "tactus {}: no '{field}' in {line}",
+                    command.join(" ")
+                );
+            }
+        }
+    }
+    let plan = &ask(&stage, &["plan"])[0];
+    assert_eq!(plan["reading_messages"], 26);
+    assert_eq!(plan["readings"], 598);
+    let instruments = ask(&stage, &["instruments"]);
+    assert!(instruments.iter().any(|line| {
+        line["identity"]
+            .as_str()
+            .is_some_and(|id| id.contains("6221"))
+    }));
+    keeper.stop().unwrap_or_else(|fault| panic!("{fault}"));
+}
+
+#[test]
+fn exit_codes_tell_what_went_wrong() {
+    let Some(stage) = scenery::set(Needs::ANY, scenery::NOISY) else {
+        return;
+    };
+    let code = |args: &[&str]| stage.tactus(args).unwrap_or_else(|fault| panic!("{fault}"));
+    let nobody = code(&["status"]);
+    assert_eq!(nobody.code, Some(3), "{}", nobody.stderr);
+    assert!(
+        nobody.stderr.contains("tactusd"),
+        "says how to start one: {}",
+        nobody.stderr
+    );
+    assert_eq!(code(&["frobnicate"]).code, Some(2));
+    let _keeper = scenery::start(&stage);
+    assert_eq!(
+        code(&["export", "nosuch", "--format", "csv", "--out", "x.csv"]).code,
+        Some(3)
+    );
+    assert_eq!(code(&["stop", "nosuch"]).code, Some(3));
+    assert_eq!(code(&["completions", "bash"]).code, Some(0));
+}

@@ -1,0 +1,160 @@
+//! What every story sets up: a stage on the rig at hand, or the reason why this rig cannot play it.
+
+use std::path::{Path, PathBuf};
+
+use stories::{Keeper, SIMULATED, Stage};
+use survey::Amps;
+
+/// What a story needs of a rig.
+#[derive(Debug, Clone, Copy)]
+pub struct Needs {
+    /// A sheet that can be pressed (or a fault that can be caused) by program.
+    pub simulated: bool,
+    /// The largest current that the story drives.
+    pub largest_current: Amps,
+}
+
+impl Needs {
+    /// Any rig, at 1 mA or less.
+    pub const ANY: Self = Self {
+        simulated: false,
+        largest_current: Amps(1e-3),
+    };
+    /// The simulated sheet, at 1 mA.
+    pub const SIMULATED: Self = Self {
+        simulated: true,
+        largest_current: Amps(1e-3),
+    };
+}
+
+/// 2 uV of voltmeter noise.
+pub const NOISY: &str = include_str!("../rigs/two-microvolts.toml");
+/// No effect at all.
+pub const QUIET: &str = "seed = 1\n";
+
+/// A stage on the rig at hand, or `None` with the reason printed.
+pub fn set(needs: Needs, scene: &str) -> Option<Stage> {
+    set_with(needs, scene, |config| config.to_owned())
+}
+
+/// Like [`set`], with a last word on the simulated rig's configuration.
+pub fn set_with(needs: Needs, scene: &str, adjust: impl FnOnce(&str) -> String) -> Option<Stage> {
+    let config = match std::env::var_os("TACTUS_RIG") {
+        None => adjust(SIMULATED),
+        Some(_) if needs.simulated => {
+            eprintln!("skipped: this story needs the simulated sheet, TACTUS_RIG names a real rig");
+            return None;
+        }
+        Some(path) => real_rig(Path::new(&path), needs)?,
+    };
+    let stage = Stage::with_program(&config, env!("CARGO_BIN_EXE_demo"))
+        .expect("a temporary folder can be made");
+    std::fs::write(stage.path().join("scene.toml"), scene)
+        .expect("the story's folder can be written");
+    Some(stage)
+}
+
+/// The real rig's configuration with record and bus of the story's own.
+fn real_rig(path: &Path, needs: Needs) -> Option<String> {
+    let text = std::fs::read_to_string(path)
+        .unwrap_or_else(|fault| panic!("TACTUS_RIG={}: {fault}", path.display()));
+    let mut config: toml::Table = text
+        .parse()
+        .unwrap_or_else(|fault| panic!("TACTUS_RIG={}: {fault}", path.display()));
+    let current_ua = config
+        .get("survey")
+        .and_then(|survey| survey.get("current_ua"))
+        .and_then(|current| {
+            current
+                .as_float()
+                .or(current.as_integer().map(|whole| whole as f64))
+        })
+        .unwrap_or(1000.0);
+    if current_ua * 1e-6 > needs.largest_current.0 * (1.0 + 1e-9) {
+        eprintln!(
+            "skipped: this story drives {} at most, {} asks for {current_ua} uA",
+            needs.largest_current,
+            path.display()
+        );
+        return None;
+    }
+    let own: toml::Table =
+        "[record]\ndirectory = \"STAGE/state\"\n[bus]\npeer = true\npeer_path = \"STAGE/peer\"\n"
+            .parse()
+            .expect("written above");
+    config.extend(own);
+    Some(config.to_string())
+}
+
+/// The daemon, ready.
+pub fn start(stage: &Stage) -> Keeper {
+    stage
+        .start_daemon()
+        .unwrap_or_else(|fault| panic!("{fault}"))
+}
+
+/// Runs `tactus`, which must succeed, and gives its lines of JSON.
+pub fn ask(stage: &Stage, args: &[&str]) -> Vec<serde_json::Value> {
+    let mut args = args.to_vec();
+    args.push("--json");
+    let spoken = stage.tactus(&args).and_then(|spoken| spoken.succeeded());
+    spoken.unwrap_or_else(|fault| panic!("{fault}")).json()
+}
+
+/// Records a baseline and waits for it.
+pub fn baseline(stage: &Stage, frames: usize) -> Vec<serde_json::Value> {
+    ask(
+        stage,
+        &["baseline", "record", "--frames", &frames.to_string()],
+    )
+}
+
+/// Starts a session that takes `count` frames and waits for its end; gives its id.
+pub fn measure(stage: &Stage, count: usize) -> String {
+    let lines = ask(stage, &["start", "--count", &count.to_string(), "--wait"]);
+    lines[0]["session"]
+        .as_str()
+        .expect("`start` names the session")
+        .to_owned()
+}
+
+/// A number of a JSON object, or a panic that shows the object.
+pub fn number(value: &serde_json::Value, field: &str) -> f64 {
+    value[field]
+        .as_f64()
+        .unwrap_or_else(|| panic!("no number '{field}' in {value}"))
+}
+
+/// Facts and recordings beside the project's folder; `None` with the reason printed where they are absent.
+pub fn shared(what: &str) -> Option<PathBuf> {
+    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared")).join(what);
+    if path.exists() {
+        return Some(path);
+    }
+    eprintln!("skipped: {} is not on this machine", path.display());
+    None
+}
+
+/// Whether a program is on the path; where it is not, the reason is printed, or the test fails if `required` is set.
+pub fn has(program: &str, required: &str) -> bool {
+    let found = std::env::var_os("PATH").is_some_and(|path| {
+        std::env::split_paths(&path).any(|folder| folder.join(program).is_file())
+    });
+    if !found {
+        assert!(
+            std::env::var_os(required).is_none(),
+            "{program} is not installed, and {required} makes it mandatory"
+        );
+        eprintln!("skipped: {program} is not installed");
+    }
+    found
+}
+
+/// A runtime for stories that speak D-Bus or drive instruments themselves.
+pub fn runtime() -> tokio::runtime::Runtime {
+    tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()
+        .expect("a runtime can be built")
+}

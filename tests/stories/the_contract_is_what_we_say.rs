@@ -1,0 +1,74 @@
+//! What the running daemon shows on D-Bus is the XML that is kept in the repository.
+
+use bus::Address;
+
+use crate::scenery::{self, Needs, ask, baseline};
+
+/// One `<interface>` of introspection data, its lines trimmed and in order of appearance.
+fn interface(xml: &str, name: &str) -> Option<String> {
+    let begin = xml.find(&format!("<interface name=\"{name}\""))?;
+    let end = begin + xml[begin..].find("</interface>")? + "</interface>".len();
+    let mut comment = false;
+    let lines: Vec<&str> = xml[begin..end]
+        .lines()
+        .map(str::trim)
+        .filter(|line| {
+            // documentation comments may be worded anew without breaking the contract
+            let inside = comment || line.starts_with("<!--");
+            comment = inside && !line.ends_with("-->");
+            !inside && !line.is_empty()
+        })
+        .collect();
+    Some(lines.join("\n"))
+}
+
+#[test]
+fn introspection_is_the_xml_in_the_repository() {
+    let Some(stage) = scenery::set(Needs::SIMULATED, scenery::NOISY) else {
+        return;
+    };
+    let _keeper = scenery::start(&stage);
+    baseline(&stage, 2);
+    let id = ask(&stage, &["start", "--step"])[0]["session"]
+        .as_str()
+        .expect("an id")
+        .to_owned();
+    scenery::runtime().block_on(async {
+        let (connection, _) = bus::connect(Some(&Address::Unix(stage.peer_path())))
+            .await
+            .expect("the daemon listens");
+        let introspect = async |path: &str| -> String {
+            let reply = connection
+                .call_method(
+                    Some(bus::BUS_NAME),
+                    path,
+                    Some("org.freedesktop.DBus.Introspectable"),
+                    "Introspect",
+                    &(),
+                )
+                .await
+                .expect("every object can be asked");
+            reply.body().deserialize().expect("a text")
+        };
+        let instruments = bus::Manager1Proxy::new(&connection)
+            .await
+            .expect("the manager is there")
+            .instruments()
+            .await
+            .expect("instruments are listed");
+        let session = bus::session_path(&id).expect("an id makes a path");
+        for (name, kept) in bus::INTERFACE_XML {
+            let path = match name {
+                bus::INSTRUMENT_INTERFACE => instruments[0].as_str(),
+                bus::SESSION_INTERFACE => session.as_str(),
+                _ => bus::ROOT_PATH,
+            };
+            let shown = introspect(path).await;
+            let shown = interface(&shown, name)
+                .unwrap_or_else(|| panic!("{path} does not show {name}:\n{shown}"));
+            let kept = interface(kept, name)
+                .unwrap_or_else(|| panic!("the repository does not keep {name}"));
+            assert_eq!(shown, kept, "{name} at {path}");
+        }
+    });
+}
