@@ -245,7 +245,8 @@ impl Simulator34980a {
             turn.replied |= !replies.is_empty();
         }
         let done = turn.now;
-        self.pass(done, turn.wires);
+        // Not up to `done`: what a message waits for is still to come, and others may speak before it does.
+        self.pass(at, turn.wires);
         self.sessions.keep_busy(session, done);
         Response {
             text: (!replies.is_empty()).then(|| replies.join(";")),

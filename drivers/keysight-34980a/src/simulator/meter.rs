@@ -247,6 +247,7 @@ impl Meter {
         let run = Run::new(stops, pace, sweeps, now);
         self.began = run.start();
         self.run = Some(run);
+        self.noticed.measured |= pace != Pace::Triggered;
         self.advance(now, relays, wires);
         Ok(())
     }

@@ -152,7 +152,6 @@ impl Run {
                 Phase::Waiting => return false,
                 Phase::Due(_, at) if at > to => return false,
                 Phase::Due(index, at) => {
-                    noticed.measured = true;
                     let at = if index == 0 {
                         self.skip(at, to, relays, memory)
                     } else {
