@@ -254,6 +254,10 @@ parameters! {
     Pace: Communication, "SYSTem:COMMunicate:SERial:PACE", Kind::Choice(&["NONE", "XON", "XOFF"]);
     /// What ends a line on the serial port.
     Terminator: Communication, "SYSTem:COMMunicate:SERial:TERMinator", Kind::Choice(&["LF", "CR", "CRLF", "LFCR"]);
+    /// How the serial port's RTS line is used.
+    Handshake: Communication, "SYSTem:COMMunicate:SERial:CONTrol:RTS", Kind::Choice(&["OFF", "IBFull", "RFR"]);
+    /// Whether the keys are locked, the LOCAL key with them.
+    Lockout: Communication, "SYSTem:COMMunicate:RWLock", Kind::Switch(false);
     /// Whether the network gives the address.
     Dhcp: Communication, "SYSTem:COMMunicate:ETHernet:DHCP", Kind::Switch(false);
     /// Which interface is listened to.

@@ -74,6 +74,8 @@ fn every_command() -> Vec<Command> {
         Command::SetElements(vec![Element::Reading, Element::Source]),
         Command::Elements,
         Command::Preset,
+        Command::Local,
+        Command::Remote,
         Command::Beep {
             hertz: 440.0,
             seconds: 0.25,

@@ -53,6 +53,8 @@ pub(super) const PLAIN: &[(&str, Command)] = &[
     ("SYSTem:CLEar", Command::ClearErrors),
     ("SYSTem:VERSion?", Command::Version),
     ("SYSTem:PRESet", Command::Preset),
+    ("SYSTem:COMMunicate:LOCal", Command::Local),
+    ("SYSTem:COMMunicate:REMote", Command::Remote),
     ("SYSTem:COMMunicate:ETHernet:SAVE", Command::SaveAddresses),
 ];
 

@@ -156,6 +156,10 @@ pub enum Command {
     Version,
     /// Settings as the maker presets them.
     Preset,
+    /// Give the keys back, on the serial port.
+    Local,
+    /// Take the keys away, on the serial port.
+    Remote,
     /// Sound the beeper.
     Beep {
         /// Tone, Hz.
@@ -251,6 +255,8 @@ impl Command {
             | Command::PresetStatus
             | Command::ClearErrors
             | Command::Preset
+            | Command::Local
+            | Command::Remote
             | Command::Beep { .. }
             | Command::SetAddress(..)
             | Command::SaveAddresses => false,

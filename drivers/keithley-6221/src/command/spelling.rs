@@ -132,6 +132,8 @@ impl fmt::Display for Command {
             | Command::ClearErrors
             | Command::Version
             | Command::Preset
+            | Command::Local
+            | Command::Remote
             | Command::SaveAddresses => {
                 unreachable!("a command without arguments stands in the table of those")
             }

@@ -3,7 +3,8 @@
 //!
 //! An ideal instrument: the current is exactly what is asked for until the voltage limit holds it back. Time comes in
 //! with each message; what went on since the last one is worked out then, against the load as it is then. No 2182A is
-//! connected: delta modes are refused, and the buffer stays empty.
+//! connected: delta modes are refused, and the buffer stays empty. Nobody listens to the trigger lines that it speaks on:
+//! their settings are kept and have no effect.
 
 mod level;
 mod lists;
@@ -295,7 +296,7 @@ impl Simulator6221 {
             Command::ClearErrors => self.errors.clear(),
             Command::Version => return Ok(Some("1999.0".to_owned())),
             Command::Preset => self.preset(),
-            Command::Beep { .. } | Command::SaveAddresses => {}
+            Command::Beep { .. } | Command::Local | Command::Remote | Command::SaveAddresses => {}
             Command::SetAddress(address, told) => self.addresses[*address as usize] = *told,
             Command::Address(address) => {
                 let told = self.addresses[*address as usize].to_string();

@@ -32,6 +32,10 @@ pub(super) enum Outcome {
     WaveStopped,
 }
 
+const BAUD_RATES: [f64; 10] = [
+    300.0, 600.0, 1_200.0, 2_400.0, 4_800.0, 9_600.0, 19_200.0, 38_400.0, 57_600.0, 115_200.0,
+];
+
 impl Simulator6221 {
     pub(super) fn is_sweeping(&self) -> bool {
         matches!(&self.mode, Mode::Sweep(sweep) if sweep.is_running())
@@ -126,7 +130,8 @@ impl Simulator6221 {
     }
 
     /// # Errors
-    /// -221 for what a running sweep or wave holds on to, -222 for what would reach beyond the instrument.
+    /// -221 for what a running sweep or wave holds on to, -222 for what would reach beyond the instrument, -224 for a
+    /// baud rate between those there are.
     pub(super) fn set_parameter(
         &mut self,
         parameter: Parameter,
@@ -139,6 +144,9 @@ impl Simulator6221 {
         };
         if held {
             return Err(ParseError::SettingsConflict);
+        }
+        if parameter == Parameter::Baud && !BAUD_RATES.contains(&value) {
+            return Err(ParseError::IllegalParameter);
         }
         if let Mode::Wave(wave) = &mut self.mode
             && parameter.subject() == Subject::LiveWave

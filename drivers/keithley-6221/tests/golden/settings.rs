@@ -183,6 +183,20 @@ fn section_4_buffer_display_units_and_interfaces() {
 }
 
 #[test]
+fn section_1_the_serial_port_has_the_usual_rates() {
+    conversation(&[
+        (
+            "SYST:COMM:SER:BAUD?;BAUD 300;BAUD?;BAUD 301;BAUD?",
+            "9600;300;300",
+        ),
+        ("SYST:ERR?", "-224,\"Illegal parameter value\""),
+        ("SYST:COMM:SER:CONT:RTS IBF;RTS?", "IBF"),
+        ("SYST:COMM:RWL ON;RWL?;LOC;REM", "1"),
+        ("SYST:COMM:SEL SER;SEL?;SEL ETH;SEL?", "SER;ETH"),
+    ]);
+}
+
+#[test]
 fn section_4_memories() {
     conversation(&[
         (
