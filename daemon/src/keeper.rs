@@ -170,8 +170,8 @@ impl Keeper {
             }
         };
         if outcome.is_ok() {
-            let status = format!("STATUS={}\n", self.state());
-            let _ = sd_notify::notify(&[sd_notify::NotifyState::Custom(&status)]);
+            let status = self.state().to_string();
+            let _ = sd_notify::notify(&[sd_notify::NotifyState::Status(&status)]);
             self.herald.say(&Notice::Daemon);
         }
         outcome

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use eit::{Case, Hyper, Mesh, OneStep, OneStepOptions, Preset, Prior, Reconstructor};
-use survey::Protocol;
+use survey::{Amps, Protocol};
 
-use crate::config::{GeometrySection, ModelSection, PresetName, PriorName, SurveySection};
+use crate::config::{GeometrySection, ModelSection, PresetName, PriorName};
 
 /// The sheet as the reconstruction sees it.
 #[derive(Debug, Clone)]
@@ -119,10 +119,10 @@ pub(crate) fn geometry(section: &GeometrySection, case: Option<&Path>) -> Result
     })
 }
 
-/// Loads the model file, or prepares the one-step method.
+/// Loads the model file, or prepares the one-step method for frames taken at this current.
 pub(crate) fn model(
     section: &ModelSection,
-    survey: &SurveySection,
+    current: Amps,
     geometry: &Geometry,
     protocol: &Protocol,
 ) -> Result<Model, ModelFault> {
@@ -135,7 +135,7 @@ pub(crate) fn model(
             }
             from_file(path, geometry, protocol)
         }
-        None => one_step(section, survey, geometry, protocol),
+        None => one_step(section, current, geometry, protocol),
     }
 }
 
@@ -187,10 +187,10 @@ fn check(
     Ok(())
 }
 
-/// Prepares the one-step method; settings not given have their defaults.
+/// Prepares the one-step method for frames taken at this current; settings not given have their defaults.
 pub(crate) fn one_step(
     section: &ModelSection,
-    survey: &SurveySection,
+    current: Amps,
     geometry: &Geometry,
     protocol: &Protocol,
 ) -> Result<Model, ModelFault> {
@@ -210,7 +210,7 @@ pub(crate) fn one_step(
         (Some(lambda), None) => Hyper::Lambda(lambda),
         (None, noise) => Hyper::Noise {
             volts: noise.unwrap_or(2.0) * 1e-6,
-            current: survey.current_ua * 1e-6,
+            current: current.0,
         },
     };
     let options = OneStepOptions {

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use rig::MeterSettings;
 use sha2::{Digest, Sha256};
-use survey::{Limits, Plan, Protocol, Timing};
+use survey::{Amps, Limits, Plan, Protocol, Timing};
 
 use crate::config::{Config, RigKind, WiringKind};
 use crate::model::{Geometry, Model, chain, geometry, model};
@@ -32,6 +32,8 @@ pub(crate) struct Setup {
     pub config_toml: String,
     pub config_hash: String,
     pub protocol: Protocol,
+    /// At which frames are taken.
+    pub current: Amps,
     pub geometry: Geometry,
     pub model: Model,
     pub schedule: Schedule,
@@ -113,9 +115,9 @@ pub(crate) fn load(path: &Path) -> Result<(Source, Config), Vec<Problem>> {
     })?;
     let source = Source::new(path, text);
     let config = source.read()?;
-    let folder = path.parent().unwrap_or(Path::new(""));
-    let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
-    Ok((source, config.resolved(&folder)))
+    let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    let folder = absolute.parent().unwrap_or(Path::new("/"));
+    Ok((source, config.resolved(folder)))
 }
 
 fn understand(config: Config, findings: &mut Findings<'_>) -> Option<Prepared> {
@@ -164,6 +166,12 @@ fn understand(config: Config, findings: &mut Findings<'_>) -> Option<Prepared> {
         );
         return None;
     }
+    let current = match &frames {
+        Some(FramesFrom::Recording { recording, .. }) => recording
+            .settings()
+            .map_or(Amps(1.0), |settings| settings.current),
+        _ => Amps(config.survey.current_ua * 1e-6),
+    };
     let key = if config.model.file.is_some() {
         "model.file"
     } else {
@@ -171,7 +179,7 @@ fn understand(config: Config, findings: &mut Findings<'_>) -> Option<Prepared> {
     };
     let model = findings.taken(
         key,
-        model(&config.model, &config.survey, &geometry, &protocol).map_err(|fault| chain(&fault)),
+        model(&config.model, current, &geometry, &protocol).map_err(|fault| chain(&fault)),
     );
     let config_toml = findings.taken(
         "rig",
@@ -188,6 +196,7 @@ fn understand(config: Config, findings: &mut Findings<'_>) -> Option<Prepared> {
         },
         record_directory: config.record.directory.clone()?,
         protocol,
+        current,
         geometry,
         model: model?,
         config,

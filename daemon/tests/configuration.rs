@@ -181,6 +181,22 @@ fn the_effective_configuration_is_a_configuration() {
 }
 
 #[test]
+fn paths_are_absolute_wherever_the_daemon_is_started() {
+    let stage = Stage::new(SMALL);
+    let output = Command::new(env!("CARGO_BIN_EXE_tactusd"))
+        .args(["--config", "config.toml", "--print-config"])
+        .current_dir(stage.path())
+        .output()
+        .unwrap();
+    let printed = String::from_utf8(output.stdout).unwrap();
+    let state = stage.path().join("state");
+    assert!(
+        printed.contains(&format!("directory = \"{}\"", state.display())),
+        "{printed}"
+    );
+}
+
+#[test]
 fn safe_off_verifies_both() {
     let output = Stage::new(SMALL).run(&["--safe-off"]);
     let said = String::from_utf8(output.stdout).unwrap();

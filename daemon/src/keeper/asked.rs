@@ -167,6 +167,7 @@ impl Keeper {
                 config,
                 geometry,
                 protocol,
+                current,
                 ..
             } = &keeper.house.setup;
             if asked == "one-step" {
@@ -174,7 +175,7 @@ impl Keeper {
                     file: None,
                     ..config.model.clone()
                 };
-                model::one_step(&section, &config.survey, geometry, protocol)
+                model::one_step(&section, *current, geometry, protocol)
             } else {
                 model::from_file(Path::new(&asked), geometry, protocol)
             }

@@ -85,7 +85,16 @@ pub(super) fn rig_plan(
     };
     if let Err(faults) = plan.check(&limits) {
         for fault in faults {
-            findings.add("survey", chain(&fault));
+            let key = match fault {
+                PlanError::NotACurrent(_)
+                | PlanError::SourceCurrent { .. }
+                | PlanError::RelayCurrent { .. } => "survey.current_ua",
+                PlanError::Compliance { .. } | PlanError::RelayVoltage { .. } => {
+                    "survey.compliance_v"
+                }
+                _ => "survey",
+            };
+            findings.add(key, chain(&fault));
         }
         return None;
     }
