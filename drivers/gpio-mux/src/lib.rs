@@ -1,10 +1,12 @@
 //! The multiplexer board that puts any electrode on each of four poles, by lines of text over a serial port.
 //!
 //! Here live its line protocol in both directions, the driver that plays [`rig::Switch`] over it, and a simulator that
-//! keeps every edge of the board's lines. Refused at this door: two electrodes on one pole, one electrode on both
+//! keeps every edge of the board's lines. A board whose lines hang on a gpiochip of this machine is driven over a seam to
+//! that chip, with a chip in memory behind it for tests. Refused at this door: two electrodes on one pole, one electrode on both
 //! current poles, and every relay number that is not pole x 100 + electrode.
 //!
 //! - **pole**: one of I+, I-, V+, V-; **state**: the electrode on each of them
+//! - **line**: one of the 24 that lead to the multiplexers; **levels**: all of them
 //! - **edge**: a change of an enable or of an address, with its time; break comes before make
 //! - **watchdog**: opens everything when no command comes in time
 //!
@@ -23,13 +25,19 @@
 //! assert_eq!(sheet.0[1], Some(Electrode(0)));
 //! ```
 
+mod board;
+mod chip;
 mod command;
 mod driver;
+mod lines;
 mod simulator;
 
+pub use board::GpioBoard;
+pub use chip::{GpioChip, GpioFault, LineEdge, MemoryChip};
 pub use command::{Command, NotAState, Pair, Pole, Refusal, Reply, State, error_entry, refusal};
 pub use driver::{GpioMux, Options, await_banner};
-pub use simulator::{Chip, Edge, EdgeRecord, Poles, Response, Settings, SimulatorGpioMux};
+pub use lines::{Chip, LINES, Levels, Line, Step, steps};
+pub use simulator::{Edge, EdgeRecord, Poles, Response, Settings, SimulatorGpioMux};
 
 /// The model field of `*IDN?`.
 pub const MODEL: &str = "GPIO-MUX";

@@ -2,18 +2,25 @@
 //!
 //! No I/O, no clock, no physics: time and lines come in as arguments, the joined electrodes go out through [`Poles`].
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::time::Duration;
 
 use scpi::ErrorQueue;
-use survey::Electrode;
+use survey::{Electrode, Relay};
 
 use crate::command::{Command, Pole, Refusal, Reply, State};
+use crate::lines::{Chip, Levels, Line, Step, steps};
 
 /// What the four poles are led to. The bench's sheet implements it.
 pub trait Poles {
     /// Told whenever an electrode comes on or off a pole, in the order of [`Pole::ALL`].
     fn poles(&mut self, joined: [Option<Electrode>; 4], at: Duration);
+
+    /// Told at the same moments everything that is joined, by the relay numbers of a wiring: with an enable that is
+    /// stuck a pole may have two electrodes, of which [`Poles::poles`] names the lower.
+    fn contacts(&mut self, joined: &BTreeSet<Relay>, at: Duration) {
+        let _ = (joined, at);
+    }
 }
 
 /// What a simulated board is set to before it is switched on.
@@ -49,15 +56,6 @@ pub struct Response {
     pub busy: Duration,
 }
 
-/// One of the two chips of a pole.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Chip {
-    /// Electrodes 1 to 16.
-    A,
-    /// Electrodes 17 to 32.
-    B,
-}
-
 /// What changed on a pole's lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Edge {
@@ -78,22 +76,6 @@ pub struct EdgeRecord {
     pub edge: Edge,
 }
 
-#[derive(Debug, Clone, Copy, Default)]
-struct Lines {
-    address: u8,
-    enabled: Option<Chip>,
-}
-
-impl Lines {
-    fn electrode(self) -> Option<Electrode> {
-        let first = match self.enabled? {
-            Chip::A => 0,
-            Chip::B => 16,
-        };
-        Some(Electrode(first + usize::from(self.address)))
-    }
-}
-
 /// Edges remembered; older ones are forgotten.
 const EDGES: usize = 8192;
 const WATCHDOG: Duration = Duration::from_millis(2000);
@@ -103,7 +85,13 @@ const ERRORS: usize = 20;
 #[derive(Debug)]
 pub struct SimulatorGpioMux {
     settings: Settings,
-    poles: [Lines; 4],
+    /// What the firmware has set.
+    levels: Levels,
+    /// Lines that stay where they are, and at which levels.
+    stuck: Levels,
+    stuck_at: Levels,
+    /// Replies that are still to be lost.
+    lost: u32,
     edges: VecDeque<EdgeRecord>,
     last_edge: Duration,
     watchdog: Duration,
@@ -116,7 +104,10 @@ impl SimulatorGpioMux {
     pub fn new(settings: Settings) -> Self {
         Self {
             settings,
-            poles: [Lines::default(); 4],
+            levels: Levels::default(),
+            stuck: Levels::default(),
+            stuck_at: Levels::default(),
+            lost: 0,
             edges: VecDeque::new(),
             last_edge: Duration::ZERO,
             watchdog: WATCHDOG,
@@ -130,9 +121,41 @@ impl SimulatorGpioMux {
         format!("{} ready", self.identity())
     }
 
-    /// The electrodes joined now.
+    /// The electrodes joined now, as the firmware believes.
     pub fn state(&self) -> State {
-        State(self.poles.map(Lines::electrode))
+        self.levels.state()
+    }
+
+    /// The levels that the multiplexers really see.
+    pub fn levels(&self) -> Levels {
+        self.levels.with(self.stuck.0, self.stuck_at.0)
+    }
+
+    /// A line, an enable for instance, that stays at a level whatever the firmware sets. It does not know.
+    pub fn stick(&mut self, line: Line, level: bool, at: Duration, poles: &mut dyn Poles) {
+        self.pass(at, poles);
+        let bits = if level { line.mask() } else { 0 };
+        self.stuck = self.stuck.with(line.mask(), line.mask());
+        self.stuck_at = self.stuck_at.with(line.mask(), bits);
+        self.tell(at, poles);
+    }
+
+    /// Mends a line that was stuck.
+    pub fn mend(&mut self, line: Line, at: Duration, poles: &mut dyn Poles) {
+        self.pass(at, poles);
+        self.stuck = self.stuck.with(line.mask(), 0);
+        self.tell(at, poles);
+    }
+
+    /// Loses the next replies on their way: the commands are carried out all the same.
+    pub fn lose_replies(&mut self, count: u32) {
+        self.lost = count;
+    }
+
+    fn tell(&self, at: Duration, poles: &mut dyn Poles) {
+        let levels = self.levels();
+        poles.poles(levels.state().0, at);
+        poles.contacts(&levels.joined(), at);
     }
 
     /// How many errors wait to be read; never more than 20.
@@ -179,8 +202,10 @@ impl SimulatorGpioMux {
                 self.errors.push(refusal.code, refusal.text.as_str());
                 Reply::Refused(refusal)
             });
+        let lost = self.lost > 0;
+        self.lost = self.lost.saturating_sub(1);
         Response {
-            text: Some(reply.to_string()),
+            text: (!lost).then(|| reply.to_string()),
             busy: self.settings.latency,
         }
     }
@@ -245,50 +270,44 @@ impl SimulatorGpioMux {
                 format!("Settings conflict; electrode {electrode} would be on I+ and on I-"),
             ));
         }
-        let now = self.state();
-        let moving: Vec<Pole> = Pole::ALL
-            .into_iter()
-            .filter(|pole| now.on(*pole) != target.on(*pole))
-            .collect();
         let mut clock = at;
-        for pole in &moving {
-            if let Some(chip) = self.poles[pole.index()].enabled {
-                self.edge(*pole, Edge::Enable(chip, false), &mut clock, poles);
-            }
-        }
-        for pole in &moving {
-            if let Some(electrode) = target.on(*pole) {
-                let address = (electrode.0 % 16) as u8;
-                if self.poles[pole.index()].address != address {
-                    self.edge(*pole, Edge::Address(address), &mut clock, poles);
-                }
-            }
-        }
-        for pole in &moving {
-            if let Some(electrode) = target.on(*pole) {
-                let chip = if electrode.0 < 16 { Chip::A } else { Chip::B };
-                self.edge(*pole, Edge::Enable(chip, true), &mut clock, poles);
-            }
+        for step in steps(self.state(), target) {
+            self.take(step, &mut clock, poles);
         }
         Ok(())
     }
 
     fn all_off(&mut self, at: Duration, poles: &mut dyn Poles) {
         let mut clock = at;
+        for step in steps(self.state(), State::default()) {
+            self.take(step, &mut clock, poles);
+        }
+    }
+
+    /// Sets lines pole by pole: the address lines of a pole together, enables one by one. A line that is there already
+    /// makes no edge.
+    fn take(&mut self, step: Step, clock: &mut Duration, poles: &mut dyn Poles) {
         for pole in Pole::ALL {
-            if let Some(chip) = self.poles[pole.index()].enabled {
-                self.edge(pole, Edge::Enable(chip, false), &mut clock, poles);
+            let address = Levels::addresses(pole) & step.mask;
+            if address != 0 && (self.levels.0 ^ step.bits) & address != 0 {
+                self.levels = self.levels.with(address, step.bits);
+                let number = (step.bits & address) >> Line::Address(pole, 0).number();
+                // Four lines.
+                self.edge(pole, Edge::Address(number as u8), clock, poles);
+            }
+            for chip in [Chip::A, Chip::B] {
+                let enable = Line::Enable(pole, chip).mask() & step.mask;
+                if enable != 0 && (self.levels.0 ^ step.bits) & enable != 0 {
+                    self.levels = self.levels.with(enable, step.bits);
+                    let on = step.bits & enable != 0;
+                    self.edge(pole, Edge::Enable(chip, on), clock, poles);
+                }
             }
         }
     }
 
     fn edge(&mut self, pole: Pole, edge: Edge, clock: &mut Duration, poles: &mut dyn Poles) {
         *clock += self.settings.edge_time;
-        let lines = &mut self.poles[pole.index()];
-        match edge {
-            Edge::Enable(chip, on) => lines.enabled = on.then_some(chip),
-            Edge::Address(address) => lines.address = address,
-        }
         if self.edges.len() == EDGES {
             self.edges.pop_front();
         }
@@ -298,8 +317,9 @@ impl SimulatorGpioMux {
             edge,
         });
         self.last_edge = *clock;
-        if matches!(edge, Edge::Enable(..)) {
-            poles.poles(self.state().0, *clock);
+        // An address that moves under an enable that is stuck joins another electrode.
+        if matches!(edge, Edge::Enable(..)) || self.stuck != Levels::default() {
+            self.tell(*clock, poles);
         }
     }
 

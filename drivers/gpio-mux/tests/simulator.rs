@@ -135,3 +135,46 @@ proptest! {
         prop_assert!(board.errors_waiting() <= 20);
     }
 }
+
+#[test]
+fn a_stuck_enable_reads_right_and_joins_two_electrodes() {
+    use gpio_mux::Line;
+    #[derive(Default)]
+    struct Contacts(std::collections::BTreeSet<survey::Relay>);
+    impl Poles for Contacts {
+        fn poles(&mut self, _: [Option<Electrode>; 4], _: Duration) {}
+        fn contacts(&mut self, joined: &std::collections::BTreeSet<survey::Relay>, _: Duration) {
+            self.0.clone_from(joined);
+        }
+    }
+    let (mut board, mut seen) = (
+        SimulatorGpioMux::new(Settings::default()),
+        Contacts::default(),
+    );
+    let at = Duration::from_millis(1);
+    board.stick(Line::Enable(Pole::VPlus, Chip::A), true, at, &mut seen);
+    let answer = board.hear("SET V+ 20", at, &mut seen).text;
+    assert_eq!(answer.as_deref(), Some("OFF,OFF,20,OFF"));
+    assert_eq!(seen.0, [304, 320].map(survey::Relay).into());
+    board.stick(Line::Address(Pole::VPlus, 0), false, at, &mut seen);
+    assert_eq!(seen.0, [303, 319].map(survey::Relay).into());
+    assert_eq!(
+        board.hear("OFF", at, &mut seen).text.as_deref(),
+        Some("OFF,OFF,OFF,OFF")
+    );
+    assert_eq!(seen.0, [303].map(survey::Relay).into());
+    board.mend(Line::Enable(Pole::VPlus, Chip::A), at, &mut seen);
+    assert!(seen.0.is_empty());
+}
+
+#[test]
+fn a_lost_reply_is_lost_after_the_command_was_carried_out() {
+    let (mut board, mut sheet) = board();
+    board.lose_replies(1);
+    assert_eq!(
+        board.hear("SET I+ 5", Duration::ZERO, &mut sheet).text,
+        None
+    );
+    let answer = board.hear("STAT?", Duration::ZERO, &mut sheet).text;
+    assert_eq!(answer.as_deref(), Some("5,OFF,OFF,OFF"));
+}

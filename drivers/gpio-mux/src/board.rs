@@ -1,0 +1,199 @@
+//! A board whose lines hang on this machine's own gpiochip, as a [`Switch`].
+
+use std::time::Duration;
+
+use rig::{Move, RigError, Switch};
+use survey::{Electrode, Relay};
+
+use crate::chip::{GpioChip, GpioFault};
+use crate::command::{Pole, State};
+use crate::lines::{Chip, Levels, Line, steps};
+
+/// A multiplexer board on the lines of a chip.
+///
+/// Every change is made in three steps, enables off, addresses, enables on, each read back before the next: a line that
+/// does not follow stops the change with everything off that can be switched off.
+#[derive(Debug)]
+pub struct GpioBoard<C> {
+    chip: C,
+    instrument: String,
+    electrodes: usize,
+    settling: Duration,
+}
+
+impl<C: GpioChip> GpioBoard<C> {
+    /// Takes the lines over and switches everything off.
+    ///
+    /// # Errors
+    /// A chip that is gone, a line that stays on, more electrodes than two chips a pole have.
+    pub fn new(chip: C, electrodes: usize, settling: Duration) -> Result<Self, RigError> {
+        let instrument = format!("GPIO board on {}", chip.name());
+        let mut board = Self {
+            chip,
+            instrument,
+            electrodes,
+            settling,
+        };
+        if electrodes > 32 {
+            return Err(board.unable(format!(
+                "lead {electrodes} electrodes: two 16-way chips a pole have 32"
+            )));
+        }
+        board.all_off()?;
+        Ok(board)
+    }
+
+    /// The electrodes on the poles, read back.
+    ///
+    /// # Errors
+    /// A chip that is gone.
+    pub fn state(&mut self) -> Result<State, RigError> {
+        Ok(self.levels()?.state())
+    }
+
+    /// Switches every enable off and sees to it that they are.
+    ///
+    /// # Errors
+    /// A chip that is gone, [`RigError::StillClosed`] for an enable that stays on.
+    pub fn all_off(&mut self) -> Result<(), RigError> {
+        let enables = Pole::ALL.map(Levels::enables).into_iter().sum();
+        let outcome = self.chip.set(enables, 0);
+        outcome.map_err(|fault| self.broken(&fault))?;
+        self.refuse_joined(|_| true)
+    }
+
+    /// An error that names the relays of a kind that are joined, if any is.
+    fn refuse_joined(&mut self, meant: impl Fn(Relay) -> bool) -> Result<(), RigError> {
+        let joined = self.levels()?.joined();
+        let relays: Vec<Relay> = joined.into_iter().filter(|relay| meant(*relay)).collect();
+        if relays.is_empty() {
+            return Ok(());
+        }
+        Err(RigError::StillClosed {
+            instrument: self.instrument.clone(),
+            relays,
+        })
+    }
+
+    fn levels(&mut self) -> Result<Levels, RigError> {
+        let outcome = self.chip.read();
+        outcome.map_err(|fault| self.broken(&fault))
+    }
+
+    fn broken(&self, fault: &GpioFault) -> RigError {
+        self.unable(format!("go on: {fault}"))
+    }
+
+    fn unable(&self, what: String) -> RigError {
+        RigError::Unable {
+            instrument: self.instrument.clone(),
+            what,
+        }
+    }
+
+    fn place(&self, relay: Relay) -> Result<(Pole, Electrode), RigError> {
+        let place = Pole::of(relay).filter(|(_, electrode)| {
+            electrode.0 < self.electrodes && Chip::of(*electrode).is_some()
+        });
+        place.ok_or_else(|| {
+            self.unable(format!(
+                "move relay {relay}: its relays are pole x 100 + electrode, poles 1 to 4, electrodes 1 to {}",
+                self.electrodes
+            ))
+        })
+    }
+
+    /// Where moves lead, or why they must not be made: before a line is touched.
+    fn target(&self, from: State, moves: &[Move]) -> Result<State, RigError> {
+        let mut state = from;
+        for one in moves {
+            let (Move::Close(relays) | Move::Open(relays)) = one;
+            for relay in relays {
+                let (pole, electrode) = self.place(*relay)?;
+                match one {
+                    Move::Open(_) if state.on(pole) == Some(electrode) => {
+                        state = state.with(pole, None);
+                    }
+                    Move::Open(_) => {}
+                    Move::Close(_) => {
+                        if let Some(other) = state.on(pole).filter(|other| *other != electrode) {
+                            return Err(self.unable(format!(
+                                "close relay {relay} while electrode {other} is on {pole}: a pole carries one electrode"
+                            )));
+                        }
+                        state = state.with(pole, Some(electrode));
+                    }
+                }
+            }
+        }
+        match state.shorted() {
+            Some(electrode) => Err(self.unable(format!(
+                "put electrode {electrode} on I+ and on I-: it would short the source"
+            ))),
+            None => Ok(state),
+        }
+    }
+
+    fn bring(&mut self, from: State, to: State) -> Result<(), RigError> {
+        for step in steps(from, to) {
+            let outcome = self.chip.set(step.mask, step.bits);
+            outcome.map_err(|fault| self.broken(&fault))?;
+            let read = self.levels()?;
+            let wrong = (read.0 ^ step.bits) & step.mask;
+            if wrong != 0 {
+                let line = Line::all().find(|line| line.mask() & wrong != 0);
+                let name = line.map_or_else(String::new, |line| line.to_string());
+                // The line that did not follow is the news; what stays on besides is found by whoever makes it safe.
+                self.all_off().ok();
+                return Err(RigError::Mismatch {
+                    instrument: self.instrument.clone(),
+                    setting: format!("line {name}"),
+                    set: u8::from(step.bits & wrong != 0).to_string(),
+                    read: u8::from(read.0 & wrong != 0).to_string(),
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+impl<C: GpioChip> Switch for GpioBoard<C> {
+    async fn move_relays(&mut self, moves: &[Move]) -> Result<(), RigError> {
+        let from = self.state()?;
+        let to = self.target(from, moves)?;
+        self.bring(from, to)?;
+        if from != to && !self.settling.is_zero() {
+            tokio::time::sleep(self.settling).await;
+        }
+        Ok(())
+    }
+
+    /// Nothing to do: a move has settled when it returns.
+    async fn settle(&mut self) -> Result<(), RigError> {
+        Ok(())
+    }
+
+    async fn closed(&mut self, relays: &[Relay]) -> Result<Vec<bool>, RigError> {
+        for relay in relays {
+            self.place(*relay)?;
+        }
+        let joined = self.levels()?.joined();
+        Ok(relays.iter().map(|relay| joined.contains(relay)).collect())
+    }
+
+    async fn open_verified(&mut self, relays: &[Relay]) -> Result<(), RigError> {
+        let mut mask = 0;
+        let joined = self.levels()?.joined();
+        for relay in relays {
+            let (pole, electrode) = self.place(*relay)?;
+            if joined.contains(relay)
+                && let Some(chip) = Chip::of(electrode)
+            {
+                mask |= Line::Enable(pole, chip).mask();
+            }
+        }
+        let outcome = self.chip.set(mask, 0);
+        outcome.map_err(|fault| self.broken(&fault))?;
+        self.refuse_joined(|relay| relays.contains(&relay))
+    }
+}

@@ -1,0 +1,181 @@
+//! The seam to a gpiochip, and a chip in memory that writes every edge down.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use crate::lines::{LINES, Levels, Line};
+
+/// Why lines could not be set or read.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("the lines of {chip} cannot be {attempt}: {reason}")]
+pub struct GpioFault {
+    /// Which chip.
+    pub chip: String,
+    /// `set` or `read`.
+    pub attempt: &'static str,
+    /// Why.
+    pub reason: String,
+}
+
+/// The 24 lines of a board as a chip offers them: all requested at once, outputs, low at first (fact sheet section 4).
+pub trait GpioChip: Send {
+    /// What it is called where something goes wrong.
+    fn name(&self) -> &str;
+
+    /// Sets the lines of a mask to the levels of `bits`, in one call; the others stay.
+    ///
+    /// # Errors
+    /// The chip is gone or refuses.
+    fn set(&mut self, mask: u32, bits: u32) -> Result<(), GpioFault>;
+
+    /// Reads all lines back.
+    ///
+    /// # Errors
+    /// The chip is gone or refuses.
+    fn read(&mut self) -> Result<Levels, GpioFault>;
+}
+
+/// A line that changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LineEdge {
+    /// By the chip's clock.
+    pub at: Duration,
+    /// Which.
+    pub line: Line,
+    /// To what.
+    pub level: bool,
+}
+
+/// Edges remembered; older ones are forgotten.
+const EDGES: usize = 65_536;
+
+#[derive(Debug)]
+struct Pins {
+    levels: Levels,
+    /// Lines that stay where they are, and at which levels.
+    stuck: u32,
+    stuck_at: u32,
+    edges: VecDeque<LineEdge>,
+    clock: Duration,
+    set_time: Duration,
+    gone: Option<String>,
+}
+
+/// A chip in memory. A handle: clones mean the same chip. Every call that sets lines takes `set_time` of its own clock.
+#[derive(Debug, Clone)]
+pub struct MemoryChip(Arc<Mutex<Pins>>);
+
+impl MemoryChip {
+    /// All lines low at time zero.
+    pub fn new(set_time: Duration) -> Self {
+        Self(Arc::new(Mutex::new(Pins {
+            levels: Levels::default(),
+            stuck: 0,
+            stuck_at: 0,
+            edges: VecDeque::new(),
+            clock: Duration::ZERO,
+            set_time,
+            gone: None,
+        })))
+    }
+
+    fn pins(&self) -> MutexGuard<'_, Pins> {
+        // Whoever panicked while holding the lock left whole levels behind.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The last edges, oldest first.
+    pub fn edges(&self) -> Vec<LineEdge> {
+        self.pins().edges.iter().copied().collect()
+    }
+
+    /// The levels that the multiplexers see.
+    pub fn levels(&self) -> Levels {
+        self.pins().levels
+    }
+
+    /// What its clock shows.
+    pub fn now(&self) -> Duration {
+        self.pins().clock
+    }
+
+    /// Lets time pass, up to then.
+    pub fn pass(&self, to: Duration) {
+        let mut pins = self.pins();
+        pins.clock = pins.clock.max(to);
+    }
+
+    /// A line that stays at a level, whatever is set.
+    pub fn stick(&self, line: Line, level: bool) {
+        let mut pins = self.pins();
+        pins.stuck |= line.mask();
+        let bits = if level { line.mask() } else { 0 };
+        pins.stuck_at = pins.stuck_at & !line.mask() | bits;
+        pins.change(line.mask(), bits);
+    }
+
+    /// Mends a line that was stuck. It keeps its level until it is set again.
+    pub fn mend(&self, line: Line) {
+        self.pins().stuck &= !line.mask();
+    }
+
+    /// The chip is unplugged (a reason) or there again. Without it the pull resistors hold every line low.
+    pub fn unplug(&self, reason: Option<&str>) {
+        let mut pins = self.pins();
+        pins.gone = reason.map(str::to_owned);
+        if pins.gone.is_some() {
+            let all = (1 << LINES) - 1;
+            pins.change(all, 0);
+        }
+    }
+
+    fn fault(&self, attempt: &'static str) -> Result<(), GpioFault> {
+        match &self.pins().gone {
+            None => Ok(()),
+            Some(reason) => Err(GpioFault {
+                chip: self.name().to_owned(),
+                attempt,
+                reason: reason.clone(),
+            }),
+        }
+    }
+}
+
+impl Pins {
+    /// Stuck lines aside.
+    fn change(&mut self, mask: u32, bits: u32) {
+        let wanted = self.levels.with(mask, bits).with(self.stuck, self.stuck_at);
+        for line in Line::all() {
+            let level = wanted.is_set(line);
+            if level != self.levels.is_set(line) {
+                if self.edges.len() == EDGES {
+                    self.edges.pop_front();
+                }
+                let at = self.clock;
+                self.edges.push_back(LineEdge { at, line, level });
+            }
+        }
+        self.levels = wanted;
+    }
+}
+
+impl GpioChip for MemoryChip {
+    fn name(&self) -> &str {
+        "the chip in memory"
+    }
+
+    fn set(&mut self, mask: u32, bits: u32) -> Result<(), GpioFault> {
+        self.fault("set")?;
+        let mut pins = self.pins();
+        let set_time = pins.set_time;
+        pins.clock += set_time;
+        pins.change(mask, bits);
+        Ok(())
+    }
+
+    fn read(&mut self) -> Result<Levels, GpioFault> {
+        self.fault("read")?;
+        Ok(self.levels())
+    }
+}
