@@ -1,14 +1,19 @@
-//! Announces the served instruments by mDNS as `_scpi-raw._tcp`, and says goodbye.
+//! Announces the served instruments by mDNS, each under every type of service it has, and says goodbye.
 //!
-//! `_lxi._tcp` and `_http._tcp` are not announced: they promise a web page, and there is none here. Announcing fails
-//! soft: a machine without a multicast route serves all the same.
+//! `_scpi-raw._tcp` always; `_lxi._tcp`, `_http._tcp` and `_vxi-11._tcp` for what is served beside it, under the same
+//! instance name and with the same TXT record. Announcing fails soft: a machine without a multicast route serves all the
+//! same.
 
 use std::net::{IpAddr, SocketAddr};
 use std::time::Duration;
 
 use mdns_sd::{IfKind, ServiceDaemon, ServiceInfo};
 
-const SERVICE: &str = "_scpi-raw._tcp.local.";
+/// Types of service (fact sheet lxi-discovery, section 3).
+pub(crate) const SCPI_RAW: &str = "_scpi-raw._tcp.local.";
+pub(crate) const LXI: &str = "_lxi._tcp.local.";
+pub(crate) const HTTP: &str = "_http._tcp.local.";
+pub(crate) const VXI_11: &str = "_vxi-11._tcp.local.";
 
 /// How long a goodbye may take.
 const GOODBYE: Duration = Duration::from_secs(2);
@@ -20,22 +25,23 @@ pub(crate) struct Announcement {
 }
 
 impl Announcement {
-    /// Announces each instrument by its `*IDN?` reply and its address; `None`, with a warning, when that cannot be done.
-    pub(crate) fn make(instruments: &[(String, SocketAddr)]) -> Option<Self> {
+    /// Announces each service: its instrument's `*IDN?` reply, its type, its address; `None`, with a warning, when that
+    /// cannot be done.
+    pub(crate) fn make(services: &[(String, &'static str, SocketAddr)]) -> Option<Self> {
         let daemon = ServiceDaemon::new()
             .inspect_err(|fault| tracing::warn!("instruments are not announced: {fault}"))
             .ok()?;
-        if instruments
+        if services
             .iter()
-            .any(|(_, address)| address.ip().is_loopback())
+            .any(|(_, _, address)| address.ip().is_loopback())
         {
             // Left out unless asked for; whoever serves on it alone is only heard there.
             daemon.enable_interface(IfKind::LoopbackV4).ok();
             daemon.enable_interface(IfKind::LoopbackV6).ok();
         }
         let mut names = Vec::new();
-        for (identity, address) in instruments {
-            match service(identity, *address).and_then(|service| {
+        for (identity, kind, address) in services {
+            match service(identity, kind, *address).and_then(|service| {
                 let name = service.get_fullname().to_owned();
                 daemon.register(service).map(|()| name)
             }) {
@@ -72,7 +78,7 @@ pub(crate) fn properties(identity: &str) -> Vec<(&'static str, String)> {
     ]
 }
 
-fn service(identity: &str, address: SocketAddr) -> mdns_sd::Result<ServiceInfo> {
+fn service(identity: &str, kind: &str, address: SocketAddr) -> mdns_sd::Result<ServiceInfo> {
     let properties = properties(identity);
     let (model, serial) = (&properties[2].1, &properties[3].1);
     let instance = format!("Tactus simulated {model} #{serial}");
@@ -86,7 +92,7 @@ fn service(identity: &str, address: SocketAddr) -> mdns_sd::Result<ServiceInfo> 
     let anywhere = address.ip().is_unspecified();
     let addresses: &[IpAddr] = if anywhere { &[] } else { &[address.ip()] };
     let service = ServiceInfo::new(
-        SERVICE,
+        kind,
         &instance,
         &host,
         addresses,
@@ -114,7 +120,7 @@ mod tests {
             .map(|(_, value)| value.as_str())
             .collect();
         assert_eq!(joined.join(","), identity);
-        let service = service(identity, "127.0.0.1:1394".parse().unwrap()).unwrap();
+        let service = service(identity, SCPI_RAW, "127.0.0.1:1394".parse().unwrap()).unwrap();
         assert_eq!(service.get_port(), 1394);
         assert!(
             service

@@ -25,6 +25,10 @@ pub(crate) enum Point {
     Source(bool),
     /// One wire, H (`true`) or L, of an analogue bus; the voltmeter is on bus 1.
     Bus(u32, bool),
+    /// A terminal of a load of resistors.
+    Terminal(usize),
+    /// A node inside such a load.
+    Node(usize),
     /// One wire of a bank's common, or of a matrix row, that leads nowhere else: slot, number, wire.
     Common(u32, u32, bool),
 }

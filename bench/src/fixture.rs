@@ -4,7 +4,8 @@
 //!
 //! | module | wired as |
 //! |---|---|
-//! | multiplexer (34921A to 34925A) | channel k of bank 1 and channel k of bank 2: pair k; common of bank 2: the source |
+//! | 34925A | channel k of both banks, counted on: pair k; both commons: the voltmeter by their ABus1 relays |
+//! | other multiplexer (34921A to 34924A) | channel k of bank 1 and channel k of bank 2: pair k; common of bank 2: the source |
 //! | dual matrix (34931A to 34933A) | columns: pairs, matrix 2 going on where matrix 1 ends; rows 1 and 5 jumpered: the voltmeter by the ABus1 relay of row 5; rows 2 and 6 jumpered: the source |
 //! | 34934A | rows I+, I-, V+, V-; column k: electrode k; the voltmeter by the rear ABus connector |
 //! | multiplexer board | poles I+, I-, V+, V-, any electrode on each; the voltmeter by the rear ABus connector |
@@ -33,12 +34,16 @@ pub(crate) struct Fixture {
     relays: BTreeMap<Relay, Vec<Resistor>>,
     /// For a channel of a multiplexer the relay that a scan closes with it: its bank's to bus 1.
     scanned_by: BTreeMap<Relay, Relay>,
+    electrodes: usize,
 }
 
 impl Fixture {
     /// Wires the modules in their slots, numbered from 1, to a ring of electrodes.
     pub(crate) fn new(slots: &[Option<Module>; 8], electrodes: usize) -> Self {
-        let mut fixture = Self::default();
+        let mut fixture = Self {
+            electrodes,
+            ..Self::default()
+        };
         for (slot, module) in (1..).zip(slots) {
             let Some(module) = module else { continue };
             for channel in module.channels() {
@@ -63,26 +68,36 @@ impl Fixture {
         self.relays.get(&relay).map_or(&[], Vec::as_slice)
     }
 
+    /// The resistances of a closed relay of the mainframe or of the board.
+    pub(crate) fn joined(&self, relay: Relay) -> impl Iterator<Item = Resistor> {
+        let chip = board(relay).filter(|chip| self.has(chip.from));
+        self.resistors(relay).iter().copied().chain(chip)
+    }
+
+    fn has(&self, point: Point) -> bool {
+        matches!(point, Point::Electrode(index) if index < self.electrodes)
+    }
+
     /// The ABus1 relay of the bank of a channel that is being scanned.
     pub(crate) fn scanned_by(&self, channel: Relay) -> Option<Relay> {
         self.scanned_by.get(&channel).copied()
     }
 }
 
-/// The chips of the multiplexer board: I+, I-, V+, V-.
-pub(crate) fn board(poles: [Option<Electrode>; 4]) -> impl Iterator<Item = Resistor> {
-    let ends = [
-        Point::Source(true),
-        Point::Source(false),
-        METER_HI,
-        METER_LO,
-    ];
-    poles.into_iter().zip(ends).filter_map(|(electrode, to)| {
-        Some(Resistor {
-            from: Point::Electrode(electrode?.0),
-            to,
-            ohms: CHIP,
-        })
+/// A chip of the multiplexer board: pole x 100 + electrode; poles 1 to 4 are I+, I-, V+, V-.
+fn board(relay: Relay) -> Option<Resistor> {
+    let to = match relay.0 / 100 {
+        1 => Point::Source(true),
+        2 => Point::Source(false),
+        3 => METER_HI,
+        4 => METER_LO,
+        _ => return None,
+    };
+    let electrode = Electrode::from_number((relay.0 % 100) as usize)?;
+    Some(Resistor {
+        from: Point::Electrode(electrode.0),
+        to,
+        ohms: CHIP,
     })
 }
 
@@ -104,15 +119,15 @@ fn closed(module: &Module, slot: u32, channel: u32, electrodes: usize) -> Vec<Re
                 .channels()
                 .find(|channel| module.contact(*channel) == Some(Contact::Channel { bank: 2 }))
                 .unwrap_or(1);
-            let pair = if bank == 1 {
+            let pair = if bank == 1 || model == Model::M34925A {
                 channel - 1
             } else {
                 channel - first_of_second
             };
-            pair_to(pair, electrodes, ohms, |hi| common(slot, bank, hi))
+            pair_to(pair, electrodes, ohms, |hi| common(model, slot, bank, hi))
         }
         Contact::AnalogBus { bank, bus } if is_multiplexer(model) => {
-            two_wires(|hi| common(slot, bank, hi), |hi| Point::Bus(bus, hi))
+            two_wires(|hi| common(model, slot, bank, hi), |hi| Point::Bus(bus, hi))
         }
         // On a dual matrix 921 ties row 5 to ABus1, 922 row 6 to ABus2, and so on.
         Contact::AnalogBus { bus, .. } => {
@@ -153,10 +168,10 @@ fn is_multiplexer(model: Model) -> bool {
     model.scan_rate().is_some()
 }
 
-/// Bank 2's common is wired to the source.
-fn common(slot: u32, bank: u32, hi: bool) -> Point {
+/// Bank 2's common is wired to the source, unless the module only measures.
+fn common(model: Model, slot: u32, bank: u32, hi: bool) -> Point {
     match bank {
-        2 => Point::Source(hi),
+        2 if model != Model::M34925A => Point::Source(hi),
         _ => Point::Common(slot, bank, hi),
     }
 }
@@ -230,6 +245,23 @@ mod tests {
         assert_eq!(fixture.scanned_by(Relay(1026)), Some(Relay(1911)));
         assert_eq!(ends(&fixture, 1911)[0].1, METER_HI);
         assert_eq!(fixture.resistors(Relay(1036))[0].ohms, 100.1);
+    }
+
+    #[test]
+    fn a_fet_module_measures_on_both_banks() {
+        let fixture = fixture("34925A");
+        assert_eq!(
+            ends(&fixture, 1026),
+            [
+                (Point::Electrode(25), Point::Common(1, 2, true)),
+                (Point::Electrode(0), Point::Common(1, 2, false))
+            ]
+        );
+        let bus = fixture.scanned_by(Relay(1026)).unwrap();
+        assert_eq!(
+            ends(&fixture, bus.0)[0],
+            (Point::Common(1, 2, true), METER_HI)
+        );
     }
 
     #[test]

@@ -25,17 +25,29 @@
 
 mod announce;
 mod circuit;
+mod control;
+mod fault;
 mod fixture;
+mod guest;
+mod hanging;
+mod list;
+mod panel;
 mod profile;
 mod program;
 mod pty;
 mod serve;
 mod sheet;
 mod simulated;
+mod status;
+mod vxi11;
+mod web;
 mod workbench;
 
+pub use fault::{Fault, FaultError, Mischief, TimedFault};
+pub use hanging::{Hanging, HangingError};
 pub use phantom::{Load, LoadError, PhantomError, Scene, SceneError, Shape};
-pub use profile::{Board, Mainframe, Pace, Profile, ProfileError, Source};
+pub use profile::{Board, Mainframe, Pace, Profile, ProfileError, SecondClient, Source};
 pub use program::run;
 pub use serve::{Ready, ServeError, ServeOptions, Server, serve};
 pub use simulated::{Instrument, Messages, RigError, Said, SimulatedRig, Wire};
+pub use status::{Client, SourceStatus, Status};

@@ -7,6 +7,9 @@ use std::time::Duration;
 use keysight_34980a::Module;
 use serde::Deserialize;
 
+use crate::fault::{Fault, FaultError, TimedFault};
+use crate::hanging::{Hanging, HangingError};
+
 /// How the instruments take their time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Pace {
@@ -41,6 +44,23 @@ pub struct Profile {
     pub slots: [Option<Module>; 8],
     /// The multiplexer board, if there is one.
     pub board: Option<Board>,
+    /// What hangs on the terminals.
+    pub load: Hanging,
+    /// What goes wrong, and when.
+    pub faults: Vec<TimedFault>,
+}
+
+/// What a second client of the 6221 meets while the first is connected.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SecondClient {
+    /// It is connected, and hears nothing until the first has left.
+    #[default]
+    Held,
+    /// Its connection is closed at once.
+    Refused,
+    /// It is served as the first is.
+    Served,
 }
 
 /// Settings of the simulated 6221.
@@ -51,6 +71,10 @@ pub struct Source {
     pub serial: String,
     /// Time a message takes, ms.
     pub command_ms: f64,
+    /// What a second TCP client meets.
+    pub second_client: SecondClient,
+    /// How long the only place stays taken after a client that left without a goodbye, s.
+    pub slot_hold_s: f64,
 }
 
 impl Default for Source {
@@ -58,6 +82,8 @@ impl Default for Source {
         Self {
             serial: "1234567".to_owned(),
             command_ms: 5.0,
+            second_client: SecondClient::default(),
+            slot_hold_s: 0.0,
         }
     }
 }
@@ -70,6 +96,8 @@ pub struct Mainframe {
     pub serial: String,
     /// Time a message takes, ms.
     pub command_ms: f64,
+    /// What its clock shows at the start, seconds since 1970-01-01.
+    pub clock_unix_s: u32,
 }
 
 impl Default for Mainframe {
@@ -77,6 +105,8 @@ impl Default for Mainframe {
         Self {
             serial: "MY44001234".to_owned(),
             command_ms: 2.0,
+            // The year 2000.
+            clock_unix_s: 946_684_800,
         }
     }
 }
@@ -127,16 +157,26 @@ pub enum ProfileError {
 }
 
 /// Names and texts of the profiles that come with the program.
-const SHIPPED: [(&str, &str); 3] = [
+const SHIPPED: [(&str, &str); 7] = [
     (
         "pairs-34924a",
         include_str!("../profiles/pairs-34924a.toml"),
     ),
     (
+        "pairs-34922a",
+        include_str!("../profiles/pairs-34922a.toml"),
+    ),
+    (
         "matrix-34932a",
         include_str!("../profiles/matrix-34932a.toml"),
     ),
+    (
+        "matrix-34934a",
+        include_str!("../profiles/matrix-34934a.toml"),
+    ),
+    ("fast-34925a", include_str!("../profiles/fast-34925a.toml")),
     ("gpio-board", include_str!("../profiles/gpio-board.toml")),
+    ("showcase", include_str!("../profiles/showcase.toml")),
 ];
 
 fn shipped_names() -> String {
@@ -158,6 +198,18 @@ struct Document {
     #[serde(default)]
     slots: BTreeMap<toml::Spanned<String>, toml::Spanned<String>>,
     board: Option<Board>,
+    load: Option<toml::Spanned<String>>,
+    #[serde(default)]
+    fault: Vec<FaultText>,
+}
+
+/// An entry of the time line.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FaultText {
+    at_s: toml::Spanned<f64>,
+    for_s: Option<toml::Spanned<f64>>,
+    what: toml::Spanned<String>,
 }
 
 fn real() -> toml::Spanned<String> {
@@ -180,6 +232,12 @@ impl Profile {
     /// Names of the shipped profiles.
     pub fn names() -> impl Iterator<Item = &'static str> {
         SHIPPED.into_iter().map(|(name, _)| name)
+    }
+
+    /// What a shipped profile says of itself.
+    pub(crate) fn what(name: &str) -> &'static str {
+        let text = SHIPPED.into_iter().find(|(known, _)| *known == name);
+        text.map_or("", |(_, text)| crate::list::first_comment(text))
     }
 
     /// One of the shipped profiles.
@@ -281,6 +339,47 @@ impl Profile {
                 ));
             }
         }
+        let hold = document.source.slot_hold_s;
+        if !(0.0..=3600.0).contains(&hold) {
+            let at = text.find("slot_hold_s").unwrap_or(0);
+            return Err(fault(at..at, "slot_hold_s is 0 to 3600".to_owned()));
+        }
+        let moment = |seconds: &toml::Spanned<f64>| {
+            Duration::try_from_secs_f64(*seconds.get_ref()).map_err(|_| {
+                let wrong = format!("{} is not a time in seconds", seconds.get_ref());
+                fault(seconds.span(), wrong)
+            })
+        };
+        let load = match &document.load {
+            Some(words) => words
+                .get_ref()
+                .parse()
+                .map_err(|refusal: HangingError| fault(words.span(), refusal.to_string()))?,
+            None => Hanging::default(),
+        };
+        let mut faults = Vec::new();
+        for entry in &document.fault {
+            let at = moment(&entry.at_s)?;
+            let what: Fault = entry
+                .what
+                .get_ref()
+                .parse()
+                .map_err(|refusal: FaultError| fault(entry.what.span(), refusal.to_string()))?;
+            if let Some(lasts) = &entry.for_s {
+                let mended = what.mended().ok_or_else(|| {
+                    let why = format!("'{what}' passes by itself, it takes no for_s");
+                    fault(lasts.span(), why)
+                })?;
+                let until = at.checked_add(moment(lasts)?).ok_or_else(|| {
+                    fault(lasts.span(), "the fault would last too long".to_owned())
+                })?;
+                faults.push(TimedFault {
+                    at: until,
+                    fault: mended,
+                });
+            }
+            faults.push(TimedFault { at, fault: what });
+        }
         let mut slots = [None; 8];
         for (number, module) in &document.slots {
             let slot: usize = number
@@ -305,6 +404,8 @@ impl Profile {
             mainframe: document.mainframe,
             slots,
             board: document.board,
+            load,
+            faults,
         })
     }
 
@@ -352,6 +453,23 @@ mod tests {
                 "p.toml:2:1: command_ms of [source]",
             ),
             ("time = ", "p.toml:1:"),
+            ("load = \"mesh\"", "p.toml:1:8: 'mesh' is no load"),
+            (
+                "[source]\nslot_hold_s = -1",
+                "p.toml:2:1: slot_hold_s is 0 to 3600",
+            ),
+            (
+                "[[fault]]\nat_s = 1\nwhat = \"wire 6221\"",
+                "p.toml:3:8: 'wire 6221' is no fault: it is written wire INSTRUMENT",
+            ),
+            (
+                "[[fault]]\nat_s = -1\nwhat = \"none\"",
+                "p.toml:2:8: -1 is not a time",
+            ),
+            (
+                "[[fault]]\nat_s = 1\nfor_s = 2\nwhat = \"drop 6221\"",
+                "p.toml:3:9: 'drop 6221' passes by itself",
+            ),
         ] {
             let refusal = Profile::parse("p.toml", text).unwrap_err().to_string();
             assert!(refusal.starts_with(told), "{text}: {refusal}");

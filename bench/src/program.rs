@@ -1,6 +1,8 @@
 //! `tactus-bench`, as a function.
 
 use std::ffi::OsString;
+use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -9,7 +11,9 @@ use phantom::Scene;
 use tokio::signal::unix::{SignalKind, signal};
 use tracing_subscriber::EnvFilter;
 
-use crate::{Pace, Profile, ServeOptions, SimulatedRig, serve};
+use crate::fault::GRAMMAR;
+use crate::panel::Panel;
+use crate::{Hanging, Pace, Profile, ServeOptions, SimulatedRig, control, list, serve};
 
 /// Exit code of a profile or scene that cannot be used (EX_CONFIG).
 const CONFIGURATION: u8 = 78;
@@ -26,11 +30,51 @@ struct Arguments {
 enum Command {
     /// Serve the instruments until stopped; prints one line of JSON once clients can connect.
     Serve(Serve),
+    /// Let something go wrong in a rig that is served, or put it right.
+    #[command(after_help = GRAMMAR)]
+    Fault(Words),
+    /// Press a disc on the sheet of a rig that is served: X_MM Y_MM DIAMETER_MM LOSS_PERCENT.
+    Press(Words),
+    /// Take off what was pressed.
+    Release(Control),
+    /// Show who is connected to a rig that is served, the source's state, the closed relays, the last error.
+    Status(Status),
+    /// List modules, profiles, scenes, loads and faults.
+    List {
+        /// As one line of JSON.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+#[derive(Debug, clap::Args)]
+struct Control {
+    /// The control socket that the ready line names; not needed where one rig is served.
+    #[arg(long, value_name = "PATH")]
+    control: Option<PathBuf>,
+}
+
+#[derive(Debug, clap::Args)]
+struct Words {
+    #[command(flatten)]
+    control: Control,
+    /// What is to be done.
+    #[arg(required = true, allow_negative_numbers = true)]
+    words: Vec<String>,
+}
+
+#[derive(Debug, clap::Args)]
+struct Status {
+    #[command(flatten)]
+    control: Control,
+    /// As one line of JSON.
+    #[arg(long)]
+    json: bool,
 }
 
 #[derive(Debug, clap::Args)]
 struct Serve {
-    /// The instruments: a file, or pairs-34924a, matrix-34932a, gpio-board.
+    /// The instruments: a file, or a name of `tactus-bench list`.
     #[arg(long, value_name = "FILE|NAME")]
     profile: Option<String>,
     /// The sheet, its loads and effects: a file, or quiet, paper-test1, paper-test2. Without one an unloaded sheet.
@@ -42,6 +86,22 @@ struct Serve {
     /// Port of the 34980A; 0 takes a free one.
     #[arg(long, value_name = "N", default_value_t = 5025)]
     port_34980a: u16,
+    /// Port of the 34980A's VXI-11 core channel; 0 takes a free one. Without it there is none.
+    #[arg(long, value_name = "N")]
+    port_vxi11: Option<u16>,
+    /// Port of the 34980A's LXI identification and its page; 0 takes a free one. Without it there are none, unless they
+    /// are announced.
+    #[arg(long, value_name = "N")]
+    port_http: Option<u16>,
+    /// Give the 6221 its serial port too, as a pseudo-terminal.
+    #[arg(long)]
+    serial_6221: bool,
+    /// Path of the control socket; without it one in a folder of its own.
+    #[arg(long, value_name = "PATH")]
+    control: Option<PathBuf>,
+    /// What hangs on the terminals in place of the profile's: sheet, nothing, "resistor FROM TO OHMS", "mesh OHMS".
+    #[arg(long, value_name = "WORDS")]
+    load: Option<Hanging>,
     /// Put a module in a slot, in place of the profile's: 1=34924A, 3=34934A,4x128.
     #[arg(long, value_name = "N=MODEL[,TERMINAL]", value_parser = slot)]
     slot: Vec<(usize, Module)>,
@@ -82,14 +142,30 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
             return ExitCode::from(u8::try_from(refusal.exit_code()).unwrap_or(2));
         }
     };
+    let asked = match arguments.command {
+        Command::Serve(asked) => asked,
+        Command::Fault(Words { control, words }) => return tell(&control, &words.join(" ")),
+        Command::Press(Words { control, words }) => {
+            return tell(&control, &format!("press {}", words.join(" ")));
+        }
+        Command::Release(control) => return tell(&control, "release"),
+        Command::Status(Status { control, json }) => return show(&control, json),
+        Command::List { json } => {
+            return say(&if json {
+                list::json().to_string()
+            } else {
+                list::text()
+            });
+        }
+    };
+    let panel = std::io::stderr().is_terminal().then(Panel::default);
     let filter = EnvFilter::try_from_env("TACTUS_LOG")
         .unwrap_or_else(|_| EnvFilter::new("warn,mdns_sd=error"));
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_writer(std::io::stderr)
-        .try_init()
-        .ok();
-    let Command::Serve(asked) = arguments.command;
+    let log = tracing_subscriber::fmt().with_env_filter(filter);
+    match &panel {
+        Some(panel) => log.with_writer(panel.clone()).try_init().ok(),
+        None => log.with_writer(std::io::stderr).try_init().ok(),
+    };
     let (profile, scene) = match prepare(&asked) {
         Ok(prepared) => prepared,
         Err(fault) => return fail(&*fault, CONFIGURATION),
@@ -107,7 +183,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
             Ok(rig) => rig,
             Err(fault) => return fail(&fault, CONFIGURATION),
         };
-        match serve_until_stopped(rig, &asked).await {
+        match serve_until_stopped(rig, &asked, panel).await {
             Ok(()) => ExitCode::SUCCESS,
             Err(fault) => fail(&*fault, 1),
         }
@@ -123,6 +199,9 @@ fn prepare(asked: &Serve) -> Result<(Profile, Scene), Fault> {
     };
     for (number, module) in &asked.slot {
         profile.slots[number - 1] = Some(*module);
+    }
+    if let Some(load) = &asked.load {
+        profile.load = load.clone();
     }
     if asked.instant {
         profile.pace = Pace::Instant;
@@ -144,16 +223,62 @@ fn prepare(asked: &Serve) -> Result<(Profile, Scene), Fault> {
     Ok((profile, scene))
 }
 
-async fn serve_until_stopped(rig: SimulatedRig, asked: &Serve) -> Result<(), Fault> {
+/// Sends one line to a served rig.
+fn tell(to: &Control, line: &str) -> ExitCode {
+    match control::ask(to.control.as_deref(), line) {
+        Ok(_) => ExitCode::SUCCESS,
+        Err(refusal) => {
+            eprintln!("tactus-bench: {refusal}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn show(of: &Control, json: bool) -> ExitCode {
+    let told = control::ask(of.control.as_deref(), "status").and_then(|status| {
+        if json {
+            return Ok(status.to_string());
+        }
+        let status: crate::Status = serde_json::from_value(status)
+            .map_err(|fault| format!("the bench speaks of something else: {fault}"))?;
+        Ok(status.to_string())
+    });
+    match told {
+        Ok(text) => say(&text),
+        Err(refusal) => {
+            eprintln!("tactus-bench: {refusal}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Prints; whoever stopped reading has heard enough.
+fn say(text: &str) -> ExitCode {
+    match writeln!(std::io::stdout(), "{text}") {
+        Err(fault) if fault.kind() != std::io::ErrorKind::BrokenPipe => fail(&fault, 1),
+        _ => ExitCode::SUCCESS,
+    }
+}
+
+async fn serve_until_stopped(
+    rig: SimulatedRig,
+    asked: &Serve,
+    panel: Option<Panel>,
+) -> Result<(), Fault> {
     // Before the ready line: whoever waits for it may stop us at once.
     let mut terminate = signal(SignalKind::terminate())?;
     let mut interrupt = signal(SignalKind::interrupt())?;
+    let shown = rig.clone();
     let server = serve(
         rig,
         &ServeOptions {
             bind: asked.bind.clone(),
             port_6221: asked.port_6221,
             port_34980a: asked.port_34980a,
+            port_vxi11: asked.port_vxi11,
+            port_http: asked.port_http,
+            serial_6221: asked.serial_6221,
+            control: asked.control.clone(),
             announce: asked.announce,
         },
     )
@@ -161,14 +286,20 @@ async fn serve_until_stopped(rig: SimulatedRig, asked: &Serve) -> Result<(), Fau
     let mut line = serde_json::to_string(server.ready())?;
     line.push('\n');
     {
-        use std::io::Write;
         let mut out = std::io::stdout().lock();
         out.write_all(line.as_bytes())?;
         out.flush()?;
     }
+    let draw = async {
+        match panel {
+            Some(panel) => panel.keep_drawing(&shown).await,
+            None => std::future::pending().await,
+        }
+    };
     tokio::select! {
         _ = terminate.recv() => {}
         _ = interrupt.recv() => {}
+        () = draw => {}
     }
     server.stop().await;
     Ok(())

@@ -1,14 +1,19 @@
-//! The simulated rig on TCP and a pseudo-terminal, for any client that speaks SCPI.
+//! The simulated rig on TCP, VXI-11, pseudo-terminals and web pages, for any client that speaks SCPI.
 
 use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use serde::Serialize;
-use tokio::net::TcpListener;
+use tempfile::TempDir;
+use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinSet;
 
-use crate::announce::Announcement;
+use crate::announce::{Announcement, HTTP, LXI, SCPI_RAW, VXI_11};
+use crate::guest::End;
+use crate::profile::SecondClient;
 use crate::pty::Pty;
-use crate::{Instrument, SimulatedRig};
+use crate::{Instrument, SimulatedRig, control, vxi11, web};
 
 /// Where to serve. Port 0 takes a free one.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -19,6 +24,14 @@ pub struct ServeOptions {
     pub port_6221: u16,
     /// Port of the 34980A; its raw socket is 5025.
     pub port_34980a: u16,
+    /// Port of the 34980A's VXI-11 core channel, if it is to have one.
+    pub port_vxi11: Option<u16>,
+    /// Port of the 34980A's web pages; without one they are served on a free port when announced, else not at all.
+    pub port_http: Option<u16>,
+    /// Whether the 6221 has its serial port too.
+    pub serial_6221: bool,
+    /// Path of the control socket; without one it lies in a folder of its own.
+    pub control: Option<PathBuf>,
     /// Whether to announce the instruments by mDNS.
     pub announce: bool,
 }
@@ -29,6 +42,10 @@ impl Default for ServeOptions {
             bind: "127.0.0.1".to_owned(),
             port_6221: 1394,
             port_34980a: 5025,
+            port_vxi11: None,
+            port_http: None,
+            serial_6221: false,
+            control: None,
             announce: false,
         }
     }
@@ -47,6 +64,15 @@ pub struct Ready {
     pub mainframe: String,
     /// Path of the board's serial port; null without a board.
     pub serial: Option<String>,
+    /// Path of the 6221's serial port; null unless asked for.
+    #[serde(rename = "6221-serial")]
+    pub source_serial: Option<String>,
+    /// `host:port` of the VXI-11 core channel; null unless asked for.
+    pub vxi11: Option<String>,
+    /// `host:port` of the web pages; null unless asked for or announced.
+    pub http: Option<String>,
+    /// Path of the control socket.
+    pub control: String,
 }
 
 /// Why the rig is not served.
@@ -65,9 +91,24 @@ pub enum ServeError {
         #[source]
         cause: std::io::Error,
     },
-    /// No pseudo-terminal for the board.
-    #[error("no pseudo-terminal can be opened for the multiplexer board")]
-    Pty(#[source] std::io::Error),
+    /// No pseudo-terminal for an instrument.
+    #[error("no pseudo-terminal can be opened for the {instrument}")]
+    Pty {
+        /// Which instrument.
+        instrument: Instrument,
+        /// What the operating system says.
+        #[source]
+        cause: std::io::Error,
+    },
+    /// No control socket.
+    #[error("the control socket {path} cannot be had; name another path")]
+    Control {
+        /// Its path.
+        path: String,
+        /// What the operating system says.
+        #[source]
+        cause: std::io::Error,
+    },
 }
 
 /// A rig being served, until [`Server::stop`] or until it is dropped.
@@ -75,45 +116,103 @@ pub struct Server {
     ready: Ready,
     tasks: JoinSet<()>,
     announcement: Option<Announcement>,
+    /// Socket and names of serial ports lie here; it goes with the server.
+    _folder: TempDir,
+    control: PathBuf,
 }
 
 /// Serves the rig. Connections are accepted when this returns.
 ///
 /// # Errors
-/// A port or a pseudo-terminal that cannot be had.
+/// A port, a pseudo-terminal or a socket that cannot be had.
 pub async fn serve(rig: SimulatedRig, options: &ServeOptions) -> Result<Server, ServeError> {
     let mut tasks = JoinSet::new();
-    let (source, source_at) = listen(Instrument::Source, &options.bind, options.port_6221).await?;
+    let bind = options.bind.as_str();
+    let (source, source_at) = listen(Instrument::Source, bind, options.port_6221).await?;
     let (mainframe, mainframe_at) =
-        listen(Instrument::Mainframe, &options.bind, options.port_34980a).await?;
-    let mut serial = None;
-    if rig.has_board() {
-        let pty = Pty::open().map_err(ServeError::Pty)?;
-        serial = Some(pty.path().to_owned());
-        tasks.spawn(rig.clone().converse(Instrument::Board, pty));
+        listen(Instrument::Mainframe, bind, options.port_34980a).await?;
+    let pages = options.port_http.or(options.announce.then_some(0));
+    let http = match pages {
+        Some(port) => Some(listen(Instrument::Mainframe, bind, port).await?),
+        None => None,
+    };
+    let core = match options.port_vxi11 {
+        Some(port) => Some(listen(Instrument::Mainframe, bind, port).await?),
+        None => None,
+    };
+    let no_control = |path: &Path| {
+        let path = path.display().to_string();
+        move |cause| ServeError::Control { path, cause }
+    };
+    let folder = control::own_folder().map_err(no_control(Path::new("folder")))?;
+    let control = match &options.control {
+        Some(path) => path.clone(),
+        None => folder.path().join(control::SOCKET),
+    };
+    let socket = control::listen(&control).map_err(no_control(&control))?;
+    let mut serial = |instrument: Instrument, name: &str| -> Result<String, ServeError> {
+        let path = folder.path().join(name);
+        let fault = |cause| ServeError::Pty { instrument, cause };
+        let pty = plug(&path).map_err(fault)?;
+        let shown = path.display().to_string();
+        tasks.spawn(serial_port(rig.clone(), instrument, path, pty));
+        Ok(shown)
+    };
+    let board_serial = match rig.has_board() {
+        true => Some(serial(Instrument::Board, "board")?),
+        false => None,
+    };
+    let source_serial = match options.serial_6221 {
+        true => Some(serial(Instrument::Source, "6221")?),
+        false => None,
+    };
+    let vxi11_at = core.as_ref().map(|(_, at)| *at);
+    let http_at = http.as_ref().map(|(_, at)| *at);
+    tasks.spawn(accept_source(rig.clone(), source));
+    tasks.spawn(accept(rig.clone(), Instrument::Mainframe, mainframe));
+    tasks.spawn(control::serve(rig.clone(), socket));
+    tasks.spawn(time_line(rig.clone()));
+    if let Some((core, _)) = core {
+        tasks.spawn(vxi11::serve(rig.clone(), core));
     }
-    let identities = [
-        (rig.hear(Instrument::Source, "*IDN?").0, source_at),
-        (rig.hear(Instrument::Mainframe, "*IDN?").0, mainframe_at),
-    ];
-    tasks.spawn(accept(rig.clone(), Instrument::Source, source));
-    tasks.spawn(accept(rig, Instrument::Mainframe, mainframe));
+    if let Some((http, _)) = http {
+        let ports = web::Ports {
+            mainframe: mainframe_at,
+            vxi11: vxi11_at,
+        };
+        tasks.spawn(web::serve(rig.clone(), http, ports));
+    }
     let announcement = options.announce.then(|| {
-        let named: Vec<(String, SocketAddr)> = identities
-            .into_iter()
-            .filter_map(|(identity, address)| Some((identity?, address)))
-            .collect();
-        Announcement::make(&named)
+        let of_mainframe = [
+            (SCPI_RAW, Some(mainframe_at)),
+            (LXI, http_at),
+            (HTTP, http_at),
+            (VXI_11, vxi11_at),
+        ];
+        let mainframe = rig.identity(Instrument::Mainframe);
+        let mut services = vec![(rig.identity(Instrument::Source), SCPI_RAW, source_at)];
+        services.extend(
+            of_mainframe
+                .into_iter()
+                .filter_map(|(kind, at)| Some((mainframe.clone(), kind, at?))),
+        );
+        Announcement::make(&services)
     });
     Ok(Server {
         ready: Ready {
             ready: true,
             source: source_at.to_string(),
             mainframe: mainframe_at.to_string(),
-            serial,
+            serial: board_serial,
+            source_serial,
+            vxi11: vxi11_at.map(|at| at.to_string()),
+            http: http_at.map(|at| at.to_string()),
+            control: control.display().to_string(),
         },
         tasks,
         announcement: announcement.flatten(),
+        _folder: folder,
+        control,
     })
 }
 
@@ -132,6 +231,13 @@ impl Server {
     }
 }
 
+impl Drop for Server {
+    fn drop(&mut self) {
+        // A path of somebody's choice does not lie in the folder that goes.
+        std::fs::remove_file(&self.control).ok();
+    }
+}
+
 async fn listen(
     instrument: Instrument,
     bind: &str,
@@ -147,25 +253,97 @@ async fn listen(
     Ok((listener, address))
 }
 
-/// Takes clients: the source one at a time (the next waits until the last has left), the mainframe several at once.
-async fn accept(rig: SimulatedRig, instrument: Instrument, listener: TcpListener) {
-    let mut clients = JoinSet::new();
+/// Waits for a client for as long as it takes.
+async fn next_client(instrument: Instrument, listener: &TcpListener) -> (TcpStream, String) {
     loop {
-        let stream = match listener.accept().await {
-            Ok((stream, _)) => stream,
+        match listener.accept().await {
+            Ok((stream, address)) => {
+                stream.set_nodelay(true).ok();
+                return (stream, address.to_string());
+            }
             Err(fault) => {
                 tracing::warn!("a client of the {instrument} could not be accepted: {fault}");
                 tokio::task::yield_now().await;
-                continue;
+            }
+        }
+    }
+}
+
+/// Takes several clients at once.
+async fn accept(rig: SimulatedRig, instrument: Instrument, listener: TcpListener) {
+    let mut clients = JoinSet::new();
+    loop {
+        let (stream, address) = next_client(instrument, &listener).await;
+        clients.spawn(rig.clone().converse(instrument, address, stream));
+        while clients.try_join_next().is_some() {}
+    }
+}
+
+/// Takes the source's clients, as its profile says.
+async fn accept_source(rig: SimulatedRig, listener: TcpListener) {
+    let instrument = Instrument::Source;
+    if rig.source_profile().second_client == SecondClient::Served {
+        return accept(rig, instrument, listener).await;
+    }
+    loop {
+        let (stream, address) = next_client(instrument, &listener).await;
+        let served = async {
+            let end = rig.clone().converse(instrument, address, stream).await;
+            if end == End::Abnormal {
+                let hold = rig.source_profile().slot_hold_s;
+                // The profile's reader has seen to its bounds.
+                tokio::time::sleep(Duration::try_from_secs_f64(hold).unwrap_or_default()).await;
             }
         };
-        stream.set_nodelay(true).ok();
-        let conversation = rig.clone().converse(instrument, stream);
-        if instrument == Instrument::Source {
-            conversation.await;
-        } else {
-            clients.spawn(conversation);
-            while clients.try_join_next().is_some() {}
+        if rig.source_profile().second_client == SecondClient::Held {
+            served.await;
+            continue;
         }
+        let refuse = async {
+            loop {
+                let (second, address) = next_client(instrument, &listener).await;
+                tracing::warn!("{address} is refused: the {instrument} has a client");
+                // Closed with a reset: nothing that it sends is heard.
+                second.set_zero_linger().ok();
+            }
+        };
+        tokio::select! {
+            () = served => {}
+            () = refuse => {}
+        }
+    }
+}
+
+/// Opens a pseudo-terminal under a name that stays.
+fn plug(path: &Path) -> std::io::Result<Pty> {
+    let pty = Pty::open()?;
+    std::fs::remove_file(path).ok();
+    std::os::unix::fs::symlink(pty.path(), path)?;
+    Ok(pty)
+}
+
+/// Serves a serial port, through its being pulled and plugged.
+async fn serial_port(rig: SimulatedRig, instrument: Instrument, path: PathBuf, first: Pty) {
+    let mut pty = first;
+    loop {
+        let address = path.display().to_string();
+        rig.clone().converse(instrument, address, pty).await;
+        std::fs::remove_file(&path).ok();
+        rig.until_connected(instrument).await;
+        match plug(&path) {
+            Ok(next) => pty = next,
+            Err(fault) => {
+                tracing::warn!("the serial port of the {instrument} stays away: {fault}");
+                return;
+            }
+        }
+    }
+}
+
+/// Lets the time line's faults happen at their time, also while nobody speaks.
+async fn time_line(rig: SimulatedRig) {
+    while let Some(left) = rig.next_fault_in() {
+        tokio::time::sleep(left).await;
+        rig.apply_due_faults();
     }
 }

@@ -1,36 +1,52 @@
 //! The sheet on the bench, with the wires that lead to it now.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
+use nalgebra::DMatrix;
 use phantom::{Phantom, PhantomError, ReadingContext};
 use survey::{Amps, Electrode, Ohms, Relay, Volts};
 
-use crate::circuit::{Flow, METER_HI, METER_LO, Resistor};
-use crate::fixture::{self, Fixture};
+use crate::circuit::{Flow, METER_HI, METER_LO, Point, Resistor};
+use crate::fixture::Fixture;
+use crate::hanging::Hanging;
+
+/// Relays of the mainframe are numbered slot x 1000 + channel, those of the board pole x 100 + electrode.
+const FIRST_OF_MAINFRAME: u32 = 1000;
 
 /// A phantom behind a fixture: what the source sees, and what the voltmeter sees.
 #[derive(Debug)]
 pub(crate) struct Sheet {
     pub(crate) phantom: Phantom,
+    /// What hangs on the terminals instead of the phantom.
+    hanging: Option<Vec<Resistor>>,
+    no_sheet: DMatrix<f64>,
     fixture: Fixture,
     closed: BTreeSet<Relay>,
     /// The channel that the voltmeter's scan has closed for the reading under way, with its bank's bus relay.
     scanned: Vec<Relay>,
     poles: [Option<Electrode>; 4],
+    /// Relays that stay as they are, whatever their instrument believes: closed or open.
+    stuck: BTreeMap<Relay, bool>,
+    /// Whatever is measured is over range.
+    pub(crate) overload: bool,
     flowing: Amps,
     /// What the phantom could not compute; the source then sees an open circuit and readings are over range.
     fault: Option<PhantomError>,
 }
 
 impl Sheet {
-    pub(crate) fn new(phantom: Phantom, fixture: Fixture) -> Self {
+    pub(crate) fn new(phantom: Phantom, fixture: Fixture, hanging: &Hanging) -> Self {
         Self {
+            hanging: hanging.resistors(phantom.electrodes()),
+            no_sheet: DMatrix::zeros(0, 0),
             phantom,
             fixture,
             closed: BTreeSet::new(),
             scanned: Vec::new(),
             poles: [None; 4],
+            stuck: BTreeMap::new(),
+            overload: false,
             flowing: Amps(0.0),
             fault: None,
         }
@@ -53,8 +69,31 @@ impl Sheet {
         }
     }
 
-    pub(crate) fn closed(&self) -> &BTreeSet<Relay> {
-        &self.closed
+    /// A relay stays closed, or open.
+    pub(crate) fn stick(&mut self, relay: Relay, closed: bool) {
+        self.stuck.insert(relay, closed);
+    }
+
+    pub(crate) fn free(&mut self, relay: Relay) {
+        self.stuck.remove(&relay);
+    }
+
+    pub(crate) fn free_all(&mut self) {
+        self.stuck.clear();
+    }
+
+    /// The mainframe's relays that are really closed, outside of a scan.
+    pub(crate) fn closed(&self) -> BTreeSet<Relay> {
+        self.really(self.closed.iter().copied())
+            .filter(|relay| relay.0 >= FIRST_OF_MAINFRAME)
+            .collect()
+    }
+
+    /// Of relays that should be closed those that are, and with them the ones that are stuck closed.
+    fn really(&self, asked: impl Iterator<Item = Relay>) -> impl Iterator<Item = Relay> {
+        let stuck = self.stuck.iter().filter(|(_, closed)| **closed);
+        let asked = asked.filter(|relay| !self.stuck.contains_key(relay));
+        asked.chain(stuck.map(|(relay, _)| *relay))
     }
 
     pub(crate) fn poles(&self) -> [Option<Electrode>; 4] {
@@ -76,7 +115,7 @@ impl Sheet {
             return Volts(0.0);
         }
         let resistors = self.resistors();
-        match self.phantom.transfer_impedance(at) {
+        match self.impedance(at) {
             Ok(z) => {
                 let flow = Flow::solve(resistors, z);
                 Volts(flowing * flow.across(z, METER_HI, METER_LO))
@@ -90,6 +129,9 @@ impl Sheet {
 
     /// What the voltmeter is given to measure: the ideal voltage, bent by the scene's effects.
     pub(crate) fn measured(&mut self, context: ReadingContext) -> Volts {
+        if self.overload {
+            return Volts(f64::INFINITY);
+        }
         let exact = self.voltage(context.at);
         if exact.0.is_finite() {
             self.phantom.reading(exact, context)
@@ -103,20 +145,43 @@ impl Sheet {
             .scanned
             .iter()
             .filter(|relay| !self.closed.contains(relay));
-        self.closed
-            .iter()
-            .chain(scanned)
-            .flat_map(|relay| self.fixture.resistors(*relay))
-            .copied()
-            .chain(fixture::board(self.poles))
+        let asked = self.closed.iter().chain(scanned).copied();
+        let poles = (1..).zip(self.poles).filter_map(|(pole, electrode)| {
+            Some(Relay(pole * 100 + u32::try_from(electrode?.number()).ok()?))
+        });
+        let wires = self
+            .really(asked.chain(poles))
+            .flat_map(|relay| self.fixture.joined(relay));
+        let Some(hanging) = &self.hanging else {
+            return wires.collect();
+        };
+        let lead = |point| match point {
+            Point::Electrode(index) => Point::Terminal(index),
+            other => other,
+        };
+        wires
+            .map(|wire| Resistor {
+                from: lead(wire.from),
+                to: lead(wire.to),
+                ..wire
+            })
+            .chain(hanging.iter().copied())
             .collect()
+    }
+
+    /// The transfer impedance of what the electrodes belong to; nothing belongs to it when resistors hang there.
+    fn impedance(&mut self, at: Duration) -> Result<&DMatrix<f64>, PhantomError> {
+        match self.hanging {
+            Some(_) => Ok(&self.no_sheet),
+            None => self.phantom.transfer_impedance(at),
+        }
     }
 }
 
 impl keithley_6221::Load for Sheet {
     fn resistance(&mut self, at: Duration) -> Ohms {
         let resistors = self.resistors();
-        match self.phantom.transfer_impedance(at) {
+        match self.impedance(at) {
             Ok(z) => Ohms(Flow::solve(resistors, z).resistance(z)),
             Err(fault) => {
                 self.fault = Some(fault);

@@ -1,21 +1,23 @@
 //! The simulators, joined to one sheet, behind streams of bytes.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
+use std::sync::atomic::AtomicU32;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use phantom::{Load, Phantom, PhantomError, Scene};
 use rig::BoxStream;
+use scpi::ParseError;
 use survey::{Amps, Electrode, Relay, Volts};
-use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
-use tokio::sync::watch;
+use tokio::sync::{Notify, watch};
 
+use crate::fault::{Fault, FaultError, Mischief};
+use crate::guest::Manners;
 use crate::profile::Profile;
+use crate::status::{Client, SourceStatus, Status};
 use crate::workbench::Bench;
 
-/// Longest message an instrument takes, bytes; a longer one is dropped.
-const LONGEST_MESSAGE: usize = 64 * 1024;
 /// What a pipe in memory holds, bytes.
 const PIPE: usize = 64 * 1024;
 
@@ -59,9 +61,9 @@ pub enum Wire {
 
 /// A wire, and how often it was cut: a cut that is mended at once breaks connections all the same.
 #[derive(Debug, Clone, Copy)]
-struct Line {
-    wire: Wire,
-    cuts: u64,
+pub(crate) struct Line {
+    pub(crate) wire: Wire,
+    pub(crate) cuts: u64,
 }
 
 /// What an instrument has heard and said, counted.
@@ -106,6 +108,14 @@ pub enum RigError {
         /// What fits.
         most: usize,
     },
+    /// The profile's load hangs on terminals that the fixture does not have.
+    #[error("the load '{load}' needs more than the {electrodes} terminals of the scene")]
+    Load {
+        /// The load's words.
+        load: String,
+        /// The scene's electrodes.
+        electrodes: usize,
+    },
 }
 
 /// Simulated instruments joined to one simulated sheet. A handle: clones mean the same rig.
@@ -113,15 +123,27 @@ pub enum RigError {
 /// Connections are streams of bytes; no way from the sheet to a reading avoids text. Inside a tokio runtime.
 #[derive(Debug, Clone)]
 pub struct SimulatedRig {
-    shared: Arc<Shared>,
+    pub(crate) shared: Arc<Shared>,
 }
 
+/// Clients connected now: session, instrument, address.
+pub(crate) type Guests = BTreeMap<u32, (Instrument, String)>;
+
 #[derive(Debug)]
-struct Shared {
+pub(crate) struct Shared {
     bench: Mutex<Bench>,
-    wires: [watch::Sender<Line>; 3],
+    pub(crate) wires: [watch::Sender<Line>; 3],
+    manners: Mutex<[Manners; 3]>,
+    guests: Mutex<Guests>,
+    /// The next client's session; 0 is the rig's own.
+    pub(crate) sessions: AtomicU32,
+    /// What the board says unasked.
+    pub(crate) banner: watch::Sender<String>,
+    /// Something that people look at may have changed.
+    pub(crate) changed: Notify,
     electrodes: usize,
     has_board: bool,
+    source: crate::profile::Source,
 }
 
 impl SimulatedRig {
@@ -139,6 +161,12 @@ impl SimulatedRig {
                 most: 32,
             });
         }
+        if profile.load.terminals() > electrodes {
+            return Err(RigError::Load {
+                load: profile.load.to_string(),
+                electrodes,
+            });
+        }
         Ok(Self {
             shared: Arc::new(Shared {
                 bench: Mutex::new(Bench::new(profile, phantom)),
@@ -148,8 +176,14 @@ impl SimulatedRig {
                         cuts: 0,
                     })
                 }),
+                manners: Mutex::default(),
+                guests: Mutex::default(),
+                sessions: AtomicU32::new(1),
+                banner: watch::Sender::new(String::new()),
+                changed: Notify::new(),
                 electrodes,
                 has_board: profile.board.is_some(),
+                source: profile.source.clone(),
             }),
         })
     }
@@ -157,6 +191,11 @@ impl SimulatedRig {
     /// Number of electrodes of the sheet.
     pub fn electrodes(&self) -> usize {
         self.shared.electrodes
+    }
+
+    /// Who may connect to the source, and for how long its place stays taken.
+    pub(crate) fn source_profile(&self) -> &crate::profile::Source {
+        &self.shared.source
     }
 
     /// Whether the profile has a multiplexer board.
@@ -182,7 +221,10 @@ impl SimulatedRig {
     /// Connects to one of the instruments.
     pub fn connect(&self, instrument: Instrument) -> BoxStream {
         let (here, there) = tokio::io::duplex(PIPE);
-        tokio::spawn(self.clone().converse(instrument, there));
+        tokio::spawn(
+            self.clone()
+                .converse(instrument, "memory".to_owned(), there),
+        );
         Box::new(here)
     }
 
@@ -235,7 +277,7 @@ impl SimulatedRig {
 
     /// The mainframe's relays that are really closed.
     pub fn closed(&self) -> BTreeSet<Relay> {
-        self.bench().sheet.closed().clone()
+        self.bench_now().sheet.closed()
     }
 
     /// The electrodes that the board's poles are really joined to: I+, I-, V+, V-.
@@ -279,73 +321,189 @@ impl SimulatedRig {
 
     /// Lets an instrument hear one message, and says what it answers and how long that takes in the caller's time.
     pub fn hear(&self, instrument: Instrument, line: &str) -> (Option<String>, Duration) {
-        self.bench().hear(instrument, line)
+        self.hear_from(instrument, 0, line)
     }
 
-    /// Serves one connection until its client leaves or the wire is cut.
-    pub(crate) async fn converse<S>(self, instrument: Instrument, stream: S)
-    where
-        S: AsyncRead + AsyncWrite + Unpin + Send,
-    {
-        let mut line = self.shared.wires[instrument.index()].subscribe();
-        let before = line.borrow().cuts;
-        let cut = async {
-            // The sender lives as long as this rig: waiting cannot fail.
-            line.wait_for(|line| line.wire == Wire::Cut || line.cuts != before)
-                .await
-                .is_ok()
-        };
-        tokio::select! {
-            biased;
-            _ = cut => {}
-            ended = self.answer(instrument, stream) => {
-                if let Err(fault) = ended {
-                    tracing::debug!("a client of the {instrument} left: {fault}");
-                }
-            }
+    /// What an instrument says of itself, without taking its time.
+    pub(crate) fn identity(&self, instrument: Instrument) -> String {
+        let bench = self.bench();
+        bench.identity(instrument).to_owned()
+    }
+
+    /// As [`SimulatedRig::hear`], from a session with an output queue of its own.
+    pub(crate) fn hear_from(
+        &self,
+        instrument: Instrument,
+        session: u32,
+        line: &str,
+    ) -> (Option<String>, Duration) {
+        self.apply_due_faults();
+        let (heard, refused) = self.bench().hear(instrument, session, line);
+        if let Some(refused) = refused {
+            self.tell_refused(instrument, session, line, refused);
         }
+        self.shared.changed.notify_waiters();
+        heard
     }
 
-    async fn answer<S>(&self, instrument: Instrument, mut stream: S) -> std::io::Result<()>
-    where
-        S: AsyncRead + AsyncWrite + Unpin + Send,
-    {
-        let line = self.shared.wires[instrument.index()].subscribe();
-        let mut framer = scpi::Framer::new(LONGEST_MESSAGE);
-        let mut chunk = [0; 4096];
-        loop {
-            let count = stream.read(&mut chunk).await?;
-            if count == 0 {
-                return Ok(());
+    /// Queues an error that arose outside of any message of a session.
+    pub(crate) fn refuse(&self, instrument: Instrument, session: u32, refusal: ParseError) {
+        self.bench().refuse(instrument, session, refusal);
+        self.tell_refused(instrument, session, "", refusal.to_string());
+    }
+
+    fn tell_refused(&self, instrument: Instrument, session: u32, line: &str, refused: String) {
+        let from = self
+            .guests()
+            .get(&session)
+            .map_or_else(|| "the bench".to_owned(), |(_, address)| address.clone());
+        let shown: String = line.chars().take(80).collect();
+        tracing::warn!("{from} told the {instrument} '{shown}': {refused}");
+        self.bench().last_error = Some(format!("{instrument}: {refused} (from {from})"));
+    }
+
+    pub(crate) fn name_session(&self, instrument: Instrument, session: u32, name: &str) {
+        self.bench().name_session(instrument, session, name);
+    }
+
+    pub(crate) fn forget_session(&self, instrument: Instrument, session: u32) {
+        self.bench().forget_session(instrument, session);
+    }
+
+    /// Lets something go wrong, or puts it right.
+    ///
+    /// # Errors
+    /// A fault of something that this rig has not.
+    pub fn fault(&self, fault: &Fault) -> Result<(), FaultError> {
+        tracing::info!("fault: {fault}");
+        match fault {
+            Fault::Wire(instrument, wire) => self.set_wire(*instrument, *wire),
+            Fault::Drop(instrument) => {
+                let wire = self.shared.wires[instrument.index()].borrow().wire;
+                self.set_wire(*instrument, Wire::Cut);
+                self.set_wire(*instrument, wire);
             }
-            if line.borrow().wire == Wire::Silent {
-                continue;
+            Fault::Replies(instrument, mischief, count) => {
+                let next = (*mischief, *count);
+                self.manners()[instrument.index()].next.push_back(next);
             }
-            framer.push(&chunk[..count]);
-            for message in framer.by_ref() {
-                let heard = match message {
-                    Ok(heard) => String::from_utf8_lossy(&heard).into_owned(),
-                    Err(fault) => {
-                        tracing::warn!("the {instrument} dropped a message: {fault}");
-                        continue;
+            Fault::Slow(instrument, by) => {
+                self.manners()[instrument.index()].slower_by = *by;
+            }
+            Fault::Reset(Instrument::Board) => {
+                self.need_board()?;
+                let said = self.bench().power_cycle(Instrument::Board);
+                self.shared.banner.send_replace(said.unwrap_or_default());
+            }
+            Fault::Reset(instrument) => self.power_cycle(*instrument),
+            Fault::Serial(plugged) => {
+                self.need_board()?;
+                if *plugged {
+                    self.bench().power_cycle(Instrument::Board);
+                }
+                let wire = if *plugged { Wire::Sound } else { Wire::Cut };
+                self.set_wire(Instrument::Board, wire);
+            }
+            Fault::Slot(..) | Fault::Voltmeter(_) => {
+                // A mainframe is opened with its power off.
+                self.set_wire(Instrument::Mainframe, Wire::Cut);
+                self.bench().fault(fault);
+                self.set_wire(Instrument::Mainframe, Wire::Sound);
+            }
+            Fault::None => {
+                for instrument in [Instrument::Source, Instrument::Mainframe, Instrument::Board] {
+                    self.manners()[instrument.index()] = Manners::default();
+                    if self.shared.wires[instrument.index()].borrow().wire != Wire::Sound {
+                        self.set_wire(instrument, Wire::Sound);
                     }
-                };
-                let rig = self.clone();
-                // A load that has moved costs a solution of the sheet, too long for a thread that others wait on.
-                let reply = tokio::task::spawn_blocking(move || rig.hear(instrument, &heard)).await;
-                let (text, wait) = reply.map_err(std::io::Error::other)?;
-                if !wait.is_zero() {
-                    tokio::time::sleep(wait).await;
                 }
-                if let Some(mut text) = text
-                    && line.borrow().wire == Wire::Sound
-                {
-                    text.push('\n');
-                    stream.write_all(text.as_bytes()).await?;
-                    stream.flush().await?;
+                if self.bench().is_opened_up() {
+                    self.set_wire(Instrument::Mainframe, Wire::Cut);
+                    self.set_wire(Instrument::Mainframe, Wire::Sound);
                 }
+                self.bench().fault(fault);
+            }
+            Fault::QueueOverflow(_)
+            | Fault::StuckOpen(_)
+            | Fault::StuckClosed(_)
+            | Fault::Free(_)
+            | Fault::Overload(_)
+            | Fault::Interlock(_)
+            | Fault::TerminalBlock(..) => self.bench().fault(fault),
+        }
+        self.shared.changed.notify_waiters();
+        Ok(())
+    }
+
+    fn need_board(&self) -> Result<(), FaultError> {
+        if self.shared.has_board {
+            Ok(())
+        } else {
+            Err(FaultError::NotHere("there is no multiplexer board"))
+        }
+    }
+
+    /// Lets happen what the time line holds for now.
+    pub(crate) fn apply_due_faults(&self) {
+        let due = self.bench().take_due_faults();
+        for fault in due {
+            if let Err(refusal) = self.fault(&fault) {
+                tracing::warn!("the time line's fault '{fault}' cannot be: {refusal}");
             }
         }
+    }
+
+    /// Time on the wall until the time line's next fault; `None` when there is none, or when time only passes as
+    /// messages are heard.
+    pub(crate) fn next_fault_in(&self) -> Option<Duration> {
+        self.bench().next_fault_in()
+    }
+
+    /// What a person wants to know about the rig.
+    pub fn status(&self) -> Status {
+        let clients = self
+            .guests()
+            .values()
+            .map(|(instrument, address)| Client {
+                instrument: instrument.to_string(),
+                address: address.clone(),
+            })
+            .collect();
+        let bench = self.bench_now();
+        Status {
+            at_s: bench.now().as_secs_f64(),
+            clients,
+            source: SourceStatus {
+                output: bench.source.output(),
+                level_a: bench.source.level().0,
+                flowing_a: bench.sheet.flowing().0,
+                range_a: bench.source.range().0,
+                in_compliance: bench.source.in_compliance(),
+            },
+            closed: bench.sheet.closed().iter().map(|relay| relay.0).collect(),
+            poles: bench.sheet.poles().map(|pole| pole.map(Electrode::number)),
+            last_error: bench.last_error.clone(),
+        }
+    }
+
+    /// How much later than it could an instrument answers.
+    pub(crate) fn slowness(&self, instrument: Instrument) -> Duration {
+        self.manners()[instrument.index()].slower_by
+    }
+
+    /// What happens to an instrument's next reply.
+    pub(crate) fn mischief(&self, instrument: Instrument) -> Option<Mischief> {
+        self.manners()[instrument.index()].take()
+    }
+
+    fn manners(&self) -> MutexGuard<'_, [Manners; 3]> {
+        let manners = self.shared.manners.lock();
+        manners.unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(crate) fn guests(&self) -> MutexGuard<'_, Guests> {
+        let guests = self.shared.guests.lock();
+        guests.unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The bench as it is by now.

@@ -1,19 +1,24 @@
 //! The instruments and the sheet on one table: whatever one of them moves, the others feel.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, VecDeque};
 use std::time::Duration;
 
 use gpio_mux::{Poles, SimulatorGpioMux};
 use keithley_6221::{Load, Settings6221, Simulator6221};
-use keysight_34980a::{MeterRequest, Settings34980a, Simulator34980a, Wires};
+use keysight_34980a::{MeterRequest, Module, Session, Settings34980a, Simulator34980a, Wires};
 use phantom::{Phantom, ReadingContext};
+use scpi::ParseError;
 use survey::{Amps, Electrode, Relay, Volts};
 use tokio::time::Instant;
 
+use crate::fault::{Fault, TimedFault};
 use crate::fixture::Fixture;
 use crate::profile::{Pace, Profile, milliseconds};
 use crate::sheet::Sheet;
 use crate::simulated::{Instrument, Messages, Said};
+
+/// More messages than any instrument's error queue holds.
+const OVERFLOWING: usize = 64;
 
 #[derive(Debug)]
 pub(crate) struct Bench {
@@ -28,7 +33,19 @@ pub(crate) struct Bench {
     elapsed: Duration,
     messages: [Messages; 3],
     pub(crate) transcript: Option<Vec<Said>>,
+    /// What is still to happen, earliest first.
+    time_line: VecDeque<TimedFault>,
+    /// The last error that an instrument queued, for people.
+    pub(crate) last_error: Option<String>,
+    /// The profile's modules, and which of them have been taken out.
+    slots: [Option<Module>; 8],
+    emptied: [bool; 8],
+    voltmeter_missing: bool,
+    identities: [String; 3],
 }
+
+/// A reply with the time it takes, and the error queued on the way, if one was.
+pub(crate) type Heard = ((Option<String>, Duration), Option<String>);
 
 impl Bench {
     /// Instruments just switched on.
@@ -40,7 +57,9 @@ impl Bench {
             command_time: milliseconds(profile.source.command_ms),
             ..Settings6221::default()
         };
-        Self {
+        let mut time_line = profile.faults.clone();
+        time_line.sort_by_key(|timed| timed.at);
+        let mut new = Self {
             source: Simulator6221::new(source_settings.clone()),
             source_settings,
             mainframe: Simulator34980a::new(Settings34980a {
@@ -48,21 +67,43 @@ impl Bench {
                 slots: profile.slots,
                 line_hz: profile.line_hz,
                 message_time: milliseconds(profile.mainframe.command_ms),
+                clock: Duration::from_secs(u64::from(profile.mainframe.clock_unix_s)),
                 ..Settings34980a::default()
             }),
+            slots: profile.slots,
+            emptied: [false; 8],
+            voltmeter_missing: false,
+            identities: Default::default(),
+            time_line: time_line.into(),
+            last_error: None,
             board: SimulatorGpioMux::new(gpio_mux::Settings {
                 serial: board.serial,
                 electrodes: electrodes.min(32),
                 latency: milliseconds(board.command_ms),
                 ..gpio_mux::Settings::default()
             }),
-            sheet: Sheet::new(phantom, Fixture::new(&profile.slots, electrodes)),
+            sheet: Sheet::new(
+                phantom,
+                Fixture::new(&profile.slots, electrodes),
+                &profile.load,
+            ),
             pace: profile.pace,
             start: Instant::now(),
             elapsed: Duration::ZERO,
             messages: Default::default(),
             transcript: None,
-        }
+        };
+        new.identities = [Instrument::Source, Instrument::Mainframe, Instrument::Board]
+            .map(|instrument| new.hear(instrument, 0, "*IDN?").0.0.unwrap_or_default());
+        // Nobody has been heard yet, and no time has passed.
+        new.messages = Default::default();
+        new.elapsed = Duration::ZERO;
+        new
+    }
+
+    /// The reply to `*IDN?`.
+    pub(crate) fn identity(&self, instrument: Instrument) -> &str {
+        &self.identities[instrument.index()]
     }
 
     /// What the instruments' clock shows.
@@ -94,18 +135,21 @@ impl Bench {
             sheet: &mut self.sheet,
             readings: 0,
         };
+        // Readings and steps that were due take place at their own instants, with the source as it was then.
+        while let Some(due) = self.mainframe.due().filter(|due| *due < at) {
+            self.mainframe.pass(due, &mut ends);
+        }
+        self.mainframe.pass(at, &mut ends);
         self.board.pass(at, &mut ends);
+        self.messages[Instrument::Mainframe.index()].readings += ends.readings;
         ends.source.load_changed(at, ends.sheet);
     }
 
     /// Lets an instrument hear one message: what it answers, and how long that takes by the clock on the wall.
-    pub(crate) fn hear(
-        &mut self,
-        instrument: Instrument,
-        line: &str,
-    ) -> (Option<String>, Duration) {
+    pub(crate) fn hear(&mut self, instrument: Instrument, session: u32, line: &str) -> Heard {
         self.catch_up();
         let at = self.now();
+        let errors = self.errors(instrument);
         let mut ends = Ends {
             source: &mut self.source,
             sheet: &mut self.sheet,
@@ -117,7 +161,9 @@ impl Bench {
                 (reply.text, reply.busy)
             }
             Instrument::Mainframe => {
-                let reply = self.mainframe.hear(line, at, &mut ends);
+                let reply = self
+                    .mainframe
+                    .hear_from(Session(session), line, at, &mut ends);
                 (reply.text, reply.busy)
             }
             Instrument::Board => {
@@ -146,11 +192,155 @@ impl Bench {
                 Duration::ZERO
             }
         };
-        (text, wait)
+        if let Some(error) = text.as_deref().filter(|text| is_error(text)) {
+            self.last_error = Some(format!("{instrument}: {error}"));
+        }
+        let refused = self.errors(instrument) > errors;
+        (
+            (text, wait),
+            refused.then(|| "an error was queued".to_owned()),
+        )
+    }
+
+    fn errors(&self, instrument: Instrument) -> usize {
+        match instrument {
+            Instrument::Source => self.source.errors(),
+            Instrument::Mainframe => self.mainframe.errors_waiting(),
+            Instrument::Board => self.board.errors_waiting(),
+        }
+    }
+
+    /// Queues an error that arose outside of any message.
+    pub(crate) fn refuse(&mut self, instrument: Instrument, session: u32, refusal: ParseError) {
+        match instrument {
+            Instrument::Source => self.source.refuse(refusal),
+            Instrument::Mainframe => self.mainframe.fault_of_session(Session(session), refusal),
+            // Its firmware drops what does not fit, and says so of nothing.
+            Instrument::Board => {}
+        }
+    }
+
+    /// A client has come: what `SYST:LOCK:NAME?` calls it.
+    pub(crate) fn name_session(&mut self, instrument: Instrument, session: u32, name: &str) {
+        if instrument == Instrument::Mainframe {
+            self.mainframe.name_session(Session(session), name);
+        }
+    }
+
+    /// A client has left.
+    pub(crate) fn forget_session(&mut self, instrument: Instrument, session: u32) {
+        if instrument == Instrument::Mainframe {
+            self.mainframe.end_session(Session(session));
+        }
+    }
+
+    /// What the time line holds until now.
+    pub(crate) fn take_due_faults(&mut self) -> Vec<Fault> {
+        let now = self.now();
+        let due = self.time_line.iter().take_while(|timed| timed.at <= now);
+        let due = due.count();
+        self.time_line
+            .drain(..due)
+            .map(|timed| timed.fault)
+            .collect()
+    }
+
+    /// Time on the wall until the next of the time line.
+    pub(crate) fn next_fault_in(&self) -> Option<Duration> {
+        let left = self.time_line.front()?.at.saturating_sub(self.now());
+        match self.pace {
+            Pace::Real => Some(left),
+            Pace::Scaled(speed) => Some(left.div_f64(speed)),
+            Pace::Instant => None,
+        }
+    }
+
+    /// Whether a module or the voltmeter has been taken out.
+    pub(crate) fn is_opened_up(&self) -> bool {
+        self.voltmeter_missing || self.emptied.contains(&true)
+    }
+
+    /// A fault inside the instruments or between them and the sheet.
+    pub(crate) fn fault(&mut self, fault: &Fault) {
+        let at = self.now();
+        match fault {
+            Fault::QueueOverflow(Instrument::Mainframe) => self.mainframe.overflow_errors(),
+            Fault::QueueOverflow(instrument) => {
+                for _ in 0..OVERFLOWING {
+                    self.hear(*instrument, 0, "TACTUS:FAULT");
+                }
+            }
+            Fault::StuckOpen(relay) => self.sheet.stick(*relay, false),
+            Fault::StuckClosed(relay) => self.sheet.stick(*relay, true),
+            Fault::Free(relay) => self.sheet.free(*relay),
+            Fault::Overload(on) => self.sheet.overload = *on,
+            Fault::Interlock(closed) => self.source.set_interlock(*closed, at, &mut self.sheet),
+            Fault::TerminalBlock(slot, shut) => {
+                self.on_mainframe(|mainframe, ends| {
+                    mainframe.set_interlock(*slot, !shut, at, ends);
+                });
+            }
+            Fault::Slot(slot, filled) => self.set_slot(*slot, *filled),
+            Fault::Voltmeter(present) => self.set_voltmeter(*present),
+            Fault::None => {
+                self.sheet.free_all();
+                self.sheet.overload = false;
+                self.source.set_interlock(true, at, &mut self.sheet);
+                for slot in 1..=8 {
+                    self.on_mainframe(|mainframe, ends| {
+                        mainframe.set_interlock(slot, false, at, ends);
+                    });
+                    if self.emptied[slot as usize - 1] {
+                        self.set_slot(slot, true);
+                    }
+                }
+                if self.voltmeter_missing {
+                    self.set_voltmeter(true);
+                }
+                self.time_line.clear();
+            }
+            Fault::Wire(..)
+            | Fault::Drop(_)
+            | Fault::Replies(..)
+            | Fault::Slow(..)
+            | Fault::Reset(_)
+            | Fault::Serial(_) => {}
+        }
+        self.catch_up();
+    }
+
+    fn set_slot(&mut self, slot: u32, filled: bool) {
+        let at = self.now();
+        let index = slot as usize - 1;
+        let module = self.slots[index].filter(|_| filled);
+        self.emptied[index] = !filled && self.slots[index].is_some();
+        self.on_mainframe(|mainframe, ends| {
+            mainframe.power_cycle(at, ends);
+            mainframe.set_module(slot, module, at, ends);
+        });
+    }
+
+    fn set_voltmeter(&mut self, present: bool) {
+        let at = self.now();
+        self.voltmeter_missing = !present;
+        self.on_mainframe(|mainframe, ends| {
+            mainframe.power_cycle(at, ends);
+            mainframe.set_voltmeter(present, at, ends);
+        });
+    }
+
+    fn on_mainframe(&mut self, act: impl FnOnce(&mut Simulator34980a, &mut Ends<'_>)) {
+        let mut ends = Ends {
+            source: &mut self.source,
+            sheet: &mut self.sheet,
+            readings: 0,
+        };
+        act(&mut self.mainframe, &mut ends);
+        self.messages[Instrument::Mainframe.index()].readings += ends.readings;
     }
 
     /// Switches an instrument off and on.
-    pub(crate) fn power_cycle(&mut self, instrument: Instrument) {
+    pub(crate) fn power_cycle(&mut self, instrument: Instrument) -> Option<String> {
         let at = self.now();
         let mut ends = Ends {
             source: &mut self.source,
@@ -163,11 +353,17 @@ impl Bench {
                 ends.sheet.drive(Amps(0.0), ends.source.range(), at);
             }
             Instrument::Mainframe => self.mainframe.power_cycle(at, &mut ends),
-            Instrument::Board => {
-                self.board.reset(at, &mut ends);
-            }
+            Instrument::Board => return Some(self.board.reset(at, &mut ends)),
         }
+        None
     }
+}
+
+/// Whether a reply is an entry of an error queue: `-113,"Undefined header"`.
+fn is_error(reply: &str) -> bool {
+    reply
+        .split_once(",\"")
+        .is_some_and(|(code, _)| code.parse().is_ok_and(|code: i32| code != 0))
 }
 
 /// Where the wires of mainframe and board end: whatever they move, the source feels.

@@ -1,0 +1,232 @@
+//! Clients at an instrument: who is connected, each with a session of its own, and how replies reach them.
+
+use std::io;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use scpi::ParseError;
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
+use tokio::sync::watch;
+
+use crate::fault::Mischief;
+use crate::simulated::{Instrument, Line, SimulatedRig, Wire};
+
+/// Longest message an instrument takes, bytes; a longer one is dropped and queues -363.
+pub(crate) const LONGEST_MESSAGE: usize = 64 * 1024;
+
+/// A client connected to an instrument; it is entered in the rig's list until it is dropped.
+#[derive(Debug)]
+pub(crate) struct Guest {
+    rig: SimulatedRig,
+    instrument: Instrument,
+    session: u32,
+    line: watch::Receiver<Line>,
+    cuts: u64,
+}
+
+/// What is to be sent for one message.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(crate) struct Delivery {
+    /// The bytes, with their line end unless a fault took it.
+    pub(crate) bytes: Vec<u8>,
+}
+
+impl Guest {
+    /// Enters a client; `address` is for people.
+    pub(crate) fn enter(rig: &SimulatedRig, instrument: Instrument, address: &str) -> Self {
+        let session = rig.shared.sessions.fetch_add(1, Ordering::Relaxed);
+        let line = rig.shared.wires[instrument.index()].subscribe();
+        let cuts = line.borrow().cuts;
+        rig.name_session(instrument, session, address);
+        rig.guests()
+            .insert(session, (instrument, address.to_owned()));
+        rig.shared.changed.notify_waiters();
+        Self {
+            rig: rig.clone(),
+            instrument,
+            session,
+            line,
+            cuts,
+        }
+    }
+
+    /// Waits until the wire is cut.
+    pub(crate) async fn cut(&self) {
+        cut(self.line.clone(), self.cuts).await;
+    }
+
+    /// Whether the far side hears and says nothing.
+    pub(crate) fn is_silent(&self) -> bool {
+        self.line.borrow().wire == Wire::Silent
+    }
+
+    /// Lets the instrument hear a message, waits as long as it needs, and gives what is to be sent.
+    pub(crate) async fn hear(&self, message: Vec<u8>) -> io::Result<Delivery> {
+        let heard = String::from_utf8_lossy(&message).into_owned();
+        let (rig, instrument, session) = (self.rig.clone(), self.instrument, self.session);
+        // A load that has moved costs a solution of the sheet, too long for a thread that others wait on.
+        let reply =
+            tokio::task::spawn_blocking(move || rig.hear_from(instrument, session, &heard)).await;
+        let (text, wait) = reply.map_err(io::Error::other)?;
+        let wait = wait + self.rig.slowness(self.instrument);
+        if !wait.is_zero() {
+            tokio::time::sleep(wait).await;
+        }
+        let Some(text) = text else {
+            return Ok(Delivery::default());
+        };
+        if self.line.borrow().wire != Wire::Sound {
+            return Ok(Delivery::default());
+        }
+        let mut bytes = text.into_bytes();
+        match self.rig.mischief(self.instrument) {
+            None => bytes.push(b'\n'),
+            Some(Mischief::Lost) => bytes.clear(),
+            Some(Mischief::HalfLine) => bytes.truncate(bytes.len() / 2),
+            Some(Mischief::Late(by)) => {
+                tokio::time::sleep(by).await;
+                bytes.push(b'\n');
+            }
+            Some(Mischief::Doubled) => {
+                bytes.push(b'\n');
+                bytes.extend_from_within(..);
+            }
+        }
+        Ok(Delivery { bytes })
+    }
+
+    /// Queues an error that arose outside of any message: -363, -410, -420.
+    pub(crate) fn refuse(&self, refusal: ParseError) {
+        self.rig.refuse(self.instrument, self.session, refusal);
+    }
+
+    /// Serves a stream of bytes until its client leaves.
+    pub(crate) async fn answer<S>(&self, stream: &mut S) -> io::Result<()>
+    where
+        S: AsyncRead + AsyncWrite + Unpin + Send,
+    {
+        let mut framer = scpi::Framer::new(LONGEST_MESSAGE);
+        let mut chunk = [0; 4096];
+        let mut banner = self.rig.shared.banner.subscribe();
+        loop {
+            let count = tokio::select! {
+                count = stream.read(&mut chunk) => count?,
+                Ok(()) = banner.changed(), if self.instrument == Instrument::Board => {
+                    let mut said = banner.borrow_and_update().clone();
+                    said.push('\n');
+                    stream.write_all(said.as_bytes()).await?;
+                    stream.flush().await?;
+                    framer.clear();
+                    continue;
+                }
+            };
+            if count == 0 {
+                return Ok(());
+            }
+            if self.is_silent() {
+                continue;
+            }
+            framer.push(&chunk[..count]);
+            for message in framer.by_ref() {
+                let message = match message {
+                    Ok(message) => message,
+                    Err(scpi::FramingError::Oversized { .. }) => {
+                        self.refuse(ParseError::InputOverrun);
+                        continue;
+                    }
+                };
+                let Delivery { bytes } = self.hear(message).await?;
+                if !bytes.is_empty() {
+                    stream.write_all(&bytes).await?;
+                    stream.flush().await?;
+                }
+            }
+        }
+    }
+}
+
+impl Drop for Guest {
+    fn drop(&mut self) {
+        self.rig.guests().remove(&self.session);
+        self.rig.forget_session(self.instrument, self.session);
+        self.rig.shared.changed.notify_waiters();
+    }
+}
+
+async fn cut(mut line: watch::Receiver<Line>, before: u64) {
+    // The sender lives as long as the rig, and whoever waits holds that: waiting cannot fail.
+    line.wait_for(|line| line.wire == Wire::Cut || line.cuts != before)
+        .await
+        .ok();
+}
+
+/// How a conversation ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum End {
+    /// The client said goodbye.
+    Clean,
+    /// The connection was reset, or the wire cut.
+    Abnormal,
+}
+
+impl SimulatedRig {
+    /// Waits until the wire to an instrument is cut, from this call on.
+    pub(crate) fn until_cut(&self, instrument: Instrument) -> impl Future<Output = ()> + use<> {
+        let line = self.shared.wires[instrument.index()].subscribe();
+        let cuts = line.borrow().cuts;
+        cut(line, cuts)
+    }
+
+    /// Waits until there is a wire to an instrument.
+    pub(crate) async fn until_connected(&self, instrument: Instrument) {
+        let mut line = self.shared.wires[instrument.index()].subscribe();
+        line.wait_for(|line| line.wire != Wire::Cut).await.ok();
+    }
+
+    /// Serves one connection until its client leaves or the wire is cut.
+    pub(crate) async fn converse<S>(
+        self,
+        instrument: Instrument,
+        address: String,
+        mut stream: S,
+    ) -> End
+    where
+        S: AsyncRead + AsyncWrite + Unpin + Send,
+    {
+        let guest = Guest::enter(&self, instrument, &address);
+        tokio::select! {
+            biased;
+            () = guest.cut() => End::Abnormal,
+            ended = guest.answer(&mut stream) => match ended {
+                Ok(()) => {
+                    stream.shutdown().await.ok();
+                    End::Clean
+                }
+                Err(fault) => {
+                    tracing::debug!("{address} left the {instrument}: {fault}");
+                    End::Abnormal
+                }
+            }
+        }
+    }
+}
+
+/// Replies that go wrong, and how slow the answers are.
+#[derive(Debug, Default)]
+pub(crate) struct Manners {
+    pub(crate) next: std::collections::VecDeque<(Mischief, u32)>,
+    pub(crate) slower_by: Duration,
+}
+
+impl Manners {
+    /// What happens to the next reply.
+    pub(crate) fn take(&mut self) -> Option<Mischief> {
+        let (mischief, left) = self.next.front_mut()?;
+        let mischief = *mischief;
+        *left -= 1;
+        if *left == 0 {
+            self.next.pop_front();
+        }
+        Some(mischief)
+    }
+}

@@ -1,0 +1,11 @@
+//! VXI-11: the core channel of the mainframe, over ONC RPC on a port of choice (no port mapper, no privilege).
+//!
+//! Version 1 of the core program with all its procedures but the interrupt channel and docmd, and the abort program on
+//! the same port. A reply that is written over is lost (-410), a read without a question times out (-420). Records,
+//! links and queues are bounded.
+
+mod core;
+mod link;
+mod rpc;
+
+pub(crate) use core::serve;

@@ -1,0 +1,438 @@
+//! The procedures of the core and abort programs (VXI-11 revision 1.0, section B.6).
+
+use std::collections::BTreeMap;
+use std::io;
+use std::net::SocketAddr;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use tokio::io::AsyncWriteExt;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::Notify;
+use tokio::task::JoinSet;
+use tokio::time::{Instant, timeout_at};
+
+use super::link::{Aborter, Fault, Link, ReadRequest, within};
+use super::rpc::{Call, Garbage, Reader, Reply, Writer, marked, read_record};
+use crate::guest::Guest;
+use crate::{Instrument, SimulatedRig};
+
+const CORE: u32 = 0x0006_07AF;
+const ABORT: u32 = 0x0006_07B0;
+const VERSION: u32 = 1;
+
+/// Most data in one device_write, bytes; what is longer comes in several.
+const LARGEST_WRITE: usize = 16 * 1024;
+/// Most data in one answer to device_read, bytes.
+const LARGEST_READ: usize = 1024 * 1024;
+/// Head and arguments of a call beside its data, bytes: credentials of 400 bytes each at most, and some.
+const HEAD: usize = 2048;
+/// Most links of a connection.
+const LINKS: usize = 16;
+/// The instrument's name.
+const NAME: &[u8] = b"inst0";
+
+const WAIT_FOR_LOCK: u32 = 1;
+const END: u32 = 8;
+const UNTIL_CHARACTER: u32 = 128;
+
+const MESSAGE_AVAILABLE: u32 = 1 << 4;
+
+/// What all connections share.
+#[derive(Debug)]
+struct Port {
+    rig: SimulatedRig,
+    number: u16,
+    next_link: AtomicU32,
+    lock: Mutex<Option<u32>>,
+    unlocked: Notify,
+    aborters: Mutex<BTreeMap<u32, Aborter>>,
+}
+
+impl Port {
+    fn owner(&self) -> MutexGuard<'_, Option<u32>> {
+        self.lock.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn aborters(&self) -> MutexGuard<'_, BTreeMap<u32, Aborter>> {
+        self.aborters.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn release(&self, link: u32) -> bool {
+        let mut owner = self.owner();
+        let held = *owner == Some(link);
+        if held {
+            *owner = None;
+            self.unlocked.notify_waiters();
+        }
+        held
+    }
+
+    /// Waits until no other link holds the lock, and takes it if asked to.
+    async fn pass(
+        &self,
+        link: u32,
+        take: bool,
+        wait: bool,
+        deadline: Instant,
+    ) -> Result<(), Fault> {
+        loop {
+            let unlocked = self.unlocked.notified();
+            {
+                let mut owner = self.owner();
+                if owner.is_none_or(|owner| owner == link) {
+                    if take {
+                        *owner = Some(link);
+                    }
+                    return Ok(());
+                }
+            }
+            if !wait || timeout_at(deadline, unlocked).await.is_err() {
+                return Err(Fault::LockedByAnother);
+            }
+        }
+    }
+}
+
+/// Serves the mainframe's core channel.
+pub(crate) async fn serve(rig: SimulatedRig, listener: TcpListener) {
+    let number = listener.local_addr().map_or(0, |address| address.port());
+    let port = Arc::new(Port {
+        rig,
+        number,
+        next_link: AtomicU32::new(1),
+        lock: Mutex::default(),
+        unlocked: Notify::new(),
+        aborters: Mutex::default(),
+    });
+    let mut clients = JoinSet::new();
+    loop {
+        match listener.accept().await {
+            Ok((stream, address)) => {
+                stream.set_nodelay(true).ok();
+                clients.spawn(connection(port.clone(), stream, address));
+            }
+            Err(fault) => {
+                tracing::warn!("a VXI-11 client could not be accepted: {fault}");
+                tokio::task::yield_now().await;
+            }
+        }
+        while clients.try_join_next().is_some() {}
+    }
+}
+
+async fn connection(port: Arc<Port>, mut stream: TcpStream, address: SocketAddr) {
+    let cut = port.rig.until_cut(Instrument::Mainframe);
+    let mut links = Links {
+        port,
+        address,
+        links: BTreeMap::new(),
+    };
+    tokio::select! {
+        biased;
+        () = cut => {}
+        ended = links.answer(&mut stream) => if let Err(fault) = ended {
+            tracing::warn!("the VXI-11 client at {address} is disconnected: {fault}");
+        }
+    }
+}
+
+/// The links of one connection; they end with it.
+struct Links {
+    port: Arc<Port>,
+    address: SocketAddr,
+    links: BTreeMap<u32, Link>,
+}
+
+impl Drop for Links {
+    fn drop(&mut self) {
+        for link in self.links.keys() {
+            self.port.release(*link);
+            self.port.aborters().remove(link);
+        }
+    }
+}
+
+impl Links {
+    async fn answer(&mut self, stream: &mut TcpStream) -> io::Result<()> {
+        while let Some(record) = read_record(stream, LARGEST_WRITE + HEAD).await? {
+            let mut reader = Reader::new(&record);
+            let Ok(call) = Call::read(&mut reader) else {
+                return Err(io::Error::new(io::ErrorKind::InvalidData, "no RPC call"));
+            };
+            let reply = self.reply(call, &mut reader).await;
+            stream.write_all(&marked(&reply.record(call.xid))).await?;
+        }
+        Ok(())
+    }
+
+    async fn reply(&mut self, call: Call, arguments: &mut Reader<'_>) -> Reply {
+        if !call.is_understood() {
+            return Reply::Denied;
+        }
+        if ![CORE, ABORT].contains(&call.program) {
+            return Reply::NoProgram;
+        }
+        if call.program_version != VERSION {
+            return Reply::NoVersion(VERSION);
+        }
+        let results = if call.procedure == 0 {
+            Ok(Some(Vec::new()))
+        } else if call.program == ABORT {
+            self.abort(call.procedure, arguments)
+        } else {
+            self.core(call.procedure, arguments).await
+        };
+        match results {
+            Ok(Some(results)) => Reply::Done(results),
+            Ok(None) => Reply::NoProcedure,
+            Err(Garbage) => Reply::GarbageArguments,
+        }
+    }
+
+    fn abort(
+        &self,
+        procedure: u32,
+        arguments: &mut Reader<'_>,
+    ) -> Result<Option<Vec<u8>>, Garbage> {
+        if procedure != 1 {
+            return Ok(None);
+        }
+        let link = arguments.word()?;
+        let aborter = self.port.aborters().get(&link).cloned();
+        Ok(Some(code(aborter.map_or(
+            Err(Fault::InvalidLink),
+            |aborter| {
+                aborter.abort();
+                Ok(())
+            },
+        ))))
+    }
+
+    async fn core(
+        &mut self,
+        procedure: u32,
+        arguments: &mut Reader<'_>,
+    ) -> Result<Option<Vec<u8>>, Garbage> {
+        Ok(Some(match procedure {
+            10 => self.create(arguments).await?,
+            11 => {
+                let link = arguments.word()?;
+                let deadline = within(arguments.word()?);
+                let lock = within(arguments.word()?);
+                let flags = arguments.word()?;
+                let data = arguments.opaque()?;
+                let done = self.write(link, data, flags, deadline, lock).await;
+                // LARGEST_WRITE and the record's bound keep the count small.
+                let taken = done.map_or(0, |()| u32::try_from(data.len()).unwrap_or(u32::MAX));
+                Writer::default().word(status(done)).word(taken).bytes()
+            }
+            12 => {
+                let link = arguments.word()?;
+                let most = (arguments.word()? as usize).min(LARGEST_READ);
+                let deadline = within(arguments.word()?);
+                let lock = within(arguments.word()?);
+                let flags = arguments.word()?;
+                let character = arguments.word()?;
+                let request = ReadRequest {
+                    most,
+                    // A char is sent as a word; its lowest byte is the character.
+                    until: (flags & UNTIL_CHARACTER != 0).then_some(character.to_be_bytes()[3]),
+                    deadline,
+                };
+                let (status, (reason, data)) = match self.read(link, request, flags, lock).await {
+                    Ok(read) => (0, read),
+                    Err(fault) => (fault as u32, (0, Vec::new())),
+                };
+                Writer::default()
+                    .word(status)
+                    .word(reason)
+                    .opaque(&data)
+                    .bytes()
+            }
+            13 => {
+                let asked = self.generic(arguments).await?;
+                let byte = match &asked {
+                    Ok(link) => self.status_byte(*link).await,
+                    Err(_) => 0,
+                };
+                Writer::default()
+                    .word(status(asked.map(|_| ())))
+                    .word(byte)
+                    .bytes()
+            }
+            14 => {
+                let done = match self.generic(arguments).await? {
+                    Ok(link) => self.trigger(link).await,
+                    Err(fault) => Err(fault),
+                };
+                code(done)
+            }
+            15 => {
+                let asked = self.generic(arguments).await?;
+                code(asked.map(|link| {
+                    if let Some(link) = self.links.get_mut(&link) {
+                        link.clear();
+                    }
+                }))
+            }
+            // There is no front panel to lock.
+            16 | 17 => code(self.generic(arguments).await?.map(|_| ())),
+            18 => {
+                let link = arguments.word()?;
+                let flags = arguments.word()?;
+                let deadline = within(arguments.word()?);
+                let wait = flags & WAIT_FOR_LOCK != 0;
+                code(match self.known(link) {
+                    Ok(()) => self.port.pass(link, true, wait, deadline).await,
+                    Err(fault) => Err(fault),
+                })
+            }
+            19 => {
+                let link = arguments.word()?;
+                code(self.known(link).and_then(|()| {
+                    let held = self.port.release(link);
+                    held.then_some(()).ok_or(Fault::NoLock)
+                }))
+            }
+            // Service requests need the interrupt channel; enabling them without one does nothing.
+            20 => {
+                let link = arguments.word()?;
+                arguments.flag()?;
+                arguments.opaque()?;
+                code(self.known(link))
+            }
+            22 => Writer::default()
+                .word(Fault::NotSupported as u32)
+                .opaque(&[])
+                .bytes(),
+            23 => {
+                let link = arguments.word()?;
+                code(match self.links.remove(&link) {
+                    Some(_) => {
+                        self.port.release(link);
+                        self.port.aborters().remove(&link);
+                        Ok(())
+                    }
+                    None => Err(Fault::InvalidLink),
+                })
+            }
+            25 | 26 => code(Err(Fault::NotSupported)),
+            _ => return Ok(None),
+        }))
+    }
+
+    async fn create(&mut self, arguments: &mut Reader<'_>) -> Result<Vec<u8>, Garbage> {
+        let _client = arguments.word()?;
+        let lock = arguments.flag()?;
+        let deadline = within(arguments.word()?);
+        let name = arguments.opaque()?;
+        let made = if !name.eq_ignore_ascii_case(NAME) {
+            Err(Fault::NotAccessible)
+        } else if self.links.len() >= LINKS {
+            Err(Fault::OutOfResources)
+        } else {
+            let number = self.port.next_link.fetch_add(1, Ordering::Relaxed);
+            let passed = match lock {
+                true => self.port.pass(number, true, true, deadline).await,
+                false => Ok(()),
+            };
+            passed.map(|()| number)
+        };
+        let created = Writer::default().word(status(made.map(|_| ())));
+        let number = made.unwrap_or(0);
+        if made.is_ok() {
+            let address = format!("VXI11 {}", self.address);
+            let link = Link::new(Guest::enter(
+                &self.port.rig,
+                Instrument::Mainframe,
+                &address,
+            ));
+            self.port.aborters().insert(number, link.aborter());
+            self.links.insert(number, link);
+        }
+        let largest = u32::try_from(LARGEST_WRITE).unwrap_or(u32::MAX);
+        let created = created.word(number).word(u32::from(self.port.number));
+        Ok(created.word(largest).bytes())
+    }
+
+    fn known(&self, link: u32) -> Result<(), Fault> {
+        let known = self.links.contains_key(&link);
+        known.then_some(()).ok_or(Fault::InvalidLink)
+    }
+
+    /// The arguments that many procedures share: link, flags, lock timeout, I/O timeout.
+    async fn generic(&self, arguments: &mut Reader<'_>) -> Result<Result<u32, Fault>, Garbage> {
+        let link = arguments.word()?;
+        let flags = arguments.word()?;
+        let lock = within(arguments.word()?);
+        arguments.word()?;
+        if let Err(fault) = self.known(link) {
+            return Ok(Err(fault));
+        }
+        let wait = flags & WAIT_FOR_LOCK != 0;
+        Ok(self.port.pass(link, false, wait, lock).await.map(|()| link))
+    }
+
+    async fn write(
+        &mut self,
+        link: u32,
+        data: &[u8],
+        flags: u32,
+        deadline: Instant,
+        lock: Instant,
+    ) -> Result<(), Fault> {
+        self.known(link)?;
+        let wait = flags & WAIT_FOR_LOCK != 0;
+        self.port.pass(link, false, wait, lock).await?;
+        let found = self.links.get_mut(&link).ok_or(Fault::InvalidLink)?;
+        found.write(data, flags & END != 0, deadline).await
+    }
+
+    async fn read(
+        &self,
+        link: u32,
+        request: ReadRequest,
+        flags: u32,
+        lock: Instant,
+    ) -> Result<(u32, Vec<u8>), Fault> {
+        let found = self.links.get(&link).ok_or(Fault::InvalidLink)?;
+        let wait = flags & WAIT_FOR_LOCK != 0;
+        self.port.pass(link, false, wait, lock).await?;
+        found.read(request).await
+    }
+
+    /// A serial poll: the status byte with message available as this link has it.
+    async fn status_byte(&self, link: u32) -> u32 {
+        let Some(link) = self.links.get(&link) else {
+            return 0;
+        };
+        let told = link
+            .guest()
+            .hear(b"*STB?".to_vec())
+            .await
+            .unwrap_or_default();
+        let told = String::from_utf8_lossy(&told.bytes);
+        let byte: u32 = told.trim().trim_start_matches('+').parse().unwrap_or(0);
+        match link.has_reply() {
+            true => byte | MESSAGE_AVAILABLE,
+            false => byte & !MESSAGE_AVAILABLE,
+        }
+    }
+
+    async fn trigger(&self, link: u32) -> Result<(), Fault> {
+        let link = self.links.get(&link).ok_or(Fault::InvalidLink)?;
+        match link.guest().hear(b"*TRG".to_vec()).await {
+            Ok(_) => Ok(()),
+            Err(_) => Err(Fault::Io),
+        }
+    }
+}
+
+fn status(done: Result<(), Fault>) -> u32 {
+    done.map_or_else(|fault| fault as u32, |()| 0)
+}
+
+fn code(done: Result<(), Fault>) -> Vec<u8> {
+    Writer::default().word(status(done)).bytes()
+}
