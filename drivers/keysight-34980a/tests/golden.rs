@@ -228,3 +228,162 @@ fn section_9_the_fastest_legal_sequence() {
          < +0,\"No error\"",
     );
 }
+
+#[test]
+fn section_3_rows_pairs_and_coils() {
+    holds(
+        &["34934A,4x32", "34925A", "34923A", "34934A,8x64"],
+        "> SYSTem:MODule:ROW:PROTection? 1
+         < AUTO100
+         > SYST:MOD:ROW:PROT 1,ISO;PROT? 1
+         < ISO
+         > SYST:MOD:ROW:PROT 2,FIX;:SYST:ERR?
+         < +305,\"Not able to perform requested operation\"
+         > ROUT:CLOS:PAIR (@1101,1135)
+         > ROUT:CLOS? (@1101,1165,1135,1199);:ROUT:CLOS:PAIR? (@1101,1102)
+         < 1,1,1,1;1,0
+         > ROUT:OPEN (@1165);:ROUT:CLOS:PAIR? (@1101);:ROUT:OPEN:PAIR? (@1101)
+         < 0;0
+         > ROUT:OPEN:PAIR (@1101);:ROUT:OPEN? (@1101,1165)
+         < 1,1
+         > ROUT:CLOS:PAIR (@4101);:SYST:ERR?
+         < +308,\"Channel not able to perform requested operation\"
+         > ROUT:CLOS (@2001,2021);:ROUT:CLOS (@2002);:SYST:ERR?
+         < +305,\"Not able to perform requested operation\"
+         > ROUT:CLOS (@3001:3010);:ROUT:CLOS (@3911);:SYST:ERR?
+         < +305,\"Not able to perform requested operation\"
+         > DIAG:REL:CYCL? (@2001,3001)
+         < +0,+1
+         > DIAG:REL:CYCL:CLE (@3001);:DIAG:REL:CYCL? (@3001)
+         < +0
+         > *RST;:SYST:MOD:ROW:PROT? 1
+         < AUTO100",
+    );
+}
+
+#[test]
+fn section_5_limits_and_integration() {
+    holds(
+        &["34922A"],
+        "> CONF:VOLT:DC 10,MIN,(@1001);:VOLT:DC:NPLC? (@1001)
+         < +1.00000000E+02
+         > CONF:VOLT:DC 10.0, 0.003, (@1001);:VOLT:DC:NPLC?
+         < +2.00000000E-02
+         > VOLT:DC:NPLC? MIN,(@1001);NPLC? MAX
+         < +2.00000000E-02;+2.00000000E+02
+         > VOLT:DC:RANG? MIN;RANG? MAX
+         < +1.00000000E-01;+3.00000000E+02
+         > VOLT:DC:APER 301 us,(@1001);APER?;APER:ENAB?
+         < +3.00000000E-04;1
+         > VOLT:DC:NPLC 1;APER:ENAB?
+         < 0
+         > VOLT:DC:RES 1E-5;RES?;NPLC?
+         < +1.00000000E-05;+1.00000000E+01
+         > VOLT:DC:RANG:AUTO ON;:VOLT:DC:RANG:AUTO?;:CONF?
+         < 1;\"VOLT AUTO\"
+         > CONF:VOLT:DC AUTO,0.001,(@1001);:SYST:ERR?
+         < -221,\"Settings conflict\"
+         > ROUT:CHAN:DEL 0.0024;DEL?;DEL:AUTO?
+         < +2.00000000E-03;0
+         > ROUT:CHAN:DEL:AUTO ON;:ROUT:CHAN:DEL?
+         < +2.00000000E-03
+         > ROUT:CHAN:DEL? MAX
+         < +6.00000000E+01
+         > TRIG:TIM? MAX;COUN? MAX;COUN? MIN
+         < +3.59999999E+05;+50000;+1",
+    );
+}
+
+#[test]
+fn section_5_time_stamps() {
+    holds(
+        &["34922A"],
+        "> SYST:DATE 2024,2,28;TIME 23,59,59.9;DATE?;TIME?
+         < 2024,02,28;23,59,59.900
+         > CONF:VOLT:DC 10,(@1001:1002);:ZERO:AUTO OFF
+         > FORM:READ:TIME ON;TIME:TYPE ABS;TYPE?
+         < ABS
+         > FORM:READ:UNIT ON;CHAN ON;ALAR ON
+         > ROUT:CHAN:DEL 0.1;:READ?
+         < +0.00000000E+00 VDC,2024,02,29,00,00,00.029,1001,0,+0.00000000E+00 VDC,2024,02,29,00,00,00.159,1002,0
+         > SYST:TIME:SCAN?
+         < 2024,02,28,23,59,59.900
+         > FORM:READ:TIME:TYPE REL;:READ? (@1002)
+         < +0.00000000E+00 VDC,000000000.130,1002,0",
+    );
+}
+
+#[test]
+fn section_5_memory() {
+    holds(
+        &["34924A"],
+        "> FETC?
+         .
+         > SYST:ERR?
+         < -230,\"Data corrupt or stale\"
+         > CONF:VOLT:DC 10,(@1001:1003);:INIT;:*OPC?
+         < 1
+         > DATA:POIN?
+         < +3
+         > R? 1
+         < #215+0.00000000E+00
+         > DATA:REM? 3
+         .
+         > SYST:ERR?
+         < -222,\"Data out of range\"
+         > DATA:REM? 2
+         < +0.00000000E+00,+0.00000000E+00
+         > R?
+         < #10
+         > READ? (@1002);:DATA:POIN?;:TRIG:COUN 2;:DATA:POIN?
+         < +0.00000000E+00;+1;+0
+         > MEAS:VOLT:DC? 1,(@1001);:ROUT:SCAN?
+         < +0.00000000E+00;#17(@1001)",
+    );
+}
+
+#[test]
+fn section_6_sequences() {
+    holds(
+        &["34924A"],
+        "> ROUT:SEQ:CAT?
+         < \"\"
+         > ROUTe:SEQuence:DEFine MySeq_1,\"ROUTe:CLOSe (@1001:1009);:ROUTe:OPEN (@1001)\"
+         > ROUT:SEQ:DEF? mySEQ_1
+         < \":ROUT:CLOS (@1001:1009);:ROUT:OPEN (@1001)\"
+         > ROUT:SEQ:DEF Other,'ROUT:SEQ:TRIG MYSEQ_1;:DISP:TEXT \"done\"'
+         > ROUT:SEQ:CAT?
+         < \"MYSEQ_1\",\"OTHER\"
+         > ROUT:SEQ:TRIG OTHER;WAIT;BUSY?;:ROUT:CLOS? (@1001,1002,1009);:DISP:TEXT?
+         < 0;0,1,1;\"done\"
+         > ROUT:SEQ:DEF MYSEQ_1,\"ROUT:CLOS (@1001);:READ?\"
+         > SYST:ERR?;:ROUT:SEQ:DEF? MYSEQ_1
+         < -221,\"Settings conflict\";\":ROUT:CLOS (@1001:1009);:ROUT:OPEN (@1001)\"
+         > ROUT:SEQ:DEF MYSEQ_1,\"ROUT:KLOS (@1001)\";:SYST:ERR?
+         .
+         > SYST:ERR?
+         < -113,\"Undefined header\"
+         > ROUT:SEQ:DEL OTHER;CAT?
+         < \"MYSEQ_1\"
+         > ROUT:SEQ:DEL:ALL;:ROUT:SEQ:CAT?
+         < \"\"",
+    );
+}
+
+#[test]
+fn section_7_summaries() {
+    holds(
+        &["34924A"],
+        "> STAT:OPER:ENAB 16;ENAB?;:STAT:QUES:ENAB 4097;ENAB?
+         < +16;+4097
+         > *CLS;*SRE 136
+         > CONF:VOLT:DC 0.1,(@1001);:ROUT:CLOS (@1036);:READ?
+         < +9.90000000E+37
+         > *STB?
+         < +200
+         > STAT:OPER?;:STAT:QUES?;:*STB?
+         < +784;+1;+16
+         > STAT:PRES;:STAT:OPER:ENAB?;:STAT:QUES:ENAB?
+         < +0;+0",
+    );
+}

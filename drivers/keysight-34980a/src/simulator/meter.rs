@@ -187,10 +187,32 @@ impl Meter {
             Some(count) if !self.source.waits() => count,
             _ => return Err(Trouble::DEADLOCK),
         };
+        self.read_sweeps(list, self.pace(), count, now, relays, wires)
+    }
+
+    /// One sweep through the scan list at once, whatever the trigger is set to.
+    pub(super) fn read_once(
+        &mut self,
+        now: Duration,
+        relays: &mut Relays,
+        wires: &mut dyn Wires,
+    ) -> Result<Duration, Trouble> {
+        let list = self.scan.clone();
+        self.read_sweeps(&list, Pace::Continuous, 1, now, relays, wires)
+    }
+
+    fn read_sweeps(
+        &mut self,
+        list: &[Relay],
+        pace: Pace,
+        count: u32,
+        now: Duration,
+        relays: &mut Relays,
+        wires: &mut dyn Wires,
+    ) -> Result<Duration, Trouble> {
         if list.len().max(1) * count as usize > self.memory.most() {
             return Err(Trouble::MEMORY);
         }
-        let pace = self.pace();
         self.begin(list, pace, Some(count), now, relays, wires)?;
         // It has an end: its sweeps are counted and wait for nothing.
         let end = self.ends_at().unwrap_or(now);

@@ -1,5 +1,7 @@
 //! What the commands of the voltmeter do (section 5).
 
+use std::time::Duration;
+
 use scpi::ParseError;
 use survey::Relay;
 
@@ -67,8 +69,10 @@ impl Simulator34980a {
                     .meter
                     .configure(&self.relays, range, resolution, &channels)?;
                 self.configured(set_up, turn);
-                let list = self.meter.scan_list().to_vec();
-                return self.read(&list, turn);
+                let end = self
+                    .meter
+                    .read_once(turn.now, &mut self.relays, turn.wires)?;
+                return self.answer_readings(end, turn);
             }
             Measure::Initiate => self
                 .meter
@@ -137,6 +141,10 @@ impl Simulator34980a {
         let end = self
             .meter
             .read(list, turn.now, &mut self.relays, turn.wires)?;
+        self.answer_readings(end, turn)
+    }
+
+    fn answer_readings(&self, end: Duration, turn: &mut Turn<'_>) -> Reply {
         turn.now = end;
         let readings = self.meter.memory().read(end);
         Ok(Some(self.meter.form.write(readings, &self.calendar)))
