@@ -18,7 +18,7 @@ pub struct MethodChoice {
     /// Prior of the one-step method (default: what the session used, else noser)
     #[arg(long, value_enum, value_name = "PRIOR", conflicts_with = "model")]
     pub prior: Option<Prior>,
-    /// Exponent of the NOSER prior (default: what the session used, else 0.5)
+    /// Exponent of the NOSER prior (default: what the session used, else 0.5 with --prior noser, 0.25 without)
     #[arg(long, value_name = "P", conflicts_with = "model")]
     pub exponent: Option<f64>,
     /// Hyper-parameter of the one-step method (default: what the session used, else from the noise)

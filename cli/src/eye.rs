@@ -134,9 +134,9 @@ impl Eye {
             }
         };
         let prior = match recipe.prior {
-            Prior::Tikhonov => eit::Prior::Tikhonov,
-            Prior::Noser => eit::Prior::Noser { p: recipe.exponent },
-            Prior::Laplace => eit::Prior::Laplace,
+            Some(Prior::Tikhonov) => eit::Prior::Tikhonov,
+            Some(Prior::Noser) | None => eit::Prior::noser(recipe.prior.is_some(), recipe.exponent),
+            Some(Prior::Laplace) => eit::Prior::Laplace,
         };
         let options = OneStepOptions {
             prior,

@@ -10,8 +10,8 @@ use crate::recording::Home;
 /// What was asked of the reconstruction; what was not asked is as the session had it, else the default.
 pub(crate) struct Recipe {
     pub(crate) model: Option<PathBuf>,
-    pub(crate) prior: Prior,
-    pub(crate) exponent: f64,
+    pub(crate) prior: Option<Prior>,
+    pub(crate) exponent: Option<f64>,
     pub(crate) lambda: Option<f64>,
     pub(crate) noise_v: Option<f64>,
     /// Current at which that noise is met, A; `None` where the record's unit is not known to be the volt.
@@ -67,8 +67,8 @@ impl Recipe {
         let told = asked.lambda.is_some() || asked.noise_v.is_some();
         Ok(Self {
             model,
-            prior: asked.prior.or(kept.prior).unwrap_or(Prior::Noser),
-            exponent: asked.exponent.or(kept.exponent).unwrap_or(0.5),
+            prior: asked.prior.or(kept.prior),
+            exponent: asked.exponent.or(kept.exponent),
             lambda: asked.lambda.or(kept.lambda.filter(|_| !told)),
             noise_v: asked.noise_v.or(session_noise.filter(|_| !told)),
             current_a,

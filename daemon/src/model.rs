@@ -196,9 +196,7 @@ pub(crate) fn one_step(
 ) -> Result<Model, ModelFault> {
     let prior = match section.prior.unwrap_or_default() {
         PriorName::Tikhonov => Prior::Tikhonov,
-        PriorName::Noser => Prior::Noser {
-            p: section.exponent.unwrap_or(0.5),
-        },
+        PriorName::Noser => Prior::noser(section.prior.is_some(), section.exponent),
         PriorName::Laplace => Prior::Laplace,
     };
     let hyper = match (section.lambda, section.noise_uv) {

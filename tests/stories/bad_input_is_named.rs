@@ -139,7 +139,7 @@ fn a_truncated_or_foreign_model_is_refused() {
     ] {
         let change = |config: &str| {
             config.replace(
-                "method = \"one-step\"\nexponent = 0.25\nprior = \"noser\"\nnoise_uv = 2.0",
+                "method = \"one-step\"\nnoise_uv = 2.0",
                 &format!("file = \"STAGE/{name}\""),
             )
         };

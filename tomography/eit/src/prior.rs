@@ -32,6 +32,16 @@ impl Default for Prior {
 }
 
 impl Prior {
+    /// NOSER as a person asked for it: the exponent given; else 0.5 where the prior was named, as in the literature;
+    /// else, where nothing was said, the prior of [`crate::OneStepOptions::default`].
+    pub fn noser(named: bool, exponent: Option<f64>) -> Self {
+        match exponent {
+            Some(p) => Self::Noser { p },
+            None if named => Self::default(),
+            None => crate::OneStepOptions::default().prior,
+        }
+    }
+
     /// As a person names it.
     pub fn name(self) -> &'static str {
         match self {
