@@ -97,6 +97,10 @@ fn run(python: &Path) -> Output {
 
 #[test]
 fn pymeasure_finds_a_6221() {
+    if std::env::var_os("TACTUS_REQUIRE_CLIENTS").is_none() {
+        println!("skipped: PyMeasure is fetched and run only with TACTUS_REQUIRE_CLIENTS=1");
+        return;
+    }
     let python = match environment() {
         Ok(python) => python,
         Err(reason) => {
