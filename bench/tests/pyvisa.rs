@@ -49,6 +49,10 @@ fn environment() -> Result<PathBuf, String> {
 
 #[test]
 fn a_strangers_client_finds_ohms_law() {
+    if std::env::var_os("TACTUS_REQUIRE_PYVISA").is_none() {
+        println!("skipped: pyvisa-py is fetched and run only with TACTUS_REQUIRE_PYVISA=1");
+        return;
+    }
     let python = match environment() {
         Ok(python) => python,
         Err(reason) => {

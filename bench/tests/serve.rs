@@ -1,7 +1,9 @@
 //! The program: its ready line, its ports, its serial port, its clean end.
 
-use std::io::{BufRead, BufReader};
-use std::process::{Child, Command, Stdio};
+#[allow(dead_code)]
+mod served;
+
+use std::process::Command;
 use std::time::Duration;
 
 use gpio_mux::GpioMux;
@@ -10,71 +12,27 @@ use keysight_34980a::Keysight34980a;
 use mdns_sd::{IfKind, ServiceDaemon, ServiceEvent};
 use rig::{Link, Move, Switch, connect_tcp, open_serial};
 use serde_json::Value;
+use served::Served;
 use survey::{Electrode, Relay};
 
 const DEADLINE: Duration = Duration::from_secs(20);
 
-/// The running program; killed if a test leaves it running.
-struct Served {
-    child: Child,
-    ready: Value,
-}
-
-impl Served {
-    fn start(arguments: &[&str]) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_tactus-bench"))
-            .arg("serve")
-            .args(["--port-6221", "0", "--port-34980a", "0", "--instant"])
-            .args(arguments)
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut line = String::new();
-        BufReader::new(child.stdout.take().unwrap())
-            .read_line(&mut line)
-            .unwrap();
-        let ready: Value = serde_json::from_str(&line).unwrap();
-        assert_eq!(ready["ready"], true);
-        Self { child, ready }
-    }
-
-    fn address(&self, instrument: &str) -> &str {
-        self.ready[instrument].as_str().unwrap()
-    }
-
-    async fn link(&self, instrument: &str) -> Link<rig::BoxStream> {
-        let stream = connect_tcp(self.address(instrument), DEADLINE)
-            .await
-            .unwrap();
-        Link::new(stream, instrument, DEADLINE)
-    }
-
-    /// Ends it as systemd would, and says how it ended.
-    fn terminate(mut self) -> Option<i32> {
-        let killed = Command::new("kill")
-            .arg(self.child.id().to_string())
-            .status();
-        assert!(killed.unwrap().success());
-        self.child.wait().unwrap().code()
-    }
-}
-
-impl Drop for Served {
-    fn drop(&mut self) {
-        self.child.kill().ok();
-        self.child.wait().ok();
-    }
+async fn link(served: &Served, instrument: &str) -> Link<rig::BoxStream> {
+    let stream = connect_tcp(served.address(instrument), DEADLINE)
+        .await
+        .unwrap();
+    Link::new(stream, instrument, DEADLINE)
 }
 
 #[tokio::test]
 async fn drivers_talk_to_the_program_over_tcp_and_it_ends_cleanly() {
     let served = Served::start(&["--slot", "3=34934A,4x128"]);
     assert_eq!(served.ready["serial"], Value::Null);
-    let source = Keithley6221::connect(served.link("6221").await)
+    let source = Keithley6221::connect(link(&served, "6221").await)
         .await
         .unwrap();
     assert!(source.identity().contains("MODEL 6221"));
-    let mainframe = Keysight34980a::connect(served.link("34980a").await)
+    let mainframe = Keysight34980a::connect(link(&served, "34980a").await)
         .await
         .unwrap();
     let modules = mainframe.modules();
@@ -86,20 +44,20 @@ async fn drivers_talk_to_the_program_over_tcp_and_it_ends_cleanly() {
 #[tokio::test]
 async fn the_mainframe_serves_several_clients_and_the_source_one_after_the_other() {
     let served = Served::start(&[]);
-    let mut first = served.link("34980a").await;
-    let mut second = served.link("34980a").await;
+    let mut first = link(&served, "34980a").await;
+    let mut second = link(&served, "34980a").await;
     first.send("ROUT:CLOS (@1036)").await.unwrap();
     assert_eq!(
         first.ask("*OPC?").await.unwrap().trim_start_matches('+'),
         "1"
     );
     assert_eq!(second.ask("ROUT:CLOS? (@1036)").await.unwrap(), "1");
-    let mut source = served.link("6221").await;
+    let mut source = link(&served, "6221").await;
     source.send("SOUR:CURR 1e-3;:OUTP ON").await.unwrap();
     assert_eq!(source.ask("OUTP?").await.unwrap(), "1");
     drop(source);
     // The output survives its client: the next one finds it on.
-    let mut next = served.link("6221").await;
+    let mut next = link(&served, "6221").await;
     assert_eq!(next.ask("OUTP?").await.unwrap(), "1");
 }
 

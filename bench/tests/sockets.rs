@@ -1,0 +1,261 @@
+//! Raw sockets: bytes as clients and networks really send them.
+
+#[allow(dead_code)]
+mod served;
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{Shutdown, TcpStream};
+use std::time::{Duration, Instant};
+
+use served::Served;
+
+const DEADLINE: Duration = Duration::from_secs(20);
+
+struct Client(BufReader<TcpStream>);
+
+impl Client {
+    fn of(served: &Served, instrument: &str) -> Self {
+        let stream = TcpStream::connect(served.address(instrument)).unwrap();
+        stream.set_nodelay(true).unwrap();
+        stream.set_read_timeout(Some(DEADLINE)).unwrap();
+        Self(BufReader::new(stream))
+    }
+
+    fn send(&mut self, bytes: &[u8]) {
+        self.0.get_mut().write_all(bytes).unwrap();
+    }
+
+    fn line(&mut self) -> String {
+        let mut line = String::new();
+        self.0.read_line(&mut line).unwrap();
+        assert!(line.ends_with('\n'), "{line:?}");
+        line.trim_end().to_owned()
+    }
+
+    fn ask(&mut self, question: &str) -> String {
+        self.send(format!("{question}\n").as_bytes());
+        self.line()
+    }
+
+    fn code(&mut self) -> i32 {
+        let error = self.ask("SYST:ERR?");
+        error.split(',').next().unwrap().parse().unwrap()
+    }
+
+    /// The other side closed, with or without a reset.
+    fn is_closed(&mut self) -> bool {
+        let mut rest = Vec::new();
+        match self.0.read_to_end(&mut rest) {
+            Ok(_) => rest.is_empty(),
+            Err(fault) => fault.kind() == std::io::ErrorKind::ConnectionReset,
+        }
+    }
+}
+
+/// Leaves without a goodbye: the other side sees a reset.
+fn reset(client: Client) {
+    let socket = client.0.into_inner();
+    // Unread input makes the kernel reset instead of closing.
+    let socket = tokio::net::TcpSocket::from_std_stream(socket);
+    socket.set_zero_linger().unwrap();
+}
+
+#[test]
+fn fragments_line_ends_and_pipelines_are_all_one() {
+    let served = Served::start(&[]);
+    for (instrument, model) in [("6221", "MODEL 6221"), ("34980a", "34980A")] {
+        let mut client = Client::of(&served, instrument);
+        for byte in b"*IDN?\n" {
+            client.send(&[*byte]);
+        }
+        assert!(client.line().contains(model));
+        client.send(b"*IDN?\r\n");
+        let reply = client.line();
+        assert!(reply.contains(model) && !reply.contains('\r'));
+        client.send(b"\n\r\n  \n*IDN?\n");
+        assert!(client.line().contains(model));
+        client.send("*IDN?\n".repeat(200).as_bytes());
+        for _ in 0..200 {
+            assert!(client.line().contains(model));
+        }
+        // A message cut anywhere, joined with the next.
+        client.send(b"*ESE 4\n*ES");
+        client.send(b"E?\n*ESE 0;*ESE?\n*ID");
+        assert_eq!(client.line().trim_start_matches('+'), "4");
+        assert_eq!(client.line().trim_start_matches('+'), "0");
+        client.send(b"N?\n");
+        assert!(client.line().contains(model));
+        assert_eq!(client.code(), 0);
+    }
+}
+
+#[test]
+fn long_lines_are_heard_and_longer_ones_refused() {
+    let served = Served::start(&[]);
+    for instrument in ["6221", "34980a"] {
+        let mut client = Client::of(&served, instrument);
+        let long = format!(
+            "{};*ESE 8;*ESE?\n",
+            "*ESE 1;".repeat(3000).trim_end_matches(';')
+        );
+        assert!(long.len() > 20_000);
+        client.send(long.as_bytes());
+        assert_eq!(client.line().trim_start_matches('+'), "8");
+        let blanks = vec![b' '; 20_000];
+        client.send(&[&blanks[..], b"*ESE?\n"].concat());
+        assert_eq!(client.line().trim_start_matches('+'), "8");
+        assert_eq!(client.code(), 0);
+        client.send(&[&[b'A'; 1_000_000][..], b"\n"].concat());
+        assert_eq!(client.code(), -363, "{instrument}");
+        assert_eq!(client.code(), 0);
+        // Without an end it costs no memory, and nothing else is disturbed.
+        client.send(&[b'A'; 1_000_000]);
+        if instrument == "34980a" {
+            let mut other = Client::of(&served, instrument);
+            assert!(other.ask("*IDN?").contains("34980A"));
+        }
+    }
+}
+
+#[test]
+fn bytes_that_are_no_text_are_refused_and_forgotten() {
+    let served = Served::start(&[]);
+    for instrument in ["6221", "34980a"] {
+        let mut client = Client::of(&served, instrument);
+        let every: Vec<u8> = (0..=255).filter(|byte| *byte != b'\n').collect();
+        client.send(&[&every[..], b"\n"].concat());
+        assert!(client.code() < 0);
+        client.send(b"*CLS\n");
+        assert_eq!(client.code(), 0);
+        // A query that is none has no reply; the next one has.
+        client.send(b"FOO?\n");
+        assert_eq!(client.code(), -113);
+    }
+}
+
+#[test]
+fn a_half_closed_client_still_gets_its_replies() {
+    let served = Served::start(&[]);
+    for instrument in ["6221", "34980a"] {
+        let mut client = Client::of(&served, instrument);
+        client.send(b"*ESE 3\n*ESE?\n*IDN?\n");
+        client.0.get_ref().shutdown(Shutdown::Write).unwrap();
+        assert_eq!(client.line().trim_start_matches('+'), "3");
+        assert!(!client.line().is_empty());
+        assert!(client.is_closed());
+    }
+}
+
+#[test]
+fn churn_and_resets_leave_the_instruments_well() {
+    let served = Served::start(&[]);
+    for instrument in ["6221", "34980a"] {
+        for round in 0..50 {
+            let mut client = Client::of(&served, instrument);
+            match round % 4 {
+                0 => drop(client),
+                1 => reset(client),
+                2 => {
+                    client.send(b"*IDN?\n*IDN?\n*ID");
+                    reset(client);
+                }
+                _ => assert!(!client.ask("*IDN?").is_empty()),
+            }
+        }
+        let mut client = Client::of(&served, instrument);
+        assert_eq!(client.code(), 0);
+    }
+}
+
+#[test]
+fn sessions_of_the_mainframe_have_queues_of_their_own() {
+    let served = Served::start_in_time(&[]);
+    let mut slow = Client::of(&served, "34980a");
+    let mut quick = Client::of(&served, "34980a");
+    slow.send(b"CONF:VOLT:DC 1,(@1001:1026);:VOLT:DC:NPLC 2,(@1001:1026)\n*OPC?\n");
+    assert_eq!(slow.line().trim_start_matches('+'), "1");
+    let begun = Instant::now();
+    // 26 x 40 ms, twice for autozero or not: time in which the other is served.
+    slow.send(b"READ?\n");
+    assert!(quick.ask("*IDN?").contains("34980A"));
+    assert_eq!(quick.ask("ROUT:CLOS? (@1036)"), "0");
+    let served_after = begun.elapsed();
+    assert_eq!(slow.line().split(',').count(), 26);
+    let whole = begun.elapsed();
+    assert!(whole > Duration::from_secs(1), "{whole:?}");
+    assert!(served_after < whole / 4, "{served_after:?} of {whole:?}");
+}
+
+#[test]
+fn a_second_client_of_the_source_is_held_or_refused_or_served() {
+    let folder = tempfile::tempdir().unwrap();
+    let start = |name: &str, source: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, format!("[source]\n{source}\n")).unwrap();
+        Served::start(&["--profile", path.to_str().unwrap()])
+    };
+    let held = start("held.toml", "second_client = \"held\"");
+    let mut first = Client::of(&held, "6221");
+    assert!(!first.ask("*IDN?").is_empty());
+    let mut second = Client::of(&held, "6221");
+    second.send(b"*ESE?\n");
+    // What the second says is heard only after the first has left.
+    first.send(b"*ESE 7\n");
+    drop(first);
+    assert_eq!(second.line(), "7");
+
+    let refused = start("refused.toml", "second_client = \"refused\"");
+    let mut first = Client::of(&refused, "6221");
+    assert!(!first.ask("*IDN?").is_empty());
+    assert!(Client::of(&refused, "6221").is_closed());
+    assert!(!first.ask("*IDN?").is_empty());
+
+    let served = start("served.toml", "second_client = \"served\"");
+    let mut first = Client::of(&served, "6221");
+    let mut second = Client::of(&served, "6221");
+    assert!(!second.ask("*IDN?").is_empty());
+    assert!(!first.ask("*IDN?").is_empty());
+}
+
+#[test]
+fn the_only_place_stays_taken_after_a_client_that_vanished() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("slow-slot.toml");
+    let text = "[source]\nsecond_client = \"refused\"\nslot_hold_s = 1.5\n";
+    std::fs::write(&path, text).unwrap();
+    let served = Served::start(&["--profile", path.to_str().unwrap()]);
+    let mut polite = Client::of(&served, "6221");
+    assert!(!polite.ask("*IDN?").is_empty());
+    drop(polite);
+    let mut vanishing = loop {
+        let mut next = Client::of(&served, "6221");
+        next.0.get_mut().write_all(b"*IDN?\n").ok();
+        let mut line = String::new();
+        if matches!(next.0.read_line(&mut line), Ok(1..)) {
+            break next;
+        }
+    };
+    vanishing.send(b"OUTP ON\n");
+    assert_eq!(vanishing.ask("OUTP?"), "1");
+    let left = Instant::now();
+    reset(vanishing);
+    let mut tries = 0;
+    let mut back = loop {
+        tries += 1;
+        let mut next = Client::of(&served, "6221");
+        next.0.get_mut().write_all(b"OUTP?\n").ok();
+        let mut line = String::new();
+        if matches!(next.0.read_line(&mut line), Ok(1..)) {
+            assert_eq!(line, "1\n", "the output outlives its client");
+            break next;
+        }
+        assert!(left.elapsed() < DEADLINE);
+    };
+    assert!(tries > 1);
+    assert!(
+        left.elapsed() >= Duration::from_millis(1400),
+        "{:?}",
+        left.elapsed()
+    );
+    assert!(!back.ask("*IDN?").is_empty());
+}
