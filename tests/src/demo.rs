@@ -354,11 +354,14 @@ fn grid(
         .enumerate()
         .map(|(number, (map, press))| {
             let style = Style {
-                title: format!(
-                    "{}: {}",
-                    number + 1,
-                    places(press.truth, press.found[index])
-                ),
+                title: match press.found[index] {
+                    Some(found) => format!(
+                        "{}: {:.1} mm off",
+                        number + 1,
+                        distance_mm(press.truth, found)
+                    ),
+                    None => format!("{}: no loss found", number + 1),
+                },
                 scale: Scale::Own,
                 simulated: true,
                 true_position: Some(TruePlace {
