@@ -1,5 +1,4 @@
-//! PyMeasure's driver, unmodified, over TCP against the simulator. Skips, with its reason, where Python or the packages
-//! cannot be had, unless TACTUS_REQUIRE_CLIENTS=1.
+//! PyMeasure's driver, unmodified, over TCP against the simulator. Fetched and run only with TACTUS_REQUIRE_CLIENTS=1.
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};

@@ -1,6 +1,6 @@
 //! Other people's clients drive the simulator unmodified, over TCP, in a virtual environment of their own.
 //!
-//! Where python3 or the packages cannot be had the tests say so and pass; with TACTUS_REQUIRE_CLIENTS=1 they fail.
+//! They are fetched and run only with TACTUS_REQUIRE_CLIENTS=1; what then cannot be had fails the test.
 
 mod stand_in;
 
@@ -109,6 +109,10 @@ fn environment(name: &str, packages: &[&str]) -> Result<PathBuf, String> {
 }
 
 fn works(client: &str, packages: &[&str], script: &str, served: &Served) {
+    if std::env::var_os("TACTUS_REQUIRE_CLIENTS").is_none() {
+        println!("skipped: {client} is fetched and run only with TACTUS_REQUIRE_CLIENTS=1");
+        return;
+    }
     let python = match environment(client, packages) {
         Ok(python) => python,
         Err(reason) => {
