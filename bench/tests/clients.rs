@@ -1,0 +1,217 @@
+//! Third parties' clients, unmodified, in virtual environments of their own.
+//!
+//! They are fetched and run only when asked for: with TACTUS_REQUIRE_PYVISA=1 what pyvisa-py does, with
+//! TACTUS_REQUIRE_CLIENTS=1 all of them; what then cannot be had fails the test.
+
+#[allow(dead_code)]
+mod served;
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use served::Served;
+
+const PYVISA: (&str, &[&str]) = ("pyvisa", &["pyvisa-py==0.8.1", "pyvisa==1.16.2"]);
+const ZEROCONF: (&str, &[&str]) = ("zeroconf", &["zeroconf==0.154.0"]);
+const PYMEASURE: (&str, &[&str]) = ("pymeasure", &["pymeasure==0.16.0", "pyvisa-py==0.8.1"]);
+const QCODES: (&str, &[&str]) = ("qcodes", &["qcodes==0.58.0", "pyvisa-py==0.8.1"]);
+
+fn run(command: &mut Command) -> Result<Output, String> {
+    let ended = command
+        .output()
+        .map_err(|fault| format!("{command:?} cannot be run: {fault}"))?;
+    if ended.status.success() {
+        return Ok(ended);
+    }
+    let told = String::from_utf8_lossy(&ended.stderr);
+    let last: Vec<&str> = told.lines().rev().take(15).collect();
+    let last: Vec<&str> = last.into_iter().rev().collect();
+    Err(format!("{command:?} failed:\n{}", last.join("\n")))
+}
+
+fn is_asked_for(client: &str) -> bool {
+    let set = |name| std::env::var(name).is_ok_and(|value| value == "1");
+    let asked = set("TACTUS_REQUIRE_CLIENTS") || client == "pyvisa" && set("TACTUS_REQUIRE_PYVISA");
+    if !asked {
+        println!("skipped: {client} is fetched and run only with TACTUS_REQUIRE_CLIENTS=1");
+    }
+    asked
+}
+
+/// The Python of an environment with the packages; one that is complete already is used again.
+fn python((name, packages): (&str, &[&str])) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("venv-{name}"));
+    let python = folder.join("bin/python");
+    let complete = folder.join("complete");
+    let wanted = packages.join(" ");
+    if std::fs::read_to_string(&complete).is_ok_and(|found| found == wanted) {
+        return python;
+    }
+    let fetch = || {
+        let venv = ["-m", "venv", "--clear"];
+        run(Command::new("python3").args(venv).arg(&folder))?;
+        let pip = [
+            "-m",
+            "pip",
+            "install",
+            "--quiet",
+            "--disable-pip-version-check",
+        ];
+        run(Command::new(&python).args(pip).args(packages))
+    };
+    if let Err(reason) = fetch() {
+        panic!("{name} is required and cannot be had: {reason}");
+    }
+    std::fs::write(&complete, wanted).unwrap();
+    python
+}
+
+/// Runs a script of this room with a client's packages, unless nobody asks for it.
+fn script(client: (&str, &[&str]), script: &str, arguments: &[&str]) {
+    // Some keep files of their own in a home folder, one environment is made once.
+    static ONE_AT_A_TIME: std::sync::Mutex<()> = std::sync::Mutex::new(());
+    let python = {
+        let _turn = ONE_AT_A_TIME.lock();
+        python(client)
+    };
+    let home = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("home-{}", client.0));
+    std::fs::create_dir_all(&home).unwrap();
+    let ended = run(Command::new(python)
+        .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join(script))
+        .args(arguments)
+        .current_dir(&home)
+        .env("HOME", &home));
+    match ended {
+        Ok(ended) => print!("{}", String::from_utf8_lossy(&ended.stdout)),
+        Err(fault) => panic!("{fault}"),
+    }
+}
+
+fn socket(served: &Served, instrument: &str) -> String {
+    let (host, port) = served.address(instrument).rsplit_once(':').unwrap();
+    format!("TCPIP::{host}::{port}::SOCKET")
+}
+
+#[test]
+fn pyvisa_finds_ohms_law() {
+    if !is_asked_for("pyvisa") {
+        return;
+    }
+    let served = Served::start_in_time(&[]);
+    let addresses = [served.address("6221"), served.address("34980a")];
+    script(PYVISA, "tests/clients/ohms_law.py", &addresses);
+}
+
+#[test]
+fn pyvisa_takes_a_frame_through_both_instruments() {
+    if !is_asked_for("pyvisa") {
+        return;
+    }
+    let served = Served::start_in_time(&["--port-vxi11", "0"]);
+    let source = socket(&served, "6221");
+    // One power-line cycle for each of 676 readings is 13.5 s by itself.
+    let mainframe = socket(&served, "34980a");
+    script(
+        PYVISA,
+        "tests/clients/frame.py",
+        &[&source, &mainframe, "13.5"],
+    );
+}
+
+#[test]
+fn pyvisa_takes_the_same_frame_over_vxi_11() {
+    if !is_asked_for("pyvisa") {
+        return;
+    }
+    let served = Served::start(&["--port-vxi11", "0"]);
+    let (host, port) = served.address("vxi11").rsplit_once(':').unwrap();
+    let mainframe = format!("TCPIP::{host},{port}::inst0::INSTR");
+    let source = socket(&served, "6221");
+    script(
+        PYVISA,
+        "tests/clients/frame.py",
+        &[&source, &mainframe, "0"],
+    );
+    script(PYVISA, "tests/clients/vxi11.py", &[served.address("vxi11")]);
+}
+
+#[test]
+fn zeroconf_and_avahi_find_every_service() {
+    if !is_asked_for("zeroconf") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let profile = folder.path().join("announced.toml");
+    let serial = format!("B{}", std::process::id());
+    std::fs::write(&profile, format!("[mainframe]\nserial = \"{serial}\"\n")).unwrap();
+    let profile = profile.to_str().unwrap();
+    let served = Served::start(&["--announce", "--port-vxi11", "0", "--profile", profile]);
+    let services = [
+        ("_scpi-raw._tcp", "34980a"),
+        ("_lxi._tcp", "http"),
+        ("_http._tcp", "http"),
+        ("_vxi-11._tcp", "vxi11"),
+    ]
+    .map(|(kind, key)| format!("{kind}={}", served.address(key).rsplit(':').next().unwrap()));
+    let arguments: Vec<&str> = [serial.as_str()]
+        .into_iter()
+        .chain(services.iter().map(String::as_str))
+        .collect();
+    script(ZEROCONF, "tests/clients/announced.py", &arguments);
+    // avahi-browse asks a daemon, which a container has not.
+    let browsed = Command::new("avahi-browse")
+        .args(["--resolve", "--terminate", "--parsable", "_lxi._tcp"])
+        .output();
+    match browsed {
+        Ok(ended) if ended.status.success() => {
+            let told = String::from_utf8_lossy(&ended.stdout);
+            assert!(told.contains(&serial), "{told}");
+        }
+        Ok(ended) => println!(
+            "skipped: avahi-browse: {}",
+            String::from_utf8_lossy(&ended.stderr).trim()
+        ),
+        Err(fault) => println!("skipped: avahi-browse: {fault}"),
+    }
+}
+
+#[test]
+fn lxi_tools_ask_who_is_there() {
+    if !is_asked_for("lxi") {
+        return;
+    }
+    if Command::new("lxi").arg("--version").output().is_err() {
+        println!("skipped: lxi-tools are not installed");
+        return;
+    }
+    let served = Served::start(&[]);
+    for (instrument, model) in [("6221", "MODEL 6221"), ("34980a", "34980A")] {
+        let (host, port) = served.address(instrument).rsplit_once(':').unwrap();
+        let asked = ["scpi", "--raw", "--address", host, "--port", port, "*IDN?"];
+        let told = run(Command::new("lxi").args(asked)).unwrap();
+        let told = String::from_utf8_lossy(&told.stdout);
+        assert!(told.contains(model), "{told}");
+    }
+}
+
+#[test]
+fn the_pymeasure_example_works_as_written() {
+    if !is_asked_for("pymeasure") {
+        return;
+    }
+    let served = Served::start_in_time(&["--load", "resistor 1 2 470"]);
+    let addresses = [socket(&served, "6221"), socket(&served, "34980a")];
+    let addresses = addresses.each_ref().map(String::as_str);
+    script(PYMEASURE, "examples/pymeasure_resistor.py", &addresses);
+}
+
+#[test]
+fn the_qcodes_example_works_as_written() {
+    if !is_asked_for("qcodes") {
+        return;
+    }
+    let served = Served::start_in_time(&["--profile", "matrix-34934a", "--load", "mesh 100"]);
+    let addresses = [socket(&served, "6221"), socket(&served, "34980a")];
+    let addresses = addresses.each_ref().map(String::as_str);
+    script(QCODES, "examples/qcodes_matrix.py", &addresses);
+}
