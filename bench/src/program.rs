@@ -316,3 +316,38 @@ fn fail(fault: &dyn std::error::Error, code: u8) -> ExitCode {
     eprintln!();
     ExitCode::from(code)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_command_of_the_chapter_is_understood() {
+        let chapter = include_str!("../README.md");
+        let mut commands = 0;
+        let lines = chapter.lines().map(str::trim);
+        for line in lines.filter(|line| line.starts_with("tactus-bench ")) {
+            let line = line.split(" #").next().unwrap_or_default();
+            // Quotes hold words together.
+            let words = line.split('"').enumerate().flat_map(|(index, part)| {
+                if index % 2 == 1 {
+                    vec![part]
+                } else {
+                    part.split_whitespace().collect()
+                }
+            });
+            let arguments = Arguments::try_parse_from(words)
+                .unwrap_or_else(|refusal| panic!("{line}: {refusal}"));
+            if let Command::Fault(Words { words, .. }) = arguments.command {
+                let words = words.join(" ");
+                assert!(words.parse::<crate::Fault>().is_ok(), "{words}");
+            }
+            commands += 1;
+        }
+        assert!(commands > 10);
+        for profile in chapter.split("```toml\n").skip(1) {
+            let text = profile.split("```").next().unwrap_or_default();
+            Profile::parse("README.md", text).unwrap();
+        }
+    }
+}
