@@ -30,7 +30,7 @@ pub fn png(sheet: &Sheet, map: &Map, style: &Style) -> Result<Vec<u8>, PictureEr
 /// A map as an SVG.
 ///
 /// # Errors
-/// As [`png`].
+/// As [`png()`].
 pub fn svg(sheet: &Sheet, map: &Map, style: &Style) -> Result<String, PictureError> {
     Page::single(sheet, map, style)?.svg()
 }
@@ -38,7 +38,7 @@ pub fn svg(sheet: &Sheet, map: &Map, style: &Style) -> Result<String, PictureErr
 /// Many maps of one sheet in one PNG, row by row, with one scale that serves them all. It says SIMULATED if any is.
 ///
 /// # Errors
-/// As [`png`]; or no map, or no column.
+/// As [`png()`]; or no map, or no column.
 pub fn png_grid(
     sheet: &Sheet,
     maps: &[(Map, Style)],

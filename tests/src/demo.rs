@@ -123,7 +123,7 @@ fn demo() -> Result<(), Failure> {
     );
     keeper.stop()?;
 
-    let record = logbook::SessionReader::open(&logbook::find(&stage.state_path(), &session)?)?;
+    let record = logbook::SessionReader::open(&logbook::find(stage.state_path(), &session)?)?;
     let frames: Vec<Frame> = record
         .frames()
         .map(|record| record.map(|record| record.frame))
@@ -158,7 +158,7 @@ fn demo() -> Result<(), Failure> {
         ])?
         .succeeded()?;
     indent(&exported.stdout);
-    let file = logbook::find(&stage.state_path(), &session)?;
+    let file = logbook::find(stage.state_path(), &session)?;
     let kept = out.join(file.file_name().ok_or("a session file has a name")?);
     std::fs::copy(&file, &kept)?;
     let mut pictures = Vec::new();
