@@ -304,6 +304,36 @@ pub struct TimedFault {
     pub fault: Fault,
 }
 
+impl TimedFault {
+    /// Words on a time line: what happens, and what ends it after the time it lasts.
+    ///
+    /// # Errors
+    /// Words that mean nothing, or that last although what they mean passes by itself.
+    pub(crate) fn read(
+        at: Duration,
+        lasts: Option<Duration>,
+        what: &str,
+    ) -> Result<Vec<Self>, FaultError> {
+        let fault: Fault = what.parse()?;
+        let mut timed = Vec::new();
+        if let Some(lasts) = lasts {
+            let words = |why: &str| FaultError::Words {
+                words: what.to_owned(),
+                why: why.to_owned(),
+            };
+            let mended = fault
+                .mended()
+                .ok_or_else(|| words("it passes by itself, it takes no for_s"))?;
+            let at = at
+                .checked_add(lasts)
+                .ok_or_else(|| words("it would last too long"))?;
+            timed.push(Self { at, fault: mended });
+        }
+        timed.push(Self { at, fault });
+        Ok(timed)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

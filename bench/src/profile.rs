@@ -7,7 +7,7 @@ use std::time::Duration;
 use keysight_34980a::Module;
 use serde::Deserialize;
 
-use crate::fault::{Fault, FaultError, TimedFault};
+use crate::fault::TimedFault;
 use crate::hanging::{Hanging, HangingError};
 
 /// How the instruments take their time.
@@ -360,25 +360,9 @@ impl Profile {
         let mut faults = Vec::new();
         for entry in &document.fault {
             let at = moment(&entry.at_s)?;
-            let what: Fault = entry
-                .what
-                .get_ref()
-                .parse()
-                .map_err(|refusal: FaultError| fault(entry.what.span(), refusal.to_string()))?;
-            if let Some(lasts) = &entry.for_s {
-                let mended = what.mended().ok_or_else(|| {
-                    let why = format!("'{what}' passes by itself, it takes no for_s");
-                    fault(lasts.span(), why)
-                })?;
-                let until = at.checked_add(moment(lasts)?).ok_or_else(|| {
-                    fault(lasts.span(), "the fault would last too long".to_owned())
-                })?;
-                faults.push(TimedFault {
-                    at: until,
-                    fault: mended,
-                });
-            }
-            faults.push(TimedFault { at, fault: what });
+            let lasts = entry.for_s.as_ref().map(&moment).transpose()?;
+            let read = TimedFault::read(at, lasts, entry.what.get_ref());
+            faults.extend(read.map_err(|refusal| fault(entry.what.span(), refusal.to_string()))?);
         }
         let mut slots = [None; 8];
         for (number, module) in &document.slots {
@@ -468,7 +452,7 @@ mod tests {
             ),
             (
                 "[[fault]]\nat_s = 1\nfor_s = 2\nwhat = \"drop 6221\"",
-                "p.toml:3:9: 'drop 6221' passes by itself",
+                "p.toml:4:8: 'drop 6221' is no fault: it passes by itself",
             ),
         ] {
             let refusal = Profile::parse("p.toml", text).unwrap_err().to_string();

@@ -12,6 +12,7 @@ use scpi::ParseError;
 use survey::{Amps, Electrode, Relay, Volts};
 use tokio::sync::{Notify, watch};
 
+use crate::fault::TimedFault;
 use crate::guest::Manners;
 use crate::profile::Profile;
 use crate::status::{Client, SourceStatus, Status};
@@ -109,6 +110,14 @@ pub enum RigError {
         /// What fits.
         most: usize,
     },
+    /// The scene has a fault that these instruments do not know.
+    #[error("{place}: {cause}")]
+    Fault {
+        /// Where it stands: `file:line:column`.
+        place: String,
+        /// What is wrong with it.
+        cause: crate::FaultError,
+    },
     /// The profile's load hangs on terminals that the fixture does not have.
     #[error("the load '{load}' needs more than the {electrodes} terminals of the scene")]
     Load {
@@ -153,6 +162,14 @@ impl SimulatedRig {
     /// # Errors
     /// A scene whose sheet cannot be made, or has more electrodes than the profile's board takes.
     pub fn new(profile: &Profile, scene: Scene) -> Result<Self, RigError> {
+        let mut time_line = profile.faults.clone();
+        for fault in &scene.faults {
+            let read = TimedFault::read(fault.at, fault.lasts, &fault.what);
+            time_line.extend(read.map_err(|cause| RigError::Fault {
+                place: fault.place.clone(),
+                cause,
+            })?);
+        }
         let phantom = Phantom::new(scene)?;
         let electrodes = phantom.electrodes();
         if profile.board.is_some() && electrodes > 32 {
@@ -170,7 +187,7 @@ impl SimulatedRig {
         }
         Ok(Self {
             shared: Arc::new(Shared {
-                bench: Mutex::new(Bench::new(profile, phantom)),
+                bench: Mutex::new(Bench::new(profile, phantom, time_line)),
                 wires: [(); 3].map(|()| {
                     watch::Sender::new(Line {
                         wire: Wire::Sound,

@@ -48,7 +48,7 @@ pub(crate) type Heard = ((Option<String>, Duration), Option<String>);
 
 impl Bench {
     /// Instruments just switched on.
-    pub(crate) fn new(profile: &Profile, phantom: Phantom) -> Self {
+    pub(crate) fn new(profile: &Profile, phantom: Phantom, mut time_line: Vec<TimedFault>) -> Self {
         let electrodes = phantom.electrodes();
         let board = profile.board.clone().unwrap_or_default();
         let source_settings = Settings6221 {
@@ -56,7 +56,6 @@ impl Bench {
             command_time: milliseconds(profile.source.command_ms),
             ..Settings6221::default()
         };
-        let mut time_line = profile.faults.clone();
         time_line.sort_by_key(|timed| timed.at);
         let mut new = Self {
             source: Simulator6221::new(source_settings.clone()),

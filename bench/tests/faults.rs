@@ -158,6 +158,27 @@ async fn the_time_line_breaks_and_mends() {
     assert!(!rig.source_output().0);
 }
 
+#[tokio::test]
+async fn a_scene_has_faults_beside_its_loads() {
+    let text = "[[fault]]\nat_s = 10\nfor_s = 5\nwhat = \"overload on\"\n";
+    let scene = Scene::parse("faulty.toml", text).unwrap();
+    let profile = Profile::default().at_pace(Pace::Instant);
+    let rig = SimulatedRig::new(&profile, scene).unwrap();
+    drive(&rig);
+    assert!(read(&rig, 1001) < 10.0);
+    rig.advance(Duration::from_secs(10));
+    assert!(read(&rig, 1001) > 9e37);
+    rig.advance(Duration::from_secs(5));
+    assert!(read(&rig, 1001) < 10.0);
+    let scene = Scene::parse("faulty.toml", &text.replace("on", "of")).unwrap();
+    let refusal = SimulatedRig::new(&profile, scene).unwrap_err();
+    let told = refusal.to_string();
+    assert!(
+        told.starts_with("faulty.toml:4:8: 'overload of' is no fault"),
+        "{told}"
+    );
+}
+
 async fn link(served: &Served, instrument: &str) -> Link<rig::BoxStream> {
     let stream = connect_tcp(served.address(instrument), DEADLINE)
         .await

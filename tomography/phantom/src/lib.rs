@@ -5,6 +5,7 @@
 //! is not built. Refused at this door: clocks (time comes in), randomness without a seed, instruments, reconstruction.
 //!
 //! - **load**: a shape at a place with a loss of conductance; **scene**: sheet, loads on a time line, effects, seed
+//! - **fault**: what a scene says goes wrong with the instruments; its words are for whoever has them
 //! - **loss**: the share of sheet conductance that a load takes away, 0 to 1
 //! - **effect**: one imperfection of the readings, with its own random stream
 //!
@@ -28,5 +29,5 @@ mod sheet;
 
 pub use effects::{EffectSettings, QuantisationSettings, ReadingContext, VoltmeterNoiseSettings};
 pub use load::{Load, LoadError, Shape, loss_of_pressure, pressure_kpa};
-pub use scene::{Scene, SceneError, TimedLoad};
+pub use scene::{Scene, SceneError, SceneFault, TimedLoad};
 pub use sheet::{Phantom, PhantomError};

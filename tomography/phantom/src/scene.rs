@@ -32,6 +32,19 @@ impl TimedLoad {
     }
 }
 
+/// Something that goes wrong with the instruments, and when. Its words are those of whoever has the instruments.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SceneFault {
+    /// When it happens.
+    pub at: Duration,
+    /// How long it lasts; `None` for good, or for what passes by itself.
+    pub lasts: Option<Duration>,
+    /// What happens.
+    pub what: String,
+    /// Where the words stand: `file:line:column`.
+    pub place: String,
+}
+
 /// What is simulated.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scene {
@@ -45,6 +58,8 @@ pub struct Scene {
     pub loads: Vec<TimedLoad>,
     /// The effects, none unless named.
     pub effects: EffectSettings,
+    /// What goes wrong with the instruments, on the same time line.
+    pub faults: Vec<SceneFault>,
 }
 
 /// Why a text is not a scene: `file:line:column: what is wrong`.
@@ -76,6 +91,16 @@ struct Text {
     #[serde(default)]
     load: Vec<Spanned<LoadText>>,
     effects: Option<Spanned<EffectSettings>>,
+    #[serde(default)]
+    fault: Vec<FaultText>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FaultText {
+    at_s: Spanned<f64>,
+    for_s: Option<Spanned<f64>>,
+    what: Spanned<String>,
 }
 
 /// The phantom's own mesh, relative to the sheet's.
@@ -150,6 +175,12 @@ impl Scene {
     /// # Errors
     /// A key that is unknown or missing, a value that is none, with its place.
     pub fn parse(file_name: &str, text: &str) -> Result<Self, SceneError> {
+        let place = |span: &Range<usize>| {
+            let before = text.get(..span.start).unwrap_or(text);
+            let line_start = before.rfind('\n').map_or(0, |at| at + 1);
+            let line = before.matches('\n').count() + 1;
+            (line, before[line_start..].chars().count() + 1)
+        };
         let scene: Result<Text, _> = toml::from_str(text);
         scene
             .map_err(|fault| {
@@ -158,14 +189,18 @@ impl Scene {
                     fault.message().trim().replace('\n', ", "),
                 )
             })
-            .and_then(Text::scene)
+            .and_then(|scene| {
+                scene.scene(|span| {
+                    let (line, column) = place(span);
+                    format!("{file_name}:{line}:{column}")
+                })
+            })
             .map_err(|Fault(span, fault)| {
-                let before = text.get(..span.start).unwrap_or(text);
-                let line_start = before.rfind('\n').map_or(0, |at| at + 1);
+                let (line, column) = place(&span);
                 SceneError {
                     file: file_name.to_owned(),
-                    line: before.matches('\n').count() + 1,
-                    column: before[line_start..].chars().count() + 1,
+                    line,
+                    column,
                     fault,
                 }
             })
@@ -179,6 +214,7 @@ impl Scene {
             sheet: Preset::default().remeshed(FINER, 1),
             loads: Vec::new(),
             effects: EffectSettings::default(),
+            faults: Vec::new(),
         }
     }
 
@@ -214,7 +250,7 @@ impl Scene {
 }
 
 impl Text {
-    fn scene(self) -> Result<Scene, Fault> {
+    fn scene(self, place: impl Fn(&Range<usize>) -> String) -> Result<Scene, Fault> {
         let sheet = match (self.paper_sheet, self.disc_tank) {
             (Some(_), Some(tank)) => {
                 return Err(Fault(
@@ -252,12 +288,25 @@ impl Text {
                 load.into_inner().load(index, span, half_kpa)
             })
             .collect::<Result<_, _>>()?;
+        let faults = self
+            .fault
+            .into_iter()
+            .map(|fault| {
+                Ok(SceneFault {
+                    at: moment(Some(&fault.at_s), "at_s")?.unwrap_or_default(),
+                    lasts: moment(fault.for_s.as_ref(), "for_s")?,
+                    place: place(&fault.what.span()),
+                    what: fault.what.into_inner(),
+                })
+            })
+            .collect::<Result<_, _>>()?;
         Ok(Scene {
             name: self.name.unwrap_or_else(|| "unnamed".to_owned()),
             seed: self.seed,
             sheet: sheet.remeshed(fineness, seeding),
             loads,
             effects,
+            faults,
         })
     }
 }
@@ -466,6 +515,12 @@ mod tests {
         assert!(refuse("[effects.voltmeter-noise]\nuv = -2").contains("zero or more"));
         assert!(refuse("seed = \"x\"").starts_with("scene.toml:1:8:"));
         assert!(refuse("[paper-sheet]\n[disc-tank]\n").contains("not both"));
+        assert!(
+            refuse("[[fault]]\nat_s = -1\nwhat = \"x\"").starts_with("scene.toml:2:8: at_s is -1")
+        );
+        assert!(refuse("[[fault]]\nat_s = 1").starts_with("scene.toml:1:1: missing field"));
+        let scene = Scene::parse("s.toml", "[[fault]]\nat_s = 1\nwhat = \"lost 6221\"").unwrap();
+        assert_eq!(scene.faults[0].place, "s.toml:3:8");
         assert!(refuse("[mesh]\nfineness = 0").contains("mesh.fineness"));
         let timed = |from: f64, to: f64| {
             format!(
