@@ -96,8 +96,9 @@ pub struct Mainframe {
     pub serial: String,
     /// Time a message takes, ms.
     pub command_ms: f64,
-    /// What its clock shows at the start, seconds since 1970-01-01.
-    pub clock_unix_s: u32,
+    /// What its clock shows at the start, seconds since 1970-01-01; without it the year 2000, and the present where the
+    /// program serves it.
+    pub clock_unix_s: Option<u32>,
 }
 
 impl Default for Mainframe {
@@ -105,8 +106,7 @@ impl Default for Mainframe {
         Self {
             serial: "MY44001234".to_owned(),
             command_ms: 2.0,
-            // The year 2000.
-            clock_unix_s: 946_684_800,
+            clock_unix_s: None,
         }
     }
 }

@@ -4,6 +4,7 @@ use std::ffi::OsString;
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::SystemTime;
 
 use clap::{Parser, Subcommand};
 use keysight_34980a::Module;
@@ -199,6 +200,11 @@ fn prepare(asked: &Serve) -> Result<(Profile, Scene), Fault> {
     };
     for (number, module) in &asked.slot {
         profile.slots[number - 1] = Some(*module);
+    }
+    if profile.mainframe.clock_unix_s.is_none() {
+        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+        let now = now.unwrap_or_default().as_secs();
+        profile.mainframe.clock_unix_s = u32::try_from(now).ok();
     }
     if let Some(load) = &asked.load {
         profile.load = load.clone();

@@ -19,6 +19,9 @@ use crate::simulated::{Instrument, Messages, Said};
 
 mod faults;
 
+/// 2000-01-01, seconds since 1970-01-01.
+const YEAR_2000: u32 = 946_684_800;
+
 #[derive(Debug)]
 pub(crate) struct Bench {
     pub(crate) source: Simulator6221,
@@ -65,7 +68,9 @@ impl Bench {
                 slots: profile.slots,
                 line_hz: profile.line_hz,
                 message_time: milliseconds(profile.mainframe.command_ms),
-                clock: Duration::from_secs(u64::from(profile.mainframe.clock_unix_s)),
+                clock: Duration::from_secs(u64::from(
+                    profile.mainframe.clock_unix_s.unwrap_or(YEAR_2000),
+                )),
                 ..Settings34980a::default()
             }),
             slots: profile.slots,
