@@ -217,15 +217,28 @@ fn asked(
         .survey
         .electrodes
         .or_else(|| geometry.map(Geometry::electrodes))?;
+    if electrodes > MOST_ELECTRODES {
+        findings.add(
+            "survey.electrodes",
+            format!("{electrodes} electrodes are too many, {MOST_ELECTRODES} is the most"),
+        );
+        return None;
+    }
     findings.taken(
         "survey.electrodes",
         Protocol::sheffield(electrodes).map_err(|cause| chain(&cause)),
     )
 }
 
-/// Seconds as time; the longest there is for more than that.
+/// Largest ring: its 64,768 readings are far beyond any switch.
+const MOST_ELECTRODES: usize = 256;
+
+/// A hundred years, s: nothing that a person schedules takes longer, and clocks can still add to it.
+pub(crate) const LONGEST_S: f64 = 100.0 * 365.25 * 86_400.0;
+
+/// Seconds as time, [`LONGEST_S`] at most.
 pub(crate) fn seconds(seconds: f64) -> Duration {
-    Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)
+    Duration::try_from_secs_f64(seconds.min(LONGEST_S)).unwrap_or_default()
 }
 
 impl Prepared {

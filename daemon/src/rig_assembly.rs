@@ -113,7 +113,16 @@ pub(crate) async fn assemble(plan: &RigPlan, bench: &Bench) -> Result<Assembled,
         .iter()
         .any(|(place, _)| *place == Place::Simulated);
     let wiring = &plan.plan.wiring;
-    let source = connect_source(plan, bench).await?;
+    let mut source = connect_source(plan, bench).await?;
+    // whatever the others turn out to be, the source is off before they are asked
+    source
+        .off()
+        .await
+        .map_err(|cause| AssemblyError::Instrument {
+            role: "source",
+            place: places.source.0.clone(),
+            cause,
+        })?;
     let mainframe = connect_mainframe(plan, bench).await?;
     let found = |role, identity: &str, place: &Place| Found {
         role,

@@ -52,8 +52,8 @@ impl Schedule {
         if self.every.is_zero() {
             return (now, 0);
         }
-        let due = last + self.every;
-        if now < due + self.every {
+        let due = last.saturating_add(self.every);
+        if now < due.saturating_add(self.every) {
             return (due, 0);
         }
         // the rig was slower than the schedule: take the latest place that has come, and say what was left out
@@ -62,7 +62,7 @@ impl Schedule {
         let step = self
             .every
             .saturating_mul(u32::try_from(missed).unwrap_or(u32::MAX));
-        (due + step, missed)
+        (due.saturating_add(step), missed)
     }
 }
 

@@ -52,6 +52,18 @@ fn a_current_over_the_relays_limit_is_refused_not_clipped() {
 }
 
 #[test]
+fn a_schedule_or_a_ring_without_end_is_refused() {
+    refused(
+        &|config| config.to_owned() + "\n[schedule]\nevery_s = 1e308\n",
+        &["every_s", "too long"],
+    );
+    refused(
+        &|config| config.replace("nplc = 1.0", "nplc = 1.0\nelectrodes = 1000000"),
+        &["electrodes", "256"],
+    );
+}
+
+#[test]
 fn a_missing_scene_is_named() {
     refused(
         &|config| config.replace("STAGE/scene.toml", "STAGE/nosuch.toml"),

@@ -98,7 +98,19 @@ impl Keeper {
         self.herald.say(&Notice::SessionAdded(Arc::clone(&live)));
         self.herald.say(&Notice::Daemon);
         tokio::spawn(Arc::clone(self).tell_progress(Arc::clone(&live)));
-        tokio::spawn(Arc::clone(self).keep(Arc::clone(&live), writer, order));
+        let task = tokio::spawn(Arc::clone(self).keep(Arc::clone(&live), writer, order));
+        let (keeper, kept) = (Arc::clone(self), Arc::clone(&live));
+        tokio::spawn(async move {
+            // a frame ends with the source off, and acquisition sees to its own panics: here only the session is lost
+            if task.await.is_err() {
+                let text = "the daemon's own code failed; its log says where, please report it";
+                keeper.finish(
+                    &kept,
+                    &Ended::Done("a fault of the daemon".to_owned()),
+                    Err(text.to_owned()),
+                );
+            }
+        });
         Ok(live)
     }
 

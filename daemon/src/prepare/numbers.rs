@@ -32,6 +32,26 @@ pub(super) fn check(config: &Config, findings: &mut Findings<'_>) {
             findings.add(key, format!("{value} is not a number from 0 on"));
         }
     }
+    let longest = [
+        ("survey.settle_ms", Some(survey.settle_ms), 60e3),
+        (
+            "schedule.every_s",
+            config.schedule.every_s,
+            super::LONGEST_S,
+        ),
+        ("schedule.for_s", config.schedule.for_s, super::LONGEST_S),
+    ];
+    for (key, value, most) in longest {
+        if let Some(value) = value.filter(|value| *value > most) {
+            findings.add(key, format!("{value} is too long, {most} is the most"));
+        }
+    }
+    if config.schedule.count == Some(0) {
+        findings.add("schedule.count", "0 frames are no session; 1 or more");
+    }
+    if config.schedule.for_s == Some(0.0) {
+        findings.add("schedule.for_s", "0 s are no session");
+    }
     if let Some(rate) = config.recording.as_ref().and_then(|r| r.frames_per_s)
         && !(rate > 0.0 && rate.is_finite())
     {

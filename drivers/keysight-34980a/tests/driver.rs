@@ -258,6 +258,16 @@ async fn an_overload_is_a_gap_and_a_wrong_count_is_no_readings_at_all() {
             Reading::Overload
         ]
     );
+    // no voltmeter reads 5 kV on its 1 V range
+    shared.lie("READ?", "+1.20000000E+00,+5.00000000E+03,-9.89000000E+37");
+    assert_eq!(
+        meter.scan().await.unwrap(),
+        [
+            Reading::Ok(Volts(1.2)),
+            Reading::Overload,
+            Reading::Overload
+        ]
+    );
     for answer in [
         "+1.00000000E+00,+1.00000000E+00",
         "+1.0E+00,+1.0E+00,+1.0E+00,+1.0E+00",

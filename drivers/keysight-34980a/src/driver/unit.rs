@@ -25,6 +25,9 @@ pub(super) struct Unit<S> {
     reset: bool,
 }
 
+/// How far over its range the voltmeter reads (section 5: 20 %), with room for the last digit.
+const OVERRANGE: f64 = 1.2 * (1.0 + 1e-6);
+
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Prepared {
     pub(super) meter: MeterSettings,
@@ -246,9 +249,11 @@ impl<S: Stream> Unit<S> {
             .ask(vec![Measure::Read(None).into()], prepared.deadline)
             .await?;
         let answers = self.numbers(&asked, &answer, prepared.scan.len().max(1))?;
+        // what a sound voltmeter cannot say on this range is no voltage, whatever number came
+        let most = prepared.meter.range.0 * OVERRANGE;
         let reading = |answer: &Answer| match answer {
-            Answer::Value(volts) => Reading::Ok(Volts(*volts)),
-            Answer::Overload { .. } | Answer::NotANumber => Reading::Overload,
+            Answer::Value(volts) if volts.abs() <= most => Reading::Ok(Volts(*volts)),
+            Answer::Value(_) | Answer::Overload { .. } | Answer::NotANumber => Reading::Overload,
         };
         if prepared.scan.is_empty() {
             return Ok(answers.iter().map(reading).collect());
