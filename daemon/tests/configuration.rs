@@ -88,6 +88,27 @@ fn each_bad_input_is_named_at_its_place() {
             ":4:11: rig.profile: profile",
         ),
         (
+            with("PROFILE", "matrix-34932a"),
+            ":4:11: rig.profile: profile matrix-34932a does not fit wiring pairs-34924a in slot 1: the 34932A in slot 1",
+        ),
+        (
+            with("PROFILE", "gpio-board"),
+            "slot 1 is empty; use profile = \"pairs-34924a\"",
+        ),
+        (
+            with("PROFILE", "gpio-board"),
+            "for its board set wiring.kind = \"gpio-board\"",
+        ),
+        (more("[wiring]\nslot = 2\n"), ":4:11: rig.profile: profile"),
+        (
+            more("[wiring]\nkind = \"gpio-board\"\n"),
+            "wiring gpio-board needs the multiplexer board",
+        ),
+        (
+            with("profile = \"PROFILE\"\n", "") + "[wiring]\nslot = 3\n",
+            ":15:2: wiring: profile pairs-34924a does not fit wiring pairs-34924a in slot 3: slot 3 is empty",
+        ),
+        (
             with("scene = \"scene.toml\"", "scene = \"busy\""),
             "shipped ones are quiet",
         ),

@@ -3,7 +3,9 @@
 use std::time::Duration;
 
 use rig::MeterSettings;
-use survey::{Amps, Limits, Plan, PlanError, Protocol, Timing, Volts, Wiring, WiringError};
+use survey::{
+    Amps, Limits, Plan, PlanError, Protocol, Relay, Sensing, Timing, Volts, Wiring, WiringError,
+};
 
 use super::{Findings, Places, RigPlan, seconds};
 use crate::config::{Config, RigKind, WiringKind};
@@ -27,7 +29,14 @@ pub(super) fn rig_plan(
     let wiring = findings.taken("wiring", wiring.map_err(|cause| chain(&cause)));
     let places = places(config, findings);
     let bench = match config.rig.kind {
-        RigKind::Simulated | RigKind::Mixed => Some(simulated(config, findings)),
+        RigKind::Simulated | RigKind::Mixed => {
+            let simulated = simulated(config, findings);
+            if let (Some((profile, _)), Some(wiring), Some(places)) = (&simulated, &wiring, &places)
+            {
+                fits(config, profile, wiring, places, findings);
+            }
+            Some(simulated)
+        }
         RigKind::Instruments | RigKind::Recording => {
             for (key, given) in [
                 ("rig.profile", &config.rig.profile),
@@ -121,29 +130,10 @@ fn simulated(
     config: &Config,
     findings: &mut Findings<'_>,
 ) -> Option<(bench::Profile, bench::Scene)> {
-    let board = config.wiring.kind == WiringKind::GpioBoard;
-    let profile = config
-        .rig
-        .profile
-        .as_deref()
-        .unwrap_or(match config.wiring.kind {
-            WiringKind::Pairs34924a => "pairs-34924a",
-            WiringKind::Matrix34932a => "matrix-34932a",
-            WiringKind::GpioBoard => "gpio-board",
-        });
     let profile = findings.taken(
         "rig.profile",
-        bench::Profile::load(profile).map_err(|cause| chain(&cause)),
+        bench::Profile::load(profile_name(config)).map_err(|cause| chain(&cause)),
     );
-    if board
-        && let Some(profile) = &profile
-        && profile.board.is_none()
-    {
-        findings.add(
-            "rig.profile",
-            "the wiring needs the multiplexer board, the profile has none; add [board] to it",
-        );
-    }
     let scene = findings.taken(
         "rig.scene",
         match config.rig.scene.as_deref() {
@@ -152,6 +142,91 @@ fn simulated(
         },
     );
     Some((profile?, scene?))
+}
+
+fn profile_name(config: &Config) -> &str {
+    let own = wiring_name(config.wiring.kind);
+    config.rig.profile.as_deref().unwrap_or(own)
+}
+
+/// The word for it in a configuration, which is also the name of the shipped profile that goes with it.
+fn wiring_name(kind: WiringKind) -> &'static str {
+    match kind {
+        WiringKind::Pairs34924a => "pairs-34924a",
+        WiringKind::Matrix34932a => "matrix-34932a",
+        WiringKind::GpioBoard => "gpio-board",
+    }
+}
+
+/// Whether the simulated instruments have what the wiring switches; what a real one has is asked when it is connected.
+fn fits(
+    config: &Config,
+    profile: &bench::Profile,
+    wiring: &Wiring,
+    places: &Places,
+    findings: &mut Findings<'_>,
+) {
+    if places.switch.0 != Place::Simulated {
+        return;
+    }
+    let key = if config.rig.profile.is_some() {
+        "rig.profile"
+    } else {
+        "wiring"
+    };
+    let (name, own) = (profile_name(config), wiring_name(config.wiring.kind));
+    if config.wiring.kind == WiringKind::GpioBoard {
+        if profile.board.is_none() {
+            findings.add(
+                key,
+                format!(
+                    "wiring {own} needs the multiplexer board, profile {name} has none; use profile = \"{own}\" or add \
+                     [board] to it"
+                ),
+            );
+        }
+        return;
+    }
+    let measuring = wiring.measuring_relays();
+    let scanned = wiring.sensing == Sensing::Scan;
+    let needed = wiring.injecting_relays().into_iter();
+    let needed = needed.chain(wiring.bus.iter().copied());
+    let lacking = needed
+        .map(|relay| (relay, false))
+        .chain(measuring.into_iter().map(|relay| (relay, scanned)))
+        .find_map(|(relay, scanned)| lacking(profile, relay, scanned));
+    if let Some(lacking) = lacking {
+        let board = match profile.board {
+            Some(_) => "; for its board set wiring.kind = \"gpio-board\"",
+            None => "",
+        };
+        findings.add(
+            key,
+            format!(
+                "profile {name} does not fit wiring {own} in slot {}: {lacking}; use profile = \"{own}\" (its module is \
+                 in slot 1), or a wiring and slot that the profile has{board}",
+                config.wiring.slot
+            ),
+        );
+    }
+}
+
+/// Why a relay cannot do its part on these modules; `None` where it can. The driver asks the same of real ones.
+fn lacking(profile: &bench::Profile, relay: Relay, scanned: bool) -> Option<String> {
+    let Some((slot, channel)) = keysight_34980a::split(relay) else {
+        return Some(format!("no slot has relay {relay}"));
+    };
+    // `split` yields slots 1 to 8
+    let Some(module) = profile.slots[slot as usize - 1] else {
+        return Some(format!("slot {slot} is empty"));
+    };
+    if module.contact(channel).is_none() {
+        return Some(format!(
+            "the {module} in slot {slot} has no channel {channel}"
+        ));
+    }
+    (scanned && !module.scannable(channel))
+        .then(|| format!("channel {channel} of the {module} in slot {slot} cannot be scanned"))
 }
 
 /// Longest time an instrument may need for one answer where the configuration says nothing: a scan of 26 channels at
