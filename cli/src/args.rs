@@ -54,7 +54,7 @@ pub struct Global {
         help_heading = "Global options"
     )]
     pub bus: Option<String>,
-    /// Directory of session files, read without a daemon (default: TACTUS_STATE, else $XDG_STATE_HOME/tactus, else ~/.local/state/tactus, else /var/lib/tactus)
+    /// Directory of session files, read without a daemon (default: TACTUS_STATE, else all of: the running daemon's, $XDG_STATE_HOME/tactus, ~/.local/state/tactus, /var/lib/tactus)
     #[arg(
         long,
         global = true,
@@ -99,7 +99,7 @@ pub enum Command {
     Step(Step),
     /// Follow frames and draw the map of each in the terminal
     Watch(Watch),
-    /// List recorded sessions, from the state directory
+    /// List recorded sessions, from the running daemon's directory and the usual ones
     Sessions,
     /// Write a session's frames as CSV, or a frame's map as PNG or SVG
     Export(Export),

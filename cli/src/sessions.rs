@@ -1,7 +1,7 @@
 //! `tactus sessions`: what the state directory holds, with or without a daemon.
 
 use std::io::Write;
-use std::path::Path;
+use std::path::PathBuf;
 
 use chrono::{DateTime, Local, SecondsFormat, Utc};
 use logbook::SessionSummary;
@@ -59,34 +59,52 @@ pub(crate) fn utc(time: DateTime<Utc>) -> String {
     time.to_rfc3339_opts(SecondsFormat::AutoSi, true)
 }
 
-fn local(time: DateTime<Utc>) -> String {
+/// Wall time for a person: local, to the second.
+pub(crate) fn local(time: DateTime<Utc>) -> String {
     time.with_timezone(&Local)
         .format("%Y-%m-%d %H:%M:%S")
         .to_string()
 }
 
 pub(crate) fn run(global: &Global, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
-    let directory = state::directory(global);
-    let listing = logbook::list(&directory).map_err(|error| state::refused(&error))?;
-    for unreadable in &listing.unreadable {
-        eprintln!(
-            "tactus: {} is left out: {}",
-            unreadable.path.display(),
-            crate::failure::chain(&unreadable.why)
-        );
+    let places = state::directories(global)?;
+    let mut sessions = Vec::new();
+    for place in &places {
+        let listing = match logbook::list(place) {
+            Ok(listing) => listing,
+            Err(_) if !place.exists() => continue,
+            Err(error) if places.len() == 1 => return Err(state::refused(&error)),
+            Err(error) => {
+                eprintln!(
+                    "tactus: {} is left out: {}",
+                    place.display(),
+                    crate::failure::chain(&error)
+                );
+                continue;
+            }
+        };
+        for unreadable in &listing.unreadable {
+            eprintln!(
+                "tactus: {} is left out: {}",
+                unreadable.path.display(),
+                crate::failure::chain(&unreadable.why)
+            );
+        }
+        sessions.extend(listing.sessions);
     }
-    show(&directory, &listing.sessions, printer)
+    sessions.sort_by(|a: &SessionSummary, b| (a.started, &a.id).cmp(&(b.started, &b.id)));
+    show(&places, &sessions, printer)
 }
 
 fn show(
-    directory: &Path,
+    places: &[PathBuf],
     sessions: &[SessionSummary],
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
     if sessions.is_empty() {
         return printer.text(&format!(
             "no session in {}; --state DIR names another directory, `tactus start` records one",
-            directory.display()
+            state::listed(places)
         ));
     }
     if printer.is_json() {

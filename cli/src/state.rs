@@ -1,6 +1,7 @@
 //! Session files on disk, found and read without a daemon.
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use eit::{DiscTank, PaperSheet, Preset};
 use logbook::{LogbookError, Record, SessionHeader, SessionReader};
@@ -11,11 +12,17 @@ use crate::choices::{PresetName, Prior};
 use crate::eye::{Ground, case_ground, preset_ground, short};
 use crate::failure::Failure;
 
-/// The directory of session files: `--state`, `TACTUS_STATE`, `$XDG_STATE_HOME/tactus`, `~/.local/state/tactus` where it
-/// exists, `/var/lib/tactus`.
-pub(crate) fn directory(global: &Global) -> PathBuf {
+/// A running daemon that has not said within this where it records is passed over.
+const DAEMON_SAYS_WITHIN: Duration = Duration::from_secs(2);
+
+/// Where session files are looked for: `--state` or `TACTUS_STATE` alone where one is given; else the directory of the
+/// running daemon, `$XDG_STATE_HOME/tactus`, `~/.local/state/tactus`, `/var/lib/tactus`.
+///
+/// # Errors
+/// A `--bus` that is no address.
+pub(crate) fn directories(global: &Global) -> Result<Vec<PathBuf>, Failure> {
     if let Some(directory) = &global.state {
-        return directory.clone();
+        return Ok(vec![directory.clone()]);
     }
     let set = |name: &str| {
         std::env::var_os(name)
@@ -23,24 +30,87 @@ pub(crate) fn directory(global: &Global) -> PathBuf {
             .map(PathBuf::from)
     };
     if let Some(directory) = set("TACTUS_STATE") {
-        return directory;
+        return Ok(vec![directory]);
     }
-    if let Some(directory) = set("XDG_STATE_HOME") {
-        return directory.join("tactus");
+    let usual = [
+        set("XDG_STATE_HOME").map(|state| state.join("tactus")),
+        set("HOME").map(|home| home.join(".local/state/tactus")),
+        Some(PathBuf::from("/var/lib/tactus")),
+    ];
+    let mut places: Vec<PathBuf> = Vec::new();
+    for place in [daemon_directory(global)?].into_iter().chain(usual) {
+        places.extend(place.filter(|place| !places.contains(place)));
     }
-    set("HOME")
-        .map(|home| home.join(".local/state/tactus"))
-        .filter(|directory| directory.is_dir())
-        .unwrap_or_else(|| PathBuf::from("/var/lib/tactus"))
+    Ok(places)
 }
 
-/// The file of a session: a path as it is, else the id (or its beginning) in the state directory.
+/// Where a running daemon records; `None` where none answers.
+fn daemon_directory(global: &Global) -> Result<Option<PathBuf>, Failure> {
+    let Ok(runtime) = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+    else {
+        return Ok(None);
+    };
+    let hurried = Global {
+        timeout: global.timeout.min(DAEMON_SAYS_WITHIN),
+        ..global.clone()
+    };
+    let said = runtime.block_on(async {
+        let daemon = crate::connection::open(&hurried).await?;
+        daemon
+            .ask("the record", daemon.manager.record_directory())
+            .await
+    });
+    match said {
+        Ok(directory) => Ok(Some(PathBuf::from(directory))),
+        Err(Failure::Usage(wrong)) => Err(Failure::Usage(wrong)),
+        Err(_) => Ok(None),
+    }
+}
+
+/// Places as a person reads them.
+pub(crate) fn listed(places: &[PathBuf]) -> String {
+    let places: Vec<String> = places
+        .iter()
+        .map(|place| place.display().to_string())
+        .collect();
+    places.join(", ")
+}
+
+/// The file of a session: a path as it is, else the id (or its beginning) in the first of [`directories`] that has it.
 pub(crate) fn session_file(global: &Global, named: &str) -> Result<PathBuf, Failure> {
     let path = Path::new(named);
     if path.is_file() {
         return Ok(path.to_owned());
     }
-    logbook::find(directory(global), named).map_err(|error| refused(&error))
+    if named.contains('/') || named.ends_with(".tactus") {
+        return Err(Failure::Failed(format!(
+            "there is no file or folder {named}; `tactus sessions` lists what is recorded"
+        )));
+    }
+    let places = directories(global)?;
+    let mut unreadable = Vec::new();
+    for place in &places {
+        match logbook::find(place, named) {
+            Ok(file) => return Ok(file),
+            Err(LogbookError::NoSuchSession { .. }) => {}
+            Err(error @ (LogbookError::Ambiguous { .. } | LogbookError::BadId { .. })) => {
+                return Err(refused(&error));
+            }
+            Err(_) if !place.exists() => {}
+            Err(error) => unreadable.push(crate::failure::chain(&error)),
+        }
+    }
+    let mut text = format!(
+        "no session '{named}' in {}; --state DIR names another directory of session files",
+        listed(&places)
+    );
+    for why in unreadable {
+        text.push_str("\n  ");
+        text.push_str(&why);
+    }
+    Err(Failure::Missing(text))
 }
 
 /// Opens a session file.
@@ -77,7 +147,7 @@ pub(crate) fn refused(error: &LogbookError) -> Failure {
         LogbookError::Ambiguous { .. } => Failure::Usage(text),
         LogbookError::BadId { .. } => Failure::Usage(text),
         LogbookError::NotASession { .. } | LogbookError::NewerSchema { .. } => {
-            Failure::Configuration(text)
+            Failure::Failed(text)
         }
         _ => Failure::Failed(text),
     }

@@ -196,3 +196,39 @@ fn completions_know_every_command() {
         }
     }
 }
+
+#[test]
+fn every_place_looked_in_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let nobody = format!("unix:{}/peer", folder.path().display());
+    let alone = |words: &[&str]| {
+        let output = std::process::Command::new(env!("CARGO_BIN_EXE_tactus"))
+            .args(["--bus", &nobody])
+            .args(words)
+            .current_dir(folder.path())
+            .env_remove("TACTUS_STATE")
+            .env("XDG_STATE_HOME", folder.path().join("xdg"))
+            .env("HOME", folder.path().join("home"))
+            .output()
+            .unwrap();
+        (
+            output.status.code(),
+            String::from_utf8_lossy(&output.stderr).into_owned()
+                + &String::from_utf8_lossy(&output.stdout),
+        )
+    };
+    let (code, said) = alone(&["replay", "zzz"]);
+    assert_eq!(code, Some(3), "{said}");
+    for place in ["xdg/tactus", "home/.local/state/tactus", "/var/lib/tactus"] {
+        assert!(said.contains(place), "{said}");
+    }
+    // A session in any of them is found.
+    let there = folder.path().join("home/.local/state/tactus");
+    std::fs::create_dir_all(&there).unwrap();
+    session(&there);
+    let (code, said) = alone(&["sessions"]);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("m20270115_1"), "{said}");
+    let (code, said) = alone(&["export", "m2027", "--format", "csv", "--out", "o.csv"]);
+    assert_eq!(code, Some(0), "{said}");
+}
