@@ -30,7 +30,7 @@ fn speed(text: &str) -> Result<f64, String> {
     about = "Pressure maps of a conductive sheet: talk to the daemon, read what it has recorded",
     long_about = "Controls a running tactusd over D-Bus (status, baseline, start, stop, watch, plan) and reads what was \
                   recorded without one (sessions, export, replay). A research instrument, not a medical device.",
-    after_help = "Exit codes: 0 done, 1 failed, 2 usage, 3 no daemon or no such session, 4 not authorised, \
+    after_help = "Exit codes: 0 done, 1 failed, 2 usage, 3 no daemon, no such session or baseline, 4 not authorised, \
                   5 instrument fault, 6 timeout, 78 configuration.\n\
                   With --json every command that prints data prints one object a line; cli/JSON.md documents the fields.",
     propagate_version = true,
@@ -250,7 +250,7 @@ pub struct Export {
 pub struct Replay {
     /// A case folder with protocol.csv (and a mesh if it has one), a session file, or a session's id
     pub source: String,
-    /// Frames of a case folder, a row (or column) a frame; a bare name is looked for in the folder
+    /// Frames of a case folder, a row (or column) a frame; a bare name is looked for in the folder first, then in the current directory
     #[arg(long, value_name = "FILE")]
     pub frames: Option<PathBuf>,
     /// What to subtract: FILE (its frames' mean) or first:N (mean of the first N frames); a session uses its own unless said
@@ -373,6 +373,9 @@ mod tests {
                 &["replay", "d", "--model", "m", "--lambda", "1"][..],
                 "--model",
             ),
+            (&["replay", "d", "--noise-v", "-1"][..], "above 0"),
+            (&["replay", "d", "--noise-v", "0"][..], "above 0"),
+            (&["replay", "d", "--lambda", "-1"][..], "above 0"),
             (&["replay", "d", "--scale", "1,0"][..], "two numbers"),
             (&["export", "s", "--out", "x"][..], "--format"),
             (&["frobnicate"][..], "frobnicate"),

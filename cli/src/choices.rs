@@ -5,6 +5,13 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use serde::Deserialize;
 
+fn above_zero(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
+        _ => Err("it must be a number above 0, for example 2e-6".to_owned()),
+    }
+}
+
 /// How voltages become a map.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Reconstruction")]
@@ -22,10 +29,10 @@ pub struct MethodChoice {
     #[arg(long, value_name = "P", conflicts_with = "model")]
     pub exponent: Option<f64>,
     /// Hyper-parameter of the one-step method (default: what the session used, else from the noise)
-    #[arg(long, value_name = "X", conflicts_with_all = ["model", "noise_v"])]
+    #[arg(long, value_name = "X", conflicts_with_all = ["model", "noise_v"], value_parser = above_zero, allow_hyphen_values = true)]
     pub lambda: Option<f64>,
     /// Standard deviation of one reading, V (default: measured on the baseline's frames)
-    #[arg(long, value_name = "SD", conflicts_with = "model")]
+    #[arg(long, value_name = "SD", conflicts_with = "model", value_parser = above_zero, allow_hyphen_values = true)]
     pub noise_v: Option<f64>,
     /// Loads only take conductance away: bound the relative change to [-1, 0]
     #[arg(long, conflicts_with = "model")]

@@ -139,11 +139,37 @@ fn unreached(error: &ConnectError) -> Failure {
         ConnectError::NotAuthorized { .. } => Failure::NotAuthorised(format!(
             "{error}; `sudo usermod -aG tactus USER` adds a user"
         )),
-        ConnectError::NoDaemon { .. } | ConnectError::Nowhere { .. } => Failure::Missing(format!(
-            "{error}\nStart one with `systemctl start tactusd` or `tactusd --config config.toml`, or say where it is with --bus; \
-             recorded sessions need no daemon: `tactus sessions`, `tactus export`, `tactus replay`"
-        )),
+        ConnectError::NoDaemon { address, cause } => nobody(&[format!("{address} ({cause})")]),
+        ConnectError::Nowhere { tried } => nobody(tried),
     }
+}
+
+/// Each place on a line of its own, then how to start one.
+fn nobody(tried: &[String]) -> Failure {
+    let mut text = "no daemon answers at".to_owned();
+    for place in tried {
+        text.push_str("\n  ");
+        text.push_str(&plainly(place));
+    }
+    text.push_str(
+        "\nStart one with `tactusd --config config.toml` (installed: `systemctl start tactusd`), or say where it is with \
+         --bus; recorded sessions need none: `tactus sessions`, `tactus export`, `tactus replay`",
+    );
+    Failure::Missing(text)
+}
+
+/// A reason without the numbers and names that only the system's own programmers read.
+fn plainly(reason: &str) -> String {
+    let mut text = reason.to_owned();
+    while let Some(from) = text.find(" (os error ") {
+        let Some(length) = text[from..].find(')') else {
+            break;
+        };
+        text.replace_range(from..=from + length, "");
+    }
+    text.replace("I/O error: ", "")
+        .replace("No such file or directory", "nothing is there")
+        .replace("Connection refused", "nobody listens there")
 }
 
 /// The daemon's refusal, with what to do next where its own words do not say it.
@@ -163,7 +189,7 @@ pub(crate) fn fault(what: &str, fault: &Fault) -> Failure {
         Fault::NoSession(_) => Failure::Missing(advise(
             "`tactus start` starts one, `tactus sessions` lists the recorded ones",
         )),
-        Fault::NoBaseline(_) => Failure::Failed(advise(
+        Fault::NoBaseline(_) => Failure::Missing(advise(
             "take all loads off the sheet and run `tactus baseline record`",
         )),
         Fault::BaselineMismatch(_) => Failure::Configuration(advise(
@@ -232,7 +258,7 @@ mod tests {
         for (refusal, code, advice) in [
             (Fault::SessionActive(text()), 1, "tactus stop"),
             (Fault::NoSession(text()), 3, "tactus sessions"),
-            (Fault::NoBaseline(text()), 1, "tactus baseline record"),
+            (Fault::NoBaseline(text()), 3, "tactus baseline record"),
             (
                 Fault::BaselineMismatch(text()),
                 78,
@@ -291,9 +317,10 @@ mod tests {
             panic!("nobody is there")
         };
         assert_eq!(failure.code(), 3);
+        let said = failure.to_string();
         assert!(
-            failure.to_string().contains("tactusd --config"),
-            "{failure}"
+            said.contains("/peer (nothing is there)\nStart one with `tactusd --config"),
+            "{said}"
         );
         let wrong = Global {
             bus: Some("tcp:host".into()),

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use logbook::{Record, SessionHeader, SessionReader};
+use logbook::{Record, SessionHeader, SessionKind, SessionReader};
 use serde::Serialize;
 use survey::{Amps, Baseline, Protocol, Reading};
 
@@ -15,7 +15,7 @@ use crate::eye::{Eye, Scene};
 use crate::failure::Failure;
 use crate::output::Printer;
 use crate::recording::Home;
-use crate::sessions::utc;
+use crate::sessions::{local, utc};
 use crate::state;
 
 /// A line of `export --json`; see `cli/JSON.md`.
@@ -42,6 +42,13 @@ pub(crate) fn run(
     let session = state::open(&state::session_file(global, &export.session)?)?;
     match export.format {
         Format::Csv => tables(&session, export, printer),
+        Format::Png | Format::Svg if session.header().kind == SessionKind::Baseline => {
+            Err(Failure::Failed(format!(
+                "session {} is a baseline: it is what maps are compared with and has none of its own; name a measurement \
+                 (`tactus sessions`), or take --format csv",
+                session.header().id
+            )))
+        }
         Format::Png | Format::Svg => picture(&session, export, printer),
     }
 }
@@ -271,10 +278,9 @@ fn picture(
     let map = eye.look(&baseline.readings, &record.frame.readings)?;
     let found = eye.field.found(&map);
     let title = format!(
-        "{} frame {sequence}, {}, {}",
+        "{}, frame {sequence}, {}",
         header.id,
-        utc(record.frame.wall),
-        map.method
+        local(record.frame.wall),
     );
     let style = drawing::style(title, export.scale, header.simulated, found);
     let (what, bytes) = match export.format {

@@ -67,7 +67,7 @@ impl Eye {
 
     fn from_model(file: &Path, protocol: &Protocol) -> Result<Self, Failure> {
         let reconstructor = eit::load_reconstructor(file)
-            .map_err(|error| Failure::configuration(&file.display().to_string(), &error))?;
+            .map_err(|error| Failure::failed(&file.display().to_string(), &error))?;
         let asked = reconstructor.protocol();
         if asked != protocol {
             return Err(Failure::Configuration(format!(
@@ -107,9 +107,11 @@ impl Eye {
             }
         };
         // The method scales its model to the baseline; noise is told at that scale, so that the unit does not matter.
-        let current = match recipe.current_a {
-            Some(current) => current,
-            None => gain(&forward, &sigma, scene)?,
+        // The daemon tells it at the frames' own current, and a map can only be verified as it was made.
+        let current = if recipe.as_the_daemon {
+            scene.current.0
+        } else {
+            gain(&forward, &sigma, scene)?
         };
         // Frames equal to the last bit (instruments without noise) say nothing about noise.
         let measured = scene
@@ -208,7 +210,7 @@ pub(crate) fn ground(
 /// Reads the mesh of a case folder.
 pub(crate) fn case_ground(folder: &Path) -> Result<Ground, Failure> {
     let case = eit::Case::read(folder)
-        .map_err(|error| Failure::configuration(&folder.display().to_string(), &error))?;
+        .map_err(|error| Failure::failed(&folder.display().to_string(), &error))?;
     Ok(Ground {
         sigma: case.sigma.get("homog").cloned(),
         mesh: case.mesh,

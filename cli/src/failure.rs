@@ -34,7 +34,7 @@ pub(crate) enum Failure {
 }
 
 impl Failure {
-    /// The exit code of design.md: 0 done, 1 failed, 2 usage, 3 no daemon or no such session, 4 not authorised,
+    /// The exit code: 0 done, 1 failed, 2 usage, 3 no daemon, no such session or baseline, 4 not authorised,
     /// 5 instrument fault, 6 timeout, 78 configuration.
     pub(crate) fn code(&self) -> u8 {
         match self {

@@ -57,7 +57,7 @@ fn show(found: &[Instrument], printer: &mut Printer<impl Write>) -> Result<(), F
             [
                 instrument.id.clone(),
                 instrument.role.clone(),
-                instrument.state.clone(),
+                brief(&instrument.state),
                 if instrument.simulated {
                     format!("{} (SIMULATED)", instrument.address)
                 } else {
@@ -73,9 +73,40 @@ fn show(found: &[Instrument], printer: &mut Printer<impl Write>) -> Result<(), F
     ))
 }
 
+/// A state's first sentence, in a line that fits beside the other columns; `--json` has the whole.
+fn brief(state: &str) -> String {
+    const LONG: usize = 48;
+    if state.chars().count() <= LONG {
+        return state.to_owned();
+    }
+    let end = ["\n", ". ", "; "]
+        .iter()
+        .filter_map(|mark| state.find(mark))
+        .min()
+        .unwrap_or(state.len());
+    let sentence = &state[..end];
+    if sentence.chars().count() <= 2 * LONG {
+        return sentence.to_owned();
+    }
+    let mut text: String = sentence.chars().take(2 * LONG - 3).collect();
+    text.truncate(text.trim_end().len());
+    text + "..."
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_long_fault_is_its_first_sentence() {
+        let long = "faulted: the meter at 10.0.0.1:5025 does not answer within 5 s; look at its cable, then `tactus start`";
+        assert_eq!(
+            brief(long),
+            "faulted: the meter at 10.0.0.1:5025 does not answer within 5 s"
+        );
+        assert_eq!(brief("ready; warm"), "ready; warm");
+        assert_eq!(brief(&"\u{b5}".repeat(200)).chars().count(), 96);
+    }
 
     #[test]
     fn one_line_an_instrument() {

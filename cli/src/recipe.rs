@@ -1,6 +1,6 @@
 //! How maps are to be made: what the options say, else what the session had, else the defaults.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::choices::{MethodChoice, Prior};
 use crate::eye::short;
@@ -15,7 +15,7 @@ pub(crate) struct Recipe {
     pub(crate) lambda: Option<f64>,
     pub(crate) noise_v: Option<f64>,
     /// Current at which that noise is met, A; `None` where the record's unit is not known to be the volt.
-    pub(crate) current_a: Option<f64>,
+    pub(crate) as_the_daemon: bool,
     pub(crate) loss_only: bool,
     pub(crate) remarks: Vec<String>,
 }
@@ -34,7 +34,7 @@ impl Recipe {
             }
             Home::Session(_) | Home::Folder(_) => None,
         };
-        let current_a = kept.as_ref().map(|kept| kept.survey.current_ua * 1e-6);
+        let as_the_daemon = kept.is_some();
         let session_noise = kept
             .as_ref()
             .map(|kept| kept.model.noise_uv.unwrap_or(DAEMON_NOISE_UV) * 1e-6);
@@ -50,9 +50,18 @@ impl Recipe {
             Home::Folder(_) => None,
         };
         let model = match (&asked.model, model_hash) {
+            (Some(folder), Some(hash)) if folder.is_dir() => {
+                Some(in_folder(folder, hash).ok_or_else(|| {
+                    Failure::Failed(format!(
+                        "no file in {} is the session's model {}",
+                        folder.display(),
+                        short(hash)
+                    ))
+                })?)
+            }
             (Some(model), _) => Some(model.clone()),
             (None, Some(hash)) if !one_step => {
-                let here = kept.file.filter(|file| file.is_file());
+                let here = recorded_model(kept.file.as_deref(), hash);
                 if here.is_none() {
                     remarks.push(format!(
                         "the session's maps were made with model {}, which is not here; the one-step method is used \
@@ -71,12 +80,59 @@ impl Recipe {
             exponent: asked.exponent.or(kept.exponent),
             lambda: asked.lambda.or(kept.lambda.filter(|_| !told)),
             noise_v: asked.noise_v.or(session_noise.filter(|_| !told)),
-            current_a,
+            as_the_daemon,
             loss_only: asked.loss_only || kept.loss_only.unwrap_or(false),
             remarks,
         })
     }
 }
 
+/// The file whose hash the session kept: the configured one, or any beside it, here, or in `models` here.
+fn recorded_model(configured: Option<&Path>, hash: &str) -> Option<PathBuf> {
+    let beside = configured.and_then(Path::parent);
+    configured
+        .filter(|file| is_model(file, hash))
+        .map(Path::to_owned)
+        .or_else(|| {
+            beside
+                .into_iter()
+                .chain([Path::new("models"), Path::new(".")])
+                .find_map(|folder| in_folder(folder, hash))
+        })
+}
+
+fn in_folder(folder: &Path, hash: &str) -> Option<PathBuf> {
+    let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
+        .ok()?
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|path| path.extension().is_some_and(|name| name == "safetensors"))
+        .collect();
+    files.sort();
+    files.into_iter().find(|file| is_model(file, hash))
+}
+
+fn is_model(file: &Path, hash: &str) -> bool {
+    std::fs::read(file).is_ok_and(|bytes| eit::model::fingerprint(&bytes) == hash)
+}
+
 /// The daemon's own default, uV: a map can only be verified when it is made as the daemon made it.
 const DAEMON_NOISE_UV: f64 = 2.0;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_model_is_known_by_its_hash_and_not_by_its_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let [configured, other] =
+            ["a.safetensors", "b.safetensors"].map(|name| folder.path().join(name));
+        std::fs::write(&configured, "one").unwrap();
+        std::fs::write(&other, "two").unwrap();
+        let of = |text: &str| eit::model::fingerprint(text.as_bytes());
+        let found = |text: &str| recorded_model(Some(&configured), &of(text));
+        assert_eq!(found("one"), Some(configured.clone()));
+        assert_eq!(found("two"), Some(other));
+        assert_eq!(found("three"), None);
+    }
+}

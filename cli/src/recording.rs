@@ -65,7 +65,7 @@ pub(crate) fn open(global: &Global, replay: &Replay) -> Result<Recording, Failur
 fn from_folder(folder: &Path, replay: &Replay) -> Result<Recording, Failure> {
     let protocol_file = folder.join("protocol.csv");
     let (protocol, currents) = eit::read_protocol(&protocol_file, replay.geometry.electrodes)
-        .map_err(|error| Failure::configuration("the protocol of the recording", &error))?;
+        .map_err(|error| Failure::failed("the protocol of the recording", &error))?;
     let current = one_current(&protocol_file, &currents)?;
     let Some(frames_file) = &replay.frames else {
         return Err(Failure::Usage(format!(
@@ -78,7 +78,7 @@ fn from_folder(folder: &Path, replay: &Replay) -> Result<Recording, Failure> {
             "what is the unloaded state? Say --baseline FILE, or --baseline first:N for the first N frames".to_owned(),
         ));
     };
-    let read = |file: &Path| rows(&within(folder, file), protocol.len(), replay.negate);
+    let read = |file: &Path| rows(&within(folder, file)?, protocol.len(), replay.negate);
     let (labels, frames): (Vec<String>, Vec<Vec<Reading>>) = read(frames_file)?.into_iter().unzip();
     let (unloaded, baseline_name) = match baseline {
         BaselineChoice::First(count) => (first(&frames, *count)?.to_vec(), first_frames(*count)),
@@ -189,7 +189,7 @@ fn rows(
     negate: bool,
 ) -> Result<Vec<(String, Vec<Reading>)>, Failure> {
     let rows = eit::read_named_frames(file, readings)
-        .map_err(|error| Failure::configuration("the frames", &error))?;
+        .map_err(|error| Failure::failed("the frames", &error))?;
     Ok(rows
         .into_iter()
         .map(|(label, row)| {
@@ -206,7 +206,7 @@ fn rows(
 fn one_current(file: &Path, currents: &[f64]) -> Result<Amps, Failure> {
     let current = currents.first().copied().unwrap_or(1.0);
     if currents.iter().any(|other| *other != current) {
-        return Err(Failure::Configuration(format!(
+        return Err(Failure::Failed(format!(
             "{} injects different currents; divide the readings by their current and leave the column current_A out",
             file.display()
         )));
@@ -214,14 +214,28 @@ fn one_current(file: &Path, currents: &[f64]) -> Result<Amps, Failure> {
     Ok(Amps(current))
 }
 
-/// A file as named, or the one of that name in the folder.
-fn within(folder: &Path, file: &Path) -> PathBuf {
+/// A bare name in the folder, then in the current directory; a path as it is, then from the folder.
+///
+/// # Errors
+/// It is in neither.
+fn within(folder: &Path, file: &Path) -> Result<PathBuf, Failure> {
     let inside = folder.join(file);
-    if !file.exists() && inside.exists() {
-        inside
+    let bare = file.parent() == Some(Path::new(""));
+    let places = if bare {
+        [inside, file.to_owned()]
     } else {
-        file.to_owned()
-    }
+        [file.to_owned(), inside]
+    };
+    places
+        .into_iter()
+        .find(|place| place.exists())
+        .ok_or_else(|| {
+            Failure::Failed(format!(
+                "there is no {} in {} nor in the current directory",
+                file.display(),
+                folder.display()
+            ))
+        })
 }
 
 fn reading(value: Option<f64>, negate: bool) -> Reading {
@@ -318,6 +332,19 @@ mod tests {
         assert_eq!(reading(None, true), Reading::NotMeasured);
         assert_eq!(reading(Some(f64::NAN), false), Reading::NotMeasured);
         assert_eq!(reading(Some(0.5), true), Reading::Ok(Volts(-0.5)));
+    }
+
+    #[test]
+    fn a_bare_name_is_looked_for_in_the_folder_first() {
+        let folder = tempfile::tempdir().unwrap();
+        let named = Path::new("Cargo.toml");
+        // The tests run beside a file of that name.
+        assert_eq!(within(folder.path(), named).unwrap(), named);
+        let inside = folder.path().join(named);
+        std::fs::write(&inside, "").unwrap();
+        assert_eq!(within(folder.path(), named).unwrap(), inside);
+        let refusal = within(folder.path(), Path::new("no.csv")).unwrap_err();
+        assert_eq!(refusal.code(), 1);
     }
 
     #[test]

@@ -74,7 +74,7 @@ pub(crate) fn run(
         }
         let style = || {
             drawing::style(
-                format!("frame {}, {}", recorded.label, eye.method()),
+                format!("frame {}", recorded.label),
                 replay.scale,
                 recording.simulated == Some(true),
                 found,

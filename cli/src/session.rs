@@ -15,6 +15,9 @@ use crate::failure::Failure;
 use crate::output::Printer;
 use crate::status::said;
 
+/// Where no bar can be drawn, a line says so often how far it is.
+const SAYS_EVERY: Duration = Duration::from_secs(10);
+
 /// A line of `start`, `stop`, `step` and `baseline record` with `--json`; see `cli/JSON.md`.
 #[derive(Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
@@ -123,10 +126,14 @@ pub(crate) async fn step(
 ) -> Result<(), Failure> {
     let session = chosen(daemon, step.session.as_deref()).await?;
     let id = daemon.ask("the session", session.id()).await?;
-    let sequence = session
-        .step(step.frames)
-        .await
-        .map_err(|error| fault("step", &error))?;
+    let sequence = match session.step(step.frames).await {
+        Ok(sequence) => sequence,
+        Err(error) => {
+            // A session that ends in a fault while it is stepped is an instrument's failure.
+            judge(daemon, &session).await?;
+            return Err(fault("step", &error));
+        }
+    };
     printer.record(
         &Line::Stepped {
             session: id,
@@ -191,13 +198,23 @@ pub(crate) async fn follow(
     let done = async {
         let wait = session.wait();
         tokio::pin!(wait);
+        let mut now_and_then = tokio::time::interval(SAYS_EVERY);
+        now_and_then.reset();
+        let mut taken = 0;
         loop {
             tokio::select! {
                 reason = &mut wait => break reason.map_err(|error| fault("the session", &error)),
                 Some(frame) = bus::next(&mut frames) => {
                     if let Ok(frame) = frame.args() {
                         bar.set_position(frame.sequence);
+                        taken = frame.sequence;
                     }
+                }
+                _ = now_and_then.tick(), if bar.is_hidden() => {
+                    printer.text(&match whole {
+                        Some(whole) => format!("{taken} of {whole} frames"),
+                        None => format!("{taken} frames"),
+                    })?;
                 }
             }
         }
@@ -214,7 +231,14 @@ pub(crate) async fn follow(
             }),
     };
     bar.finish_and_clear();
-    ended(daemon, session, Some(reason?), printer).await
+    let reason = match reason {
+        Err(failure @ Failure::Failed(_)) => {
+            judge(daemon, session).await?;
+            return Err(failure);
+        }
+        other => other?,
+    };
+    ended(daemon, session, Some(reason), printer).await
 }
 
 /// Says how a session ended; a fault is a failure.

@@ -232,7 +232,7 @@ impl<'a, W: Write> Viewer<'a, W> {
         if let Some((map, field)) = fits
             && !self.watch.no_map
         {
-            let title = format!("{} frame {}, {}", self.id, frame.sequence, map.method);
+            let title = format!("{}, frame {}", self.id, frame.sequence);
             let style = drawing::style(title, self.watch.scale, frame.simulated, found);
             let style = drawing::terminal_style(self.printer, style);
             self.printer.text(&drawing::terminal(field, map, &style)?)?;
