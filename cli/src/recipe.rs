@@ -14,7 +14,7 @@ pub(crate) struct Recipe {
     pub(crate) exponent: Option<f64>,
     pub(crate) lambda: Option<f64>,
     pub(crate) noise_v: Option<f64>,
-    /// Current at which that noise is met, A; `None` where the record's unit is not known to be the volt.
+    /// Whether the session kept how its daemon made the maps: noise is then told at the current of its frames.
     pub(crate) as_the_daemon: bool,
     pub(crate) loss_only: bool,
     pub(crate) remarks: Vec<String>,

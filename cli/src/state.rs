@@ -160,20 +160,6 @@ pub(crate) fn refused(error: &LogbookError) -> Failure {
 pub(crate) struct Kept {
     geometry: KeptGeometry,
     pub(crate) model: KeptModel,
-    pub(crate) survey: KeptSurvey,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(default)]
-pub(crate) struct KeptSurvey {
-    pub(crate) current_ua: f64,
-}
-
-impl Default for KeptSurvey {
-    /// The daemon's own default.
-    fn default() -> Self {
-        Self { current_ua: 1000.0 }
-    }
 }
 
 #[derive(Debug, Default, Deserialize)]

@@ -229,7 +229,8 @@ impl<'a> Page<'a> {
             if !self.single {
                 let middle = panel.corner[0] + panel.size()[0] / 2.0;
                 let at = [middle, panel.corner[1] - RING - panel.words * 0.9];
-                small_title(&pen, &style.title, at, panel.words * 1.1)?;
+                let room = panel.size()[0] + 2.0 * RING;
+                small_title(&pen, &style.title, at, panel.words * 1.1, room)?;
             }
         }
         let label = self.panels[0].1.unit.label();

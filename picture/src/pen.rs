@@ -105,6 +105,28 @@ impl<'a, DB: DrawingBackend> Pen<'a, DB> {
         self.write(words, at, font, colour, anchor)
     }
 
+    /// How wide words are in bold, points.
+    ///
+    /// # Errors
+    /// A size that no font has.
+    pub(crate) fn bold_width(&self, words: &str, size: f64) -> Result<f64, PictureError> {
+        let font = FontDesc::new(FontFamily::SansSerif, size * self.scale, FontStyle::Bold);
+        self.width(words, &font)
+    }
+
+    /// How wide words are, points.
+    pub(crate) fn text_width(&self, words: &str, size: f64) -> Result<f64, PictureError> {
+        let font = ("sans-serif", size * self.scale).into_font();
+        self.width(words, &font)
+    }
+
+    fn width(&self, words: &str, font: &FontDesc<'_>) -> Result<f64, PictureError> {
+        let (width, _) = font
+            .box_size(words)
+            .map_err(|cause| PictureError::Draw(cause.to_string()))?;
+        Ok(f64::from(width) / self.scale)
+    }
+
     pub(crate) fn upright(&self, words: &str, at: [f64; 2], size: f64) -> Result<(), PictureError> {
         let font = ("sans-serif", size * self.scale)
             .into_font()

@@ -244,3 +244,22 @@ fn a_map_of_another_sheet_and_a_scale_that_is_none_are_refused() {
         Err(PictureError::Sheet(_))
     ));
 }
+
+#[test]
+fn a_long_title_keeps_clear_of_the_mark_of_a_simulation() {
+    let (sheet, map) = scene();
+    let long = Style {
+        title: "m20260101t000000_000, frame 128, 2026-01-01 00:00:00, a remark that goes on and on and on, \
+                and then on a little more than any page is wide, however large a screen may be"
+            .into(),
+        ..style()
+    };
+    let short = picture::svg(&sheet, &map, &style()).unwrap();
+    let svg = picture::svg(&sheet, &map, &long).unwrap();
+    assert!(svg.contains("m20260101t000000_000, frame 128") && svg.contains('\u{2026}'));
+    assert_eq!(svg.matches("SIMULATED").count(), 1);
+    assert_eq!(short.matches('\u{2026}').count(), 0);
+    let grid =
+        picture::svg_grid(&sheet, &[(map.clone(), long), (map, style())], 2, "both").unwrap();
+    assert_eq!(grid.matches('\u{2026}').count(), 1);
+}

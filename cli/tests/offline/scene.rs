@@ -90,7 +90,7 @@ pub fn session_of(folder: &Path, id: &str, configuration: &str) -> PathBuf {
         ..SessionHeader::new(id, at(0), protocol())
     };
     let options = OneStepOptions {
-        prior: Prior::Noser { p: 0.5 },
+        prior: Prior::noser(false, None),
         hyper: Hyper::Noise {
             volts: 3.0 * 1e-6,
             current: 1000.0 * 1e-6,
