@@ -4,8 +4,8 @@
 //! the same port. A reply that is written over is lost (-410), a read without a question times out (-420). Records,
 //! links and queues are bounded.
 
-mod core;
+mod core_channel;
 mod link;
 mod rpc;
 
-pub(crate) use core::serve;
+pub(crate) use core_channel::serve;
