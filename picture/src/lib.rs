@@ -29,6 +29,7 @@
 
 mod chart;
 mod colour;
+mod fitting;
 mod hot_spot;
 mod image;
 mod pen;
