@@ -8,6 +8,9 @@ use survey::{Amps, Protocol};
 
 use crate::config::{GeometrySection, ModelSection, PresetName, PriorName};
 
+/// Noise of one reading where nobody says, uV: a 34980A on its 1 V range at 1 PLC.
+pub(crate) const DEFAULT_NOISE_UV: f64 = 2.0;
+
 /// The sheet as the reconstruction sees it.
 #[derive(Debug, Clone)]
 pub(crate) struct Geometry {
@@ -127,14 +130,7 @@ pub(crate) fn model(
     protocol: &Protocol,
 ) -> Result<Model, ModelFault> {
     match &section.file {
-        Some(path) => {
-            if section.method.is_some() {
-                return Err(ModelFault::Setting(
-                    "give a model file or a method, not both".to_owned(),
-                ));
-            }
-            from_file(path, geometry, protocol)
-        }
+        Some(path) => from_file(path, geometry, protocol),
         None => one_step(section, current, geometry, protocol),
     }
 }
@@ -207,7 +203,7 @@ pub(crate) fn one_step(
         }
         (Some(lambda), None) => Hyper::Lambda(lambda),
         (None, noise) => Hyper::Noise {
-            volts: noise.unwrap_or(2.0) * 1e-6,
+            volts: noise.unwrap_or(DEFAULT_NOISE_UV) * 1e-6,
             current: current.0,
         },
     };

@@ -120,7 +120,7 @@ pub(crate) fn load(path: &Path) -> Result<(Source, Config), Vec<Problem>> {
     Ok((source, config.resolved(folder)))
 }
 
-fn understand(config: Config, findings: &mut Findings<'_>) -> Option<Prepared> {
+fn understand(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepared> {
     numbers::check(&config, findings);
     if !(config.bus.peer || config.bus.session || config.bus.system) {
         findings.add(
@@ -166,12 +166,14 @@ fn understand(config: Config, findings: &mut Findings<'_>) -> Option<Prepared> {
         );
         return None;
     }
-    let current = match &frames {
-        Some(FramesFrom::Recording { recording, .. }) => recording
-            .settings()
-            .map_or(Amps(1.0), |settings| settings.current),
-        _ => Amps(config.survey.current_ua * 1e-6),
-    };
+    if let Some(FramesFrom::Recording {
+        recording,
+        baseline,
+    }) = &frames
+    {
+        played::complete(&mut config, recording, baseline, &geometry, &protocol);
+    }
+    let current = Amps(config.survey.current_ua * 1e-6);
     let key = if config.model.file.is_some() {
         "model.file"
     } else {

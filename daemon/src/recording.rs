@@ -127,6 +127,16 @@ impl Recording {
         self.simulated
     }
 
+    /// The configuration under which a session was recorded; `None` for files without one.
+    pub(crate) fn kept_config(&self) -> Option<&str> {
+        match &self.tape {
+            Tape::Csv { .. } => None,
+            Tape::Session { reader, .. } => {
+                Some(reader.header().config_toml.as_str()).filter(|text| !text.is_empty())
+            }
+        }
+    }
+
     /// How many frames it has.
     pub(crate) fn len(&self) -> u64 {
         match &self.tape {

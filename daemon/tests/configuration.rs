@@ -74,6 +74,16 @@ fn each_bad_input_is_named_at_its_place() {
             "nowhere.safetensors",
         ),
         (
+            more(
+                "[model]\nfile = \"m.safetensors\"\nprior = \"noser\"\nlambda = 1.0\nloss_only = true\n",
+            ),
+            ":18:9: model.prior: a model file has its own settings; delete prior, lambda, loss_only, or delete file",
+        ),
+        (
+            more("[model]\nmethod = \"one-step\"\nfile = \"m.safetensors\"\n"),
+            "delete method, or delete file",
+        ),
+        (
             more("[model]\nnoise_uv = -2.0\n"),
             "must be a positive number",
         ),

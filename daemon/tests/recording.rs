@@ -86,6 +86,17 @@ async fn a_recording_is_played_reconstructed_recorded_and_played_again_from_the_
     let path = session.path().await.unwrap();
     let record = SessionReader::open(&path).unwrap();
     assert_eq!(record.len().unwrap(), 12);
+    let kept: toml::Table = toml::from_str(&record.header().config_toml).unwrap();
+    let noise_uv = kept["model"]["noise_uv"].as_float().unwrap();
+    assert!(
+        noise_uv > 2.0,
+        "two baseline frames that differ by a thousandth: {noise_uv}"
+    );
+    assert_eq!(
+        kept["survey"]["current_ua"].as_float(),
+        Some(1e6),
+        "a case without currents is taken as measured at 1 A"
+    );
     assert!(daemon.terminate().await.0.success());
 
     let config = PLAYED

@@ -60,6 +60,7 @@ pub(super) fn check(config: &Config, findings: &mut Findings<'_>) {
             format!("{rate} is not a positive number"),
         );
     }
+    of_the_method(config, findings);
     let allowed = [0.02, 0.2, 1.0, 2.0, 10.0, 20.0, 100.0, 200.0];
     if !allowed.contains(&survey.nplc) {
         findings.add(
@@ -81,6 +82,34 @@ pub(super) fn check(config: &Config, findings: &mut Findings<'_>) {
         findings.add(
             "survey.line_hz",
             format!("{} is neither 50 nor 60", survey.line_hz),
+        );
+    }
+}
+
+/// A trained model brings its own settings: what is said of the other method would be ignored.
+fn of_the_method(config: &Config, findings: &mut Findings<'_>) {
+    let model = &config.model;
+    if model.file.is_none() {
+        return;
+    }
+    let given: Vec<&str> = [
+        ("method", model.method.is_some()),
+        ("prior", model.prior.is_some()),
+        ("exponent", model.exponent.is_some()),
+        ("noise_uv", model.noise_uv.is_some()),
+        ("lambda", model.lambda.is_some()),
+        ("loss_only", model.loss_only.is_some()),
+    ]
+    .into_iter()
+    .filter_map(|(key, given)| given.then_some(key))
+    .collect();
+    if let Some(first) = given.first() {
+        findings.add(
+            &format!("model.{first}"),
+            format!(
+                "a model file has its own settings; delete {}, or delete file to use the one-step method",
+                given.join(", ")
+            ),
         );
     }
 }

@@ -1,10 +1,13 @@
 //! From configuration to a recording and its baseline.
 
-use survey::{Amps, Protocol};
+use std::sync::Arc;
+
+use eit::Forward;
+use survey::{Amps, Baseline, Protocol};
 
 use super::Findings;
 use crate::config::{Config, RecordingSection};
-use crate::model::chain;
+use crate::model::{DEFAULT_NOISE_UV, Geometry, chain};
 use crate::recording::{Playing, Recording};
 
 /// Opens what was measured before.
@@ -58,4 +61,95 @@ pub(super) fn recorded(
         .map_err(|cause| chain(&cause));
     let baseline = findings.taken("recording.baseline", baseline)?;
     Some((protocol, recording, baseline))
+}
+
+/// Noise assumed of a baseline that does not show any, as a share of its readings' rms; `tactus replay` assumes the same.
+const ASSUMED_NOISE: f64 = 1e-3;
+/// What rounding alone leaves of a mean, as a share of the readings' rms; below it there is no noise to speak of.
+const SMALLEST_NOISE: f64 = 1e-12;
+
+/// Fills in what the recording itself says of current and noise, so that the configuration kept in a session is enough
+/// to make its maps again, to the bit.
+///
+/// A session was made under a configuration of its own, which goes on. Of plain frames nobody knows the unit: their noise
+/// is the baseline's own (the rms of the readings' standard deviations, else a thousandth of the readings' rms), brought to
+/// the geometry's scale as the one-step method brings the readings.
+pub(super) fn complete(
+    config: &mut Config,
+    recording: &Recording,
+    baseline: &Baseline,
+    geometry: &Geometry,
+    protocol: &Protocol,
+) {
+    let current_ua = recording
+        .settings()
+        .map_or(1e6, |settings| settings.current.0 * 1e6);
+    let told = config.model.lambda.is_some() || config.model.noise_uv.is_some();
+    let kept = recording
+        .kept_config()
+        .and_then(|text| toml::from_str::<Config>(text).ok());
+    if let Some(kept) = kept {
+        config.survey.current_ua = kept.survey.current_ua;
+        if !told {
+            config.model.lambda = kept.model.lambda;
+            config.model.noise_uv = match kept.model.lambda {
+                Some(_) => None,
+                None => Some(kept.model.noise_uv.unwrap_or(DEFAULT_NOISE_UV)),
+            };
+        }
+        return;
+    }
+    config.survey.current_ua = current_ua;
+    if told {
+        return;
+    }
+    match gain(baseline, geometry, protocol) {
+        Some(gain) => {
+            let noise = noise(baseline);
+            tracing::info!("noise of one reading: {noise:.2e} in the recording's unit");
+            config.model.noise_uv = Some(noise / gain * current_ua);
+        }
+        None => tracing::warn!(
+            "the baseline does not look like this geometry, so its noise says nothing; if its readings are magnitudes, \
+             set negate = true in [recording]"
+        ),
+    }
+}
+
+/// In the baseline's own unit.
+fn noise(baseline: &Baseline) -> f64 {
+    let size = rms(baseline
+        .readings
+        .iter()
+        .filter_map(|reading| reading.volts())
+        .map(|volts| volts.0));
+    rms(baseline.deviation.iter().flatten().copied())
+        .zip(size)
+        .and_then(|(noise, size)| (noise > SMALLEST_NOISE * size).then_some(noise))
+        .or(size.map(|size| ASSUMED_NOISE * size))
+        .unwrap_or(DEFAULT_NOISE_UV * 1e-6)
+}
+
+fn rms(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (count, squares) = values.fold((0_usize, 0.0), |(count, squares), value| {
+        (count + 1, squares + value * value)
+    });
+    (count > 0 && squares > 0.0).then(|| (squares / count as f64).sqrt())
+}
+
+/// By how much the baseline exceeds the geometry's own readings at 1 A, in the least squares; `None` where they do not
+/// agree in sign.
+fn gain(baseline: &Baseline, geometry: &Geometry, protocol: &Protocol) -> Option<f64> {
+    let model = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m)
+        .ok()?
+        .readings(&geometry.sigma0, protocol)
+        .ok()?;
+    let (mut both, mut own) = (0.0, 0.0);
+    for (reading, &ohms) in baseline.readings.iter().zip(model.iter()) {
+        if let Some(volts) = reading.volts() {
+            both += ohms * volts.0;
+            own += ohms * ohms;
+        }
+    }
+    Some(both / own).filter(|gain| *gain > 0.0 && gain.is_finite())
 }
