@@ -45,7 +45,7 @@ fn without_a_baseline_nothing_is_measured_and_the_message_says_what_to_do() {
     let refused = stage
         .tactus(&["start", "--count", "1"])
         .unwrap_or_else(|fault| panic!("{fault}"));
-    assert_eq!(refused.code, Some(1), "{}", refused.stderr);
+    assert_eq!(refused.code, Some(3), "{}", refused.stderr);
     assert!(
         refused.stderr.contains("baseline record"),
         "{}",
