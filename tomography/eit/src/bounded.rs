@@ -2,34 +2,52 @@
 //!
 //! min |J x - d|^2 / 2 + lambda^2 x'Rx / 2  over  -1 <= x <= 0, R diagonal. Its dual in the space of readings is smooth
 //! and convex: with s = J'u the map is x = clip(s / R, -1, 0), and u solves lambda^2 u + J x(u) = d. A semismooth Newton
-//! method with an exact Hessian and a backtracking line search finds it in some ten steps.
+//! method with an exact Hessian and a backtracking line search finds it in some ten steps where lambda suits the noise.
+//! For a lambda far below, where Newton's steps become short, an [`interior`](crate::interior) method brings it close to the
+//! solution first. What comes out is judged by the conditions of optimality, whichever way it was found.
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::dense;
+use crate::{dense, interior};
 
-const MOST_STEPS: usize = 300;
+/// Steps after which the interior method takes over, and steps after it.
+const MOST_STEPS: usize = 40;
 /// Relative size of the residual at which the map has stopped moving.
 const TOLERANCE: f64 = 1e-8;
+/// Largest violation of the conditions of optimality with which a map is given although its residual did not reach
+/// [`TOLERANCE`]: of each unknown the gradient, in units of the largest entry of J'd, or the way that is left to the bound
+/// it points to, whichever is less.
+pub(crate) const ACCEPTED: f64 = 1e-5;
 /// Directions of the data whose prior variance is below this share of the noise's are left out of the dual.
 const NEGLIGIBLE: f64 = 1e-9;
+/// So are those below this share of the largest, which double precision does not know.
+const ROUNDING: f64 = 1e-14;
 
 pub(crate) struct Bounded {
     sensitivity: DMatrix<f64>,
     penalty: Vec<f64>,
     lambda: f64,
-    /// Orthonormal directions of the data that matter (columns), and the sensitivity seen along them.
+    /// Orthonormal directions of the data that matter (columns), the sensitivity seen along them, and the prior variance.
     directions: DMatrix<f64>,
     along: DMatrix<f64>,
+    variances: Vec<f64>,
+}
+
+/// A point of Newton's method: the dual variable, the dual's objective, the map, and the residual.
+struct Point {
+    u: DVector<f64>,
+    value: f64,
+    x: DVector<f64>,
+    residual: DVector<f64>,
 }
 
 impl Bounded {
     pub(crate) fn new(sensitivity: DMatrix<f64>, penalty: Vec<f64>, lambda: f64) -> Option<Self> {
-        let all = vec![true; penalty.len()];
-        let gram = gram(&sensitivity, &penalty, &all);
+        let gram = dense::gram(&sensitivity, |i| Some(1.0 / penalty[i]));
         let (values, vectors) = dense::symmetric_eigen(&gram)?;
+        let top = values.last().copied().unwrap_or_default();
         let kept: Vec<usize> = (0..values.len())
-            .filter(|&i| values[i] > NEGLIGIBLE * lambda * lambda)
+            .filter(|&i| values[i] > (NEGLIGIBLE * lambda * lambda).max(ROUNDING * top))
             .collect();
         let directions =
             DMatrix::from_fn(vectors.nrows(), kept.len(), |i, j| vectors[(i, kept[j])]);
@@ -37,89 +55,218 @@ impl Bounded {
             dense::view(&directions).transpose(),
             dense::view(&sensitivity),
         );
+        let variances = kept.iter().map(|&i| values[i]).collect();
         Some(Self {
             sensitivity,
             penalty,
             lambda,
             directions,
             along,
+            variances,
         })
     }
 
-    /// The bounded map of the data; rows of `missing` readings are left out.
+    /// The bounded map of the data; rows of `missing` readings are left out. `None` when no point was found that meets
+    /// the conditions of optimality to [`ACCEPTED`].
     pub(crate) fn solve(&self, data: &[f64], missing: &[usize]) -> Option<Vec<f64>> {
+        let square = self.lambda * self.lambda;
         if missing.is_empty() {
-            let data = self.directions.transpose() * DVector::from_column_slice(data);
-            return self.newton(&self.along, &data);
+            let data = self.directions.tr_mul(&DVector::from_column_slice(data));
+            // the unbounded problem's solution: at u = 0 every unknown would sit on a bound that it need not keep
+            let start = DVector::from_fn(data.len(), |i, _| data[i] / (self.variances[i] + square));
+            return self.minimum(&self.along, &data, start);
         }
         let kept: Vec<usize> = (0..data.len())
             .filter(|reading| missing.binary_search(reading).is_err())
             .collect();
         let rows = self.sensitivity.select_rows(&kept);
         let data = DVector::from_iterator(kept.len(), kept.iter().map(|&reading| data[reading]));
-        self.newton(&rows, &data)
-    }
-
-    fn newton(&self, sensitivity: &DMatrix<f64>, data: &DVector<f64>) -> Option<Vec<f64>> {
-        let square = self.lambda * self.lambda;
-        let size = data.norm();
-        let mut u = DVector::zeros(data.len());
-        let (mut value, mut x) = self.dual(sensitivity, data, &u);
-        for step in 0..MOST_STEPS {
-            let residual = &u * square + sensitivity * &x - data;
-            if residual.norm() <= TOLERANCE * size {
-                return Some(x.as_slice().to_vec());
-            }
-            // the first step is the unbounded problem's: at u = 0 every unknown sits on a bound that it need not keep
-            let free: Vec<bool> = x
-                .iter()
-                .map(|x| step == 0 || *x > -1.0 && *x < 0.0)
-                .collect();
-            let mut hessian = gram(sensitivity, &self.penalty, &free);
-            for i in 0..hessian.nrows() {
-                hessian[(i, i)] += square;
-            }
-            let newton = DVector::from_vec(dense::solve_definite(&hessian, residual.as_slice())?);
-            let slope = -residual.dot(&newton);
-            let mut length = 1.0;
-            loop {
-                let next = &u - &newton * length;
-                let (there, map) = self.dual(sensitivity, data, &next);
-                // the last steps gain less than the rounding of the objective itself
-                let rounding = 1e-14 * value.abs();
-                if there <= value + 1e-4 * length * slope + rounding || length < 1e-8 {
-                    (u, value, x) = (next, there, map);
-                    break;
-                }
-                length *= 0.5;
-            }
+        let mut hessian = dense::gram(&rows, |i| Some(1.0 / self.penalty[i]));
+        for i in 0..hessian.nrows() {
+            hessian[(i, i)] += square;
         }
-        None
+        let start = dense::solve_definite(&hessian, data.as_slice())
+            .map_or_else(|| DVector::zeros(data.len()), DVector::from_vec);
+        self.minimum(&rows, &data, start)
     }
 
-    /// The dual's objective at u, and the map there.
-    fn dual(
+    fn minimum(
         &self,
         sensitivity: &DMatrix<f64>,
         data: &DVector<f64>,
-        u: &DVector<f64>,
-    ) -> (f64, DVector<f64>) {
-        let mut x = sensitivity.tr_mul(u);
-        let mut value = 0.5 * self.lambda * self.lambda * u.norm_squared() - data.dot(u);
+        start: DVector<f64>,
+    ) -> Option<Vec<f64>> {
+        if data.iter().all(|value| *value == 0.0) {
+            return Some(vec![0.0; self.penalty.len()]);
+        }
+        let given = |x: DVector<f64>| Some(x.as_slice().to_vec());
+        let mut best = match self.newton(sensitivity, data, start) {
+            Ok(x) => return given(x),
+            Err(x) => x,
+        };
+        let square = self.lambda * self.lambda;
+        if let Some(inner) = interior::solve(sensitivity, &self.penalty, square, data) {
+            let u = (data - sensitivity * &inner) / square;
+            let mut others = vec![inner];
+            match self.newton(sensitivity, data, u) {
+                Ok(x) => return given(x),
+                Err(x) => others.push(x),
+            }
+            for other in others {
+                if self.violation(sensitivity, data, &other)
+                    < self.violation(sensitivity, data, &best)
+                {
+                    best = other;
+                }
+            }
+        }
+        (self.violation(sensitivity, data, &best) <= ACCEPTED).then(|| best.as_slice().to_vec())
+    }
+
+    /// The solution, or the map with the smallest residual that was met.
+    fn newton(
+        &self,
+        sensitivity: &DMatrix<f64>,
+        data: &DVector<f64>,
+        start: DVector<f64>,
+    ) -> Result<DVector<f64>, DVector<f64>> {
+        let square = self.lambda * self.lambda;
+        let goal = TOLERANCE * data.norm();
+        let mut at = self.point(sensitivity, data, start);
+        let mut best = (at.residual.norm(), at.x.clone());
+        for _ in 0..MOST_STEPS {
+            if best.0 <= goal {
+                return Ok(best.1);
+            }
+            let mut hessian = dense::gram(sensitivity, |i| {
+                (at.x[i] > -1.0 && at.x[i] < 0.0).then(|| 1.0 / self.penalty[i])
+            });
+            for i in 0..hessian.nrows() {
+                hessian[(i, i)] += square;
+            }
+            let Some(newton) = dense::solve_definite(&hessian, at.residual.as_slice()) else {
+                break;
+            };
+            let newton = DVector::from_vec(newton);
+            let slope = -at.residual.dot(&newton);
+            // the last steps gain less than the rounding of the objective itself
+            let rounding = 1e-14 * at.value.abs();
+            let mut length = 1.0;
+            let next = loop {
+                let next = self.point(sensitivity, data, &at.u - &newton * length);
+                if next.value <= at.value + 1e-4 * length * slope + rounding {
+                    break Some(next);
+                }
+                length *= 0.5;
+                if length < 1e-8 {
+                    break None;
+                }
+            };
+            let Some(next) = next else { break };
+            at = next;
+            if at.residual.norm() < best.0 {
+                best = (at.residual.norm(), at.x.clone());
+            }
+        }
+        if best.0 <= goal {
+            Ok(best.1)
+        } else {
+            Err(best.1)
+        }
+    }
+
+    fn point(&self, sensitivity: &DMatrix<f64>, data: &DVector<f64>, u: DVector<f64>) -> Point {
+        let square = self.lambda * self.lambda;
+        let mut x = sensitivity.tr_mul(&u);
+        let mut value = 0.5 * square * u.norm_squared() - data.dot(&u);
         for (s, &r) in x.iter_mut().zip(&self.penalty) {
             let at = (*s / r).clamp(-1.0, 0.0);
             value += *s * at - 0.5 * r * at * at;
             *s = at;
         }
-        (value, x)
+        let residual = &u * square + sensitivity * &x - data;
+        Point {
+            u,
+            value,
+            x,
+            residual,
+        }
+    }
+
+    /// By how much a map violates the conditions of optimality, see [`ACCEPTED`].
+    fn violation(&self, sensitivity: &DMatrix<f64>, data: &DVector<f64>, x: &DVector<f64>) -> f64 {
+        let square = self.lambda * self.lambda;
+        let pull = sensitivity.tr_mul(&(data - sensitivity * x));
+        let size = sensitivity.tr_mul(data).amax();
+        let mut most = 0.0_f64;
+        for ((x, pull), r) in x.iter().zip(&pull).zip(&self.penalty) {
+            let gradient = square * r * x - pull;
+            // downhill to a bound is a violation only as far as the bound is away
+            let slack = if gradient < 0.0 { -x } else { x + 1.0 };
+            most = most.max(slack.min(gradient.abs() / size));
+        }
+        // a map that is not a number violates everything
+        if x.iter().all(|x| x.is_finite()) && size > 0.0 {
+            most
+        } else {
+            f64::INFINITY
+        }
     }
 }
 
-/// J_F R_F^-1 J_F' over the free unknowns F.
-fn gram(sensitivity: &DMatrix<f64>, penalty: &[f64], free: &[bool]) -> DMatrix<f64> {
-    let columns: Vec<usize> = (0..penalty.len()).filter(|&i| free[i]).collect();
-    let scaled = DMatrix::from_fn(sensitivity.nrows(), columns.len(), |i, j| {
-        sensitivity[(i, columns[j])] / penalty[columns[j]].sqrt()
-    });
-    dense::product(dense::view(&scaled), dense::view(&scaled).transpose())
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    /// Random problems, from well to hopelessly conditioned: a map within its bounds that is optimal to the stated bound.
+    #[test]
+    fn every_map_is_within_its_bounds_and_optimal() {
+        let mut random = ChaCha8Rng::seed_from_u64(5);
+        for (readings, unknowns) in [(8, 5), (12, 40), (30, 120)] {
+            for decay in [0.0, 0.5, 1.5] {
+                for lambda in [1.0, 1e-2, 1e-4, 1e-6, 1e-7] {
+                    let sensitivity = DMatrix::from_fn(readings, unknowns, |i, _| {
+                        (random.random::<f64>() - 0.5) * (-decay * i as f64).exp()
+                    });
+                    let penalty: Vec<f64> = (0..unknowns)
+                        .map(|_| 10_f64.powf(-3.0 * random.random::<f64>()))
+                        .collect();
+                    let truth =
+                        DVector::from_fn(unknowns, |i, _| if i % 4 == 0 { -1.5 } else { 0.1 });
+                    let data = &sensitivity * truth;
+                    let top = dense::symmetric_eigen(&dense::gram(&sensitivity, |i| {
+                        Some(1.0 / penalty[i])
+                    }))
+                    .unwrap()
+                    .0
+                    .last()
+                    .unwrap()
+                    .sqrt();
+                    let problem = Bounded::new(sensitivity.clone(), penalty, lambda * top).unwrap();
+                    for missing in [vec![], vec![1, 3]] {
+                        let x = problem.solve(data.as_slice(), &missing).unwrap_or_else(|| {
+                            panic!("{readings} x {unknowns}, decay {decay}, lambda {lambda:e}")
+                        });
+                        assert!(x.iter().all(|x| (-1.0..=0.0).contains(x)));
+                        let kept: Vec<usize> =
+                            (0..readings).filter(|i| !missing.contains(i)).collect();
+                        let violation = problem.violation(
+                            &sensitivity.select_rows(&kept),
+                            &data.select_rows(&kept),
+                            &DVector::from_vec(x),
+                        );
+                        assert!(violation <= ACCEPTED, "{violation:e}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn no_change_is_no_loss() {
+        let problem = Bounded::new(DMatrix::from_element(3, 4, 1.0), vec![1.0; 4], 1e-3).unwrap();
+        assert_eq!(problem.solve(&[0.0; 3], &[]), Some(vec![0.0; 4]));
+    }
 }

@@ -4,9 +4,10 @@
 //! two cores cut their own work into fixed chunks.
 
 use faer::linalg::matmul::matmul;
+use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::linalg::solvers::Solve;
 use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 /// The same numbers as faer sees them.
 pub(crate) fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
@@ -47,4 +48,54 @@ pub(crate) fn symmetric_eigen(a: &DMatrix<f64>) -> Option<(Vec<f64>, DMatrix<f64
     let (s, u) = (eigen.S(), eigen.U());
     let values = (0..n).map(|i| s[i]).collect();
     Some((values, DMatrix::from_fn(n, n, |i, j| u[(i, j)])))
+}
+
+/// A factor of a symmetric positive definite matrix, for several right-hand sides.
+pub(crate) struct Definite(faer::linalg::solvers::Llt<f64>);
+
+impl Definite {
+    /// `None` where the matrix is not definite.
+    pub(crate) fn new(a: &DMatrix<f64>) -> Option<Self> {
+        view(a).llt(Side::Lower).ok().map(Self)
+    }
+
+    pub(crate) fn solve(&self, b: &DVector<f64>) -> DVector<f64> {
+        let mut x = b.clone();
+        let rows = x.len();
+        self.0.solve_in_place(MatMut::from_column_major_slice_mut(
+            x.as_mut_slice(),
+            rows,
+            1,
+        ));
+        x
+    }
+}
+
+/// J W J' with the diagonal W that `weight` gives, positive entries; columns without a weight are left out.
+pub(crate) fn gram(j: &DMatrix<f64>, weight: impl Fn(usize) -> Option<f64>) -> DMatrix<f64> {
+    let rows = j.nrows();
+    let mut scaled = Vec::with_capacity(j.len());
+    for (i, column) in j.column_iter().enumerate() {
+        if let Some(weight) = weight(i) {
+            let root = weight.sqrt();
+            scaled.extend(column.iter().map(|value| value * root));
+        }
+    }
+    let columns = scaled.len().checked_div(rows).unwrap_or_default();
+    let scaled = MatRef::from_column_major_slice(&scaled, rows, columns);
+    let mut out = DMatrix::zeros(rows, rows);
+    let into = MatMut::from_column_major_slice_mut(out.as_mut_slice(), rows, rows);
+    triangular::matmul(
+        into,
+        BlockStructure::TriangularLower,
+        Accum::Replace,
+        scaled,
+        BlockStructure::Rectangular,
+        scaled.transpose(),
+        BlockStructure::Rectangular,
+        1.0,
+        Par::Seq,
+    );
+    out.fill_upper_triangle_with_lower_triangle();
+    out
 }

@@ -28,6 +28,7 @@ mod case;
 mod data_space;
 mod dense;
 mod forward;
+mod interior;
 mod jacobian;
 mod kmeans;
 mod linear;
@@ -51,7 +52,8 @@ pub use linear::probable_lambda;
 pub use mesh::{ENOUGH_EDGES, Mesh, MeshError, MeshQuality};
 pub use model::{Model, ModelError, load_reconstructor};
 pub use one_step::{
-    EXPECTED_CHANGE, Hyper, OneStep, OneStepError, OneStepOptions, Scale, UNEXPLAINED,
+    CLIPPED, EXPECTED_CHANGE, Hyper, MODEL_SHARE, OneStep, OneStepError, OneStepOptions, Scale,
+    UNEXPLAINED,
 };
 pub use preset::{DiscTank, PaperSheet, Preset};
 pub use prior::Prior;

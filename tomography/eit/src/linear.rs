@@ -101,7 +101,7 @@ impl Linear {
 /// The lambda that makes recorded frames most probable, for a recording whose noise nobody knows: with x ~ N(0, g^2 R^-1)
 /// and white noise s, a change is N(0, g^2 J R^-1 J' + s^2 I); each frame has its own g, all share lambda = s / g. What the
 /// model does not explain counts as noise. Frames with missing readings, and those without any change, are left out;
-/// `None` when no other is left.
+/// `None` when no other is left. It is searched from 3e-4 of the largest singular value of J R^-1/2 up.
 ///
 /// # Errors
 /// As [`crate::OneStep::new`]; `options.hyper` is not looked at.
@@ -115,6 +115,8 @@ pub fn probable_lambda(
     frames: &[&[Reading]],
 ) -> Result<Option<f64>, OneStepError> {
     const STEPS_A_DECADE: i32 = 10;
+    // of lambda squared, below the largest eigenvalue: the linear model is not exact to more (MODEL_SHARE)
+    const DECADES: i32 = -7;
     let (linear, sensitivity, penalty) =
         Linear::new(mesh, contact_ohm_m, sigma0, protocol, options)?;
     let spread = penalty
@@ -148,7 +150,7 @@ pub fn probable_lambda(
             })
             .sum()
     };
-    let best = (-12 * STEPS_A_DECADE..=0)
+    let best = (DECADES * STEPS_A_DECADE..=0)
         .map(|step| top * 10_f64.powf(f64::from(step) / f64::from(STEPS_A_DECADE)))
         .map(|square| (square, surprise(square)))
         .min_by(|a, b| a.1.total_cmp(&b.1));

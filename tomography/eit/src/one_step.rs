@@ -48,6 +48,10 @@ pub enum Scale {
 /// Beyond this factor from the uniform fit a distance is not scaled on its own.
 pub const UNEXPLAINED: f64 = 4.0;
 
+/// What the method of a map ends with where the bounded problem could not be solved, and the map is the unbounded one
+/// clipped to -1 <= x <= 0.
+pub const CLIPPED: &str = " (unbounded map, clipped)";
+
 /// Settings of a [`OneStep`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct OneStepOptions {
@@ -136,6 +140,11 @@ pub enum OneStepError {
 /// than half a millimetre.
 pub const EXPECTED_CHANGE: f64 = 0.024;
 
+/// Share of the model's size (the Frobenius norm of J R^-1/2) below which lambda is not taken from the noise: the linear
+/// model is not exact to more than that, however quiet the readings are. On the paper's sheet it is the noise of some
+/// 0.2 uV at 1 mA. A lambda that is given is used as it is.
+pub const MODEL_SHARE: f64 = 3e-4;
+
 /// The one-step reconstructor.
 pub struct OneStep {
     mesh: Arc<Mesh>,
@@ -144,6 +153,7 @@ pub struct OneStep {
     method: String,
     linear: Linear,
     lambda: f64,
+    raised: bool,
     solution: DataSpace,
     bounded: Option<Bounded>,
 }
@@ -162,8 +172,8 @@ impl OneStep {
     ) -> Result<Self, OneStepError> {
         let (linear, sensitivity, penalty) =
             Linear::new(&mesh, contact_ohm_m, sigma0, protocol, &options)?;
-        let lambda = match options.hyper {
-            Hyper::Lambda(lambda) => lambda,
+        let (lambda, raised) = match options.hyper {
+            Hyper::Lambda(lambda) => (lambda, false),
             Hyper::Noise { volts, current } => {
                 for (what, value) in [("noise", volts), ("current", current)] {
                     if !(value > 0.0 && value.is_finite()) {
@@ -174,7 +184,13 @@ impl OneStep {
                     Scale::ByDistance | Scale::Uniform => volts / current,
                     Scale::Currents(_) => volts,
                 };
-                std::f64::consts::SQRT_2 * at / penalty.amplitude(EXPECTED_CHANGE)?
+                let lambda = std::f64::consts::SQRT_2 * at / penalty.amplitude(EXPECTED_CHANGE)?;
+                let spread = penalty
+                    .inverse_times_transposed(&sensitivity)
+                    .ok_or(OneStepError::Prior)?;
+                let size = sensitivity.transpose().dot(&spread).sqrt();
+                let least = MODEL_SHARE * size;
+                (lambda.max(least), lambda < least)
             }
         };
         let solution = DataSpace::new(&sensitivity, &penalty, lambda)?;
@@ -193,6 +209,7 @@ impl OneStep {
             protocol: protocol.clone(),
             linear,
             lambda,
+            raised,
             solution,
             bounded,
         })
@@ -201,6 +218,11 @@ impl OneStep {
     /// The hyper-parameter in use.
     pub fn lambda(&self) -> f64 {
         self.lambda
+    }
+
+    /// Whether the noise asked for a smaller lambda than [`MODEL_SHARE`] allows.
+    pub fn raised(&self) -> bool {
+        self.raised
     }
 
     /// The reconstruction matrix: region x readings, from a difference at the model's scale to the map.
@@ -232,15 +254,25 @@ impl Reconstructor for OneStep {
             method: self.method.clone(),
             cause: cause.to_owned(),
         };
-        let values = match &self.bounded {
-            Some(bounded) => bounded
-                .solve(&change, &missing)
-                .ok_or_else(|| numerical("the bounded problem did not converge"))?,
+        let bounded = self
+            .bounded
+            .as_ref()
+            .and_then(|bounded| bounded.solve(&change, &missing));
+        let mut method = self.method.clone();
+        let values = match bounded {
+            Some(values) => values,
             None => {
                 self.solution
                     .impute(&mut change, &missing)
                     .map_err(|fault| numerical(&fault.to_string()))?;
-                self.solution.apply(&change)
+                let mut values = self.solution.apply(&change);
+                if self.bounded.is_some() {
+                    method.push_str(CLIPPED);
+                    for value in &mut values {
+                        *value = value.clamp(-1.0, 0.0);
+                    }
+                }
+                values
             }
         };
         if values.iter().any(|value| !value.is_finite()) {
@@ -250,7 +282,7 @@ impl Reconstructor for OneStep {
             mesh_hash: self.mesh_hash.clone(),
             values,
             unit: MapUnit::RelativeConductance,
-            method: self.method.clone(),
+            method,
             masked: missing.len(),
         })
     }

@@ -45,6 +45,16 @@ pub(crate) fn prepare(
             notes: Vec::new(),
         });
     }
+    positive(
+        "--noise-v",
+        options.noise_v,
+        "the noise of one reading in volts, e.g. 2e-6",
+    )?;
+    positive(
+        "--lambda",
+        options.lambda,
+        "as a first guess leave it out, and see what is chosen",
+    )?;
     match options.method {
         Method::Best => best(options, case, recording),
         Method::OneStep => one_step(options, case, recording),
@@ -81,6 +91,16 @@ pub(crate) fn prepare(
     }
 }
 
+/// Refuses what is not a positive number.
+pub(crate) fn positive(option: &str, value: Option<f64>, hint: &str) -> Result<(), Failure> {
+    match value {
+        Some(value) if !(value > 0.0 && value.is_finite()) => Err(Failure::usage(format!(
+            "{option} {value}: a positive number is expected ({hint})"
+        ))),
+        _ => Ok(()),
+    }
+}
+
 /// A trained network takes no prior, hyper-parameter, bound or conductance.
 fn only_for_one_step(options: &ReconstructOptions, with: &str) -> Result<(), Failure> {
     let given = [
@@ -109,6 +129,7 @@ fn one_step(
     let start = Start::new(options, prior, case, recording)?;
     let mut notes = start.notes.clone();
     let one_step = start.one_step(prior, options.loss_only)?;
+    notes.extend(raised(&one_step));
     notes.push(format!(
         "{}, lambda {:.3e}",
         one_step.method(),
@@ -153,6 +174,7 @@ fn best(
     } else {
         linear
     };
+    notes.extend(raised(&one_step));
     notes.push(format!(
         "best: {}, lambda {:.3e}: {:.0} % of the unbounded maps is gain of conductance ({}); networks of 100 neurons \
          blur small loads at any noise",
@@ -164,6 +186,17 @@ fn best(
     Ok(Choice {
         reconstructor: Box::new(one_step),
         notes,
+    })
+}
+
+/// What there is to say where the noise is too small to be believed.
+fn raised(one_step: &OneStep) -> Option<String> {
+    one_step.raised().then(|| {
+        format!(
+            "--noise-v asks for more than a linear model can give: lambda is raised to {:.3e}, {:e} of the model's size",
+            one_step.lambda(),
+            eit::MODEL_SHARE
+        )
     })
 }
 

@@ -46,6 +46,11 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
             });
             println!("{line}");
         }
+        if map.method.ends_with(eit::CLIPPED) {
+            eprintln!(
+                "tactus-lab: frame '{name}': the bounded problem was not solved; its map is the unbounded one, clipped"
+            );
+        }
         maps.extend(map.values);
     }
     bar.finish_and_clear();

@@ -6,7 +6,7 @@ use eit::{Case, Jitter, Model, Preset, TrainingSettings, model, train_rbf};
 
 use crate::args::{Network, Profile};
 use crate::failure::Failure;
-use crate::{geometry, progress};
+use crate::{choice, geometry, progress};
 
 /// Above this ratio of spread to median distance a few samples rule the spread of Eq. 13.
 const SPREAD_RULED: f64 = 10.0;
@@ -14,6 +14,19 @@ const SPREAD_RULED: f64 = 10.0;
 /// Trains and writes the model file.
 pub(crate) fn train(network: &Network) -> Result<(), Failure> {
     let Network::Rbf(options) = network;
+    choice::positive(
+        "--noise-v",
+        Some(options.noise_v),
+        "the noise of one reading in volts, e.g. 2e-6",
+    )?;
+    choice::positive("--gamma", Some(options.gamma), "the paper's is 0.01")?;
+    if options.cases < options.neurons {
+        eprintln!(
+            "tactus-lab: {} cases for {} neurons: with fewer cases than neurons the network repeats the cases rather \
+             than learns from them; the paper has 15000 cases for 100 neurons",
+            options.cases, options.neurons
+        );
+    }
     let case = match &options.case {
         Some(folder) => geometry::read(folder)?,
         None => geometry::case(&Preset::default(), 1e-3)?,
@@ -56,8 +69,12 @@ pub(crate) fn train(network: &Network) -> Result<(), Failure> {
         println!("{line}");
     } else {
         println!(
-            "{}: {} of {} cases, {} unchanged, jitter {:.2e}, spread {:.3e} ({:.1} median distances), rank {} of {}, \
-             condition {:.1e}, largest weight {:.1e}\nsha256 {}",
+            "{}: {} of {} simulated cases, {} of them without a load\n\
+             jitter on the inputs: {:.2e} of the largest baseline reading (standard deviation)\n\
+             width b of the neurons (Eq. 13): {:.3e} of the largest baseline reading, {:.1} times the median distance \
+             between samples\n\
+             least squares: rank {} of {}, condition {:.1e}, largest weight {:.1e} (relative change of conductance)\n\
+             sha256 {}",
             options.out.display(),
             model.metadata().name,
             options.cases,

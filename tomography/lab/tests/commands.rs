@@ -184,6 +184,10 @@ fn what_cannot_be_meant_is_a_usage_error() {
         ("--prior quadratic", "quadratic"),
         ("--noise-v 1 --lambda 1", "--lambda"),
         ("--baseline first:0", "first:0"),
+        ("--noise-v 0", "2e-6"),
+        ("--noise-v=-1", "2e-6"),
+        ("--noise-v nan", "2e-6"),
+        ("--lambda 0", "--lambda"),
         ("--metod one-step", "--metod"),
     ] {
         let line = format!("reconstruct --case {{}} {options} --frames {{}} --out {{}}");
@@ -199,4 +203,48 @@ fn what_cannot_be_meant_is_a_usage_error() {
     }
     let shells = lab(&words("completions bash", &[]));
     assert!(String::from_utf8_lossy(&shells.stdout).contains("tactus-lab"));
+}
+
+/// Frames without noise, and noise too small to be believed: a good map whatever is said of the noise.
+#[test]
+fn frames_without_noise_make_good_maps() {
+    let Some(case) = reference("cases/disc16") else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let exact = |name: &str| -> Vec<String> {
+        numbers(&case.join(format!("v_exact_{name}.csv")))
+            .iter()
+            .map(|row| row[0].to_string())
+            .collect()
+    };
+    let rows = [exact("homog").join(","), exact("one").join(",")].join("\n");
+    std::fs::write(path("two.csv"), rows + "\n").unwrap();
+    let truth: Vec<f64> = numbers(&case.join("sigma_one.csv"))
+        .iter()
+        .map(|row| row[0] - 1.0)
+        .collect();
+    let (one, homog) = (case.join("v_exact_one.csv"), case.join("v_exact_homog.csv"));
+    for noise in ["", " --noise-v 1e-8", " --noise-v 1e-9", " --noise-v 1e-15"] {
+        let alone =
+            format!("reconstruct --case {{}} --frames {{}} --baseline {{}} --out {{}}{noise}");
+        let said = done(&words(&alone, &[&case, &one, &homog, &path("alone.csv")]));
+        assert_eq!(
+            said.contains("lambda is raised to"),
+            !noise.is_empty(),
+            "{said}"
+        );
+        let both = format!("reconstruct --case {{}} --frames {{}} --out {{}}{noise}");
+        done(&words(&both, &[&case, &path("two.csv"), &path("both.csv")]));
+        let both = numbers(&path("both.csv"));
+        assert!(both[0].iter().all(|x| *x == 0.0));
+        for map in [&numbers(&path("alone.csv"))[0], &both[1]] {
+            assert!(map.iter().all(|x| (-1.0..=0.0).contains(x)));
+            let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
+            let likeness = dot(map, &truth) / (dot(map, map) * dot(&truth, &truth)).sqrt();
+            println!("{noise}: {likeness:.3}");
+            assert!(likeness > 0.95, "{noise}: {likeness}");
+        }
+    }
 }
