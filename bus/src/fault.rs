@@ -11,7 +11,7 @@ pub enum Fault {
     SessionActive(String),
     /// No session is running, or none has this id.
     NoSession(String),
-    /// No baseline has been recorded or named.
+    /// No baseline has been recorded, or the named session has none; a name that no session has is [`Fault::NoSession`].
     NoBaseline(String),
     /// The baseline was taken with other settings, or of another kind of rig.
     BaselineMismatch(String),

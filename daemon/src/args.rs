@@ -4,9 +4,12 @@ use std::path::PathBuf;
 
 use clap::Parser;
 
+const EXIT_CODES: &str = "Exit codes: 0 done or stopped cleanly, 1 failed, 2 usage, 5 --safe-off: an instrument does \
+                          not answer or could not be made safe, 78 configuration";
+
 /// Owns the instruments, records and reconstructs frames, and publishes them on D-Bus.
 #[derive(Debug, Parser)]
-#[command(name = "tactusd", version, max_term_width = 100)]
+#[command(name = "tactusd", version, max_term_width = 100, after_help = EXIT_CODES)]
 pub(crate) struct Args {
     /// The configuration; relative paths in it are relative to its folder.
     #[arg(long, value_name = "FILE", default_value = "/etc/tactus/config.toml")]
@@ -20,7 +23,7 @@ pub(crate) struct Args {
     /// Print the plan of a frame (steps, counts, duration, limits) without moving anything, and end.
     #[arg(long, group = "mode")]
     pub plan: bool,
-    /// Switch the source off and open the relays, verify both, and end.
+    /// Switch the source off and open the relays, verify both, and end (5 if an instrument does not answer).
     #[arg(long, group = "mode")]
     pub safe_off: bool,
     /// With --plan: one JSON object.

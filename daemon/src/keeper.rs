@@ -4,6 +4,8 @@ mod asked;
 mod rig_again;
 mod run;
 
+pub(crate) use asked::no_baseline;
+
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 

@@ -20,6 +20,7 @@ mod config;
 mod herald;
 mod keeper;
 mod live;
+mod mishap;
 mod model;
 mod place;
 mod prepare;
@@ -54,11 +55,14 @@ use crate::service::Offer;
 
 /// `EX_CONFIG`: systemd does not start a broken configuration again.
 const CONFIGURATION: u8 = 78;
+const FAILED: u8 = 1;
 const USAGE: u8 = 2;
+/// An instrument that does not answer, or that could not be made safe.
+const INSTRUMENT: u8 = 5;
 
 /// The program `tactusd`. `args` begin with the program's name, as [`std::env::args_os`] gives them.
 ///
-/// Exit codes: 0 done or stopped cleanly, 1 failed, 2 usage, 78 configuration.
+/// Exit codes: 0 done or stopped cleanly, 1 failed, 2 usage, 5 an instrument fault at `--safe-off`, 78 configuration.
 pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
     let args = match Args::try_parse_from(args) {
         Ok(args) => args,
@@ -96,14 +100,17 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
         if args.safe_off {
             safe_off(&prepared).await
         } else {
-            serve(prepared).await
+            serve(prepared).await.map_err(|text| (FAILED, text))
         }
     });
     // a reader that never reads must not keep the process
     runtime.shutdown_timeout(std::time::Duration::from_secs(2));
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
-        Err(text) => fail(&text),
+        Err((code, text)) => {
+            let _ = fail(&text);
+            ExitCode::from(code)
+        }
     }
 }
 
@@ -155,12 +162,12 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
 }
 
 /// `--safe-off`.
-async fn safe_off(prepared: &Prepared) -> Result<(), String> {
+async fn safe_off(prepared: &Prepared) -> Result<(), (u8, String)> {
     let FramesFrom::Rig(plan) = &prepared.frames else {
         say("a recording has no source; there is nothing to switch off");
         return Ok(());
     };
-    let bench = bench_of(prepared)?;
+    let bench = bench_of(prepared).map_err(|text| (FAILED, text))?;
     let mut failures = Vec::new();
     for outcome in make_safe_each(plan, &bench).await {
         match outcome {
@@ -171,7 +178,7 @@ async fn safe_off(prepared: &Prepared) -> Result<(), String> {
     if failures.is_empty() {
         Ok(())
     } else {
-        Err(failures.join("\n"))
+        Err((INSTRUMENT, failures.join("\n")))
     }
 }
 

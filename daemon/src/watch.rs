@@ -42,7 +42,7 @@ impl Ended {
     pub(crate) fn text(&self) -> String {
         match self {
             Self::Done(reason) => reason.clone(),
-            Self::Rig(error) => chain(error.as_ref()),
+            Self::Rig(error) => crate::mishap::tell(error),
             Self::Recording(error) => chain(error.as_ref()),
         }
     }

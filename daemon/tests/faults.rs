@@ -100,7 +100,13 @@ async fn a_source_that_is_lost_is_said_looked_for_and_verified_off_on_return() {
 
     rig.set_wire(Instrument::Source, Wire::Cut);
     let refused = within(session.wait()).await.unwrap_err();
-    assert!(refused.to_string().contains("6221"), "{refused}");
+    let text = refused.to_string();
+    let first = text.split(". ").next().unwrap();
+    assert!(
+        first.contains("6221") && first.contains("NOT verified off"),
+        "{text}"
+    );
+    assert!(!text.contains("''") && text.len() < 400, "{text}");
     assert!(
         rig.closed().is_empty(),
         "the relays are open although the source cannot be told"

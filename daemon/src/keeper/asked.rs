@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use bus::{Fault, Options};
+use logbook::LogbookError;
 use survey::Baseline;
 
 use super::Keeper;
@@ -15,6 +16,14 @@ use crate::session::Work;
 
 /// Frames of a baseline where nobody says.
 const BASELINE_FRAMES: u64 = 10;
+
+/// What is said to whoever needs one before there is one.
+pub(crate) fn no_baseline() -> Fault {
+    Fault::NoBaseline(
+        "no baseline has been recorded; take all loads off the sheet and run `tactus baseline record`"
+            .into(),
+    )
+}
 
 /// What a session is to be.
 pub(super) struct Assignment {
@@ -115,11 +124,7 @@ impl Keeper {
     fn chosen_baseline(&self, id: Option<&str>) -> Result<Arc<Baseline>, Fault> {
         let current = self.baseline();
         let Some(id) = id else {
-            return current.ok_or_else(|| {
-                Fault::NoBaseline(
-                    "no baseline has been recorded; record one of the unloaded sheet first".into(),
-                )
-            });
+            return current.ok_or_else(no_baseline);
         };
         if let Some(current) = current.filter(|current| current.id == id) {
             return Ok(current);
@@ -132,6 +137,13 @@ impl Keeper {
             Ok(None) => Err(Fault::NoBaseline(format!(
                 "session '{id}' has no baseline in it"
             ))),
+            Err(error @ (LogbookError::NoSuchSession { .. } | LogbookError::BadId { .. })) => {
+                Err(Fault::NoSession(format!(
+                    "there is no baseline '{id}': {}; `tactus sessions` lists the recorded ones",
+                    chain(&error)
+                )))
+            }
+            Err(error @ LogbookError::Ambiguous { .. }) => Err(Fault::InvalidOption(chain(&error))),
             Err(error) => Err(Fault::NoBaseline(chain(&error))),
         }
     }

@@ -6,7 +6,7 @@ use bus::{Fault, Options, ROOT_PATH, SessionSummary};
 use zbus::object_server::ObjectServer;
 use zbus::{ObjectPath, interface};
 
-use crate::keeper::{Keeper, disk_fault};
+use crate::keeper::{Keeper, disk_fault, no_baseline};
 use crate::live::Live;
 use crate::model::chain;
 use crate::report;
@@ -162,11 +162,7 @@ impl Manager1 {
     async fn baseline(
         &self,
     ) -> Result<(String, i64, u64, Vec<f64>, Vec<u8>, Vec<f64>, bool, Options), Fault> {
-        let baseline = self.0.baseline().ok_or_else(|| {
-            Fault::NoBaseline(
-                "no baseline has been recorded; record one of the unloaded sheet first".into(),
-            )
-        })?;
+        let baseline = self.0.baseline().ok_or_else(no_baseline)?;
         let report = report::baseline(&baseline);
         Ok((
             report.id,
