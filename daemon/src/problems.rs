@@ -89,7 +89,8 @@ impl Source {
                 _ => break,
             }
         }
-        self.at(span, format!("{key}: {}", text.into()))
+        // what is missing altogether is missed from the first line on
+        self.at(span.or(Some(0..0)), format!("{key}: {}", text.into()))
     }
 
     fn at(&self, span: Option<Range<usize>>, text: String) -> Problem {
@@ -219,6 +220,6 @@ mod tests {
             Some((2, 14))
         );
         assert_eq!(source.problem("survey.nplc", "x").place, Some((1, 2)));
-        assert_eq!(source.problem("model.file", "x").place, None);
+        assert_eq!(source.problem("model.file", "x").place, Some((1, 1)));
     }
 }

@@ -140,9 +140,13 @@ fn each_bad_input_is_named_at_its_place() {
         let (code, said) = check(&config);
         assert_eq!(code, Some(78), "{config}\n{said}");
         if says == ":3:8: the rig" {
-            // three missing instruments and two keys of a simulated rig: all at once
-            assert_eq!(said.lines().count(), 5, "{said}");
-            assert!(said.contains("the rig has no [source]"), "{said}");
+            // two missing instruments (the switch measures, too) and two keys of a simulated rig: all at once
+            assert_eq!(said.lines().count(), 4, "{said}");
+            assert!(
+                said.contains(":1:1: source: the rig has no [source]"),
+                "{said}"
+            );
+            assert_eq!(said.matches("delete this key").count(), 2, "{said}");
             continue;
         }
         assert!(said.contains(says), "wanted {says:?} in\n{said}");
@@ -156,6 +160,12 @@ fn a_simulated_instrument_does_not_stand_in_for_a_real_one() {
     let (code, said) = check(real);
     assert_eq!(code, Some(78));
     assert!(said.contains("set rig.kind = \"mixed\""), "{said}");
+    let alone = real.replace("\"simulated\"", "\"tcp:h:3\"");
+    let alone = alone.split("[voltmeter]").next().unwrap();
+    assert_eq!(check(alone).0, Some(0), "the voltmeter is the switch");
+    let board = format!("{alone}[wiring]\nkind = \"gpio-board\"\n");
+    let (_, said) = check(&board);
+    assert!(said.contains("the rig has no [voltmeter]"), "{said}");
     let (_, said) = check(&real.replace("\"simulated\"", "\"tcp:h:3\""));
     assert!(said.contains("give both the same address"), "{said}");
 }

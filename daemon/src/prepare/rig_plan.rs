@@ -45,7 +45,7 @@ pub(super) fn rig_plan(
                 if given.is_some() {
                     findings.add(
                         key,
-                        "only a simulated rig has one; set rig.kind = \"simulated\"",
+                        "only a simulated rig has one; delete this key, or set rig.kind = \"simulated\"",
                     );
                 }
             }
@@ -237,10 +237,17 @@ fn deadline(config: &Config, given: Option<f64>) -> Duration {
 }
 
 fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
+    // but for the board, the mainframe that switches is the one that measures
+    let mainframe =
+        config.rig.kind != RigKind::Simulated && config.wiring.kind != WiringKind::GpioBoard;
+    let voltmeter = match &config.voltmeter {
+        None if mainframe => &config.switch,
+        given => given,
+    };
     let sections = [
         ("source", &config.source),
         ("switch", &config.switch),
-        ("voltmeter", &config.voltmeter),
+        ("voltmeter", voltmeter),
     ];
     if config.rig.kind == RigKind::Simulated {
         for (name, section) in sections {
@@ -260,6 +267,10 @@ fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
     }
     let mut read = sections.into_iter().map(|(name, section)| {
         let Some(section) = section else {
+            if name == "voltmeter" && mainframe {
+                // the missing [switch] has been said
+                return None;
+            }
             findings.add(name, format!("the rig has no [{name}]; give its address"));
             return None;
         };
