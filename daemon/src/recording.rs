@@ -7,6 +7,8 @@ use chrono::{DateTime, Utc};
 use logbook::{LogbookError, SessionReader};
 use survey::{Amps, Baseline, BaselineError, Frame, Protocol, Reading, Settings, Volts};
 
+use crate::prepare::seconds;
+
 /// Why a recording cannot be played.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum RecordingError {
@@ -305,10 +307,6 @@ fn negate(readings: &mut [Reading]) {
             *volts = -*volts;
         }
     }
-}
-
-fn seconds(seconds: f64) -> Duration {
-    Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)
 }
 
 #[cfg(test)]

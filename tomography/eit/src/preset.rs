@@ -92,3 +92,14 @@ fn positive(preset: &'static str, measures: &[(&str, f64)]) -> Result<(), MeshEr
         None => Ok(()),
     }
 }
+
+/// Refuses a fineness that would leave electrodes without nodes, or a mesh that no machine holds.
+fn reasonable_fineness(preset: &'static str, fineness: f64) -> Result<(), MeshError> {
+    if (0.25..=8.0).contains(&fineness) {
+        return Ok(());
+    }
+    Err(MeshError::Preset {
+        preset,
+        fault: format!("fineness is {fineness}, it must be 0.25 to 8"),
+    })
+}

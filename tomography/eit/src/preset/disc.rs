@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use serde::{Deserialize, Serialize};
 
-use super::positive;
+use super::{positive, reasonable_fineness};
 use crate::mesher::{Domain, fill, length};
 use crate::{Mesh, MeshError};
 
@@ -156,12 +156,7 @@ impl DiscTank {
                 self.electrodes
             ));
         }
-        if !(0.25..=8.0).contains(&self.fineness) {
-            return refuse(format!(
-                "fineness is {}, it must be 0.25 to 8",
-                self.fineness
-            ));
-        }
+        reasonable_fineness(PRESET, self.fineness)?;
         if !self.first_deg.is_finite() {
             return refuse("first_deg is not a number".into());
         }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::positive;
+use super::{positive, reasonable_fineness};
 use crate::mesher::{Domain, cut, fill, length};
 use crate::{Mesh, MeshError};
 
@@ -146,12 +146,7 @@ impl PaperSheet {
                 fault,
             })
         };
-        if !(0.25..=8.0).contains(&self.fineness) {
-            return refuse(format!(
-                "fineness is {}, it must be 0.25 to 8",
-                self.fineness
-            ));
-        }
+        reasonable_fineness(PRESET, self.fineness)?;
         if self.inset_mm <= 0.5 * self.void_mm {
             return refuse(
                 "inset_mm must exceed half of void_mm, or the voids reach the edge".into(),
