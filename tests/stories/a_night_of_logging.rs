@@ -28,19 +28,7 @@ fn every_frame_is_on_disk_and_none_is_missing() {
     assert_eq!(session["closed"], true);
     assert_eq!(session["readings"], 598);
 
-    let csv = stage.path().join("night.csv");
-    ask(
-        &stage,
-        &[
-            "export",
-            &id,
-            "--format",
-            "csv",
-            "--out",
-            &csv.display().to_string(),
-        ],
-    );
-    let text = std::fs::read_to_string(csv).expect("the export was written");
+    let text = scenery::export_csv(&stage, &id);
     let rows: Vec<&str> = text.lines().skip(1).collect();
     assert_eq!(rows.len(), frames);
     let mut last = f64::NEG_INFINITY;

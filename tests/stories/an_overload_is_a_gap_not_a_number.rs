@@ -19,19 +19,7 @@ fn an_overload_is_never_a_number() {
         "{missing} readings are over the range"
     );
 
-    let csv = stage.path().join("over.csv");
-    ask(
-        &stage,
-        &[
-            "export",
-            &id,
-            "--format",
-            "csv",
-            "--out",
-            &csv.display().to_string(),
-        ],
-    );
-    let text = std::fs::read_to_string(csv).expect("the export was written");
+    let text = scenery::export_csv(&stage, &id);
     let mut lines = text.lines();
     let header: Vec<&str> = lines.next().expect("a header").split(',').collect();
     let row: Vec<&str> = lines.next().expect("a frame").split(',').collect();

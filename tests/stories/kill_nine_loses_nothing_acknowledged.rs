@@ -40,23 +40,7 @@ fn a_killed_daemon_has_kept_every_acknowledged_frame() {
             scenery::number(session, "frames") as u64 >= acknowledged,
             "{session}"
         );
-        let csv = stage.path().join(format!("{round}.csv"));
-        ask(
-            &stage,
-            &[
-                "export",
-                &id,
-                "--format",
-                "csv",
-                "--out",
-                &csv.display().to_string(),
-            ],
-        );
-        let rows = std::fs::read_to_string(csv)
-            .expect("the export was written")
-            .lines()
-            .count() as u64
-            - 1;
+        let rows = scenery::export_csv(&stage, &id).lines().count() as u64 - 1;
         assert!(
             rows >= acknowledged,
             "{rows} rows, {acknowledged} acknowledged"

@@ -118,6 +118,14 @@ pub fn measure(stage: &Stage, count: usize) -> String {
         .to_owned()
 }
 
+/// The frames of a session as `tactus export` writes them: a header, then a row a frame.
+pub fn export_csv(stage: &Stage, id: &str) -> String {
+    let csv = stage.path().join(format!("{id}.csv"));
+    let out = csv.display().to_string();
+    ask(stage, &["export", id, "--format", "csv", "--out", &out]);
+    std::fs::read_to_string(csv).expect("the export was written")
+}
+
 /// A number of a JSON object, or a panic that shows the object.
 pub fn number(value: &serde_json::Value, field: &str) -> f64 {
     value[field]
