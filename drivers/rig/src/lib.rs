@@ -8,6 +8,7 @@
 //!   or the peer has proved that it answers the question asked
 //! - **rig**: source, switch and voltmeter, held by one user at a time
 //! - **acquire**: a plan in, a frame out; **safe off**: source off and relays open, each verified
+//! - **transcript**: everything said over the wires, line by line
 //!
 //! ```
 //! # #[tokio::main(flavor = "current_thread")] async fn main() -> Result<(), rig::LinkError> {
@@ -34,6 +35,7 @@ mod link;
 mod safe;
 mod seams;
 mod stop;
+pub mod transcript;
 
 pub use acquire::{AcquireError, acquire, settings};
 pub use clock::{Clock, SystemClock};
