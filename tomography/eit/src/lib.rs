@@ -58,7 +58,7 @@ pub use one_step::{
 pub use preset::{DiscTank, PaperSheet, Preset};
 pub use prior::Prior;
 pub use rbf::{NOVELTY_LIMIT, RbfNetwork, RbfReconstructor};
-pub use reconstructor::{MOST_MISSING, ReconstructError, Reconstructor};
+pub use reconstructor::{MOST_MISSING, Novelty, ReconstructError, Reconstructor};
 pub use training::{
     Jitter, Stage, TrainError, TrainingReport, TrainingSet, TrainingSettings, train_rbf,
 };

@@ -24,6 +24,48 @@ pub trait Reconstructor: Send + Sync {
     /// A wrong count of readings, too many missing, a baseline or a frame that this method cannot judge.
     fn reconstruct(&self, baseline: &[Reading], frame: &[Reading])
     -> Result<Map, ReconstructError>;
+    /// What the method assumed and how exact it is, a sentence each, for a person: prior, hyper-parameter and where it
+    /// came from, noise, bounds, training set, stated errors. Nothing is said where the list is empty.
+    fn assumptions(&self) -> Vec<String> {
+        Vec::new()
+    }
+    /// The noise figure: signal-to-noise ratio of the readings over that of the map, for a small load in the middle of
+    /// the region; below 1 the method averages noise away, at the price of sharpness. `None` where it is not defined.
+    /// May take a second: a method that is not linear finds it by seeded draws of noise.
+    fn noise_figure(&self) -> Option<f64> {
+        None
+    }
+    /// How far these readings lie from everything that the method can explain or was trained on; `None` where the
+    /// method cannot tell.
+    ///
+    /// # Errors
+    /// As [`Reconstructor::reconstruct`] before a map is attempted: counts, missing readings, a dead baseline.
+    fn novelty(
+        &self,
+        _baseline: &[Reading],
+        _frame: &[Reading],
+    ) -> Result<Option<Novelty>, ReconstructError> {
+        Ok(None)
+    }
+}
+
+/// How unlike its expectations a method finds a frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Novelty {
+    /// The measure, at least 0; what its unit is, `measure` says.
+    pub value: f64,
+    /// Above it the frame lies outside of what the method knows.
+    pub limit: f64,
+    /// What is measured, for a person: of model-based methods the root mean square of what no map explains, in standard
+    /// deviations of the noise; of networks the distance to the nearest thing they were trained on.
+    pub measure: &'static str,
+}
+
+impl Novelty {
+    /// Whether the frame lies outside of what the method knows; not a number is outside.
+    pub fn outside(&self) -> bool {
+        self.value.is_nan() || self.value > self.limit
+    }
 }
 
 /// Why there is no map.
