@@ -16,6 +16,7 @@
 mod layout;
 mod solution;
 mod system;
+mod workspace;
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -29,6 +30,7 @@ use crate::sparse::{Pattern, Row, SparseError, WIDTH};
 use layout::{Contact, Edge, NONE, PAIRS, contact, grounds, number, resistors};
 pub(crate) use solution::Solution;
 use system::System;
+pub use workspace::Workspace;
 
 /// A triangle without conductance keeps this share of the largest: it changes voltages by about 1e-9.
 pub const FLOOR: f64 = 1e-8;

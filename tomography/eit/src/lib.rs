@@ -47,7 +47,7 @@ pub use case::{
     Case, CaseError, NamedFrame, Table, digits, frames_text, matrix_text, protocol_text,
     read_frames, read_named_frames, read_protocol,
 };
-pub use forward::{Admitted, FLOOR, Fields, Forward, ForwardError};
+pub use forward::{Admitted, FLOOR, Fields, Forward, ForwardError, Workspace};
 pub use linear::probable_lambda;
 pub use mesh::{ENOUGH_EDGES, Mesh, MeshError, MeshQuality};
 pub use model::{Model, ModelError, load_reconstructor};

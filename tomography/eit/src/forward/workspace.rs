@@ -1,0 +1,75 @@
+//! Many conductances on one mesh: the analysis, the memory and what they have in common are kept.
+
+use std::sync::Arc;
+
+use nalgebra::DVector;
+use survey::Protocol;
+
+use super::{Forward, ForwardError};
+
+/// Scratch of one thread for the readings of one conductance after the other.
+///
+/// A clone shares what was prepared and has scratch of its own: one for each thread (`rayon`'s `map_init`). What a
+/// workspace returns depends on the conductance alone, never on what it solved before, bit for bit.
+///
+/// ```
+/// use std::sync::Arc;
+/// use eit::{DiscTank, Forward};
+/// use survey::Protocol;
+/// let tank = DiscTank::default();
+/// let mesh = Arc::new(tank.mesh()?);
+/// let forward = Forward::new(mesh.clone(), &tank.contact_ohm_m())?;
+/// let sigma0 = vec![tank.conductance(); mesh.triangles().len()];
+/// let mut workspace = forward.workspace(&Protocol::sheffield(16)?)?.about(&sigma0)?;
+/// let mut pressed = sigma0.clone();
+/// pressed[17] *= 0.5;
+/// let (before, after) = (workspace.readings(&sigma0)?, workspace.readings(&pressed)?);
+/// assert!(before != after);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct Workspace<'f> {
+    forward: &'f Forward,
+    protocol: Arc<Protocol>,
+}
+
+impl Forward {
+    /// Scratch for the readings of many conductances at one protocol. They are refined; see [`Workspace::plain`].
+    ///
+    /// # Errors
+    /// A protocol for another ring.
+    pub fn workspace(&self, protocol: &Protocol) -> Result<Workspace<'_>, ForwardError> {
+        self.check_ring(protocol)?;
+        Ok(Workspace {
+            forward: self,
+            protocol: Arc::new(protocol.clone()),
+        })
+    }
+}
+
+impl Workspace<'_> {
+    /// Leaves out the refinement: electrode voltages come from the factor alone, with no field solved. Training sets
+    /// need no more.
+    #[must_use]
+    pub fn plain(self) -> Self {
+        self
+    }
+
+    /// Keeps the factor of a conductance (S, one a triangle): of the ones that follow only what differs from it is
+    /// factored. Changes the speed, never the result.
+    ///
+    /// # Errors
+    /// A conductance that is refused.
+    pub fn about(self, sigma0: &[f64]) -> Result<Self, ForwardError> {
+        self.forward.admit(sigma0)?;
+        Ok(self)
+    }
+
+    /// The readings of the protocol at 1 A, V, for a conductance (S, one a triangle).
+    ///
+    /// # Errors
+    /// A conductance that is refused.
+    pub fn readings(&mut self, sigma: &[f64]) -> Result<DVector<f64>, ForwardError> {
+        self.forward.readings(sigma, &self.protocol)
+    }
+}
