@@ -60,5 +60,7 @@ pub use prior::Prior;
 pub use rbf::{NOVELTY_LIMIT, RbfNetwork, RbfReconstructor};
 pub use reconstructor::{MOST_MISSING, Novelty, ReconstructError, Reconstructor};
 pub use training::{
-    Jitter, Stage, TrainError, TrainingReport, TrainingSet, TrainingSettings, train_rbf,
+    CentresReading, ChangeReading, DistancesReading, Jitter, LossReading, Noise, OpenReadings,
+    PointsReading, Sample, SampleError, Samples, Simulation, SizeReading, SpreadReading, Stage,
+    TrainError, TrainingReport, TrainingSet, TrainingSettings, dense_target, train_rbf,
 };

@@ -1,10 +1,13 @@
 //! The training set of the paper (Algorithm 1, Eq. 6 to 9), and the training of the RBF network on it.
 //!
-//! Where the paper's text leaves a choice: centres are uniform over the region of interest; the vertices of a polygon are
-//! joined in the order of their angles; a triangle belongs to a polygon that holds its centroid (even-odd rule); fewer than
-//! three vertices, or none of the polygons, make an unchanged sample, which is kept; where polygons overlap, their losses
-//! multiply; a loss of 100 % is floored by the forward model ([`crate::FLOOR`]).
+//! Where the paper's text leaves a choice it is a setting ([`OpenReadings`]). Besides: the vertices of a polygon are joined
+//! in the order of their angles; a triangle belongs to a polygon that holds its centroid (even-odd rule); fewer than three
+//! vertices, or no polygon, make an unchanged sample, which is kept; a loss of 100 % is floored by the forward model
+//! ([`crate::FLOOR`]).
 
+mod algorithm;
+mod noise;
+mod samples;
 mod set;
 
 use std::sync::Arc;
@@ -15,60 +18,17 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use survey::Protocol;
 
+pub use algorithm::{
+    CentresReading, ChangeReading, DistancesReading, LossReading, OpenReadings, PointsReading,
+    Simulation, SizeReading, SpreadReading,
+};
+pub use noise::{Jitter, Noise};
+pub use samples::{Sample, SampleError, Samples, dense_target};
 pub use set::TrainingSet;
 
 use crate::kmeans::{self, Rows};
 use crate::rbf::RbfNetwork;
 use crate::{ForwardError, Mesh};
-
-/// The noise that training adds to the inputs (Eq. 8).
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "profile", rename_all = "snake_case")]
-pub enum Jitter {
-    /// Eq. 9: a standard deviation of gamma times that of the normalised baseline, on every reading alike.
-    Paper {
-        /// gamma, 0.01 in the paper.
-        gamma: f64,
-    },
-    /// As the noise is: white, on baseline and frame.
-    Matched {
-        /// Standard deviation of one reading, V.
-        noise_v: f64,
-        /// Injected current at which it is met, A.
-        current_a: f64,
-    },
-}
-
-impl Jitter {
-    /// The paper's value.
-    pub fn paper() -> Self {
-        Self::Paper { gamma: 0.01 }
-    }
-
-    /// 2 uV at 1 mA.
-    pub fn matched() -> Self {
-        Self::Matched {
-            noise_v: 2e-6,
-            current_a: 1e-3,
-        }
-    }
-
-    /// Standard deviation of a normalised input, from the baseline at 1 A.
-    fn deviation(self, baseline: &[f64]) -> f64 {
-        let top = baseline.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
-        match self {
-            Self::Paper { gamma } => {
-                let n = baseline.len() as f64;
-                let mean = baseline.iter().sum::<f64>() / n;
-                let square: f64 = baseline.iter().map(|v| (v - mean).powi(2)).sum();
-                gamma * (square / (n - 1.0)).sqrt() / top
-            }
-            Self::Matched { noise_v, current_a } => {
-                std::f64::consts::SQRT_2 * noise_v / current_a / top
-            }
-        }
-    }
-}
 
 /// Settings of a training; the defaults are the paper's (section 5.3).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -90,6 +50,9 @@ pub struct TrainingSettings {
     pub neurons: usize,
     /// The same seed gives the same network.
     pub seed: u64,
+    /// How the paper's text is read where it is open.
+    #[serde(skip_serializing_if = "OpenReadings::is_default")]
+    pub open: OpenReadings,
 }
 
 impl Default for TrainingSettings {
@@ -103,6 +66,7 @@ impl Default for TrainingSettings {
             jitter: Jitter::paper(),
             neurons: 100,
             seed: 1,
+            open: OpenReadings::default(),
         }
     }
 }
@@ -142,11 +106,14 @@ pub enum Stage {
 }
 
 /// Why there is no network.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, thiserror::Error)]
 pub enum TrainError {
     /// The forward model refused.
     #[error("the forward model of the training set")]
     Forward(#[from] ForwardError),
+    /// A sample of the set cannot be had.
+    #[error("the training set")]
+    Sample(#[from] SampleError),
     /// A setting without meaning.
     #[error("training setting {setting} is {value}, it must be {must}")]
     Setting {
@@ -182,8 +149,13 @@ pub fn train_rbf(
     progress: &(dyn Fn(Stage, usize, usize) + Sync),
 ) -> Result<(RbfNetwork, TrainingReport), TrainError> {
     let set = TrainingSet::build(mesh, contact_ohm_m, sigma0, protocol, settings, progress)?;
-    let deviation = settings.jitter.deviation(&set.baseline);
-    let inputs = set.jittered(settings, deviation);
+    let noise = Noise::new(
+        &settings.jitter,
+        settings.open.spread,
+        &set.baseline,
+        settings.seed,
+    )?;
+    let inputs = set.jittered(settings.repeats, &noise);
     let rows = Rows {
         values: &inputs,
         width: set.baseline.len(),
@@ -197,7 +169,14 @@ pub fn train_rbf(
             progress(Stage::Clusters, round, MOST_ROUNDS);
         },
     );
-    let (spread, median) = spread(rows, settings.seed, PAIRS);
+    let measured = match settings.open.distances {
+        DistancesReading::Jittered => rows,
+        DistancesReading::Clean => Rows {
+            values: &set.inputs,
+            width: rows.width,
+        },
+    };
+    let (spread, median) = spread(measured, settings.seed, PAIRS);
     if spread <= 0.0 || !spread.is_finite() {
         return Err(TrainError::Alike);
     }
@@ -217,7 +196,7 @@ pub fn train_rbf(
             .iter()
             .filter(|target| target.is_empty())
             .count(),
-        jitter: deviation,
+        jitter: noise.size(),
         rounds: clusters.rounds,
         reseeded: clusters.reseeded,
         spread,
@@ -254,9 +233,17 @@ fn check(settings: &TrainingSettings) -> Result<(), TrainError> {
             "no more than there are samples",
         );
     }
-    let noise = match settings.jitter {
-        Jitter::Paper { gamma } => [("gamma", gamma), ("gamma", gamma)],
-        Jitter::Matched { noise_v, current_a } => [("noise_v", noise_v), ("current_a", current_a)],
+    let noise = match &settings.jitter {
+        Jitter::Paper { gamma } => vec![("gamma", *gamma)],
+        Jitter::Matched { noise_v, current_a } => {
+            vec![("noise_v", *noise_v), ("current_a", *current_a)]
+        }
+        Jitter::Levels { noise_v, current_a } => noise_v
+            .iter()
+            .map(|level| ("noise_v", *level))
+            .chain([("current_a", *current_a)])
+            .collect(),
+        Jitter::Measured { current_a, .. } => vec![("current_a", *current_a)],
     };
     for (setting, value) in noise.into_iter().chain([("radius_m", settings.radius_m)]) {
         if !(value > 0.0 && value.is_finite()) {

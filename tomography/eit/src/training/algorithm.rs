@@ -1,0 +1,414 @@
+//! Algorithm 1: random polygons of lost conductance, and what the electrodes see of them.
+
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+use survey::Protocol;
+
+use super::samples::{Sample, SampleError, Samples};
+use super::{Purpose, TrainError, TrainingSettings, check, stream};
+use crate::rbf::Sparse;
+use crate::{Forward, Mesh};
+
+/// What the paper's text leaves open, each with the reading that is taken where nothing is said.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct OpenReadings {
+    /// What R_p measures.
+    pub size: SizeReading,
+    /// How many points are drawn on a circle.
+    pub points: PointsReading,
+    /// How often a loss is drawn.
+    pub loss: LossReading,
+    /// Where centres lie.
+    pub centres: CentresReading,
+    /// What Eq. 7 divides by.
+    pub change: ChangeReading,
+    /// What the second argument of N(0, .) in Eq. 9 is.
+    pub spread: SpreadReading,
+    /// Which samples Eq. 13 takes distances of.
+    pub distances: DistancesReading,
+}
+
+impl OpenReadings {
+    /// Whether every reading is the default.
+    pub fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// R_p = 70 mm: "radius size of a circumference" (section 4.1) or "maximum size of the polygons" (section 5.4).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SizeReading {
+    /// The circle's largest radius (default).
+    #[default]
+    Radius,
+    /// The polygon's largest size: the circle's diameter.
+    Diameter,
+}
+
+/// Algorithm 1 draws a number of edges, then says "select K_p random points".
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PointsReading {
+    /// As many points as edges were drawn, 0 to K_p; under three make no polygon (default).
+    #[default]
+    Drawn,
+    /// K_p points always.
+    All,
+}
+
+/// "Reduce the conductivity of each polygonal region of a random value", and "by a random value ... for each case".
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LossReading {
+    /// One for each polygon; where polygons overlap, what is left multiplies (default).
+    #[default]
+    Polygon,
+    /// One for all polygons of a case; overlaps lose no more.
+    Case,
+}
+
+/// "A random location on the sensing surface", and "random polygons within a rectangular region of interest".
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CentresReading {
+    /// Uniform over the region of interest (default).
+    #[default]
+    Region,
+    /// Uniform over the whole sheet; the loss still ends at the region's border.
+    Sheet,
+}
+
+/// Eq. 7 is a difference of conductivities; figures and Eq. 6 suggest a relative one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ChangeReading {
+    /// dsigma / sigma0 of each triangle (default).
+    #[default]
+    Relative,
+    /// dsigma over the mean sigma0 of the region: absolute but for one factor. The same on a uniform sheet.
+    Absolute,
+}
+
+/// N(0, gamma std(v0 / v-hat)).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SpreadReading {
+    /// A standard deviation (default).
+    #[default]
+    Deviation,
+    /// A variance: the deviation is its root.
+    Variance,
+}
+
+/// "Distances between all the possible combinations" of delta v-tilde.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DistancesReading {
+    /// Of samples with jitter, as the tilde says (default).
+    #[default]
+    Jittered,
+    /// Of samples without.
+    Clean,
+}
+
+/// Cases of Algorithm 1 on a mesh, each solved when it is asked for.
+///
+/// Case c depends on the settings and c alone, so any part of a set is made anywhere with the same bits.
+pub struct Simulation {
+    forward: Forward,
+    protocol: Protocol,
+    sigma0: Vec<f64>,
+    /// What a relative change of each triangle of the region is multiplied by ([`ChangeReading`]).
+    units: Vec<f64>,
+    baseline: Vec<f64>,
+    top: f64,
+    region: Region,
+    settings: TrainingSettings,
+}
+
+impl Simulation {
+    /// Solves the baseline at `sigma0` (S per square, one a triangle).
+    ///
+    /// # Errors
+    /// Settings without meaning, or what the forward model refuses.
+    pub fn new(
+        mesh: &Arc<Mesh>,
+        contact_ohm_m: &[f64],
+        sigma0: &[f64],
+        protocol: &Protocol,
+        settings: &TrainingSettings,
+    ) -> Result<Self, TrainError> {
+        check(settings)?;
+        let forward = Forward::new(Arc::clone(mesh), contact_ohm_m)?;
+        let baseline = forward.readings(sigma0, protocol)?.as_slice().to_vec();
+        let top = baseline.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
+        let unknowns = mesh.region();
+        let units = match settings.open.change {
+            ChangeReading::Relative => vec![1.0; unknowns.len()],
+            ChangeReading::Absolute => {
+                let mean = unknowns.iter().map(|&t| sigma0[t]).sum::<f64>() / unknowns.len() as f64;
+                unknowns.iter().map(|&t| sigma0[t] / mean).collect()
+            }
+        };
+        Ok(Self {
+            region: Region::new(mesh, settings.open.centres),
+            forward,
+            protocol: protocol.clone(),
+            sigma0: sigma0.to_vec(),
+            units,
+            baseline,
+            top,
+            settings: settings.clone(),
+        })
+    }
+
+    /// The largest reading of the baseline, v-hat of Eq. 6, V at 1 A.
+    pub fn top(&self) -> f64 {
+        self.top
+    }
+
+    /// Relative changes of the region's triangles in a case, without solving it.
+    pub fn target(&self, case: usize) -> Sparse {
+        self.region.case(&self.settings, case)
+    }
+
+    /// Solves one case.
+    ///
+    /// # Errors
+    /// What the forward model refuses.
+    pub fn solve(&self, case: usize) -> Result<Sample, TrainError> {
+        let mut target = self.target(case);
+        let mesh = self.forward.mesh();
+        let mut sigma = self.sigma0.clone();
+        for &(unknown, change) in &target {
+            sigma[mesh.region()[unknown as usize]] *= 1.0 + f64::from(change);
+        }
+        let input: Vec<f32> = if target.is_empty() {
+            vec![0.0; self.baseline.len()]
+        } else {
+            self.forward
+                .readings(&sigma, &self.protocol)?
+                .iter()
+                .zip(&self.baseline)
+                .map(|(volts, zero)| ((volts - zero) / self.top) as f32)
+                .collect()
+        };
+        for (unknown, change) in &mut target {
+            *change *= self.units[*unknown as usize] as f32;
+        }
+        Ok(Sample { input, target })
+    }
+}
+
+impl Samples for Simulation {
+    fn len(&self) -> usize {
+        self.settings.cases
+    }
+
+    fn outputs(&self) -> usize {
+        self.region.centroids.len()
+    }
+
+    fn baseline(&self) -> &[f64] {
+        &self.baseline
+    }
+
+    fn sample(&self, case: usize) -> Result<Sample, SampleError> {
+        let sample = self.solve(case).map_err(|cause| SampleError::Unsolved {
+            case,
+            cause: Box::new(cause),
+        })?;
+        sample.check("the simulation", case)?;
+        Ok(sample)
+    }
+}
+
+/// The region of interest as the cases see it.
+pub(super) struct Region {
+    /// Where centres are drawn from: triangles, and sums of their areas up to and with each.
+    corners: Vec<[[f64; 2]; 3]>,
+    areas: Vec<f64>,
+    /// Of the region's triangles.
+    centroids: Vec<[f64; 2]>,
+}
+
+impl Region {
+    pub(super) fn new(mesh: &Mesh, centres: CentresReading) -> Self {
+        let from: Vec<usize> = match centres {
+            CentresReading::Region => mesh.region().to_vec(),
+            CentresReading::Sheet => (0..mesh.triangles().len()).collect(),
+        };
+        let mut sum = 0.0;
+        Self {
+            corners: from.iter().map(|&t| mesh.corners(t)).collect(),
+            areas: from
+                .iter()
+                .map(|&t| {
+                    sum += mesh.area(t);
+                    sum
+                })
+                .collect(),
+            centroids: mesh.region_centroids(),
+        }
+    }
+
+    /// A point uniform over where centres are drawn from.
+    fn point(&self, random: &mut ChaCha8Rng) -> [f64; 2] {
+        let total = self.areas.last().copied().unwrap_or_default();
+        let at = random.random::<f64>() * total;
+        let triangle = self
+            .areas
+            .partition_point(|sum| *sum <= at)
+            .min(self.areas.len() - 1);
+        let (mut p, mut q) = (random.random::<f64>(), random.random::<f64>());
+        if p + q > 1.0 {
+            (p, q) = (1.0 - p, 1.0 - q);
+        }
+        let [a, b, c] = self.corners[triangle];
+        [0, 1].map(|axis| a[axis] + p * (b[axis] - a[axis]) + q * (c[axis] - a[axis]))
+    }
+
+    /// One case of Algorithm 1.
+    pub(super) fn case(&self, settings: &TrainingSettings, case: usize) -> Sparse {
+        let random = &mut stream(settings.seed, Purpose::Case, case);
+        let mut kept = vec![1.0_f64; self.centroids.len()];
+        let largest = match settings.open.size {
+            SizeReading::Radius => settings.radius_m,
+            SizeReading::Diameter => 0.5 * settings.radius_m,
+        };
+        let mut shared = None;
+        for _ in 0..random.random_range(0..=settings.polygons) {
+            let centre = self.point(random);
+            let radius = random.random::<f64>() * largest;
+            let drawn = random.random_range(0..=settings.vertices);
+            let points = match settings.open.points {
+                PointsReading::Drawn => drawn,
+                PointsReading::All => settings.vertices,
+            };
+            let mut angles: Vec<f64> = (0..points).map(|_| random.random::<f64>() * TAU).collect();
+            let own = random.random::<f64>();
+            let loss = match settings.open.loss {
+                LossReading::Polygon => own,
+                LossReading::Case => *shared.get_or_insert(own),
+            };
+            angles.sort_by(f64::total_cmp);
+            let polygon: Vec<[f64; 2]> = angles
+                .iter()
+                .map(|angle| {
+                    [
+                        centre[0] + radius * angle.cos(),
+                        centre[1] + radius * angle.sin(),
+                    ]
+                })
+                .collect();
+            for (kept, centroid) in kept.iter_mut().zip(&self.centroids) {
+                if (centroid[0] - centre[0]).abs() <= radius && holds(&polygon, *centroid) {
+                    match settings.open.loss {
+                        LossReading::Polygon => *kept *= 1.0 - loss,
+                        LossReading::Case => *kept = 1.0 - loss,
+                    }
+                }
+            }
+        }
+        kept.iter()
+            .enumerate()
+            .filter(|(_, kept)| **kept < 1.0)
+            .map(|(unknown, kept)| (unknown as u32, (kept - 1.0) as f32))
+            .collect()
+    }
+}
+
+/// The even-odd rule; nothing is inside fewer than three vertices.
+fn holds(polygon: &[[f64; 2]], [x, y]: [f64; 2]) -> bool {
+    if polygon.len() < 3 {
+        return false;
+    }
+    let mut inside = false;
+    let mut from = polygon[polygon.len() - 1];
+    for &to in polygon {
+        if (from[1] > y) != (to[1] > y)
+            && x < from[0] + (y - from[1]) / (to[1] - from[1]) * (to[0] - from[0])
+        {
+            inside = !inside;
+        }
+        from = to;
+    }
+    inside
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::DiscTank;
+
+    #[test]
+    fn a_polygon_of_fewer_than_three_vertices_holds_nothing() {
+        assert!(!holds(&[], [0.0, 0.0]));
+        assert!(!holds(&[[0.0, 0.0], [1.0, 1.0]], [0.5, 0.5]));
+        let square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        assert!(holds(&square, [0.5, 0.5]));
+        assert!(!holds(&square, [1.5, 0.5]));
+    }
+
+    #[test]
+    fn ten_thousand_cases_are_drawn_and_some_are_unchanged() {
+        let mesh = DiscTank::default().mesh().unwrap();
+        let region = Region::new(&mesh, CentresReading::Region);
+        let settings = TrainingSettings::default();
+        let unchanged = (0..10_000)
+            .filter(|&case| {
+                let target = region.case(&settings, case);
+                assert!(
+                    target
+                        .iter()
+                        .all(|(_, change)| (-1.0..0.0).contains(change))
+                );
+                target.is_empty()
+            })
+            .count();
+        // 1/5 of the cases have no polygon, and half of all polygons have fewer than three vertices
+        assert!((3500..5000).contains(&unchanged), "{unchanged}");
+    }
+
+    #[test]
+    fn every_open_reading_changes_what_is_drawn() {
+        let mesh = crate::PaperSheet::default().mesh().unwrap();
+        let drawn = |open: OpenReadings| {
+            let region = Region::new(&mesh, open.centres);
+            let settings = TrainingSettings {
+                open,
+                ..TrainingSettings::default()
+            };
+            let cases: Vec<Sparse> = (0..400).map(|case| region.case(&settings, case)).collect();
+            let size: usize = cases.iter().map(Vec::len).sum();
+            let empty = cases.iter().filter(|case| case.is_empty()).count();
+            let losses = |case: &Sparse| {
+                let mut values: Vec<u32> = case.iter().map(|(_, x)| x.to_bits()).collect();
+                values.sort_unstable();
+                values.dedup();
+                values.len()
+            };
+            (size, empty, cases.iter().map(losses).max().unwrap_or(0))
+        };
+        let usual = drawn(OpenReadings::default());
+        let of = |change: fn(&mut OpenReadings)| {
+            let mut open = OpenReadings::default();
+            change(&mut open);
+            drawn(open)
+        };
+        assert!(of(|open| open.size = SizeReading::Diameter).0 * 3 < usual.0);
+        // only a case without any polygon is empty: a fifth
+        let all = of(|open| open.points = PointsReading::All);
+        assert!((60..100).contains(&all.1), "{all:?}");
+        assert!(usual.2 > 2);
+        assert_eq!(of(|open| open.loss = LossReading::Case).2, 1);
+        // centres beside the region press less of it
+        assert!(of(|open| open.centres = CentresReading::Sheet).0 < usual.0);
+    }
+}

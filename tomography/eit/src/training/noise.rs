@@ -1,0 +1,294 @@
+//! Jitter: what noise is added to the inputs, and how a sample gets its own.
+
+use rand_distr::{Distribution, Normal, StandardNormal};
+use serde::{Deserialize, Serialize};
+
+use super::algorithm::SpreadReading;
+use super::{Purpose, TrainError, stream};
+
+/// The noise that training adds to the inputs (Eq. 8).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "profile", rename_all = "snake_case")]
+pub enum Jitter {
+    /// Eq. 9: a standard deviation of gamma times that of the normalised baseline, on every reading alike.
+    Paper {
+        /// gamma, 0.01 in the paper.
+        gamma: f64,
+    },
+    /// As the noise is: white, on baseline and frame.
+    Matched {
+        /// Standard deviation of one reading, V.
+        noise_v: f64,
+        /// Injected current at which it is met, A.
+        current_a: f64,
+    },
+    /// Several levels of [`Jitter::Matched`]: the copies of a case take them in turn.
+    Levels {
+        /// Standard deviations of one reading, V.
+        noise_v: Vec<f64>,
+        /// Injected current at which they are met, A.
+        current_a: f64,
+    },
+    /// The measured covariance of repeats of the baseline: a copy's noise is a random combination of the repeats'
+    /// deviations from their mean, on baseline and frame. It has the repeats' sample covariance.
+    Measured {
+        /// How many repeats were measured, each one a row of readings, V.
+        volts: Vec<Vec<f64>>,
+        /// Injected current at which they were measured, A.
+        current_a: f64,
+    },
+}
+
+impl Jitter {
+    /// The paper's value.
+    pub fn paper() -> Self {
+        Self::Paper { gamma: 0.01 }
+    }
+
+    /// 2 uV at 1 mA.
+    pub fn matched() -> Self {
+        Self::Matched {
+            noise_v: 2e-6,
+            current_a: 1e-3,
+        }
+    }
+}
+
+/// Jitter in the units of a normalised input.
+#[derive(Debug, Clone)]
+pub struct Noise {
+    kind: Kind,
+    seed: u64,
+}
+
+#[derive(Debug, Clone)]
+enum Kind {
+    /// Deviations, taken in turn by the copies of a case.
+    White(Vec<Normal<f64>>),
+    /// Rows of which a random combination has the measured covariance.
+    Rows(Vec<Vec<f64>>),
+}
+
+impl Noise {
+    /// `baseline` is the unloaded readings at 1 A.
+    ///
+    /// # Errors
+    /// Levels that are no positive numbers, or repeats from which no covariance follows.
+    pub fn new(
+        jitter: &Jitter,
+        spread: SpreadReading,
+        baseline: &[f64],
+        seed: u64,
+    ) -> Result<Self, TrainError> {
+        let top = baseline.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
+        let refuse = |setting, value, must| TrainError::Setting {
+            setting,
+            value,
+            must,
+        };
+        let white = |levels: Vec<f64>| {
+            levels
+                .into_iter()
+                .map(|level| {
+                    if !(level > 0.0 && level.is_finite()) {
+                        return Err(refuse("jitter", level, "a positive number"));
+                    }
+                    Normal::new(0.0, level)
+                        .map_err(|_| refuse("jitter", level, "a positive number"))
+                })
+                .collect::<Result<Vec<_>, _>>()
+                .map(Kind::White)
+        };
+        let both = std::f64::consts::SQRT_2;
+        let kind = match jitter {
+            Jitter::Paper { gamma } => {
+                let n = baseline.len() as f64;
+                let mean = baseline.iter().sum::<f64>() / n;
+                let square: f64 = baseline.iter().map(|v| (v - mean).powi(2)).sum();
+                let given = gamma * (square / (n - 1.0)).sqrt() / top;
+                white(vec![match spread {
+                    SpreadReading::Deviation => given,
+                    SpreadReading::Variance => given.sqrt(),
+                }])?
+            }
+            Jitter::Matched { noise_v, current_a } => {
+                white(vec![both * noise_v / current_a / top])?
+            }
+            Jitter::Levels { noise_v, current_a } => {
+                if noise_v.is_empty() {
+                    return Err(refuse("noise_v", 0.0, "one level or more"));
+                }
+                white(noise_v.iter().map(|v| both * v / current_a / top).collect())?
+            }
+            Jitter::Measured { volts, current_a } => {
+                let count = volts.len();
+                if count < 2 {
+                    return Err(refuse(
+                        "repeats of the baseline",
+                        count as f64,
+                        "2 or more (20 or more for a covariance worth the name)",
+                    ));
+                }
+                if let Some(row) = volts.iter().find(|row| row.len() != baseline.len()) {
+                    return Err(refuse(
+                        "readings of a repeat of the baseline",
+                        row.len() as f64,
+                        "one a question of the protocol",
+                    ));
+                }
+                if volts.iter().flatten().any(|value| !value.is_finite()) {
+                    return Err(refuse(
+                        "a repeat of the baseline",
+                        f64::NAN,
+                        "finite in every reading",
+                    ));
+                }
+                let scale = both / (current_a * top * ((count - 1) as f64).sqrt());
+                let mean: Vec<f64> = (0..baseline.len())
+                    .map(|reading| volts.iter().map(|row| row[reading]).sum::<f64>() / count as f64)
+                    .collect();
+                Kind::Rows(
+                    volts
+                        .iter()
+                        .map(|row| {
+                            row.iter()
+                                .zip(&mean)
+                                .map(|(v, m)| scale * (v - m))
+                                .collect()
+                        })
+                        .collect(),
+                )
+            }
+        };
+        Ok(Self { kind, seed })
+    }
+
+    /// Root mean square over readings and levels, in units of the normalised input.
+    pub fn size(&self) -> f64 {
+        match &self.kind {
+            Kind::White(levels) => {
+                let square: f64 = levels.iter().map(|level| level.std_dev().powi(2)).sum();
+                (square / levels.len() as f64).sqrt()
+            }
+            Kind::Rows(rows) => {
+                let square: f64 = rows.iter().flatten().map(|value| value * value).sum();
+                (square / rows[0].len() as f64).sqrt()
+            }
+        }
+    }
+
+    /// Adds to `row` the noise of copy `copy` of case `case` of `cases`; it depends on these and the seed alone.
+    pub fn add(&self, row: &mut [f32], copy: usize, case: usize, cases: usize) {
+        let random = &mut stream(self.seed, Purpose::Jitter, copy * cases + case);
+        match &self.kind {
+            Kind::White(levels) => {
+                let level = levels[copy % levels.len()];
+                for value in row {
+                    *value = (f64::from(*value) + level.sample(random)) as f32;
+                }
+            }
+            Kind::Rows(rows) => {
+                let mut noise = vec![0.0_f64; row.len()];
+                for deviations in rows {
+                    let amount: f64 = StandardNormal.sample(random);
+                    for (noise, deviation) in noise.iter_mut().zip(deviations) {
+                        *noise += amount * deviation;
+                    }
+                }
+                for (value, noise) in row.iter_mut().zip(noise) {
+                    *value = (f64::from(*value) + noise) as f32;
+                }
+            }
+        }
+    }
+
+    /// Adds the noise's covariance, the mean of its levels, to a symmetric matrix of readings (row-major, readings
+    /// squared entries).
+    pub fn add_covariance(&self, matrix: &mut [f64]) {
+        match &self.kind {
+            Kind::White(_) => {
+                let readings = (matrix.len() as f64).sqrt().round() as usize;
+                for i in 0..readings {
+                    matrix[i * readings + i] += self.size().powi(2);
+                }
+            }
+            Kind::Rows(rows) => {
+                let readings = rows[0].len();
+                for row in rows {
+                    for i in 0..readings {
+                        for j in 0..readings {
+                            matrix[i * readings + j] += row[i] * row[j];
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn measured_jitter_has_the_repeats_covariance() {
+        // two readings that move together, one that moves against them, one that is still
+        let volts: Vec<Vec<f64>> = (0..40)
+            .map(|k| {
+                let wave = 1e-6 * f64::from((k * 7 % 11) - 5);
+                vec![1.0 + wave, 1.0 + wave, 1.0 - 2.0 * wave, 1.0]
+            })
+            .collect();
+        let square = volts.iter().map(|row| (row[0] - 1.0).powi(2)).sum::<f64>();
+        let mean = volts.iter().map(|row| row[0] - 1.0).sum::<f64>() / 40.0;
+        let variance = (square - 40.0 * mean * mean) / 39.0;
+        let noise = Noise::new(
+            &Jitter::Measured {
+                volts,
+                current_a: 1.0,
+            },
+            SpreadReading::Deviation,
+            &[1.0; 4],
+            3,
+        )
+        .unwrap();
+        let mut sums = [0.0; 3];
+        let draws = 20_000;
+        for case in 0..draws {
+            let mut row = [0.0_f32; 4];
+            noise.add(&mut row, 0, case, draws);
+            let row = row.map(f64::from);
+            assert_eq!(row[3], 0.0);
+            sums[0] += row[0] * row[0];
+            sums[1] += row[0] * row[1];
+            sums[2] += row[0] * row[2];
+        }
+        let wants = 2.0 * variance * draws as f64;
+        for (sum, factor) in sums.into_iter().zip([1.0, 1.0, -2.0]) {
+            assert!((sum / (factor * wants) - 1.0).abs() < 0.05);
+        }
+        let mut matrix = vec![0.0; 16];
+        noise.add_covariance(&mut matrix);
+        assert!((matrix[2] / (-4.0 * variance) - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn levels_are_taken_in_turn() {
+        let jitter = Jitter::Levels {
+            noise_v: vec![1e-6, 1e-3],
+            current_a: 1e-3,
+        };
+        let noise = Noise::new(&jitter, SpreadReading::Deviation, &[300.0; 500], 1).unwrap();
+        let size = |copy| {
+            let mut row = vec![0.0_f32; 500];
+            noise.add(&mut row, copy, 4, 10);
+            (row.iter().map(|v| f64::from(*v).powi(2)).sum::<f64>() / 500.0).sqrt()
+        };
+        assert!(size(1) > 500.0 * size(0) && size(3) > 500.0 * size(2));
+        let wrong = Jitter::Levels {
+            noise_v: vec![-1.0],
+            current_a: 1e-3,
+        };
+        assert!(Noise::new(&wrong, SpreadReading::Deviation, &[300.0; 4], 1).is_err());
+    }
+}
