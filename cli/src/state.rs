@@ -146,7 +146,7 @@ pub(crate) fn refused(error: &LogbookError) -> Failure {
         )),
         LogbookError::Ambiguous { .. } => Failure::Usage(text),
         LogbookError::BadId { .. } => Failure::Usage(text),
-        LogbookError::NotASession { .. } | LogbookError::NewerSchema { .. } => {
+        LogbookError::NotASession { .. } | LogbookError::OtherSchema { .. } => {
             Failure::Failed(text)
         }
         _ => Failure::Failed(text),

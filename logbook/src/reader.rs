@@ -7,9 +7,12 @@ use std::time::Duration;
 use chrono::{DateTime, Utc};
 use rusqlite::types::Value;
 use rusqlite::{Connection, OpenFlags, OptionalExtension, params};
-use survey::{Amps, Baseline, Electrode, Frame, Quality, Reading, Settings, Volts};
+use survey::{Amps, Baseline, Electrode, Frame, Quality, Settings, Volts};
 
-use crate::row::{HeaderFault, StoredFrame, baseline_checksum, header_row, unpack_hash};
+use crate::codec::Reference;
+use crate::row::{
+    HeaderFault, StoredFrame, baseline_checksum, header_row, reference_checksum, unpack_hash,
+};
 use crate::{
     Closing, Event, LogbookError, MapRecord, Record, SessionHeader, SessionSummary, codec, schema,
 };
@@ -55,8 +58,8 @@ impl SessionReader {
             });
         }
         let has = number("user_version")?;
-        if has > schema::VERSION {
-            return Err(LogbookError::NewerSchema {
+        if has != schema::VERSION {
+            return Err(LogbookError::OtherSchema {
                 path,
                 has,
                 reads: schema::VERSION,
@@ -189,7 +192,8 @@ impl SessionReader {
             return Err(self.damaged(place(), "its checksum does not agree"));
         }
         let unpack = |blob: &[u8]| {
-            codec::decode(blob, &[]).map_err(|cause| self.damaged(place(), cause.to_string()))
+            codec::decode(blob, &Reference::NONE)
+                .map_err(|cause| self.damaged(place(), cause.to_string()))
         };
         Ok(Some(Baseline {
             id,
@@ -348,16 +352,13 @@ impl SessionReader {
             known.reference = Some((reference, self.reference(row.sequence, reference)?));
         }
         let reference = match (row.reference, &known.reference) {
-            (Some(_), Some((_, readings))) => readings.as_slice(),
-            _ => &[],
+            (Some(_), Some((_, reference))) => reference,
+            _ => &Reference::NONE,
         };
         let readings = codec::decode(&row.blob, reference)
             .map_err(|cause| self.damaged(place(), cause.to_string()))?;
         if readings.len() != self.header.protocol.len() {
             return Err(self.damaged(place(), "its length is not the protocol's"));
-        }
-        if row.reference.is_none() {
-            known.reference = Some((row.sequence, readings.clone()));
         }
         let compliance: Vec<Electrode> = match &row.compliance {
             Some(json) => serde_json::from_str(json)
@@ -399,22 +400,49 @@ impl SessionReader {
         })
     }
 
-    /// The readings that a frame's differences refer to.
-    fn reference(&self, of: i64, reference: i64) -> Result<Vec<Reading>, LogbookError> {
+    /// What a frame's differences refer to.
+    fn reference(&self, of: i64, reference: i64) -> Result<Reference, LogbookError> {
         if reference == 0 {
-            let baseline = self.baseline()?;
-            return baseline.map(|baseline| baseline.readings).ok_or_else(|| {
-                self.damaged(
-                    format!("frame {of}"),
-                    "it refers to a baseline, and there is none",
-                )
-            });
+            return self.baseline_reference(&format!("frame {of}"));
         }
-        // Earlier than the frame itself, so a damaged file cannot send this round in a circle.
-        if !(1..of).contains(&reference) {
-            return Err(self.damaged(format!("frame {of}"), "it refers to a later frame"));
+        let place = format!("reference {reference}, which frame {of} refers to");
+        let row = self
+            .connection
+            .prepare_cached(
+                "SELECT against_baseline, readings, checksum FROM reference WHERE id = ?1",
+            )
+            .and_then(|mut statement| {
+                let row = |row: &rusqlite::Row<'_>| {
+                    Ok((
+                        row.get::<_, bool>(0)?,
+                        row.get::<_, Vec<u8>>(1)?,
+                        row.get::<_, Vec<u8>>(2)?,
+                    ))
+                };
+                statement.query_row([reference], row).optional()
+            })
+            .map_err(|source| LogbookError::reading(&self.path, "read a reference of", source))?;
+        let Some((against_baseline, blob, checksum)) = row else {
+            return Err(self.damaged(place, "it is not there"));
+        };
+        if checksum != reference_checksum(reference, against_baseline, &blob) {
+            return Err(self.damaged(place, "its checksum does not agree"));
         }
-        Ok(self.frame(reference as u64)?.frame.readings)
+        let against = if against_baseline {
+            self.baseline_reference(&place)?
+        } else {
+            Reference::NONE
+        };
+        let readings = codec::decode(&blob, &against)
+            .map_err(|cause| self.damaged(place, cause.to_string()))?;
+        Ok(Reference::new(&readings))
+    }
+
+    fn baseline_reference(&self, of: &str) -> Result<Reference, LogbookError> {
+        let baseline = self.baseline()?.ok_or_else(|| {
+            self.damaged(of.to_owned(), "it refers to a baseline, and there is none")
+        })?;
+        Ok(Reference::new(&baseline.readings))
     }
 
     fn damaged(&self, place: String, why: impl Into<String>) -> LogbookError {
@@ -461,7 +489,7 @@ impl Iterator for Frames<'_> {
 /// What was looked up last, for the next frame mostly wants the same.
 #[derive(Debug, Default)]
 struct Known {
-    reference: Option<(i64, Vec<Reading>)>,
+    reference: Option<(i64, Reference)>,
     settings: Option<(i64, Settings)>,
 }
 

@@ -26,11 +26,9 @@ pub enum LogbookError {
         /// How one can tell.
         why: String,
     },
-    /// The file was written by a newer program.
-    #[error(
-        "{path} has schema {has}, this program reads up to {reads}; use the program that wrote it, or a newer one"
-    )]
-    NewerSchema {
+    /// The file was written by another version of this program.
+    #[error("{path} has schema {has}, this program reads {reads}; use the version that wrote it")]
+    OtherSchema {
         /// The file.
         path: PathBuf,
         /// What it has.
@@ -74,6 +72,12 @@ pub enum LogbookError {
     NotFinite {
         /// Its index, from 0.
         reading: usize,
+    },
+    /// More readings than a frame's record can count.
+    #[error("a frame of {has} readings is too long to be kept; 65,535 is the most")]
+    TooManyReadings {
+        /// What it has.
+        has: usize,
     },
     /// A time that does not fit 64 bits of nanoseconds.
     #[error("{what} is out of range: wall times reach from 1677 to 2262, durations to 292 years")]
@@ -185,5 +189,14 @@ impl LogbookError {
     /// Whether the disk is to blame, so that acquisition must stop.
     pub fn is_disk(&self) -> bool {
         matches!(self, Self::DiskRefused { .. })
+    }
+}
+
+impl From<crate::codec::EncodeError> for LogbookError {
+    fn from(refusal: crate::codec::EncodeError) -> Self {
+        match refusal {
+            crate::codec::EncodeError::NotFinite(reading) => Self::NotFinite { reading },
+            crate::codec::EncodeError::TooMany(has) => Self::TooManyReadings { has },
+        }
     }
 }

@@ -73,6 +73,14 @@ pub(crate) fn baseline_checksum(
     hasher.finalize()[..8].to_vec()
 }
 
+pub(crate) fn reference_checksum(id: i64, against_baseline: bool, readings: &[u8]) -> Vec<u8> {
+    let mut hasher = Sha256::new();
+    hasher.update(id.to_le_bytes());
+    hasher.update([u8::from(against_baseline)]);
+    hasher.update(readings);
+    hasher.finalize()[..8].to_vec()
+}
+
 pub(crate) struct StoredFrame {
     pub(crate) row: FrameRow,
     pub(crate) settings: i64,

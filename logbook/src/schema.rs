@@ -11,11 +11,12 @@
 //! | `settings` | one row for each way in which frames were taken |
 //! | `mapper` | one row for each method, model, build and CPU that made maps |
 //! | `baseline` | the baseline in use: readings and deviations as [`crate::codec`] blobs |
+//! | `reference` | means of sixteen frames, as [`crate::codec`] blobs, that later frames are differences to |
 //! | `frame` | one row a frame: times, settings, readings as a blob of [`crate::codec`], counts of flags, largest difference of reciprocal twins, driving electrodes in compliance (JSON), the hash of the map (32 bytes; a text where it is no SHA-256) |
 //! | `event` | time, one word, one sentence |
 //!
-//! `frame.reference` says what the blob's differences are taken against: NULL nothing, 0 the baseline, n frame n, which
-//! itself refers to nothing or to the baseline. `checksum` is the first 8 bytes of the SHA-256 over the row's
+//! `frame.reference` says what the blob's differences are taken against: NULL nothing, 0 the baseline, n the row n of
+//! `reference`, which itself refers to nothing or to the baseline. `checksum` is the first 8 bytes of the SHA-256 over the row's
 //! content; a frame that does not agree with it is an error, never a number.
 
 use rusqlite::Connection;
@@ -23,8 +24,8 @@ use rusqlite::Connection;
 /// "Tact" in ASCII.
 pub const APPLICATION_ID: i32 = 0x5461_6374;
 
-/// Version of the layout; a file with a higher one is refused.
-pub const VERSION: i64 = 1;
+/// Version of the layout; a file with another one is refused.
+pub const VERSION: i64 = 2;
 
 const TABLES: &str = "
 CREATE TABLE session (
@@ -71,6 +72,12 @@ CREATE TABLE baseline (
     simulated INTEGER NOT NULL CHECK (simulated IN (0, 1)),
     readings BLOB NOT NULL,
     deviation BLOB NOT NULL,
+    checksum BLOB NOT NULL
+) STRICT;
+CREATE TABLE reference (
+    id INTEGER PRIMARY KEY,
+    against_baseline INTEGER NOT NULL CHECK (against_baseline IN (0, 1)),
+    readings BLOB NOT NULL,
     checksum BLOB NOT NULL
 ) STRICT;
 CREATE TABLE frame (

@@ -168,7 +168,7 @@ fn everything_comes_back_as_it_was_written() {
 }
 
 #[test]
-fn any_bits_survive_and_key_frames_are_followed() {
+fn any_bits_survive_whatever_a_frame_is_a_difference_to() {
     let dir = tempfile::tempdir().unwrap();
     let mut writer = SessionWriter::create(dir.path(), &header("bits")).unwrap();
     let odd = |number: u64| {
@@ -182,7 +182,7 @@ fn any_bits_survive_and_key_frames_are_followed() {
         }
         odd
     };
-    // More than one key frame's worth.
+    // Enough for references to be weighed more than once.
     for number in 1..=600 {
         writer.append(&odd(number), None).unwrap();
     }
@@ -358,7 +358,7 @@ fn strangers_and_newer_files_are_refused_by_name() {
         .unwrap();
     let refusal = SessionReader::open(path("newer")).unwrap_err();
     assert!(
-        matches!(refusal, LogbookError::NewerSchema { has: 99, .. }),
+        matches!(refusal, LogbookError::OtherSchema { has: 99, .. }),
         "{refusal:?}"
     );
     assert!(matches!(

@@ -1,4 +1,6 @@
-//! Writing a session. Each entry is one transaction, on disk when the call returns.
+//! Writing a session. Each call is one transaction, on disk when it returns.
+
+mod references;
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -6,19 +8,19 @@ use std::time::Duration;
 
 use chrono::{DateTime, Utc};
 use rusqlite::{Connection, OpenFlags, OptionalExtension, params};
-use survey::{Baseline, Frame, Reading, Settings, Volts};
+use survey::{Baseline, Frame, Quality, Reading, Settings, Volts};
 
-use crate::row::{FrameRow, baseline_checksum, pack_hash};
+use crate::codec::{EncodeError, Reference, encode};
+use crate::row::{FrameRow, baseline_checksum, pack_hash, reference_checksum};
 use crate::schema;
-use crate::{LogbookError, MapRecord, SessionHeader, codec};
+use crate::{LogbookError, MapRecord, SessionHeader};
 
-/// A new self-contained frame at least this often, so that one damaged blob costs no more than so many frames.
-const FRAMES_A_KEY: u64 = 256;
+use references::{Packed, References};
 
 /// Bounds of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Storage {
-    /// Largest number of 4096-byte pages; beyond it a write is refused as by a full disk. `None` for no limit.
+    /// Largest number of 8192-byte pages; beyond it a write is refused as by a full disk. `None` for no limit.
     pub page_limit: Option<u32>,
 }
 
@@ -31,8 +33,7 @@ pub struct SessionWriter {
     readings: usize,
     twins: Vec<Option<usize>>,
     sequence: u64,
-    baseline: Vec<Reading>,
-    key: Option<(u64, Vec<Reading>)>,
+    references: References,
     settings: Option<(i64, Settings)>,
     mapper: Option<(i64, MapRecord)>,
     broken: bool,
@@ -89,8 +90,7 @@ impl SessionWriter {
             twins: header.protocol.reciprocal_twins(),
             path,
             sequence: 0,
-            baseline: Vec::new(),
-            key: None,
+            references: References::default(),
             settings: None,
             mapper: None,
             broken: false,
@@ -105,6 +105,8 @@ impl SessionWriter {
     ) -> rusqlite::Result<Connection> {
         let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         let mut connection = Connection::open_with_flags(path, flags)?;
+        // Rows of some 600 bytes leave half a row unused at the end of each page.
+        connection.pragma_update(None, "page_size", 8192)?;
         connection.pragma_update(None, "journal_mode", "WAL")?;
         connection.pragma_update(None, "synchronous", "FULL")?;
         connection.pragma_update(None, "foreign_keys", true)?;
@@ -158,124 +160,67 @@ impl SessionWriter {
     /// The wrong number of readings, a reading that is not finite, or a disk that refuses: then nothing of the frame
     /// is in the file, and all frames before are.
     pub fn append(&mut self, frame: &Frame, map: Option<&MapRecord>) -> Result<u64, LogbookError> {
+        self.append_all([(frame, map)])
+    }
+
+    /// Writes frames with one sync for all of them and returns the last one's sequence. What may be lost by a power
+    /// cut is what the caller gathered and has not handed over, or not seen returned: all of a call, or nothing.
+    ///
+    /// # Errors
+    /// As [`SessionWriter::append`]; then no frame of this call is in the file.
+    pub fn append_all<'a>(
+        &mut self,
+        frames: impl IntoIterator<Item = (&'a Frame, Option<&'a MapRecord>)>,
+    ) -> Result<u64, LogbookError> {
         self.check_usable()?;
-        self.check_length(frame.readings.len())?;
-        let sequence = self.sequence + 1;
-        let (reference, blob) = self.pack(sequence, &frame.readings)?;
-        let quality = frame.quality(&self.twins);
-        let row = FrameRow {
-            sequence: sequence as i64,
-            wall: nanoseconds(frame.wall, "a frame's wall time")?,
-            monotonic: span(frame.monotonic, "a frame's monotonic time")?,
-            duration: span(frame.duration, "a frame's duration")?,
-            simulated: frame.simulated,
-            compliance: (!frame.compliance.is_empty()).then(|| {
-                format!(
-                    "{:?}",
-                    frame.compliance.iter().map(|e| e.0).collect::<Vec<_>>()
-                )
-            }),
-            map_hash: map.map(|map| pack_hash(&map.hash)),
-            reference,
-            blob,
-        };
-        let settle = span(frame.settings.settle, "the settling time")?;
-        let known_settings = self
-            .settings
-            .as_ref()
-            .filter(|(_, known)| *known == frame.settings);
-        let known_settings = known_settings.map(|(id, _)| *id);
-        let known_mapper = self.mapper.as_ref().zip(map);
-        let known_mapper = known_mapper
-            .filter(|((_, known), map)| same_mapper(known, map))
-            .map(|((id, _), _)| *id);
+        let before = (
+            self.references.clone(),
+            self.settings.clone(),
+            self.mapper.clone(),
+        );
+        let written = self.write_frames(frames);
+        if written.is_err() {
+            (self.references, self.settings, self.mapper) = before;
+        }
+        self.sequence = written?;
+        Ok(self.sequence)
+    }
 
-        let write = |connection: &mut Connection| -> rusqlite::Result<(i64, Option<i64>)> {
-            let transaction = connection.transaction()?;
-            let settings = match known_settings {
-                Some(id) => id,
-                None => settings_id(&transaction, &frame.settings, settle)?,
-            };
-            let mapper = match (known_mapper, map) {
-                (Some(id), _) => Some(id),
-                (None, Some(map)) => Some(mapper_id(&transaction, map)?),
-                (None, None) => None,
-            };
-            transaction
-                .prepare_cached(
-                    "INSERT INTO frame (sequence, wall_ns, monotonic_ns, duration_ns, settings, simulated, overloads,
-                        timeouts, not_measured, reciprocity, compliance, mapper, map_hash, reference, readings, checksum)
-                     VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16)",
-                )?
-                .execute(params![
-                    row.sequence,
-                    row.wall,
-                    row.monotonic,
-                    row.duration,
+    fn write_frames<'a>(
+        &mut self,
+        frames: impl IntoIterator<Item = (&'a Frame, Option<&'a MapRecord>)>,
+    ) -> Result<u64, LogbookError> {
+        let wants = self.readings;
+        let mut sequence = self.sequence;
+        let store = || -> Result<(), Unwritten> {
+            let transaction = self.connection.transaction()?;
+            for (frame, map) in frames {
+                sequence += 1;
+                check_length(frame.readings.len(), wants)?;
+                let packed = self.references.pack(&frame.readings)?;
+                let settings = known_settings(&transaction, &mut self.settings, &frame.settings)?;
+                let mapper = match map {
+                    Some(map) => Some(known_mapper(&transaction, &mut self.mapper, map)?),
+                    None => None,
+                };
+                let row = frame_row(sequence, frame, map, packed.reference, &packed.blob)?;
+                write_reference(&transaction, &packed)?;
+                write_frame(
+                    &transaction,
+                    &row,
+                    frame.quality(&self.twins),
                     settings,
-                    row.simulated,
-                    quality.overloads as i64,
-                    quality.timeouts as i64,
-                    quality.not_measured as i64,
-                    quality.reciprocity.filter(|worst| worst.is_finite()),
-                    row.compliance,
                     mapper,
-                    row.map_hash,
-                    row.reference,
-                    row.blob,
-                    row.checksum(settings, mapper),
-                ])?;
-            transaction.commit()?;
-            Ok((settings, mapper))
-        };
-        let (settings, mapper) = write(&mut self.connection)
-            .map_err(|source| self.write_failed("writing a frame", source))?;
-
-        if known_settings.is_none() {
-            self.settings = Some((settings, frame.settings.clone()));
-        }
-        if let (None, Some(id), Some(map)) = (known_mapper, mapper, map) {
-            self.mapper = Some((id, map.clone()));
-        }
-        // Only a frame that refers to no other frame may be referred to: two rows give any frame.
-        let stands_alone = row.reference.is_none_or(|reference| reference == 0);
-        if stands_alone && (row.reference.is_none() || self.key_is_old(sequence)) {
-            self.key = Some((sequence, frame.readings.clone()));
-        }
-        self.sequence = sequence;
-        Ok(sequence)
-    }
-
-    fn key_is_old(&self, sequence: u64) -> bool {
-        self.key
-            .as_ref()
-            .is_none_or(|(key, _)| sequence - key >= FRAMES_A_KEY)
-    }
-
-    /// The smallest blob of those against nothing, the baseline, and the key frame.
-    fn pack(
-        &self,
-        sequence: u64,
-        readings: &[Reading],
-    ) -> Result<(Option<i64>, Vec<u8>), LogbookError> {
-        let encode = |reference: &[Reading]| {
-            codec::encode(readings, reference)
-                .map_err(|reading| LogbookError::NotFinite { reading })
-        };
-        let mut best = (None, encode(&[])?);
-        let baseline = (!self.baseline.is_empty()).then_some((0, &self.baseline));
-        let key = self
-            .key
-            .as_ref()
-            .filter(|_| !self.key_is_old(sequence))
-            .map(|(key, readings)| (*key as i64, readings));
-        for (reference, other) in baseline.into_iter().chain(key) {
-            let blob = encode(other)?;
-            if blob.len() < best.1.len() {
-                best = (Some(reference), blob);
+                )?;
             }
+            transaction.commit()?;
+            Ok(())
+        };
+        match store() {
+            Ok(()) => Ok(sequence),
+            Err(Unwritten::Refused(refusal)) => Err(refusal),
+            Err(Unwritten::Store(source)) => Err(self.write_failed("writing a frame", source)),
         }
-        Ok(best)
     }
 
     /// Writes the baseline that the frames to come are measured against, or that this session has recorded.
@@ -284,16 +229,15 @@ impl SessionWriter {
     /// A second baseline, the wrong number of readings, or a disk that refuses.
     pub fn baseline(&mut self, baseline: &Baseline) -> Result<(), LogbookError> {
         self.check_usable()?;
-        self.check_length(baseline.readings.len())?;
-        self.check_length(baseline.deviation.len())?;
-        let not_finite = |reading| LogbookError::NotFinite { reading };
-        let readings = codec::encode(&baseline.readings, &[]).map_err(not_finite)?;
+        check_length(baseline.readings.len(), self.readings)?;
+        check_length(baseline.deviation.len(), self.readings)?;
+        let readings = encode(&baseline.readings, &Reference::NONE)?;
         let deviation: Vec<Reading> = baseline
             .deviation
             .iter()
             .map(|deviation| deviation.map_or(Reading::NotMeasured, |v| Reading::Ok(Volts(v))))
             .collect();
-        let deviation = codec::encode(&deviation, &[]).map_err(not_finite)?;
+        let deviation = encode(&deviation, &Reference::NONE)?;
         let wall = nanoseconds(baseline.wall, "the baseline's wall time")?;
         let settle = span(baseline.settings.settle, "the settling time")?;
         let write = |connection: &mut Connection| -> rusqlite::Result<i64> {
@@ -328,7 +272,7 @@ impl SessionWriter {
         let settings = write(&mut self.connection)
             .map_err(|source| self.write_failed("writing the baseline", source))?;
         self.settings = Some((settings, baseline.settings.clone()));
-        self.baseline = baseline.readings.clone();
+        self.references.set_baseline(&baseline.readings);
         Ok(())
     }
 
@@ -376,15 +320,6 @@ impl SessionWriter {
                 Ok(())
             }
             Err(source) => Err(self.write_failed("folding the journal in", source)),
-        }
-    }
-
-    fn check_length(&self, has: usize) -> Result<(), LogbookError> {
-        let wants = self.readings;
-        if has == wants {
-            Ok(())
-        } else {
-            Err(LogbookError::WrongLength { has, wants })
         }
     }
 
@@ -459,8 +394,151 @@ fn mapper_id(connection: &Connection, map: &MapRecord) -> rusqlite::Result<i64> 
     Ok(connection.last_insert_rowid())
 }
 
-fn same_mapper(a: &MapRecord, b: &MapRecord) -> bool {
-    (&a.method, &a.model_hash, &a.build, &a.cpu) == (&b.method, &b.model_hash, &b.build, &b.cpu)
+/// Why a transaction was not finished: by the file, or by what was to be written.
+enum Unwritten {
+    Store(rusqlite::Error),
+    Refused(LogbookError),
+}
+
+impl From<rusqlite::Error> for Unwritten {
+    fn from(source: rusqlite::Error) -> Self {
+        Self::Store(source)
+    }
+}
+
+impl From<LogbookError> for Unwritten {
+    fn from(refusal: LogbookError) -> Self {
+        Self::Refused(refusal)
+    }
+}
+
+impl From<EncodeError> for Unwritten {
+    fn from(refusal: EncodeError) -> Self {
+        Self::Refused(refusal.into())
+    }
+}
+
+fn known_settings(
+    transaction: &Connection,
+    known: &mut Option<(i64, Settings)>,
+    settings: &Settings,
+) -> Result<i64, Unwritten> {
+    if let Some((id, same)) = known
+        && same == settings
+    {
+        return Ok(*id);
+    }
+    let settle = span(settings.settle, "the settling time")?;
+    let id = settings_id(transaction, settings, settle)?;
+    *known = Some((id, settings.clone()));
+    Ok(id)
+}
+
+fn known_mapper(
+    transaction: &Connection,
+    known: &mut Option<(i64, MapRecord)>,
+    map: &MapRecord,
+) -> rusqlite::Result<i64> {
+    let makers = |map: &MapRecord| {
+        (
+            map.method.clone(),
+            map.model_hash.clone(),
+            map.build.clone(),
+            map.cpu.clone(),
+        )
+    };
+    if let Some((id, same)) = known
+        && makers(same) == makers(map)
+    {
+        return Ok(*id);
+    }
+    let id = mapper_id(transaction, map)?;
+    *known = Some((id, map.clone()));
+    Ok(id)
+}
+
+fn frame_row(
+    sequence: u64,
+    frame: &Frame,
+    map: Option<&MapRecord>,
+    reference: Option<i64>,
+    blob: &[u8],
+) -> Result<FrameRow, LogbookError> {
+    Ok(FrameRow {
+        sequence: sequence as i64,
+        wall: nanoseconds(frame.wall, "a frame's wall time")?,
+        monotonic: span(frame.monotonic, "a frame's monotonic time")?,
+        duration: span(frame.duration, "a frame's duration")?,
+        simulated: frame.simulated,
+        compliance: (!frame.compliance.is_empty()).then(|| {
+            format!(
+                "{:?}",
+                frame.compliance.iter().map(|e| e.0).collect::<Vec<_>>()
+            )
+        }),
+        map_hash: map.map(|map| pack_hash(&map.hash)),
+        reference,
+        blob: blob.to_vec(),
+    })
+}
+
+fn write_reference(transaction: &Connection, packed: &Packed) -> rusqlite::Result<()> {
+    let Some(new) = &packed.written else {
+        return Ok(());
+    };
+    transaction
+        .prepare_cached(
+            "INSERT INTO reference (id, against_baseline, readings, checksum) VALUES (?1, ?2, ?3, ?4)",
+        )?
+        .execute(params![
+            new.id,
+            new.against_baseline,
+            new.blob,
+            reference_checksum(new.id, new.against_baseline, &new.blob),
+        ])?;
+    Ok(())
+}
+
+fn write_frame(
+    transaction: &Connection,
+    row: &FrameRow,
+    quality: Quality,
+    settings: i64,
+    mapper: Option<i64>,
+) -> rusqlite::Result<()> {
+    transaction
+        .prepare_cached(
+            "INSERT INTO frame (sequence, wall_ns, monotonic_ns, duration_ns, settings, simulated, overloads,
+                timeouts, not_measured, reciprocity, compliance, mapper, map_hash, reference, readings, checksum)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16)",
+        )?
+        .execute(params![
+            row.sequence,
+            row.wall,
+            row.monotonic,
+            row.duration,
+            settings,
+            row.simulated,
+            quality.overloads as i64,
+            quality.timeouts as i64,
+            quality.not_measured as i64,
+            quality.reciprocity.filter(|worst| worst.is_finite()),
+            row.compliance,
+            mapper,
+            row.map_hash,
+            row.reference,
+            row.blob,
+            row.checksum(settings, mapper),
+        ])?;
+    Ok(())
+}
+
+fn check_length(has: usize, wants: usize) -> Result<(), LogbookError> {
+    if has == wants {
+        Ok(())
+    } else {
+        Err(LogbookError::WrongLength { has, wants })
+    }
 }
 
 fn check_id(id: &str) -> Result<(), LogbookError> {

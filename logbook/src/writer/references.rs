@@ -1,0 +1,151 @@
+//! What the differences of the next frame are taken against, so that it becomes small: the baseline, or the mean of
+//! sixteen frames, written as a record of its own when it pays for itself.
+
+use survey::{Reading, Volts};
+
+use crate::codec::{EncodeError, Reference, encode};
+
+/// Frames that are averaged for a reference: their noise adds a thirtieth of a bit a reading to that of the frame.
+const AVERAGED: u32 = 16;
+/// A reference is written where so many frames of the gain of one pay for it.
+const PAYS_WITHIN: usize = 64;
+/// One damaged reference costs no more frames than so many.
+const MOST_FRAMES: u32 = 1024;
+
+/// Cheap to copy: what it was before a transaction that fails is put back.
+#[derive(Debug, Clone, Default)]
+pub(super) struct References {
+    baseline: Option<Reference>,
+    /// The last one written: its number, its readings, and the frames since.
+    kept: Option<(i64, Reference, u32)>,
+    last_number: i64,
+    recent: Recent,
+}
+
+/// A frame as it goes to the file.
+pub(super) struct Packed {
+    /// `None` for nothing, 0 for the baseline, else the number of a reference.
+    pub(super) reference: Option<i64>,
+    pub(super) blob: Vec<u8>,
+    /// A reference to be written with the frame.
+    pub(super) written: Option<NewReference>,
+}
+
+pub(super) struct NewReference {
+    pub(super) id: i64,
+    pub(super) against_baseline: bool,
+    pub(super) blob: Vec<u8>,
+}
+
+impl References {
+    pub(super) fn set_baseline(&mut self, readings: &[Reading]) {
+        self.baseline = Some(Reference::new(readings));
+    }
+
+    /// Packs the next frame, and remembers it.
+    pub(super) fn pack(&mut self, readings: &[Reading]) -> Result<Packed, EncodeError> {
+        if let Some((_, _, age)) = &mut self.kept {
+            *age += 1;
+        }
+        self.kept = self.kept.take().filter(|(_, _, age)| *age < MOST_FRAMES);
+        let baseline = self.baseline.as_ref().map(|baseline| (Some(0), baseline));
+        let kept = self.kept.as_ref().map(|(id, kept, _)| (Some(*id), kept));
+        let mut best: Option<(Option<i64>, Vec<u8>)> = None;
+        for (number, against) in baseline.into_iter().chain(kept) {
+            let blob = encode(readings, against)?;
+            if best
+                .as_ref()
+                .is_none_or(|(_, least)| blob.len() < least.len())
+            {
+                best = Some((number, blob));
+            }
+        }
+        let (reference, blob) = match best {
+            Some(best) => best,
+            None => (None, encode(readings, &Reference::NONE)?),
+        };
+        let mut packed = Packed {
+            reference,
+            blob,
+            written: None,
+        };
+        if let Some(mean) = self.recent.add(readings) {
+            self.renew(&mean, readings, &mut packed)?;
+        }
+        Ok(packed)
+    }
+
+    fn renew(
+        &mut self,
+        mean: &[Reading],
+        readings: &[Reading],
+        packed: &mut Packed,
+    ) -> Result<(), EncodeError> {
+        let reference = Reference::new(mean);
+        let blob = encode(readings, &reference)?;
+        let gain = packed.blob.len().saturating_sub(blob.len());
+        let alone = encode(mean, &Reference::NONE)?;
+        let (against_baseline, price) = match &self.baseline {
+            Some(baseline) => {
+                let near = encode(mean, baseline)?;
+                if near.len() < alone.len() {
+                    (true, near)
+                } else {
+                    (false, alone)
+                }
+            }
+            None => (false, alone),
+        };
+        if gain * PAYS_WITHIN <= price.len() {
+            return Ok(());
+        }
+        let id = self.last_number + 1;
+        self.last_number = id;
+        self.kept = Some((id, reference, 0));
+        *packed = Packed {
+            reference: Some(id),
+            blob,
+            written: Some(NewReference {
+                id,
+                against_baseline,
+                blob: price,
+            }),
+        };
+        Ok(())
+    }
+}
+
+/// Sums of the frames since the last mean.
+#[derive(Debug, Clone, Default)]
+struct Recent {
+    frames: u32,
+    sums: Vec<(f64, u32)>,
+}
+
+impl Recent {
+    /// The mean of the last sixteen, every sixteenth time; a reading that was never ok among them is not measured.
+    fn add(&mut self, readings: &[Reading]) -> Option<Vec<Reading>> {
+        self.sums.resize(readings.len(), (0.0, 0));
+        for ((sum, count), reading) in self.sums.iter_mut().zip(readings) {
+            if let Some(Volts(volts)) = reading.volts() {
+                *sum += volts;
+                *count += 1;
+            }
+        }
+        self.frames += 1;
+        if self.frames < AVERAGED {
+            return None;
+        }
+        let mean = self.sums.iter().map(|(sum, count)| match count {
+            0 => Reading::NotMeasured,
+            _ => Reading::Ok(Volts(nine_digits(sum / f64::from(*count)))),
+        });
+        let mean = mean.collect();
+        *self = Self::default();
+        Some(mean)
+    }
+}
+
+fn nine_digits(volts: f64) -> f64 {
+    format!("{volts:.8e}").parse().unwrap_or(volts)
+}
