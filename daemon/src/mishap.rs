@@ -101,6 +101,7 @@ mod tests {
             cleanup: CleanupError {
                 source: Some(lost("6221 (tcp:h:1)", "OUTP OFF")),
                 relays: None,
+                off_after: None,
             },
         });
         assert_eq!(
@@ -129,6 +130,7 @@ mod tests {
             cleanup: CleanupError {
                 source: Some(not_off),
                 relays: Some(silent()),
+                off_after: None,
             },
         });
         let first = text.split(". ").next().unwrap();

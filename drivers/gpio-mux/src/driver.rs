@@ -155,6 +155,22 @@ impl<S: Stream> GpioMux<S> {
         Ok(())
     }
 
+    /// After a lost or late answer: opens everything on the way back in step.
+    async fn come_back(&mut self) -> Result<(), RigError> {
+        self.state = None;
+        let off = (Command::Off.to_string(), State::default().to_string());
+        // answers that no question of a frame has: no frame senses with the current poles open
+        let alone = State::default().with(Pole::VPlus, Some(Electrode(0)));
+        let probe = Command::Set(Pole::VPlus, Some(Electrode(0))).to_string();
+        let probes = [
+            (off.0.as_str(), off.1.as_str()),
+            (&probe, &alone.to_string()),
+            (&Command::Identify.to_string(), self.identity.trim()),
+            (&off.0, &off.1),
+        ];
+        Ok(self.link.resynchronise_by(&probes).await?)
+    }
+
     fn unable(&self, what: String) -> RigError {
         RigError::Unable {
             instrument: self.link.instrument().to_owned(),
@@ -273,6 +289,9 @@ impl<S: Stream> Switch for GpioMux<S> {
     }
 
     async fn open_verified(&mut self, relays: &[Relay]) -> Result<(), RigError> {
+        if !self.link.is_in_step() {
+            self.come_back().await?;
+        }
         let from = self.state().await?;
         let to = self.target(from, &[Move::Open(relays.to_vec())])?;
         self.bring(from, to).await?;

@@ -251,10 +251,15 @@ impl<S: Stream> Switch for Keysight34980a<S> {
         self.unit.lock().await.read_closed(relays).await
     }
 
-    /// Opens the relays, reads them back, and then looks whether a move made since the last time was refused.
+    /// Opens the relays, reads them back, and then looks whether a move made since the last time was refused. A link that
+    /// is out of step after a lost or late answer is brought back first: relays that stay closed are worse.
     async fn open_verified(&mut self, relays: &[Relay]) -> Result<(), RigError> {
         self.check_exist(relays)?;
         let mut unit = self.unit.lock().await;
+        if !unit.link.is_in_step() {
+            unit.prepared = None;
+            unit.link.resynchronise().await?;
+        }
         // On the way to safety nothing closes.
         unit.held
             .retain(|command| !matches!(command, Command::Route(Route::Close(_))));

@@ -13,13 +13,14 @@ use std::time::Duration;
 
 use survey::{Amps, Electrode, Frame, Plan, Reading, Relay, Sensing, Settings, Step};
 use tokio::sync::watch;
+use tokio::time::Instant;
 
 use crate::safe::{CleanupError, every_relay, make_safe};
 use crate::seams::Instruments;
 use crate::{Clock, CurrentSource, MeterSettings, Move, Rig, RigError, Stop, Switch, Voltmeter};
 
 /// Why there is no frame. Every variant but the `Unsafe` ones leaves the source off and verified and the injecting
-/// relays open.
+/// relays open. `off_after` is the time from the detection to the read-back that the source is off.
 #[derive(Debug, thiserror::Error)]
 pub enum AcquireError {
     /// Source or voltmeter could not be set up.
@@ -28,6 +29,8 @@ pub enum AcquireError {
         /// Why.
         #[source]
         cause: RigError,
+        /// From detection to verified off.
+        off_after: Duration,
     },
     /// They could not be set up, and the rig could not be made safe.
     #[error(
@@ -50,6 +53,8 @@ pub enum AcquireError {
         /// Why.
         #[source]
         cause: RigError,
+        /// From detection to verified off.
+        off_after: Duration,
     },
     /// A step failed, and the rig could not be made safe.
     #[error(
@@ -71,6 +76,8 @@ pub enum AcquireError {
     Stopped {
         /// The step that was not begun, counted from 1.
         number: usize,
+        /// From detection to verified off.
+        off_after: Duration,
     },
     /// A stop was asked for, and the rig could not be made safe.
     #[error(
@@ -95,10 +102,23 @@ impl AcquireError {
         }
     }
 
+    /// From the detection of what ended the survey to the read-back that the source is off; `None` where it could not be
+    /// verified off.
+    pub fn off_after(&self) -> Option<Duration> {
+        match self {
+            Self::Prepare { off_after, .. }
+            | Self::Step { off_after, .. }
+            | Self::Stopped { off_after, .. } => Some(*off_after),
+            Self::PrepareUnsafe { cleanup, .. }
+            | Self::Unsafe { cleanup, .. }
+            | Self::StoppedUnsafe { cleanup, .. } => cleanup.off_after,
+        }
+    }
+
     /// What an instrument or its wire did, if that was the cause.
     pub fn cause(&self) -> Option<&RigError> {
         match self {
-            Self::Prepare { cause }
+            Self::Prepare { cause, .. }
             | Self::PrepareUnsafe { cause, .. }
             | Self::Step { cause, .. }
             | Self::Unsafe { cause, .. } => Some(cause),
@@ -147,13 +167,15 @@ where
             compliance: Vec::new(),
             level: None,
             on: false,
+            driven: Vec::new(),
+            off_after: None,
         };
         let outcome = caught(run.every_step(&mut instruments)).await;
         let ended = match outcome {
             Ok(Ok(())) => Ok(()),
             Ok(Err(cut)) => {
-                let cleanup = make_safe(&mut instruments, &plan_of_task.wiring).await;
-                Err(cut.with(cleanup.err()))
+                let made = make_safe(&mut instruments, &plan_of_task.wiring).await;
+                Err(cut.with(made, run.off_after))
             }
             Err(panic) => {
                 if let Err(cleanup) = make_safe(&mut instruments, &plan_of_task.wiring).await {
@@ -168,7 +190,11 @@ where
         Ok(ended) => ended?,
         Err(join) => match join.try_into_panic() {
             Ok(panic) => std::panic::resume_unwind(panic),
-            Err(_) => return Err(AcquireError::Stopped { number: 1 }),
+            Err(_) => {
+                let number = 1;
+                let cleanup = CleanupError::nobody_knows();
+                return Err(AcquireError::StoppedUnsafe { number, cleanup });
+            }
         },
     };
     Ok(Frame {
@@ -207,23 +233,26 @@ enum Cut {
 }
 
 impl Cut {
-    fn with(self, cleanup: Option<CleanupError>) -> AcquireError {
-        match (self, cleanup) {
-            (Self::Prepare(cause), None) => AcquireError::Prepare { cause },
-            (Self::Prepare(cause), Some(cleanup)) => AcquireError::PrepareUnsafe { cause, cleanup },
-            (Self::Step(number, step, cause), None) => AcquireError::Step {
+    /// `earlier` is how long it took where the source was switched off already while a reading was under way.
+    fn with(self, made: Result<Duration, CleanupError>, earlier: Option<Duration>) -> AcquireError {
+        let made = made.map(|off_after| earlier.unwrap_or(off_after));
+        match (self, made) {
+            (Self::Prepare(cause), Ok(off_after)) => AcquireError::Prepare { cause, off_after },
+            (Self::Prepare(cause), Err(cleanup)) => AcquireError::PrepareUnsafe { cause, cleanup },
+            (Self::Step(number, step, cause), Ok(off_after)) => AcquireError::Step {
                 number,
                 step,
                 cause,
+                off_after,
             },
-            (Self::Step(number, step, cause), Some(cleanup)) => AcquireError::Unsafe {
+            (Self::Step(number, step, cause), Err(cleanup)) => AcquireError::Unsafe {
                 number,
                 step,
                 cause,
                 cleanup,
             },
-            (Self::Stop(number), None) => AcquireError::Stopped { number },
-            (Self::Stop(number), Some(cleanup)) => AcquireError::StoppedUnsafe { number, cleanup },
+            (Self::Stop(number), Ok(off_after)) => AcquireError::Stopped { number, off_after },
+            (Self::Stop(number), Err(cleanup)) => AcquireError::StoppedUnsafe { number, cleanup },
         }
     }
 }
@@ -240,6 +269,10 @@ struct Run<'a> {
     /// The source's level as last set; unknown at first.
     level: Option<Amps>,
     on: bool,
+    /// Injecting relays that are to be closed now.
+    driven: Vec<Relay>,
+    /// How long switching off took, where it was done while a reading was under way.
+    off_after: Option<Duration>,
 }
 
 impl Run<'_> {
@@ -298,8 +331,12 @@ impl Run<'_> {
     {
         match step {
             Step::AllOff => {
-                rig.source.off().await?;
-                (self.level, self.on) = (None, false);
+                self.off(&mut rig.source).await?;
+                if !self.driven.is_empty() {
+                    crate::safe::check_driven(&mut rig.switch, &self.plan.wiring, &self.driven)
+                        .await?;
+                    self.driven.clear();
+                }
                 rig.switch
                     .open_verified(&every_relay(&self.plan.wiring))
                     .await
@@ -309,12 +346,18 @@ impl Run<'_> {
                 self.drive(rig, Amps(0.0)).await?;
                 rig.switch.move_relays(&moves(open, close)).await?;
                 rig.switch.settle().await?;
+                self.driven.clone_from(close);
                 self.drive(rig, self.plan.current).await
             }
             Step::Overlap { open, close, .. } => {
+                self.driven.clone_from(close);
                 let close = Move::Close(close.clone());
                 let open = Move::Open(open.clone());
                 rig.switch.move_relays(&[close, open]).await?;
+                if !self.on {
+                    // switched off in compliance: it goes on again only when its pair is there
+                    rig.switch.settle().await?;
+                }
                 self.drive(rig, self.plan.current).await
             }
             Step::Settle { wait } => {
@@ -326,7 +369,7 @@ impl Run<'_> {
                 Ok(())
             }
             Step::Scan { readings } => {
-                let scanned = rig.voltmeter.scan().await?;
+                let scanned = self.guarded(&mut rig.source, rig.voltmeter.scan()).await?;
                 if scanned.len() != readings.len() {
                     return Err(RigError::ReadingCount {
                         came: scanned.len(),
@@ -342,11 +385,14 @@ impl Run<'_> {
             }
             Step::Route { open, close, .. } => rig.switch.move_relays(&moves(open, close)).await,
             Step::Read { reading } => {
-                self.readings[*reading] = rig.voltmeter.read().await?;
+                let read = self.guarded(&mut rig.source, rig.voltmeter.read()).await?;
+                self.readings[*reading] = read;
                 Ok(())
             }
             Step::Compliance { drive } => {
                 if rig.source.in_compliance().await? {
+                    // the next injection switches it on again
+                    self.off(&mut rig.source).await?;
                     self.compliance.push(drive.plus);
                     for (question, reading) in self
                         .plan
@@ -363,6 +409,40 @@ impl Run<'_> {
                 Ok(())
             }
         }
+    }
+
+    /// Switches the source off, read back.
+    async fn off<C: CurrentSource>(&mut self, source: &mut C) -> Result<(), RigError> {
+        (self.level, self.on) = (None, false);
+        source.off().await
+    }
+
+    /// Waits for a reading. Readings may take minutes, the source's own wire is free meanwhile: a stop switches the
+    /// source off at once, and what is read after that is thrown away with the frame.
+    async fn guarded<C: CurrentSource, T>(
+        &mut self,
+        source: &mut C,
+        reading: impl Future<Output = Result<T, RigError>>,
+    ) -> Result<T, RigError> {
+        let mut reading = std::pin::pin!(reading);
+        let (mut stop, mut caller) = (self.stop.clone(), self.caller.clone());
+        tokio::select! {
+            biased;
+            answer = &mut reading => return answer,
+            () = stop.asked() => {}
+            // nothing is ever sent: only the caller's going away is heard
+            _ = caller.changed() => {}
+        }
+        let detected = Instant::now();
+        // The voltmeter's answer is awaited beside it: half an exchange would leave its link out of step.
+        let off = async {
+            let off = self.off(source).await;
+            (off, detected.elapsed())
+        };
+        let ((off, after), answer) = tokio::join!(off, reading);
+        off?;
+        self.off_after = Some(after);
+        answer
     }
 
     /// Brings the source to a level, saying nothing that it was told before. The output goes on at 0 A, never at a level.

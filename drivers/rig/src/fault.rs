@@ -3,6 +3,7 @@
 use survey::{Amps, Relay, Volts};
 
 use crate::LinkError;
+use crate::safe::{FoundRelay, name};
 
 /// Bad news from an instrument or from the wire to it.
 #[derive(Debug, thiserror::Error)]
@@ -78,6 +79,14 @@ pub enum RigError {
         /// Which.
         relays: Vec<Relay>,
     },
+    /// Injecting relays read back in another state than they were brought to.
+    #[error("the relays are not as they were switched:{}{}", said(" read open: ", .open), said(" read closed: ", .closed))]
+    RelayMismatch {
+        /// Should be closed.
+        open: Vec<FoundRelay>,
+        /// Should be open.
+        closed: Vec<FoundRelay>,
+    },
     /// A slot holds another module, or none.
     #[error("{instrument}: slot {slot} holds {found}, the wiring needs {expected}")]
     WrongModule {
@@ -126,6 +135,13 @@ pub enum RigError {
         /// What was asked.
         what: String,
     },
+}
+
+fn said(how: &str, relays: &[FoundRelay]) -> String {
+    match relays {
+        [] => String::new(),
+        relays => format!("{how}{}", name(relays)),
+    }
 }
 
 fn join(relays: &[Relay]) -> String {

@@ -42,6 +42,6 @@ pub use clock::{Clock, SystemClock};
 pub use connect::{connect_tcp, open_serial};
 pub use fault::RigError;
 pub use link::{BoxStream, Link, LinkError, Stream};
-pub use safe::{CleanupError, ClosedRelay, StartError, check_at_start, safe_off};
+pub use safe::{CleanupError, FoundRelay, StartError, check_at_start, safe_off};
 pub use seams::{CurrentSource, Instruments, MeterSettings, Move, Rig, Switch, Voltmeter};
 pub use stop::{Stop, StopButton};

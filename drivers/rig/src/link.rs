@@ -33,7 +33,7 @@ pub enum LinkError {
         cause: std::io::Error,
     },
     /// No complete answer before the deadline. The link is out of step until it is reopened or resynchronised.
-    #[error("{instrument} did not answer '{message}' within {deadline:?}")]
+    #[error("{instrument} did not answer{} within {deadline:?}", quoted(.message))]
     Timeout {
         /// Name and address.
         instrument: String,
@@ -43,11 +43,11 @@ pub enum LinkError {
         deadline: Duration,
     },
     /// The peer closed, or the connection broke.
-    #[error("the connection to {instrument} was lost at '{message}'")]
+    #[error("the connection to {instrument} was lost{}", at(.message))]
     Lost {
         /// Name and address.
         instrument: String,
-        /// What was being sent or awaited, shortened.
+        /// What was being sent or awaited, shortened; empty when nothing was.
         message: String,
         /// What the operating system says, if anything.
         #[source]
@@ -95,6 +95,20 @@ pub enum LinkError {
         /// What was to be sent, shortened.
         message: String,
     },
+}
+
+fn quoted(message: &str) -> String {
+    match message {
+        "" => String::new(),
+        message => format!(" '{message}'"),
+    }
+}
+
+fn at(message: &str) -> String {
+    match message {
+        "" => String::new(),
+        message => format!(" at '{message}'"),
+    }
 }
 
 /// Anything bytes can be sent over: TCP, a serial line, a pipe in memory.

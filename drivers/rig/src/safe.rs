@@ -1,11 +1,16 @@
 //! A rig made safe, and what is said when it is not.
 
 use std::fmt;
+use std::time::Duration;
 
 use survey::{Dipole, Relay, Wiring};
+use tokio::time::Instant;
 
 use crate::seams::Instruments;
 use crate::{CurrentSource, Rig, RigError, Switch};
+
+/// How long the source may take to be verified off before the relays are opened beside it.
+const HEAD_START: Duration = Duration::from_millis(100);
 
 /// What could not be made safe; the halves that are `None` were done and verified.
 #[derive(Debug)]
@@ -14,12 +19,27 @@ pub struct CleanupError {
     pub source: Option<RigError>,
     /// Why the relays are not verified open.
     pub relays: Option<RigError>,
+    /// How long it took until the source was verified off; `None` where it is not.
+    pub off_after: Option<Duration>,
 }
 
 impl CleanupError {
     /// Whether nobody knows if the source still drives.
     pub fn source_state_unknown(&self) -> bool {
         self.source.is_some()
+    }
+
+    /// Nobody was left to see to it: the runtime was shut down in the middle of a plan.
+    pub(crate) fn nobody_knows() -> Self {
+        let unable = |what: &str| RigError::Unable {
+            instrument: "the rig".to_owned(),
+            what: format!("{what}: the runtime has ended"),
+        };
+        Self {
+            source: Some(unable("switch the source off")),
+            relays: Some(unable("open the relays")),
+            off_after: None,
+        }
     }
 }
 
@@ -52,25 +72,46 @@ pub enum StartError {
     #[error("the injecting relays could not be read back")]
     Unreadable(#[from] RigError),
     /// Relays are closed before anything was asked: latching relays survive a power cycle.
-    #[error("injecting relays closed at the start: {}; open them with --safe-off before measuring", name(.0))]
-    Closed(Vec<ClosedRelay>),
+    #[error(
+        "injecting relays closed before anything was asked of them: {}; see why, then open them with `tactus instruments \
+         open-all` (or tactusd --safe-off)",
+        name(.0)
+    )]
+    Closed(Vec<FoundRelay>),
 }
 
-/// A relay found closed, and the pairs that it serves.
+/// A relay found in another state than it should be in, and the pairs of electrodes that it serves.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ClosedRelay {
+pub struct FoundRelay {
     /// The relay.
     pub relay: Relay,
     /// The pairs it joins to the source.
     pub pairs: Vec<Dipole>,
 }
 
-fn name(closed: &[ClosedRelay]) -> String {
-    let each = |found: &ClosedRelay| {
-        let pairs: Vec<String> = found.pairs.iter().map(Dipole::to_string).collect();
-        format!("{} (pair {})", found.relay, pairs.join(", "))
-    };
-    closed.iter().map(each).collect::<Vec<_>>().join(", ")
+impl fmt::Display for FoundRelay {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut electrodes: Vec<usize> = Vec::new();
+        for pair in &self.pairs {
+            electrodes.extend([pair.plus.number(), pair.minus.number()]);
+        }
+        electrodes.sort_unstable();
+        electrodes.dedup();
+        let numbers: Vec<String> = electrodes.iter().map(usize::to_string).collect();
+        let many = if numbers.len() == 1 { "" } else { "s" };
+        write!(
+            f,
+            "{} (electrode{many} {})",
+            self.relay,
+            numbers.join(" and ")
+        )
+    }
+}
+
+/// Relays with their electrodes, for people.
+pub(crate) fn name(relays: &[FoundRelay]) -> String {
+    let each: Vec<String> = relays.iter().map(FoundRelay::to_string).collect();
+    each.join(", ")
 }
 
 /// Reads back every injecting relay before anything is moved.
@@ -83,19 +124,11 @@ pub async fn check_at_start<C, W: Switch, V>(
 ) -> Result<(), StartError> {
     let relays = wiring.injecting_relays();
     let states = rig.lock().await.switch.closed(&relays).await?;
-    let closed: Vec<ClosedRelay> = relays
+    let closed: Vec<FoundRelay> = relays
         .into_iter()
         .zip(states)
         .filter(|(_, closed)| *closed)
-        .map(|(relay, _)| ClosedRelay {
-            relay,
-            pairs: wiring
-                .inject
-                .iter()
-                .filter(|(_, relays)| relays.contains(&relay))
-                .map(|(pair, _)| *pair)
-                .collect(),
-        })
+        .map(|(relay, _)| found(relay, wiring))
         .collect();
     if closed.is_empty() {
         Ok(())
@@ -113,27 +146,76 @@ where
     C: CurrentSource,
     W: Switch,
 {
-    make_safe(&mut *rig.lock().await, wiring).await
+    make_safe(&mut *rig.lock().await, wiring).await.map(drop)
 }
 
+/// Returns how long it took until the source was verified off.
 pub(crate) async fn make_safe<C, W, V>(
     instruments: &mut Instruments<C, W, V>,
     wiring: &Wiring,
-) -> Result<(), CleanupError>
+) -> Result<Duration, CleanupError>
 where
     C: CurrentSource,
     W: Switch,
 {
-    let source = instruments.source.off().await.err();
-    let relays = instruments
-        .switch
-        .open_verified(&every_relay(wiring))
-        .await
-        .err();
-    if source.is_none() && relays.is_none() {
-        return Ok(());
+    let detected = Instant::now();
+    let relays = every_relay(wiring);
+    let mut off = std::pin::pin!(async {
+        let off = instruments.source.off().await;
+        (off, detected.elapsed())
+    });
+    // Relays last longest when they open without a current. A source that does not answer in time is not waited for:
+    // open relays keep the sheet without current, whatever the source does.
+    let ((off, after), opened) = match tokio::time::timeout(HEAD_START, &mut off).await {
+        Ok(off) => (off, instruments.switch.open_verified(&relays).await),
+        Err(_) => tokio::join!(off, instruments.switch.open_verified(&relays)),
+    };
+    match (off.err(), opened.err()) {
+        (None, None) => Ok(after),
+        (source, relays) => Err(CleanupError {
+            off_after: source.is_none().then_some(after),
+            source,
+            relays,
+        }),
     }
-    Err(CleanupError { source, relays })
+}
+
+/// Reads every injecting relay back: those of the pair that is driven are closed, all others open.
+///
+/// # Errors
+/// [`RigError::RelayMismatch`] naming relays and electrodes.
+pub(crate) async fn check_driven<W: Switch>(
+    switch: &mut W,
+    wiring: &Wiring,
+    driven: &[Relay],
+) -> Result<(), RigError> {
+    let relays = wiring.injecting_relays();
+    let states = switch.closed(&relays).await?;
+    let (mut open, mut closed) = (Vec::new(), Vec::new());
+    for (relay, is_closed) in relays.into_iter().zip(states) {
+        match (driven.contains(&relay), is_closed) {
+            (true, false) => open.push(found(relay, wiring)),
+            (false, true) => closed.push(found(relay, wiring)),
+            _ => {}
+        }
+    }
+    if open.is_empty() && closed.is_empty() {
+        Ok(())
+    } else {
+        Err(RigError::RelayMismatch { open, closed })
+    }
+}
+
+fn found(relay: Relay, wiring: &Wiring) -> FoundRelay {
+    FoundRelay {
+        relay,
+        pairs: wiring
+            .inject
+            .iter()
+            .filter(|(_, relays)| relays.contains(&relay))
+            .map(|(pair, _)| *pair)
+            .collect(),
+    }
 }
 
 /// Injecting relays first: those matter most.

@@ -89,8 +89,8 @@ async fn whichever_call_fails_once_the_source_ends_off_and_verified() {
 async fn a_lost_source_opens_the_relays_and_its_state_is_called_unknown() {
     for wiring in wirings(5) {
         let plan = plan(&wiring, Duration::ZERO);
-        // The last call of all opens the relays of a source that is verified off: nothing of it can be lost then.
-        for call in 0..calls(&wiring, &plan).await - 1 {
+        // The last two calls are about the relays of a source that is verified off: nothing of it can be lost then.
+        for call in 0..calls(&wiring, &plan).await - 2 {
             let stand_in = StandIn::new(&wiring).failing(call, Fault::Lost(Part::Source));
             let fault = run(&stand_in, &plan).await.unwrap_err();
             let cleanup = fault
@@ -144,7 +144,7 @@ async fn a_stop_is_heard_between_two_steps() {
                 Err(AcquireError::Stopped { .. }) => {}
                 // pressed while the last step was under way
                 Ok(_) => assert!(
-                    call + 3 > stand_in.calls(),
+                    call + 4 > stand_in.calls(),
                     "{call} of {}",
                     stand_in.calls()
                 ),
@@ -279,7 +279,7 @@ async fn relays_found_closed_at_the_start_are_named_with_their_pair() {
     stand_in.close([Relay(2203), Relay(2610)]);
     let refusal = check_at_start(&rig, &wiring).await.unwrap_err().to_string();
     assert!(
-        refusal.contains("2203 (pair 3-4), 2610 (pair 26-1)"),
+        refusal.contains("2203 (electrodes 3 and 4), 2610 (electrodes 1 and 26)"),
         "{refusal}"
     );
     safe_off(&rig, &wiring).await.unwrap();

@@ -1,8 +1,12 @@
 //! Stand-ins for source, switch and voltmeter: one little world that counts calls, fails on request, and watches the
 //! rules that a source must never see broken.
 
+// each test file uses what it needs of it
+#![allow(dead_code)]
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use rig::{CurrentSource, LinkError, MeterSettings, Move, Rig, RigError, Switch, Voltmeter};
 use survey::{Amps, Dipole, Electrode, Measurement, Reading, Relay, Volts, Wiring};
@@ -29,6 +33,7 @@ struct World {
     calls: usize,
     fault: Option<(usize, Fault)>,
     act: Option<(usize, Act)>,
+    slow: Option<(Part, usize, Duration)>,
     lost: Option<Part>,
     on: bool,
     level: Amps,
@@ -54,6 +59,7 @@ impl StandIn {
             calls: 0,
             fault: None,
             act: None,
+            slow: None,
             lost: None,
             on: false,
             level: Amps(0.0),
@@ -80,6 +86,11 @@ impl StandIn {
         self.with(|world| world.act = Some((call, Box::new(act))))
     }
 
+    /// From this call on the part takes so long for each.
+    pub fn slow(self, part: Part, call: usize, by: Duration) -> Self {
+        self.with(|world| world.slow = Some((part, call, by)))
+    }
+
     pub fn in_compliance_at(self, electrode: Electrode) -> Self {
         self.with(|world| world.bad_electrode = Some(electrode))
     }
@@ -96,6 +107,10 @@ impl StandIn {
 
     pub fn close(&self, relays: impl IntoIterator<Item = Relay>) {
         self.0.lock().unwrap().closed.extend(relays);
+    }
+
+    pub fn open(&self, relay: Relay) {
+        self.0.lock().unwrap().closed.remove(&relay);
     }
 
     pub fn rig(&self) -> Played {
@@ -159,6 +174,15 @@ impl StandIn {
         if let Some(act) = act {
             act();
         }
+        let slow = {
+            let world = self.0.lock().unwrap();
+            world
+                .slow
+                .filter(|(slow, from, _)| *slow == part && *from < world.calls)
+        };
+        if let Some((_, _, by)) = slow {
+            tokio::time::sleep(by).await;
+        }
         tokio::task::yield_now().await;
         Ok(self.0.lock().unwrap())
     }
@@ -192,6 +216,10 @@ impl World {
     }
 
     fn read(&self, sense: Dipole) -> Reading {
+        if self.slow.is_some() && !self.is_live() {
+            // switched off while the reading was under way
+            return Reading::NotMeasured;
+        }
         assert!(self.is_live(), "read with the source off");
         let drive = self.driven().expect("exactly one pair is driven");
         let question = Measurement { drive, sense };

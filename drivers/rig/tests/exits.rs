@@ -1,0 +1,136 @@
+//! How soon a rig is safe, and what is found by reading the relays back.
+
+mod stand_in;
+
+use std::time::Duration;
+
+use rig::{AcquireError, MeterSettings, RigError, Stop, SystemClock, acquire, safe_off};
+use stand_in::{Fault, Part, StandIn};
+use survey::{Amps, Plan, Protocol, Relay, Volts, Wiring};
+use tokio::time::Instant;
+
+const METER: MeterSettings = MeterSettings {
+    range: Volts(1.0),
+    nplc: 200.0,
+    autozero: true,
+};
+
+/// What the issue allows from detection to verified off.
+const ALLOWED: Duration = Duration::from_millis(100);
+
+fn plan() -> Plan {
+    let wiring = Wiring::pairs_34924a(1, 5).unwrap();
+    let protocol = Protocol::sheffield(5).unwrap();
+    Plan::new(&protocol, &wiring, Amps(1e-3), Volts(10.0), Duration::ZERO).unwrap()
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_while_a_scan_takes_minutes_switches_off_at_once() {
+    let plan = plan();
+    let minutes = Duration::from_secs(208);
+    let stand_in = StandIn::new(&plan.wiring).slow(Part::SwitchAndMeter, 9, minutes);
+    let (button, stop) = Stop::button();
+    let rig = stand_in.rig();
+    let watched = async {
+        // well into the first scan
+        tokio::time::sleep(minutes / 2).await;
+        assert!(!stand_in.is_off(), "a scan is under way");
+        let pressed = Instant::now();
+        button.press();
+        while !stand_in.is_off() {
+            tokio::task::yield_now().await;
+        }
+        pressed.elapsed()
+    };
+    let clock = SystemClock::new();
+    let (ended, took) = tokio::join!(acquire(&rig, &plan, METER, clock, &stop), watched);
+    let ended = ended.unwrap_err();
+    assert!(matches!(ended, AcquireError::Stopped { .. }), "{ended}");
+    assert!(took <= ALLOWED, "{took:?}");
+    assert!(ended.off_after().unwrap() <= ALLOWED, "{ended:?}");
+    stand_in.assert_safe();
+}
+
+#[tokio::test(start_paused = true)]
+async fn relays_open_beside_a_source_that_does_not_answer_in_time() {
+    let plan = plan();
+    let stand_in = StandIn::new(&plan.wiring).slow(Part::Source, 0, Duration::from_secs(30));
+    stand_in.close([Relay(1036), Relay(1037)]);
+    let rig = stand_in.rig();
+    let watched = async {
+        let begun = Instant::now();
+        while !stand_in.closed().is_empty() {
+            tokio::time::sleep(Duration::from_millis(1)).await;
+        }
+        begun.elapsed()
+    };
+    let (made, opened) = tokio::join!(safe_off(&rig, &plan.wiring), watched);
+    made.unwrap();
+    assert!(opened <= 2 * ALLOWED, "{opened:?}");
+    stand_in.assert_safe();
+}
+
+#[tokio::test(start_paused = true)]
+async fn relays_open_cold_where_the_source_answers() {
+    let plan = plan();
+    let stand_in = StandIn::new(&plan.wiring).slow(Part::Source, 0, Duration::from_millis(40));
+    stand_in.close([Relay(1036)]);
+    let rig = stand_in.rig();
+    let watched = async {
+        while !stand_in.closed().is_empty() {
+            tokio::time::sleep(Duration::from_millis(1)).await;
+        }
+        stand_in.is_off()
+    };
+    let (made, off_first) = tokio::join!(safe_off(&rig, &plan.wiring), watched);
+    made.unwrap();
+    assert!(off_first);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_relay_that_is_not_as_it_was_switched_fails_the_frame_by_name() {
+    let plan = plan();
+    let counted = StandIn::new(&plan.wiring);
+    let never = Stop::never();
+    acquire(&counted.rig(), &plan, METER, SystemClock::new(), &never)
+        .await
+        .unwrap();
+    // the last two calls read the relays back and open them; before them, the source is switched off
+    let before = counted.calls() - 3;
+    for (change, told) in [(1040, "read open: 1040"), (1037, "read closed: 1037")] {
+        let stand_in = StandIn::new(&plan.wiring);
+        let hand = stand_in.clone();
+        let stand_in = stand_in.calling(before, move || match change {
+            1040 => hand.open(Relay(1040)),
+            other => hand.close([Relay(other)]),
+        });
+        let refused = acquire(&stand_in.rig(), &plan, METER, SystemClock::new(), &never)
+            .await
+            .unwrap_err();
+        let Some(cause @ RigError::RelayMismatch { .. }) = refused.cause() else {
+            panic!("{refused:?}");
+        };
+        let cause = cause.to_string();
+        assert!(
+            cause.contains(told) && cause.contains("electrodes"),
+            "{cause}"
+        );
+        stand_in.assert_safe();
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn whatever_fails_the_source_is_off_in_time() {
+    let plan = plan();
+    let each = Duration::from_millis(20);
+    for call in 0..40 {
+        let stand_in = StandIn::new(&plan.wiring)
+            .slow(Part::Source, 0, each)
+            .failing(call, Fault::Lost(Part::SwitchAndMeter));
+        let never = Stop::never();
+        let ended = acquire(&stand_in.rig(), &plan, METER, SystemClock::new(), &never).await;
+        let Err(ended) = ended else { break };
+        assert!(ended.off_after().unwrap() <= ALLOWED, "{call}: {ended:?}");
+        assert!(stand_in.is_off());
+    }
+}
