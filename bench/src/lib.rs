@@ -7,6 +7,7 @@
 //!
 //! - **profile**: the instruments and their time; **scene**: the sheet, its loads and effects (see `phantom`)
 //! - **fixture**: which relay joins what to what; **circuit**: what then flows, for any combination of closed relays
+//! - **golden**: a conversation that a simulator must hold; **transcript**: one that was held (see [`rig::transcript`])
 //! - **wire**: the connection to an instrument, which may be cut or fall silent
 //!
 //! ```
@@ -28,6 +29,7 @@ mod circuit;
 mod control;
 mod fault;
 mod fixture;
+mod golden;
 mod guest;
 mod hanging;
 mod list;
@@ -35,19 +37,25 @@ mod panel;
 mod profile;
 mod program;
 mod pty;
+mod recording;
 mod serve;
 mod sheet;
 mod simulated;
+mod stand;
 mod status;
 mod vxi11;
 mod web;
 mod workbench;
 
 pub use fault::{Fault, FaultError, Mischief, TimedFault};
+pub use golden::{Expected, Golden, GoldenError, Line, Step};
 pub use hanging::{Hanging, HangingError};
 pub use phantom::{Load, LoadError, PhantomError, Scene, SceneError, Shape};
 pub use profile::{Board, Mainframe, Pace, Profile, ProfileError, SecondClient, Source};
 pub use program::run;
+pub use recording::{Against, Closeness, Played, ReplayError, golden_of, replay};
 pub use serve::{Ready, ServeError, ServeOptions, Server, serve};
 pub use simulated::{Instrument, Messages, RigError, Said, SimulatedRig, Wire};
+pub use stand::Making;
 pub use status::{Client, SourceStatus, Status};
+pub use vxi11::CoreChannel;

@@ -1,5 +1,7 @@
 //! `tactus-bench`, as a function.
 
+mod played;
+
 use std::ffi::OsString;
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
@@ -9,6 +11,7 @@ use std::time::SystemTime;
 use clap::{Parser, Subcommand};
 use keysight_34980a::Module;
 use phantom::Scene;
+use rig::transcript::TranscriptWriter;
 use tokio::signal::unix::{SignalKind, signal};
 use tracing_subscriber::EnvFilter;
 
@@ -40,6 +43,10 @@ enum Command {
     Release(Control),
     /// Show who is connected to a rig that is served, the source's state, the closed relays, the last error.
     Status(Status),
+    /// Make a golden of a transcript: a conversation that the simulator must hold from then on.
+    Golden(played::MakeGolden),
+    /// Play a transcript to the simulators and say where they first answer otherwise.
+    Replay(played::Replay),
     /// List modules, profiles, scenes, loads and faults.
     List {
         /// As one line of JSON.
@@ -109,6 +116,10 @@ struct Serve {
     /// Answer at once instead of taking the instruments' time.
     #[arg(long)]
     instant: bool,
+    /// Write what is said to the instruments, and what they answer, to a new file: a transcript for `golden` and
+    /// `replay`.
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
     /// Announce the instruments by mDNS.
     #[arg(long)]
     announce: bool,
@@ -117,7 +128,7 @@ struct Serve {
     bind: String,
 }
 
-fn slot(text: &str) -> Result<(usize, Module), String> {
+pub(crate) fn slot(text: &str) -> Result<(usize, Module), String> {
     let (number, module) = text
         .split_once('=')
         .ok_or("a slot is given as N=MODEL, such as 1=34924A")?;
@@ -151,6 +162,8 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         }
         Command::Release(control) => return tell(&control, "release"),
         Command::Status(Status { control, json }) => return show(&control, json),
+        Command::Golden(asked) => return played::make_golden(&asked),
+        Command::Replay(asked) => return played::play(&asked),
         Command::List { json } => {
             return say(&if json {
                 list::json().to_string()
@@ -184,6 +197,12 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
             Ok(rig) => rig,
             Err(fault) => return fail(&fault, CONFIGURATION),
         };
+        if let Some(path) = &asked.record {
+            match TranscriptWriter::create(path) {
+                Ok(writer) => rig.record(writer),
+                Err(fault) => return fail(&fault, CONFIGURATION),
+            }
+        }
         match serve_until_stopped(rig, &asked, panel).await {
             Ok(()) => ExitCode::SUCCESS,
             Err(fault) => fail(&*fault, 1),
@@ -212,21 +231,24 @@ fn prepare(asked: &Serve) -> Result<(Profile, Scene), Fault> {
     if asked.instant {
         profile.pace = Pace::Instant;
     }
-    let scene = match &asked.scene {
-        Some(name) => {
-            let shipped = Scene::shipped()
-                .into_iter()
-                .find(|(known, _)| known.trim_end_matches(".toml") == name);
-            let text = match shipped {
-                Some((_, text)) => text.to_owned(),
-                None => std::fs::read_to_string(name)
-                    .map_err(|fault| format!("scene {name} cannot be read: {fault}"))?,
-            };
-            Scene::parse(name, &text)?
-        }
-        None => Scene::quiet(),
-    };
+    let scene = scene_named(asked.scene.as_deref())?;
     Ok((profile, scene))
+}
+
+/// A shipped scene, or one in a file; without a name the quiet one.
+fn scene_named(name: Option<&str>) -> Result<Scene, Fault> {
+    let Some(name) = name else {
+        return Ok(Scene::quiet());
+    };
+    let shipped = Scene::shipped()
+        .into_iter()
+        .find(|(known, _)| known.trim_end_matches(".toml") == name);
+    let text = match shipped {
+        Some((_, text)) => text.to_owned(),
+        None => std::fs::read_to_string(name)
+            .map_err(|fault| format!("scene {name} cannot be read: {fault}"))?,
+    };
+    Ok(Scene::parse(name, &text)?)
 }
 
 /// Sends one line to a served rig.

@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use phantom::{Load, Phantom, PhantomError, Scene};
 use rig::BoxStream;
+use rig::transcript::Said as Wired;
 use scpi::ParseError;
 use survey::{Amps, Electrode, Relay, Volts};
 use tokio::sync::{Notify, watch};
@@ -19,6 +20,7 @@ use crate::status::{Client, SourceStatus, Status};
 use crate::workbench::Bench;
 
 mod faults;
+mod record;
 
 /// What a pipe in memory holds, bytes.
 const PIPE: usize = 64 * 1024;
@@ -37,6 +39,22 @@ pub enum Instrument {
 impl Instrument {
     pub(crate) fn index(self) -> usize {
         self as usize
+    }
+
+    /// The instrument that a transcript or a golden calls so: `6221`, `34980a`, `gpio`.
+    pub fn named(name: &str) -> Option<Self> {
+        let all = [Self::Source, Self::Mainframe, Self::Board];
+        all.into_iter()
+            .find(|instrument| instrument.name().eq_ignore_ascii_case(name))
+    }
+
+    /// What transcripts and goldens call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Source => "6221",
+            Self::Mainframe => "34980a",
+            Self::Board => "gpio",
+        }
     }
 }
 
@@ -356,7 +374,24 @@ impl SimulatedRig {
         line: &str,
     ) -> (Option<String>, Duration) {
         self.apply_due_faults();
-        let (heard, refused) = self.bench().hear(instrument, session, line);
+        let (heard, refused) = {
+            let mut bench = self.bench();
+            let at = bench.now();
+            let heard = bench.hear(instrument, session, line);
+            let (reply, busy) = &heard.0;
+            self.record_line(
+                &mut bench,
+                instrument,
+                session,
+                at,
+                Wired::Sent(line.to_owned()),
+            );
+            if let Some(reply) = reply {
+                let said = Wired::Received(reply.clone());
+                self.record_line(&mut bench, instrument, session, at + *busy, said);
+            }
+            heard
+        };
         if let Some(refused) = refused {
             self.tell_refused(instrument, session, line, refused);
         }
@@ -375,7 +410,8 @@ impl SimulatedRig {
             .guests()
             .get(&session)
             .map_or_else(|| "the bench".to_owned(), |(_, address)| address.clone());
-        let shown: String = line.chars().take(80).collect();
+        // Escaped: what a stranger sends must not steer a terminal.
+        let shown: String = line.chars().take(80).flat_map(char::escape_debug).collect();
         tracing::warn!("{from} told the {instrument} '{shown}': {refused}");
         self.bench().last_error = Some(format!("{instrument}: {refused} (from {from})"));
     }

@@ -8,4 +8,5 @@ mod core_channel;
 mod link;
 mod rpc;
 
+pub use core_channel::CoreChannel;
 pub(crate) use core_channel::serve;

@@ -5,11 +5,12 @@
 
 use std::fmt::Write as _;
 use std::io;
-use std::net::SocketAddr;
+use std::net::{Ipv4Addr, SocketAddr};
 use std::time::Duration;
 
+use rig::{BoxStream, Stream};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::TcpListener;
 use tokio::task::JoinSet;
 
 use crate::{Instrument, SimulatedRig};
@@ -20,12 +21,32 @@ const LONGEST_HEAD: usize = 8 * 1024;
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Most clients at once.
 const CLIENTS: usize = 32;
+/// Room of a connection in memory, bytes.
+const PIPE: usize = 16 * 1024;
 
 /// Ports that the pages name.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Ports {
     pub(crate) mainframe: SocketAddr,
     pub(crate) vxi11: Option<SocketAddr>,
+}
+
+impl SimulatedRig {
+    /// Connects to the mainframe's web server, in memory: one request, one answer. Inside a tokio runtime.
+    pub fn connect_web(&self) -> BoxStream {
+        let (here, there) = tokio::io::duplex(PIPE);
+        let rig = self.clone();
+        tokio::spawn(async move {
+            // The addresses that the instrument itself would name.
+            let at = |port| SocketAddr::from((Ipv4Addr::LOCALHOST, port));
+            let ports = Ports {
+                mainframe: at(5025),
+                vxi11: None,
+            };
+            tokio::time::timeout(PATIENCE, answer(&rig, there, at(80), ports)).await
+        });
+        Box::new(here)
+    }
 }
 
 /// Serves the pages.
@@ -39,7 +60,10 @@ pub(crate) async fn serve(rig: SimulatedRig, listener: TcpListener, ports: Ports
             Ok((stream, address)) => {
                 let rig = rig.clone();
                 clients.spawn(async move {
-                    match tokio::time::timeout(PATIENCE, answer(&rig, stream, ports)).await {
+                    let Ok(here) = stream.local_addr() else {
+                        return;
+                    };
+                    match tokio::time::timeout(PATIENCE, answer(&rig, stream, here, ports)).await {
                         Ok(Ok(())) => {}
                         Ok(Err(fault)) => tracing::debug!("{address} asked for a page: {fault}"),
                         Err(_) => tracing::debug!("{address} took too long to ask for a page"),
@@ -55,7 +79,12 @@ pub(crate) async fn serve(rig: SimulatedRig, listener: TcpListener, ports: Ports
     }
 }
 
-async fn answer(rig: &SimulatedRig, mut stream: TcpStream, ports: Ports) -> io::Result<()> {
+async fn answer(
+    rig: &SimulatedRig,
+    mut stream: impl Stream,
+    here: SocketAddr,
+    ports: Ports,
+) -> io::Result<()> {
     let mut head = Vec::new();
     let mut chunk = [0; 1024];
     while !head.windows(4).any(|end| end == b"\r\n\r\n")
@@ -80,7 +109,6 @@ async fn answer(rig: &SimulatedRig, mut stream: TcpStream, ports: Ports) -> io::
         words.next().unwrap_or_default(),
     );
     let path = target.split('?').next().unwrap_or_default();
-    let here = stream.local_addr()?;
     match (method, path) {
         ("GET", "/lxi/identification") => {
             let page = identification(rig, here, ports);
@@ -115,7 +143,12 @@ async fn answer(rig: &SimulatedRig, mut stream: TcpStream, ports: Ports) -> io::
     }
 }
 
-async fn respond(stream: &mut TcpStream, status: &str, media: &str, body: &str) -> io::Result<()> {
+async fn respond(
+    stream: &mut impl Stream,
+    status: &str,
+    media: &str,
+    body: &str,
+) -> io::Result<()> {
     let length = body.len();
     let allow = if status.starts_with("405") {
         "Allow: GET\r\n"

@@ -7,7 +7,8 @@ use gpio_mux::{Poles, SimulatorGpioMux};
 use keithley_6221::{Load, Settings6221, Simulator6221};
 use keysight_34980a::{MeterRequest, Module, Session, Settings34980a, Simulator34980a, Wires};
 use phantom::{Phantom, ReadingContext};
-use scpi::ParseError;
+use rig::transcript::TranscriptWriter;
+use scpi::{ErrorEntry, ParseError};
 use survey::{Amps, Electrode, Relay, Volts};
 use tokio::time::Instant;
 
@@ -35,6 +36,8 @@ pub(crate) struct Bench {
     elapsed: Duration,
     messages: [Messages; 3],
     pub(crate) transcript: Option<Vec<Said>>,
+    /// Where everything said is written.
+    pub(crate) recorder: Option<TranscriptWriter>,
     /// What is still to happen, earliest first.
     time_line: VecDeque<TimedFault>,
     /// The last error that an instrument queued, for people.
@@ -95,6 +98,7 @@ impl Bench {
             elapsed: Duration::ZERO,
             messages: Default::default(),
             transcript: None,
+            recorder: None,
         };
         new.identities = [Instrument::Source, Instrument::Mainframe, Instrument::Board]
             .map(|instrument| new.hear(instrument, 0, "*IDN?").0.0.unwrap_or_default());
@@ -152,7 +156,7 @@ impl Bench {
     pub(crate) fn hear(&mut self, instrument: Instrument, session: u32, line: &str) -> Heard {
         self.catch_up();
         let at = self.now();
-        let errors = self.errors(instrument);
+        let errors = self.latest_error(instrument).0;
         let mut ends = Ends {
             source: &mut self.source,
             sheet: &mut self.sheet,
@@ -195,21 +199,19 @@ impl Bench {
                 Duration::ZERO
             }
         };
-        if let Some(error) = text.as_deref().filter(|text| is_error(text)) {
-            self.last_error = Some(format!("{instrument}: {error}"));
-        }
-        let refused = self.errors(instrument) > errors;
-        (
-            (text, wait),
-            refused.then(|| "an error was queued".to_owned()),
-        )
+        let refused = match self.latest_error(instrument) {
+            (added, Some(latest)) if added != errors => Some(latest.to_string()),
+            _ => None,
+        };
+        ((text, wait), refused)
     }
 
-    fn errors(&self, instrument: Instrument) -> usize {
+    /// How many errors an instrument ever queued, and the last of them.
+    fn latest_error(&self, instrument: Instrument) -> (u64, Option<&ErrorEntry>) {
         match instrument {
-            Instrument::Source => self.source.errors(),
-            Instrument::Mainframe => self.mainframe.errors_waiting(),
-            Instrument::Board => self.board.errors_waiting(),
+            Instrument::Source => self.source.latest_error(),
+            Instrument::Mainframe => self.mainframe.latest_error(),
+            Instrument::Board => self.board.latest_error(),
         }
     }
 
@@ -265,13 +267,6 @@ impl Bench {
         }
         None
     }
-}
-
-/// Whether a reply is an entry of an error queue: `-113,"Undefined header"`.
-fn is_error(reply: &str) -> bool {
-    reply
-        .split_once(",\"")
-        .is_some_and(|(code, _)| code.parse().is_ok_and(|code: i32| code != 0))
 }
 
 /// Where the wires of mainframe and board end: whatever they move, the source feels.

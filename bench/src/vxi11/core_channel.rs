@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::io;
-use std::net::SocketAddr;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use rig::{BoxStream, Stream};
 use tokio::io::AsyncWriteExt;
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::TcpListener;
 use tokio::sync::Notify;
 use tokio::task::JoinSet;
 use tokio::time::{Instant, timeout_at};
@@ -31,6 +31,8 @@ const HEAD: usize = 2048;
 const LINKS: usize = 16;
 /// The instrument's name.
 const NAME: &[u8] = b"inst0";
+/// Room of a connection in memory, bytes.
+const PIPE: usize = 64 * 1024;
 
 const WAIT_FOR_LOCK: u32 = 1;
 const END: u32 = 8;
@@ -94,23 +96,45 @@ impl Port {
     }
 }
 
+/// The mainframe's VXI-11 core channel, in memory; [`crate::serve`] gives it a port.
+#[derive(Debug, Clone)]
+pub struct CoreChannel(Arc<Port>);
+
+impl CoreChannel {
+    /// The channel of a rig; links of all its connections share one lock.
+    pub fn new(rig: &SimulatedRig) -> Self {
+        Self::on_port(rig.clone(), 0)
+    }
+
+    fn on_port(rig: SimulatedRig, number: u16) -> Self {
+        Self(Arc::new(Port {
+            rig,
+            number,
+            next_link: AtomicU32::new(1),
+            lock: Mutex::default(),
+            unlocked: Notify::new(),
+            aborters: Mutex::default(),
+        }))
+    }
+
+    /// A connection that RPC records (RFC 5531) go over. Inside a tokio runtime.
+    pub fn connect(&self) -> BoxStream {
+        let (here, there) = tokio::io::duplex(PIPE);
+        tokio::spawn(connection(self.0.clone(), there, "memory".to_owned()));
+        Box::new(here)
+    }
+}
+
 /// Serves the mainframe's core channel.
 pub(crate) async fn serve(rig: SimulatedRig, listener: TcpListener) {
     let number = listener.local_addr().map_or(0, |address| address.port());
-    let port = Arc::new(Port {
-        rig,
-        number,
-        next_link: AtomicU32::new(1),
-        lock: Mutex::default(),
-        unlocked: Notify::new(),
-        aborters: Mutex::default(),
-    });
+    let CoreChannel(port) = CoreChannel::on_port(rig, number);
     let mut clients = JoinSet::new();
     loop {
         match listener.accept().await {
             Ok((stream, address)) => {
                 stream.set_nodelay(true).ok();
-                clients.spawn(connection(port.clone(), stream, address));
+                clients.spawn(connection(port.clone(), stream, address.to_string()));
             }
             Err(fault) => {
                 tracing::warn!("a VXI-11 client could not be accepted: {fault}");
@@ -121,7 +145,7 @@ pub(crate) async fn serve(rig: SimulatedRig, listener: TcpListener) {
     }
 }
 
-async fn connection(port: Arc<Port>, mut stream: TcpStream, address: SocketAddr) {
+async fn connection(port: Arc<Port>, mut stream: impl Stream, address: String) {
     let cut = port.rig.until_cut(Instrument::Mainframe);
     let mut links = Links {
         port,
@@ -132,7 +156,7 @@ async fn connection(port: Arc<Port>, mut stream: TcpStream, address: SocketAddr)
         biased;
         () = cut => {}
         ended = links.answer(&mut stream) => if let Err(fault) = ended {
-            tracing::warn!("the VXI-11 client at {address} is disconnected: {fault}");
+            tracing::warn!("the VXI-11 client at {} is disconnected: {fault}", links.address);
         }
     }
 }
@@ -140,7 +164,7 @@ async fn connection(port: Arc<Port>, mut stream: TcpStream, address: SocketAddr)
 /// The links of one connection; they end with it.
 struct Links {
     port: Arc<Port>,
-    address: SocketAddr,
+    address: String,
     links: BTreeMap<u32, Link>,
 }
 
@@ -154,7 +178,7 @@ impl Drop for Links {
 }
 
 impl Links {
-    async fn answer(&mut self, stream: &mut TcpStream) -> io::Result<()> {
+    async fn answer(&mut self, stream: &mut impl Stream) -> io::Result<()> {
         while let Some(record) = read_record(stream, LARGEST_WRITE + HEAD).await? {
             let mut reader = Reader::new(&record);
             let Ok(call) = Call::read(&mut reader) else {

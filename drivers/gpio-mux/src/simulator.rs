@@ -5,7 +5,7 @@
 use std::collections::{BTreeSet, VecDeque};
 use std::time::Duration;
 
-use scpi::ErrorQueue;
+use scpi::{ErrorEntry, ErrorQueue};
 use survey::{Electrode, Relay};
 
 use crate::command::{Command, Pole, Refusal, Reply, State};
@@ -163,6 +163,11 @@ impl SimulatorGpioMux {
         self.errors.len()
     }
 
+    /// How many errors were ever queued, and the last of them: a look that leaves the queue as it is.
+    pub fn latest_error(&self) -> (u64, Option<&ErrorEntry>) {
+        (self.errors.added(), self.errors.latest())
+    }
+
     /// The last edges, oldest first.
     pub fn edges(&self) -> impl Iterator<Item = &EdgeRecord> {
         self.edges.iter()
@@ -173,7 +178,7 @@ impl SimulatorGpioMux {
         self.all_off(at, poles);
         self.watchdog = WATCHDOG;
         self.heard = at;
-        self.errors = ErrorQueue::new(ERRORS);
+        self.errors.clear();
         self.banner()
     }
 

@@ -25,7 +25,7 @@ mod trouble;
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use scpi::{ErrorQueue, StandardEvent, StatusModel};
+use scpi::{ErrorEntry, ErrorQueue, StandardEvent, StatusModel};
 use survey::{Relay, Volts};
 
 use crate::command::Command;
@@ -164,6 +164,11 @@ impl Simulator34980a {
     /// How many errors wait to be read; never more than 20.
     pub fn errors_waiting(&self) -> usize {
         self.errors.len()
+    }
+
+    /// How many errors were ever queued, and the last of them: a look that leaves the queue as it is.
+    pub fn latest_error(&self) -> (u64, Option<&ErrorEntry>) {
+        (self.errors.added(), self.errors.latest())
     }
 
     /// When something next happens by itself: a reading, a sweep, a step of a sequence. Whoever owns the time tells it

@@ -66,6 +66,8 @@ impl FromStr for ErrorEntry {
 pub struct ErrorQueue {
     depth: usize,
     entries: VecDeque<ErrorEntry>,
+    added: u64,
+    latest: Option<ErrorEntry>,
 }
 
 impl ErrorQueue {
@@ -74,16 +76,21 @@ impl ErrorQueue {
         Self {
             depth: depth.max(1),
             entries: VecDeque::new(),
+            added: 0,
+            latest: None,
         }
     }
 
     /// Adds an entry. When the queue is full its newest entry is replaced by -350.
     pub fn push(&mut self, code: i32, message: impl Into<String>) {
+        let entry = ErrorEntry {
+            code,
+            message: message.into(),
+        };
+        self.added += 1;
+        self.latest = Some(entry.clone());
         if self.entries.len() < self.depth {
-            self.entries.push_back(ErrorEntry {
-                code,
-                message: message.into(),
-            });
+            self.entries.push_back(entry);
         } else if let Some(newest) = self.entries.back_mut() {
             *newest = ParseError::QueueOverflow.into();
         }
@@ -92,6 +99,16 @@ impl ErrorQueue {
     /// Takes the oldest entry, or [`ErrorEntry::none`].
     pub fn pop(&mut self) -> ErrorEntry {
         self.entries.pop_front().unwrap_or_else(ErrorEntry::none)
+    }
+
+    /// How many entries were ever added, those that found the queue full among them: a look that takes nothing.
+    pub fn added(&self) -> u64 {
+        self.added
+    }
+
+    /// What was added last, also where it found the queue full or has been taken since: a look that takes nothing.
+    pub fn latest(&self) -> Option<&ErrorEntry> {
+        self.latest.as_ref()
     }
 
     /// How many entries wait.
@@ -121,6 +138,8 @@ mod tests {
             queue.push(code, "x");
         }
         assert_eq!(queue.len(), 3);
+        assert_eq!(queue.added(), 5);
+        assert_eq!(queue.latest().map(|entry| entry.code), Some(-108));
         let codes: Vec<i32> = (0..4).map(|_| queue.pop().code).collect();
         assert_eq!(codes, [-101, -102, -350, 0]);
     }

@@ -20,7 +20,7 @@ mod wave;
 use std::net::Ipv4Addr;
 use std::time::Duration;
 
-use scpi::{Common, ErrorQueue, ParseError, StatusModel, parse_message};
+use scpi::{Common, ErrorEntry, ErrorQueue, ParseError, StatusModel, parse_message};
 use survey::Amps;
 
 pub use settings::{Response, Settings6221};
@@ -213,6 +213,11 @@ impl Simulator6221 {
     /// How many errors wait in the queue.
     pub fn errors(&self) -> usize {
         self.errors.len()
+    }
+
+    /// How many errors were ever queued, and the last of them: a look that leaves the queue as it is.
+    pub fn latest_error(&self) -> (u64, Option<&ErrorEntry>) {
+        (self.errors.added(), self.errors.latest())
     }
 
     fn carry_out(
