@@ -63,7 +63,7 @@ fn assert_off(simulated: &SimulatedRig) {
 }
 
 #[tokio::test]
-async fn three_wirings_read_the_bare_forward_solution_to_the_digits_sent() {
+async fn every_wiring_reads_the_bare_forward_solution_to_the_digits_sent() {
     let pairs = Wiring::pairs_34924a(1, 26).unwrap();
     let rig = simulated("pairs-34924a", Scene::quiet());
     let scanned = frame(&mainframe_rig(&rig).await, &pairs).await.unwrap();
@@ -100,6 +100,26 @@ async fn three_wirings_read_the_bare_forward_solution_to_the_digits_sent() {
 
     assert_eq!(scanned.readings, routed.readings);
     assert_eq!(scanned.readings, multiplexed.readings);
+
+    // the armature twin of M, map F and map Z
+    for (profile, wiring, reading_messages) in [
+        ("pairs-34922a", Wiring::pairs_34922a(1, 26), 26),
+        ("fast-34925a", Wiring::fast_34925a(1, 2, 26), 26),
+        ("matrix-34934a", Wiring::matrix_34934a(1, 26), 598),
+    ] {
+        let wiring = wiring.unwrap();
+        let rig = simulated(profile, Scene::quiet());
+        let further = frame(&mainframe_rig(&rig).await, &wiring).await.unwrap();
+        let worst = assert_bare(&rig, &wiring, &further);
+        println!(
+            "{profile}: {worst:.1e} of the largest reading, {:?}",
+            rig.now()
+        );
+        let messages = rig.messages(Instrument::Mainframe);
+        assert_eq!(messages.reading, reading_messages, "{profile}");
+        assert_off(&rig);
+        assert_eq!(further.readings, scanned.readings, "{profile}");
+    }
 }
 
 #[tokio::test]

@@ -54,12 +54,23 @@ pub(crate) struct RigSection {
     pub scene: Option<String>,
 }
 
+/// The level at which a multiplexer chip is on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum EnableName {
+    Low,
+    High,
+}
+
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct InstrumentSection {
     pub address: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub deadline_ms: Option<f64>,
+    /// Of a board on a gpiochip.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub enable: Option<EnableName>,
 }
 
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -86,12 +97,24 @@ pub(crate) enum WiringKind {
     #[default]
     #[serde(rename = "pairs-34924a")]
     Pairs34924a,
+    /// The same numbers on a 34922A: quieter and slower.
+    #[serde(rename = "pairs-34922a")]
+    Pairs34922a,
+    /// Measuring pairs on a 34925A, injecting pairs on bank 2 of a 34924A in `inject_slot`: the fastest scan.
+    #[serde(rename = "fast-34925a")]
+    Fast34925a,
     /// Pairs as columns of a 34932A matrix.
     #[serde(rename = "matrix-34932a")]
     Matrix34932a,
-    /// The multiplexer board on a serial line.
+    /// Single electrodes on a 34934A as 4 x 128.
+    #[serde(rename = "matrix-34934a")]
+    Matrix34934a,
+    /// The multiplexer board on a serial line or a gpiochip.
     #[serde(rename = "gpio-board")]
     GpioBoard,
+    /// Relay by relay, as a file says.
+    #[serde(rename = "file")]
+    File,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -99,6 +122,10 @@ pub(crate) enum WiringKind {
 pub(crate) struct WiringSection {
     pub kind: WiringKind,
     pub slot: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub inject_slot: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<PathBuf>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub electrodes: Option<usize>,
 }
@@ -108,6 +135,8 @@ impl Default for WiringSection {
         Self {
             kind: WiringKind::default(),
             slot: 1,
+            inject_slot: None,
+            file: None,
             electrodes: None,
         }
     }
@@ -242,6 +271,7 @@ impl Config {
     /// The same with every path absolute or relative to `folder`, and with the paths that the environment decides.
     pub(crate) fn resolved(mut self, folder: &Path) -> Self {
         let paths = [
+            &mut self.wiring.file,
             &mut self.geometry.case,
             &mut self.model.file,
             &mut self.record.directory,

@@ -22,6 +22,7 @@ mod keeper;
 mod live;
 mod mishap;
 mod model;
+mod multiplexer;
 mod place;
 mod prepare;
 mod problems;

@@ -3,7 +3,10 @@
 use std::fmt;
 use std::str::FromStr;
 
+/// Of a multiplexer board on a serial line.
 const BAUD: u32 = 115_200;
+/// As a 6221 leaves the factory (fact sheet section 1).
+pub(crate) const SOURCE_BAUD: u32 = 9600;
 
 /// An instrument's address.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -13,12 +16,27 @@ pub(crate) enum Place {
     /// `tcp:HOST:PORT`.
     Tcp(String),
     /// `serial:PATH` or `serial:PATH@BAUD`.
-    Serial { path: String, baud: u32 },
+    Serial { path: String, baud: Option<u32> },
+    /// `gpiochip:PATH`, its lines by their names, or `gpiochip:PATH@OFFSET`, 24 lines in a row.
+    Gpiochip { path: String, first: Option<u32> },
+}
+
+impl Place {
+    /// The rate of a serial line where the address names none.
+    pub(crate) fn baud(role: &str) -> u32 {
+        match role {
+            "source" => SOURCE_BAUD,
+            _ => BAUD,
+        }
+    }
 }
 
 /// A text that is no address.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("'{0}' is no address; write tcp:HOST:PORT, serial:PATH, serial:PATH@BAUD or simulated")]
+#[error(
+    "'{0}' is no address; write tcp:HOST:PORT, serial:PATH, serial:PATH@BAUD, gpiochip:PATH, gpiochip:PATH@OFFSET or \
+     simulated"
+)]
 pub(crate) struct NoPlace(String);
 
 impl FromStr for Place {
@@ -36,18 +54,21 @@ impl FromStr for Place {
             }
             return Ok(Self::Tcp(address.to_owned()));
         }
-        let address = text.strip_prefix("serial:").ok_or_else(refused)?;
-        let (path, baud) = match address.rsplit_once('@') {
-            None => (address, BAUD),
-            Some((path, baud)) => (path, baud.parse().map_err(|_| refused())?),
+        let (kind, address) = text.split_once(':').ok_or_else(refused)?;
+        let (path, number) = match address.rsplit_once('@') {
+            None => (address, None),
+            Some((path, number)) => (path, Some(number.parse().map_err(|_| refused())?)),
         };
-        if path.is_empty() || baud == 0 {
+        if path.is_empty() {
             return Err(refused());
         }
-        Ok(Self::Serial {
-            path: path.to_owned(),
-            baud,
-        })
+        let path = path.to_owned();
+        match (kind, number) {
+            ("serial", Some(0)) => Err(refused()),
+            ("serial", baud) => Ok(Self::Serial { path, baud }),
+            ("gpiochip", first) => Ok(Self::Gpiochip { path, first }),
+            _ => Err(refused()),
+        }
     }
 }
 
@@ -57,6 +78,7 @@ impl fmt::Display for Place {
             Self::Simulated => f.write_str("memory"),
             Self::Tcp(address) => write!(f, "tcp:{address}"),
             Self::Serial { path, .. } => write!(f, "serial:{path}"),
+            Self::Gpiochip { path, .. } => write!(f, "gpiochip:{path}"),
         }
     }
 }
@@ -75,7 +97,14 @@ mod tests {
             "serial:/dev/ttyUSB0@9600".parse(),
             Ok(Place::Serial {
                 path: "/dev/ttyUSB0".into(),
-                baud: 9600
+                baud: Some(9600)
+            })
+        );
+        assert_eq!(
+            "gpiochip:/dev/gpiochip0@8".parse(),
+            Ok(Place::Gpiochip {
+                path: "/dev/gpiochip0".into(),
+                first: Some(8)
             })
         );
         assert_eq!("simulated".parse(), Ok(Place::Simulated));
@@ -87,6 +116,10 @@ mod tests {
             "tcp:h:99999",
             "serial:",
             "serial:/dev/x@fast",
+            "serial:/dev/x@0",
+            "gpiochip:",
+            "gpiochip:/dev/gpiochip0@-1",
+            "usb:/dev/x",
         ] {
             assert!(text.parse::<Place>().is_err(), "{text}");
         }

@@ -3,7 +3,9 @@
 mod numbers;
 mod played;
 mod rig_plan;
+mod wired;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,7 +14,7 @@ use rig::MeterSettings;
 use sha2::{Digest, Sha256};
 use survey::{Amps, Limits, Plan, Protocol, Timing};
 
-use crate::config::{Config, RigKind, WiringKind};
+use crate::config::{Config, EnableName, RigKind};
 use crate::model::{Geometry, Model, chain, geometry, model};
 use crate::place::Place;
 use crate::problems::{Problem, Source};
@@ -55,9 +57,17 @@ pub(crate) struct RigPlan {
     pub limits: Limits,
     pub timing: Timing,
     pub meter: MeterSettings,
-    pub wiring: WiringKind,
+    /// What the slots must hold; none where a multiplexer board switches.
+    pub modules: BTreeMap<u32, keysight_34980a::Module>,
     pub instruments: Places,
     pub bench: Option<(bench::Profile, bench::Scene)>,
+}
+
+impl RigPlan {
+    /// Whether a multiplexer board switches, and the mainframe only measures.
+    pub(crate) fn has_board(&self) -> bool {
+        self.modules.is_empty()
+    }
 }
 
 /// Where the instruments are, and how long each may take to answer.
@@ -66,6 +76,8 @@ pub(crate) struct Places {
     pub source: (Place, Duration),
     pub switch: (Place, Duration),
     pub voltmeter: (Place, Duration),
+    /// Of a board on a gpiochip.
+    pub enable: EnableName,
 }
 
 /// The problems of one file, collected.

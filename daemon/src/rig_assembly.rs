@@ -11,7 +11,7 @@ use rig::{
 };
 use survey::{Frame, Plan, Wiring};
 
-use crate::config::WiringKind;
+use crate::multiplexer::Multiplexer;
 use crate::place::Place;
 use crate::prepare::RigPlan;
 
@@ -22,12 +22,11 @@ const TO_WAKE_UP: Duration = Duration::from_secs(2);
 
 type Source = Keithley6221<BoxStream>;
 type Mainframe = Keysight34980a<BoxStream>;
-type Board = GpioMux<BoxStream>;
 
 /// The rigs there are: one current source, one voltmeter, two kinds of switch.
 pub(crate) enum AnyRig {
     Mainframe(Rig<Source, Mainframe, Mainframe>),
-    Board(Rig<Source, Board, Mainframe>),
+    Board(Rig<Source, Multiplexer, Mainframe>),
 }
 
 /// One instrument as found.
@@ -135,7 +134,7 @@ pub(crate) async fn assemble(plan: &RigPlan, bench: &Bench) -> Result<Assembled,
         .zip(mainframe.cards())
         .filter_map(|(slot, card)| Some(format!("{slot}: {}", card.as_deref()?)))
         .collect();
-    let rig = if plan.wiring == WiringKind::GpioBoard {
+    let rig = if plan.has_board() {
         let board = connect_board(plan, bench).await?;
         instruments.push(found("switch", board.identity(), &places.switch.0));
         instruments.push(found(
@@ -151,6 +150,7 @@ pub(crate) async fn assemble(plan: &RigPlan, bench: &Bench) -> Result<Assembled,
     } else {
         mainframe
             .check_wiring(wiring)
+            .and_then(|()| mainframe.check_modules(&plan.modules))
             .map_err(AssemblyError::Wiring)?;
         instruments.push(found(
             "switch+voltmeter",
@@ -207,7 +207,7 @@ pub(crate) async fn make_safe_each(
         let mut relays = wiring.injecting_relays();
         relays.extend(wiring.measuring_relays());
         relays.extend(&wiring.bus);
-        let (opened, identity) = if plan.wiring == WiringKind::GpioBoard {
+        let (opened, identity) = if plan.has_board() {
             let mut board = connect_board(plan, bench).await?;
             (
                 board.open_verified(&relays).await,
@@ -269,8 +269,18 @@ async fn connect_mainframe(plan: &RigPlan, bench: &Bench) -> Result<Mainframe, A
         })
 }
 
-async fn connect_board(plan: &RigPlan, bench: &Bench) -> Result<Board, AssemblyError> {
+async fn connect_board(plan: &RigPlan, bench: &Bench) -> Result<Multiplexer, AssemblyError> {
     let (place, deadline) = &plan.instruments.switch;
+    let fault = |cause| AssemblyError::Instrument {
+        role: "switch",
+        place: place.clone(),
+        cause,
+    };
+    if let Place::Gpiochip { path, first } = place {
+        let electrodes = plan.plan.wiring.electrodes;
+        let enable = plan.instruments.enable;
+        return Multiplexer::on_gpiochip(path, *first, enable, electrodes).map_err(fault);
+    }
     let mut stream = open(
         "switch",
         place,
@@ -282,13 +292,8 @@ async fn connect_board(plan: &RigPlan, bench: &Bench) -> Result<Board, AssemblyE
         tracing::debug!(?banner, "multiplexer board");
     }
     let link = Link::new(stream, format!("multiplexer board ({place})"), *deadline);
-    GpioMux::connect(link)
-        .await
-        .map_err(|cause| AssemblyError::Instrument {
-            role: "switch",
-            place: place.clone(),
-            cause,
-        })
+    let board = GpioMux::connect(link).await.map_err(fault)?;
+    Ok(Multiplexer::Serial(board))
 }
 
 /// A stream to the place; `simulated` is the one to use where the place is in memory.
@@ -302,7 +307,14 @@ async fn open(
             return Ok(simulated.expect("a plan with a simulated place has a bench"));
         }
         Place::Tcp(address) => rig::connect_tcp(address, TO_CONNECT).await,
-        Place::Serial { path, baud } => rig::open_serial(path, *baud),
+        Place::Serial { path, baud } => {
+            rig::open_serial(path, baud.unwrap_or_else(|| Place::baud(role)))
+        }
+        // a gpiochip is no stream; the configuration allows it for a board only, which does not come here
+        Place::Gpiochip { path, .. } => Err(LinkError::Unreachable {
+            address: path.clone(),
+            cause: std::io::ErrorKind::Unsupported.into(),
+        }),
     };
     opened.map_err(|cause| AssemblyError::Unreachable {
         role,

@@ -103,13 +103,37 @@ fn each_bad_input_is_named_at_its_place() {
         ),
         (
             with("PROFILE", "gpio-board"),
-            "slot 1 is empty; use profile = \"pairs-34924a\"",
+            "slot 1 is empty, and relay 1036 joins electrodes 1 and 2 to the source; use profile = \"pairs-34924a\"",
         ),
         (
             with("PROFILE", "gpio-board"),
             "for its board set wiring.kind = \"gpio-board\"",
         ),
         (more("[wiring]\nslot = 2\n"), ":4:11: rig.profile: profile"),
+        (
+            more("[wiring]\nkind = \"matrix-34934a\"\n"),
+            "the 34924A in slot 1 has no channel 101: relay 1101 joins electrode 1 to the source",
+        ),
+        (
+            more("[wiring]\nkind = \"pairs-34922a\"\n"),
+            "slot 1 holds a 34924A, the wiring is made for a 34922A",
+        ),
+        (
+            more("[wiring]\nkind = \"fast-34925a\"\ninject_slot = 1\n"),
+            "slot 1 cannot hold both the measuring and the injecting module",
+        ),
+        (
+            more("[wiring]\ninject_slot = 2\n"),
+            "only wiring.kind = \"fast-34925a\" has one",
+        ),
+        (
+            more("[wiring]\nkind = \"file\"\n"),
+            "kind = \"file\" needs file = \"PATH\"",
+        ),
+        (
+            more("[wiring]\nkind = \"file\"\nfile = \"nowhere.toml\"\n"),
+            "nowhere.toml: cannot be read",
+        ),
         (
             more("[wiring]\nkind = \"gpio-board\"\n"),
             "wiring gpio-board needs the multiplexer board",

@@ -31,4 +31,4 @@ pub use pattern::{Measurement, Protocol, ProtocolError, half, sheffield, skip};
 pub use plan::{Counts, Limits, Plan, PlanError, Step, Timing, Transition};
 pub use ring::{Dipole, Electrode};
 pub use units::{Amps, Metres, Ohms, Volts};
-pub use wiring::{Relay, Sensing, Wiring, WiringError};
+pub use wiring::{OwnWiring, Relay, Sensing, Wiring, WiringError};

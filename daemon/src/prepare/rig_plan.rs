@@ -1,14 +1,15 @@
 //! From configuration to the plan of a frame, its limits, and where the instruments are.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
+use keysight_34980a::Module;
 use rig::MeterSettings;
-use survey::{
-    Amps, Limits, Plan, PlanError, Protocol, Relay, Sensing, Timing, Volts, Wiring, WiringError,
-};
+use survey::{Amps, Plan, PlanError, Protocol, Timing, Volts, WiringError};
 
+use super::wired::{self, Wired};
 use super::{Findings, Places, RigPlan, seconds};
-use crate::config::{Config, RigKind, WiringKind};
+use crate::config::{Config, EnableName, RigKind, WiringKind};
 use crate::model::chain;
 use crate::place::Place;
 
@@ -20,20 +21,13 @@ pub(super) fn rig_plan(
 ) -> Option<RigPlan> {
     let survey = &config.survey;
     let electrodes = config.wiring.electrodes.unwrap_or(protocol.electrodes());
-    let slot = config.wiring.slot;
-    let wiring = match config.wiring.kind {
-        WiringKind::Pairs34924a => Wiring::pairs_34924a(slot, electrodes),
-        WiringKind::Matrix34932a => Wiring::matrix_34932a(slot, electrodes),
-        WiringKind::GpioBoard => Wiring::gpio_board(electrodes),
-    };
-    let wiring = findings.taken("wiring", wiring.map_err(|cause| chain(&cause)));
+    let wired = wired::wired(config, electrodes, findings);
     let places = places(config, findings);
     let bench = match config.rig.kind {
         RigKind::Simulated | RigKind::Mixed => {
             let simulated = simulated(config, findings);
-            if let (Some((profile, _)), Some(wiring), Some(places)) = (&simulated, &wiring, &places)
-            {
-                fits(config, profile, wiring, places, findings);
+            if let (Some((profile, _)), Some(wired), Some(places)) = (&simulated, &wired, &places) {
+                fits(config, profile, wired, places, findings);
             }
             Some(simulated)
         }
@@ -52,9 +46,10 @@ pub(super) fn rig_plan(
             None
         }
     };
+    let wired = wired?;
     let plan = Plan::new(
         protocol,
-        &wiring?,
+        &wired.wiring,
         Amps(survey.current_ua * 1e-6),
         Volts(survey.compliance_v),
         seconds(survey.settle_ms * 1e-3),
@@ -77,17 +72,7 @@ pub(super) fn rig_plan(
             return None;
         }
     };
-    let (limits, timing) = match config.wiring.kind {
-        WiringKind::Pairs34924a => (Limits::REED, Timing::reed(survey.nplc, survey.line_hz)),
-        WiringKind::Matrix34932a => (
-            Limits::ARMATURE,
-            Timing::armature(survey.nplc, survey.line_hz),
-        ),
-        WiringKind::GpioBoard => (
-            Limits::GPIO_BOARD_5V,
-            Timing::gpio_board(survey.nplc, survey.line_hz),
-        ),
-    };
+    let (limits, timing) = (wired.limits, wired.timing(survey.nplc, survey.line_hz));
     let timing = Timing {
         autozero: survey.autozero,
         ..timing
@@ -120,7 +105,7 @@ pub(super) fn rig_plan(
             nplc: survey.nplc,
             autozero: survey.autozero,
         },
-        wiring: config.wiring.kind,
+        modules: wired.modules,
         instruments: places?,
         bench,
     })
@@ -145,24 +130,18 @@ fn simulated(
 }
 
 fn profile_name(config: &Config) -> &str {
-    let own = wiring_name(config.wiring.kind);
+    let own = match config.wiring.kind {
+        WiringKind::File => "pairs-34924a",
+        kind => wired::name(kind),
+    };
     config.rig.profile.as_deref().unwrap_or(own)
-}
-
-/// The word for it in a configuration, which is also the name of the shipped profile that goes with it.
-fn wiring_name(kind: WiringKind) -> &'static str {
-    match kind {
-        WiringKind::Pairs34924a => "pairs-34924a",
-        WiringKind::Matrix34932a => "matrix-34932a",
-        WiringKind::GpioBoard => "gpio-board",
-    }
 }
 
 /// Whether the simulated instruments have what the wiring switches; what a real one has is asked when it is connected.
 fn fits(
     config: &Config,
     profile: &bench::Profile,
-    wiring: &Wiring,
+    wired: &Wired,
     places: &Places,
     findings: &mut Findings<'_>,
 ) {
@@ -174,7 +153,7 @@ fn fits(
     } else {
         "wiring"
     };
-    let (name, own) = (profile_name(config), wiring_name(config.wiring.kind));
+    let (name, own) = (profile_name(config), wired::name(config.wiring.kind));
     if config.wiring.kind == WiringKind::GpioBoard {
         if profile.board.is_none() {
             findings.add(
@@ -187,46 +166,39 @@ fn fits(
         }
         return;
     }
-    let measuring = wiring.measuring_relays();
-    let scanned = wiring.sensing == Sensing::Scan;
-    let needed = wiring.injecting_relays().into_iter();
-    let needed = needed.chain(wiring.bus.iter().copied());
-    let lacking = needed
-        .map(|relay| (relay, false))
-        .chain(measuring.into_iter().map(|relay| (relay, scanned)))
-        .find_map(|(relay, scanned)| lacking(profile, relay, scanned));
-    if let Some(lacking) = lacking {
+    let modules: BTreeMap<u32, Module> = (1..)
+        .zip(profile.slots)
+        .filter_map(|(slot, module)| Some((slot, module?)))
+        .collect();
+    let other = || {
+        let (slot, planned) = wired
+            .modules
+            .iter()
+            .find(|(slot, planned)| modules.get(slot) != Some(planned))?;
+        let found = modules.get(slot)?;
+        Some(format!(
+            "slot {slot} holds a {found}, the wiring is made for a {planned}"
+        ))
+    };
+    if let Some(lacking) = wired.lacking(&modules).or_else(other) {
         let board = match profile.board {
             Some(_) => "; for its board set wiring.kind = \"gpio-board\"",
             None => "",
         };
+        let advice = match config.wiring.kind {
+            WiringKind::File => "name a profile with the modules of the wiring file".to_owned(),
+            _ => format!(
+                "use profile = \"{own}\" (its module is in slot 1), or a wiring and slot that the profile has{board}"
+            ),
+        };
         findings.add(
             key,
             format!(
-                "profile {name} does not fit wiring {own} in slot {}: {lacking}; use profile = \"{own}\" (its module is \
-                 in slot 1), or a wiring and slot that the profile has{board}",
+                "profile {name} does not fit wiring {own} in slot {}: {lacking}; {advice}",
                 config.wiring.slot
             ),
         );
     }
-}
-
-/// Why a relay cannot do its part on these modules; `None` where it can. The driver asks the same of real ones.
-fn lacking(profile: &bench::Profile, relay: Relay, scanned: bool) -> Option<String> {
-    let Some((slot, channel)) = keysight_34980a::split(relay) else {
-        return Some(format!("no slot has relay {relay}"));
-    };
-    // `split` yields slots 1 to 8
-    let Some(module) = profile.slots[slot as usize - 1] else {
-        return Some(format!("slot {slot} is empty"));
-    };
-    if module.contact(channel).is_none() {
-        return Some(format!(
-            "the {module} in slot {slot} has no channel {channel}"
-        ));
-    }
-    (scanned && !module.scannable(channel))
-        .then(|| format!("channel {channel} of the {module} in slot {slot} cannot be scanned"))
 }
 
 /// Longest time an instrument may need for one answer where the configuration says nothing: a scan of 26 channels at
@@ -263,6 +235,7 @@ fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
             source: memory.clone(),
             switch: memory.clone(),
             voltmeter: memory,
+            enable: EnableName::Low,
         });
     }
     let mut read = sections.into_iter().map(|(name, section)| {
@@ -282,6 +255,15 @@ fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
                 );
                 None
             }
+            Ok(Place::Gpiochip { .. })
+                if name != "switch" || config.wiring.kind != WiringKind::GpioBoard =>
+            {
+                findings.add(
+                    &format!("{name}.address"),
+                    "only the [switch] of wiring.kind = \"gpio-board\" hangs on a gpiochip",
+                );
+                None
+            }
             Ok(place) => Some((place, deadline(config, section.deadline_ms))),
             Err(refusal) => {
                 findings.add(&format!("{name}.address"), refusal.to_string());
@@ -294,6 +276,7 @@ fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
         source: source?,
         switch: switch?,
         voltmeter: voltmeter?,
+        enable: enable(config, findings),
     };
     if config.wiring.kind != WiringKind::GpioBoard && places.switch.0 != places.voltmeter.0 {
         findings.add(
@@ -303,4 +286,29 @@ fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
         return None;
     }
     Some(places)
+}
+
+/// The level that enables a chip of a board on a gpiochip: low, unless said.
+fn enable(config: &Config, findings: &mut Findings<'_>) -> EnableName {
+    let sections = [
+        ("source", &config.source),
+        ("switch", &config.switch),
+        ("voltmeter", &config.voltmeter),
+    ];
+    let mut enable = EnableName::Low;
+    for (name, section) in sections {
+        let Some(section) = section else { continue };
+        let Some(given) = section.enable else {
+            continue;
+        };
+        if section.address.starts_with("gpiochip:") {
+            enable = given;
+        } else {
+            findings.add(
+                &format!("{name}.enable"),
+                "only a board on a gpiochip has one; delete this key",
+            );
+        }
+    }
+    enable
 }

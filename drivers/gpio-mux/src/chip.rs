@@ -12,7 +12,7 @@ use crate::lines::{LINES, Levels, Line};
 pub struct GpioFault {
     /// Which chip.
     pub chip: String,
-    /// `set` or `read`.
+    /// `taken`, `set` or `read`.
     pub attempt: &'static str,
     /// Why.
     pub reason: String,

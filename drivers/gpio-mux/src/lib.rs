@@ -2,7 +2,7 @@
 //!
 //! Here live its line protocol in both directions, the driver that plays [`rig::Switch`] over it, and a simulator that
 //! keeps every edge of the board's lines. A board whose lines hang on a gpiochip of this machine is driven over a seam to
-//! that chip, with a chip in memory behind it for tests. Refused at this door: two electrodes on one pole, one electrode on both
+//! that chip, with the kernel's character device or a chip in memory behind it. Refused at this door: two electrodes on one pole, one electrode on both
 //! current poles, and every relay number that is not pole x 100 + electrode.
 //!
 //! - **pole**: one of I+, I-, V+, V-; **state**: the electrode on each of them
@@ -26,6 +26,8 @@
 //! ```
 
 mod board;
+#[cfg(target_os = "linux")]
+mod character_device;
 mod chip;
 mod command;
 mod driver;
@@ -33,6 +35,8 @@ mod lines;
 mod simulator;
 
 pub use board::GpioBoard;
+#[cfg(target_os = "linux")]
+pub use character_device::{CharacterDevice, EnableLevel};
 pub use chip::{GpioChip, GpioFault, LineEdge, MemoryChip};
 pub use command::{Command, NotAState, Pair, Pole, Refusal, Reply, State, error_entry, refusal};
 pub use driver::{GpioMux, Options, await_banner};

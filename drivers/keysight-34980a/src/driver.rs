@@ -6,7 +6,7 @@
 
 mod unit;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -117,15 +117,64 @@ impl<S: Stream> Keysight34980a<S> {
     /// Whether every relay of a wiring is there, and can be scanned if it is to be.
     ///
     /// # Errors
-    /// [`RigError::WrongModule`] for a slot without a module that is known, [`RigError::Unable`] for a channel that
-    /// the module does not have or cannot scan.
+    /// The first relay that cannot do its part, naming slot, module found, channel and electrodes:
+    /// [`RigError::WrongModule`] for a slot without a module that is known or that lacks the channel,
+    /// [`RigError::Unable`] for one that cannot be scanned.
     pub fn check_wiring(&self, wiring: &Wiring) -> Result<(), RigError> {
-        self.check_exist(&wiring.injecting_relays())?;
-        self.check_exist(&wiring.bus)?;
         let measuring = wiring.measuring_relays();
+        let moved = wiring.injecting_relays().into_iter();
+        for relay in moved
+            .chain(wiring.bus.iter().copied())
+            .chain(measuring.iter().copied())
+        {
+            self.check_part(relay, &wiring.purpose(relay))?;
+        }
         match wiring.sensing {
             survey::Sensing::Scan => self.check_scan(&measuring),
-            survey::Sensing::Single => self.check_exist(&measuring),
+            survey::Sensing::Single => Ok(()),
+        }
+    }
+
+    /// Whether the slots hold the modules that a wiring was planned for: times, limits and noise follow from them.
+    ///
+    /// # Errors
+    /// [`RigError::WrongModule`] for the first slot that holds another one, or none.
+    pub fn check_modules(&self, planned: &BTreeMap<u32, Module>) -> Result<(), RigError> {
+        for (slot, module) in planned {
+            let index = (*slot as usize).wrapping_sub(1);
+            let found = self.about.modules.get(index).copied().flatten();
+            if found != Some(*module) {
+                return Err(self.wrong_module(*slot, format!("a {module}")));
+            }
+        }
+        Ok(())
+    }
+
+    fn wrong_module(&self, slot: u32, expected: String) -> RigError {
+        let index = (slot as usize).wrapping_sub(1);
+        let card = self.about.cards.get(index).cloned().flatten();
+        RigError::WrongModule {
+            instrument: self.about.instrument.clone(),
+            slot,
+            found: card.map_or_else(|| "no module".to_owned(), |card| format!("a {card}")),
+            expected,
+        }
+    }
+
+    fn check_part(&self, relay: Relay, purpose: &str) -> Result<(), RigError> {
+        let Some((slot, channel)) = split(relay) else {
+            return Err(self.unable(format!(
+                "reach relay {relay}, which {purpose}: numbers are slot x 1000 + channel, slots 1 to 8"
+            )));
+        };
+        // `split` yields slots 1 to 8.
+        let module = self.about.modules[slot as usize - 1];
+        match module.is_some_and(|module| module.contact(channel).is_some()) {
+            true => Ok(()),
+            false => Err(self.wrong_module(
+                slot,
+                format!("a module with channel {channel}: relay {relay} {purpose}"),
+            )),
         }
     }
 

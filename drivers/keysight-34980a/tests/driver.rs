@@ -353,7 +353,8 @@ async fn quoted_and_unknown_cards_are_read() {
         .unwrap_err();
     assert_eq!(
         fault.to_string(),
-        "34980A in a test: slot 2 holds 34952A, the wiring needs a module with channel 36"
+        "34980A in a test: slot 2 holds a 34952A, the wiring needs a module with channel 36: relay 2036 joins electrodes 1 \
+         and 2 to the source"
     );
 }
 
@@ -371,6 +372,15 @@ async fn a_wiring_is_checked_against_the_modules_before_anything_moves() {
         Wiring::gpio_board(26).unwrap(),
     ] {
         assert!(unit.check_wiring(&wiring).is_err(), "{}", wiring.name);
+    }
+    let planned = |slot: u32, module: &str| [(slot, module.parse().unwrap())].into();
+    unit.check_modules(&planned(2, "34932A")).unwrap();
+    for (slot, module, found) in [(1, "34922A", "a 34924A"), (3, "34924A", "no module")] {
+        let fault = unit.check_modules(&planned(slot, module)).unwrap_err();
+        assert_eq!(
+            fault.to_string(),
+            format!("34980A in a test: slot {slot} holds {found}, the wiring needs a {module}")
+        );
     }
     assert!(unit.move_relays(&[close(&[1071])]).await.is_err());
     assert!(unit.prepare(METER, &relays([2101])).await.is_err());

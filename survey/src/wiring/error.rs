@@ -1,0 +1,113 @@
+//! What is wrong with a wiring.
+
+use super::Relay;
+use crate::Dipole;
+
+/// Why a wiring cannot be used.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum WiringError {
+    /// One relay would join a pair to the source and a pair to the voltmeter at once.
+    #[error(
+        "wiring '{wiring}': relay {relay} joins pair {inject} to the source and pair {measure} to the voltmeter; one relay cannot do both, it would short the source over the voltmeter"
+    )]
+    Shared {
+        /// The wiring's name.
+        wiring: String,
+        /// The relay named twice.
+        relay: Relay,
+        /// Its injecting pair.
+        inject: Dipole,
+        /// Its measuring pair.
+        measure: Dipole,
+    },
+    /// Two different pairs are told to use the very same relays.
+    #[error(
+        "wiring '{wiring}': pairs {first} and {second} are both given relays {relays}; closing one would close the other and short the source"
+    )]
+    Shorted {
+        /// The wiring's name.
+        wiring: String,
+        /// First pair.
+        first: Dipole,
+        /// Second pair.
+        second: Dipole,
+        /// The relays, joined by commas.
+        relays: String,
+    },
+    /// A pair joins an electrode to itself.
+    #[error("wiring '{wiring}': pair {pair} would short the source")]
+    SameElectrode {
+        /// The wiring's name.
+        wiring: String,
+        /// The pair.
+        pair: Dipole,
+    },
+    /// A pair has no relay.
+    #[error("wiring '{wiring}': pair {pair} has no relay")]
+    NoRelay {
+        /// The wiring's name.
+        wiring: String,
+        /// The pair.
+        pair: Dipole,
+    },
+    /// The wiring is made for another ring.
+    #[error("wiring '{wiring}' is for {wired} electrodes, the protocol asks for {asked}")]
+    Electrodes {
+        /// The wiring's name.
+        wiring: String,
+        /// What the wiring has.
+        wired: usize,
+        /// What the protocol has.
+        asked: usize,
+    },
+    /// The module has too few channels.
+    #[error("wiring '{wiring}': {electrodes} electrodes do not fit, it holds {most}")]
+    TooMany {
+        /// The wiring's name.
+        wiring: String,
+        /// What was asked.
+        electrodes: usize,
+        /// What fits.
+        most: usize,
+    },
+    /// A slot outside the mainframe.
+    #[error("wiring '{wiring}': slot {slot} does not exist, slots are 1 to 8")]
+    Slot {
+        /// The wiring's name.
+        wiring: String,
+        /// What was asked.
+        slot: u32,
+    },
+    /// Two modules are said to be in one slot.
+    #[error(
+        "wiring '{wiring}': slot {slot} cannot hold both the measuring and the injecting module"
+    )]
+    OneSlot {
+        /// The wiring's name.
+        wiring: String,
+        /// The slot.
+        slot: u32,
+    },
+    /// As many pairs must be measured as injected.
+    #[error(
+        "wiring '{wiring}' has {inject} injecting and {measure} measuring pairs; every pair needs both"
+    )]
+    Uneven {
+        /// The wiring's name.
+        wiring: String,
+        /// Injecting pairs.
+        inject: usize,
+        /// Measuring pairs.
+        measure: usize,
+    },
+    /// The protocol asks for a pair that no relay serves.
+    #[error("wiring '{wiring}' cannot join pair {pair} to the {to}")]
+    Unserved {
+        /// The wiring's name.
+        wiring: String,
+        /// The pair asked for.
+        pair: Dipole,
+        /// `source` or `voltmeter`.
+        to: &'static str,
+    },
+}
