@@ -11,10 +11,11 @@ use std::sync::Arc;
 use std::task::Poll;
 use std::time::Duration;
 
-use survey::{Amps, Electrode, Frame, Plan, Reading, Relay, Sensing, Settings, Step};
+use survey::{Amps, Electrode, Frame, Plan, Reading, Relay, Settings, Step};
 use tokio::sync::watch;
 use tokio::time::Instant;
 
+use crate::prepare::apply;
 use crate::safe::{CleanupError, every_relay, make_safe};
 use crate::seams::Instruments;
 use crate::{Clock, CurrentSource, MeterSettings, Move, Rig, RigError, Stop, Switch, Voltmeter};
@@ -285,7 +286,9 @@ impl Run<'_> {
         if self.is_over() {
             return Err(Cut::Stop(1));
         }
-        self.prepare(rig).await.map_err(Cut::Prepare)?;
+        apply(rig, self.plan, self.meter)
+            .await
+            .map_err(Cut::Prepare)?;
         let plan = self.plan;
         for (index, step) in plan.steps.iter().enumerate() {
             if self.is_over() {
@@ -300,23 +303,6 @@ impl Run<'_> {
 
     fn is_over(&self) -> bool {
         self.stop.is_asked() || self.caller.has_changed().is_err()
-    }
-
-    async fn prepare<C, W, V>(&mut self, rig: &mut Instruments<C, W, V>) -> Result<(), RigError>
-    where
-        C: CurrentSource,
-        V: Voltmeter,
-    {
-        rig.source
-            .prepare(self.plan.current, self.plan.compliance)
-            .await?;
-        // What an earlier frame latched is not this one's.
-        rig.source.in_compliance().await?;
-        let scan = match self.plan.wiring.sensing {
-            Sensing::Scan => self.plan.wiring.measuring_relays(),
-            Sensing::Single => Vec::new(),
-        };
-        rig.voltmeter.prepare(self.meter, &scan).await
     }
 
     async fn step<C, W, V>(

@@ -8,7 +8,8 @@
 //!   or the peer has proved that it answers the question asked
 //! - **rig**: source, switch and voltmeter, held by one user at a time
 //! - **acquire**: a plan in, a frame out; **safe off**: source off and relays open, each verified
-//! - **transcript**: everything said over the wires, line by line
+//! - **transcript**: everything said over the wires, line by line; **tape**: the last of it, kept in memory, a **reel**
+//!   a frame
 //!
 //! ```
 //! # #[tokio::main(flavor = "current_thread")] async fn main() -> Result<(), rig::LinkError> {
@@ -32,9 +33,11 @@ mod clock;
 mod connect;
 mod fault;
 mod link;
+mod prepare;
 mod safe;
 mod seams;
 mod stop;
+mod tape;
 pub mod transcript;
 
 pub use acquire::{AcquireError, acquire, settings};
@@ -42,6 +45,8 @@ pub use clock::{Clock, SystemClock};
 pub use connect::{connect_tcp, open_serial};
 pub use fault::RigError;
 pub use link::{BoxStream, Link, LinkError, Stream};
+pub use prepare::prepare;
 pub use safe::{CleanupError, FoundRelay, StartError, check_at_start, safe_off};
 pub use seams::{CurrentSource, Instruments, MeterSettings, Move, Rig, Switch, Voltmeter};
 pub use stop::{Stop, StopButton};
+pub use tape::{Reel, Tape};

@@ -12,6 +12,9 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadBuf};
 use tokio::time::Instant;
 
+use crate::Tape;
+use crate::transcript::Said;
+
 /// Longest reply unless [`Link::with_longest_reply`] says otherwise, bytes: 2,600 readings with all their fields.
 const LONGEST_REPLY: usize = 256 * 1024;
 
@@ -141,6 +144,7 @@ pub struct Link<S> {
     nonces: Vec<u8>,
     /// What the register held before them, once known.
     enable: Option<u8>,
+    tape: Option<Tape>,
 }
 
 impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
@@ -157,7 +161,15 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
             nonce: 0,
             nonces: Vec::new(),
             enable: None,
+            tape: None,
         }
+    }
+
+    /// Writes everything that is said down on a tape.
+    #[must_use]
+    pub fn with_tape(mut self, tape: Tape) -> Self {
+        self.tape = Some(tape);
+        self
     }
 
     /// Bounds replies to this many bytes, line end included.
@@ -327,6 +339,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         deadline: Duration,
         until: Instant,
     ) -> Result<(), LinkError> {
+        self.note(|| Said::Sent(message.to_owned()));
         let mut segment = Vec::with_capacity(message.len() + 1);
         segment.extend_from_slice(message.as_bytes());
         segment.push(b'\n');
@@ -355,6 +368,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
                 if line.last() == Some(&b'\r') {
                     line.pop();
                 }
+                self.note(|| Said::Received(String::from_utf8_lossy(&line).into_owned()));
                 return String::from_utf8(line).map_err(|_| LinkError::NotText {
                     instrument: self.instrument.clone(),
                     message: shorten(message),
@@ -447,13 +461,24 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
     fn unsolicited(&mut self) -> LinkError {
         let text = String::from_utf8_lossy(&self.received).trim().to_owned();
         self.received.clear();
+        self.note(|| Said::Note(format!("unasked: {text}")));
         LinkError::Unsolicited {
             instrument: self.instrument.clone(),
             text: shorten(&text),
         }
     }
 
+    fn note(&self, said: impl FnOnce() -> Said) {
+        if let Some(tape) = &self.tape {
+            tape.write(&self.instrument, said());
+        }
+    }
+
     fn lost(&self, message: &str, cause: Option<std::io::Error>) -> LinkError {
+        self.note(|| match &cause {
+            Some(cause) => Said::Note(format!("the connection was lost: {cause}")),
+            None => Said::Note("the connection was closed by the instrument".to_owned()),
+        });
         LinkError::Lost {
             instrument: self.instrument.clone(),
             message: shorten(message),
@@ -462,6 +487,13 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
     }
 
     fn timed_out(&self, message: &str, deadline: Duration) -> LinkError {
+        self.note(|| {
+            let half = String::from_utf8_lossy(&self.received);
+            Said::Note(match half.as_ref() {
+                "" => format!("no answer within {deadline:?}"),
+                half => format!("no end of the line within {deadline:?}: {half}"),
+            })
+        });
         LinkError::Timeout {
             instrument: self.instrument.clone(),
             message: shorten(message),
