@@ -13,131 +13,29 @@
 //! residuals of the refinement are sums of small currents, not differences of large ones. One mesh node away from the
 //! electrodes is grounded. Everything runs in a fixed order on one thread.
 
+mod error;
 mod layout;
+mod scratch;
 mod solution;
 mod system;
 mod workspace;
 
 use std::borrow::Cow;
-use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use nalgebra::{DMatrix, DVector};
 use survey::{Dipole, Electrode, Protocol};
 
 use crate::Mesh;
-use crate::sparse::{Pattern, Row, SparseError, WIDTH};
-use layout::{Contact, Edge, NONE, PAIRS, contact, grounds, number, resistors};
+use crate::sparse::{Analysis, Network};
+pub use error::ForwardError;
+use layout::{Contact, Layout, Plain, Special};
+use scratch::Scratch;
 pub(crate) use solution::Solution;
-use system::System;
 pub use workspace::Workspace;
 
 /// A triangle without conductance keeps this share of the largest: it changes voltages by about 1e-9.
 pub const FLOOR: f64 = 1e-8;
-
-/// A correction below this share of the solution ends the refinement.
-const REFINED: f64 = 1e-11;
-
-/// Corrections before giving up.
-const MOST_CORRECTIONS: usize = 12;
-
-/// Why there is no forward solution.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum ForwardError {
-    /// Fewer than two electrodes.
-    #[error("the mesh has {electrodes} electrodes; a current needs two")]
-    Electrodes {
-        /// What the mesh has.
-        electrodes: usize,
-    },
-    /// Wrong number of contact impedances.
-    #[error("{has} contact impedances are given for {wants} electrodes")]
-    ContactCount {
-        /// What was given.
-        has: usize,
-        /// What the mesh has.
-        wants: usize,
-    },
-    /// A contact impedance that is negative or not a number.
-    #[error(
-        "electrode {electrode}: contact impedance {value} ohm m must be zero or more, and finite"
-    )]
-    Contact {
-        /// The electrode.
-        electrode: Electrode,
-        /// What was given.
-        value: f64,
-    },
-    /// Wrong number of conductances.
-    #[error("{has} conductances are given for {wants} elements")]
-    SigmaCount {
-        /// What was given.
-        has: usize,
-        /// What the mesh has.
-        wants: usize,
-    },
-    /// A conductance that is negative or not a number.
-    #[error("element {element}: conductance {value} S must be zero or more, and finite")]
-    Sigma {
-        /// The element, from 0.
-        element: usize,
-        /// What was given.
-        value: f64,
-    },
-    /// All conductances are zero.
-    #[error("no element conducts")]
-    NoConductance,
-    /// The protocol is for another ring.
-    #[error("the protocol asks for {protocol} electrodes, the mesh has {mesh}")]
-    Ring {
-        /// What the protocol has.
-        protocol: usize,
-        /// What the mesh has.
-        mesh: usize,
-    },
-    /// A drive names an electrode that does not exist, or one twice.
-    #[error("drive {drive} does not name two of the {electrodes} electrodes")]
-    Drive {
-        /// The drive.
-        drive: Dipole,
-        /// What the mesh has.
-        electrodes: usize,
-    },
-    /// The currents of a pattern do not sum to zero.
-    #[error(
-        "the currents of pattern {pattern} sum to {sum:e} A; what enters the sheet must leave it"
-    )]
-    CurrentSum {
-        /// Column of the currents, from 0.
-        pattern: usize,
-        /// Their sum, A.
-        sum: f64,
-    },
-    /// Too large for the machine.
-    #[error("not enough memory for {unknowns} unknowns")]
-    Memory {
-        /// Size of the system.
-        unknowns: usize,
-    },
-    /// The factorisation broke down.
-    #[error(
-        "the system cannot be factored: conductances from {smallest:e} to {largest:e} S are too far apart"
-    )]
-    NotDefinite {
-        /// Smallest conductance, S.
-        smallest: f64,
-        /// Largest conductance, S.
-        largest: f64,
-    },
-    /// The refinement did not settle.
-    #[error(
-        "the solution is only known to {achieved:e} of its largest value; conductances are too far apart"
-    )]
-    NotAccurate {
-        /// Last correction relative to the solution.
-        achieved: f64,
-    },
-}
 
 /// Conductances that the model accepts.
 #[derive(Debug, Clone, PartialEq)]
@@ -176,16 +74,21 @@ pub struct Fields {
 pub struct Forward {
     mesh: Arc<Mesh>,
     contact: Vec<f64>,
-    edges: Vec<Edge>,
+    /// Mesh edges without an electrode at either end, in the order of elimination, then the others.
+    edges: Vec<Plain>,
+    special: Vec<Special>,
+    network: Network,
     electrodes: Vec<Contact>,
     /// Electrode of each node, if any.
     on: Vec<Option<usize>>,
     /// Unknown of each node, then of each electrode.
     unknown: Vec<usize>,
-    pattern: Pattern,
+    analysis: Analysis,
     grounds: Vec<usize>,
-    /// Triangles at each node, as ranges of one list.
+    /// Triangles at each node.
     around: Vec<Vec<usize>>,
+    /// Room that the last solutions left; it never holds a result.
+    room: Mutex<Vec<Scratch>>,
 }
 
 impl std::fmt::Debug for Forward {
@@ -209,74 +112,29 @@ impl Forward {
             return Err(ForwardError::Electrodes { electrodes: count });
         }
         check_contacts(contact_ohm_m, count)?;
-        let nodes = mesh.nodes().len();
-        let mut on = vec![None; nodes];
-        for (electrode, edges) in mesh.electrode_edges().iter().enumerate() {
-            edges
-                .iter()
-                .flatten()
-                .for_each(|&node| on[node] = Some(electrode));
-        }
-        let mut around = vec![Vec::new(); nodes];
-        for (t, triangle) in mesh.triangles().iter().enumerate() {
-            triangle.iter().for_each(|&node| around[node].push(t));
-        }
-        let mut edges = resistors(&mesh);
-        let mut electrodes: Vec<Contact> = (0..count)
-            .map(|electrode| contact(&mesh, electrode, &around))
-            .collect();
-        let unknown = number(&mesh, &edges, &electrodes);
-        let slots = |edge: &Edge| {
-            let [a, b] = edge.ends;
-            let of = |node: usize| on[node].map_or(NONE, |e: usize| unknown[nodes + e]);
-            [unknown[a], of(a), unknown[b], of(b)]
-        };
-        let pairs = edges.iter().flat_map(|edge| {
-            let slots = slots(edge);
-            PAIRS
-                .map(|[i, j]| [slots[i], slots[j]])
-                .into_iter()
-                .filter(|[a, b]| *a != NONE && *b != NONE)
-        });
-        let cliques = electrodes.iter().flat_map(|contact| {
-            let nodes = &contact.nodes;
-            (0..nodes.len())
-                .flat_map(move |i| (i..nodes.len()).map(move |j| [nodes[i], nodes[j]]))
-                .map(|[a, b]| [unknown[a], unknown[b]])
-        });
-        let size = nodes + count;
-        let pattern = Pattern::new(size, pairs.chain(cliques))
-            .map_err(|_| ForwardError::Memory { unknowns: size })?;
-        let entry = |a: usize, b: usize| {
-            if a == NONE || b == NONE {
-                NONE
-            } else {
-                pattern
-                    .entry(a, b)
-                    .expect("every pair of an edge's unknowns was put into the pattern")
-            }
-        };
-        for edge in &mut edges {
-            let slots = slots(edge);
-            edge.at = PAIRS.map(|[i, j]| entry(slots[i], slots[j]));
-        }
-        for contact in &mut electrodes {
-            let nodes = &contact.nodes;
-            contact.at = (0..nodes.len())
-                .flat_map(|i| (i..nodes.len()).map(move |j| (i, j)))
-                .map(|(i, j)| entry(unknown[nodes[i]], unknown[nodes[j]]))
-                .collect();
-        }
-        let grounds = grounds(&mesh, &on);
-        Ok(Self {
-            contact: contact_ohm_m.to_vec(),
+        let Layout {
             edges,
+            special,
+            network,
             electrodes,
             on,
             unknown,
-            pattern,
+            analysis,
             grounds,
             around,
+        } = Layout::new(&mesh)?;
+        Ok(Self {
+            contact: contact_ohm_m.to_vec(),
+            edges,
+            special,
+            network,
+            electrodes,
+            on,
+            unknown,
+            analysis,
+            grounds,
+            around,
+            room: Mutex::new(Vec::new()),
             mesh,
         })
     }
@@ -383,7 +241,7 @@ impl Forward {
         }))
     }
 
-    /// The readings of a protocol at 1 A, V.
+    /// The readings of a protocol at 1 A, V. See [`Forward::workspace`] for many conductances.
     ///
     /// # Errors
     /// Conductances that are refused, or a protocol for another ring.
@@ -393,19 +251,10 @@ impl Forward {
         protocol: &Protocol,
     ) -> Result<DVector<f64>, ForwardError> {
         self.check_ring(protocol)?;
-        let drives = protocol.drives();
-        let solution = self.solution(sigma, &drives)?;
-        let column: BTreeMap<Dipole, usize> = drives
-            .iter()
-            .enumerate()
-            .map(|(k, drive)| (*drive, k))
-            .collect();
-        Ok(DVector::from_iterator(
-            protocol.len(),
-            protocol.measurements().iter().map(|question| {
-                self.voltage_between(&solution, question.sense, column[&question.drive])
-            }),
-        ))
+        self.borrow_room(|scratch| {
+            let ring = scratch.ring(self, sigma, None, true)?;
+            Ok(ring.readings(self, protocol))
+        })
     }
 
     pub(crate) fn check_ring(&self, protocol: &Protocol) -> Result<(), ForwardError> {
@@ -458,67 +307,27 @@ impl Forward {
                 return Err(ForwardError::CurrentSum { pattern, sum });
             }
         }
-        let Admitted { sigma, floored } = self.admit(sigma)?;
-        let system = System::new(self, &sigma);
-        let values = system.assemble();
-        let factor = self.pattern.factor(&values).map_err(|fault| match fault {
-            SparseError::Memory => ForwardError::Memory {
-                unknowns: self.unknown.len(),
-            },
-            SparseError::NotDefinite => ForwardError::NotDefinite {
-                smallest: sigma.iter().copied().fold(f64::INFINITY, f64::min),
-                largest: sigma.iter().copied().fold(0.0, f64::max),
-            },
-        })?;
-        let size = self.unknown.len();
-        let mut x = DMatrix::zeros(size, currents.ncols());
-        let mut block = vec![[0.0; WIDTH]; size];
-        let mut rest = vec![[0.0; WIDTH]; size];
-        for first in (0..currents.ncols()).step_by(WIDTH) {
-            let width = WIDTH.min(currents.ncols() - first);
-            system.right_side(&currents, first, width, &mut block);
-            factor.solve(&mut block);
-            let mut last = f64::INFINITY;
-            for _ in 0..MOST_CORRECTIONS {
-                system.right_side(&currents, first, width, &mut rest);
-                system.subtract_product(&block, &mut rest);
-                factor.solve(&mut rest);
-                let largest = |rows: &[Row]| {
-                    rows.iter().flatten().fold(0.0_f64, |most, x| {
-                        // max would drop a NaN
-                        if x.abs() <= most { most } else { x.abs() }
-                    })
-                };
-                let correction = largest(&rest) / largest(&block).max(f64::MIN_POSITIVE);
-                for (row, rest) in block.iter_mut().zip(&rest) {
-                    row.iter_mut().zip(rest).for_each(|(x, d)| *x += d);
-                }
-                if correction <= REFINED {
-                    last = correction;
-                    break;
-                }
-                if correction.is_nan() || correction >= 0.5 * last {
-                    return Err(ForwardError::NotAccurate {
-                        achieved: correction,
-                    });
-                }
-                last = correction;
-            }
-            if last > REFINED {
-                return Err(ForwardError::NotAccurate { achieved: last });
-            }
-            for (node, &unknown) in self.unknown.iter().enumerate() {
-                for column in 0..width {
-                    x[(node, first + column)] = block[unknown][column];
-                }
-            }
-        }
-        Ok(Solution {
-            x,
-            forms: system.forms,
-            currents,
-            floored,
-        })
+        self.borrow_room(|scratch| scratch.solution(self, sigma, currents))
+    }
+
+    /// Lends room that an earlier solution left, or new room.
+    fn borrow_room<T>(
+        &self,
+        work: impl FnOnce(&mut Scratch) -> Result<T, ForwardError>,
+    ) -> Result<T, ForwardError> {
+        let left = || {
+            self.room
+                .lock()
+                .unwrap_or_else(|broken| broken.into_inner())
+        };
+        let waiting = left().pop();
+        let mut scratch = match waiting {
+            Some(scratch) => scratch,
+            None => Scratch::new(self)?,
+        };
+        let result = work(&mut scratch);
+        left().push(scratch);
+        result
     }
 }
 

@@ -2,21 +2,157 @@
 
 use std::collections::BTreeMap;
 
+use super::ForwardError;
 use crate::Mesh;
-use crate::sparse::dissect;
+use crate::sparse::{Analysis, Network, dissect};
 
-/// A mesh edge as a resistor of conductance Σ sigma\[t\] c over its triangles.
-pub(super) struct Edge {
+/// A mesh edge as a resistor of conductance Σ sigma\[t\] c over its triangles, away from electrodes.
+pub(super) struct Plain {
+    pub(super) triangles: [u32; 2],
+    pub(super) shares: [f64; 2],
+    /// Entries of its ends' diagonals and of the pair.
+    pub(super) at: [u32; 3],
+}
+
+/// The same with an electrode at one end or both.
+pub(super) struct Special {
+    pub(super) triangles: [u32; 2],
+    pub(super) shares: [f64; 2],
+    /// Nodes.
     pub(super) ends: [usize; 2],
-    pub(super) terms: [(usize, f64); 2],
-    /// Where its (up to) four unknowns meet: entries of the pattern for each pair of slots a, U(a), b, U(b).
+    /// Where its (up to) four unknowns meet: entries for each pair of slots a, U(a), b, U(b).
     pub(super) at: [usize; 10],
+}
+
+/// A mesh edge.
+struct Edge {
+    ends: [usize; 2],
+    terms: [(usize, f64); 2],
+}
+
+/// What is found once for a mesh.
+pub(super) struct Layout {
+    pub(super) edges: Vec<Plain>,
+    pub(super) special: Vec<Special>,
+    pub(super) network: Network,
+    pub(super) electrodes: Vec<Contact>,
+    pub(super) on: Vec<Option<usize>>,
+    pub(super) unknown: Vec<usize>,
+    pub(super) analysis: Analysis,
+    pub(super) grounds: Vec<usize>,
+    pub(super) around: Vec<Vec<usize>>,
+}
+
+impl Layout {
+    pub(super) fn new(mesh: &Mesh) -> Result<Self, ForwardError> {
+        let count = mesh.electrodes();
+        let nodes = mesh.nodes().len();
+        let mut on = vec![None; nodes];
+        for (electrode, edges) in mesh.electrode_edges().iter().enumerate() {
+            edges
+                .iter()
+                .flatten()
+                .for_each(|&node| on[node] = Some(electrode));
+        }
+        let mut around = vec![Vec::new(); nodes];
+        for (t, triangle) in mesh.triangles().iter().enumerate() {
+            triangle.iter().for_each(|&node| around[node].push(t));
+        }
+        let mut edges = resistors(mesh);
+        let mut electrodes: Vec<Contact> = (0..count)
+            .map(|electrode| contact(mesh, electrode, &around))
+            .collect();
+        let (unknown, parts) = number(mesh, &edges, &electrodes);
+        let slots = |edge: &Edge| {
+            let [a, b] = edge.ends;
+            let of = |node: usize| on[node].map_or(NONE, |e: usize| unknown[nodes + e]);
+            [unknown[a], of(a), unknown[b], of(b)]
+        };
+        let pairs = edges.iter().flat_map(|edge| {
+            let slots = slots(edge);
+            PAIRS
+                .map(|[i, j]| [slots[i], slots[j]])
+                .into_iter()
+                .filter(|[a, b]| *a != NONE && *b != NONE)
+        });
+        let cliques = electrodes.iter().flat_map(|contact| {
+            let nodes = &contact.nodes;
+            (0..nodes.len())
+                .flat_map(move |i| (i..nodes.len()).map(move |j| [nodes[i], nodes[j]]))
+                .map(|[a, b]| [unknown[a], unknown[b]])
+        });
+        let unknowns = nodes + count;
+        let analysis = Analysis::new(&parts, pairs.chain(cliques))
+            .map_err(|_| ForwardError::Memory { unknowns })?;
+        let entry = |a: usize, b: usize| {
+            if a == NONE || b == NONE {
+                NONE
+            } else {
+                analysis
+                    .entry(a, b)
+                    .expect("every pair of an edge's unknowns was put into the analysis")
+            }
+        };
+        for contact in &mut electrodes {
+            let nodes = &contact.nodes;
+            contact.at = (0..nodes.len())
+                .flat_map(|i| (i..nodes.len()).map(move |j| (i, j)))
+                .map(|(i, j)| entry(unknown[nodes[i]], unknown[nodes[j]]))
+                .collect();
+        }
+        let low = |edge: &Edge| {
+            let [a, b] = edge.ends.map(|node| unknown[node]);
+            [a.min(b), a.max(b)]
+        };
+        edges.sort_by_key(low);
+        let small =
+            |index: usize| u32::try_from(index).map_err(|_| ForwardError::Memory { unknowns });
+        let mut plain = Vec::new();
+        let mut special = Vec::new();
+        let mut ends = Vec::new();
+        for edge in edges {
+            let [(t, c), (s, d)] = edge.terms;
+            let (triangles, shares) = ([small(t)?, small(s)?], [c, d]);
+            let [a, b] = low(&edge);
+            if edge.ends.iter().all(|&node| on[node].is_none()) {
+                ends.push([small(a)?, small(b)?]);
+                plain.push(Plain {
+                    triangles,
+                    shares,
+                    at: [
+                        small(entry(a, a))?,
+                        small(entry(b, b))?,
+                        small(entry(a, b))?,
+                    ],
+                });
+            } else {
+                let slots = slots(&edge);
+                special.push(Special {
+                    triangles,
+                    shares,
+                    ends: edge.ends,
+                    at: PAIRS.map(|[i, j]| entry(slots[i], slots[j])),
+                });
+            }
+        }
+        Ok(Self {
+            edges: plain,
+            special,
+            network: Network::new(unknowns, &ends),
+            electrodes,
+            grounds: grounds(mesh, &on),
+            on,
+            unknown,
+            analysis,
+            around,
+        })
+    }
 }
 
 /// No such entry.
 pub(super) const NONE: usize = usize::MAX;
 
-/// The pairs of slots in the order of [`Edge::at`].
+/// The pairs of slots in the order of [`Special::at`].
 pub(super) const PAIRS: [[usize; 2]; 10] = [
     [0, 0],
     [2, 2],
@@ -71,7 +207,7 @@ impl Contact {
 
 /// K(σ)ᵢⱼ = Σ σ A ∇λᵢ·∇λⱼ as conductances -Kᵢⱼ along edges: -∇λᵢ·∇λⱼ A = eᵢ·eⱼ / 4A, both sides leaving the third
 /// corner.
-pub(super) fn resistors(mesh: &Mesh) -> Vec<Edge> {
+fn resistors(mesh: &Mesh) -> Vec<Edge> {
     let mut edges: BTreeMap<[usize; 2], Edge> = BTreeMap::new();
     for (t, triangle) in mesh.triangles().iter().enumerate() {
         let corners = mesh.corners(t);
@@ -87,14 +223,13 @@ pub(super) fn resistors(mesh: &Mesh) -> Vec<Edge> {
                 .or_insert(Edge {
                     ends,
                     terms: [(t, c), (t, 0.0)],
-                    at: [NONE; 10],
                 });
         }
     }
     edges.into_values().collect()
 }
 
-pub(super) fn contact(mesh: &Mesh, electrode: usize, around: &[Vec<usize>]) -> Contact {
+fn contact(mesh: &Mesh, electrode: usize, around: &[Vec<usize>]) -> Contact {
     let mut nodes: Vec<usize> = mesh.electrode_edges()[electrode]
         .iter()
         .flatten()
@@ -130,8 +265,9 @@ pub(super) fn contact(mesh: &Mesh, electrode: usize, around: &[Vec<usize>]) -> C
     }
 }
 
-/// Numbers the unknowns in the order of elimination: nodes by nested dissection, electrodes last.
-pub(super) fn number(mesh: &Mesh, edges: &[Edge], electrodes: &[Contact]) -> Vec<usize> {
+/// Numbers the unknowns in the order of elimination, nodes by nested dissection, electrodes last; and the lengths of the
+/// parts that are eliminated together.
+fn number(mesh: &Mesh, edges: &[Edge], electrodes: &[Contact]) -> (Vec<usize>, Vec<usize>) {
     let nodes = mesh.nodes().len();
     let mut neighbours = vec![Vec::new(); nodes];
     for edge in edges {
@@ -145,17 +281,19 @@ pub(super) fn number(mesh: &Mesh, edges: &[Edge], electrodes: &[Contact]) -> Vec
         }
     }
     let mut unknown = vec![0; nodes + electrodes.len()];
-    for (place, node) in dissect(mesh.nodes(), &neighbours).into_iter().enumerate() {
+    let (order, mut parts) = dissect(mesh.nodes(), &neighbours);
+    parts.push(electrodes.len());
+    for (place, node) in order.into_iter().enumerate() {
         unknown[node] = place;
     }
     for (electrode, unknown) in unknown[nodes..].iter_mut().enumerate() {
         *unknown = nodes + electrode;
     }
-    unknown
+    (unknown, parts)
 }
 
 /// Nodes not on an electrode, the farthest from all electrodes first.
-pub(super) fn grounds(mesh: &Mesh, on: &[Option<usize>]) -> Vec<usize> {
+fn grounds(mesh: &Mesh, on: &[Option<usize>]) -> Vec<usize> {
     let centres = mesh.electrode_centres();
     let mut nodes: Vec<(f64, usize)> = (0..mesh.nodes().len())
         .filter(|&node| on[node].is_none())

@@ -1,15 +1,15 @@
 //! What the unknowns say: electrode voltages, potentials, drops over contacts.
 
 use nalgebra::DMatrix;
-use survey::Dipole;
 
 use super::system::Form;
 use super::{Fields, Forward};
+use crate::sparse::Block;
 
 /// Unknowns of some drives as they come from the solver, with what is needed to read them.
 pub(crate) struct Solution {
-    /// Nodes then electrodes (rows), drives (columns): u or d on nodes, U (0 where eliminated) on electrodes.
-    pub(crate) x: DMatrix<f64>,
+    /// u or d on nodes, U (0 where eliminated) on electrodes; as many columns as there are drives, and padding.
+    pub(super) x: Block,
     pub(super) forms: Vec<Form>,
     /// Currents into the electrodes (rows) of each drive (column).
     pub(super) currents: DMatrix<f64>,
@@ -17,28 +17,26 @@ pub(crate) struct Solution {
 }
 
 impl Forward {
+    /// An unknown: of a node, or of an electrode (counted on from the nodes).
+    fn at(&self, solution: &Solution, index: usize, column: usize) -> f64 {
+        solution.x.row(self.unknown[index])[column]
+    }
+
     /// An electrode's voltage relative to the ground node, in two parts of which the second (z I / |e|, where the
     /// voltage was eliminated) may be far larger.
     pub(super) fn voltage(&self, solution: &Solution, electrode: usize, column: usize) -> [f64; 2] {
         match solution.forms[electrode] {
             Form::Difference | Form::Shunt => [
-                solution.x[(self.mesh.nodes().len() + electrode, column)],
+                self.at(solution, self.mesh.nodes().len() + electrode, column),
                 0.0,
             ],
             Form::Eliminated => {
                 let contact = &self.electrodes[electrode];
-                let mean = contact.mean(|node| solution.x[(node, column)]);
+                let mean = contact.mean(|node| self.at(solution, node, column));
                 let current = solution.currents[(electrode, column)];
                 [mean, self.contact[electrode] * current / contact.length]
             }
         }
-    }
-
-    /// U\[plus\] - U\[minus\] of a drive, exact to rounding whatever the contacts of other electrodes.
-    pub(crate) fn voltage_between(&self, solution: &Solution, pair: Dipole, column: usize) -> f64 {
-        let plus = self.voltage(solution, pair.plus.0, column);
-        let minus = self.voltage(solution, pair.minus.0, column);
-        (plus[0] - minus[0]) + (plus[1] - minus[1])
     }
 
     /// Potential of every node of one drive relative to the ground node.
@@ -46,10 +44,10 @@ impl Forward {
         let nodes = self.mesh.nodes().len();
         (0..nodes)
             .map(|node| {
-                let x = solution.x[(node, column)];
+                let x = self.at(solution, node, column);
                 match self.on[node] {
                     Some(e) if solution.forms[e] != Form::Eliminated => {
-                        x + solution.x[(nodes + e, column)]
+                        x + self.at(solution, nodes + e, column)
                     }
                     _ => x,
                 }
@@ -60,7 +58,7 @@ impl Forward {
     pub(super) fn fields(&self, solution: &Solution) -> Fields {
         let nodes = self.mesh.nodes().len();
         let count = self.electrodes.len();
-        let columns = solution.x.ncols();
+        let columns = solution.currents.ncols();
         let mut potentials = DMatrix::zeros(nodes, columns);
         let mut electrodes = DMatrix::zeros(count, columns);
         for column in 0..columns {
@@ -96,18 +94,19 @@ impl Forward {
         let contact = &self.electrodes[electrode];
         match solution.forms[electrode] {
             Form::Shunt => 0.0,
-            Form::Difference => {
-                contact.mass(|node| solution.x[(node, a)], |node| solution.x[(node, b)])
-            }
+            Form::Difference => contact.mass(
+                |node| self.at(solution, node, a),
+                |node| self.at(solution, node, b),
+            ),
             Form::Eliminated => {
-                let mean = |c: usize| contact.mean(|node| solution.x[(node, c)]);
+                let mean = |c: usize| contact.mean(|node| self.at(solution, node, c));
                 let (mean_a, mean_b) = (mean(a), mean(b));
                 let drop = |c: usize| {
                     self.contact[electrode] * solution.currents[(electrode, c)] / contact.length
                 };
                 contact.mass(
-                    |node| solution.x[(node, a)] - mean_a,
-                    |node| solution.x[(node, b)] - mean_b,
+                    |node| self.at(solution, node, a) - mean_a,
+                    |node| self.at(solution, node, b) - mean_b,
                 ) + drop(a) * drop(b) * contact.length
             }
         }

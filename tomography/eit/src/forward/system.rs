@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 
 use super::Forward;
 use super::layout::{NONE, PAIRS};
-use crate::sparse::{Row, WIDTH};
+use crate::sparse::Block;
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Form {
@@ -12,9 +12,11 @@ pub(super) enum Form {
     Eliminated,
     Shunt,
 }
-/// One conductance: forms, ground and weights.
-pub(super) struct System<'a> {
-    forward: &'a Forward,
+
+/// One conductance: forms, ground, weights and entries.
+#[derive(Clone, Default)]
+pub(super) struct System {
+    /// Conductance of each edge.
     weights: Vec<f64>,
     pub(super) forms: Vec<Form>,
     /// Unknown that is kept at zero.
@@ -23,17 +25,26 @@ pub(super) struct System<'a> {
     free: Vec<bool>,
     /// For each node the unknown of its electrode, where that takes part.
     joined: Vec<usize>,
+    /// Entries of the matrix, as the analysis counts them.
+    pub(super) values: Vec<f64>,
 }
 
-impl<'a> System<'a> {
-    pub(super) fn new(forward: &'a Forward, sigma: &[f64]) -> Self {
+impl System {
+    /// Takes a conductance.
+    pub(super) fn set(&mut self, forward: &Forward, sigma: &[f64]) {
         let nodes = forward.mesh.nodes().len();
-        let weights = forward
-            .edges
-            .iter()
-            .map(|edge| edge.terms.iter().map(|(t, c)| sigma[*t] * c).sum())
-            .collect();
-        let forms: Vec<Form> = forward
+        let weight = |triangles: [u32; 2], shares: [f64; 2]| {
+            let [s, t] = triangles.map(|t| sigma[t as usize]);
+            s * shares[0] + t * shares[1]
+        };
+        self.weights.clear();
+        let plain = forward.edges.iter();
+        self.weights
+            .extend(plain.map(|edge| weight(edge.triangles, edge.shares)));
+        let special = forward.special.iter();
+        self.weights
+            .extend(special.map(|edge| weight(edge.triangles, edge.shares)));
+        let forms = forward
             .electrodes
             .iter()
             .zip(&forward.contact)
@@ -48,44 +59,53 @@ impl<'a> System<'a> {
                     Form::Eliminated
                 }
             })
-            .collect();
-        let ground_node = forward.ground(sigma);
+            .collect::<Vec<_>>();
         let electrode_ground = |e: usize| match forms[e] {
             Form::Eliminated => forward.unknown[forward.electrodes[e].nodes[0]],
             Form::Difference | Form::Shunt => forward.unknown[nodes + e],
         };
-        let ground = ground_node.map_or_else(|| electrode_ground(0), |node| forward.unknown[node]);
-        let free = (0..nodes)
-            .map(|node| {
-                forward.unknown[node] != ground
-                    && forward.on[node].is_none_or(|e| forms[e] != Form::Shunt)
-            })
-            .collect();
-        let joined = (0..nodes)
-            .map(|node| match forward.on[node] {
-                Some(e) if forms[e] != Form::Eliminated => {
-                    let unknown = forward.unknown[nodes + e];
-                    if unknown == ground { NONE } else { unknown }
-                }
-                _ => NONE,
-            })
-            .collect();
-        Self {
-            forward,
-            weights,
-            forms,
-            ground,
-            free,
-            joined,
+        let ground = forward
+            .ground(sigma)
+            .map_or_else(|| electrode_ground(0), |node| forward.unknown[node]);
+        if forms != self.forms || ground != self.ground {
+            self.free = (0..nodes)
+                .map(|node| {
+                    forward.unknown[node] != ground
+                        && forward.on[node].is_none_or(|e| forms[e] != Form::Shunt)
+                })
+                .collect();
+            self.joined = (0..nodes)
+                .map(|node| match forward.on[node] {
+                    Some(e) if forms[e] != Form::Eliminated => {
+                        let unknown = forward.unknown[nodes + e];
+                        if unknown == ground { NONE } else { unknown }
+                    }
+                    _ => NONE,
+                })
+                .collect();
+            self.forms = forms;
+            self.ground = ground;
         }
+        self.assemble(forward);
     }
 
-    pub(super) fn assemble(&self) -> Vec<f64> {
-        let forward = self.forward;
+    fn assemble(&mut self, forward: &Forward) {
         let nodes = forward.mesh.nodes().len();
-        let mut values = vec![0.0; forward.pattern.entries()];
+        let values = &mut self.values;
+        values.clear();
+        values.resize(forward.analysis.entries(), 0.0);
+        let (plain, special) = self.weights.split_at(forward.edges.len());
+        for (edge, &w) in forward.edges.iter().zip(plain) {
+            let [a, b, ab] = edge.at;
+            values[a as usize] += w;
+            values[b as usize] += w;
+            values[ab as usize] = -w;
+        }
+        for &[_, edge] in forward.network.at(self.ground) {
+            values[forward.edges[edge as usize].at[2] as usize] = 0.0;
+        }
         // K = Σ w g gᵀ with g = a + U(a) - b - U(b)
-        for (edge, &w) in forward.edges.iter().zip(&self.weights) {
+        for (edge, &w) in forward.special.iter().zip(special) {
             let [a, b] = edge.ends;
             let same = self.joined[a] == self.joined[b];
             let sign = [
@@ -102,7 +122,7 @@ impl<'a> System<'a> {
         }
         let mut one = |unknown: usize| {
             let at = forward
-                .pattern
+                .analysis
                 .entry(unknown, unknown)
                 .expect("the diagonal is always in the pattern");
             values[at] = 1.0;
@@ -146,111 +166,119 @@ impl<'a> System<'a> {
             }
         }
         let at = forward
-            .pattern
+            .analysis
             .entry(self.ground, self.ground)
             .expect("the diagonal is always in the pattern");
         values[at] = 1.0;
-        values
     }
 
-    pub(super) fn right_side(
-        &self,
-        currents: &DMatrix<f64>,
-        first: usize,
-        width: usize,
-        block: &mut [Row],
-    ) {
-        let forward = self.forward;
+    /// Currents (A) into the electrodes (rows), a column a pattern.
+    pub(super) fn right_side(&self, forward: &Forward, currents: &DMatrix<f64>, block: &mut Block) {
         let nodes = forward.mesh.nodes().len();
-        block.fill([0.0; WIDTH]);
+        block.values.fill(0.0);
         for (e, contact) in forward.electrodes.iter().enumerate() {
-            for column in 0..width {
-                let current = currents[(e, first + column)];
+            for (column, &current) in currents.row(e).iter().enumerate() {
                 match self.forms[e] {
                     Form::Difference | Form::Shunt => {
-                        block[forward.unknown[nodes + e]][column] = current;
+                        block.row_mut(forward.unknown[nodes + e])[column] = current;
                     }
                     Form::Eliminated => {
                         for (&node, weight) in contact.nodes.iter().zip(&contact.weights) {
-                            block[forward.unknown[node]][column] =
+                            block.row_mut(forward.unknown[node])[column] =
                                 current * weight / contact.length;
                         }
                     }
                 }
             }
         }
-        block[self.ground] = [0.0; WIDTH];
+        block.row_mut(self.ground).fill(0.0);
     }
 
     /// rest -= K x, as currents along edges and through contacts.
-    pub(super) fn subtract_product(&self, x: &[Row], rest: &mut [Row]) {
-        let forward = self.forward;
+    pub(super) fn subtract_product(&self, forward: &Forward, x: &Block, rest: &mut Block) {
         let unknown = &forward.unknown;
-        for (edge, &w) in forward.edges.iter().zip(&self.weights) {
+        let width = x.width;
+        let (plain, special) = self.weights.split_at(forward.edges.len());
+        forward.network.subtract(plain, x, rest);
+        let mut flow = vec![0.0; width];
+        for (edge, &w) in forward.special.iter().zip(special) {
             let [a, b] = edge.ends;
-            let (xa, xb) = (x[unknown[a]], x[unknown[b]]);
-            let mut flow = [0.0; WIDTH];
+            let (xa, xb) = (x.row(unknown[a]), x.row(unknown[b]));
             let (ja, jb) = (self.joined[a], self.joined[b]);
-            if ja == jb {
-                for k in 0..WIDTH {
-                    flow[k] = w * (xa[k] - xb[k]);
-                }
-            } else {
-                let ua = if ja == NONE { [0.0; WIDTH] } else { x[ja] };
-                let ub = if jb == NONE { [0.0; WIDTH] } else { x[jb] };
-                for k in 0..WIDTH {
-                    flow[k] = w * ((ua[k] - ub[k]) + (xa[k] - xb[k]));
-                }
+            for ((flow, xa), xb) in flow.iter_mut().zip(xa).zip(xb) {
+                *flow = xa - xb;
+            }
+            if ja != jb {
                 if ja != NONE {
-                    (0..WIDTH).for_each(|k| rest[ja][k] -= flow[k]);
+                    flow.iter_mut().zip(x.row(ja)).for_each(|(f, u)| *f += u);
                 }
                 if jb != NONE {
-                    (0..WIDTH).for_each(|k| rest[jb][k] += flow[k]);
+                    flow.iter_mut().zip(x.row(jb)).for_each(|(f, u)| *f -= u);
                 }
             }
-            (0..WIDTH).for_each(|k| rest[unknown[a]][k] -= flow[k]);
-            (0..WIDTH).for_each(|k| rest[unknown[b]][k] += flow[k]);
+            flow.iter_mut().for_each(|flow| *flow *= w);
+            let mut leave = |at: usize, sign: f64| {
+                let row = rest.row_mut(at);
+                row.iter_mut().zip(&flow).for_each(|(r, f)| *r -= sign * f);
+            };
+            leave(unknown[a], 1.0);
+            leave(unknown[b], -1.0);
+            if ja != jb {
+                if ja != NONE {
+                    leave(ja, 1.0);
+                }
+                if jb != NONE {
+                    leave(jb, -1.0);
+                }
+            }
         }
         for (e, contact) in forward.electrodes.iter().enumerate() {
             let z = forward.contact[e];
             match self.forms[e] {
                 Form::Shunt => {
                     for &node in &contact.nodes {
-                        rest[unknown[node]] = [0.0; WIDTH];
+                        rest.row_mut(unknown[node]).fill(0.0);
                     }
                 }
                 form => {
-                    let mut mean = [0.0; WIDTH];
+                    let mut mean = vec![0.0; width];
                     if form == Form::Eliminated {
                         for (k, mean) in mean.iter_mut().enumerate() {
-                            *mean = contact.mean(|node| x[unknown[node]][k]);
+                            *mean = contact.mean(|node| x.row(unknown[node])[k]);
                         }
                     }
                     for &([i, j], h) in &contact.edges {
                         let (i, j) = (unknown[contact.nodes[i]], unknown[contact.nodes[j]]);
-                        for k in 0..WIDTH {
-                            let (di, dj) = (x[i][k] - mean[k], x[j][k] - mean[k]);
-                            rest[i][k] -= h / (6.0 * z) * (2.0 * di + dj);
-                            rest[j][k] -= h / (6.0 * z) * (di + 2.0 * dj);
-                        }
+                        let share = h / (6.0 * z);
+                        let mut through = |at: usize, far: usize| {
+                            let ends = x.row(at).iter().zip(x.row(far)).zip(&mean);
+                            for (rest, ((near, far), mean)) in rest.row_mut(at).iter_mut().zip(ends)
+                            {
+                                *rest -= share * (2.0 * (near - mean) + (far - mean));
+                            }
+                        };
+                        through(i, j);
+                        through(j, i);
                     }
                 }
             }
         }
-        rest[self.ground] = [0.0; WIDTH];
+        rest.row_mut(self.ground).fill(0.0);
     }
 }
 
 impl Forward {
     /// The node to ground: the farthest from the electrodes that does not lie in an isolated patch.
     fn ground(&self, sigma: &[f64]) -> Option<usize> {
-        let mut sorted = sigma.to_vec();
-        let middle = sorted.len() / 2;
-        let median = *sorted.select_nth_unstable_by(middle, f64::total_cmp).1;
         self.grounds
             .iter()
             .copied()
-            .find(|&node| self.around[node].iter().any(|&t| sigma[t] >= 1e-2 * median))
+            .find(|&node| {
+                let near = self.around[node].iter().map(|&t| sigma[t]);
+                let most = 1e2 * near.fold(0.0, f64::max);
+                // no less than a hundredth of the median
+                2 * sigma.iter().filter(|value| **value <= most).count() > sigma.len()
+            })
             .or(self.grounds.first().copied())
     }
 }

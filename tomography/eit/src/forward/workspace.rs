@@ -5,6 +5,7 @@ use std::sync::Arc;
 use nalgebra::DVector;
 use survey::Protocol;
 
+use super::scratch::{Base, Scratch};
 use super::{Forward, ForwardError};
 
 /// Scratch of one thread for the readings of one conductance after the other.
@@ -27,10 +28,22 @@ use super::{Forward, ForwardError};
 /// assert!(before != after);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Workspace<'f> {
     forward: &'f Forward,
     protocol: Arc<Protocol>,
+    refined: bool,
+    base: Option<Arc<Base>>,
+    scratch: Scratch,
+}
+
+impl std::fmt::Debug for Workspace<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Workspace")
+            .field("forward", self.forward)
+            .field("refined", &self.refined)
+            .finish_non_exhaustive()
+    }
 }
 
 impl Forward {
@@ -43,6 +56,9 @@ impl Forward {
         Ok(Workspace {
             forward: self,
             protocol: Arc::new(protocol.clone()),
+            refined: true,
+            base: None,
+            scratch: Scratch::new(self)?,
         })
     }
 }
@@ -51,7 +67,8 @@ impl Workspace<'_> {
     /// Leaves out the refinement: electrode voltages come from the factor alone, with no field solved. Training sets
     /// need no more.
     #[must_use]
-    pub fn plain(self) -> Self {
+    pub fn plain(mut self) -> Self {
+        self.refined = false;
         self
     }
 
@@ -60,8 +77,8 @@ impl Workspace<'_> {
     ///
     /// # Errors
     /// A conductance that is refused.
-    pub fn about(self, sigma0: &[f64]) -> Result<Self, ForwardError> {
-        self.forward.admit(sigma0)?;
+    pub fn about(mut self, sigma0: &[f64]) -> Result<Self, ForwardError> {
+        self.base = Some(Arc::new(Scratch::base(self.forward, sigma0)?));
         Ok(self)
     }
 
@@ -70,6 +87,8 @@ impl Workspace<'_> {
     /// # Errors
     /// A conductance that is refused.
     pub fn readings(&mut self, sigma: &[f64]) -> Result<DVector<f64>, ForwardError> {
-        self.forward.readings(sigma, &self.protocol)
+        let base = self.base.as_deref();
+        let ring = self.scratch.ring(self.forward, sigma, base, self.refined)?;
+        Ok(ring.readings(self.forward, &self.protocol))
     }
 }

@@ -1,0 +1,101 @@
+//! Why there is no forward solution.
+
+use survey::{Dipole, Electrode};
+
+/// Why there is no forward solution.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ForwardError {
+    /// Fewer than two electrodes.
+    #[error("the mesh has {electrodes} electrodes; a current needs two")]
+    Electrodes {
+        /// What the mesh has.
+        electrodes: usize,
+    },
+    /// Wrong number of contact impedances.
+    #[error("{has} contact impedances are given for {wants} electrodes")]
+    ContactCount {
+        /// What was given.
+        has: usize,
+        /// What the mesh has.
+        wants: usize,
+    },
+    /// A contact impedance that is negative or not a number.
+    #[error(
+        "electrode {electrode}: contact impedance {value} ohm m must be zero or more, and finite"
+    )]
+    Contact {
+        /// The electrode.
+        electrode: Electrode,
+        /// What was given.
+        value: f64,
+    },
+    /// Wrong number of conductances.
+    #[error("{has} conductances are given for {wants} elements")]
+    SigmaCount {
+        /// What was given.
+        has: usize,
+        /// What the mesh has.
+        wants: usize,
+    },
+    /// A conductance that is negative or not a number.
+    #[error("element {element}: conductance {value} S must be zero or more, and finite")]
+    Sigma {
+        /// The element, from 0.
+        element: usize,
+        /// What was given.
+        value: f64,
+    },
+    /// All conductances are zero.
+    #[error("no element conducts")]
+    NoConductance,
+    /// The protocol is for another ring.
+    #[error("the protocol asks for {protocol} electrodes, the mesh has {mesh}")]
+    Ring {
+        /// What the protocol has.
+        protocol: usize,
+        /// What the mesh has.
+        mesh: usize,
+    },
+    /// A drive names an electrode that does not exist, or one twice.
+    #[error("drive {drive} does not name two of the {electrodes} electrodes")]
+    Drive {
+        /// The drive.
+        drive: Dipole,
+        /// What the mesh has.
+        electrodes: usize,
+    },
+    /// The currents of a pattern do not sum to zero.
+    #[error(
+        "the currents of pattern {pattern} sum to {sum:e} A; what enters the sheet must leave it"
+    )]
+    CurrentSum {
+        /// Column of the currents, from 0.
+        pattern: usize,
+        /// Their sum, A.
+        sum: f64,
+    },
+    /// Too large for the machine.
+    #[error("not enough memory for {unknowns} unknowns")]
+    Memory {
+        /// Size of the system.
+        unknowns: usize,
+    },
+    /// The factorisation broke down.
+    #[error(
+        "the system cannot be factored: conductances from {smallest:e} to {largest:e} S are too far apart"
+    )]
+    NotDefinite {
+        /// Smallest conductance, S.
+        smallest: f64,
+        /// Largest conductance, S.
+        largest: f64,
+    },
+    /// The refinement did not settle.
+    #[error(
+        "the solution is only known to {achieved:e} of its largest value; conductances are too far apart"
+    )]
+    NotAccurate {
+        /// Last correction relative to the solution.
+        achieved: f64,
+    },
+}

@@ -1,0 +1,319 @@
+//! Room for one solution, and what is computed in it.
+
+use nalgebra::{DMatrix, DVector};
+use survey::{Dipole, Protocol};
+
+use super::system::{Form, System};
+use super::{Admitted, Forward, ForwardError, Solution};
+use crate::sparse::{Block, Factor, SparseError, gram};
+
+/// A correction below this share of the solution ends the refinement.
+const REFINED: f64 = 1e-11;
+
+/// Corrections before giving up.
+const MOST_CORRECTIONS: usize = 12;
+
+/// Below this first correction a reading needs no second: what is left is about its square.
+const SQUARED: f64 = 1e-8;
+
+/// Room for one conductance after the other.
+#[derive(Clone)]
+pub(super) struct Scratch {
+    system: System,
+    factor: Factor,
+    x: Block,
+    rest: Block,
+}
+
+/// A conductance whose factor is kept.
+pub(super) struct Base {
+    system: System,
+    factor: Factor,
+}
+
+impl Scratch {
+    pub(super) fn new(forward: &Forward) -> Result<Self, ForwardError> {
+        let factor =
+            Factor::passing(&forward.analysis).map_err(|fault| refusal(forward, fault, &[]))?;
+        Ok(Self {
+            system: System::default(),
+            factor,
+            x: Block::zeros(0, 0),
+            rest: Block::zeros(0, 0),
+        })
+    }
+
+    /// The factor of a conductance, to be based on.
+    pub(super) fn base(forward: &Forward, sigma: &[f64]) -> Result<Base, ForwardError> {
+        let sigma = forward.admit(sigma)?.sigma;
+        let failed = |fault| refusal(forward, fault, &sigma);
+        let mut system = System::default();
+        let mut factor = Factor::keeping(&forward.analysis).map_err(failed)?;
+        system.set(forward, &sigma);
+        factor
+            .make(&forward.analysis, &system.values)
+            .map_err(failed)?;
+        Ok(Base { system, factor })
+    }
+
+    /// Takes a conductance and factors its matrix; returns the number of floored triangles.
+    fn factor(
+        &mut self,
+        forward: &Forward,
+        sigma: &[f64],
+        base: Option<&Base>,
+    ) -> Result<usize, ForwardError> {
+        let Admitted { sigma, floored } = forward.admit(sigma)?;
+        self.system.set(forward, &sigma);
+        let made = match base {
+            Some(base) => self.factor.make_from(
+                &forward.analysis,
+                &self.system.values,
+                &base.factor,
+                &base.system.values,
+            ),
+            None => self.factor.make(&forward.analysis, &self.system.values),
+        };
+        made.map_err(|fault| refusal(forward, fault, &sigma))?;
+        Ok(floored)
+    }
+
+    /// Solves for the right sides and corrects until corrections vanish.
+    fn solve(
+        &mut self,
+        forward: &Forward,
+        currents: &DMatrix<f64>,
+        base: Option<&Base>,
+    ) -> Result<(), ForwardError> {
+        self.fit(forward, currents.ncols());
+        let base = base.map(|base| &base.factor);
+        self.system.right_side(forward, currents, &mut self.x);
+        self.factor.solve(&forward.analysis, base, &mut self.x);
+        self.correct(forward, currents, base)
+    }
+
+    fn correct(
+        &mut self,
+        forward: &Forward,
+        currents: &DMatrix<f64>,
+        base: Option<&Factor>,
+    ) -> Result<(), ForwardError> {
+        let Self {
+            system,
+            factor,
+            x,
+            rest,
+        } = self;
+        let mut last = f64::INFINITY;
+        for _ in 0..MOST_CORRECTIONS {
+            system.right_side(forward, currents, rest);
+            system.subtract_product(forward, x, rest);
+            factor.solve(&forward.analysis, base, rest);
+            let correction = largest(&rest.values) / largest(&x.values).max(f64::MIN_POSITIVE);
+            x.values
+                .iter_mut()
+                .zip(&rest.values)
+                .for_each(|(x, d)| *x += d);
+            if correction <= REFINED {
+                return Ok(());
+            }
+            if correction.is_nan() || correction >= 0.5 * last {
+                return Err(ForwardError::NotAccurate {
+                    achieved: correction,
+                });
+            }
+            last = correction;
+        }
+        Err(ForwardError::NotAccurate { achieved: last })
+    }
+
+    /// Blocks of the size that is needed.
+    fn fit(&mut self, forward: &Forward, columns: usize) {
+        let fresh = Block::zeros(0, columns);
+        let rows = forward.unknown.len();
+        if self.x.width != fresh.width || self.x.values.len() != rows * fresh.width {
+            self.x = Block::zeros(rows, columns);
+            self.rest = Block::zeros(rows, columns);
+        }
+    }
+
+    /// Unknowns of any currents, refined.
+    pub(super) fn solution(
+        &mut self,
+        forward: &Forward,
+        sigma: &[f64],
+        currents: DMatrix<f64>,
+    ) -> Result<Solution, ForwardError> {
+        let floored = self.factor(forward, sigma, None)?;
+        self.solve(forward, &currents, None)?;
+        Ok(Solution {
+            x: self.x.clone(),
+            forms: self.system.forms.clone(),
+            currents,
+            floored,
+        })
+    }
+
+    /// Voltages of neighbours for currents through neighbours.
+    ///
+    /// With x a solution for the pair a and r what it leaves of a's right side b, the voltage of the pair c is
+    /// bᵀ(c) x(a) + x(c)ᵀ r(a) up to the square of the error: one product in place of a second solution.
+    pub(super) fn ring(
+        &mut self,
+        forward: &Forward,
+        sigma: &[f64],
+        base: Option<&Base>,
+        refined: bool,
+    ) -> Result<Ring, ForwardError> {
+        self.factor(forward, sigma, base)?;
+        let count = forward.electrodes.len();
+        let currents = neighbours(count);
+        self.fit(forward, count);
+        let factor = base.map(|base| &base.factor);
+        self.system.right_side(forward, &currents, &mut self.x);
+        if !refined {
+            self.factor.halve(&forward.analysis, factor, &mut self.x);
+            return Ok(self.read(forward, gram(&self.x, &self.x, count)));
+        }
+        self.factor.solve(&forward.analysis, factor, &mut self.x);
+        let mut volts = self.between(forward);
+        self.system.right_side(forward, &currents, &mut self.rest);
+        self.system
+            .subtract_product(forward, &self.x, &mut self.rest);
+        let correction = gram(&self.x, &self.rest, count);
+        let size = largest(&correction);
+        if size.is_nan() || size > SQUARED * largest(&volts) {
+            self.correct(forward, &currents, factor)?;
+            volts = self.between(forward);
+        } else {
+            volts.iter_mut().zip(&correction).for_each(|(v, d)| *v += d);
+        }
+        Ok(self.read(forward, volts))
+    }
+
+    /// Voltages of neighbours (rows) in each column of x, without the drops that were eliminated.
+    fn between(&self, forward: &Forward) -> Vec<f64> {
+        let nodes = forward.mesh.nodes().len();
+        let count = forward.electrodes.len();
+        let mut voltages = vec![0.0; count];
+        let mut volts = Vec::with_capacity(count * count);
+        for column in 0..count {
+            for (e, (voltage, contact)) in voltages.iter_mut().zip(&forward.electrodes).enumerate()
+            {
+                let at = |unknown: usize| self.x.row(forward.unknown[unknown])[column];
+                *voltage = match self.system.forms[e] {
+                    Form::Difference | Form::Shunt => at(nodes + e),
+                    Form::Eliminated => contact.mean(at),
+                };
+            }
+            volts.extend((0..count).map(|e| voltages[e] - voltages[(e + 1) % count]));
+        }
+        volts
+    }
+
+    fn read(&self, forward: &Forward, volts: Vec<f64>) -> Ring {
+        let forms = self.system.forms.iter();
+        let drops = forms
+            .zip(forward.electrodes.iter().zip(&forward.contact))
+            .map(|(form, (contact, z))| match form {
+                Form::Eliminated => z / contact.length,
+                Form::Difference | Form::Shunt => 0.0,
+            })
+            .collect();
+        Ring { volts, drops }
+    }
+}
+
+/// Voltages of neighbouring electrodes for 1 A through neighbouring electrodes: everything that a protocol asks.
+pub(super) struct Ring {
+    /// A column a driven pair, without eliminated drops.
+    volts: Vec<f64>,
+    /// Resistance of each eliminated contact, ohm.
+    drops: Vec<f64>,
+}
+
+impl Ring {
+    /// The readings of a protocol.
+    pub(super) fn readings(&self, forward: &Forward, protocol: &Protocol) -> DVector<f64> {
+        let count = forward.electrodes.len();
+        let volts = protocol.measurements().iter().map(|question| {
+            let (drive, sense) = (arc(question.drive, count), arc(question.sense, count));
+            let mut sum = 0.0;
+            for a in drive.pairs(count) {
+                for b in sense.pairs(count) {
+                    sum += self.volts[a * count + b];
+                }
+            }
+            let mut volts = drive.sign * sense.sign * sum;
+            for (at, into) in [(question.drive.plus, 1.0), (question.drive.minus, -1.0)] {
+                for (seen, sign) in [(question.sense.plus, 1.0), (question.sense.minus, -1.0)] {
+                    if at == seen {
+                        volts += into * sign * self.drops[at.0];
+                    }
+                }
+            }
+            volts
+        });
+        DVector::from_iterator(protocol.len(), volts)
+    }
+}
+
+/// The neighbouring pairs whose sum a pair is, the shorter way round.
+struct Arc {
+    first: usize,
+    length: usize,
+    sign: f64,
+}
+
+impl Arc {
+    fn pairs(&self, count: usize) -> impl Iterator<Item = usize> {
+        let first = self.first;
+        (0..self.length).map(move |k| (first + k) % count)
+    }
+}
+
+fn arc(pair: Dipole, count: usize) -> Arc {
+    let (plus, minus) = (pair.plus.0, pair.minus.0);
+    let ahead = (minus + count - plus) % count;
+    if 2 * ahead <= count {
+        Arc {
+            first: plus,
+            length: ahead,
+            sign: 1.0,
+        }
+    } else {
+        Arc {
+            first: minus,
+            length: count - ahead,
+            sign: -1.0,
+        }
+    }
+}
+
+/// 1 A in at each electrode and out at the next: a column a pair.
+fn neighbours(count: usize) -> DMatrix<f64> {
+    DMatrix::from_fn(count, count, |electrode, pair| {
+        let enters = f64::from(u8::from(electrode == pair));
+        let leaves = f64::from(u8::from(electrode == (pair + 1) % count));
+        enters - leaves
+    })
+}
+
+fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0_f64, |most, x| {
+        // max would drop a NaN
+        if x.abs() <= most { most } else { x.abs() }
+    })
+}
+
+fn refusal(forward: &Forward, fault: SparseError, sigma: &[f64]) -> ForwardError {
+    match fault {
+        SparseError::Memory => ForwardError::Memory {
+            unknowns: forward.unknown.len(),
+        },
+        SparseError::NotDefinite => ForwardError::NotDefinite {
+            smallest: sigma.iter().copied().fold(f64::INFINITY, f64::min),
+            largest: sigma.iter().copied().fold(0.0, f64::max),
+        },
+    }
+}
