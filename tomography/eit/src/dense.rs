@@ -99,3 +99,30 @@ pub(crate) fn gram(j: &DMatrix<f64>, weight: impl Fn(usize) -> Option<f64>) -> D
     out.fill_upper_triangle_with_lower_triangle();
     out
 }
+
+/// A'A
+pub(crate) fn gram_of_columns(a: &DMatrix<f64>) -> DMatrix<f64> {
+    let columns = a.ncols();
+    let mut out = DMatrix::zeros(columns, columns);
+    let into = MatMut::from_column_major_slice_mut(out.as_mut_slice(), columns, columns);
+    triangular::matmul(
+        into,
+        BlockStructure::TriangularLower,
+        Accum::Replace,
+        view(a).transpose(),
+        BlockStructure::Rectangular,
+        view(a),
+        BlockStructure::Rectangular,
+        1.0,
+        Par::Seq,
+    );
+    out.fill_upper_triangle_with_lower_triangle();
+    out
+}
+
+/// A'x
+pub(crate) fn transposed_times(a: &DMatrix<f64>, x: &DVector<f64>) -> DVector<f64> {
+    let x = MatRef::from_column_major_slice(x.as_slice(), x.len(), 1);
+    let product = product(view(a).transpose(), x);
+    DVector::from_column_slice(product.as_slice())
+}

@@ -42,6 +42,7 @@ mod rbf;
 mod reconstructor;
 mod sparse;
 mod training;
+mod tv;
 
 pub use case::{
     Case, CaseError, NamedFrame, Table, digits, frames_text, matrix_text, protocol_text,
@@ -64,3 +65,4 @@ pub use training::{
     PointsReading, Sample, SampleError, Samples, Simulation, SizeReading, SpreadReading, Stage,
     TrainError, TrainingReport, TrainingSet, TrainingSettings, dense_target, train_rbf,
 };
+pub use tv::{Strength, TV_STRENGTH, Tv, TvError, TvOptions, TvSolution};

@@ -1,73 +1,15 @@
 //! One-step reconstruction against solved cases, and its own invariants.
 
-use std::path::{Path, PathBuf};
+mod solved;
+
 use std::sync::Arc;
 
 use eit::{
-    Forward, Hyper, Mesh, OneStep, OneStepError, OneStepOptions, Prior, ReconstructError,
+    Forward, Hyper, OneStep, OneStepError, OneStepOptions, Prior, ReconstructError,
     Reconstructor, Scale,
 };
-use survey::{Protocol, Reading, Volts};
-
-/// The solved case `disc16`, or `None` (with the reason printed) where the reference cases are not beside the project.
-fn disc16() -> Option<PathBuf> {
-    let case = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/cases/disc16");
-    if case.is_dir() {
-        Some(case)
-    } else {
-        println!(
-            "skipped: the reference case {} is not there",
-            case.display()
-        );
-        None
-    }
-}
-
-/// Numbers of a CSV file, a header line left out.
-fn numbers(path: &Path) -> Vec<Vec<f64>> {
-    std::fs::read_to_string(path)
-        .unwrap()
-        .lines()
-        .map(|line| {
-            line.split(',')
-                .map(str::parse)
-                .collect::<Result<Vec<f64>, _>>()
-        })
-        .filter_map(Result::ok)
-        .collect()
-}
-
-fn column(path: &Path) -> Vec<f64> {
-    numbers(path).into_iter().map(|row| row[0]).collect()
-}
-
-fn mesh(case: &Path) -> (Arc<Mesh>, Vec<f64>) {
-    let nodes = numbers(&case.join("nodes.csv"));
-    let triangles = numbers(&case.join("elems.csv"));
-    let mut edges = vec![Vec::new(); 16];
-    for row in numbers(&case.join("electrode_edges.csv")) {
-        edges[row[0] as usize].push([row[1] as usize, row[2] as usize]);
-    }
-    let contact = numbers(&case.join("electrodes.csv"))
-        .into_iter()
-        .map(|row| row[1])
-        .collect();
-    let mesh = Mesh::new(
-        nodes.into_iter().map(|row| [row[0], row[1]]).collect(),
-        triangles
-            .into_iter()
-            .map(|row| [row[0] as usize, row[1] as usize, row[2] as usize])
-            .collect(),
-        edges,
-        None,
-    )
-    .unwrap();
-    (Arc::new(mesh), contact)
-}
-
-fn readings(volts: &[f64]) -> Vec<Reading> {
-    volts.iter().map(|v| Reading::Ok(Volts(*v))).collect()
-}
+use solved::{column, disc16, mesh, readings};
+use survey::{Protocol, Reading};
 
 fn options(prior: Prior, lambda: f64) -> OneStepOptions {
     OneStepOptions {

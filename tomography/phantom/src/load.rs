@@ -183,8 +183,12 @@ impl Load {
             .collect()
     }
 
-    /// Covered share of each triangle, by clipping the outline with the triangle: exact for polygons.
-    pub(crate) fn coverage(&self, mesh: &Mesh) -> Result<Vec<(usize, f64)>, LoadError> {
+    /// Covered share of each triangle, by clipping the outline with the triangle: exact for polygons. Triangles that are
+    /// not touched are left out.
+    ///
+    /// # Errors
+    /// A load from which nothing follows, or beside the mesh.
+    pub fn coverage(&self, mesh: &Mesh) -> Result<Vec<(usize, f64)>, LoadError> {
         self.check()?;
         let outline = self.outline();
         let [low, high] = bounds(&outline);

@@ -1,0 +1,131 @@
+//! Settings of total variation, and the rule that turns noise into the penalty.
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+use crate::{Mesh, OneStepError, Scale};
+
+/// How strongly borders are penalised.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Strength {
+    /// alpha of |J x - d|^2 / 2 + alpha sum L_e |x_i - x_j| with readings as they are: in V with [`Scale::Currents`], else
+    /// in V at 1 A. The noise is not looked at.
+    Alpha(f64),
+    /// From the noise, see [`TV_STRENGTH`].
+    Relative(f64),
+}
+
+/// The penalty in units of the noise: alpha is such that, at the place of median sensitivity, it draws the amplitude of a
+/// small disc (of [`SMALL`] of the region's width; 10 mm on the paper's sheet) towards zero by this many standard
+/// deviations of that amplitude's own noise:
+///
+/// alpha = k |J 1_disc| / (length of its border), J in standard deviations of a difference.
+///
+/// It looks at noise and geometry, never at a frame.
+pub const TV_STRENGTH: f64 = 1.0;
+
+/// Diameter of the small disc over the square root of the region's area.
+const SMALL: f64 = 0.0543;
+/// A disc's border on triangles is longer than its circumference by about this factor.
+const RAGGED: f64 = 1.3;
+
+/// Settings of a [`Tv`](crate::Tv).
+#[derive(Debug, Clone, PartialEq)]
+pub struct TvOptions {
+    /// Standard deviation of one reading, V, the same on baseline and frame.
+    pub noise_v: f64,
+    /// Injected current, A, at which that noise is met.
+    pub current_a: f64,
+    /// The penalty.
+    pub strength: Strength,
+    /// Bounds the map to -1 <= x <= 0: loads only take conductance away.
+    pub loss_only: bool,
+    /// Stop when the objective is within this share of the minimum.
+    pub gap: f64,
+    /// Start each frame from the regions of the last one: faster, but the map then depends on the order of the frames,
+    /// within the gap.
+    pub warm: bool,
+    /// The baseline's scale.
+    pub scale: Scale,
+    /// Relative standard deviation of each reading, as in [`OneStepOptions`](crate::OneStepOptions).
+    pub deviations: Option<Vec<f64>>,
+}
+
+impl Default for TvOptions {
+    /// 2 uV of noise at 1 mA, a gap of 1e-3, cold starts, losses and gains.
+    fn default() -> Self {
+        Self {
+            noise_v: 2e-6,
+            current_a: 1e-3,
+            strength: Strength::Relative(TV_STRENGTH),
+            loss_only: false,
+            gap: 1e-3,
+            warm: false,
+            scale: Scale::default(),
+            deviations: None,
+        }
+    }
+}
+
+impl TvOptions {
+    pub(super) fn check(&self) -> Result<(), TvError> {
+        let (what, value) = match self.strength {
+            Strength::Alpha(alpha) => ("alpha", alpha),
+            Strength::Relative(share) => ("strength", share),
+        };
+        for (what, value) in [
+            ("noise", self.noise_v),
+            ("current", self.current_a),
+            ("gap", self.gap),
+            (what, value),
+        ] {
+            if !(value > 0.0 && value.is_finite()) {
+                return Err(TvError::NotPositive { what, value });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Why total variation cannot be prepared.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum TvError {
+    /// The model of the readings, which it shares with the one-step method.
+    #[error(transparent)]
+    Linear(#[from] OneStepError),
+    /// A setting that is not a positive number.
+    #[error("the {what} of total variation is {value:e}; it must be a positive number")]
+    NotPositive {
+        /// Which setting.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// No reading follows any triangle of the region.
+    #[error("no reading follows the conductance of any triangle of the region beyond its noise")]
+    Blind,
+}
+
+/// |J 1_disc| over the border of a small disc, at the place of median sensitivity.
+pub(super) fn reference(mesh: &Mesh, sensitivity: &DMatrix<f64>) -> f64 {
+    let (centroids, areas) = (mesh.region_centroids(), mesh.region_areas());
+    let radius = 0.5 * SMALL * areas.iter().sum::<f64>().sqrt();
+    let disc = std::f64::consts::PI * radius * radius;
+    let mut sizes: Vec<f64> = centroids
+        .iter()
+        .map(|at| {
+            let mut sum = DVector::zeros(sensitivity.nrows());
+            let mut covered = 0.0;
+            for (unknown, other) in centroids.iter().enumerate() {
+                if (other[0] - at[0]).hypot(other[1] - at[1]) <= radius {
+                    sum += sensitivity.column(unknown);
+                    covered += areas[unknown];
+                }
+            }
+            sum.norm() * disc / covered
+        })
+        .collect();
+    sizes.sort_by(f64::total_cmp);
+    sizes[sizes.len() / 2] / (RAGGED * 2.0 * std::f64::consts::PI * radius)
+}
