@@ -153,6 +153,7 @@ pub struct OneStep {
     method: String,
     linear: Linear,
     lambda: f64,
+    amplitude: f64,
     raised: bool,
     solution: DataSpace,
     bounded: Option<Bounded>,
@@ -172,6 +173,7 @@ impl OneStep {
     ) -> Result<Self, OneStepError> {
         let (linear, sensitivity, penalty) =
             Linear::new(&mesh, contact_ohm_m, sigma0, protocol, &options)?;
+        let amplitude = penalty.amplitude(EXPECTED_CHANGE)?;
         let (lambda, raised) = match options.hyper {
             Hyper::Lambda(lambda) => (lambda, false),
             Hyper::Noise { volts, current } => {
@@ -184,7 +186,7 @@ impl OneStep {
                     Scale::ByDistance | Scale::Uniform => volts / current,
                     Scale::Currents(_) => volts,
                 };
-                let lambda = std::f64::consts::SQRT_2 * at / penalty.amplitude(EXPECTED_CHANGE)?;
+                let lambda = std::f64::consts::SQRT_2 * at / amplitude;
                 let spread = penalty
                     .inverse_times_transposed(&sensitivity)
                     .ok_or(OneStepError::Prior)?;
@@ -209,6 +211,7 @@ impl OneStep {
             protocol: protocol.clone(),
             linear,
             lambda,
+            amplitude,
             raised,
             solution,
             bounded,
@@ -218,6 +221,12 @@ impl OneStep {
     /// The hyper-parameter in use.
     pub fn lambda(&self) -> f64 {
         self.lambda
+    }
+
+    /// The noise of one reading for which the rule of [`EXPECTED_CHANGE`] gives this hyper-parameter: V with
+    /// [`Scale::Currents`], else V at 1 A.
+    pub fn noise(&self) -> f64 {
+        self.lambda * self.amplitude / std::f64::consts::SQRT_2
     }
 
     /// Whether the noise asked for a smaller lambda than [`MODEL_SHARE`] allows.

@@ -5,8 +5,8 @@ mod solved;
 use std::sync::Arc;
 
 use eit::{
-    Forward, Hyper, OneStep, OneStepError, OneStepOptions, Prior, ReconstructError,
-    Reconstructor, Scale,
+    Forward, Hyper, OneStep, OneStepError, OneStepOptions, Prior, ReconstructError, Reconstructor,
+    Scale,
 };
 use solved::{column, disc16, mesh, readings};
 use survey::{Protocol, Reading};

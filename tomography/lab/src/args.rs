@@ -147,7 +147,7 @@ pub(crate) enum Method {
     Best,
     /// One-step difference reconstruction
     OneStep,
-    /// Total variation (not in this version)
+    /// Total variation, to a stated gap
     Tv,
     /// Trained linear map (not in this version)
     Linear,
@@ -174,10 +174,13 @@ pub(crate) struct ReconstructOptions {
     /// White noise of one reading, V
     #[arg(long, value_name = "SD", conflicts_with = "lambda")]
     pub(crate) noise_v: Option<f64>,
-    /// Hyper-parameter of the one-step method
+    /// Hyper-parameter: lambda of the one-step method, alpha of total variation (readings as they are, V)
     #[arg(long, value_name = "X")]
     pub(crate) lambda: Option<f64>,
-    /// Bound the one-step map to losses, -1 <= x <= 0
+    /// Total variation: stop within this share of the minimum [default: 1e-3]
+    #[arg(long, value_name = "X")]
+    pub(crate) gap: Option<f64>,
+    /// Bound the map of one-step or tv to losses, -1 <= x <= 0
     #[arg(long)]
     pub(crate) loss_only: bool,
     /// Unloaded conductance: a name in the case or a file [default: homog if there is one, else fitted to the baseline]

@@ -1,27 +1,20 @@
 //! Which reconstructor a command line asks for, and what it is prepared with.
 
-use std::sync::Arc;
+mod start;
+mod total_variation;
 
-use eit::{
-    Case, Forward, Hyper, Jitter, OneStep, OneStepOptions, Prior, Reconstructor, Scale,
-    TrainingSettings, model, probable_lambda,
-};
-use survey::Reading;
+use eit::{Case, Jitter, OneStep, OneStepOptions, Prior, Reconstructor, TrainingSettings, model};
 
 use crate::args::{Method, ReconstructOptions};
 use crate::failure::Failure;
 use crate::recording::Recording;
 use crate::train;
+use start::Start;
 
-/// A known conductance is believed, and the formula taken as it stands, while the baseline is within this factor of it.
-const BELIEVED: f64 = 1.25;
-/// What the model does not explain of a real recording is not white, as the most probable lambda takes it to be: it is
-/// multiplied by this.
-const NOT_WHITE: f64 = 2.0;
 /// Maps of which more than this share (of their square, by area) is gain are not made of losses alone.
 const GAIN: f64 = 0.2;
 /// Frames that are looked at before lambda or bounds are decided.
-const LOOKED_AT: usize = 32;
+pub(super) const LOOKED_AT: usize = 32;
 
 /// A reconstructor, and what a person should know about the choice.
 pub(crate) struct Choice {
@@ -58,6 +51,7 @@ pub(crate) fn prepare(
     match options.method {
         Method::Best => best(options, case, recording),
         Method::OneStep => one_step(options, case, recording),
+        Method::Tv => total_variation::prepare(options, case, recording),
         Method::Rbf => {
             only_for_one_step(options, "--method rbf")?;
             let jitter = match options.noise_v {
@@ -78,14 +72,13 @@ pub(crate) fn prepare(
                 notes: Vec::new(),
             })
         }
-        Method::Tv | Method::Linear | Method::Dnn => {
+        Method::Linear | Method::Dnn => {
             let name = match options.method {
-                Method::Tv => "tv",
                 Method::Linear => "linear",
                 _ => "dnn",
             };
             Err(Failure::usage(format!(
-                "--method {name} is not in this version; use best, one-step or rbf"
+                "--method {name} is not in this version; use best, one-step, tv or rbf"
             )))
         }
     }
@@ -108,11 +101,22 @@ fn only_for_one_step(options: &ReconstructOptions, with: &str) -> Result<(), Fai
         ("--lambda", options.lambda.is_some()),
         ("--loss-only", options.loss_only),
         ("--sigma0", options.sigma0.is_some()),
+        ("--gap", options.gap.is_some()),
     ];
     match given.iter().find(|(_, given)| *given) {
         Some((name, _)) => Err(Failure::usage(format!(
-            "{name} belongs to the one-step method and has no meaning with {with}"
+            "{name} belongs to the model-based methods and has no meaning with {with}"
         ))),
+        None => Ok(()),
+    }
+}
+
+/// Only an iterative method stops at a gap.
+fn no_gap(options: &ReconstructOptions) -> Result<(), Failure> {
+    match options.gap {
+        Some(_) => Err(Failure::usage(
+            "--gap belongs to --method tv; the one-step method is exact".to_owned(),
+        )),
         None => Ok(()),
     }
 }
@@ -122,6 +126,7 @@ fn one_step(
     case: &Case,
     recording: &Recording,
 ) -> Result<Choice, Failure> {
+    no_gap(options)?;
     let prior = match &options.prior {
         Some(text) => prior(text)?,
         None => OneStepOptions::default().prior,
@@ -198,174 +203,6 @@ fn raised(one_step: &OneStep) -> Option<String> {
             eit::MODEL_SHARE
         )
     })
-}
-
-/// What a one-step reconstruction of this recording starts from.
-struct Start<'a> {
-    case: &'a Case,
-    sigma0: Vec<f64>,
-    scale: Scale,
-    hyper: Hyper,
-    notes: Vec<String>,
-}
-
-impl<'a> Start<'a> {
-    fn new(
-        options: &ReconstructOptions,
-        prior: Prior,
-        case: &'a Case,
-        recording: &Recording,
-    ) -> Result<Self, Failure> {
-        let mut notes = Vec::new();
-        let failed = |fault| Failure::of("the forward model", &fault);
-        let forward = Forward::new(Arc::clone(&case.mesh), &case.contact_ohm_m).map_err(failed)?;
-        // baseline over model at the case's own currents, and over the model at 1 A
-        let factors = |sigma: &[f64]| -> Result<(f64, f64), Failure> {
-            let model = forward.readings(sigma, &case.protocol).map_err(failed)?;
-            let at_current: Vec<f64> = model
-                .iter()
-                .zip(&case.currents)
-                .map(|(volts, current)| volts * current)
-                .collect();
-            Ok((
-                factor(&recording.baseline, &at_current)?,
-                factor(&recording.baseline, model.as_slice())?,
-            ))
-        };
-        let named = match &options.sigma0 {
-            Some(name) => Some(
-                case.sigma(name)
-                    .map_err(|fault| Failure::of("cannot read --sigma0", &fault))?,
-            ),
-            None => case.sigma.get("homog").cloned(),
-        };
-        let (sigma0, believed) = match named {
-            Some(sigma0) => {
-                let (own, _) = factors(&sigma0)?;
-                let believed = (BELIEVED.recip()..=BELIEVED).contains(&own);
-                if !believed {
-                    notes.push(format!(
-                        "the baseline is {own:.3} times what the given conductance and currents say: scaled to it"
-                    ));
-                }
-                (sigma0, believed)
-            }
-            None => {
-                let mut uniform = vec![1.0; case.mesh.triangles().len()];
-                // V(c sigma, z / c) = V / c, and z matters little: three rounds are more than enough
-                for _ in 0..3 {
-                    let (own, _) = factors(&uniform)?;
-                    for sigma in &mut uniform {
-                        *sigma /= own;
-                    }
-                }
-                notes.push(format!(
-                    "sigma0 is a uniform fit to the baseline: {:.4e} S per square",
-                    uniform[0]
-                ));
-                (uniform, false)
-            }
-        };
-        let scale = if believed {
-            Scale::Currents(case.currents.clone())
-        } else {
-            Scale::ByDistance
-        };
-        let hyper = match (options.lambda, options.noise_v) {
-            (Some(lambda), _) => Hyper::Lambda(lambda),
-            (None, Some(volts)) => Hyper::Noise {
-                volts,
-                current: factors(&sigma0)?.1,
-            },
-            (None, None) => {
-                let lambda = probable(case, &sigma0, prior, &scale, recording)?;
-                notes.push(match lambda {
-                    Some(_) => "no --noise-v: lambda is twice the one that makes the frames most probable",
-                    None => "no --noise-v, and no frame that could tell it: lambda is for 2 uV at 1 mA",
-                }
-                .to_owned());
-                lambda.map_or(OneStepOptions::default().hyper, |lambda| {
-                    Hyper::Lambda(NOT_WHITE * lambda)
-                })
-            }
-        };
-        Ok(Self {
-            case,
-            sigma0,
-            scale,
-            hyper,
-            notes,
-        })
-    }
-
-    fn one_step(&self, prior: Prior, loss_only: bool) -> Result<OneStep, Failure> {
-        OneStep::new(
-            Arc::clone(&self.case.mesh),
-            &self.case.contact_ohm_m,
-            &self.sigma0,
-            &self.case.protocol,
-            OneStepOptions {
-                prior,
-                hyper: self.hyper,
-                loss_only,
-                scale: self.scale.clone(),
-                deviations: None,
-            },
-        )
-        .map_err(|fault| Failure::of("the one-step method", &fault))
-    }
-}
-
-/// Baseline over model in the sense of least squares.
-fn factor(baseline: &[Reading], model: &[f64]) -> Result<f64, Failure> {
-    let (mut cross, mut square) = (0.0, 0.0);
-    for (reading, model) in baseline.iter().zip(model) {
-        if let Some(volts) = reading.volts() {
-            cross += volts.0 * model;
-            square += model * model;
-        }
-    }
-    let factor = cross / square;
-    if factor.is_finite() && factor > 0.0 {
-        Ok(factor)
-    } else {
-        Err(Failure::because(
-            "the baseline is zero, or its readings have the opposite sign of the case's: give --negate if the instrument \
-             gives magnitudes",
-        ))
-    }
-}
-
-/// The lambda that the frames themselves make most probable.
-fn probable(
-    case: &Case,
-    sigma0: &[f64],
-    prior: Prior,
-    scale: &Scale,
-    recording: &Recording,
-) -> Result<Option<f64>, Failure> {
-    let step = recording.frames.len().div_ceil(LOOKED_AT).max(1);
-    let frames: Vec<&[Reading]> = recording
-        .frames
-        .iter()
-        .step_by(step)
-        .map(|(_, frame)| frame.as_slice())
-        .collect();
-    let options = OneStepOptions {
-        prior,
-        scale: scale.clone(),
-        ..OneStepOptions::default()
-    };
-    probable_lambda(
-        &case.mesh,
-        &case.contact_ohm_m,
-        sigma0,
-        &case.protocol,
-        &options,
-        &recording.baseline,
-        &frames,
-    )
-    .map_err(|fault| Failure::of("the one-step method", &fault))
 }
 
 /// `tikhonov`, `noser`, `noser:P` or `laplace`.

@@ -58,8 +58,8 @@ impl Quadratic<'_> {
         for _ in 0..MOST_STEPS {
             let gradient = self.hessian * &x - self.linear;
             let mut dual = &gradient - &lower + &upper;
-            for edge in 0..edges {
-                spread(&mut dual, edge, flow[edge]);
+            for (edge, &amount) in flow.iter().enumerate() {
+                spread(&mut dual, edge, amount);
             }
             let lack: Vec<f64> = (0..edges)
                 .map(|e| difference(&x, e) - rise[e] + fall[e])
