@@ -178,7 +178,9 @@ fn what_cannot_be_meant_is_a_usage_error() {
         &[&path("tank"), &path("v.csv")],
     ));
     for (options, word) in [
-        ("--method tv", "not in this version"),
+        ("--method tv --gap 0", "--gap"),
+        ("--method tv --prior noser", "--prior"),
+        ("--method one-step --gap 1e-3", "--gap"),
         ("--method dnn", "not in this version"),
         ("--method rbf --lambda 1", "--lambda"),
         ("--prior quadratic", "quadratic"),
