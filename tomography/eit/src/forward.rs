@@ -15,6 +15,7 @@
 
 mod error;
 mod layout;
+mod ring;
 mod scratch;
 mod solution;
 mod system;
@@ -30,6 +31,7 @@ use crate::Mesh;
 use crate::sparse::{Analysis, Network};
 pub use error::ForwardError;
 use layout::{Contact, Layout, Plain, Special};
+pub(crate) use ring::arc;
 use scratch::Scratch;
 pub(crate) use solution::Solution;
 pub use workspace::Workspace;
@@ -203,8 +205,8 @@ impl Forward {
     /// # Errors
     /// Conductances that are refused, or a drive that does not fit.
     pub fn solve(&self, sigma: &[f64], drives: &[Dipole]) -> Result<Fields, ForwardError> {
-        let solution = self.solution(sigma, drives)?;
-        Ok(self.fields(&solution))
+        let currents = self.currents(drives)?;
+        self.with_solution(sigma, &currents, |solution| self.fields(&solution))
     }
 
     /// Potentials for any currents: one row an electrode, one column a pattern, A; each column sums to zero.
@@ -216,8 +218,7 @@ impl Forward {
         sigma: &[f64],
         currents: &DMatrix<f64>,
     ) -> Result<Fields, ForwardError> {
-        let solution = self.solution_currents(sigma, currents.clone())?;
-        Ok(self.fields(&solution))
+        self.with_solution(sigma, currents, |solution| self.fields(&solution))
     }
 
     /// The matrix Z with U = Z I for every I that sums to zero: electrodes x electrodes, ohm, symmetric, rows and
@@ -233,8 +234,8 @@ impl Forward {
             count,
             |i, j| if i == j { 1.0 - share } else { -share },
         );
-        let solution = self.solution_currents(sigma, currents)?;
-        let voltages = self.fields(&solution).electrodes;
+        let voltages =
+            self.with_solution(sigma, &currents, |solution| self.electrodes(&solution))?;
         // reciprocity holds to rounding; made exact so that a frame does not depend on which triangle is read
         Ok(DMatrix::from_fn(count, count, |i, j| {
             0.5 * (voltages[(i, j)] + voltages[(j, i)])
@@ -268,11 +269,8 @@ impl Forward {
         Ok(())
     }
 
-    pub(crate) fn solution(
-        &self,
-        sigma: &[f64],
-        drives: &[Dipole],
-    ) -> Result<Solution, ForwardError> {
+    /// 1 A through each pair: a row an electrode, a column a pair.
+    pub(crate) fn currents(&self, drives: &[Dipole]) -> Result<DMatrix<f64>, ForwardError> {
         let electrodes = self.electrodes.len();
         let mut currents = DMatrix::zeros(electrodes, drives.len());
         for (column, &drive) in drives.iter().enumerate() {
@@ -285,17 +283,24 @@ impl Forward {
             currents[(drive.plus.0, column)] = 1.0;
             currents[(drive.minus.0, column)] = -1.0;
         }
-        self.solution_currents(sigma, currents)
+        Ok(currents)
     }
 
-    fn solution_currents(
+    /// 1 A through each pair of neighbours, the last with the first: a row an electrode, a column a pair.
+    pub(crate) fn neighbours(&self) -> DMatrix<f64> {
+        ring::neighbours(self.electrodes.len())
+    }
+
+    /// Solves for some currents and reads the solution where it stands.
+    pub(crate) fn with_solution<T>(
         &self,
         sigma: &[f64],
-        currents: DMatrix<f64>,
-    ) -> Result<Solution, ForwardError> {
+        currents: &DMatrix<f64>,
+        read: impl FnOnce(Solution<'_>) -> T,
+    ) -> Result<T, ForwardError> {
         let count = self.electrodes.len();
         if currents.nrows() != count {
-            return Err(ForwardError::ContactCount {
+            return Err(ForwardError::CurrentCount {
                 has: currents.nrows(),
                 wants: count,
             });
@@ -307,7 +312,7 @@ impl Forward {
                 return Err(ForwardError::CurrentSum { pattern, sum });
             }
         }
-        self.borrow_room(|scratch| scratch.solution(self, sigma, currents))
+        self.borrow_room(|scratch| scratch.solution(self, sigma, currents).map(read))
     }
 
     /// Lends room that an earlier solution left, or new room.

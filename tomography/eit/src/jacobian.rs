@@ -1,15 +1,24 @@
-//! How readings change with conductances and contacts, from the drive fields alone (reciprocity).
+//! How readings change with conductances and contacts, from the fields of neighbouring pairs alone (reciprocity).
+
+mod parameters;
 
 use std::collections::BTreeMap;
 
 use nalgebra::DMatrix;
+use rayon::prelude::*;
 use survey::{Dipole, Protocol};
 
+use crate::forward::arc;
+use crate::sparse::Block;
 use crate::{Forward, ForwardError};
+pub use parameters::Parameters;
+
+/// Columns that one thread takes at a time.
+const COLUMNS: usize = 64;
 
 impl Forward {
     /// dV/dsigma of each reading (row) by each triangle (column) at 1 A, V per S:
-    /// ∂V/∂σ = -A ∇u·∇w, u the field of the driving pair and w that of the sensing pair at 1 A.
+    /// ∂V/∂σ = -A ∇u·∇w, u the field of the driving pair and w that of the sensing pair at 1 A (fact sheet, section 1).
     ///
     /// # Errors
     /// Conductances that are refused, or a protocol for another ring.
@@ -18,39 +27,44 @@ impl Forward {
         sigma: &[f64],
         protocol: &Protocol,
     ) -> Result<DMatrix<f64>, ForwardError> {
+        self.sensitivity(sigma, protocol, &Parameters::elements())
+    }
+
+    /// dV/dp of each reading (row) by each parameter (column) at 1 A: V per S, or V where the parameters are
+    /// logarithms. See [`Parameters`].
+    ///
+    /// # Errors
+    /// Conductances that are refused, a protocol for another ring, or cells of another mesh.
+    pub fn sensitivity(
+        &self,
+        sigma: &[f64],
+        protocol: &Protocol,
+        parameters: &Parameters,
+    ) -> Result<DMatrix<f64>, ForwardError> {
         self.check_ring(protocol)?;
-        let (dipoles, index) = distinct(protocol);
-        let solution = self.solution(sigma, &dipoles)?;
-        let fields: Vec<Vec<f64>> = (0..dipoles.len())
-            .map(|column| self.potential(&solution, column))
-            .collect();
-        let pairs: Vec<[usize; 2]> = protocol
-            .measurements()
-            .iter()
-            .map(|question| [index[&question.drive], index[&question.sense]])
-            .collect();
+        let fields = self.with_solution(sigma, &self.neighbours(), |solution| {
+            self.potentials(&solution)
+        })?;
         let mesh = self.mesh();
-        let mut jacobian = DMatrix::zeros(protocol.len(), mesh.triangles().len());
-        let mut gradients = vec![[0.0; 2]; dipoles.len()];
-        for (t, mut column) in jacobian.column_iter_mut().enumerate() {
-            let triangle = mesh.triangles()[t];
-            let [a, b, c] = mesh.corners(t);
-            let (p, q) = ([b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]);
-            let twice = 2.0 * mesh.area(t);
-            for (gradient, u) in gradients.iter_mut().zip(&fields) {
-                // of differences along two sides, so that a constant has exactly no gradient
-                let up = u[triangle[1]] - u[triangle[0]];
-                let uq = u[triangle[2]] - u[triangle[0]];
-                *gradient = [
-                    (up * q[1] - uq * p[1]) / twice,
-                    (uq * p[0] - up * q[0]) / twice,
-                ];
-            }
-            for (value, &[drive, sense]) in column.iter_mut().zip(&pairs) {
-                let (u, w) = (gradients[drive], gradients[sense]);
-                *value = -mesh.area(t) * (u[0] * w[0] + u[1] * w[1]);
-            }
-        }
+        let columns = parameters.columns(mesh)?;
+        let scale = parameters.scale(sigma);
+        let pairs = Pairs::new(protocol);
+        let rows = protocol.len();
+        let mut jacobian = DMatrix::zeros(rows, columns.len());
+        jacobian
+            .as_mut_slice()
+            .par_chunks_mut(rows * COLUMNS)
+            .zip(columns.par_chunks(COLUMNS))
+            .for_each(|(values, columns)| {
+                let mut gradients = Gradients::new(&fields, &pairs);
+                for (column, elements) in values.chunks_exact_mut(rows).zip(columns) {
+                    for (k, &t) in elements.iter().enumerate() {
+                        gradients.take(mesh.triangles()[t], mesh.corners(t));
+                        let factor = -mesh.area(t) * scale.as_ref().map_or(1.0, |scale| scale[t]);
+                        gradients.products(&pairs, factor, k > 0, column);
+                    }
+                }
+            });
         Ok(jacobian)
     }
 
@@ -65,36 +79,135 @@ impl Forward {
         protocol: &Protocol,
     ) -> Result<DMatrix<f64>, ForwardError> {
         self.check_ring(protocol)?;
-        let (dipoles, index) = distinct(protocol);
-        let solution = self.solution(sigma, &dipoles)?;
+        let pairs = Pairs::new(protocol);
         let contacts = self.contact_ohm_m();
-        Ok(DMatrix::from_fn(
-            protocol.len(),
-            contacts.len(),
-            |reading, electrode| {
+        let currents = self.currents(&pairs.dipoles)?;
+        self.with_solution(sigma, &currents, |solution| {
+            DMatrix::from_fn(protocol.len(), contacts.len(), |reading, electrode| {
                 let z = contacts[electrode];
                 if z == 0.0 {
                     return 0.0;
                 }
                 let question = protocol.measurements()[reading];
-                let (drive, sense) = (index[&question.drive], index[&question.sense]);
+                let (drive, sense) = (pairs.index[&question.drive], pairs.index[&question.sense]);
                 self.drop_product(&solution, electrode, drive, sense) / (z * z)
-            },
-        ))
+            })
+        })
     }
 }
 
-/// Every pair that drives or senses, each once, and where it is.
-fn distinct(protocol: &Protocol) -> (Vec<Dipole>, BTreeMap<Dipole, usize>) {
-    let mut dipoles = Vec::new();
-    let mut index = BTreeMap::new();
-    for question in protocol.measurements() {
-        for dipole in [question.drive, question.sense] {
-            index.entry(dipole).or_insert_with(|| {
-                dipoles.push(dipole);
-                dipoles.len() - 1
-            });
+/// Consecutive readings of one driving pair by pairs that follow one another in the list of pairs.
+struct Run {
+    reading: usize,
+    count: usize,
+    drive: usize,
+    sense: usize,
+}
+
+/// The pairs of a protocol, each once, and how its readings combine them.
+struct Pairs {
+    /// Ascending.
+    dipoles: Vec<Dipole>,
+    index: BTreeMap<Dipole, usize>,
+    runs: Vec<Run>,
+    electrodes: usize,
+}
+
+impl Pairs {
+    fn new(protocol: &Protocol) -> Self {
+        let questions = protocol.measurements();
+        let mut index: BTreeMap<Dipole, usize> = questions
+            .iter()
+            .flat_map(|question| [(question.drive, 0), (question.sense, 0)])
+            .collect();
+        for (place, at) in index.values_mut().enumerate() {
+            *at = place;
+        }
+        let mut runs: Vec<Run> = Vec::new();
+        for (reading, question) in questions.iter().enumerate() {
+            let (drive, sense) = (index[&question.drive], index[&question.sense]);
+            match runs.last_mut() {
+                Some(run) if run.drive == drive && run.sense + run.count == sense => run.count += 1,
+                _ => runs.push(Run {
+                    reading,
+                    count: 1,
+                    drive,
+                    sense,
+                }),
+            }
+        }
+        Self {
+            dipoles: index.keys().copied().collect(),
+            index,
+            runs,
+            electrodes: protocol.electrodes(),
         }
     }
-    (dipoles, index)
+}
+
+/// Gradients of all pairs' fields in one triangle.
+struct Gradients<'a> {
+    fields: &'a Block,
+    /// Of neighbouring pairs.
+    ring: [Vec<f64>; 2],
+    /// Neighbouring pairs of which each pair is the sum, and its sign.
+    arcs: Vec<(Vec<usize>, f64)>,
+    /// Of each pair.
+    pairs: [Vec<f64>; 2],
+}
+
+impl<'a> Gradients<'a> {
+    fn new(fields: &'a Block, pairs: &Pairs) -> Self {
+        let count = pairs.electrodes;
+        let arcs = pairs.dipoles.iter().map(|dipole| {
+            let arc = arc(*dipole, count);
+            (arc.pairs(count).collect(), arc.sign)
+        });
+        Self {
+            fields,
+            ring: [vec![0.0; fields.width], vec![0.0; fields.width]],
+            arcs: arcs.collect(),
+            pairs: [0, 1].map(|_| vec![0.0; pairs.dipoles.len()]),
+        }
+    }
+
+    fn take(&mut self, nodes: [usize; 3], [a, b, c]: [[f64; 2]; 3]) {
+        let (p, q) = ([b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]);
+        let twice = p[0] * q[1] - p[1] * q[0];
+        let (p, q) = (p.map(|p| p / twice), q.map(|q| q / twice));
+        let [u, v, w] = nodes.map(|node| self.fields.row(node));
+        let [x, y] = &mut self.ring;
+        for ((((x, y), u), v), w) in x.iter_mut().zip(y).zip(u).zip(v).zip(w) {
+            // of differences along two sides, so that a constant has exactly no gradient
+            let (up, uq) = (v - u, w - u);
+            *x = up * q[1] - uq * p[1];
+            *y = uq * p[0] - up * q[0];
+        }
+        for (of, ring) in self.pairs.iter_mut().zip(&self.ring) {
+            for (of, (arc, sign)) in of.iter_mut().zip(&self.arcs) {
+                *of = sign * arc.iter().map(|&pair| ring[pair]).sum::<f64>();
+            }
+        }
+    }
+
+    /// A column of the sensitivity, or its sum with what is there.
+    fn products(&self, pairs: &Pairs, factor: f64, sum: bool, column: &mut [f64]) {
+        let [x, y] = &self.pairs;
+        for run in &pairs.runs {
+            let into = &mut column[run.reading..][..run.count];
+            let (gx, gy) = (factor * x[run.drive], factor * y[run.drive]);
+            let sensed = x[run.sense..][..run.count]
+                .iter()
+                .zip(&y[run.sense..][..run.count]);
+            if sum {
+                for (into, (x, y)) in into.iter_mut().zip(sensed) {
+                    *into += gx * x + gy * y;
+                }
+            } else {
+                for (into, (x, y)) in into.iter_mut().zip(sensed) {
+                    *into = gx * x + gy * y;
+                }
+            }
+        }
+    }
 }

@@ -49,6 +49,7 @@ pub use case::{
     read_frames, read_named_frames, read_protocol,
 };
 pub use forward::{Admitted, FLOOR, Fields, Forward, ForwardError, Workspace};
+pub use jacobian::Parameters;
 pub use linear::probable_lambda;
 pub use mesh::{ENOUGH_EDGES, Mesh, MeshError, MeshQuality};
 pub use model::{Model, ModelError, load_reconstructor};

@@ -29,6 +29,14 @@ pub enum ForwardError {
         /// What was given.
         value: f64,
     },
+    /// Wrong number of currents.
+    #[error("{has} rows of currents are given for {wants} electrodes")]
+    CurrentCount {
+        /// What was given.
+        has: usize,
+        /// What the mesh has.
+        wants: usize,
+    },
     /// Wrong number of conductances.
     #[error("{has} conductances are given for {wants} elements")]
     SigmaCount {
@@ -44,6 +52,16 @@ pub enum ForwardError {
         element: usize,
         /// What was given.
         value: f64,
+    },
+    /// Cells of another mesh.
+    #[error(
+        "the cells of the parameters are those of a mesh of {has} elements, this one has {wants}"
+    )]
+    Cells {
+        /// Elements of the mesh that was cut into cells.
+        has: usize,
+        /// Elements of this one.
+        wants: usize,
     },
     /// All conductances are zero.
     #[error("no element conducts")]

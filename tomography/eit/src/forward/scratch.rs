@@ -1,8 +1,8 @@
 //! Room for one solution, and what is computed in it.
 
-use nalgebra::{DMatrix, DVector};
-use survey::{Dipole, Protocol};
+use nalgebra::DMatrix;
 
+use super::ring::{Ring, neighbours};
 use super::system::{Form, System};
 use super::{Admitted, Forward, ForwardError, Solution};
 use crate::sparse::{Block, Factor, SparseError, gram};
@@ -138,17 +138,17 @@ impl Scratch {
     }
 
     /// Unknowns of any currents, refined.
-    pub(super) fn solution(
-        &mut self,
+    pub(super) fn solution<'s>(
+        &'s mut self,
         forward: &Forward,
         sigma: &[f64],
-        currents: DMatrix<f64>,
-    ) -> Result<Solution, ForwardError> {
+        currents: &'s DMatrix<f64>,
+    ) -> Result<Solution<'s>, ForwardError> {
         let floored = self.factor(forward, sigma, None)?;
-        self.solve(forward, &currents, None)?;
+        self.solve(forward, currents, None)?;
         Ok(Solution {
-            x: self.x.clone(),
-            forms: self.system.forms.clone(),
+            x: &self.x,
+            forms: &self.system.forms,
             currents,
             floored,
         })
@@ -222,81 +222,6 @@ impl Scratch {
             .collect();
         Ring { volts, drops }
     }
-}
-
-/// Voltages of neighbouring electrodes for 1 A through neighbouring electrodes: everything that a protocol asks.
-pub(super) struct Ring {
-    /// A column a driven pair, without eliminated drops.
-    volts: Vec<f64>,
-    /// Resistance of each eliminated contact, ohm.
-    drops: Vec<f64>,
-}
-
-impl Ring {
-    /// The readings of a protocol.
-    pub(super) fn readings(&self, forward: &Forward, protocol: &Protocol) -> DVector<f64> {
-        let count = forward.electrodes.len();
-        let volts = protocol.measurements().iter().map(|question| {
-            let (drive, sense) = (arc(question.drive, count), arc(question.sense, count));
-            let mut sum = 0.0;
-            for a in drive.pairs(count) {
-                for b in sense.pairs(count) {
-                    sum += self.volts[a * count + b];
-                }
-            }
-            let mut volts = drive.sign * sense.sign * sum;
-            for (at, into) in [(question.drive.plus, 1.0), (question.drive.minus, -1.0)] {
-                for (seen, sign) in [(question.sense.plus, 1.0), (question.sense.minus, -1.0)] {
-                    if at == seen {
-                        volts += into * sign * self.drops[at.0];
-                    }
-                }
-            }
-            volts
-        });
-        DVector::from_iterator(protocol.len(), volts)
-    }
-}
-
-/// The neighbouring pairs whose sum a pair is, the shorter way round.
-struct Arc {
-    first: usize,
-    length: usize,
-    sign: f64,
-}
-
-impl Arc {
-    fn pairs(&self, count: usize) -> impl Iterator<Item = usize> {
-        let first = self.first;
-        (0..self.length).map(move |k| (first + k) % count)
-    }
-}
-
-fn arc(pair: Dipole, count: usize) -> Arc {
-    let (plus, minus) = (pair.plus.0, pair.minus.0);
-    let ahead = (minus + count - plus) % count;
-    if 2 * ahead <= count {
-        Arc {
-            first: plus,
-            length: ahead,
-            sign: 1.0,
-        }
-    } else {
-        Arc {
-            first: minus,
-            length: count - ahead,
-            sign: -1.0,
-        }
-    }
-}
-
-/// 1 A in at each electrode and out at the next: a column a pair.
-fn neighbours(count: usize) -> DMatrix<f64> {
-    DMatrix::from_fn(count, count, |electrode, pair| {
-        let enters = f64::from(u8::from(electrode == pair));
-        let leaves = f64::from(u8::from(electrode == (pair + 1) % count));
-        enters - leaves
-    })
 }
 
 fn largest(values: &[f64]) -> f64 {

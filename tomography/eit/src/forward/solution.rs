@@ -7,12 +7,12 @@ use super::{Fields, Forward};
 use crate::sparse::Block;
 
 /// Unknowns of some drives as they come from the solver, with what is needed to read them.
-pub(crate) struct Solution {
+pub(crate) struct Solution<'s> {
     /// u or d on nodes, U (0 where eliminated) on electrodes; as many columns as there are drives, and padding.
-    pub(super) x: Block,
-    pub(super) forms: Vec<Form>,
+    pub(super) x: &'s Block,
+    pub(super) forms: &'s [Form],
     /// Currents into the electrodes (rows) of each drive (column).
-    pub(super) currents: DMatrix<f64>,
+    pub(super) currents: &'s DMatrix<f64>,
     pub(super) floored: usize,
 }
 
@@ -39,28 +39,28 @@ impl Forward {
         }
     }
 
-    /// Potential of every node of one drive relative to the ground node.
-    pub(crate) fn potential(&self, solution: &Solution, column: usize) -> Vec<f64> {
+    /// Potentials relative to the ground node: a row a node (as the mesh counts them), a column a drive.
+    pub(crate) fn potentials(&self, solution: &Solution) -> Block {
         let nodes = self.mesh.nodes().len();
-        (0..nodes)
-            .map(|node| {
-                let x = self.at(solution, node, column);
-                match self.on[node] {
-                    Some(e) if solution.forms[e] != Form::Eliminated => {
-                        x + self.at(solution, nodes + e, column)
-                    }
-                    _ => x,
-                }
-            })
-            .collect()
+        let mut block = Block::zeros(nodes, solution.currents.ncols());
+        for (node, row) in block.values.chunks_exact_mut(block.width).enumerate() {
+            row.copy_from_slice(solution.x.row(self.unknown[node]));
+            if let Some(e) = self.on[node]
+                && solution.forms[e] != Form::Eliminated
+            {
+                let electrode = solution.x.row(self.unknown[nodes + e]);
+                row.iter_mut().zip(electrode).for_each(|(u, v)| *u += v);
+            }
+        }
+        block
     }
 
-    pub(super) fn fields(&self, solution: &Solution) -> Fields {
-        let nodes = self.mesh.nodes().len();
+    /// Electrode voltages of each drive (column), mean zero, and that mean before.
+    fn levelled(&self, solution: &Solution) -> (DMatrix<f64>, Vec<f64>) {
         let count = self.electrodes.len();
         let columns = solution.currents.ncols();
-        let mut potentials = DMatrix::zeros(nodes, columns);
         let mut electrodes = DMatrix::zeros(count, columns);
+        let mut means = Vec::with_capacity(columns);
         for column in 0..columns {
             let voltages: Vec<[f64; 2]> = (0..count)
                 .map(|e| self.voltage(solution, e, column))
@@ -72,8 +72,25 @@ impl Forward {
             for (e, voltage) in voltages.iter().enumerate() {
                 electrodes[(e, column)] = (voltage[0] - mean[0]) + (voltage[1] - mean[1]);
             }
-            for (node, u) in self.potential(solution, column).into_iter().enumerate() {
-                potentials[(node, column)] = u - (mean[0] + mean[1]);
+            means.push(mean[0] + mean[1]);
+        }
+        (electrodes, means)
+    }
+
+    /// Electrode voltages of each drive (column), mean zero.
+    pub(super) fn electrodes(&self, solution: &Solution) -> DMatrix<f64> {
+        self.levelled(solution).0
+    }
+
+    pub(super) fn fields(&self, solution: &Solution) -> Fields {
+        let (electrodes, means) = self.levelled(solution);
+        let block = self.potentials(solution);
+        let nodes = self.mesh.nodes().len();
+        let mut potentials = DMatrix::zeros(nodes, means.len());
+        let into = potentials.as_mut_slice();
+        for node in 0..nodes {
+            for (column, (u, mean)) in block.row(node).iter().zip(&means).enumerate() {
+                into[column * nodes + node] = u - mean;
             }
         }
         Fields {

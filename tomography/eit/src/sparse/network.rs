@@ -1,8 +1,9 @@
 //! Resistors between unknowns: what flows out of each.
+#![allow(clippy::needless_range_loop)] // registers are named by their index
 
 use super::analysis::LANES;
 use super::kernel::{MulAdd, Task, widest};
-use super::sweep::Block;
+use super::sweep::{Block, Row, add, load, store};
 
 /// Resistors between unknowns, listed at both ends.
 pub(crate) struct Network {
@@ -64,24 +65,19 @@ impl Task for Subtract<'_> {
             rest,
         } = self;
         let width = x.width;
-        let mut first = 0;
-        while first < width {
-            if width - first >= 4 * LANES {
-                columns::<M, { 4 * LANES }>(network, weights, x, rest, first);
-                first += 4 * LANES;
-            } else if width - first >= 2 * LANES {
-                columns::<M, { 2 * LANES }>(network, weights, x, rest, first);
-                first += 2 * LANES;
-            } else {
-                columns::<M, LANES>(network, weights, x, rest, first);
-                first += LANES;
+        for first in (0..width).step_by(4 * LANES) {
+            match (width - first).min(4 * LANES) / LANES {
+                1 => columns::<M, 1>(network, weights, x, rest, first),
+                2 => columns::<M, 2>(network, weights, x, rest, first),
+                3 => columns::<M, 3>(network, weights, x, rest, first),
+                _ => columns::<M, 4>(network, weights, x, rest, first),
             }
         }
     }
 }
 
 #[inline(always)]
-fn columns<M: MulAdd, const C: usize>(
+fn columns<M: MulAdd, const V: usize>(
     network: &Network,
     weights: &[f64],
     x: &Block,
@@ -89,21 +85,19 @@ fn columns<M: MulAdd, const C: usize>(
     first: usize,
 ) {
     let width = x.width;
-    let row = |unknown: usize| -> &[f64; C] {
-        x.values[unknown * width + first..][..C]
-            .try_into()
-            .expect("the slice has this length")
-    };
+    let x = &x.values[..];
     for (unknown, into) in rest.values.chunks_exact_mut(width).enumerate() {
-        let own = *row(unknown);
-        let into = &mut into[first..first + C];
-        let mut sum: [f64; C] = std::array::from_fn(|i| into[i]);
+        let own: Row<V> = load(&x[unknown * width + first..]);
+        let mut sum: Row<V> = load(&into[first..]);
         for &[other, index] in network.at(unknown) {
-            let (weight, other) = (weights[index as usize], row(other as usize));
-            for i in 0..C {
-                sum[i] = M::mul_add(-weight, own[i] - other[i], sum[i]);
+            let mut drop: Row<V> = load(&x[other as usize * width + first..]);
+            for v in 0..V {
+                for i in 0..LANES {
+                    drop[v][i] = own[v][i] - drop[v][i];
+                }
             }
+            sum = add::<M, V>(sum, -weights[index as usize], &drop);
         }
-        into.copy_from_slice(&sum);
+        store(&sum, &mut into[first..]);
     }
 }

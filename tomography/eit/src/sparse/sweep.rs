@@ -101,39 +101,82 @@ impl Task for Sweep<'_> {
         let width = self.block.width;
         for first in (0..width).step_by(MOST) {
             match (width - first).min(MOST) / LANES {
-                1 => self.columns::<M, LANES>(first),
-                2 => self.columns::<M, { 2 * LANES }>(first),
-                3 => self.columns::<M, { 3 * LANES }>(first),
-                _ => self.columns::<M, MOST>(first),
+                1 => self.columns::<M, 1>(first),
+                2 => self.columns::<M, 2>(first),
+                3 => self.columns::<M, 3>(first),
+                _ => self.columns::<M, 4>(first),
             }
         }
     }
 }
 
+/// Some right sides of one unknown, in V registers.
+pub(super) type Row<const V: usize> = [[f64; LANES]; V];
+
+#[inline(always)]
+pub(super) fn load<const V: usize>(from: &[f64]) -> Row<V> {
+    let from = &from[..V * LANES];
+    std::array::from_fn(|v| std::array::from_fn(|i| from[v * LANES + i]))
+}
+
+#[inline(always)]
+pub(super) fn store<const V: usize>(row: &Row<V>, into: &mut [f64]) {
+    let into = &mut into[..V * LANES];
+    for v in 0..V {
+        into[v * LANES..][..LANES].copy_from_slice(&row[v]);
+    }
+}
+
+/// from + factor row
+#[inline(always)]
+pub(super) fn add<M: MulAdd, const V: usize>(
+    mut from: Row<V>,
+    factor: f64,
+    row: &Row<V>,
+) -> Row<V> {
+    for v in 0..V {
+        for i in 0..LANES {
+            from[v][i] = M::mul_add(factor, row[v][i], from[v][i]);
+        }
+    }
+    from
+}
+
+#[inline(always)]
+fn times<const V: usize>(mut row: Row<V>, factor: f64) -> Row<V> {
+    for v in 0..V {
+        for i in 0..LANES {
+            row[v][i] *= factor;
+        }
+    }
+    row
+}
+
 impl Sweep<'_> {
     #[inline(always)]
-    fn columns<M: MulAdd, const C: usize>(&mut self, first: usize) {
+    fn columns<M: MulAdd, const V: usize>(&mut self, first: usize) {
         let analysis = self.analysis;
         let longest = analysis.fronts.iter().map(Front::columns).max();
-        let mut pivots = vec![[0.0; C]; longest.unwrap_or(0)];
+        let mut pivots: Vec<Row<V>> = vec![[[0.0; LANES]; V]; longest.unwrap_or(0)];
         let width = self.block.width;
         let x = &mut self.block.values[..];
         if self.direction == Direction::Down {
             for (index, front) in analysis.fronts.iter().enumerate() {
-                let own = front.first..front.first + front.pivots;
-                if own
-                    .clone()
-                    .all(|u| x[u * width + first..][..C].iter().all(|x| *x == 0.0))
-                {
+                let mut own = front.first..front.first + front.pivots;
+                if own.all(|u| {
+                    x[u * width + first..][..V * LANES]
+                        .iter()
+                        .all(|x| *x == 0.0)
+                }) {
                     continue;
                 }
                 let panel = self.factor.front(self.base, index, front);
-                down::<M, C>(front, panel, x, width, first, &mut pivots);
+                down::<M, V>(front, panel, x, width, first, &mut pivots);
             }
         } else {
             for (index, front) in analysis.fronts.iter().enumerate().rev() {
                 let panel = self.factor.front(self.base, index, front);
-                up::<M, C>(front, panel, x, width, first, &mut pivots);
+                up::<M, V>(front, panel, x, width, first, &mut pivots);
             }
         }
     }
@@ -141,138 +184,123 @@ impl Sweep<'_> {
 
 /// Copies a front's pivots out; the padding is zero.
 #[inline(always)]
-fn gather<const C: usize>(
+fn gather<const V: usize>(
     front: &Front,
     x: &[f64],
     width: usize,
     first: usize,
-    pivots: &mut [[f64; C]],
+    pivots: &mut [Row<V>],
 ) {
     for (k, row) in pivots[..front.columns()].iter_mut().enumerate() {
-        if k < front.pivots {
-            row.copy_from_slice(&x[(front.first + k) * width + first..][..C]);
+        *row = if k < front.pivots {
+            load(&x[(front.first + k) * width + first..])
         } else {
-            *row = [0.0; C];
-        }
+            [[0.0; LANES]; V]
+        };
     }
 }
 
 #[inline(always)]
-fn scatter<const C: usize>(
+fn scatter<const V: usize>(
     front: &Front,
     x: &mut [f64],
     width: usize,
     first: usize,
-    pivots: &[[f64; C]],
+    pivots: &[Row<V>],
 ) {
     for (k, row) in pivots[..front.pivots].iter().enumerate() {
-        x[(front.first + k) * width + first..][..C].copy_from_slice(row);
+        store(row, &mut x[(front.first + k) * width + first..]);
     }
 }
 
 #[inline(always)]
-fn subtract<M: MulAdd, const C: usize>(from: &mut [f64; C], factor: f64, row: &[f64; C]) {
-    for (from, value) in from.iter_mut().zip(row) {
-        *from = M::mul_add(-factor, *value, *from);
-    }
-}
-
-#[inline(always)]
-fn down<M: MulAdd, const C: usize>(
+fn down<M: MulAdd, const V: usize>(
     front: &Front,
     panel: &[f64],
     x: &mut [f64],
     width: usize,
     first: usize,
-    pivots: &mut [[f64; C]],
+    pivots: &mut [Row<V>],
 ) {
     gather(front, x, width, first, pivots);
     let leading = front.leading;
     for group in (0..front.columns()).step_by(GROUP) {
         let (done, own) = pivots.split_at_mut(group);
-        let mut sums: [[f64; C]; GROUP] = std::array::from_fn(|c| own[c]);
+        let mut sums: [Row<V>; GROUP] = std::array::from_fn(|c| own[c]);
         for (column, y) in panel.chunks_exact(leading).zip(done.iter()) {
             let factors = &column[group..][..GROUP];
             for c in 0..GROUP {
-                subtract::<M, C>(&mut sums[c], factors[c], y);
+                sums[c] = add::<M, V>(sums[c], -factors[c], y);
             }
         }
         for c in 0..GROUP {
             let column = &panel[(group + c) * leading..][..leading];
-            let inverse = 1.0 / column[group + c];
-            sums[c].iter_mut().for_each(|x| *x *= inverse);
-            let y = sums[c];
-            for j in c + 1..GROUP {
-                subtract::<M, C>(&mut sums[j], column[group + j], &y);
-            }
+            let y = times(sums[c], 1.0 / column[group + c]);
             own[c] = y;
+            for j in c + 1..GROUP {
+                sums[j] = add::<M, V>(sums[j], -column[group + j], &y);
+            }
         }
     }
     scatter(front, x, width, first, pivots);
     let edge = front.edge();
-    let mut at = 0;
-    while at < front.border.len() {
-        let rows = (front.border.len() - at).min(GROUP);
-        // rows beyond the border repeat the last: their factors are zero
-        let place: [usize; GROUP] =
-            std::array::from_fn(|c| front.border[at + c.min(rows - 1)] * width + first);
-        let mut sums = [[0.0; C]; GROUP];
+    for at in (0..front.border.len()).step_by(GROUP) {
+        let mut sums = [[[0.0; LANES]; V]; GROUP];
+        // rows beyond the border are zero in the factor
         for (column, y) in panel.chunks_exact(leading).zip(pivots.iter()) {
             let factors = &column[edge + at..][..GROUP];
             for c in 0..GROUP {
-                subtract::<M, C>(&mut sums[c], factors[c], y);
+                sums[c] = add::<M, V>(sums[c], -factors[c], y);
             }
         }
-        for c in 0..rows {
-            let row = &mut x[place[c]..][..C];
-            for (x, sum) in row.iter_mut().zip(&sums[c]) {
-                *x += sum;
+        for (sum, unknown) in sums.iter().zip(&front.border[at..]) {
+            let row = &mut x[unknown * width + first..][..V * LANES];
+            for v in 0..V {
+                for i in 0..LANES {
+                    row[v * LANES + i] += sum[v][i];
+                }
             }
         }
-        at += GROUP;
     }
 }
 
 #[inline(always)]
-fn up<M: MulAdd, const C: usize>(
+fn up<M: MulAdd, const V: usize>(
     front: &Front,
     panel: &[f64],
     x: &mut [f64],
     width: usize,
     first: usize,
-    pivots: &mut [[f64; C]],
+    pivots: &mut [Row<V>],
 ) {
     gather(front, x, width, first, pivots);
     let (leading, edge, columns) = (front.leading, front.edge(), front.columns());
+    let border = &front.border[..];
     for group in (0..columns).step_by(GROUP).rev() {
         let four: [&[f64]; GROUP] =
             std::array::from_fn(|c| &panel[(group + c) * leading..][..leading]);
-        let mut sums: [[f64; C]; GROUP] = std::array::from_fn(|c| pivots[group + c]);
-        let below: [&[f64]; GROUP] =
-            std::array::from_fn(|c| &four[c][edge..][..front.border.len()]);
-        for (i, &unknown) in front.border.iter().enumerate() {
-            let row: &[f64; C] = x[unknown * width + first..][..C]
-                .try_into()
-                .expect("the slice has this length");
+        let mut sums: [Row<V>; GROUP] = std::array::from_fn(|c| pivots[group + c]);
+        let below: [&[f64]; GROUP] = std::array::from_fn(|c| &four[c][edge..][..border.len()]);
+        for i in 0..border.len() {
+            let row: Row<V> = load(&x[border[i] * width + first..]);
             for c in 0..GROUP {
-                subtract::<M, C>(&mut sums[c], below[c][i], row);
+                sums[c] = add::<M, V>(sums[c], -below[c][i], &row);
             }
         }
         for k in group + GROUP..columns {
             let row = pivots[k];
             for c in 0..GROUP {
-                subtract::<M, C>(&mut sums[c], four[c][k], &row);
+                sums[c] = add::<M, V>(sums[c], -four[c][k], &row);
             }
         }
         for c in (0..GROUP).rev() {
             for j in c + 1..GROUP {
-                let row = pivots[group + j];
-                subtract::<M, C>(&mut sums[c], four[c][group + j], &row);
+                let row = sums[j];
+                sums[c] = add::<M, V>(sums[c], -four[c][group + j], &row);
             }
-            let inverse = 1.0 / four[c][group + c];
-            sums[c].iter_mut().for_each(|x| *x *= inverse);
-            pivots[group + c] = sums[c];
+            sums[c] = times(sums[c], 1.0 / four[c][group + c]);
         }
+        pivots[group..][..GROUP].copy_from_slice(&sums);
     }
     scatter(front, x, width, first, pivots);
 }

@@ -1,0 +1,118 @@
+//! What a sensitivity is taken to: triangles, those of the region, or coarser cells; conductance or its logarithm.
+
+use crate::{ForwardError, Mesh};
+
+/// The columns of a sensitivity.
+///
+/// Where several triangles form one parameter p, they change together: by the same conductance, or, for logarithms, by
+/// the same factor.
+///
+/// ```
+/// use std::sync::Arc;
+/// use eit::{Forward, PaperSheet, Parameters};
+/// use survey::Protocol;
+/// let sheet = PaperSheet { fineness: 0.5, ..PaperSheet::default() };
+/// let mesh = Arc::new(sheet.mesh()?);
+/// let forward = Forward::new(mesh.clone(), &sheet.contact_ohm_m())?;
+/// let sigma = vec![sheet.conductance(); mesh.triangles().len()];
+/// let (cells, centres) = Parameters::grid(&mesh, 0.010);
+/// let coarse = forward.sensitivity(&sigma, &Protocol::sheffield(26)?, &cells.logarithmic())?;
+/// assert_eq!(coarse.ncols(), centres.len());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Parameters {
+    columns: Columns,
+    logarithmic: bool,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Columns {
+    Elements,
+    Region,
+    /// Of a mesh of so many triangles.
+    Cells(usize, Vec<Vec<usize>>),
+}
+
+impl Parameters {
+    /// Every triangle of the mesh.
+    pub fn elements() -> Self {
+        Self::of(Columns::Elements)
+    }
+
+    /// The triangles of the region of interest, in its order.
+    pub fn region() -> Self {
+        Self::of(Columns::Region)
+    }
+
+    /// The region cut into squares of `pitch` (m): cells that hold the centroid of a triangle, row by row from the lower
+    /// left; and the area-weighted centre of each, m.
+    ///
+    /// A pitch that is not positive makes one cell of the whole region.
+    pub fn grid(mesh: &Mesh, pitch: f64) -> (Self, Vec<[f64; 2]>) {
+        let centroids = mesh.region_centroids();
+        let low = centroids.iter().fold([f64::INFINITY; 2], |low, p| {
+            [low[0].min(p[0]), low[1].min(p[1])]
+        });
+        let place = |p: [f64; 2]| {
+            let along = |axis: usize| {
+                if pitch > 0.0 {
+                    ((p[axis] - low[axis]) / pitch) as usize
+                } else {
+                    0
+                }
+            };
+            (along(1), along(0))
+        };
+        let mut cells = std::collections::BTreeMap::<(usize, usize), Vec<usize>>::new();
+        for (&t, &p) in mesh.region().iter().zip(&centroids) {
+            cells.entry(place(p)).or_default().push(t);
+        }
+        let cells: Vec<Vec<usize>> = cells.into_values().collect();
+        let centre = |cell: &Vec<usize>| {
+            let area: f64 = cell.iter().map(|&t| mesh.area(t)).sum();
+            [0, 1].map(|axis| {
+                cell.iter()
+                    .map(|&t| mesh.area(t) * mesh.centroid(t)[axis])
+                    .sum::<f64>()
+                    / area
+            })
+        };
+        let centres = cells.iter().map(centre).collect();
+        let of = mesh.triangles().len();
+        (Self::of(Columns::Cells(of, cells)), centres)
+    }
+
+    fn of(columns: Columns) -> Self {
+        Self {
+            columns,
+            logarithmic: false,
+        }
+    }
+
+    /// The same parameters as logarithms of conductance: dV/dln(sigma) = sigma dV/dsigma.
+    #[must_use]
+    pub fn logarithmic(mut self) -> Self {
+        self.logarithmic = true;
+        self
+    }
+
+    /// The triangles of each column.
+    pub(super) fn columns(&self, mesh: &Mesh) -> Result<Vec<Vec<usize>>, ForwardError> {
+        let elements = mesh.triangles().len();
+        match &self.columns {
+            Columns::Elements => Ok((0..elements).map(|t| vec![t]).collect()),
+            Columns::Region => Ok(mesh.region().iter().map(|&t| vec![t]).collect()),
+            Columns::Cells(has, _) if *has != elements => Err(ForwardError::Cells {
+                has: *has,
+                wants: elements,
+            }),
+            Columns::Cells(_, cells) => Ok(cells.clone()),
+        }
+    }
+
+    /// What each triangle's derivative is multiplied by.
+    pub(super) fn scale(&self, sigma: &[f64]) -> Option<Vec<f64>> {
+        self.logarithmic.then(|| sigma.to_vec())
+    }
+}
