@@ -72,11 +72,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 .expect(expect),
         );
     });
+    let mut plain = forward.workspace(&protocol)?.plain();
+    show("all fields, plain", 200, |round| {
+        black_box(plain.fields(&everywhere[round % 64]).expect(expect));
+    });
     let mut refined = forward.workspace(&protocol)?;
     show("598 readings, refined", 200, |round| {
         black_box(refined.readings(&everywhere[round % 64]).expect(expect));
     });
-    let mut plain = forward.workspace(&protocol)?.plain();
     show("598 readings, plain", 200, |round| {
         black_box(plain.readings(&everywhere[round % 64]).expect(expect));
     });

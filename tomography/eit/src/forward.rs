@@ -312,7 +312,11 @@ impl Forward {
                 return Err(ForwardError::CurrentSum { pattern, sum });
             }
         }
-        self.borrow_room(|scratch| scratch.solution(self, sigma, currents).map(read))
+        self.borrow_room(|scratch| {
+            scratch
+                .solution(self, sigma, currents, None, true)
+                .map(read)
+        })
     }
 
     /// Lends room that an earlier solution left, or new room.

@@ -50,7 +50,8 @@ impl Forward {
         let scale = parameters.scale(sigma);
         let pairs = Pairs::new(protocol);
         let rows = protocol.len();
-        let mut jacobian = DMatrix::zeros(rows, columns.len());
+        // not DMatrix::zeros: memory that nobody has touched yet is given out by the threads that fill it
+        let mut jacobian = DMatrix::from_vec(rows, columns.len(), vec![0.0; rows * columns.len()]);
         jacobian
             .as_mut_slice()
             .par_chunks_mut(rows * COLUMNS)

@@ -78,20 +78,7 @@ impl Scratch {
         Ok(floored)
     }
 
-    /// Solves for the right sides and corrects until corrections vanish.
-    fn solve(
-        &mut self,
-        forward: &Forward,
-        currents: &DMatrix<f64>,
-        base: Option<&Base>,
-    ) -> Result<(), ForwardError> {
-        self.fit(forward, currents.ncols());
-        let base = base.map(|base| &base.factor);
-        self.system.right_side(forward, currents, &mut self.x);
-        self.factor.solve(&forward.analysis, base, &mut self.x);
-        self.correct(forward, currents, base)
-    }
-
+    /// Corrects a solution until corrections vanish.
     fn correct(
         &mut self,
         forward: &Forward,
@@ -137,15 +124,23 @@ impl Scratch {
         }
     }
 
-    /// Unknowns of any currents, refined.
+    /// Unknowns of any currents.
     pub(super) fn solution<'s>(
         &'s mut self,
         forward: &Forward,
         sigma: &[f64],
         currents: &'s DMatrix<f64>,
+        base: Option<&Base>,
+        refined: bool,
     ) -> Result<Solution<'s>, ForwardError> {
-        let floored = self.factor(forward, sigma, None)?;
-        self.solve(forward, currents, None)?;
+        let floored = self.factor(forward, sigma, base)?;
+        let base = base.map(|base| &base.factor);
+        self.fit(forward, currents.ncols());
+        self.system.right_side(forward, currents, &mut self.x);
+        self.factor.solve(&forward.analysis, base, &mut self.x);
+        if refined {
+            self.correct(forward, currents, base)?;
+        }
         Ok(Solution {
             x: &self.x,
             forms: &self.system.forms,
@@ -224,11 +219,20 @@ impl Scratch {
     }
 }
 
+/// The largest size; NaN where there is one.
 fn largest(values: &[f64]) -> f64 {
-    values.iter().fold(0.0_f64, |most, x| {
-        // max would drop a NaN
-        if x.abs() <= most { most } else { x.abs() }
-    })
+    let most = |most: f64, x: f64| if x <= most || most.is_nan() { most } else { x };
+    let mut lanes = [0.0; 8];
+    let (chunks, rest) = values.as_chunks::<8>();
+    for chunk in chunks {
+        for (lane, x) in lanes.iter_mut().zip(chunk) {
+            *lane = most(*lane, x.abs());
+        }
+    }
+    lanes
+        .into_iter()
+        .chain(rest.iter().map(|x| x.abs()))
+        .fold(0.0, most)
 }
 
 fn refusal(forward: &Forward, fault: SparseError, sigma: &[f64]) -> ForwardError {

@@ -84,13 +84,23 @@ impl Forward {
 
     pub(super) fn fields(&self, solution: &Solution) -> Fields {
         let (electrodes, means) = self.levelled(solution);
-        let block = self.potentials(solution);
         let nodes = self.mesh.nodes().len();
         let mut potentials = DMatrix::zeros(nodes, means.len());
         let into = potentials.as_mut_slice();
         for node in 0..nodes {
-            for (column, (u, mean)) in block.row(node).iter().zip(&means).enumerate() {
-                into[column * nodes + node] = u - mean;
+            let row = solution.x.row(self.unknown[node]).iter().zip(&means);
+            match self.on[node] {
+                Some(e) if solution.forms[e] != Form::Eliminated => {
+                    let electrode = solution.x.row(self.unknown[nodes + e]);
+                    for (column, ((d, mean), v)) in row.zip(electrode).enumerate() {
+                        into[column * nodes + node] = (d + v) - mean;
+                    }
+                }
+                _ => {
+                    for (column, (u, mean)) in row.enumerate() {
+                        into[column * nodes + node] = u - mean;
+                    }
+                }
             }
         }
         Fields {
