@@ -25,6 +25,8 @@ pub(crate) enum Command {
         #[command(subcommand)]
         network: Network,
     },
+    /// Make judging data: a case folder with frames of the simulated sheet on a finer, different mesh, and the truth
+    Judge(JudgeOptions),
     /// Make maps of recorded frames
     Reconstruct(ReconstructOptions),
     /// Print the completions of a shell
@@ -155,6 +157,59 @@ pub(crate) enum Method {
     Rbf,
     /// Deep network (not in this version)
     Dnn,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum JudgeSet {
+    /// Discs of 10 mm, half the conductance lost, anywhere in the region
+    #[value(name = "presses-10")]
+    Presses10,
+    /// Discs of 30 mm
+    #[value(name = "presses-30")]
+    Presses30,
+    /// Algorithm 1 of the paper: up to four polygons, losses up to all
+    Polygons,
+}
+
+impl JudgeSet {
+    /// As on the command line.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Presses10 => "presses-10",
+            Self::Presses30 => "presses-30",
+            Self::Polygons => "polygons",
+        }
+    }
+
+    /// Frames where nothing is said.
+    pub(crate) fn usual(self) -> usize {
+        match self {
+            Self::Presses10 | Self::Presses30 => 32,
+            Self::Polygons => 100,
+        }
+    }
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct JudgeOptions {
+    /// Which loads
+    #[arg(long, value_enum)]
+    pub(crate) set: JudgeSet,
+    /// White noise of one reading on baseline and frames, V
+    #[arg(long, value_name = "SD", default_value_t = 2e-6)]
+    pub(crate) noise_v: f64,
+    /// The same seed gives the same folder; training draws from other streams
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Frames [default: 32 presses, 100 polygon cases]
+    #[arg(long, value_name = "N")]
+    pub(crate) count: Option<usize>,
+    /// Case folder of the paper's sheet to reconstruct on [default: the preset at 1 mA]
+    #[arg(long, value_name = "DIR")]
+    pub(crate) case: Option<PathBuf>,
+    /// Folder to write
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: PathBuf,
 }
 
 #[derive(Debug, Args)]

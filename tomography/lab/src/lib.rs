@@ -21,6 +21,7 @@ mod args;
 mod choice;
 mod failure;
 mod geometry;
+mod judge;
 mod progress;
 mod reconstruct;
 mod recording;
@@ -60,6 +61,7 @@ fn perform(command: &Command) -> Result<(), Failure> {
         Command::Forward(options) => solve::forward(options),
         Command::Jacobian(options) => solve::jacobian(options),
         Command::Train { network } => train::train(network),
+        Command::Judge(options) => judge::judge(options),
         Command::Reconstruct(options) => reconstruct::reconstruct(options),
         Command::Completions { shell } => {
             let mut command = Arguments::command();

@@ -1,0 +1,255 @@
+//! Judging data: a case folder with frames from a finer, different mesh, and the truth beside them.
+//!
+//! The folder is what `reconstruct` is given (mesh, contacts, protocol, `frames.csv` with the baseline first); `truth.csv`
+//! and `presses.csv` are for `evaluate` alone.
+
+use std::f64::consts::TAU;
+use std::path::Path;
+use std::time::Duration;
+
+use eit::{Case, Mesh, Preset, frames_text, matrix_text};
+use nalgebra::DMatrix;
+use phantom::{Load, Phantom, Scene, Shape};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, Normal};
+
+use crate::args::{JudgeOptions, JudgeSet};
+use crate::failure::{Failure, write};
+use crate::{choice, geometry, progress};
+
+/// Current of every reading, A.
+const CURRENT: f64 = 1e-3;
+/// Loss of conductance under a press.
+const LOSS: f64 = 0.5;
+/// Algorithm 1 of the paper: polygons, radius (mm), vertices.
+const POLYGONS: usize = 4;
+const RADIUS_MM: f64 = 70.0;
+const VERTICES: usize = 5;
+
+/// What presses one frame.
+struct Pressed {
+    loads: Vec<Load>,
+    /// Centre and diameter, mm, where it is one disc.
+    disc: Option<([f64; 2], f64)>,
+}
+
+/// Makes the folder.
+pub(crate) fn judge(options: &JudgeOptions) -> Result<(), Failure> {
+    choice::positive("--noise-v", Some(options.noise_v), "e.g. 2e-6")?;
+    if options.count == Some(0) {
+        return Err(Failure::usage("--count 0: a set needs a frame"));
+    }
+    let case = match &options.case {
+        Some(folder) => geometry::read(folder)?,
+        None => geometry::case(&Preset::default(), CURRENT)?,
+    };
+    let scene = Scene::quiet();
+    let failed = |fault| Failure::of("the simulated sheet", &fault);
+    let mut phantom = Phantom::new(scene).map_err(failed)?;
+    if phantom.electrodes() != case.mesh.electrodes() || phantom.mesh().hash() == case.mesh.hash() {
+        return Err(Failure::because(
+            "judging data come from the simulated sheet of the paper on its own finer mesh: the case must be that sheet on \
+             another mesh",
+        ));
+    }
+    let mut random = ChaCha8Rng::seed_from_u64(options.seed);
+    random.set_stream(options.set as u64 + 1);
+    let count = options.count.unwrap_or(options.set.usual());
+    let drawn: Vec<Pressed> = (0..count)
+        .map(|_| match options.set {
+            JudgeSet::Presses10 => press(&case.mesh, 10.0, &mut random),
+            JudgeSet::Presses30 => press(&case.mesh, 30.0, &mut random),
+            JudgeSet::Polygons => polygons(&case.mesh, &mut random),
+        })
+        .collect();
+    let noise = Normal::new(0.0, options.noise_v)
+        .map_err(|_| Failure::usage("--noise-v must be a positive number"))?;
+    let mut exact = |loads: &[Load]| -> Result<Vec<f64>, Failure> {
+        phantom.release();
+        for load in loads {
+            phantom.press(load.clone()).map_err(failed)?;
+        }
+        let z = phantom.transfer_impedance(Duration::ZERO).map_err(failed)?;
+        let across = |sense: survey::Dipole, k: usize| z[(sense.plus.0, k)] - z[(sense.minus.0, k)];
+        Ok(case
+            .protocol
+            .measurements()
+            .iter()
+            .zip(&case.currents)
+            .map(|(q, current)| {
+                current * (across(q.sense, q.drive.plus.0) - across(q.sense, q.drive.minus.0))
+            })
+            .collect())
+    };
+    let mut noisy = |volts: Vec<f64>| -> Vec<f64> {
+        volts
+            .into_iter()
+            .map(|volts| volts + noise.sample(&mut random))
+            .collect()
+    };
+    let bar = progress::bar(count, "frames");
+    let mut frames = vec![noisy(exact(&[])?)];
+    let mut truth = Vec::new();
+    let mut presses = String::from("frame,x_m,y_m,diameter_m,loss\n");
+    for (k, pressed) in drawn.iter().enumerate() {
+        frames.push(noisy(exact(&pressed.loads)?));
+        truth.extend(true_map(&case, &pressed.loads)?);
+        if let Some(([x, y], diameter)) = pressed.disc {
+            presses.push_str(&format!(
+                "{},{},{},{},{LOSS}\n",
+                k + 1,
+                x * 1e-3,
+                y * 1e-3,
+                diameter * 1e-3
+            ));
+        }
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    put(&options.out, &case, &frames, truth, drawn.len())?;
+    if drawn.iter().all(|pressed| pressed.disc.is_some()) {
+        write(&options.out.join("presses.csv"), presses)?;
+    }
+    println!(
+        "{}: baseline and {count} frames of {}, {:e} V of noise on each reading, seed {}",
+        options.out.display(),
+        options.set.name(),
+        options.noise_v,
+        options.seed
+    );
+    Ok(())
+}
+
+fn put(
+    folder: &Path,
+    case: &Case,
+    frames: &[Vec<f64>],
+    truth: Vec<f64>,
+    count: usize,
+) -> Result<(), Failure> {
+    case.write(folder)
+        .map_err(|fault| Failure::of("cannot write the case", &fault))?;
+    let frames: Vec<Vec<Option<f64>>> = frames
+        .iter()
+        .map(|frame| frame.iter().copied().map(Some).collect())
+        .collect();
+    write(&folder.join("frames.csv"), frames_text(&frames))?;
+    let truth = DMatrix::from_row_slice(count, case.mesh.region().len(), &truth);
+    write(&folder.join("truth.csv"), matrix_text(&truth))
+}
+
+/// Relative change of every triangle of the case's region: covered shares, overlaps multiply.
+fn true_map(case: &Case, loads: &[Load]) -> Result<Vec<f64>, Failure> {
+    let mut kept = vec![1.0; case.mesh.triangles().len()];
+    for load in loads {
+        let covered = load
+            .coverage(&case.mesh)
+            .map_err(|fault| Failure::of("the truth", &fault))?;
+        for (triangle, share) in covered {
+            kept[triangle] *= 1.0 - load.loss * share;
+        }
+    }
+    Ok(case.mesh.region().iter().map(|&t| kept[t] - 1.0).collect())
+}
+
+/// Lowest and highest corner of the region's centroids, mm.
+fn bounds(mesh: &Mesh) -> [[f64; 2]; 2] {
+    let mut low = [f64::INFINITY; 2];
+    let mut high = [f64::NEG_INFINITY; 2];
+    for centroid in mesh.region_centroids() {
+        for axis in 0..2 {
+            low[axis] = low[axis].min(centroid[axis] * 1e3);
+            high[axis] = high[axis].max(centroid[axis] * 1e3);
+        }
+    }
+    [low, high]
+}
+
+/// A disc anywhere in the region, wholly inside.
+fn press(mesh: &Mesh, diameter: f64, random: &mut ChaCha8Rng) -> Pressed {
+    let [low, high] = bounds(mesh);
+    let margin = 0.5 * diameter;
+    let centre = [0, 1].map(|axis| {
+        let (from, to) = (low[axis] + margin, high[axis] - margin);
+        from + random.random::<f64>() * (to - from)
+    });
+    Pressed {
+        loads: vec![Load::disc(centre, diameter, LOSS)],
+        disc: Some((centre, diameter)),
+    }
+}
+
+/// A case of Algorithm 1 that presses something: drawn again until it does. The polygons are cut at the region's border
+/// as the training's are.
+fn polygons(mesh: &Mesh, random: &mut ChaCha8Rng) -> Pressed {
+    let [low, high] = bounds(mesh);
+    loop {
+        let mut loads = Vec::new();
+        for _ in 0..random.random_range(0..=POLYGONS) {
+            let centre =
+                [0, 1].map(|axis| low[axis] + random.random::<f64>() * (high[axis] - low[axis]));
+            let radius = random.random::<f64>() * RADIUS_MM;
+            let mut angles: Vec<f64> = (0..random.random_range(0..=VERTICES))
+                .map(|_| random.random::<f64>() * TAU)
+                .collect();
+            let loss = random.random::<f64>();
+            angles.sort_by(f64::total_cmp);
+            let points: Vec<[f64; 2]> = angles
+                .iter()
+                .map(|angle| {
+                    [
+                        centre[0] + radius * angle.cos(),
+                        centre[1] + radius * angle.sin(),
+                    ]
+                })
+                .collect();
+            let points = within(points, [low, high])
+                .into_iter()
+                .map(|p| [p[0] - centre[0], p[1] - centre[1]])
+                .collect();
+            let load = Load {
+                name: format!("polygon {}", loads.len() + 1),
+                shape: Shape::Polygon { points_mm: points },
+                centre_mm: centre,
+                turn_deg: 0.0,
+                loss,
+            };
+            if load.check().is_ok() {
+                loads.push(load);
+            }
+        }
+        let seen = |load: &Load| load.coverage(mesh).is_ok_and(|covered| !covered.is_empty());
+        loads.retain(seen);
+        if !loads.is_empty() {
+            return Pressed { loads, disc: None };
+        }
+    }
+}
+
+/// A convex polygon cut at a box (Sutherland and Hodgman).
+fn within(mut points: Vec<[f64; 2]>, [low, high]: [[f64; 2]; 2]) -> Vec<[f64; 2]> {
+    for (axis, border, sign) in [
+        (0, low[0], 1.0),
+        (0, high[0], -1.0),
+        (1, low[1], 1.0),
+        (1, high[1], -1.0),
+    ] {
+        let depth = |p: &[f64; 2]| sign * (p[axis] - border);
+        let count = points.len();
+        let mut kept: Vec<[f64; 2]> = Vec::with_capacity(count + 1);
+        for k in 0..count {
+            let (p, q) = (points[(k + count - 1) % count], points[k]);
+            if (depth(&p) >= 0.0) != (depth(&q) >= 0.0) {
+                let share = depth(&p) / (depth(&p) - depth(&q));
+                kept.push([0, 1].map(|i| p[i] + share * (q[i] - p[i])));
+            }
+            if depth(&q) >= 0.0 {
+                kept.push(q);
+            }
+        }
+        points = kept;
+    }
+    points.dedup_by(|a, b| (a[0] - b[0]).hypot(a[1] - b[1]) < 1e-9);
+    points
+}
