@@ -8,6 +8,7 @@ use eit::{Case, Jitter, OneStep, OneStepOptions, Prior, Reconstructor, TrainingS
 use crate::args::{Method, ReconstructOptions};
 use crate::failure::Failure;
 use crate::recording::Recording;
+use crate::shapes::Shapes;
 use crate::train;
 use start::Start;
 
@@ -20,6 +21,8 @@ pub(super) const LOOKED_AT: usize = 32;
 pub(crate) struct Choice {
     pub(crate) reconstructor: Box<dyn Reconstructor>,
     pub(crate) notes: Vec<String>,
+    /// Whether a frame takes so long that frames are better made side by side.
+    pub(crate) slow: bool,
 }
 
 /// Prepares what the options ask for.
@@ -36,6 +39,7 @@ pub(crate) fn prepare(
         return Ok(Choice {
             reconstructor: model.into_reconstructor(),
             notes: Vec::new(),
+            slow: false,
         });
     }
     positive(
@@ -70,6 +74,7 @@ pub(crate) fn prepare(
             Ok(Choice {
                 reconstructor: train::cached(case, settings)?.into_reconstructor(),
                 notes: Vec::new(),
+                slow: false,
             })
         }
         Method::Linear | Method::Dnn => {
@@ -143,6 +148,7 @@ fn one_step(
     Ok(Choice {
         reconstructor: Box::new(one_step),
         notes,
+        slow: false,
     })
 }
 
@@ -188,8 +194,24 @@ fn best(
         100.0 * share,
         if bounded { "taken for ringing of losses" } else { "too much to be ringing of losses" },
     ));
+    let reconstructor: Box<dyn Reconstructor> = match options.noise_v {
+        // what an explicit prior asks for is a linear method
+        Some(noise_v) if options.prior.is_none() => {
+            let shapes = Shapes::new(case, &start.sigma0, noise_v, Box::new(one_step))
+                .map_err(|fault| Failure::of("shapes", &fault))?;
+            notes.push(
+                "best: with the noise known, a frame that one to four shapes explain to it is the mean over what they may be; \
+                 the others get the map of the method above"
+                    .to_owned(),
+            );
+            notes.extend(shapes.assumptions());
+            Box::new(shapes)
+        }
+        _ => Box::new(one_step),
+    };
     Ok(Choice {
-        reconstructor: Box::new(one_step),
+        slow: reconstructor.method() == "shapes",
+        reconstructor,
         notes,
     })
 }

@@ -25,6 +25,7 @@ mod judge;
 mod progress;
 mod reconstruct;
 mod recording;
+mod shapes;
 mod solve;
 mod train;
 

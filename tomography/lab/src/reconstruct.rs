@@ -4,6 +4,8 @@ use std::time::Instant;
 
 use eit::matrix_text;
 use nalgebra::DMatrix;
+use rayon::prelude::*;
+use survey::{Map, Reading};
 
 use crate::args::ReconstructOptions;
 use crate::failure::{Failure, write};
@@ -26,16 +28,34 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     }
     let (centroids, areas) = (case.mesh.region_centroids(), case.mesh.region_areas());
     let bar = progress::bar(recording.frames.len(), "frames");
-    let mut maps = Vec::with_capacity(recording.frames.len() * areas.len());
-    let mut times = Vec::with_capacity(recording.frames.len());
-    for (name, frame) in &recording.frames {
+    let one = |(name, frame): &(String, Vec<Reading>)| {
         let start = Instant::now();
         let map = choice
             .reconstructor
             .reconstruct(&recording.baseline, frame)
             .map_err(|fault| Failure::of(&format!("frame '{name}'"), &fault))?;
-        times.push(start.elapsed().as_secs_f64() * 1e3);
         bar.inc(1);
+        Ok((map, start.elapsed().as_secs_f64() * 1e3))
+    };
+    // quick methods one after the other, so that their times are their own
+    let made: Vec<(Map, f64)> = if choice.slow {
+        recording
+            .frames
+            .par_iter()
+            .map(one)
+            .collect::<Result<_, Failure>>()?
+    } else {
+        recording
+            .frames
+            .iter()
+            .map(one)
+            .collect::<Result<_, Failure>>()?
+    };
+    bar.finish_and_clear();
+    let mut maps = Vec::with_capacity(recording.frames.len() * areas.len());
+    let mut times = Vec::with_capacity(recording.frames.len());
+    for ((name, _), (map, time)) in recording.frames.iter().zip(made) {
+        times.push(time);
         if options.json {
             let line = serde_json::json!({
                 "frame": name,
@@ -53,7 +73,6 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
         }
         maps.extend(map.values);
     }
-    bar.finish_and_clear();
     let maps = DMatrix::from_row_slice(recording.frames.len(), areas.len(), &maps);
     write(&options.out, matrix_text(&maps))?;
     if options.timing {
