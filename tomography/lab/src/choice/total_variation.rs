@@ -60,5 +60,6 @@ pub(super) fn prepare(
     Ok(Choice {
         reconstructor: Box::new(tv),
         notes,
+        slow: false,
     })
 }
