@@ -7,12 +7,16 @@ use std::time::Duration;
 use scpi::ParseError;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::sync::watch;
+use tokio::time::Instant;
 
 use crate::fault::Mischief;
 use crate::simulated::{Instrument, Line, SimulatedRig, Wire};
 
 /// Longest message an instrument takes, bytes; a longer one is dropped and queues -363.
 pub(crate) const LONGEST_MESSAGE: usize = 64 * 1024;
+
+/// How long an answer is waited for on behalf of a client that has closed its side.
+const GRACE: Duration = Duration::from_secs(10);
 
 /// A client connected to an instrument; it is entered in the rig's list until it is dropped.
 #[derive(Debug)]
@@ -22,6 +26,13 @@ pub(crate) struct Guest {
     session: u32,
     line: watch::Receiver<Line>,
     cuts: u64,
+}
+
+/// What an instrument has heard, and will say.
+#[derive(Debug)]
+pub(crate) struct Heard {
+    text: Option<String>,
+    wait: Duration,
 }
 
 /// What is to be sent for one message.
@@ -62,6 +73,12 @@ impl Guest {
 
     /// Lets the instrument hear a message, waits as long as it needs, and gives what is to be sent.
     pub(crate) async fn hear(&self, message: Vec<u8>) -> io::Result<Delivery> {
+        let heard = self.begin(message).await?;
+        Ok(self.finish(heard).await)
+    }
+
+    /// Lets the instrument hear a message. What is then waited for, [`Guest::finish`] does.
+    pub(crate) async fn begin(&self, message: Vec<u8>) -> io::Result<Heard> {
         let heard = String::from_utf8_lossy(&message).into_owned();
         let (rig, instrument, session) = (self.rig.clone(), self.instrument, self.session);
         // A load that has moved costs a solution of the sheet, too long for a thread that others wait on.
@@ -69,14 +86,19 @@ impl Guest {
             tokio::task::spawn_blocking(move || rig.hear_from(instrument, session, &heard)).await;
         let (text, wait) = reply.map_err(io::Error::other)?;
         let wait = wait + self.rig.slowness(self.instrument);
+        Ok(Heard { text, wait })
+    }
+
+    /// Waits as long as the instrument needs, and gives what is to be sent.
+    pub(crate) async fn finish(&self, Heard { text, wait }: Heard) -> Delivery {
         if !wait.is_zero() {
             tokio::time::sleep(wait).await;
         }
         let Some(text) = text else {
-            return Ok(Delivery::default());
+            return Delivery::default();
         };
         if self.line.borrow().wire != Wire::Sound {
-            return Ok(Delivery::default());
+            return Delivery::default();
         }
         let mut bytes = text.into_bytes();
         match self.rig.mischief(self.instrument) {
@@ -92,12 +114,28 @@ impl Guest {
                 bytes.extend_from_within(..);
             }
         }
-        Ok(Delivery { bytes })
+        Delivery { bytes }
     }
 
     /// Queues an error that arose outside of any message: -363, -410, -420.
     pub(crate) fn refuse(&self, refusal: ParseError) {
         self.rig.refuse(self.instrument, self.session, refusal);
+    }
+
+    /// A device clear: what the instrument does for this client ends.
+    pub(crate) async fn clear(&self) {
+        let (rig, session) = (self.rig.clone(), self.session);
+        // Relays that open cost a solution of the sheet. The task is not cancelled, so it ends well.
+        tokio::task::spawn_blocking(move || rig.clear_session(session))
+            .await
+            .ok();
+    }
+
+    /// The status byte of a serial poll, without message available.
+    pub(crate) async fn status_byte(&self) -> u8 {
+        let rig = self.rig.clone();
+        let byte = tokio::task::spawn_blocking(move || rig.status_byte()).await;
+        byte.unwrap_or_default()
     }
 
     /// Serves a stream of bytes until its client leaves.
@@ -108,7 +146,33 @@ impl Guest {
         let mut framer = scpi::Framer::new(LONGEST_MESSAGE);
         let mut chunk = [0; 4096];
         let mut banner = self.rig.shared.banner.subscribe();
+        let mut half_closed = false;
         loop {
+            // What came while the instrument was busy is heard before more is read.
+            while let Some(message) = framer.next() {
+                let message = match message {
+                    Ok(message) => message,
+                    Err(scpi::FramingError::Oversized { .. }) => {
+                        self.refuse(ParseError::InputOverrun);
+                        continue;
+                    }
+                };
+                let mut ahead = Vec::new();
+                let delivery = {
+                    let hearing = self.hear(message);
+                    attended(hearing, stream, &mut ahead, &mut half_closed).await?
+                };
+                if !self.is_silent() {
+                    framer.push(&ahead);
+                }
+                if !delivery.bytes.is_empty() {
+                    stream.write_all(&delivery.bytes).await?;
+                    stream.flush().await?;
+                }
+            }
+            if half_closed {
+                return Ok(());
+            }
             let count = tokio::select! {
                 count = stream.read(&mut chunk) => count?,
                 Ok(()) = banner.changed(), if self.instrument == Instrument::Board => {
@@ -123,23 +187,44 @@ impl Guest {
             if count == 0 {
                 return Ok(());
             }
-            if self.is_silent() {
-                continue;
+            if !self.is_silent() {
+                framer.push(&chunk[..count]);
             }
-            framer.push(&chunk[..count]);
-            for message in framer.by_ref() {
-                let message = match message {
-                    Ok(message) => message,
-                    Err(scpi::FramingError::Oversized { .. }) => {
-                        self.refuse(ParseError::InputOverrun);
-                        continue;
+        }
+    }
+}
+
+/// Waits for an answer and keeps an eye on the client: bytes that it sends meanwhile are kept, up to a bound; a client
+/// that has broken off is let go at once, one that has closed its side after [`GRACE`], because nothing tells it from
+/// one that has left.
+async fn attended<S>(
+    hearing: impl Future<Output = io::Result<Delivery>>,
+    stream: &mut S,
+    ahead: &mut Vec<u8>,
+    half_closed: &mut bool,
+) -> io::Result<Delivery>
+where
+    S: AsyncRead + Unpin,
+{
+    let mut chunk = [0; 4096];
+    tokio::pin!(hearing);
+    let grace = tokio::time::sleep(GRACE);
+    tokio::pin!(grace);
+    loop {
+        tokio::select! {
+            biased;
+            delivery = &mut hearing => return delivery,
+            count = stream.read(&mut chunk), if !*half_closed && ahead.len() < LONGEST_MESSAGE => {
+                match count? {
+                    0 => {
+                        *half_closed = true;
+                        grace.as_mut().reset(Instant::now() + GRACE);
                     }
-                };
-                let Delivery { bytes } = self.hear(message).await?;
-                if !bytes.is_empty() {
-                    stream.write_all(&bytes).await?;
-                    stream.flush().await?;
+                    count => ahead.extend_from_slice(&chunk[..count]),
                 }
+            }
+            () = &mut grace, if *half_closed => {
+                return Err(io::Error::new(io::ErrorKind::TimedOut, "its client has left"));
             }
         }
     }

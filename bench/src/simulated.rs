@@ -412,7 +412,10 @@ impl SimulatedRig {
             .map_or_else(|| "the bench".to_owned(), |(_, address)| address.clone());
         // Escaped: what a stranger sends must not steer a terminal.
         let shown: String = line.chars().take(80).flat_map(char::escape_debug).collect();
-        tracing::warn!("{from} told the {instrument} '{shown}': {refused}");
+        match line {
+            "" => tracing::warn!("{from} at the {instrument}: {refused}"),
+            _ => tracing::warn!("{from} told the {instrument} '{shown}': {refused}"),
+        }
         self.bench().last_error = Some(format!("{instrument}: {refused} (from {from})"));
     }
 
@@ -422,6 +425,15 @@ impl SimulatedRig {
 
     pub(crate) fn forget_session(&self, instrument: Instrument, session: u32) {
         self.bench().forget_session(instrument, session);
+    }
+
+    pub(crate) fn clear_session(&self, session: u32) {
+        self.bench().clear_session(session);
+        self.shared.changed.notify_waiters();
+    }
+
+    pub(crate) fn status_byte(&self) -> u8 {
+        self.bench().status_byte()
     }
 
     /// What a person wants to know about the rig.

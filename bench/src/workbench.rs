@@ -234,9 +234,23 @@ impl Bench {
 
     /// A client has left.
     pub(crate) fn forget_session(&mut self, instrument: Instrument, session: u32) {
-        if instrument == Instrument::Mainframe {
-            self.mainframe.end_session(Session(session));
+        match instrument {
+            Instrument::Source => self.source.forget_answer(),
+            Instrument::Mainframe => self.mainframe.end_session(Session(session)),
+            Instrument::Board => {}
         }
+    }
+
+    /// A client of the mainframe clears the device.
+    pub(crate) fn clear_session(&mut self, session: u32) {
+        let at = self.now();
+        self.on_mainframe(|mainframe, ends| mainframe.clear_session(Session(session), at, ends));
+    }
+
+    /// The mainframe's status byte, without message available.
+    pub(crate) fn status_byte(&mut self) -> u8 {
+        self.catch_up();
+        self.mainframe.status_byte()
     }
 
     fn on_mainframe(&mut self, act: impl FnOnce(&mut Simulator34980a, &mut Ends<'_>)) {

@@ -6,7 +6,8 @@
 #[allow(dead_code)]
 mod served;
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
+use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -16,6 +17,7 @@ use served::Served;
 const PYVISA: (&str, &[&str]) = ("pyvisa", &["pyvisa-py==0.8.1", "pyvisa==1.16.2"]);
 const ZEROCONF: (&str, &[&str]) = ("zeroconf", &["zeroconf==0.154.0"]);
 const PYMEASURE: (&str, &[&str]) = ("pymeasure", &["pymeasure==0.16.0", "pyvisa-py==0.8.1"]);
+const INSTRO: (&str, &[&str]) = ("instro", &["instro==1.22.0", "pyvisa-py==0.8.1"]);
 const QCODES: (&str, &[&str]) = ("qcodes", &["qcodes==0.58.0", "pyvisa-py==0.8.1"]);
 
 fn run(command: &mut Command) -> Result<Output, String> {
@@ -70,7 +72,7 @@ fn python((name, packages): (&str, &[&str])) -> PathBuf {
 
 /// Runs a script of this room with a client's packages, unless nobody asks for it.
 fn script(client: (&str, &[&str]), script: &str, arguments: &[&str]) {
-    // Some keep files of their own in a home folder, one environment is made once.
+    // Each environment is made once.
     static ONE_AT_A_TIME: std::sync::Mutex<()> = std::sync::Mutex::new(());
     let python = {
         let _turn = ONE_AT_A_TIME.lock();
@@ -160,10 +162,9 @@ fn zeroconf_and_avahi_find_every_service() {
         .chain(services.iter().map(String::as_str))
         .collect();
     script(ZEROCONF, "tests/clients/announced.py", &arguments);
-    let Some(avahi) = Avahi::start() else {
-        println!("skipped: avahi-daemon and dbus-daemon cannot be started here");
-        return;
-    };
+    let avahi = Avahi::start().unwrap_or_else(|reason| {
+        panic!("avahi-daemon and dbus-daemon are required and cannot be started: {reason}")
+    });
     let browse = ["--resolve", "--terminate", "--parsable", "_lxi._tcp"];
     let told = avahi.ask("avahi-browse", &browse);
     let wanted = ["txtvers=1", "Model=34980A", serial.as_str()];
@@ -188,18 +189,19 @@ struct Avahi {
 }
 
 impl Avahi {
-    /// `None` where they are not installed, may not run, or another one runs.
-    fn start() -> Option<Self> {
-        let folder = tempfile::tempdir().ok()?;
+    fn start() -> Result<Self, String> {
+        let told = |what: &'static str| move |fault: std::io::Error| format!("{what}: {fault}");
+        let folder = tempfile::tempdir().map_err(told("a folder"))?;
         let mut bus = Command::new("dbus-daemon")
             .args(["--config-file=/usr/share/dbus-1/system.conf", "--nopidfile"])
             .args(["--nofork", "--print-address"])
             .arg(format!("--address={}", address(&folder)))
             .stdout(Stdio::piped())
             .spawn()
-            .ok()?;
+            .map_err(told("dbus-daemon (package dbus)"))?;
         let mut line = String::new();
-        let said = BufReader::new(bus.stdout.take()?).read_line(&mut line);
+        let out = bus.stdout.take().ok_or("dbus-daemon has no output")?;
+        let said = BufReader::new(out).read_line(&mut line);
         let daemon = Command::new("avahi-daemon")
             .args(["--no-drop-root", "--no-chroot", "--no-rlimits"])
             .env("DBUS_SYSTEM_BUS_ADDRESS", address(&folder))
@@ -208,18 +210,29 @@ impl Avahi {
         let (Ok(1..), Ok(mut daemon)) = (said, daemon) else {
             bus.kill().ok();
             bus.wait().ok();
-            return None;
+            return Err(
+                "dbus-daemon or avahi-daemon (package avahi-daemon) ended at once".to_owned(),
+            );
         };
-        let told = BufReader::new(daemon.stderr.take()?).lines();
-        let up = told
+        let said = daemon.stderr.take().ok_or("avahi-daemon has no output")?;
+        let mut heard = Vec::new();
+        let up = BufReader::new(said)
+            .lines()
             .map_while(Result::ok)
-            .any(|line| line.contains("startup complete"));
+            .any(|line| {
+                let complete = line.contains("startup complete");
+                heard.push(line);
+                complete
+            });
         let avahi = Self {
             bus,
             daemon,
             folder,
         };
-        up.then_some(avahi)
+        match up {
+            true => Ok(avahi),
+            false => Err(heard.join("\n")),
+        }
     }
 
     fn ask(&self, program: &str, arguments: &[&str]) -> String {
@@ -247,9 +260,8 @@ fn lxi_tools_ask_who_is_there() {
     if !is_asked_for("lxi") {
         return;
     }
-    if Command::new("lxi").arg("--version").output().is_err() {
-        println!("skipped: lxi-tools are not installed");
-        return;
+    if let Err(fault) = Command::new("lxi").arg("--version").output() {
+        panic!("lxi (package lxi-tools) is required and cannot be run: {fault}");
     }
     let served = Served::start(&[]);
     for (instrument, model) in [("6221", "MODEL 6221"), ("34980a", "34980A")] {
@@ -259,6 +271,57 @@ fn lxi_tools_ask_who_is_there() {
         let told = String::from_utf8_lossy(&told.stdout);
         assert!(told.contains(model), "{told}");
     }
+}
+
+/// Every usable property of PyMeasure's class.
+#[test]
+fn pymeasure_uses_every_property_of_a_served_source() {
+    if !is_asked_for("pymeasure") {
+        return;
+    }
+    let served = Served::start_in_time(&["--load", "resistor 1 2 500"]);
+    // The injecting relay of pair 1 leads to the resistor.
+    let mut mainframe = TcpStream::connect(served.address("34980a")).unwrap();
+    mainframe.write_all(b"ROUT:CLOS (@1036);*OPC?\n").unwrap();
+    BufReader::new(mainframe)
+        .read_line(&mut String::new())
+        .unwrap();
+    let script_file = "../drivers/keithley-6221/tests/pymeasure_client.py";
+    script(PYMEASURE, script_file, &[served.address("6221")]);
+}
+
+#[test]
+fn qcodes_drives_a_served_34934a() {
+    if !is_asked_for("qcodes") {
+        return;
+    }
+    let slots = [
+        "--slot",
+        "1=34934A,8x64",
+        "--slot",
+        "2=34921A",
+        "--slot",
+        "3=34934A,none",
+    ];
+    let served = Served::start_in_time(&slots);
+    let port = served.address("34980a").rsplit(':').next().unwrap();
+    let script_file = "../drivers/keysight-34980a/tests/clients/qcodes_34934a.py";
+    script(QCODES, script_file, &[port]);
+}
+
+#[test]
+fn instro_reads_scans_and_switches_what_is_served() {
+    if !is_asked_for("instro") {
+        return;
+    }
+    let slots = [
+        "--load", "nothing", "--slot", "1=34922A", "--slot", "2=34931A",
+    ];
+    let served = Served::start_in_time(&slots);
+    let port = served.address("34980a").rsplit(':').next().unwrap();
+    let script_file = "../drivers/keysight-34980a/tests/clients/instro_34980a.py";
+    // Nothing hangs on the terminals: an ideal meter reads nothing.
+    script(INSTRO, script_file, &[port, "0.0"]);
 }
 
 #[test]

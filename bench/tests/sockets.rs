@@ -266,3 +266,81 @@ fn the_only_place_stays_taken_after_a_client_that_vanished() {
     );
     assert!(!back.ask("*IDN?").is_empty());
 }
+
+/// A sweep of 10,000 s, and a question that waits for its end.
+const LONG_SWEEP: &[u8] =
+    b"SOUR:SWE:SPAC LIST;:SOUR:LIST:CURR 1e-3;DEL 10000;COMP 10;:SOUR:SWE:ARM;:INIT\n*OPC?\n";
+
+#[test]
+fn a_client_that_breaks_off_while_the_source_is_busy_leaves_its_place() {
+    let served = Served::start_in_time(&[]);
+    let mut first = Client::of(&served, "6221");
+    first.send(LONG_SWEEP);
+    // The message has been heard once the mainframe's bench shows the sweep.
+    let begun = Instant::now();
+    let status = || String::from_utf8(served.command("status", "--json").stdout).unwrap();
+    while !status().contains("\"output\":true") {
+        assert!(begun.elapsed() < DEADLINE);
+    }
+    reset(first);
+    let (mut second, sweeping, _) = Client::insisting(&served, "STAT:OPER:COND?");
+    assert_eq!(
+        sweeping.parse::<u16>().unwrap() & 8,
+        8,
+        "the sweep outlives its client"
+    );
+    second.send(b"SOUR:SWE:ABOR\n");
+    assert_eq!(second.ask("OUTP?"), "0");
+    assert_eq!(second.code(), 0);
+}
+
+#[test]
+fn what_is_said_while_the_source_is_busy_is_heard_in_its_turn() {
+    let served = Served::start_in_time(&[]);
+    let mut client = Client::of(&served, "6221");
+    let begun = Instant::now();
+    client.send(b"SOUR:SWE:SPAC LIST;:SOUR:LIST:CURR 1e-3,2e-3;DEL 0.3,0.3;COMP 10,10;:SOUR:SWE:ARM;:INIT\n*OPC?\n");
+    for byte in b"SOUR:CURR?\n*IDN?\n" {
+        client.send(&[*byte]);
+    }
+    client.0.get_ref().shutdown(Shutdown::Write).unwrap();
+    assert_eq!(client.line(), "1");
+    assert!(begun.elapsed() >= Duration::from_millis(600));
+    assert_eq!(client.line(), "2.000000E-03");
+    assert!(client.line().contains("MODEL 6221"));
+    assert!(client.is_closed());
+}
+
+#[test]
+fn a_list_sweep_runs_in_real_time() {
+    let served = Served::start_in_time(&[]);
+    let mut client = Client::of(&served, "6221");
+    client
+        .send(b"SOUR:SWE:SPAC LIST;:SOUR:LIST:CURR 1e-3,2e-3,3e-3;DEL 0.4,0.4,0.4;COMP 10,10,10\n");
+    client.send(b"SOUR:SWE:ARM;:INIT\n");
+    let begun = Instant::now();
+    let mut seen = Vec::new();
+    loop {
+        let reply = client.ask("SOUR:CURR?;:STAT:OPER:COND?");
+        let (level, conditions) = reply.split_once(';').unwrap();
+        if seen.last().is_none_or(|(last, _)| last != level) {
+            seen.push((level.to_owned(), begun.elapsed()));
+        }
+        if conditions.parse::<u16>().unwrap() & 2 != 0 {
+            break;
+        }
+        assert!(begun.elapsed() < DEADLINE);
+    }
+    let whole = begun.elapsed();
+    let levels: Vec<&str> = seen.iter().map(|(level, _)| level.as_str()).collect();
+    // A look may come late on a loaded machine, never early.
+    assert!(
+        levels
+            .iter()
+            .all(|level| ["1.000000E-03", "2.000000E-03", "3.000000E-03"].contains(level))
+    );
+    assert!(levels.is_sorted(), "{levels:?}");
+    assert!(whole >= Duration::from_millis(1190), "{whole:?}");
+    assert_eq!(levels.last(), Some(&"3.000000E-03"));
+    assert_eq!(client.ask("OUTP?"), "1");
+}

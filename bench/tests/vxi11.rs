@@ -233,6 +233,59 @@ fn unread_and_unasked_replies_are_errors() {
     assert_eq!(client.code(link), -363);
 }
 
+/// 20 s of integration: longer than the test may take.
+const LONG_SCAN: &[u8] = b"CONF:VOLT:DC 1,(@1001:1010);:VOLT:DC:NPLC 100,(@1001:1010);:READ?\n";
+
+#[test]
+fn a_device_clear_cuts_a_measurement_short_and_a_poll_does_not_wait_for_it() {
+    let served = Served::start_in_time(&["--port-vxi11", "0"]);
+    let mut client = Client::of(&served);
+    let link = client.create(b"inst0").unwrap();
+    let begun = Instant::now();
+    assert_eq!(client.write(link, LONG_SCAN, END), 0);
+    // Nothing available yet: said at once.
+    assert_eq!(word(&client.generic(13, link, 0, 0), 1) & 16, 0);
+    assert_eq!(client.read(link, 100, 50, None).0, 15);
+    assert_eq!(word(&client.generic(15, link, 0, 0), 0), 0);
+    assert_eq!(client.ask(link, "*ESE?"), "+0");
+    assert_eq!(
+        client.ask(link, "STAT:OPER:COND?;:ROUT:SCAN:SIZE?"),
+        "+0;+10"
+    );
+    assert_eq!(client.code(link), 0);
+    assert!(
+        begun.elapsed() < Duration::from_secs(10),
+        "{:?}",
+        begun.elapsed()
+    );
+}
+
+#[test]
+fn an_abort_ends_a_read_that_waits() {
+    let served = Served::start_in_time(&["--port-vxi11", "0"]);
+    let mut client = Client::of(&served);
+    let link = client.create(b"inst0").unwrap();
+    assert_eq!(client.write(link, LONG_SCAN, END), 0);
+    let begun = Instant::now();
+    let mut other = Client::of(&served);
+    // Until the read is under way there is nothing to abort; then it ends, and this with it.
+    let (ended, told) = std::sync::mpsc::channel::<()>();
+    let aborter = std::thread::spawn(move || {
+        while told.try_recv() == Err(std::sync::mpsc::TryRecvError::Empty) {
+            let aborted = other.call_in(999, CORE + 1, 1, 1, Arguments::default().word(link));
+            assert_eq!((word(&aborted, 0), word(&aborted, 1)), (0, 0));
+        }
+    });
+    assert_eq!(client.read(link, 100, 15_000, None).0, 23);
+    drop(ended);
+    aborter.join().unwrap();
+    assert!(
+        begun.elapsed() < Duration::from_secs(10),
+        "{:?}",
+        begun.elapsed()
+    );
+}
+
 #[test]
 fn one_link_locks_the_others_out() {
     let served = served();

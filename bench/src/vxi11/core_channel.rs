@@ -294,11 +294,12 @@ impl Links {
             }
             15 => {
                 let asked = self.generic(arguments).await?;
-                code(asked.map(|link| {
-                    if let Some(link) = self.links.get_mut(&link) {
-                        link.clear();
-                    }
-                }))
+                if let Ok(link) = asked
+                    && let Some(link) = self.links.get_mut(&link)
+                {
+                    link.clear().await;
+                }
+                code(asked.map(|_| ()))
             }
             // There is no front panel to lock.
             16 | 17 => code(self.generic(arguments).await?.map(|_| ())),
@@ -431,13 +432,7 @@ impl Links {
         let Some(link) = self.links.get(&link) else {
             return 0;
         };
-        let told = link
-            .guest()
-            .hear(b"*STB?".to_vec())
-            .await
-            .unwrap_or_default();
-        let told = String::from_utf8_lossy(&told.bytes);
-        let byte: u32 = told.trim().trim_start_matches('+').parse().unwrap_or(0);
+        let byte = u32::from(link.guest().status_byte().await);
         match link.has_reply() {
             true => byte | MESSAGE_AVAILABLE,
             false => byte & !MESSAGE_AVAILABLE,

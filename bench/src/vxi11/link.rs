@@ -8,7 +8,7 @@ use tokio::sync::{Notify, mpsc};
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, timeout_at};
 
-use crate::guest::{Guest, LONGEST_MESSAGE};
+use crate::guest::{Delivery, Guest, LONGEST_MESSAGE};
 
 /// Messages that wait to be heard; a writer then waits too.
 const WAITING: usize = 16;
@@ -67,6 +67,8 @@ struct Shared {
     queue: Mutex<Queue>,
     changed: Notify,
     aborted: Notify,
+    /// A device clear: whoever waits for the instrument waits no longer.
+    interrupted: Notify,
 }
 
 impl Shared {
@@ -141,11 +143,16 @@ impl Link {
                 queue.pending += 1;
                 queue.cleared
             };
-            let sent = timeout_at(deadline, self.messages.send((message, cleared))).await;
-            if !matches!(sent, Ok(Ok(()))) {
+            let sent = tokio::select! {
+                sent = timeout_at(deadline, self.messages.send((message, cleared))) => {
+                    matches!(sent, Ok(Ok(()))).then_some(()).ok_or(Fault::TimedOut)
+                }
+                () = self.shared.aborted.notified() => Err(Fault::Aborted),
+            };
+            if let Err(fault) = sent {
                 self.shared.queue().pending -= 1;
                 self.framer.clear();
-                return Err(Fault::TimedOut);
+                return Err(fault);
             }
         }
         Ok(())
@@ -187,12 +194,17 @@ impl Link {
         !self.shared.queue().left().is_empty()
     }
 
-    /// A device clear: input, output and what is being answered are forgotten.
-    pub(super) fn clear(&mut self) {
+    /// A device clear: input, output and what is being answered are forgotten, and what the instrument does for this
+    /// link ends.
+    pub(super) async fn clear(&mut self) {
         self.framer.clear();
-        let mut queue = self.shared.queue();
-        queue.cleared += 1;
-        queue.empty();
+        {
+            let mut queue = self.shared.queue();
+            queue.cleared += 1;
+            queue.empty();
+        }
+        self.shared.interrupted.notify_waiters();
+        self.guest.clear().await;
     }
 
     async fn wait_out(&self, deadline: Instant) -> Result<(), Fault> {
@@ -242,6 +254,10 @@ async fn listen(
     mut messages: mpsc::Receiver<(Vec<u8>, u64)>,
 ) {
     while let Some((message, cleared)) = messages.recv().await {
+        // Listening before the look at the count: a clear in between is not missed.
+        let clear = shared.interrupted.notified();
+        tokio::pin!(clear);
+        clear.as_mut().enable();
         let interrupted = {
             let mut queue = shared.queue();
             if queue.cleared != cleared {
@@ -255,7 +271,18 @@ async fn listen(
         if interrupted {
             guest.refuse(ParseError::QueryInterrupted);
         }
-        let delivery = guest.hear(message).await;
+        // What has been begun is heard to its end, so that a clear comes before it or behind it.
+        let delivery = match guest.begin(message).await {
+            Err(fault) => Err(fault),
+            Ok(heard) => tokio::select! {
+                biased;
+                () = clear => {
+                    guest.clear().await;
+                    Ok(Delivery::default())
+                }
+                delivery = guest.finish(heard) => Ok(delivery),
+            },
+        };
         let mut queue = shared.queue();
         queue.pending -= 1;
         match delivery {

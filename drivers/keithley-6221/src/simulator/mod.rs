@@ -51,6 +51,8 @@ pub struct Simulator6221 {
     outcome: Outcome,
     /// `*OPC` was heard and something is still under way.
     completion_awaited: bool,
+    /// `*OPC?` was heard behind what has no foreseeable end; its answer comes once that has been ended.
+    answer_awaited: bool,
     flowing: Amps,
     told_range: Range,
     interlock_closed: bool,
@@ -81,6 +83,7 @@ impl Simulator6221 {
             mode: Mode::Source,
             outcome: Outcome::None,
             completion_awaited: false,
+            answer_awaited: false,
             flowing: Amps(0.0),
             told_range: level::RESET.range,
             interlock_closed: true,
@@ -117,8 +120,9 @@ impl Simulator6221 {
                     Ok(None)
                 }
                 Ok(Command::Common(Common::WhenComplete)) => {
-                    // What never ends is never answered.
+                    // What has no end is answered once it has been ended.
                     let left = self.remaining();
+                    self.answer_awaited = left.is_none();
                     wait = left.unwrap_or_default();
                     Ok(left.map(|_| "1".to_owned()))
                 }
@@ -134,6 +138,14 @@ impl Simulator6221 {
             }
             self.pass(self.now, load);
             self.flow(load);
+            if self.answer_awaited
+                && let Some(left) = self.remaining()
+            {
+                // An abort has ended it, or a trigger has given it an end.
+                self.answer_awaited = false;
+                replies.push("1".to_owned());
+                wait = left;
+            }
         }
         Response {
             text: (!replies.is_empty()).then(|| replies.join(";")),
@@ -166,6 +178,11 @@ impl Simulator6221 {
         };
         self.status.raise_error(refusal.code());
         self.errors.push(refusal.code(), text);
+    }
+
+    /// Forgets an answer to `*OPC?` that is still to come: its client has left, or cleared the device.
+    pub fn forget_answer(&mut self) {
+        self.answer_awaited = false;
     }
 
     /// Closes or opens the interlock. Open, it switches the output off and keeps it so.

@@ -42,6 +42,7 @@ impl Simulator6221 {
                 status.clear();
                 self.errors.clear();
                 self.completion_awaited = false;
+                self.answer_awaited = false;
                 None
             }
             Common::SetEventEnable(mask) => {
@@ -94,6 +95,7 @@ impl Simulator6221 {
         self.lists = Lists::reset();
         self.elements = Element::DEFAULT.to_vec();
         self.completion_awaited = false;
+        self.answer_awaited = false;
     }
 
     /// `SYST:PRES`: as `*RST`, but for the order of a binary reading's bytes.

@@ -177,9 +177,26 @@ fn section_4_an_endless_sweep_repeats_itself() {
     talk.at(year + 1.25);
     assert_eq!(talk.load.flowing, Amps(2e-3));
     assert_eq!(talk.operation(), SWEEPING);
-    talk.hold(&[("*OPC?", "-")]);
-    talk.hold(&[("OUTP 0", "-")]);
+    // The answer comes once the sweep has been ended, and only then.
+    talk.hold(&[("*OPC?", "-"), ("OUTP?", "1"), ("OUTP 0", "1")]);
     assert_eq!(talk.operation(), ABORTED | IDLE);
+    talk.hold(&[("*OPC?", "1"), ("SOUR:SWE:ARM;:INIT;*OPC?", "-")]);
+    talk.hold(&[("*RST", "-"), ("SYST:ERR?", "0,\"No error\"")]);
+}
+
+#[test]
+fn section_5_completion_behind_a_trigger_is_told_when_it_has_come() {
+    let mut talk = staircase(100.0);
+    talk.hold(&[("ARM:SOUR BUS;:INIT;*OPC?", "-"), ("OUTP?", "1")]);
+    let now = talk.now();
+    let reply = talk.source.hear("*TRG", now, &mut talk.load);
+    assert_eq!(reply.text.as_deref(), Some("1"));
+    assert_eq!(
+        reply.busy,
+        Duration::from_millis(5) + Duration::from_secs(2)
+    );
+    talk.at(2.1);
+    talk.hold(&[("SOUR:CURR?;:SYST:ERR?", "3.000000E-03;0,\"No error\"")]);
 }
 
 #[test]

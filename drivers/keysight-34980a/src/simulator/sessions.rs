@@ -117,6 +117,7 @@ impl Simulator34980a {
     pub fn end_session(&mut self, session: Session) {
         self.sessions.names.remove(&session);
         self.sessions.replies.remove(&session);
+        self.sessions.busy.remove(&session);
         if self
             .sessions
             .lock
@@ -161,9 +162,20 @@ impl Simulator34980a {
         }
     }
 
-    /// Clears a session's reply, as a device clear does.
-    pub fn clear_session(&mut self, session: Session) {
+    /// A device clear of a session: its reply is forgotten, what its last message waits for too, and a measurement at
+    /// work is stopped. Settings, status and error queue stay.
+    pub fn clear_session(&mut self, session: Session, at: Duration, wires: &mut dyn Wires) {
         self.sessions.replies.remove(&session);
+        self.sessions.busy.remove(&session);
+        self.pass(at, wires);
+        self.meter.abort(at, &mut self.relays, wires);
+        self.notice(at);
+    }
+
+    /// The status byte as a serial poll gives it, at any time: without message available, which the session's server
+    /// knows.
+    pub fn status_byte(&self) -> u8 {
+        self.status.status_byte(!self.errors.is_empty(), false)
     }
 
     /// What the server noticed of a connection: a message came before the reply was read (-410), a reply was read that

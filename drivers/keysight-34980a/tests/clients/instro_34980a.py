@@ -1,4 +1,6 @@
-"""instro drives the simulated mainframe: slot 1 a 34922A on a steady 1.25 V, slot 2 a 34931A."""
+"""instro drives the simulated mainframe: slot 1 a 34922A on a steady voltage, slot 2 a 34931A.
+
+Arguments: the port, and the voltage (1.25 V unless given)."""
 
 import sys
 import time
@@ -6,6 +8,8 @@ import time
 from instro.daq.drivers.keysight_34980a import Keysight34980A, parse_datastring
 from instro.daq.types import AnalogVoltageChannel, Direction, HWTimingConfig, RelayChannel
 from instro.lib.transports.visa import VisaConfig
+
+VOLTS = float(sys.argv[2]) if len(sys.argv) > 2 else 1.25
 
 unit = Keysight34980A(
     VisaConfig(f"TCPIP::127.0.0.1::{sys.argv[1]}::SOCKET", visa_backend="@py")
@@ -28,7 +32,7 @@ def channel(number):
 unit.configure_ai_voltage_channel(channel("1001"))
 unit.configure_ai_voltage_channel(channel("1002"))
 readings, stamps = parse_datastring(unit.read_analog().data)
-assert readings == [1.25, 1.25], readings
+assert readings == [VOLTS, VOLTS], readings
 assert stamps[0] < stamps[1]
 assert all(abs(stamp - time.time_ns()) < 60e9 for stamp in stamps), stamps
 
@@ -42,7 +46,7 @@ unit.start()
 stamps = []
 for _ in range(3):
     readings, more = parse_datastring(unit.fetch_analog().data)
-    assert len(readings) >= 4 and set(readings) == {1.25}, readings
+    assert len(readings) >= 4 and set(readings) == {VOLTS}, readings
     stamps += more
 unit.stop()
 steps = [second - first for first, second in zip(stamps, stamps[1:])]
