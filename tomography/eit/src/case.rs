@@ -3,21 +3,24 @@
 //! A first line with a field that is not a number is a header; a leading column of text is a label; a missing
 //! `current_A` is 1 A. SI units, indices from 0. Numbers are written with 17 significant digits.
 
+mod error;
 mod frames;
+mod protocol;
 mod table;
 mod text;
+mod write;
 
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use survey::{Dipole, Electrode, Measurement, Protocol, ProtocolError};
+use survey::{Electrode, Protocol};
 
 use crate::{Mesh, MeshError};
+pub use error::CaseError;
 pub use frames::{NamedFrame, frames_text, read_frames, read_named_frames};
+pub use protocol::{protocol_text, read_protocol};
 pub use table::Table;
-use text::line;
 pub use text::{digits, matrix_text};
 
 /// A geometry with its contacts, its questions and its named conductances.
@@ -37,118 +40,6 @@ pub struct Case {
     pub has_region: bool,
 }
 
-/// Why a folder is not a case, or a file not what it should be. Lines are counted from 1.
-#[derive(Debug, thiserror::Error)]
-pub enum CaseError {
-    /// The file cannot be read or written.
-    #[error("{}", .path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// What the system says.
-        #[source]
-        cause: std::io::Error,
-    },
-    /// A field that should be a number is not.
-    #[error("{}:{line}: column {column} is '{text}', which is not a number", .path.display())]
-    NotANumber {
-        /// The file.
-        path: PathBuf,
-        /// The line.
-        line: usize,
-        /// The column, from 1.
-        column: usize,
-        /// What stands there.
-        text: String,
-    },
-    /// A number that should be an index is not one.
-    #[error("{}:{line}: {what} is {value}, which is not an index (0, 1, 2, ...)", .path.display())]
-    NotAnIndex {
-        /// The file.
-        path: PathBuf,
-        /// The line.
-        line: usize,
-        /// Name of the column.
-        what: &'static str,
-        /// What stands there.
-        value: f64,
-    },
-    /// A line with too few or too many fields.
-    #[error("{}:{line}: {has} columns, {wants} are needed", .path.display())]
-    Columns {
-        /// The file.
-        path: PathBuf,
-        /// The line.
-        line: usize,
-        /// What it has.
-        has: usize,
-        /// What is needed, in words.
-        wants: String,
-    },
-    /// A file with too few or too many lines.
-    #[error("{}: {has} rows, {wants} are needed", .path.display())]
-    Rows {
-        /// The file.
-        path: PathBuf,
-        /// What it has.
-        has: usize,
-        /// What is needed, in words.
-        wants: String,
-    },
-    /// An electrode number out of turn.
-    #[error("{}:{line}: electrode {has} where electrode {wants} is expected (numbered from 0, in order)", .path.display())]
-    ElectrodeOrder {
-        /// The file.
-        path: PathBuf,
-        /// The line.
-        line: usize,
-        /// What stands there.
-        has: usize,
-        /// What was expected.
-        wants: usize,
-    },
-    /// An electrode or element that does not exist.
-    #[error("{}:{line}: {what} {value} does not exist; there are {count}", .path.display())]
-    NoSuch {
-        /// The file.
-        path: PathBuf,
-        /// The line.
-        line: usize,
-        /// `electrode`, `node` or `element`.
-        what: &'static str,
-        /// What was named.
-        value: usize,
-        /// How many there are.
-        count: usize,
-    },
-    /// A conductance that does not exist.
-    #[error("no conductance '{name}': it is neither a file nor one of {}", .known.join(", "))]
-    NoSigma {
-        /// What was asked.
-        name: String,
-        /// What the case has.
-        known: Vec<String>,
-    },
-    /// The mesh is faulty.
-    #[error("{}: the mesh is refused", .path.display())]
-    Mesh {
-        /// The folder.
-        path: PathBuf,
-        /// Why.
-        #[source]
-        cause: MeshError,
-    },
-    /// The protocol is faulty.
-    #[error("{}: the protocol is refused", .path.display())]
-    Protocol {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        #[source]
-        cause: ProtocolError,
-    },
-}
-
 impl Case {
     /// Reads a folder: `nodes`, `elems`, `electrode_edges`, `electrodes`, `protocol` and, where present, `roi` and
     /// every `sigma_<name>`, all `.csv`.
@@ -156,30 +47,26 @@ impl Case {
     /// # Errors
     /// The first fault found, naming file and line.
     pub fn read(folder: &Path) -> Result<Self, CaseError> {
-        let nodes = Table::read(&folder.join("nodes.csv"))?
+        let file = |name: &str| folder.join(name);
+        let node_table = Table::read(&file("nodes.csv"))?;
+        let nodes = node_table
             .numbers(2, 2)?
             .into_iter()
             .map(|(_, row)| [row[0], row[1]])
             .collect::<Vec<_>>();
-        let table = Table::read(&folder.join("elems.csv"))?;
-        let triangles = table
+        let element_table = Table::read(&file("elems.csv"))?;
+        let triangles = element_table
             .numbers(3, 3)?
             .into_iter()
             .map(|(line, row)| {
-                Ok([
-                    table.below(line, "node", row[0], nodes.len())?,
-                    table.below(line, "node", row[1], nodes.len())?,
-                    table.below(line, "node", row[2], nodes.len())?,
-                ])
+                let node = |k: usize| element_table.below(line, "node", row[k], nodes.len());
+                Ok([node(0)?, node(1)?, node(2)?])
             })
             .collect::<Result<Vec<_>, CaseError>>()?;
-        let contact_ohm_m = read_electrodes(&folder.join("electrodes.csv"))?;
-        let electrode_edges = read_edges(
-            &folder.join("electrode_edges.csv"),
-            contact_ohm_m.len(),
-            nodes.len(),
-        )?;
-        let region_path = folder.join("roi.csv");
+        let (electrode_table, contact_ohm_m) = read_electrodes(&file("electrodes.csv"))?;
+        let edge_table = Table::read(&file("electrode_edges.csv"))?;
+        let electrode_edges = read_edges(&edge_table, contact_ohm_m.len(), nodes.len())?;
+        let region_path = file("roi.csv");
         let has_region = region_path.exists();
         let region = has_region
             .then(|| {
@@ -192,8 +79,43 @@ impl Case {
             })
             .transpose()?;
         let mesh = Mesh::new(nodes, triangles, electrode_edges, region).map_err(|cause| {
+            let (name, line) = match &cause {
+                MeshError::NotFinite { node } | MeshError::UnusedNode { node } => {
+                    ("nodes.csv", node_table.lines.get(*node))
+                }
+                MeshError::NoSuchNode { element, .. }
+                | MeshError::Inverted { element, .. }
+                | MeshError::NoArea { element, .. }
+                | MeshError::Overlap { element, .. }
+                | MeshError::Disconnected { element } => {
+                    ("elems.csv", element_table.lines.get(*element))
+                }
+                MeshError::NoEdge { electrode } => {
+                    ("electrodes.csv", electrode_table.lines.get(electrode.0))
+                }
+                MeshError::NotBoundary {
+                    electrode,
+                    from,
+                    to,
+                }
+                | MeshError::EdgeTwice {
+                    electrode,
+                    from,
+                    to,
+                } => (
+                    "electrode_edges.csv",
+                    edge_line(&edge_table, *electrode, &[*from, *to]),
+                ),
+                MeshError::ElectrodesMeet { second, node, .. } => (
+                    "electrode_edges.csv",
+                    edge_line(&edge_table, *second, &[*node]),
+                ),
+                MeshError::Region { .. } => ("roi.csv", None),
+                MeshError::Empty | MeshError::Preset { .. } => ("elems.csv", None),
+            };
             CaseError::Mesh {
-                path: folder.to_owned(),
+                path: file(name),
+                line: line.copied(),
                 cause,
             }
         })?;
@@ -212,80 +134,6 @@ impl Case {
             case.sigma.insert(name, sigma);
         }
         Ok(case)
-    }
-
-    /// Writes the folder, which is made if need be.
-    ///
-    /// # Errors
-    /// A file that cannot be written.
-    pub fn write(&self, folder: &Path) -> Result<(), CaseError> {
-        std::fs::create_dir_all(folder).map_err(|cause| CaseError::Io {
-            path: folder.to_owned(),
-            cause,
-        })?;
-        let put = |name: &str, text: String| {
-            let path = folder.join(name);
-            std::fs::write(&path, text).map_err(|cause| CaseError::Io { path, cause })
-        };
-        let mut text = String::from("x_m,y_m\n");
-        for [x, y] in self.mesh.nodes() {
-            line(&mut text, &[digits(*x), digits(*y)]);
-        }
-        put("nodes.csv", text)?;
-        let mut text = String::from("n0,n1,n2\n");
-        for triangle in self.mesh.triangles() {
-            line(&mut text, &triangle.map(|node| node.to_string()));
-        }
-        put("elems.csv", text)?;
-        let mut text = String::from("electrode,node_a,node_b\n");
-        for (electrode, edges) in self.mesh.electrode_edges().iter().enumerate() {
-            for [a, b] in edges {
-                line(
-                    &mut text,
-                    &[electrode, *a, *b].map(|value| value.to_string()),
-                );
-            }
-        }
-        put("electrode_edges.csv", text)?;
-        let mut text = String::from("electrode,z_contact_ohm_m,length_m,centre_x_m,centre_y_m\n");
-        for (electrode, (z, [x, y])) in self
-            .contact_ohm_m
-            .iter()
-            .zip(self.mesh.electrode_centres())
-            .enumerate()
-        {
-            let length = self.mesh.electrode_length(electrode);
-            line(
-                &mut text,
-                &[
-                    electrode.to_string(),
-                    digits(*z),
-                    digits(length),
-                    digits(x),
-                    digits(y),
-                ],
-            );
-        }
-        put("electrodes.csv", text)?;
-        put(
-            "protocol.csv",
-            protocol_text(&self.protocol, &self.currents),
-        )?;
-        if self.has_region {
-            let mut text = String::from("element\n");
-            for element in self.mesh.region() {
-                line(&mut text, &[element.to_string()]);
-            }
-            put("roi.csv", text)?;
-        }
-        for (name, sigma) in &self.sigma {
-            let mut text = String::from("sigma_S_per_sq\n");
-            for value in sigma {
-                line(&mut text, &[digits(*value)]);
-            }
-            put(&format!("sigma_{name}.csv"), text)?;
-        }
-        Ok(())
     }
 
     /// A conductance by its name in the folder, else from a file of one value a triangle.
@@ -312,11 +160,15 @@ impl Case {
     }
 
     fn read_sigma(&self, path: &Path) -> Result<Vec<f64>, CaseError> {
-        let values: Vec<f64> = Table::read(path)?
-            .numbers(1, 1)?
-            .into_iter()
-            .map(|(_, row)| row[0])
-            .collect();
+        let rows = Table::read(path)?.numbers(1, 1)?;
+        if let Some((line, row)) = rows.iter().find(|(_, row)| row[0] < 0.0) {
+            return Err(CaseError::Negative {
+                path: path.to_owned(),
+                line: *line,
+                value: row[0],
+            });
+        }
+        let values: Vec<f64> = rows.into_iter().map(|(_, row)| row[0]).collect();
         let wants = self.mesh.triangles().len();
         if values.len() != wants {
             return Err(CaseError::Rows {
@@ -349,34 +201,41 @@ fn sigma_files(folder: &Path) -> Result<BTreeMap<String, PathBuf>, CaseError> {
     Ok(files)
 }
 
-fn read_electrodes(path: &Path) -> Result<Vec<f64>, CaseError> {
+fn read_electrodes(path: &Path) -> Result<(Table, Vec<f64>), CaseError> {
     let table = Table::read(path)?;
-    table
+    let contacts = table
         .numbers(2, 5)?
         .into_iter()
         .enumerate()
         .map(|(wants, (line, row))| {
             let has = table.index(line, "electrode", row[0])?;
-            if has == wants {
-                Ok(row[1])
-            } else {
+            let path = path.to_owned();
+            if has != wants {
                 Err(CaseError::ElectrodeOrder {
-                    path: path.to_owned(),
+                    path,
                     line,
                     has,
                     wants,
                 })
+            } else if row[1] < 0.0 {
+                Err(CaseError::Contact {
+                    path,
+                    line,
+                    value: row[1],
+                })
+            } else {
+                Ok(row[1])
             }
         })
-        .collect()
+        .collect::<Result<_, _>>()?;
+    Ok((table, contacts))
 }
 
 fn read_edges(
-    path: &Path,
+    table: &Table,
     electrodes: usize,
     nodes: usize,
 ) -> Result<Vec<Vec<[usize; 2]>>, CaseError> {
-    let table = Table::read(path)?;
     let mut edges = vec![Vec::new(); electrodes];
     for (line, row) in table.numbers(3, 3)? {
         let electrode = table.below(line, "electrode", row[0], electrodes)?;
@@ -388,65 +247,14 @@ fn read_edges(
     Ok(edges)
 }
 
-/// Reads a protocol file and the current of each reading (A; 1 where the column is missing). Without `electrodes` the
-/// ring is as large as the largest number named.
-///
-/// # Errors
-/// A fault in the file, naming its line, or a protocol that is refused.
-pub fn read_protocol(
-    path: &Path,
-    electrodes: Option<usize>,
-) -> Result<(Protocol, Vec<f64>), CaseError> {
-    let table = Table::read(path)?;
-    let mut measurements = Vec::new();
-    let mut currents = Vec::new();
-    let mut largest = 0;
-    for (line, row) in table.numbers(5, 6)? {
-        let electrode = |column: usize, what| {
-            match electrodes {
-                Some(count) => table.below(line, "electrode", row[column], count),
-                None => table.index(line, what, row[column]),
-            }
-            .map(Electrode)
-        };
-        let question = Measurement {
-            drive: Dipole {
-                plus: electrode(1, "source")?,
-                minus: electrode(2, "sink")?,
-            },
-            sense: Dipole {
-                plus: electrode(3, "v_plus")?,
-                minus: electrode(4, "v_minus")?,
-            },
-        };
-        for dipole in [question.drive, question.sense] {
-            largest = largest.max(dipole.plus.0).max(dipole.minus.0);
-        }
-        measurements.push(question);
-        currents.push(row.get(5).copied().unwrap_or(1.0));
-    }
-    Protocol::new(electrodes.unwrap_or(largest + 1), measurements)
-        .map(|protocol| (protocol, currents))
-        .map_err(|cause| CaseError::Protocol {
-            path: path.to_owned(),
-            cause,
-        })
-}
-
-/// A protocol as the text of its file.
-pub fn protocol_text(protocol: &Protocol, currents: &[f64]) -> String {
-    let mut text = String::from("meas,source,sink,v_plus,v_minus,current_A\n");
-    for (meas, (question, current)) in protocol.measurements().iter().zip(currents).enumerate() {
-        let Measurement { drive, sense } = question;
-        let _ = writeln!(
-            text,
-            "{meas},{},{},{},{},{}",
-            drive.plus.0,
-            drive.minus.0,
-            sense.plus.0,
-            sense.minus.0,
-            digits(*current)
-        );
-    }
-    text
+/// The last line with an edge of this electrode that has all these nodes.
+fn edge_line<'t>(table: &'t Table, electrode: Electrode, nodes: &[usize]) -> Option<&'t usize> {
+    let is = |field: Option<f64>, index: usize| field == Some(index as f64);
+    let found = table.rows.iter().rposition(|row| {
+        is(row[0], electrode.0)
+            && nodes
+                .iter()
+                .all(|&node| is(row[1], node) || is(row[2], node))
+    });
+    found.and_then(|row| table.lines.get(row))
 }

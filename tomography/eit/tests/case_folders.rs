@@ -166,6 +166,99 @@ fn faults_name_file_and_line() {
     assert!(fault.contains("elems.csv: No such file"), "{fault}");
 }
 
+/// A mesh that makes no sense: file and line of what is to be mended.
+#[test]
+fn faulty_meshes_name_file_and_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = tank_case();
+    case.write(folder.path()).unwrap();
+    let [a, b, c] = case.mesh.triangles()[4];
+    let count = case.mesh.nodes().len();
+    let of_line = |at: usize, text: String| {
+        move |mut lines: Vec<String>| {
+            text.clone_into(&mut lines[at - 1]);
+            lines
+        }
+    };
+    let without = |electrode: &'static str| {
+        move |lines: Vec<String>| {
+            let kept = |line: &String| !line.starts_with(electrode);
+            lines.into_iter().filter(kept).collect()
+        }
+    };
+    let with = |lines_more: Vec<String>| {
+        move |mut lines: Vec<String>| {
+            lines.extend(lines_more.clone());
+            lines
+        }
+    };
+    let path = folder.path();
+    let faults = [
+        (
+            change(path, "elems.csv", of_line(6, format!("{a},{c},{b}"))),
+            "elems.csv:6: the mesh is refused: element 4 is inverted",
+        ),
+        (
+            change(path, "elems.csv", of_line(6, format!("{a},{b},{b}"))),
+            "elems.csv:6: the mesh is refused: element 4 has no area",
+        ),
+        (
+            change(path, "nodes.csv", with(vec!["0.3,0.3".to_owned()])),
+            "belongs to no element",
+        ),
+        (
+            change(path, "electrode_edges.csv", without("3,")),
+            "electrodes.csv:5: the mesh is refused: electrode 4 touches nothing",
+        ),
+        (
+            change(
+                path,
+                "electrode_edges.csv",
+                of_line(2, format!("0,{a},{count}")),
+            ),
+            "electrode_edges.csv:2: node",
+        ),
+        (
+            change(
+                path,
+                "electrode_edges.csv",
+                of_line(2, format!("0,{a},{b}")),
+            ),
+            "is not a boundary edge of the mesh",
+        ),
+        (
+            change(
+                path,
+                "electrodes.csv",
+                of_line(4, "2,-1,0.01,0,0".to_owned()),
+            ),
+            "electrodes.csv:4: contact impedance -1 ohm m is negative",
+        ),
+        (
+            change(path, "sigma_homog.csv", of_line(9, "-0.001".to_owned())),
+            "sigma_homog.csv:9: conductance -0.001 S is negative",
+        ),
+        (
+            change(path, "sigma_homog.csv", of_line(9, "nan".to_owned())),
+            "sigma_homog.csv:9: column 1 is empty or not a finite number",
+        ),
+    ];
+    for (fault, wanted) in &faults {
+        assert!(fault.contains(wanted), "{fault}");
+    }
+    // a second piece far away
+    let nodes = std::fs::read_to_string(path.join("nodes.csv")).unwrap();
+    std::fs::write(path.join("nodes.csv"), nodes + "1,1\n2,1\n1,2\n").unwrap();
+    let piece = format!("{count},{},{}", count + 1, count + 2);
+    let fault = change(path, "elems.csv", with(vec![piece]));
+    let line = case.mesh.triangles().len() + 2;
+    let wanted = format!("elems.csv:{line}: the mesh is refused: element");
+    assert!(
+        fault.contains(&wanted) && fault.contains("one piece"),
+        "{fault}"
+    );
+}
+
 #[test]
 fn a_missing_current_is_one_ampere() {
     let folder = tempfile::tempdir().unwrap();

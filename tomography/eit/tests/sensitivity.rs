@@ -5,7 +5,7 @@ mod parts;
 use std::sync::Arc;
 
 use eit::{Forward, ForwardError, PaperSheet, Parameters};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use parts::{eight, spread};
 use survey::{Protocol, skip};
 
@@ -84,6 +84,14 @@ fn regions_cells_and_logarithms_follow_from_the_triangles() {
     ));
 }
 
+/// Smallest error of a central difference over some relative steps: rounding on one side, curvature on the other.
+fn least_error(along: impl Fn(f64) -> DVector<f64>, at: f64, exact: &DVector<f64>) -> f64 {
+    [1e-3, 3e-4, 1e-4]
+        .map(|h| ((along(h) - along(-h)) / (2.0 * h * at) - exact).amax() / exact.amax())
+        .into_iter()
+        .fold(f64::INFINITY, f64::min)
+}
+
 /// Central differences of single entries, at the step where rounding and curvature are smallest.
 #[test]
 fn single_entries_are_central_differences() {
@@ -97,29 +105,29 @@ fn single_entries_are_central_differences() {
         let by_contact = forward.contact_jacobian(&sigma, &protocol).unwrap();
         let mut worst = 0.0_f64;
         for t in [0, 411, 1600, 2900] {
-            let moved = |h: f64| {
+            let along = |h: f64| {
                 let mut sigma = sigma.clone();
                 sigma[t] *= 1.0 + h;
                 forward.readings(&sigma, &protocol).unwrap()
             };
-            let h = 1e-4;
-            let difference = (moved(h) - moved(-h)) / (2.0 * h * sigma[t]);
-            let column = by_sigma.column(t);
-            worst = worst.max((&difference - column).amax() / column.amax());
+            worst = worst.max(least_error(
+                along,
+                sigma[t],
+                &by_sigma.column(t).into_owned(),
+            ));
         }
-        for l in 0..8 {
-            let moved = |h: f64| {
+        for l in (0..8).filter(|&l| by_contact.column(l).amax() > 0.0) {
+            let along = |h: f64| {
                 let mut contacts = contacts;
                 contacts[l] *= 1.0 + h;
                 let forward = Forward::new(mesh.clone(), &contacts).unwrap();
                 forward.readings(&sigma, &protocol).unwrap()
             };
-            let h = 2e-4;
-            let difference = (moved(h) - moved(-h)) / (2.0 * h * contacts[l]);
-            let column = by_contact.column(l);
-            if column.amax() > 0.0 {
-                worst = worst.max((&difference - column).amax() / column.amax());
-            }
+            worst = worst.max(least_error(
+                along,
+                contacts[l],
+                &by_contact.column(l).into_owned(),
+            ));
         }
         println!("skip {away}: {worst:.1e}");
         assert!(worst < 1e-6, "skip {away}: {worst:e}");

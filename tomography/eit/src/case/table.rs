@@ -139,11 +139,10 @@ impl Table {
                     .iter()
                     .enumerate()
                     .map(|(column, value)| {
-                        value.ok_or_else(|| CaseError::NotANumber {
+                        value.ok_or_else(|| CaseError::Missing {
                             path: self.path.clone(),
                             line,
                             column: column + 1,
-                            text: String::new(),
                         })
                     })
                     .collect::<Result<_, _>>()?;

@@ -1,0 +1,162 @@
+//! Why a folder is not a case.
+
+use std::fmt;
+use std::path::PathBuf;
+
+use survey::ProtocolError;
+
+use crate::MeshError;
+
+/// Why a folder is not a case, or a file not what it should be. Lines are counted from 1.
+#[derive(Debug, thiserror::Error)]
+pub enum CaseError {
+    /// The file cannot be read or written.
+    #[error("{}", .path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        #[source]
+        cause: std::io::Error,
+    },
+    /// A field that should be a number is not.
+    #[error("{}:{line}: column {column} is '{text}', which is not a number", .path.display())]
+    NotANumber {
+        /// The file.
+        path: PathBuf,
+        /// The line.
+        line: usize,
+        /// The column, from 1.
+        column: usize,
+        /// What stands there.
+        text: String,
+    },
+    /// A field that is empty, NaN or infinite.
+    #[error("{}:{line}: column {column} is empty or not a finite number", .path.display())]
+    Missing {
+        /// The file.
+        path: PathBuf,
+        /// The line.
+        line: usize,
+        /// The column, from 1.
+        column: usize,
+    },
+    /// A conductance below zero.
+    #[error("{}:{line}: conductance {value} S is negative", .path.display())]
+    Negative {
+        /// The file.
+        path: PathBuf,
+        /// The line.
+        line: usize,
+        /// What stands there.
+        value: f64,
+    },
+    /// A contact impedance below zero.
+    #[error("{}:{line}: contact impedance {value} ohm m is negative", .path.display())]
+    Contact {
+        /// The file.
+        path: PathBuf,
+        /// The line.
+        line: usize,
+        /// What stands there.
+        value: f64,
+    },
+    /// A number that should be an index is not one.
+    #[error("{}:{line}: {what} is {value}, which is not an index (0, 1, 2, ...)", .path.display())]
+    NotAnIndex {
+        /// The file.
+        path: PathBuf,
+        /// The line.
+        line: usize,
+        /// Name of the column.
+        what: &'static str,
+        /// What stands there.
+        value: f64,
+    },
+    /// A line with too few or too many fields.
+    #[error("{}:{line}: {has} columns, {wants} are needed", .path.display())]
+    Columns {
+        /// The file.
+        path: PathBuf,
+        /// The line.
+        line: usize,
+        /// What it has.
+        has: usize,
+        /// What is needed, in words.
+        wants: String,
+    },
+    /// A file with too few or too many lines.
+    #[error("{}: {has} rows, {wants} are needed", .path.display())]
+    Rows {
+        /// The file.
+        path: PathBuf,
+        /// What it has.
+        has: usize,
+        /// What is needed, in words.
+        wants: String,
+    },
+    /// An electrode number out of turn.
+    #[error("{}:{line}: electrode {has} where electrode {wants} is expected (numbered from 0, in order)", .path.display())]
+    ElectrodeOrder {
+        /// The file.
+        path: PathBuf,
+        /// The line.
+        line: usize,
+        /// What stands there.
+        has: usize,
+        /// What was expected.
+        wants: usize,
+    },
+    /// An electrode or element that does not exist.
+    #[error("{}:{line}: {what} {value} does not exist; there are {count}", .path.display())]
+    NoSuch {
+        /// The file.
+        path: PathBuf,
+        /// The line.
+        line: usize,
+        /// `electrode`, `node` or `element`.
+        what: &'static str,
+        /// What was named.
+        value: usize,
+        /// How many there are.
+        count: usize,
+    },
+    /// A conductance that does not exist.
+    #[error("no conductance '{name}': it is neither a file nor one of {}", .known.join(", "))]
+    NoSigma {
+        /// What was asked.
+        name: String,
+        /// What the case has.
+        known: Vec<String>,
+    },
+    /// The mesh is faulty.
+    #[error("{}: the mesh is refused", Place(.path, .line))]
+    Mesh {
+        /// The file.
+        path: PathBuf,
+        /// The line, where there is one.
+        line: Option<usize>,
+        /// Why.
+        #[source]
+        cause: MeshError,
+    },
+    /// The protocol is faulty.
+    #[error("{}: the protocol is refused", .path.display())]
+    Protocol {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        #[source]
+        cause: ProtocolError,
+    },
+}
+
+/// A file, and a line of it where there is one.
+struct Place<'a>(&'a PathBuf, &'a Option<usize>);
+
+impl fmt::Display for Place<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.0.display())?;
+        self.1.map_or(Ok(()), |line| write!(f, ":{line}"))
+    }
+}

@@ -1,0 +1,82 @@
+//! A case goes out.
+
+use std::path::Path;
+
+use super::text::{digits, line};
+use super::{Case, CaseError, protocol_text};
+
+impl Case {
+    /// Writes the folder, which is made if need be.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn write(&self, folder: &Path) -> Result<(), CaseError> {
+        std::fs::create_dir_all(folder).map_err(|cause| CaseError::Io {
+            path: folder.to_owned(),
+            cause,
+        })?;
+        let put = |name: &str, text: String| {
+            let path = folder.join(name);
+            std::fs::write(&path, text).map_err(|cause| CaseError::Io { path, cause })
+        };
+        let mut text = String::from("x_m,y_m\n");
+        for [x, y] in self.mesh.nodes() {
+            line(&mut text, &[digits(*x), digits(*y)]);
+        }
+        put("nodes.csv", text)?;
+        let mut text = String::from("n0,n1,n2\n");
+        for triangle in self.mesh.triangles() {
+            line(&mut text, &triangle.map(|node| node.to_string()));
+        }
+        put("elems.csv", text)?;
+        let mut text = String::from("electrode,node_a,node_b\n");
+        for (electrode, edges) in self.mesh.electrode_edges().iter().enumerate() {
+            for [a, b] in edges {
+                line(
+                    &mut text,
+                    &[electrode, *a, *b].map(|value| value.to_string()),
+                );
+            }
+        }
+        put("electrode_edges.csv", text)?;
+        let mut text = String::from("electrode,z_contact_ohm_m,length_m,centre_x_m,centre_y_m\n");
+        for (electrode, (z, [x, y])) in self
+            .contact_ohm_m
+            .iter()
+            .zip(self.mesh.electrode_centres())
+            .enumerate()
+        {
+            let length = self.mesh.electrode_length(electrode);
+            line(
+                &mut text,
+                &[
+                    electrode.to_string(),
+                    digits(*z),
+                    digits(length),
+                    digits(x),
+                    digits(y),
+                ],
+            );
+        }
+        put("electrodes.csv", text)?;
+        put(
+            "protocol.csv",
+            protocol_text(&self.protocol, &self.currents),
+        )?;
+        if self.has_region {
+            let mut text = String::from("element\n");
+            for element in self.mesh.region() {
+                line(&mut text, &[element.to_string()]);
+            }
+            put("roi.csv", text)?;
+        }
+        for (name, sigma) in &self.sigma {
+            let mut text = String::from("sigma_S_per_sq\n");
+            for value in sigma {
+                line(&mut text, &[digits(*value)]);
+            }
+            put(&format!("sigma_{name}.csv"), text)?;
+        }
+        Ok(())
+    }
+}
