@@ -35,6 +35,7 @@ mod linear;
 mod mesh;
 mod mesher;
 pub mod model;
+pub mod network;
 mod one_step;
 pub mod preset;
 mod prior;
@@ -52,7 +53,8 @@ pub use forward::{Admitted, FLOOR, Fields, Forward, ForwardError, Workspace};
 pub use jacobian::Parameters;
 pub use linear::probable_lambda;
 pub use mesh::{ENOUGH_EDGES, Mesh, MeshError, MeshQuality};
-pub use model::{Model, ModelError, load_reconstructor};
+pub use model::{Model, ModelError, Network, Report, load_reconstructor};
+pub use network::{DeepNetwork, DeepReport, DeepSettings, Precision};
 pub use one_step::{
     CLIPPED, EXPECTED_CHANGE, Hyper, MODEL_SHARE, OneStep, OneStepError, OneStepOptions, Scale,
     UNEXPLAINED,

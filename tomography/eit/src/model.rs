@@ -2,7 +2,7 @@
 //!
 //! A file is `safetensors` with one metadata entry, `tactus`: JSON that says kind, geometry hash, survey hash,
 //! normalisation, training and build. Mesh and protocol are tensors beside the weights, so the file alone makes maps.
-//! The same model has the same bytes.
+//! The same model has the same bytes, and a checksum over metadata and tensors finds a bit that has turned.
 
 mod file;
 
@@ -14,9 +14,10 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use survey::Protocol;
 
+use crate::network::{DeepNetwork, DeepReconstructor, DeepReport, Familiar};
 use crate::{Mesh, RbfNetwork, RbfReconstructor, Reconstructor, TrainingReport, TrainingSettings};
 
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// What kind of network a file holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -24,12 +25,58 @@ const VERSION: u32 = 1;
 pub enum Kind {
     /// Radial basis functions ([`RbfNetwork`]).
     Rbf,
+    /// Fully connected layers ([`DeepNetwork`]).
+    Deep,
+}
+
+/// What is trained.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Network {
+    /// Radial basis functions.
+    Rbf(RbfNetwork),
+    /// Fully connected layers, and the inputs that they have seen.
+    Deep(DeepNetwork, Familiar),
+}
+
+impl Network {
+    fn kind(&self) -> Kind {
+        match self {
+            Self::Rbf(_) => Kind::Rbf,
+            Self::Deep(..) => Kind::Deep,
+        }
+    }
+
+    /// Readings of the input.
+    pub fn inputs(&self) -> usize {
+        match self {
+            Self::Rbf(network) => network.inputs(),
+            Self::Deep(network, _) => network.inputs(),
+        }
+    }
+
+    /// Triangles of the output.
+    pub fn outputs(&self) -> usize {
+        match self {
+            Self::Rbf(network) => network.outputs(),
+            Self::Deep(network, _) => network.outputs(),
+        }
+    }
+}
+
+/// What a training found, by kind.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Report {
+    /// Of an RBF network.
+    Rbf(TrainingReport),
+    /// Of a deep network.
+    Deep(DeepReport),
 }
 
 /// What a file says about itself.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Metadata {
-    /// Version of the layout, 1.
+    /// Version of the layout, 2.
     pub version: u32,
     /// Kind of network.
     pub kind: Kind,
@@ -48,9 +95,13 @@ pub struct Metadata {
     /// Settings of the training, its seed among them.
     pub training: TrainingSettings,
     /// What the training found.
-    pub report: TrainingReport,
+    pub report: Report,
+    /// Signal-to-noise ratio of the readings over that of the map ([`Reconstructor::noise_figure`]), found at training.
+    pub noise_figure: Option<f64>,
     /// The build that trained it.
     pub build: String,
+    /// SHA-256, hex, of this JSON with an empty checksum, then name, kind, shape and bytes of every tensor by name.
+    pub checksum: String,
 }
 
 const NORMALISATION: &str =
@@ -62,7 +113,7 @@ pub struct Model {
     metadata: Metadata,
     mesh: Arc<Mesh>,
     protocol: Protocol,
-    network: RbfNetwork,
+    network: Network,
     hash: String,
 }
 
@@ -93,7 +144,7 @@ pub enum ModelError {
         why: String,
     },
     /// A model of a kind or version that this build does not know.
-    #[error("model file {} holds {holds}, this build knows rbf of version {VERSION}: use a newer build", .path.display())]
+    #[error("model file {} holds {holds}, this build knows rbf and deep of version {VERSION}: train it again, or use another build", .path.display())]
     Kind {
         /// The file.
         path: PathBuf,
@@ -140,36 +191,40 @@ impl Model {
     ///
     /// # Errors
     /// A network that does not fit them.
-    pub fn rbf(
+    pub fn new(
         name: &str,
         mesh: Arc<Mesh>,
         protocol: &Protocol,
-        network: RbfNetwork,
+        network: Network,
         training: TrainingSettings,
-        report: TrainingReport,
+        report: Report,
+        noise_figure: Option<f64>,
     ) -> Result<Self, ModelError> {
         fits(&network, &mesh, protocol).map_err(ModelError::Network)?;
-        let metadata = Metadata {
-            version: VERSION,
-            kind: Kind::Rbf,
-            name: name.to_owned(),
-            geometry: mesh.hash().to_owned(),
-            survey: protocol.hash(),
-            electrodes: protocol.electrodes(),
-            readings: protocol.len(),
-            normalisation: NORMALISATION.to_owned(),
-            training,
-            report,
-            build: concat!("eit ", env!("CARGO_PKG_VERSION")).to_owned(),
-        };
         let mut model = Self {
-            metadata,
+            metadata: Metadata {
+                version: VERSION,
+                kind: network.kind(),
+                name: name.to_owned(),
+                geometry: mesh.hash().to_owned(),
+                survey: protocol.hash(),
+                electrodes: protocol.electrodes(),
+                readings: protocol.len(),
+                normalisation: NORMALISATION.to_owned(),
+                training,
+                report,
+                noise_figure: noise_figure.filter(|figure| figure.is_finite()),
+                build: concat!("eit ", env!("CARGO_PKG_VERSION")).to_owned(),
+                checksum: String::new(),
+            },
             mesh,
             protocol: protocol.clone(),
             network,
             hash: String::new(),
         };
-        model.hash = fingerprint(&file::bytes(&model)?);
+        let (bytes, checksum) = file::bytes(&model)?;
+        model.metadata.checksum = checksum;
+        model.hash = fingerprint(&bytes);
         Ok(model)
     }
 
@@ -194,7 +249,7 @@ impl Model {
     }
 
     /// The network.
-    pub fn network(&self) -> &RbfNetwork {
+    pub fn network(&self) -> &Network {
         &self.network
     }
 
@@ -222,13 +277,63 @@ impl Model {
 
     /// Ready to make maps.
     pub fn into_reconstructor(self) -> Box<dyn Reconstructor> {
-        Box::new(RbfReconstructor::new(
-            self.network,
-            self.mesh,
-            self.protocol,
-            self.metadata.name,
-        ))
+        let said = self.assumptions();
+        let Metadata {
+            name,
+            report,
+            noise_figure,
+            ..
+        } = self.metadata;
+        let trained = Trained {
+            mesh: self.mesh,
+            twins: self.protocol.reciprocal_twins(),
+            protocol: self.protocol,
+            method: name,
+            assumptions: said,
+            noise_figure,
+        };
+        match self.network {
+            Network::Rbf(network) => {
+                let familiar = match report {
+                    Report::Rbf(report) => report.familiar,
+                    Report::Deep(_) => f64::NAN,
+                };
+                Box::new(RbfReconstructor::new(network, familiar, trained))
+            }
+            Network::Deep(network, familiar) => {
+                Box::new(DeepReconstructor::new(network, familiar, trained))
+            }
+        }
     }
+
+    /// What it was trained on and how well it learnt it, a sentence each.
+    fn assumptions(&self) -> Vec<String> {
+        let training = &self.metadata.training;
+        let mut said = vec![format!(
+            "trained on {} simulated cases, {} copies of each with jitter ({}): losses of conductance only",
+            training.cases, training.repeats, training.jitter
+        )];
+        match &self.metadata.report {
+            Report::Rbf(report) => said.push(format!(
+                "condition {:.1e} of the least-squares problem, rank {}",
+                report.condition, report.rank
+            )),
+            Report::Deep(report) => said.extend(report.sentences()),
+        }
+        said
+    }
+}
+
+/// What every trained reconstructor carries beside its network.
+#[derive(Debug, Clone)]
+pub(crate) struct Trained {
+    pub(crate) mesh: Arc<Mesh>,
+    pub(crate) protocol: Protocol,
+    /// The reading that reciprocity makes equal to each.
+    pub(crate) twins: Vec<Option<usize>>,
+    pub(crate) method: String,
+    pub(crate) assumptions: Vec<String>,
+    pub(crate) noise_figure: Option<f64>,
 }
 
 /// Writes a model; a file that is there is replaced whole or not at all.
@@ -241,7 +346,7 @@ pub fn save(path: &Path, model: &Model) -> Result<(), ModelError> {
         cause,
     };
     let beside = path.with_extension("safetensors.part");
-    std::fs::write(&beside, file::bytes(model)?).map_err(failed)?;
+    std::fs::write(&beside, file::bytes(model)?.0).map_err(failed)?;
     std::fs::rename(&beside, path).map_err(failed)
 }
 
@@ -277,7 +382,7 @@ pub fn load_reconstructor(path: &Path) -> Result<Box<dyn Reconstructor>, ModelEr
 }
 
 /// Whether the network takes the protocol's readings, gives the region's triangles, and is finite.
-fn fits(network: &RbfNetwork, mesh: &Mesh, protocol: &Protocol) -> Result<(), String> {
+fn fits(network: &Network, mesh: &Mesh, protocol: &Protocol) -> Result<(), String> {
     let (inputs, outputs) = (network.inputs(), network.outputs());
     if inputs != protocol.len() || outputs != mesh.region().len() {
         return Err(format!(
@@ -286,22 +391,19 @@ fn fits(network: &RbfNetwork, mesh: &Mesh, protocol: &Protocol) -> Result<(), St
             mesh.region().len()
         ));
     }
-    let neurons = network.neurons();
-    if neurons == 0
-        || network.mixing.is_empty()
-        || network.mixing.len() / neurons != network.weights.len() / outputs
-    {
-        return Err("its mixing and weights have different ranks".to_owned());
-    }
-    if network.is_finite() {
-        Ok(())
-    } else {
-        Err("it has numbers that are not finite".to_owned())
+    match network {
+        Network::Rbf(network) => network.is_sound(),
+        // its layers were checked when they were joined
+        Network::Deep(_, familiar) if familiar.is_sound(inputs) => Ok(()),
+        Network::Deep(..) => Err("what it has seen is not described in finite numbers".to_owned()),
     }
 }
 
 /// SHA-256 of some bytes, hex: how models, and what they are trained from, are told apart.
 pub fn fingerprint(bytes: &[u8]) -> String {
-    let digest = Sha256::digest(bytes);
+    hex(&Sha256::digest(bytes))
+}
+
+fn hex(digest: &[u8]) -> String {
     digest.iter().map(|byte| format!("{byte:02x}")).collect()
 }

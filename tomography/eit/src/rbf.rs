@@ -14,8 +14,10 @@ use rayon::prelude::*;
 use survey::{Map, MapUnit, Protocol, Reading};
 
 use crate::kmeans::{Rows, squared_distance};
+use crate::model::Trained;
+use crate::network::FAMILIAR_SHARE;
 use crate::reconstructor::Difference;
-use crate::{Mesh, ReconstructError, Reconstructor, dense};
+use crate::{Mesh, Novelty, ReconstructError, Reconstructor, dense};
 
 /// Singular values of Phi below this share of the largest are cut (Moore-Penrose).
 const CUT: f64 = 1e-10;
@@ -44,6 +46,8 @@ pub struct RbfNetwork {
 /// How well the least-squares problem of Eq. 15 is posed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Conditioning {
+    /// Distance from the nearest centre, in spreads, within which 99.9 % of the samples lie.
+    pub(crate) familiar: f64,
     /// Directions kept.
     pub(crate) rank: usize,
     /// Largest over smallest singular value of Phi, cut ones included.
@@ -136,17 +140,24 @@ impl RbfNetwork {
         let centres: Vec<f32> = centres.iter().map(|value| *value as f32).collect();
         let wide: Vec<f64> = centres.iter().map(|value| f64::from(*value)).collect();
         let neurons = centres.len() / inputs.width;
-        let rows: Vec<f64> = (0..inputs.len())
-            .into_par_iter()
-            .flat_map_iter(|sample| {
+        let mut rows = vec![0.0; inputs.len() * neurons];
+        let mut nearest: Vec<f64> = rows
+            .par_chunks_mut(neurons)
+            .enumerate()
+            .map(|(sample, phi)| {
                 let row = inputs.row(sample);
-                wide.chunks(inputs.width)
-                    .map(move |centre| {
-                        (-0.5 * squared_distance(row, centre) / (spread * spread)).exp()
-                    })
-                    .collect::<Vec<_>>()
+                let mut least = f64::INFINITY;
+                for (phi, centre) in phi.iter_mut().zip(wide.chunks(inputs.width)) {
+                    let square = squared_distance(row, centre);
+                    least = least.min(square);
+                    *phi = (-0.5 * square / (spread * spread)).exp();
+                }
+                least.sqrt() / spread
             })
             .collect();
+        nearest.sort_by(f64::total_cmp);
+        let last = (nearest.len() as f64 * FAMILIAR_SHARE) as usize;
+        let familiar = nearest[last.min(nearest.len() - 1)];
         let phi = faer::MatRef::from_row_major_slice(&rows, inputs.len(), neurons);
         let qr = phi.qr();
         let svd = Svd::new(qr.thin_R()).ok()?;
@@ -204,6 +215,7 @@ impl RbfNetwork {
         network.is_finite().then_some((
             network,
             Conditioning {
+                familiar,
                 rank,
                 condition: (s[0] / s[neurons - 1]).min(f64::MAX),
                 largest_weight,
@@ -211,8 +223,23 @@ impl RbfNetwork {
         ))
     }
 
-    /// Whether every number is finite and the spread positive.
-    pub(crate) fn is_finite(&self) -> bool {
+    /// Whether its parts fit each other, every number is finite and the spread positive.
+    pub(crate) fn is_sound(&self) -> Result<(), String> {
+        let neurons = self.neurons();
+        if neurons == 0
+            || self.mixing.is_empty()
+            || self.mixing.len() / neurons != self.weights.len() / self.outputs
+        {
+            return Err("its mixing and weights have different ranks".to_owned());
+        }
+        if self.is_finite() {
+            Ok(())
+        } else {
+            Err("it has numbers that are not finite".to_owned())
+        }
+    }
+
+    fn is_finite(&self) -> bool {
         self.spread > 0.0
             && self.spread.is_finite()
             && self.mixing.iter().all(|value| value.is_finite())
@@ -236,26 +263,18 @@ fn largest_product(mixing: &[f64], weights: &[Vec<f64>], neurons: usize) -> f64 
 #[derive(Debug, Clone)]
 pub struct RbfReconstructor {
     network: RbfNetwork,
-    mesh: Arc<Mesh>,
-    protocol: Protocol,
-    twins: Vec<Option<usize>>,
-    method: String,
+    /// Distance from the nearest centre, in spreads, within which nearly all training inputs lie.
+    familiar: f64,
+    trained: Trained,
 }
 
 impl RbfReconstructor {
     /// `network` must take the protocol's readings and give the mesh's region, which a loaded model's does.
-    pub(crate) fn new(
-        network: RbfNetwork,
-        mesh: Arc<Mesh>,
-        protocol: Protocol,
-        method: String,
-    ) -> Self {
+    pub(crate) fn new(network: RbfNetwork, familiar: f64, trained: Trained) -> Self {
         Self {
             network,
-            mesh,
-            twins: protocol.reciprocal_twins(),
-            protocol,
-            method,
+            familiar,
+            trained,
         }
     }
 
@@ -264,60 +283,56 @@ impl RbfReconstructor {
         &self.network
     }
 
-    /// Distance of a frame from the nearest centre in spreads; above [`NOVELTY_LIMIT`] there is no map.
-    ///
-    /// # Errors
-    /// As [`Reconstructor::reconstruct`].
-    pub fn novelty(
-        &self,
-        baseline: &[Reading],
-        frame: &[Reading],
-    ) -> Result<f64, ReconstructError> {
-        let (distances, _) = self.distances(baseline, frame)?;
-        Ok(self.network.nearest(&distances))
-    }
-
     fn distances(
         &self,
         baseline: &[Reading],
         frame: &[Reading],
     ) -> Result<(Vec<f64>, usize), ReconstructError> {
-        let Difference {
-            baseline,
-            mut change,
-            missing,
-        } = Difference::new(baseline, frame, self.protocol.len(), &self.method)?;
-        let top = baseline.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
-        // a missing reading is its reciprocal twin's where that one is there, else left out of the distance
-        let left: Vec<usize> = missing
-            .iter()
-            .copied()
-            .filter(|&reading| match self.twins[reading] {
-                Some(twin) if missing.binary_search(&twin).is_err() => {
-                    change[reading] = change[twin];
-                    false
-                }
-                _ => true,
-            })
-            .collect();
-        for value in &mut change {
-            *value /= top;
-        }
-        Ok((self.network.distances(&change, &left), missing.len()))
+        let Trained {
+            protocol,
+            method,
+            twins,
+            ..
+        } = &self.trained;
+        let difference = Difference::new(baseline, frame, protocol.len(), method)?;
+        let masked = difference.missing.len();
+        let (change, left) = difference.normalised(twins);
+        Ok((self.network.distances(&change, &left), masked))
     }
 }
 
 impl Reconstructor for RbfReconstructor {
     fn method(&self) -> &str {
-        &self.method
+        &self.trained.method
     }
 
     fn protocol(&self) -> &Protocol {
-        &self.protocol
+        &self.trained.protocol
     }
 
     fn mesh(&self) -> &Arc<Mesh> {
-        &self.mesh
+        &self.trained.mesh
+    }
+
+    fn assumptions(&self) -> Vec<String> {
+        self.trained.assumptions.clone()
+    }
+
+    fn noise_figure(&self) -> Option<f64> {
+        self.trained.noise_figure
+    }
+
+    fn novelty(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<Option<Novelty>, ReconstructError> {
+        let (distances, _) = self.distances(baseline, frame)?;
+        Ok(Some(Novelty {
+            value: self.network.nearest(&distances),
+            limit: self.familiar,
+            measure: "distance to the nearest centre of the network, in spreads",
+        }))
     }
 
     fn reconstruct(
@@ -334,10 +349,10 @@ impl Reconstructor for RbfReconstructor {
             });
         }
         Ok(Map {
-            mesh_hash: self.mesh.hash().to_owned(),
+            mesh_hash: self.trained.mesh.hash().to_owned(),
             values: self.network.respond(&distances),
             unit: MapUnit::RelativeConductance,
-            method: self.method.clone(),
+            method: self.trained.method.clone(),
             masked,
         })
     }

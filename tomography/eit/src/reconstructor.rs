@@ -104,11 +104,11 @@ pub enum ReconstructError {
     OppositeSign,
     /// The input is far from everything the network was trained on.
     #[error(
-        "the frame lies outside of what the model was trained on: distance to its nearest centre {novelty:.1} spreads, \
-         limit {limit}"
+        "the frame lies outside of what the model was trained on: novelty {novelty:.1}, limit {limit}; record a new \
+         baseline, or train with loads and noise like these"
     )]
     OutsideModel {
-        /// Distance to the nearest centre over the spread b.
+        /// Its distance, in the measure of the model's kind.
         novelty: f64,
         /// Beyond which nothing is said.
         limit: f64,
@@ -181,6 +181,31 @@ impl Difference {
             return Err(ReconstructError::DeadBaseline);
         }
         Ok(difference)
+    }
+
+    /// Eq. 6: the change over the largest reading of the baseline. A missing reading is its reciprocal twin's where that one
+    /// is there; the indices of the others are given too.
+    pub(crate) fn normalised(mut self, twins: &[Option<usize>]) -> (Vec<f64>, Vec<usize>) {
+        let top = self
+            .baseline
+            .iter()
+            .fold(0.0_f64, |top, v| top.max(v.abs()));
+        let left = self
+            .missing
+            .iter()
+            .copied()
+            .filter(|&reading| match twins[reading] {
+                Some(twin) if self.missing.binary_search(&twin).is_err() => {
+                    self.change[reading] = self.change[twin];
+                    false
+                }
+                _ => true,
+            })
+            .collect();
+        for value in &mut self.change {
+            *value /= top;
+        }
+        (self.change, left)
     }
 
     /// Brings the change to the model's scale: divides it by the factor between baseline and model, one for all

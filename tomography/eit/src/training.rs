@@ -86,6 +86,8 @@ pub struct TrainingReport {
     pub spread: f64,
     /// b over the median distance of two samples; above 10 a few samples rule it.
     pub spread_over_median: f64,
+    /// Distance from the nearest centre, in spreads, within which 99.9 % of the samples lie.
+    pub familiar: f64,
     /// Directions of Phi that were kept.
     pub rank: usize,
     /// Condition number of Phi.
@@ -201,6 +203,7 @@ pub fn train_rbf(
         reseeded: clusters.reseeded,
         spread,
         spread_over_median: spread / median,
+        familiar: conditioning.familiar,
         rank: conditioning.rank,
         condition: conditioning.condition,
         largest_weight: conditioning.largest_weight,

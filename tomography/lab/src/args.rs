@@ -99,6 +99,75 @@ pub(crate) struct JacobianOptions {
 pub(crate) enum Network {
     /// A radial-basis-function network (the paper's section 4.3)
     Rbf(TrainOptions),
+    /// A deep network of fully connected layers (the paper's section 4.2)
+    Dnn(DeepOptions),
+}
+
+/// How the weights of a network are kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum PrecisionName {
+    /// Four bytes a weight
+    F32,
+    /// Two bytes a weight
+    F16,
+    /// One byte a weight and a scale a row
+    Int8,
+}
+
+impl From<PrecisionName> for eit::Precision {
+    fn from(name: PrecisionName) -> Self {
+        match name {
+            PrecisionName::F32 => Self::F32,
+            PrecisionName::F16 => Self::F16,
+            PrecisionName::Int8 => Self::Int8,
+        }
+    }
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct DeepOptions {
+    /// Which jitter, and the settings that go with it
+    #[arg(long, value_enum)]
+    pub(crate) profile: Profile,
+    /// Settings that differ from the profile's: a TOML file with tables [data] and [deep]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) settings: Option<PathBuf>,
+    /// One setting, after the file: width=512, hidden_layers=3, learning_rate=5e-4, data.radius_m=0.05 (repeatable)
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub(crate) set: Vec<String>,
+    /// Simulated cases [default: 15000]
+    #[arg(long, value_name = "N")]
+    pub(crate) cases: Option<usize>,
+    /// Jittered copies of each case [default: 5]
+    #[arg(long, value_name = "N")]
+    pub(crate) repeats: Option<usize>,
+    /// Passes over the training set [default: 30]
+    #[arg(long, value_name = "N")]
+    pub(crate) epochs: Option<usize>,
+    /// The same seed gives the same file [default: 1]
+    #[arg(long, value_name = "S")]
+    pub(crate) seed: Option<u64>,
+    /// gamma of the profile `paper` [default: 0.01]
+    #[arg(long)]
+    pub(crate) gamma: Option<f64>,
+    /// Noise of one reading for the profile `matched`, V [default: 2e-6]
+    #[arg(long, value_name = "SD")]
+    pub(crate) noise_v: Option<f64>,
+    /// How the weights are kept
+    #[arg(long, value_enum, default_value_t = PrecisionName::F32)]
+    pub(crate) precision: PrecisionName,
+    /// Case folder to train for; the preset of the paper's sheet at 1 mA if none is given
+    #[arg(long, value_name = "DIR")]
+    pub(crate) case: Option<PathBuf>,
+    /// Where the training is kept after each epoch; the same command goes on from it [default: OUT with .checkpoint]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) checkpoint: Option<PathBuf>,
+    /// Model file to write
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: PathBuf,
+    /// Print what the training found as one JSON object
+    #[arg(long)]
+    pub(crate) json: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

@@ -19,6 +19,7 @@
 
 mod args;
 mod choice;
+mod deep;
 mod failure;
 mod geometry;
 mod judge;

@@ -2,18 +2,24 @@
 
 use std::path::{Path, PathBuf};
 
-use eit::{Case, Jitter, Model, Preset, TrainingSettings, model, train_rbf};
+use eit::{
+    Case, Jitter, Model, Network, Preset, Report, TrainingReport, TrainingSettings, model,
+    train_rbf,
+};
 
-use crate::args::{Network, Profile};
+use crate::args::{self, Profile};
 use crate::failure::Failure;
-use crate::{choice, geometry, progress};
+use crate::{choice, deep, geometry, progress};
 
 /// Above this ratio of spread to median distance a few samples rule the spread of Eq. 13.
 const SPREAD_RULED: f64 = 10.0;
 
 /// Trains and writes the model file.
-pub(crate) fn train(network: &Network) -> Result<(), Failure> {
-    let Network::Rbf(options) = network;
+pub(crate) fn train(network: &args::Network) -> Result<(), Failure> {
+    let options = match network {
+        args::Network::Rbf(options) => options,
+        args::Network::Dnn(options) => return deep::train_deep(options),
+    };
     choice::positive(
         "--noise-v",
         Some(options.noise_v),
@@ -57,7 +63,7 @@ pub(crate) fn train(network: &Network) -> Result<(), Failure> {
     let model = network_for(&case, settings, &format!("rbf {profile}"))?;
     model::save(&options.out, &model)
         .map_err(|fault| Failure::of("cannot write the model", &fault))?;
-    let report = &model.metadata().report;
+    let report = found(&model);
     if options.json {
         let line = serde_json::json!({
             "model": options.out,
@@ -90,6 +96,14 @@ pub(crate) fn train(network: &Network) -> Result<(), Failure> {
         );
     }
     Ok(())
+}
+
+/// What the training of an RBF network found.
+fn found(model: &Model) -> &TrainingReport {
+    match &model.metadata().report {
+        Report::Rbf(report) => report,
+        Report::Deep(_) => unreachable!("an RBF network was trained"),
+    }
 }
 
 /// The one current of a case's readings.
@@ -127,13 +141,14 @@ fn network_for(case: &Case, settings: TrainingSettings, name: &str) -> Result<Mo
             report.spread_over_median
         );
     }
-    Model::rbf(
+    Model::new(
         name,
         std::sync::Arc::clone(&case.mesh),
         &case.protocol,
-        network,
+        Network::Rbf(network),
         settings,
-        report,
+        Report::Rbf(report),
+        None,
     )
     .map_err(|fault| Failure::of("the training", &fault))
 }

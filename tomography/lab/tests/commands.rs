@@ -149,6 +149,79 @@ fn a_small_network_is_trained_kept_and_used() {
 }
 
 #[test]
+fn a_small_deep_network_is_trained_kept_and_used() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    done(&words(
+        "mesh --preset disc-tank --set electrodes=8 --set fineness=0.5 --out {}",
+        &[&path("tank")],
+    ));
+    done(&words(
+        "forward --case {} --sigma homog --out {}",
+        &[&path("tank"), &path("v.csv")],
+    ));
+    std::fs::write(
+        path("small.toml"),
+        "[data]\ncases = 60\nrepeats = 2\n[deep]\nwidth = 20\nbatch = 16\nheld_out = 20\nepochs = 9\n",
+    )
+    .unwrap();
+    let train = "train dnn --profile matched --settings {} --set hidden_layers=2 --epochs 3 --seed 3 --case {} --out {}";
+    let settings = path("small.toml");
+    for name in ["a", "b"] {
+        done(&words(
+            train,
+            &[
+                &settings,
+                &path("tank"),
+                &path(&format!("{name}.safetensors")),
+            ],
+        ));
+    }
+    assert_eq!(
+        std::fs::read(path("a.safetensors")).unwrap(),
+        std::fs::read(path("b.safetensors")).unwrap()
+    );
+    assert!(!path("a.checkpoint").exists());
+    let use_it = "reconstruct --case {} --model {} --frames {} --out {} --json";
+    let files = [
+        path("tank"),
+        path("c.safetensors"),
+        path("v.csv"),
+        path("maps.csv"),
+    ];
+    let output = lab(&words(
+        &format!("{train} --precision int8 --json"),
+        &[&settings, &files[0], &files[1]],
+    ));
+    let said = String::from_utf8(output.stdout).unwrap();
+    for word in [
+        "\"epochs\":3",
+        "\"precision\":\"int8\"",
+        "\"hidden_layers\":2",
+        "\"samples\":120",
+    ] {
+        assert!(said.contains(word), "{word}: {said}");
+    }
+    let output = lab(&words(use_it, &files.each_ref().map(|path| path.as_path())));
+    assert!(output.status.success());
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(said.contains("\"method\":\"dnn matched\""), "{said}");
+    for (wrong, why) in [
+        ("--set breadth=3", "breadth"),
+        ("--set width=0", "deep.width must be 1 or more"),
+        ("--set width", "KEY=VALUE"),
+        ("--set colour.width=3", "colour"),
+    ] {
+        let (code, said) = refused(
+            &format!("{train} {wrong}"),
+            &[&settings, &files[0], &files[1]],
+        );
+        assert_eq!(code, Some(2), "{said}");
+        assert!(said.contains(why), "{said}");
+    }
+}
+
+#[test]
 fn a_wrong_column_count_names_file_and_line() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);

@@ -5,22 +5,22 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
+use half::f16;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView, View};
+use sha2::{Digest, Sha256};
 use survey::{Dipole, Electrode, Measurement, Protocol};
 
-use super::{Metadata, Model, ModelError, VERSION, fingerprint, fits};
+use super::{Kind, Metadata, Model, ModelError, Network, VERSION, fingerprint, fits, hex};
+use crate::network::{DeepNetwork, Familiar, Layer, Weights};
 use crate::{Mesh, RbfNetwork};
 
 /// Name of the one metadata entry.
 const KEY: &str = "tactus";
 
-/// The content of a model's file.
-pub(super) fn bytes(model: &Model) -> Result<Vec<u8>, ModelError> {
+/// The content of a model's file, and its checksum.
+pub(super) fn bytes(model: &Model) -> Result<(Vec<u8>, String), ModelError> {
     let unfit = |why: String| ModelError::Network(why);
     let mesh = &model.mesh;
-    let network = &model.network;
-    let neurons = network.neurons();
-    let rank = network.mixing.len() / neurons;
     let edges: Vec<usize> = mesh
         .electrode_edges()
         .iter()
@@ -36,37 +36,142 @@ pub(super) fn bytes(model: &Model) -> Result<Vec<u8>, ModelError> {
         .collect();
     let nodes: Vec<f64> = mesh.nodes().iter().flatten().copied().collect();
     let triangles: Vec<usize> = mesh.triangles().iter().flatten().copied().collect();
-    let tensors = [
-        ("nodes", Tensor::f64(&nodes, &[mesh.nodes().len(), 2])),
+    let mut tensors = vec![
         (
-            "triangles",
+            "nodes".to_owned(),
+            Tensor::f64(&nodes, &[mesh.nodes().len(), 2]),
+        ),
+        (
+            "triangles".to_owned(),
             Tensor::u32(&triangles, &[mesh.triangles().len(), 3]),
         ),
         (
-            "electrode_edges",
+            "electrode_edges".to_owned(),
             Tensor::u32(&edges, &[edges.len() / 3, 3]),
         ),
-        ("region", Tensor::u32(mesh.region(), &[mesh.region().len()])),
         (
-            "protocol",
+            "region".to_owned(),
+            Tensor::u32(mesh.region(), &[mesh.region().len()]),
+        ),
+        (
+            "protocol".to_owned(),
             Tensor::u32(&questions, &[model.protocol.len(), 4]),
         ),
+    ];
+    match &model.network {
+        Network::Rbf(network) => tensors.extend(of_rbf(network)),
+        Network::Deep(network, familiar) => tensors.extend(of_deep(network, familiar)),
+    }
+    tensors.sort_by(|a, b| a.0.cmp(&b.0));
+    let blank = Metadata {
+        checksum: String::new(),
+        ..model.metadata.clone()
+    };
+    let text = serde_json::to_string(&blank).map_err(|fault| unfit(fault.to_string()))?;
+    let checksum = checksum(
+        &text,
+        tensors.iter().map(|(name, tensor)| {
+            (
+                name.as_str(),
+                tensor.kind,
+                &tensor.shape[..],
+                &tensor.bytes[..],
+            )
+        }),
+    );
+    let text = text.replacen(&said_checksum(""), &said_checksum(&checksum), 1);
+    // one entry only: a map with more would be written in a random order
+    let metadata = HashMap::from([(KEY.to_owned(), text)]);
+    let bytes = safetensors::serialize(tensors, Some(metadata))
+        .map_err(|fault| unfit(fault.to_string()))?;
+    Ok((bytes, checksum))
+}
+
+fn of_rbf(network: &RbfNetwork) -> Vec<(String, Tensor)> {
+    let neurons = network.neurons();
+    let rank = network.mixing.len() / neurons;
+    vec![
         (
-            "centres",
+            "centres".to_owned(),
             Tensor::f32(&network.centres, &[neurons, network.inputs]),
         ),
-        ("spread", Tensor::f64(&[network.spread], &[1])),
-        ("mixing", Tensor::f64(&network.mixing, &[rank, neurons])),
+        ("spread".to_owned(), Tensor::f64(&[network.spread], &[1])),
         (
-            "weights",
+            "mixing".to_owned(),
+            Tensor::f64(&network.mixing, &[rank, neurons]),
+        ),
+        (
+            "weights".to_owned(),
             Tensor::f32(&network.weights, &[rank, network.outputs]),
         ),
-    ];
-    let metadata =
-        serde_json::to_string(&model.metadata).map_err(|fault| unfit(fault.to_string()))?;
-    // one entry only: a map with more would be written in a random order
-    let metadata = HashMap::from([(KEY.to_owned(), metadata)]);
-    safetensors::serialize(tensors, Some(metadata)).map_err(|fault| unfit(fault.to_string()))
+    ]
+}
+
+fn of_deep(network: &DeepNetwork, familiar: &Familiar) -> Vec<(String, Tensor)> {
+    let inputs = network.inputs();
+    let mut tensors = Vec::new();
+    for (name, values) in ["mean", "gain", "shift"]
+        .iter()
+        .zip(network.normalisation())
+    {
+        tensors.push((format!("input.{name}"), Tensor::f32(values, &[inputs])));
+    }
+    for (index, layer) in network.layers().iter().enumerate() {
+        let shape = [layer.outputs(), layer.inputs()];
+        let mut push = |what: &str, tensor| tensors.push((layer_name(index, what), tensor));
+        push("bias", Tensor::f32(&layer.bias, &shape[..1]));
+        match &layer.weights {
+            Weights::F32(values) => push("weights", Tensor::f32(values, &shape)),
+            Weights::F16(values) => push("weights", Tensor::f16(values, &shape)),
+            Weights::Int8 { values, scales } => {
+                push("weights", Tensor::i8(values, &shape));
+                push("scales", Tensor::f32(scales, &shape[..1]));
+            }
+        }
+    }
+    let kept = familiar.deviations.len();
+    tensors.extend([
+        (
+            "familiar.mean".to_owned(),
+            Tensor::f32(&familiar.mean, &[inputs]),
+        ),
+        (
+            "familiar.directions".to_owned(),
+            Tensor::f32(&familiar.directions, &[kept - 1, inputs]),
+        ),
+        (
+            "familiar.deviations".to_owned(),
+            Tensor::f32(&familiar.deviations, &[kept]),
+        ),
+        (
+            "familiar.limit".to_owned(),
+            Tensor::f32(&[familiar.limit], &[1]),
+        ),
+    ]);
+    tensors
+}
+
+fn layer_name(index: usize, what: &str) -> String {
+    format!("layer{}.{what}", index + 1)
+}
+
+/// The checksum as the metadata says it.
+fn said_checksum(checksum: &str) -> String {
+    format!("\"checksum\":\"{checksum}\"")
+}
+
+/// SHA-256 over metadata with an empty checksum and all tensors in the order of their names.
+fn checksum<'a>(
+    metadata: &str,
+    tensors: impl Iterator<Item = (&'a str, Dtype, &'a [usize], &'a [u8])>,
+) -> String {
+    let mut hasher = Sha256::new();
+    hasher.update(metadata.as_bytes());
+    for (name, kind, shape, bytes) in tensors {
+        hasher.update(format!("{name} {kind:?} {shape:?}").as_bytes());
+        hasher.update(bytes);
+    }
+    hex(&hasher.finalize())
 }
 
 /// A model from the content of its file; `path` is for messages.
@@ -100,7 +205,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
     let said: serde_json::Value =
         serde_json::from_str(text).map_err(|_| foreign("its 'tactus' entry is not JSON"))?;
     let (kind, version) = (&said["kind"], &said["version"]);
-    if kind != "rbf" || version != VERSION {
+    if !(kind == "rbf" || kind == "deep") || version != VERSION {
         return Err(ModelError::Kind {
             path: path.to_owned(),
             holds: format!("kind {kind} of version {version}"),
@@ -113,6 +218,27 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
     let metadata: Metadata =
         serde_json::from_value(said).map_err(|fault| damaged(fault.to_string()))?;
     let tensors = SafeTensors::deserialize(bytes).map_err(|fault| damaged(fault.to_string()))?;
+    // the hash of the file and the checksum within it each read every byte: side by side they cost one
+    let (hash, summed) = rayon::join(
+        || fingerprint(bytes),
+        || {
+            let mut views = tensors.tensors();
+            views.sort_by(|a, b| a.0.cmp(&b.0));
+            let blank = text.replacen(&said_checksum(&metadata.checksum), &said_checksum(""), 1);
+            checksum(
+                &blank,
+                views
+                    .iter()
+                    .map(|(name, view)| (name.as_str(), view.dtype(), view.shape(), view.data())),
+            )
+        },
+    );
+    if summed != metadata.checksum {
+        return Err(damaged(format!(
+            "its checksum is {}, its content's is {summed}; copy it again",
+            metadata.checksum
+        )));
+    }
     let tensor = |name: &str, kind, width| {
         let found = tensors
             .tensor(name)
@@ -169,18 +295,63 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
             return Err(damaged(format!("it says {what} {said} and holds {found}")));
         }
     }
-    let centres = tensor("centres", Dtype::F32, protocol.len())?;
-    let neurons = centres.shape()[0];
-    let network = RbfNetwork {
-        inputs: protocol.len(),
-        outputs: mesh.region().len(),
-        spread: f64s(&tensor("spread", Dtype::F64, 1)?)
+    let first = |name: &str, values: Vec<f64>| {
+        values
             .first()
             .copied()
-            .ok_or_else(|| damaged("tensor 'spread' is empty".to_owned()))?,
-        centres: f32s(&centres),
-        mixing: f64s(&tensor("mixing", Dtype::F64, neurons)?),
-        weights: f32s(&tensor("weights", Dtype::F32, mesh.region().len())?),
+            .ok_or_else(|| damaged(format!("tensor '{name}' is empty")))
+    };
+    let network = match metadata.kind {
+        Kind::Rbf => {
+            let centres = tensor("centres", Dtype::F32, protocol.len())?;
+            let neurons = centres.shape()[0];
+            Network::Rbf(RbfNetwork {
+                inputs: protocol.len(),
+                outputs: mesh.region().len(),
+                spread: first("spread", f64s(&tensor("spread", Dtype::F64, 1)?))?,
+                centres: f32s(&centres),
+                mixing: f64s(&tensor("mixing", Dtype::F64, neurons)?),
+                weights: f32s(&tensor("weights", Dtype::F32, mesh.region().len())?),
+            })
+        }
+        Kind::Deep => {
+            let floats =
+                |name: &str, width| Ok::<_, ModelError>(f32s(&tensor(name, Dtype::F32, width)?));
+            let mut layers = Vec::new();
+            let mut width = protocol.len();
+            while tensors.tensor(&layer_name(layers.len(), "bias")).is_ok() {
+                let name = |what| layer_name(layers.len(), what);
+                let bias = floats(&name("bias"), 1)?;
+                let kept = tensors
+                    .tensor(&name("weights"))
+                    .map_err(|fault| damaged(format!("tensor '{}': {fault}", name("weights"))))?;
+                let weights = match kept.dtype() {
+                    Dtype::F16 => Weights::F16(f16s(&tensor(&name("weights"), Dtype::F16, width)?)),
+                    Dtype::I8 => Weights::Int8 {
+                        values: i8s(&tensor(&name("weights"), Dtype::I8, width)?),
+                        scales: floats(&name("scales"), 1)?,
+                    },
+                    _ => Weights::F32(floats(&name("weights"), width)?),
+                };
+                width = bias.len();
+                layers.push(Layer { weights, bias });
+            }
+            let network = DeepNetwork::new(
+                floats("input.mean", 1)?,
+                floats("input.gain", 1)?,
+                floats("input.shift", 1)?,
+                layers,
+            )
+            .map_err(damaged)?;
+            let limit = floats("familiar.limit", 1)?;
+            let familiar = Familiar {
+                mean: floats("familiar.mean", 1)?,
+                directions: floats("familiar.directions", protocol.len())?,
+                deviations: floats("familiar.deviations", 1)?,
+                limit: first("familiar.limit", limit.into_iter().map(f64::from).collect())? as f32,
+            };
+            Network::Deep(network, familiar)
+        }
     };
     fits(&network, &mesh, &protocol).map_err(damaged)?;
     Ok(Model {
@@ -188,7 +359,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
         mesh: Arc::new(mesh),
         protocol,
         network,
-        hash: fingerprint(bytes),
+        hash,
     })
 }
 
@@ -228,6 +399,16 @@ impl Tensor {
         Self::new(Dtype::F32, shape, bytes.collect())
     }
 
+    fn f16(values: &[f16], shape: &[usize]) -> Self {
+        let bytes = values.iter().flat_map(|value| value.to_le_bytes());
+        Self::new(Dtype::F16, shape, bytes.collect())
+    }
+
+    fn i8(values: &[i8], shape: &[usize]) -> Self {
+        let bytes = values.iter().map(|value| value.cast_unsigned());
+        Self::new(Dtype::I8, shape, bytes.collect())
+    }
+
     /// Indices of nodes, triangles and electrodes, which are far below 2^32.
     fn u32(values: &[usize], shape: &[usize]) -> Self {
         let bytes = values
@@ -265,6 +446,22 @@ fn f32s(tensor: &TensorView<'_>) -> Vec<f32> {
     values
         .iter()
         .map(|bytes| f32::from_le_bytes(*bytes))
+        .collect()
+}
+
+fn f16s(tensor: &TensorView<'_>) -> Vec<f16> {
+    let (values, _) = tensor.data().as_chunks::<2>();
+    values
+        .iter()
+        .map(|bytes| f16::from_le_bytes(*bytes))
+        .collect()
+}
+
+fn i8s(tensor: &TensorView<'_>) -> Vec<i8> {
+    tensor
+        .data()
+        .iter()
+        .map(|byte| byte.cast_signed())
         .collect()
 }
 

@@ -1,5 +1,7 @@
 //! Jitter: what noise is added to the inputs, and how a sample gets its own.
 
+use std::fmt;
+
 use rand_distr::{Distribution, Normal, StandardNormal};
 use serde::{Deserialize, Serialize};
 
@@ -50,6 +52,33 @@ impl Jitter {
         Self::Matched {
             noise_v: 2e-6,
             current_a: 1e-3,
+        }
+    }
+}
+
+impl fmt::Display for Jitter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let microvolts = |volts: &f64| format!("{:.3} uV", 1e6 * volts);
+        match self {
+            Self::Paper { gamma } => write!(f, "the paper's, gamma {gamma}"),
+            Self::Matched { noise_v, current_a } => {
+                write!(
+                    f,
+                    "{} white at {:.3} mA",
+                    microvolts(noise_v),
+                    1e3 * current_a
+                )
+            }
+            Self::Levels { noise_v, current_a } => {
+                let levels: Vec<String> = noise_v.iter().map(microvolts).collect();
+                write!(
+                    f,
+                    "{} white at {:.3} mA",
+                    levels.join(", "),
+                    1e3 * current_a
+                )
+            }
+            Self::Measured { volts, .. } => write!(f, "as measured on {} repeats", volts.len()),
         }
     }
 }

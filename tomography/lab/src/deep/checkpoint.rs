@@ -1,0 +1,163 @@
+//! A training in a file: written whole or not at all after each epoch, read by a run of the same settings.
+
+use std::collections::HashMap;
+use std::fs::File;
+use std::io;
+use std::path::Path;
+
+use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+use serde::{Deserialize, Serialize};
+
+use super::descent::Descent;
+
+const KEY: &str = "tactus-training";
+
+/// Where a training is after an epoch.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Course {
+    /// Of everything that the bits depend on.
+    pub(super) fingerprint: String,
+    /// Epochs that are done.
+    pub(super) epochs: usize,
+    /// Steps that are taken.
+    pub(super) steps: u64,
+    /// The best epoch, from 1, its training loss and held-out loss.
+    pub(super) best: Option<(usize, f64, f64)>,
+}
+
+/// Why there is no checkpoint.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum CheckpointFault {
+    #[error(
+        "checkpoint {path}: make room or give another --checkpoint, then the same command goes on from the last one"
+    )]
+    Unwritten {
+        path: String,
+        #[source]
+        cause: io::Error,
+    },
+    #[error("checkpoint {path} cannot be read")]
+    Unread {
+        path: String,
+        #[source]
+        cause: io::Error,
+    },
+    #[error("checkpoint {path} is damaged ({why}): remove it to begin anew")]
+    Damaged { path: String, why: String },
+    #[error(
+        "checkpoint {path} belongs to a training with other settings: remove it, or give another --checkpoint"
+    )]
+    Other { path: String },
+}
+
+/// Writes weights, moments, best weights and course.
+pub(super) fn write(
+    path: &Path,
+    descent: &Descent,
+    best: &[Vec<f32>],
+    course: &Course,
+) -> Result<(), CheckpointFault> {
+    let failed = |cause| CheckpointFault::Unwritten {
+        path: path.display().to_string(),
+        cause,
+    };
+    let text = serde_json::to_string(course).map_err(|fault| failed(io::Error::other(fault)))?;
+    let mut parts: Vec<(String, Vec<u8>)> = Vec::new();
+    for (index, part) in descent.trained().enumerate() {
+        for (name, values) in [
+            ("values", &part.values),
+            ("first", &part.first),
+            ("second", &part.second),
+        ] {
+            parts.push((format!("{name}{index}"), bytes(values)));
+        }
+    }
+    for (index, values) in best.iter().enumerate() {
+        parts.push((format!("best{index}"), bytes(values)));
+    }
+    let views = parts.iter().map(|(name, bytes)| {
+        let view = TensorView::new(Dtype::F32, vec![bytes.len() / 4], bytes)
+            .expect("the length is that of the bytes");
+        (name, view)
+    });
+    let beside = path.with_extension("part");
+    let written = safetensors::serialize_to_file(
+        views,
+        Some(HashMap::from([(KEY.to_owned(), text)])),
+        &beside,
+    )
+    .map_err(|fault| match fault {
+        safetensors::SafeTensorError::IoError(cause) => cause,
+        other => io::Error::other(other),
+    })
+    .and_then(|()| File::open(&beside)?.sync_all())
+    .and_then(|()| std::fs::rename(&beside, path));
+    if written.is_err() {
+        // a torn file is of no use, and its room may be what is missing
+        let _ = std::fs::remove_file(&beside);
+    }
+    written.map_err(failed)
+}
+
+/// Reads a checkpoint into a network of the same shape; `None` where there is none.
+pub(super) fn read(
+    path: &Path,
+    descent: &mut Descent,
+    best: &mut Vec<Vec<f32>>,
+    fingerprint: &str,
+) -> Result<Option<Course>, CheckpointFault> {
+    let place = || path.display().to_string();
+    let content = match std::fs::read(path) {
+        Ok(content) => content,
+        Err(cause) if cause.kind() == io::ErrorKind::NotFound => return Ok(None),
+        Err(cause) => {
+            return Err(CheckpointFault::Unread {
+                path: place(),
+                cause,
+            });
+        }
+    };
+    let damaged = |why: String| CheckpointFault::Damaged { path: place(), why };
+    let (_, info) =
+        SafeTensors::read_metadata(&content).map_err(|fault| damaged(fault.to_string()))?;
+    let text = info
+        .metadata()
+        .as_ref()
+        .and_then(|entries| entries.get(KEY))
+        .ok_or_else(|| damaged("it is no checkpoint".to_owned()))?;
+    let course: Course = serde_json::from_str(text).map_err(|fault| damaged(fault.to_string()))?;
+    if course.fingerprint != fingerprint {
+        return Err(CheckpointFault::Other { path: place() });
+    }
+    let tensors = SafeTensors::deserialize(&content).map_err(|fault| damaged(fault.to_string()))?;
+    let floats = |name: String, length: usize| {
+        let tensor = tensors
+            .tensor(&name)
+            .map_err(|fault| damaged(fault.to_string()))?;
+        let (values, _) = tensor.data().as_chunks::<4>();
+        if values.len() != length {
+            return Err(damaged(format!("tensor '{name}' has {}", values.len())));
+        }
+        Ok(values
+            .iter()
+            .map(|bytes| f32::from_le_bytes(*bytes))
+            .collect::<Vec<_>>())
+    };
+    best.clear();
+    for (index, part) in descent.trained_mut().enumerate() {
+        let length = part.values.len();
+        part.values = floats(format!("values{index}"), length)?;
+        part.first = floats(format!("first{index}"), length)?;
+        part.second = floats(format!("second{index}"), length)?;
+        best.push(floats(format!("best{index}"), length)?);
+    }
+    descent.steps = course.steps;
+    Ok(Some(course))
+}
+
+fn bytes(values: &[f32]) -> Vec<u8> {
+    values
+        .iter()
+        .flat_map(|value| value.to_le_bytes())
+        .collect()
+}

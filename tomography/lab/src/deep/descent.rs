@@ -1,0 +1,379 @@
+//! The network while it is trained: weights, Adam's moments, activations of a batch, and one step.
+
+use eit::DeepSettings;
+use eit::network::{elu, elu_slope};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use super::adam::Step;
+use super::product;
+
+/// Rows of a layer that one task works on.
+const TILE: usize = 128;
+/// Stream of the seed that initial weights are drawn from, away from those of cases and jitter.
+const INITIAL: u64 = 200 << 48;
+
+/// Numbers that are trained, with Adam's two moments.
+#[derive(Debug, Clone)]
+pub(super) struct Trained {
+    pub(super) values: Vec<f32>,
+    pub(super) first: Vec<f32>,
+    pub(super) second: Vec<f32>,
+}
+
+impl Trained {
+    fn new(values: Vec<f32>) -> Self {
+        Self {
+            first: vec![0.0; values.len()],
+            second: vec![0.0; values.len()],
+            values,
+        }
+    }
+
+    fn step(&mut self, step: Step, gradient: &[f32]) {
+        step.take(
+            &mut self.values,
+            [&mut self.first, &mut self.second],
+            gradient,
+        );
+    }
+}
+
+/// One layer: a row of weights an output.
+#[derive(Debug, Clone)]
+pub(super) struct Layer {
+    pub(super) weights: Trained,
+    pub(super) bias: Trained,
+}
+
+/// A batch: `inputs` a row a reading with the samples side by side, `targets` (triangle, sample, relative change).
+#[derive(Debug, Clone, Default)]
+pub(super) struct Batch {
+    pub(super) samples: usize,
+    pub(super) inputs: Vec<f32>,
+    pub(super) targets: Vec<(u32, u32, f32)>,
+}
+
+/// The network, and room for one batch.
+pub(super) struct Descent {
+    /// Scale and shift after the normalisation of the input, where there is one.
+    pub(super) normalisation: Option<[Trained; 2]>,
+    pub(super) layers: Vec<Layer>,
+    /// Steps taken.
+    pub(super) steps: u64,
+    betas: [f64; 2],
+    epsilon: f64,
+    /// Normalised inputs before scale and shift.
+    centred: Vec<f32>,
+    /// What enters each layer, and what leaves the last.
+    values: Vec<Vec<f32>>,
+    /// Slopes of the loss along what leaves each layer before its elu.
+    slopes: Vec<Vec<f32>>,
+}
+
+impl Descent {
+    /// Weights uniform within sqrt(6 / (inputs + outputs)) (Glorot), biases 0, drawn from the seed.
+    pub(super) fn new(settings: &DeepSettings, inputs: usize, outputs: usize, seed: u64) -> Self {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        random.set_stream(INITIAL);
+        let widths = settings.widths(inputs, outputs);
+        let layers = widths
+            .windows(2)
+            .map(|pair| {
+                let limit = (6.0 / (pair[0] + pair[1]) as f32).sqrt();
+                let weights = (0..pair[0] * pair[1])
+                    .map(|_| (2.0 * random.random::<f32>() - 1.0) * limit)
+                    .collect();
+                Layer {
+                    weights: Trained::new(weights),
+                    bias: Trained::new(vec![0.0; pair[1]]),
+                }
+            })
+            .collect();
+        Self {
+            normalisation: settings
+                .batch_normalisation
+                .then(|| [vec![1.0; inputs], vec![0.0; inputs]].map(Trained::new)),
+            layers,
+            steps: 0,
+            betas: [settings.beta1, settings.beta2],
+            epsilon: settings.epsilon,
+            centred: Vec::new(),
+            slopes: vec![Vec::new(); widths.len() - 1],
+            values: vec![Vec::new(); widths.len()],
+        }
+    }
+
+    /// All that is trained, in a fixed order.
+    pub(super) fn trained(&self) -> impl Iterator<Item = &Trained> {
+        let layers = self
+            .layers
+            .iter()
+            .flat_map(|layer| [&layer.weights, &layer.bias]);
+        self.normalisation.iter().flatten().chain(layers)
+    }
+
+    /// The same to be changed.
+    pub(super) fn trained_mut(&mut self) -> impl Iterator<Item = &mut Trained> {
+        let layers = self
+            .layers
+            .iter_mut()
+            .flat_map(|layer| [&mut layer.weights, &mut layer.bias]);
+        self.normalisation.iter_mut().flatten().chain(layers)
+    }
+
+    /// Weights and biases.
+    pub(super) fn parameters(&self) -> usize {
+        self.trained().map(|part| part.values.len()).sum()
+    }
+
+    /// Mean loss of a batch (half the squared error of a map, summed over its triangles); the slopes of the output are left
+    /// in the last of `slopes`. `statistics`, mean and 1 over deviation of each reading, normalise the input; without them
+    /// the batch's own do.
+    pub(super) fn loss(
+        &mut self,
+        batch: &Batch,
+        statistics: Option<&[Vec<f32>; 2]>,
+        epsilon: f64,
+    ) -> f64 {
+        let b = batch.samples;
+        self.centred.clone_from(&batch.inputs);
+        if self.normalisation.is_some() {
+            normalise(&mut self.centred, b, statistics, epsilon);
+        }
+        self.values[0].clone_from(&self.centred);
+        if let Some([scale, shift]) = &self.normalisation {
+            for (row, (scale, shift)) in self.values[0]
+                .chunks_exact_mut(b)
+                .zip(scale.values.iter().zip(&shift.values))
+            {
+                for value in row {
+                    *value = *value * scale + shift;
+                }
+            }
+        }
+        let last = self.layers.len() - 1;
+        for (index, layer) in self.layers.iter().enumerate() {
+            let (before, after) = self.values.split_at_mut(index + 1);
+            let (inputs, outputs) = (&before[index], &mut after[0]);
+            outputs.resize(layer.bias.values.len() * b, 0.0);
+            let width = inputs.len() / b;
+            outputs
+                .par_chunks_mut(TILE * b)
+                .zip(layer.weights.values.par_chunks(TILE * width))
+                .zip(layer.bias.values.par_chunks(TILE))
+                .for_each(|((outputs, weights), bias)| {
+                    product::forward(weights, inputs, outputs, b);
+                    for (row, bias) in outputs.chunks_exact_mut(b).zip(bias) {
+                        for value in &mut *row {
+                            *value += bias;
+                        }
+                        if index < last {
+                            elu(row);
+                        }
+                    }
+                });
+        }
+        let errors = &mut self.slopes[last];
+        errors.clone_from(&self.values[last + 1]);
+        for &(triangle, sample, change) in &batch.targets {
+            errors[triangle as usize * b + sample as usize] -= change;
+        }
+        let sums: Vec<f64> = errors
+            .par_chunks_mut(TILE * b)
+            .map(|errors| {
+                let mut sum = 0.0;
+                for row in errors.chunks_exact_mut(b) {
+                    sum += row.iter().map(|e| f64::from(e * e)).sum::<f64>();
+                    for error in row {
+                        *error /= b as f32;
+                    }
+                }
+                sum
+            })
+            .collect();
+        0.5 * sums.iter().sum::<f64>() / b as f64
+    }
+
+    /// One step of Adam on a batch; gives its loss before the step.
+    pub(super) fn step(&mut self, batch: &Batch, rate: f64, epsilon: f64) -> f64 {
+        let loss = self.loss(batch, None, epsilon);
+        let b = batch.samples;
+        self.steps += 1;
+        let step = Step::new(rate, self.betas[0], self.betas[1], self.epsilon, self.steps);
+        for index in (0..self.layers.len()).rev() {
+            let (before, after) = self.slopes.split_at_mut(index);
+            let slopes = &after[0];
+            let inputs = &self.values[index];
+            let layer = &mut self.layers[index];
+            // the slopes further down are of the weights before their step
+            if let Some(below) = before.last_mut() {
+                below.resize(inputs.len(), 0.0);
+                below
+                    .par_chunks_mut(TILE * b)
+                    .zip(inputs.par_chunks(TILE * b))
+                    .enumerate()
+                    .for_each(|(tile, (below, inputs))| {
+                        product::backward(&layer.weights.values, slopes, below, tile * TILE, b);
+                        for (slope, value) in below.iter_mut().zip(inputs) {
+                            *slope *= elu_slope(*value);
+                        }
+                    });
+            } else if let Some([scale, shift]) = &mut self.normalisation {
+                let mut below = vec![0.0; inputs.len()];
+                below
+                    .par_chunks_mut(TILE * b)
+                    .enumerate()
+                    .for_each(|(tile, below)| {
+                        product::backward(&layer.weights.values, slopes, below, tile * TILE, b);
+                    });
+                let along = |values: &dyn Fn(usize) -> f32| -> Vec<f32> {
+                    (0..inputs.len() / b)
+                        .map(|row| (row * b..(row + 1) * b).map(values).sum())
+                        .collect()
+                };
+                let centred = &self.centred;
+                let scales = along(&|i| below[i] * centred[i]);
+                let shifts = along(&|i| below[i]);
+                scale.step(step, &scales);
+                shift.step(step, &shifts);
+            }
+            let width = inputs.len() / b;
+            let Layer { weights, bias } = layer;
+            weights
+                .values
+                .par_chunks_mut(TILE * width)
+                .zip(weights.first.par_chunks_mut(TILE * width))
+                .zip(weights.second.par_chunks_mut(TILE * width))
+                .zip(slopes.par_chunks(TILE * b))
+                .for_each_init(
+                    || vec![0.0; TILE * width],
+                    |gradient, (((values, first), second), slopes)| {
+                        let gradient = &mut gradient[..values.len()];
+                        product::gradient(slopes, inputs, gradient, b);
+                        step.take(values, [first, second], gradient);
+                    },
+                );
+            let biases: Vec<f32> = slopes.chunks_exact(b).map(|row| row.iter().sum()).collect();
+            bias.step(step, &biases);
+        }
+        loss
+    }
+}
+
+/// Brings each row to mean 0 and deviation 1: by given mean and 1 / deviation, or by its own with `epsilon` added to the
+/// variance.
+fn normalise(rows: &mut [f32], b: usize, statistics: Option<&[Vec<f32>; 2]>, epsilon: f64) {
+    for (index, row) in rows.chunks_exact_mut(b).enumerate() {
+        let (mean, inverse) = match statistics {
+            Some([mean, inverse]) => (mean[index], inverse[index]),
+            None => {
+                let mean = row.iter().map(|v| f64::from(*v)).sum::<f64>() / b as f64;
+                let square: f64 = row.iter().map(|v| (f64::from(*v) - mean).powi(2)).sum();
+                (
+                    mean as f32,
+                    (square / b as f64 + epsilon).sqrt().recip() as f32,
+                )
+            }
+        };
+        for value in row {
+            *value = (*value - mean) * inverse;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings() -> DeepSettings {
+        DeepSettings {
+            hidden_layers: 2,
+            width: 9,
+            // Adam's first moment is then the gradient itself
+            beta1: 0.0,
+            ..DeepSettings::default()
+        }
+    }
+
+    fn batch() -> Batch {
+        let wave = |i: usize| ((i * i + 3 * i) as f32 * 0.37).sin();
+        Batch {
+            samples: 5,
+            inputs: (0..7 * 5).map(wave).collect(),
+            targets: vec![(0, 0, -0.5), (3, 0, -0.2), (5, 2, -0.9), (1, 4, -0.7)],
+        }
+    }
+
+    #[test]
+    fn the_gradient_is_the_finite_difference() {
+        for batch_normalisation in [true, false] {
+            let settings = DeepSettings {
+                batch_normalisation,
+                ..settings()
+            };
+            let mut stepped = Descent::new(&settings, 7, 6, 4);
+            stepped.step(&batch(), 1e-3, 1e-5);
+            let gradients: Vec<Vec<f32>> =
+                stepped.trained().map(|part| part.first.clone()).collect();
+            let mut probe = Descent::new(&settings, 7, 6, 4);
+            let h = 4e-3;
+            let mut compared = 0;
+            for (part, gradient) in gradients.iter().enumerate() {
+                for (index, gradient) in gradient.iter().enumerate().step_by(3) {
+                    let mut at = |change: f32| {
+                        let values = &mut probe.trained_mut().nth(part).unwrap().values;
+                        values[index] += change;
+                        let loss = probe.loss(&batch(), None, 1e-5);
+                        let values = &mut probe.trained_mut().nth(part).unwrap().values;
+                        values[index] -= change;
+                        loss
+                    };
+                    let slope = (at(h) - at(-h)) / (2.0 * f64::from(h));
+                    let error = (slope - f64::from(*gradient)).abs();
+                    assert!(
+                        error < 2e-4 + 1e-3 * slope.abs(),
+                        "part {part}, number {index}: {slope} {gradient}"
+                    );
+                    compared += usize::from(slope.abs() > 1e-2);
+                }
+            }
+            assert!(compared > 30, "{compared}");
+        }
+    }
+
+    #[test]
+    fn any_number_of_threads_gives_the_same_bits() {
+        let settings = DeepSettings {
+            width: 300,
+            ..settings()
+        };
+        let bits = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap();
+            pool.install(|| {
+                let mut descent = Descent::new(&settings, 7, 400, 4);
+                let losses: Vec<u64> = (0..3)
+                    .map(|_| descent.step(&batch(), 1e-3, 1e-5).to_bits())
+                    .collect();
+                let values: Vec<u32> = descent
+                    .trained()
+                    .flat_map(|part| part.values.iter().map(|value| value.to_bits()))
+                    .collect();
+                (losses, values)
+            })
+        };
+        let one = bits(1);
+        assert!(one == bits(2) && one == bits(8));
+    }
+
+    #[test]
+    fn the_paper_counts_twenty_one_million_weights() {
+        let widths = DeepSettings::default().widths(598, 3690);
+        let weights: usize = widths.windows(2).map(|pair| pair[0] * pair[1]).sum();
+        assert_eq!(weights, 21_364_736);
+    }
+}
