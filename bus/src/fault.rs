@@ -31,6 +31,8 @@ pub enum Fault {
     InvalidOption(String),
     /// No frame or map yet.
     NoFrame(String),
+    /// The configuration has problems; the text is a line for each, with file, line and column.
+    Configuration(String),
     /// The rig cannot do this at all (stepping a session that has a schedule).
     Unsupported(String),
     /// Anything else; the text is all there is.

@@ -13,15 +13,15 @@ pub trait Instrument1 {
     fn role(&self) -> Result<String, Fault>;
 
     /// The reply to `*IDN?`.
-    #[zbus(property(emits_changed_signal = "const"))]
+    #[zbus(property(emits_changed_signal = "false"))]
     fn identity(&self) -> Result<String, Fault>;
 
     /// Where it is: `tcp:HOST:PORT`, `serial:PATH`, or `memory` for one simulated inside the daemon.
-    #[zbus(property(emits_changed_signal = "const"))]
+    #[zbus(property(emits_changed_signal = "false"))]
     fn address(&self) -> Result<String, Fault>;
 
     /// Whether it is simulated.
-    #[zbus(property(emits_changed_signal = "const"))]
+    #[zbus(property(emits_changed_signal = "false"))]
     fn simulated(&self) -> Result<bool, Fault>;
 
     /// `ready` or `fault: ...`.

@@ -37,7 +37,8 @@ pub use address::{Address, AddressError, ConnectError, connect, search_order};
 pub use fault::Fault;
 pub use instrument1::Instrument1Proxy;
 pub use manager1::{
-    BaselineReport, Geometry, Manager1Proxy, PlanReport, SESSION_OPTIONS, SessionSummary,
+    BaselineReport, Geometry, Happened, HappenedStream, Manager1Proxy, PlanReport, SESSION_OPTIONS,
+    SessionSummary,
 };
 pub use options::Options;
 pub use session1::{FrameDone, FrameDoneStream, LatestFrame, LatestMap, Session1Proxy};

@@ -1,7 +1,9 @@
 //! The daemon itself.
 
 use serde::{Deserialize, Serialize};
-use zbus::{OwnedObjectPath, Type};
+use std::collections::HashMap;
+
+use zbus::{OwnedObjectPath, OwnedVariant, Type};
 
 use crate::{Fault, Options};
 
@@ -39,6 +41,32 @@ pub trait Manager1 {
     /// The current baseline.
     fn baseline(&self) -> Result<BaselineReport, Fault>;
 
+    /// Switches the source off and opens every relay, verifies both; says what it did.
+    fn open_all(&self) -> Result<String, Fault>;
+
+    /// Agrees to the instruments or modules that were found in place of the known ones.
+    fn accept_instruments(&self) -> Result<String, Fault>;
+
+    /// Reads the configuration again; a bad one changes nothing.
+    fn reload(&self) -> Result<String, Fault>;
+
+    /// What was said over the wires for the last frames, a line of JSON each: option `frames` (t, default 1).
+    fn transcript(&self, options: &Options) -> Result<String, Fault>;
+
+    /// Something happened to the rig, or to a session by it.
+    #[zbus(signal)]
+    fn happened(&self, wall_ns: i64, kind: &str, text: &str, details: Options)
+    -> Result<(), Fault>;
+
+    /// `off` (verified), `in use`, `unknown`.
+    #[zbus(property(emits_changed_signal = "false"))]
+    fn source_state(&self) -> Result<String, Fault>;
+
+    /// A lost rig that is being looked for: `what` (s), `tries` (t), `next_s` (d), `since_ns` (x), `person` (b); empty
+    /// when none is.
+    #[zbus(property(emits_changed_signal = "false"))]
+    fn recovery(&self) -> Result<HashMap<String, OwnedVariant>, Fault>;
+
     /// Version of the daemon.
     #[zbus(property(emits_changed_signal = "const"))]
     fn version(&self) -> Result<String, Fault>;
@@ -48,15 +76,15 @@ pub trait Manager1 {
     fn state(&self) -> Result<String, Fault>;
 
     /// Whether voltages come from a simulated sheet.
-    #[zbus(property(emits_changed_signal = "const"))]
+    #[zbus(property(emits_changed_signal = "false"))]
     fn simulated(&self) -> Result<bool, Fault>;
 
     /// `rig` or `recording`.
-    #[zbus(property(emits_changed_signal = "const"))]
+    #[zbus(property(emits_changed_signal = "false"))]
     fn source(&self) -> Result<String, Fault>;
 
     /// Their objects.
-    #[zbus(property(emits_changed_signal = "const"))]
+    #[zbus(property(emits_changed_signal = "false"))]
     fn instruments(&self) -> Result<Vec<OwnedObjectPath>, Fault>;
 
     /// The running session, `/` when there is none.
@@ -68,7 +96,7 @@ pub trait Manager1 {
     fn baseline_id(&self) -> Result<String, Fault>;
 
     /// The configured method as a person would name it.
-    #[zbus(property(emits_changed_signal = "const"))]
+    #[zbus(property(emits_changed_signal = "false"))]
     fn method(&self) -> Result<String, Fault>;
 
     /// Where session files are written.

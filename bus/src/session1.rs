@@ -65,6 +65,10 @@ pub trait Session1 {
     #[zbus(property(emits_changed_signal = "false"))]
     fn frames_dropped(&self) -> Result<u64, Fault>;
 
+    /// Frames that failed; the record's events say why.
+    #[zbus(property(emits_changed_signal = "false"))]
+    fn frames_failed(&self) -> Result<u64, Fault>;
+
     /// Why it is faulted, or why the last frame has no map; empty otherwise.
     #[zbus(property(emits_changed_signal = "false"))]
     fn last_error(&self) -> Result<String, Fault>;

@@ -84,8 +84,11 @@ pub struct Global {
 pub enum Command {
     /// Show what the daemon is doing
     Status,
-    /// List the instruments and whether they answer
-    Instruments,
+    /// List the instruments and whether they answer; open their relays, or agree to others
+    Instruments {
+        #[command(subcommand)]
+        what: Option<InstrumentsCommand>,
+    },
     /// Record or show the baseline of the unloaded sheet
     Baseline {
         #[command(subcommand)]
@@ -107,11 +110,35 @@ pub enum Command {
     Replay(Box<Replay>),
     /// Show the steps, count, duration and limits of a frame without moving anything (before there is a daemon: tactusd --plan)
     Plan(Plan),
+    /// Read the daemon's configuration again; a bad one changes nothing (78) and its problems are told
+    Reload,
+    /// Print what was said over the wires for the last frames, as lines of JSON that tactus-bench replay plays
+    Transcript(Transcript),
     /// Print the completion script of a shell
     Completions {
         /// Which shell
         shell: clap_complete::Shell,
     },
+}
+
+/// What is asked of the instruments.
+#[derive(Debug, Subcommand)]
+pub enum InstrumentsCommand {
+    /// Switch the source off and open every relay, verify both; lifts the refusal of relays found closed at the start
+    OpenAll,
+    /// Agree to the instruments or modules that were found in place of the known ones
+    Accept,
+}
+
+/// Options of `transcript`.
+#[derive(Debug, Args)]
+pub struct Transcript {
+    /// How many of the last frames; the daemon keeps record.transcripts of them (8 by default)
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub frames: u32,
+    /// Write it to a new file
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
 }
 
 /// What is asked of the baseline.

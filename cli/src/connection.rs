@@ -198,7 +198,7 @@ pub(crate) fn fault(what: &str, fault: &Fault) -> Failure {
         Fault::ModelMismatch(_) | Fault::ModelFile(_) => Failure::Configuration(advise(
             "name a model made for this sheet with --model, or use --model one-step",
         )),
-        Fault::RecordingFault(_) => Failure::Configuration(said),
+        Fault::RecordingFault(_) | Fault::Configuration(_) => Failure::Configuration(said),
         Fault::InstrumentFault(_) => {
             Failure::Instrument(advise("`tactus instruments` shows which ones answer"))
         }

@@ -30,6 +30,7 @@ mod plan;
 mod recipe;
 mod recording;
 mod replay;
+mod rescue;
 mod session;
 mod sessions;
 mod state;
@@ -44,7 +45,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser};
 
-use args::{Arguments, BaselineCommand, Command};
+use args::{Arguments, BaselineCommand, Command, InstrumentsCommand};
 use failure::Failure;
 use output::Printer;
 
@@ -91,7 +92,17 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                 let daemon = connection::open(&global).await?;
                 match live {
                     Command::Status => status::run(&daemon, printer).await,
-                    Command::Instruments => instruments::run(&daemon, printer).await,
+                    Command::Instruments { what: None } => instruments::run(&daemon, printer).await,
+                    Command::Instruments {
+                        what: Some(InstrumentsCommand::OpenAll),
+                    } => rescue::open_all(&daemon, printer).await,
+                    Command::Instruments {
+                        what: Some(InstrumentsCommand::Accept),
+                    } => rescue::accept(&daemon, printer).await,
+                    Command::Reload => rescue::reload(&daemon, printer).await,
+                    Command::Transcript(asked) => {
+                        rescue::transcript(&daemon, &asked, printer).await
+                    }
                     Command::Baseline {
                         what: BaselineCommand::Record(record),
                     } => baseline::record(&daemon, &record, printer).await,

@@ -2,9 +2,10 @@
 
 use std::io::Write;
 
+use bus::{Fault, Options};
 use serde::Serialize;
 
-use crate::connection::Daemon;
+use crate::connection::{Daemon, fault};
 use crate::failure::Failure;
 use crate::output::Printer;
 
@@ -17,10 +18,49 @@ struct Status {
     method: String,
     baseline: Option<String>,
     session: Option<Running>,
+    source_state: String,
+    recovery: Option<Recovery>,
     record_directory: String,
     last_error: Option<String>,
     version: String,
     bus: String,
+}
+
+/// A lost rig that is being looked for.
+#[derive(Debug, Serialize)]
+struct Recovery {
+    what: String,
+    tries: u64,
+    next_s: Option<f64>,
+    person: bool,
+}
+
+impl Recovery {
+    /// `None` when nothing is lost.
+    fn from(options: &Options) -> Result<Option<Self>, Fault> {
+        let Some(what) = options.text("what")? else {
+            return Ok(None);
+        };
+        Ok(Some(Self {
+            what: what.to_owned(),
+            tries: options.whole("tries")?.unwrap_or(0),
+            next_s: options.number("next_s")?,
+            person: options.flag("person")?.unwrap_or(false),
+        }))
+    }
+
+    fn for_a_person(&self) -> String {
+        let tries = match self.tries {
+            0 => "reconnecting".to_owned(),
+            tries => format!("reconnecting, {tries} tries so far"),
+        };
+        let next = match (self.person, self.next_s) {
+            (true, _) => "waiting for you: `tactus instruments accept`".to_owned(),
+            (false, Some(next)) => format!("the next in {next:.1} s"),
+            (false, None) => "one under way".to_owned(),
+        };
+        format!("{tries}, {next}: {}", self.what)
+    }
 }
 
 #[derive(Debug, Serialize)]
@@ -31,6 +71,7 @@ struct Running {
     frames_acquired: u64,
     frames_durable: u64,
     frames_dropped: u64,
+    frames_failed: u64,
     last_error: Option<String>,
 }
 
@@ -45,6 +86,7 @@ pub(crate) async fn run(daemon: &Daemon, printer: &mut Printer<impl Write>) -> R
             frames_acquired: daemon.ask("the session", session.frames_acquired()).await?,
             frames_durable: daemon.ask("the session", session.frames_durable()).await?,
             frames_dropped: daemon.ask("the session", session.frames_dropped()).await?,
+            frames_failed: daemon.ask("the session", session.frames_failed()).await?,
             last_error: said(daemon.ask("the session", session.last_error()).await?),
         }),
     };
@@ -55,6 +97,11 @@ pub(crate) async fn run(daemon: &Daemon, printer: &mut Printer<impl Write>) -> R
         method: daemon.ask("the method", manager.method()).await?,
         baseline: said(daemon.ask("the baseline", manager.baseline_id()).await?),
         session,
+        source_state: daemon.ask("the source", manager.source_state()).await?,
+        recovery: {
+            let told = daemon.ask("the rig", manager.recovery()).await?;
+            Recovery::from(&Options(told)).map_err(|error| fault("the rig", &error))?
+        },
         record_directory: daemon.ask("the record", manager.record_directory()).await?,
         last_error: said(daemon.ask("the last error", manager.last_error()).await?),
         version: daemon.ask("the version", manager.version()).await?,
@@ -101,12 +148,23 @@ fn for_a_person(status: &Status) -> String {
                 match session.frames_dropped {
                     0 => String::new(),
                     dropped => format!(", {dropped} missed their time"),
+                } + &match session.frames_failed {
+                    0 => String::new(),
+                    failed => format!(", {failed} failed"),
                 }
             ));
             if let Some(error) = &session.last_error {
                 lines.push(format!("           {error}"));
             }
         }
+    }
+    if status.source_state == "unknown" {
+        lines.push(
+            "ATTENTION  the state of the source is unknown: treat the sheet as live".to_owned(),
+        );
+    }
+    if let Some(recovery) = &status.recovery {
+        lines.push(format!("rig        {}", recovery.for_a_person()));
     }
     if let Some(error) = &status.last_error {
         lines.push(format!("fault      {error}"));
@@ -137,8 +195,11 @@ mod tests {
                 frames_acquired: 8,
                 frames_durable: 7,
                 frames_dropped: 0,
+                frames_failed: 0,
                 last_error: None,
             }),
+            source_state: "in use".into(),
+            recovery: None,
             record_directory: "/r".into(),
             last_error: None,
             version: "0.1.0".into(),
@@ -154,7 +215,8 @@ mod tests {
             String::from_utf8(printer.sink()).unwrap(),
             "{\"state\":\"acquiring\",\"simulated\":true,\"source\":\"rig\",\"method\":\"one-step noser\",\"baseline\":null,\
              \"session\":{\"id\":\"m1\",\"kind\":\"measurement\",\"state\":\"running\",\"frames_acquired\":8,\
-             \"frames_durable\":7,\"frames_dropped\":0,\"last_error\":null},\"record_directory\":\"/r\",\
+             \"frames_durable\":7,\"frames_dropped\":0,\"frames_failed\":0,\"last_error\":null},\"source_state\":\"in use\",\"recovery\":null,\
+             \"record_directory\":\"/r\",\
              \"last_error\":null,\"version\":\"0.1.0\",\"bus\":\"unix:/p\"}\n"
         );
     }
@@ -170,5 +232,28 @@ mod tests {
             text.contains("m1 (measurement, running): 7 frames recorded"),
             "{text}"
         );
+    }
+
+    #[test]
+    fn a_lost_rig_is_said_with_its_tries_and_the_next_one() {
+        let mut status = status();
+        status.state = "suspended".into();
+        status.source_state = "unknown".into();
+        status.recovery = Some(Recovery {
+            what: "the connection to 6221 (tcp:h:1) was lost".into(),
+            tries: 3,
+            next_s: Some(1.6),
+            person: false,
+        });
+        let text = for_a_person(&status);
+        assert!(
+            text.contains(
+                "reconnecting, 3 tries so far, the next in 1.6 s: the connection to 6221"
+            ),
+            "{text}"
+        );
+        assert!(text.contains("treat the sheet as live"), "{text}");
+        status.recovery.as_mut().unwrap().person = true;
+        assert!(for_a_person(&status).contains("`tactus instruments accept`"));
     }
 }

@@ -58,8 +58,22 @@ pub(crate) async fn run(
     let unreadable = |error: std::io::Error| Failure::failed("the stream cannot be read", &error);
     stream.set_nonblocking(true).map_err(unreadable)?;
     let stream = tokio::net::UnixStream::from_std(stream).map_err(unreadable)?;
+    let listening = async { Ok(daemon.manager.receive_happened().await?) };
+    let mut news = daemon.ask("the news", listening).await?;
+    // a suspended session sends no frames: why, and which try this is, is told beside the maps
+    let told = async {
+        while let Some(signal) = bus::next(&mut news).await {
+            if let Ok(told) = signal.args() {
+                eprintln!("{}: {}", told.kind, told.text);
+            }
+        }
+        std::future::pending().await
+    };
     let mut viewer = Viewer::new(id, watch, field, printer);
-    let ended = viewer.follow(stream, deadline).await?;
+    let ended = tokio::select! {
+        ended = viewer.follow(stream, deadline) => ended?,
+        ended = told => ended,
+    };
     match ended {
         Some(reason) => viewer.end(daemon, &session, reason).await,
         None => Ok(()),

@@ -227,11 +227,22 @@ pub(crate) struct ModelSection {
     pub loss_only: Option<bool>,
 }
 
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct RecordSection {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub directory: Option<PathBuf>,
+    /// Frames of which everything said over the wires is kept in memory.
+    pub transcripts: usize,
+}
+
+impl Default for RecordSection {
+    fn default() -> Self {
+        Self {
+            directory: None,
+            transcripts: 8,
+        }
+    }
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

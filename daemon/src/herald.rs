@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use tokio::sync::mpsc;
 
+use crate::keeper::Happening;
 use crate::live::{Live, Published};
 
 /// News that may wait for one connection; beyond it news is lost for that one, which will soon be found frozen.
@@ -21,6 +22,10 @@ pub(crate) enum Notice {
     Daemon,
     /// State of the instruments.
     Instruments,
+    /// Which instruments there are, and whether there is a simulated sheet, may have changed.
+    Furniture,
+    /// Something happened to the rig, or to a session by it.
+    Happened(Happening),
 }
 
 /// Everybody who carries news on.

@@ -1,18 +1,25 @@
 //! Who keeps watch: one per daemon, holds the rig, starts and ends sessions, remembers the baseline.
 
 mod asked;
+mod recovery;
+mod reload;
 mod rig_again;
 mod run;
+mod told;
 
 pub(crate) use asked::no_baseline;
+pub(crate) use told::Happening;
 
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 
 use bus::Fault;
+use chrono::{DateTime, Utc};
 use logbook::LogbookError;
-use rig::SystemClock;
+use rig::{SystemClock, Tape};
 use survey::{Baseline, Settings};
+use tokio::sync::Notify;
 
 use crate::herald::{Herald, Notice};
 use crate::live::Live;
@@ -22,7 +29,7 @@ use crate::rig_assembly::{Assembled, Bench, Found};
 use crate::session::{Event, State};
 use crate::watch::FrameSource;
 
-/// What never changes while the daemon runs.
+/// What a configuration means; another one takes its place at a reload.
 pub(crate) struct House {
     pub setup: Setup,
     /// `None` for a recording.
@@ -30,17 +37,30 @@ pub(crate) struct House {
     pub settings: Option<Settings>,
     pub bench: Bench,
     pub simulated: bool,
-    pub instruments: Vec<Found>,
-    pub modules: Vec<String>,
     pub clock: SystemClock,
     pub build: String,
+    /// The file it was read from.
+    pub config: PathBuf,
+}
+
+/// Which instruments and modules there are: those that were there at the start, or that a person has agreed to.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(crate) struct Known {
+    pub instruments: Vec<Found>,
+    pub modules: Vec<String>,
+    /// Modules with their serial numbers.
+    pub cards: Vec<String>,
 }
 
 /// The daemon's one head.
 pub(crate) struct Keeper {
-    pub house: House,
+    house: RwLock<Arc<House>>,
     pub herald: Herald,
+    /// What was said lately over the wires.
+    pub tape: Tape,
     source: tokio::sync::Mutex<FrameSource>,
+    /// Somebody has agreed to other instruments.
+    agreed: Notify,
     inner: Mutex<Inner>,
 }
 
@@ -51,6 +71,32 @@ struct Inner {
     recent: VecDeque<Arc<Live>>,
     /// Why the rig cannot be used, until it is found again.
     rig_fault: Option<String>,
+    /// Why a person must look first: relays found closed at the start.
+    closed: Option<String>,
+    known: Known,
+    /// Others than the known ones were found; nobody has agreed yet.
+    others: Option<Known>,
+    /// The source could not be verified off.
+    source_unknown: bool,
+    /// The relays could not be verified open.
+    relays_unknown: bool,
+    recovery: Option<Recovery>,
+    /// A configuration that waits for the end of a session.
+    waiting: Option<Box<Prepared>>,
+}
+
+/// A lost rig being looked for.
+#[derive(Debug, Clone)]
+pub(crate) struct Recovery {
+    /// What was lost, or what stands in the way.
+    pub what: String,
+    /// Tries so far.
+    pub tries: u64,
+    /// When the next one is due; `None` while one is under way.
+    pub next: Option<tokio::time::Instant>,
+    pub since: DateTime<Utc>,
+    /// Whether only a person can go on.
+    pub person: bool,
 }
 
 impl Keeper {
@@ -59,18 +105,19 @@ impl Keeper {
         prepared: Prepared,
         bench: Bench,
         assembled: Option<Assembled>,
+        tape: Tape,
         clock: SystemClock,
     ) -> Arc<Self> {
         let simulated = prepared.is_simulated();
-        let (rig, instruments, modules) = match assembled {
-            Some(assembled) => (
-                Some(assembled.rig),
-                assembled.instruments,
-                assembled.modules,
-            ),
-            None => (None, Vec::new(), Vec::new()),
+        let (rig, known, closed) = match assembled {
+            Some(assembled) => (Some(assembled.rig), assembled.known, assembled.closed),
+            None => (None, Known::default(), None),
         };
-        let Prepared { setup, frames } = prepared;
+        let Prepared {
+            setup,
+            frames,
+            file,
+        } = prepared;
         let (source, settings, plan, baseline) = match frames {
             FramesFrom::Rig(plan) => {
                 let settings = rig::settings(&plan.plan, plan.meter);
@@ -100,31 +147,68 @@ impl Keeper {
             }
         };
         Arc::new(Self {
-            house: House {
+            house: RwLock::new(Arc::new(House {
                 build: format!("tactusd {}", env!("CARGO_PKG_VERSION")),
                 setup,
                 plan,
                 settings,
                 bench,
                 simulated,
-                instruments,
-                modules,
                 clock,
-            },
+                config: file,
+            })),
             herald: Herald::default(),
+            tape,
             source: tokio::sync::Mutex::new(source),
+            agreed: Notify::new(),
             inner: Mutex::new(Inner {
-                state: State::Idle,
+                state: match &closed {
+                    Some(why) => State::Faulted(why.clone()),
+                    None => State::Idle,
+                },
                 baseline: baseline.map(Arc::new),
                 active: None,
                 recent: VecDeque::new(),
-                rig_fault: None,
+                rig_fault: closed.clone(),
+                closed,
+                known,
+                others: None,
+                source_unknown: false,
+                relays_unknown: false,
+                recovery: None,
+                waiting: None,
             }),
         })
     }
 
     fn inner(&self) -> MutexGuard<'_, Inner> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What the configuration in force means.
+    pub(crate) fn house(&self) -> Arc<House> {
+        let house = self.house.read().unwrap_or_else(PoisonError::into_inner);
+        Arc::clone(&house)
+    }
+
+    /// The instruments that are known.
+    pub(crate) fn known(&self) -> Known {
+        self.inner().known.clone()
+    }
+
+    /// What is known of the source: `off` (verified), `in use`, `unknown`.
+    pub(crate) fn source_state(&self) -> &'static str {
+        let inner = self.inner();
+        match &inner.state {
+            _ if inner.source_unknown => "unknown",
+            State::Baseline | State::Acquiring => "in use",
+            _ => "off",
+        }
+    }
+
+    /// The lost rig that is being looked for, if one is.
+    pub(crate) fn recovery(&self) -> Option<Recovery> {
+        self.inner().recovery.clone()
     }
 
     pub(crate) fn state(&self) -> State {
@@ -147,7 +231,7 @@ impl Keeper {
 
     /// Whether frames come from a recording.
     pub(crate) fn is_recording(&self) -> bool {
-        self.house.plan.is_none()
+        self.house().plan.is_none()
     }
 
     /// Why an instrument cannot be used; `None` when all can.
@@ -191,6 +275,11 @@ impl Keeper {
         if self.rig_fault().is_some() {
             self.find_rig_again().await?;
         }
+        self.make_safe().await
+    }
+
+    /// Source off and relays open, verified, as soon as nobody else works with the rig.
+    pub(crate) async fn make_safe(&self) -> Result<(), String> {
         let source = self.source.lock().await;
         match &*source {
             FrameSource::Rig {
@@ -205,6 +294,27 @@ impl Keeper {
             }
             FrameSource::Recording(_) => Ok(()),
         }
+    }
+}
+
+impl Known {
+    /// What differs in `other`, for a person; `None` for the same instruments. Firmware may change.
+    pub(crate) fn differs(&self, other: &Self) -> Option<String> {
+        let mut told = Vec::new();
+        for (known, found) in self.instruments.iter().zip(&other.instruments) {
+            if !known.is_same(found) {
+                told.push(format!(
+                    "the {} at {} is another: {} was known, {} is there",
+                    found.role, found.address, known.identity, found.identity
+                ));
+            }
+        }
+        for (known, found) in self.cards.iter().zip(&other.cards) {
+            if known != found {
+                told.push(format!("{known} was known, {found} is there"));
+            }
+        }
+        (!told.is_empty()).then(|| told.join("; "))
     }
 }
 

@@ -17,6 +17,7 @@
 
 mod args;
 mod config;
+mod guard;
 mod herald;
 mod keeper;
 mod live;
@@ -36,11 +37,14 @@ mod service;
 mod session;
 mod simulation;
 mod stream;
+mod transcripts;
 mod watch;
 
 use std::ffi::OsString;
 use std::io::{IsTerminal, Write};
+use std::panic::AssertUnwindSafe;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use clap::Parser;
 use rig::SystemClock;
@@ -51,7 +55,7 @@ use crate::keeper::Keeper;
 use crate::model::chain;
 use crate::prepare::{FramesFrom, Prepared, prepare};
 use crate::problems::Problem;
-use crate::rig_assembly::{Bench, assemble, make_safe_each};
+use crate::rig_assembly::{Bench, Closed, assemble, make_safe_each};
 use crate::service::Offer;
 
 /// `EX_CONFIG`: systemd does not start a broken configuration again.
@@ -90,6 +94,11 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
     if args.plan {
         return print_plan(&prepared, args.json);
     }
+    guard::install();
+    let rig = match &prepared.frames {
+        FramesFrom::Rig(plan) if plan.bench.is_none() => Some(std::sync::Arc::clone(plan)),
+        _ => None,
+    };
     let runtime = match tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .build()
@@ -97,15 +106,25 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
         Ok(runtime) => runtime,
         Err(cause) => return fail(&format!("no threads to run on: {cause}")),
     };
-    let outcome = runtime.block_on(async {
-        if args.safe_off {
-            safe_off(&prepared).await
-        } else {
-            serve(prepared).await.map_err(|text| (FAILED, text))
-        }
+    let life = AssertUnwindSafe(|| {
+        runtime.block_on(async {
+            if args.safe_off {
+                safe_off(&prepared).await
+            } else {
+                serve(prepared).await.map_err(|text| (FAILED, text))
+            }
+        })
     });
+    let outcome = match std::panic::catch_unwind(life) {
+        Ok(outcome) => outcome,
+        Err(_) => {
+            // its connections go with it, so that the instruments can be reached anew
+            runtime.shutdown_timeout(Duration::from_secs(1));
+            return last_resort(rig.as_deref());
+        }
+    };
     // a reader that never reads must not keep the process
-    runtime.shutdown_timeout(std::time::Duration::from_secs(2));
+    runtime.shutdown_timeout(Duration::from_secs(2));
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err((code, text)) => {
@@ -115,31 +134,53 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
     }
 }
 
+/// The daemon's own head has failed: the source is switched off over fresh connections.
+fn last_resort(rig: Option<&prepare::RigPlan>) -> ExitCode {
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build();
+    if let (Some(rig), Ok(runtime)) = (rig, runtime) {
+        for outcome in runtime.block_on(make_safe_each(rig, &None)) {
+            match outcome {
+                Ok(line) => say(&line),
+                Err(error) => drop(fail(&chain(&error))),
+            }
+        }
+    }
+    fail("the daemon's own code failed; its log says where, please report it")
+}
+
 /// The daemon's life.
 async fn serve(prepared: Prepared) -> Result<(), String> {
     let mut terminate = signal(SignalKind::terminate()).map_err(|cause| cause.to_string())?;
     let mut interrupt = signal(SignalKind::interrupt()).map_err(|cause| cause.to_string())?;
+    let mut hangup = signal(SignalKind::hangup()).map_err(|cause| cause.to_string())?;
+    let panics = guard::listen();
+    let tape = rig::Tape::new(prepared.setup.transcripts);
     let _lock = logbook::lock(&prepared.setup.record_directory).map_err(|error| chain(&error))?;
     let clock = SystemClock::new();
     let bench = bench_of(&prepared)?;
     let assembled = match &prepared.frames {
         FramesFrom::Rig(plan) => Some(
-            assemble(plan, &bench)
+            assemble(plan, &bench, &tape, Closed::Refuse, None)
                 .await
                 .map_err(|error| chain(&error))?,
         ),
         FramesFrom::Recording { .. } => None,
     };
-    if let Some(warning) = assembled.as_ref().and_then(|rig| rig.warning.as_deref()) {
-        tracing::warn!("{warning}; they have been opened, and the source verified off");
-    }
+    let closed = assembled.as_ref().and_then(|rig| rig.closed.clone());
     let section = prepared.setup.config.bus.clone();
     let start = prepared.setup.config.schedule.start;
-    let keeper = Keeper::new(prepared, bench, assembled, clock);
+    let keeper = Keeper::new(prepared, bench, assembled, tape, clock);
+    tokio::spawn(guard::keep(std::sync::Arc::clone(&keeper), panics));
     let offer = Offer::open(&section, &keeper)
         .await
         .map_err(|error| chain(&error))?;
     tracing::info!("ready on {}", offer.ways.join(", "));
+    if let Some(closed) = closed {
+        let text = format!("the source is off, verified; nothing is measured: {closed}");
+        keeper.tell(None, "relays-closed", &text).await;
+    }
     let _ = sd_notify::notify(&[
         sd_notify::NotifyState::Ready,
         sd_notify::NotifyState::Status("idle"),
@@ -147,9 +188,12 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     if start && let Err(fault) = keeper.start_session(&bus::Options::new()).await {
         tracing::error!("the scheduled session could not be started: {fault}");
     }
-    let why = tokio::select! {
-        _ = terminate.recv() => "the daemon was stopped (SIGTERM)",
-        _ = interrupt.recv() => "the daemon was stopped (SIGINT)",
+    let why = loop {
+        tokio::select! {
+            _ = terminate.recv() => break "the daemon was stopped (SIGTERM)",
+            _ = interrupt.recv() => break "the daemon was stopped (SIGINT)",
+            _ = hangup.recv() => reload(&keeper).await,
+        }
     };
     let _ = sd_notify::notify(&[
         sd_notify::NotifyState::Stopping,
@@ -160,6 +204,17 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     keeper.herald.farewell().await;
     drop(offer);
     safe
+}
+
+/// SIGHUP: says so to systemd, too, whose notify-reload waits for it.
+async fn reload(keeper: &std::sync::Arc<Keeper>) {
+    use sd_notify::NotifyState;
+    let mut begins = vec![NotifyState::Reloading];
+    begins.extend(NotifyState::monotonic_usec_now().ok());
+    let _ = sd_notify::notify(&begins);
+    // the outcome is told by the keeper, to everybody
+    let _ = keeper.reload().await;
+    let _ = sd_notify::notify(&[NotifyState::Ready]);
 }
 
 /// `--safe-off`.

@@ -1,7 +1,7 @@
 //! A session as everybody sees it: counters, the last frame and map, readers, and the wishes of those who control it.
 
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use logbook::SessionKind;
@@ -73,6 +73,10 @@ pub(crate) struct Live {
     /// Frames granted so far; `None` where nobody has to ask.
     granted: Option<watch::Sender<u64>>,
     why: Mutex<String>,
+    /// The wish to end is because something failed.
+    failed: AtomicBool,
+    /// Frames that failed.
+    failures: AtomicU64,
 }
 
 impl Live {
@@ -92,6 +96,8 @@ impl Live {
             suspend: watch::Sender::new(false),
             granted: step.then(|| watch::Sender::new(0)),
             why: Mutex::new(String::new()),
+            failed: AtomicBool::new(false),
+            failures: AtomicU64::new(0),
         }
     }
 
@@ -209,6 +215,26 @@ impl Live {
         }
         drop(first);
         self.button.press();
+    }
+
+    /// As [`Live::stop`], and it is faulted then.
+    pub(crate) fn fail(&self, why: &str) {
+        self.failed.store(true, Ordering::Relaxed);
+        self.stop(why);
+    }
+
+    /// Whether it was asked to end because something failed.
+    pub(crate) fn has_failed(&self) -> bool {
+        self.failed.load(Ordering::Relaxed)
+    }
+
+    /// Frames that failed, and are not in the record.
+    pub(crate) fn failures(&self) -> u64 {
+        self.failures.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn count_failure(&self) {
+        self.failures.fetch_add(1, Ordering::Relaxed);
     }
 
     /// Why it was asked to end.

@@ -1,13 +1,13 @@
 //! A failed frame in words: first what matters to who stands at the rig, then why, each cause once.
 
-use rig::{AcquireError, CleanupError, LinkError, RigError};
+use rig::{AcquireError, LinkError, RigError};
 
 /// The first sentence names the instrument and says whether the source is verified off; the rest says where and why.
 pub(crate) fn tell(error: &AcquireError) -> String {
     let Some(cause) = error.cause() else {
         return crate::model::chain(error);
     };
-    let mut text = format!("{}; {}", what(cause), safety(error.cleanup()));
+    let mut text = format!("{}; {}", what(cause), safety(error));
     let at = match error {
         AcquireError::Step { number, step, .. } | AcquireError::Unsafe { number, step, .. } => {
             format!("at step {number} ({step})")
@@ -67,23 +67,35 @@ fn is_wire(error: &RigError) -> bool {
     matches!(error, RigError::Link(_))
 }
 
-fn safety(cleanup: Option<&CleanupError>) -> &'static str {
+fn safety(error: &AcquireError) -> String {
+    let after = error.off_after().map_or_else(String::new, |after| {
+        format!(
+            " {:.1} ms after that was noticed",
+            after.as_secs_f64() * 1e3
+        )
+    });
+    let cleanup = error.cleanup();
     match cleanup.map(|cleanup| (&cleanup.source, &cleanup.relays)) {
-        None | Some((None, None)) => "the source is off, verified, and the relays are open",
+        None | Some((None, None)) => {
+            format!("the source is off, verified{after}, and the relays are open")
+        }
         Some((Some(_), None)) => {
             "the source is NOT verified off, but the injecting relays are open: the sheet carries no current"
+                .to_owned()
         }
         Some((None, Some(_))) => {
-            "the source is off, verified, but the relays are NOT verified open"
+            format!("the source is off, verified{after}, but the relays are NOT verified open")
         }
         Some((Some(_), Some(_))) => {
-            "the source is NOT verified off, nor the relays open: treat the sheet as live"
+            "the source is NOT verified off, nor the relays open: treat the sheet as live".to_owned()
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use rig::CleanupError;
+
     use super::*;
 
     fn lost(instrument: &str, message: &str) -> RigError {

@@ -25,6 +25,8 @@ use crate::schedule::Schedule;
 pub(crate) struct Prepared {
     pub setup: Setup,
     pub frames: FramesFrom,
+    /// The file it was read from.
+    pub file: PathBuf,
 }
 
 /// What stays the same while the daemon runs.
@@ -40,6 +42,8 @@ pub(crate) struct Setup {
     pub model: Model,
     pub schedule: Schedule,
     pub record_directory: PathBuf,
+    /// Frames whose transcripts are kept in memory.
+    pub transcripts: usize,
 }
 
 /// Where frames come from.
@@ -209,6 +213,7 @@ fn understand(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepare
             lasts: config.schedule.for_s.map(seconds),
         },
         record_directory: config.record.directory.clone()?,
+        transcripts: config.record.transcripts,
         protocol,
         current,
         geometry,
@@ -218,6 +223,7 @@ fn understand(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepare
     Some(Prepared {
         setup,
         frames: frames?,
+        file: findings.source.file().to_owned(),
     })
 }
 

@@ -38,6 +38,10 @@ pub(crate) struct Source {
 }
 
 impl Source {
+    pub(crate) fn file(&self) -> &Path {
+        &self.file
+    }
+
     pub(crate) fn new(file: &Path, text: String) -> Self {
         Self {
             file: file.to_owned(),

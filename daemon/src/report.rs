@@ -3,6 +3,7 @@
 use bus::{BaselineReport, Options, PlanReport, SessionSummary};
 use survey::Baseline;
 
+use crate::keeper::Recovery;
 use crate::model::Geometry;
 use crate::prepare::RigPlan;
 use crate::recorder::{nanoseconds, volts};
@@ -102,4 +103,21 @@ pub(crate) fn session(summary: &logbook::SessionSummary, active: Option<&str>) -
             .with_some("reason", ended.map(|closing| closing.reason.as_str()))
             .with_some("ended_ns", ended.map(|closing| nanoseconds(closing.at))),
     }
+}
+
+/// A lost rig that is being looked for.
+pub(crate) fn recovery(recovery: Option<&Recovery>) -> Options {
+    let Some(recovery) = recovery else {
+        return Options::new();
+    };
+    let now = tokio::time::Instant::now();
+    let next = recovery
+        .next
+        .map(|next| next.saturating_duration_since(now).as_secs_f64());
+    Options::new()
+        .with("what", recovery.what.as_str())
+        .with("tries", recovery.tries)
+        .with("since_ns", nanoseconds(recovery.since))
+        .with("person", recovery.person)
+        .with_some("next_s", next)
 }

@@ -7,10 +7,12 @@ use keithley_6221::Keithley6221;
 use keysight_34980a::Keysight34980a;
 use rig::{
     AcquireError, BoxStream, CleanupError, Clock, CurrentSource, Link, LinkError, MeterSettings,
-    Rig, RigError, StartError, Stop, Switch, acquire, check_at_start, safe_off,
+    Rig, RigError, StartError, Stop, Switch, Tape, acquire, check_at_start, find_closed,
+    name_relays, safe_off,
 };
 use survey::{Frame, Plan, Wiring};
 
+use crate::keeper::Known;
 use crate::multiplexer::Multiplexer;
 use crate::place::Place;
 use crate::prepare::RigPlan;
@@ -38,13 +40,35 @@ pub(crate) struct Found {
     pub simulated: bool,
 }
 
+impl Found {
+    /// Whether it is the same instrument: vendor, model and serial number; the firmware may be another.
+    pub(crate) fn is_same(&self, other: &Self) -> bool {
+        let fields = |found: &Self| -> Vec<String> {
+            let fields = found.identity.split(',').take(3);
+            fields
+                .map(|field| field.trim().to_ascii_uppercase())
+                .collect()
+        };
+        self.role == other.role && fields(self) == fields(other)
+    }
+}
+
 /// A rig ready for work.
 pub(crate) struct Assembled {
     pub rig: AnyRig,
-    pub instruments: Vec<Found>,
-    pub modules: Vec<String>,
-    /// What was found closed, and has been opened.
-    pub warning: Option<String>,
+    /// The instruments and modules that were found.
+    pub known: Known,
+    /// Why nobody may measure yet: what was found closed, with [`Closed::Refuse`].
+    pub closed: Option<String>,
+}
+
+/// What becomes of relays that are found closed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Closed {
+    /// They stay so: nobody here closed them, a person is to see why.
+    Refuse,
+    /// They are opened and verified: they are what this daemon left behind when it lost the rig.
+    Open,
 }
 
 /// Why there is no rig.
@@ -68,6 +92,28 @@ pub(crate) enum AssemblyError {
     Wiring(#[source] RigError),
     #[error("the rig could not be made safe: {0}")]
     Unsafe(CleanupError),
+    #[error("the settings could not be applied")]
+    Settings(#[source] RigError),
+    #[error("{text}")]
+    Others {
+        /// What differs.
+        text: String,
+        found: Box<Known>,
+        /// Whether the source is the known one, and verified off.
+        source_off: bool,
+    },
+}
+
+impl AssemblyError {
+    /// Whether the source had been verified off before this.
+    pub(crate) fn source_is_off(&self) -> bool {
+        match self {
+            Self::Unreachable { role, .. } | Self::Instrument { role, .. } => *role != "source",
+            Self::Unsafe(cleanup) => !cleanup.source_state_unknown(),
+            Self::Others { source_off, .. } => *source_off,
+            Self::Wiring(_) | Self::Settings(_) => true,
+        }
+    }
 }
 
 impl AnyRig {
@@ -93,6 +139,13 @@ impl AnyRig {
         }
     }
 
+    async fn prepare(&self, plan: &Plan, meter: MeterSettings) -> Result<(), RigError> {
+        match self {
+            Self::Mainframe(rig) => rig::prepare(rig, plan, meter).await,
+            Self::Board(rig) => rig::prepare(rig, plan, meter).await,
+        }
+    }
+
     async fn check_at_start(&self, wiring: &Wiring) -> Result<(), StartError> {
         match self {
             Self::Mainframe(rig) => check_at_start(rig, wiring).await,
@@ -104,25 +157,24 @@ impl AnyRig {
 /// What the simulated instruments of a rig are connected to.
 pub(crate) type Bench = Option<bench::SimulatedRig>;
 
-/// Connects to every instrument, checks the wiring against the modules, and makes the rig safe: whatever was left on by
-/// a predecessor that was killed is off afterwards, and said.
-pub(crate) async fn assemble(plan: &RigPlan, bench: &Bench) -> Result<Assembled, AssemblyError> {
+/// Connects to every instrument, compares them with the `known` ones, checks the wiring against the modules, makes the
+/// rig safe, and applies the settings, verified. The source is off, verified, before anybody else is asked anything.
+/// Another instrument than the known one is told nothing.
+pub(crate) async fn assemble(
+    plan: &RigPlan,
+    bench: &Bench,
+    tape: &Tape,
+    when_closed: Closed,
+    known: Option<&Known>,
+) -> Result<Assembled, AssemblyError> {
+    tape.open();
     let places = &plan.instruments;
     let simulated = [&places.source, &places.switch, &places.voltmeter]
         .iter()
         .any(|(place, _)| *place == Place::Simulated);
     let wiring = &plan.plan.wiring;
-    let mut source = connect_source(plan, bench).await?;
+    let mut source = connect_source(plan, bench, Some(tape)).await?;
     // whatever the others turn out to be, the source is off before they are asked
-    source
-        .off()
-        .await
-        .map_err(|cause| AssemblyError::Instrument {
-            role: "source",
-            place: places.source.0.clone(),
-            cause,
-        })?;
-    let mainframe = connect_mainframe(plan, bench).await?;
     let found = |role, identity: &str, place: &Place| Found {
         role,
         identity: identity.to_owned(),
@@ -130,18 +182,61 @@ pub(crate) async fn assemble(plan: &RigPlan, bench: &Bench) -> Result<Assembled,
         simulated: *place == Place::Simulated,
     };
     let mut instruments = vec![found("source", source.identity(), &places.source.0)];
+    let source_off = known.is_none_or(|known| {
+        let known = known.instruments.first();
+        known.is_none_or(|known| known.is_same(&instruments[0]))
+    });
+    if source_off {
+        source
+            .off()
+            .await
+            .map_err(|cause| AssemblyError::Instrument {
+                role: "source",
+                place: places.source.0.clone(),
+                cause,
+            })?;
+    }
+    let mainframe = connect_mainframe(plan, bench, Some(tape)).await?;
     let modules = (1..)
         .zip(mainframe.cards())
         .filter_map(|(slot, card)| Some(format!("{slot}: {}", card.as_deref()?)))
         .collect();
-    let rig = if plan.has_board() {
-        let board = connect_board(plan, bench).await?;
-        instruments.push(found("switch", board.identity(), &places.switch.0));
-        instruments.push(found(
-            "voltmeter",
-            mainframe.identity(),
-            &places.voltmeter.0,
-        ));
+    let cards = (1..)
+        .zip(mainframe.cards().iter().zip(mainframe.serials()))
+        .map(|(slot, (card, serial))| {
+            let card = card.as_deref().unwrap_or("empty");
+            format!(
+                "slot {slot}: {card} {}",
+                serial.as_deref().unwrap_or_default()
+            )
+        })
+        .map(|card| card.trim_end().to_owned())
+        .collect();
+    let board = match plan.has_board() {
+        true => Some(connect_board(plan, bench, Some(tape)).await?),
+        false => None,
+    };
+    let mainframe_is = |role| found(role, mainframe.identity(), &places.voltmeter.0);
+    match &board {
+        Some(board) => {
+            instruments.push(found("switch", board.identity(), &places.switch.0));
+            instruments.push(mainframe_is("voltmeter"));
+        }
+        None => instruments.push(mainframe_is("switch+voltmeter")),
+    }
+    let here = Known {
+        instruments,
+        modules,
+        cards,
+    };
+    if let Some(text) = known.and_then(|known| known.differs(&here)) {
+        return Err(AssemblyError::Others {
+            text,
+            found: Box::new(here),
+            source_off,
+        });
+    }
+    let rig = if let Some(board) = board {
         AnyRig::Board(if simulated {
             Rig::simulated(source, board, mainframe)
         } else {
@@ -152,18 +247,13 @@ pub(crate) async fn assemble(plan: &RigPlan, bench: &Bench) -> Result<Assembled,
             .check_wiring(wiring)
             .and_then(|()| mainframe.check_modules(&plan.modules))
             .map_err(AssemblyError::Wiring)?;
-        instruments.push(found(
-            "switch+voltmeter",
-            mainframe.identity(),
-            &places.voltmeter.0,
-        ));
         AnyRig::Mainframe(if simulated {
             Rig::simulated(source, mainframe.clone(), mainframe)
         } else {
             Rig::new(source, mainframe.clone(), mainframe)
         })
     };
-    let warning = match rig.check_at_start(wiring).await {
+    let closed = match rig.check_at_start(wiring).await {
         Ok(()) => None,
         Err(closed @ StartError::Closed(_)) => Some(closed.to_string()),
         Err(StartError::Unreadable(cause)) => {
@@ -174,12 +264,17 @@ pub(crate) async fn assemble(plan: &RigPlan, bench: &Bench) -> Result<Assembled,
             });
         }
     };
-    rig.safe_off(wiring).await.map_err(AssemblyError::Unsafe)?;
+    let closed = closed.filter(|_| when_closed == Closed::Refuse);
+    if closed.is_none() {
+        rig.safe_off(wiring).await.map_err(AssemblyError::Unsafe)?;
+        rig.prepare(&plan.plan, plan.meter)
+            .await
+            .map_err(AssemblyError::Settings)?;
+    }
     Ok(Assembled {
         rig,
-        instruments,
-        modules,
-        warning,
+        known: here,
+        closed,
     })
 }
 
@@ -190,7 +285,7 @@ pub(crate) async fn make_safe_each(
     bench: &Bench,
 ) -> Vec<Result<String, AssemblyError>> {
     let source = async {
-        let mut source = connect_source(plan, bench).await?;
+        let mut source = connect_source(plan, bench, None).await?;
         let place = plan.instruments.source.0.clone();
         source
             .off()
@@ -202,38 +297,50 @@ pub(crate) async fn make_safe_each(
             })?;
         Ok(format!("source off, verified: {}", source.identity()))
     };
-    let relays = async {
-        let wiring = &plan.plan.wiring;
-        let mut relays = wiring.injecting_relays();
-        relays.extend(wiring.measuring_relays());
-        relays.extend(&wiring.bus);
-        let (opened, identity) = if plan.has_board() {
-            let mut board = connect_board(plan, bench).await?;
-            (
-                board.open_verified(&relays).await,
-                board.identity().to_owned(),
-            )
-        } else {
-            let mut mainframe = connect_mainframe(plan, bench).await?;
-            (
-                mainframe.open_verified(&relays).await,
-                mainframe.identity().to_owned(),
-            )
-        };
-        opened.map_err(|cause| AssemblyError::Instrument {
-            role: "switch",
-            place: plan.instruments.switch.0.clone(),
-            cause,
-        })?;
-        Ok(format!(
-            "{} relays open, verified: {identity}",
-            relays.len()
-        ))
-    };
-    vec![source.await, relays.await]
+    vec![source.await, relays_open(plan, bench).await]
 }
 
-async fn connect_source(plan: &RigPlan, bench: &Bench) -> Result<Source, AssemblyError> {
+async fn relays_open(plan: &RigPlan, bench: &Bench) -> Result<String, AssemblyError> {
+    let wiring = &plan.plan.wiring;
+    let mut relays = wiring.injecting_relays();
+    relays.extend(wiring.measuring_relays());
+    relays.extend(&wiring.bus);
+    let (found, opened, identity) = if plan.has_board() {
+        let mut board = connect_board(plan, bench, None).await?;
+        let found = find_closed(&mut board, wiring).await;
+        let opened = board.open_verified(&relays).await;
+        (found, opened, board.identity().to_owned())
+    } else {
+        let mut mainframe = connect_mainframe(plan, bench, None).await?;
+        let found = find_closed(&mut mainframe, wiring).await;
+        let opened = mainframe.open_verified(&relays).await;
+        (found, opened, mainframe.identity().to_owned())
+    };
+    opened.map_err(|cause| AssemblyError::Instrument {
+        role: "switch",
+        place: plan.instruments.switch.0.clone(),
+        cause,
+    })?;
+    let found = match found {
+        Ok(closed) if !closed.is_empty() => format!("; found closed: {}", name_relays(&closed)),
+        _ => String::new(),
+    };
+    Ok(format!(
+        "{} relays open, verified: {identity}{found}",
+        relays.len()
+    ))
+}
+
+/// The relays alone, where the source cannot be reached: open relays keep the sheet without current.
+pub(crate) async fn open_relays(plan: &RigPlan, bench: &Bench) -> Result<(), AssemblyError> {
+    relays_open(plan, bench).await.map(drop)
+}
+
+async fn connect_source(
+    plan: &RigPlan,
+    bench: &Bench,
+    tape: Option<&Tape>,
+) -> Result<Source, AssemblyError> {
     let (place, deadline) = &plan.instruments.source;
     let stream = open(
         "source",
@@ -242,6 +349,7 @@ async fn connect_source(plan: &RigPlan, bench: &Bench) -> Result<Source, Assembl
     )
     .await?;
     let link = Link::new(stream, format!("6221 ({place})"), *deadline);
+    let link = taped(link, tape);
     Keithley6221::connect(link)
         .await
         .map_err(|cause| AssemblyError::Instrument {
@@ -251,7 +359,11 @@ async fn connect_source(plan: &RigPlan, bench: &Bench) -> Result<Source, Assembl
         })
 }
 
-async fn connect_mainframe(plan: &RigPlan, bench: &Bench) -> Result<Mainframe, AssemblyError> {
+async fn connect_mainframe(
+    plan: &RigPlan,
+    bench: &Bench,
+    tape: Option<&Tape>,
+) -> Result<Mainframe, AssemblyError> {
     let (place, deadline) = &plan.instruments.voltmeter;
     let stream = open(
         "voltmeter",
@@ -260,6 +372,7 @@ async fn connect_mainframe(plan: &RigPlan, bench: &Bench) -> Result<Mainframe, A
     )
     .await?;
     let link = Link::new(stream, format!("34980A ({place})"), *deadline);
+    let link = taped(link, tape);
     Keysight34980a::connect(link)
         .await
         .map_err(|cause| AssemblyError::Instrument {
@@ -269,7 +382,11 @@ async fn connect_mainframe(plan: &RigPlan, bench: &Bench) -> Result<Mainframe, A
         })
 }
 
-async fn connect_board(plan: &RigPlan, bench: &Bench) -> Result<Multiplexer, AssemblyError> {
+async fn connect_board(
+    plan: &RigPlan,
+    bench: &Bench,
+    tape: Option<&Tape>,
+) -> Result<Multiplexer, AssemblyError> {
     let (place, deadline) = &plan.instruments.switch;
     let fault = |cause| AssemblyError::Instrument {
         role: "switch",
@@ -291,9 +408,17 @@ async fn connect_board(plan: &RigPlan, bench: &Bench) -> Result<Multiplexer, Ass
         let banner = gpio_mux::await_banner(&mut stream, TO_WAKE_UP).await;
         tracing::debug!(?banner, "multiplexer board");
     }
-    let link = Link::new(stream, format!("multiplexer board ({place})"), *deadline);
+    let link = Link::new(stream, format!("gpio board ({place})"), *deadline);
+    let link = taped(link, tape);
     let board = GpioMux::connect(link).await.map_err(fault)?;
     Ok(Multiplexer::Serial(board))
+}
+
+fn taped(link: Link<BoxStream>, tape: Option<&Tape>) -> Link<BoxStream> {
+    match tape {
+        Some(tape) => link.with_tape(tape.clone()),
+        None => link,
+    }
 }
 
 /// A stream to the place; `simulated` is the one to use where the place is in memory.

@@ -19,11 +19,14 @@ use crate::herald::Notice;
 use crate::keeper::Keeper;
 use crate::live::{Live, Published};
 use instrument1::Instrument1;
-use manager1::Manager1;
+use manager1::{Manager1, Manager1Signals};
 use session1::{Session1, Session1Signals};
 use simulation1::Simulation1;
 
 pub(crate) use offer::Offer;
+
+/// Every role that an instrument may have.
+const ROLES: [&str; 4] = ["source", "switch", "voltmeter", "switch+voltmeter"];
 
 /// One frozen listener must not hold the others back: what cannot be said in this time ends the connection.
 const TO_SAY: Duration = Duration::from_millis(500);
@@ -33,11 +36,11 @@ fn furnish<'a>(mut builder: Builder<'a>, keeper: &Arc<Keeper>) -> Builder<'a> {
     builder = builder
         .serve_at(ROOT_PATH, ObjectManager)
         .serve_at(ROOT_PATH, Manager1(Arc::clone(keeper)));
-    if keeper.house.bench.is_some() {
+    if keeper.house().bench.is_some() {
         builder = builder.serve_at(ROOT_PATH, Simulation1(Arc::clone(keeper)));
     }
-    for (index, _) in keeper.house.instruments.iter().enumerate() {
-        let instrument = Instrument1::new(Arc::clone(keeper), index);
+    for found in keeper.known().instruments {
+        let instrument = Instrument1::new(Arc::clone(keeper), found.role);
         builder = builder.serve_at(instrument.path(), instrument);
     }
     for live in keeper.sessions() {
@@ -114,17 +117,66 @@ async fn speak(connection: &Connection, keeper: &Arc<Keeper>, notice: Notice) ->
             object.state_changed(emitter).await?;
             object.active_session_changed(emitter).await?;
             object.baseline_id_changed(emitter).await?;
-            object.last_error_changed(emitter).await
+            object.last_error_changed(emitter).await?;
+            object.source_state_changed(emitter).await?;
+            object.recovery_changed(emitter).await
         }
         Notice::Instruments => {
-            for (index, _) in keeper.house.instruments.iter().enumerate() {
-                let path = Instrument1::new(Arc::clone(keeper), index).path();
+            for found in keeper.known().instruments {
+                let path = Instrument1::new(Arc::clone(keeper), found.role).path();
                 let instrument = server.interface::<_, Instrument1>(path).await?;
                 let emitter = instrument.signal_emitter();
-                instrument.get().await.state_changed(emitter).await?;
+                let object = instrument.get().await;
+                object.state_changed(emitter).await?;
+                object.identity_changed(emitter).await?;
             }
             Ok(())
         }
+        Notice::Furniture => refurnish(server, keeper).await,
+        Notice::Happened(happening) => {
+            let manager = server.interface::<_, Manager1>(ROOT_PATH).await?;
+            let details = Options::new().with_some("session", happening.session.as_deref());
+            let wall_ns = crate::recorder::nanoseconds(happening.at);
+            manager
+                .happened(wall_ns, happening.kind, &happening.text, details)
+                .await
+        }
+    }
+}
+
+/// After a reload: the instruments that there are now, and a hand on the sheet where it is simulated.
+async fn refurnish(server: &ObjectServer, keeper: &Arc<Keeper>) -> zbus::Result<()> {
+    let known = keeper.known().instruments;
+    for role in ROLES {
+        let instrument = Instrument1::new(Arc::clone(keeper), role);
+        let path = instrument.path();
+        if known.iter().any(|found| found.role == role) {
+            server.at(path, instrument).await?;
+        } else {
+            gone(server.remove::<Instrument1, _>(path).await)?;
+        }
+    }
+    if keeper.house().bench.is_some() {
+        server
+            .at(ROOT_PATH, Simulation1(Arc::clone(keeper)))
+            .await?;
+    } else {
+        gone(server.remove::<Simulation1, _>(ROOT_PATH).await)?;
+    }
+    let manager = server.interface::<_, Manager1>(ROOT_PATH).await?;
+    let emitter = manager.signal_emitter();
+    let object = manager.get().await;
+    object.instruments_changed(emitter).await?;
+    object.simulated_changed(emitter).await?;
+    object.source_changed(emitter).await?;
+    object.method_changed(emitter).await
+}
+
+/// Removing what was not there is no fault.
+fn gone<T>(removed: zbus::Result<T>) -> zbus::Result<()> {
+    match removed {
+        Ok(_) | Err(zbus::Error::InterfaceNotFound) => Ok(()),
+        Err(error) => Err(error),
     }
 }
 

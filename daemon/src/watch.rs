@@ -4,7 +4,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use rig::{AcquireError, Clock, Stop, SystemClock};
+use rig::{AcquireError, Clock, Stop, SystemClock, Tape};
 use survey::Frame;
 use tokio::sync::{mpsc, watch};
 
@@ -58,6 +58,19 @@ pub(crate) struct Watch {
     pub recorder: mpsc::Sender<Order>,
     /// Told when acquisition pauses and goes on.
     pub paused: Arc<dyn Fn(bool) + Send + Sync>,
+    /// What is said over the wires.
+    pub tape: Tape,
+    pub course: Course,
+}
+
+/// How far a session has come; it survives the loss of the rig.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Course {
+    began: Option<Duration>,
+    taken: u64,
+    last: Option<Duration>,
+    /// Time spent in pauses does not count as lateness of a recording.
+    shift: Duration,
 }
 
 /// What a wait ended with.
@@ -68,20 +81,22 @@ enum Waited {
 
 impl Watch {
     /// Takes frames until the schedule, somebody, or a fault ends it.
-    pub(crate) async fn run(self, source: &mut FrameSource) -> Ended {
-        if let FrameSource::Recording(recording) = source {
+    /// After a fault of the rig it goes on where it was.
+    pub(crate) async fn run(&mut self, source: &mut FrameSource) -> Ended {
+        if let (FrameSource::Recording(recording), None) = (&mut *source, self.course.began) {
             recording.rewind(self.speed);
         }
         let mut stop = self.live.stop_wish();
         let mut suspend = self.live.suspend_wish();
         let mut grants = self.live.grants();
-        let began = self.clock.monotonic();
-        let (mut taken, mut last) = (0, None);
-        // time spent in pauses does not count as lateness of a recording
-        let mut shift = Duration::ZERO;
+        let now = self.clock.monotonic();
+        let began = *self.course.began.get_or_insert(now);
         loop {
             let paused = self.sit_out(&mut suspend, &mut stop).await;
-            shift += paused;
+            self.course.shift += paused;
+            let Course {
+                taken, last, shift, ..
+            } = self.course;
             if stop.is_asked() {
                 return Ended::Done(self.live.stop_reason());
             }
@@ -118,8 +133,8 @@ impl Watch {
                 }
                 Err(ended) => return ended,
             };
-            taken += 1;
-            last = Some(due);
+            self.course.taken += 1;
+            self.course.last = Some(due);
             self.live.count_acquired();
             if !self
                 .hand_over(frame, matches!(source, FrameSource::Recording(_)))
@@ -135,11 +150,13 @@ impl Watch {
             FrameSource::Rig {
                 rig: Some(rig),
                 plan,
-            } => rig
-                .acquire(&plan.plan, plan.meter, self.clock, stop)
-                .await
-                .map(Some)
-                .map_err(|error| Ended::Rig(Box::new(error))),
+            } => {
+                self.tape.next_reel();
+                rig.acquire(&plan.plan, plan.meter, self.clock, stop)
+                    .await
+                    .map(Some)
+                    .map_err(|error| Ended::Rig(Box::new(error)))
+            }
             FrameSource::Rig { rig: None, .. } => Ok(None),
             FrameSource::Recording(recording) => recording
                 .next(self.clock.monotonic(), self.clock.wall())

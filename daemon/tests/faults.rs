@@ -84,7 +84,7 @@ async fn on_tcp() -> (SimulatedRig, bench::Server, String) {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_source_that_is_lost_is_said_looked_for_and_verified_off_on_return() {
+async fn a_lost_source_suspends_the_session_and_is_verified_off_before_it_goes_on() {
     let (rig, _server, config) = on_tcp().await;
     let stage = Stage::new(&config);
     let daemon = stage.start().await;
@@ -94,51 +94,294 @@ async fn a_source_that_is_lost_is_said_looked_for_and_verified_off_on_return() {
     assert!(source.address().await.unwrap().starts_with("tcp:"));
     assert!(source.identity().await.unwrap().contains("6221"));
     daemon.baseline(1).await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
     let session = daemon.start(Options::new()).await;
     let mut frames = session.receive_frame_done().await.unwrap();
     within(bus::next(&mut frames)).await.unwrap();
 
     rig.set_wire(Instrument::Source, Wire::Cut);
-    let refused = within(session.wait()).await.unwrap_err();
-    let text = refused.to_string();
-    let first = text.split(". ").next().unwrap();
-    assert!(
-        first.contains("6221") && first.contains("NOT verified off"),
-        "{text}"
+    let mut kinds = Vec::new();
+    loop {
+        let signal = within(bus::next(&mut happened)).await.unwrap();
+        let told = signal.args().unwrap();
+        kinds.push(told.kind.to_string());
+        match told.kind {
+            "frame-failed" => {
+                let first = told.text.split(". ").next().unwrap();
+                assert!(
+                    first.contains("6221") && first.contains("NOT verified off"),
+                    "{first}"
+                );
+                assert!(
+                    !told.text.contains("''") && told.text.len() < 400,
+                    "{}",
+                    told.text
+                );
+                assert!(
+                    rig.closed().is_empty(),
+                    "open although the source cannot be told"
+                );
+            }
+            "source-unknown" => {
+                assert_eq!(daemon.manager.source_state().await.unwrap(), "unknown");
+            }
+            "reconnecting" if kinds.iter().filter(|kind| *kind == "reconnecting").count() == 2 => {
+                assert_eq!(daemon.manager.state().await.unwrap(), "suspended");
+                assert!(source.state().await.unwrap().starts_with("fault"));
+                let recovery = Options(daemon.manager.recovery().await.unwrap());
+                assert_eq!(recovery.whole("tries").unwrap(), Some(2));
+                rig.set_wire(Instrument::Source, Wire::Sound);
+            }
+            "source-off" => assert!(!rig.source_output().0),
+            "resumed" => break,
+            _ => {}
+        }
+    }
+    assert_eq!(
+        kinds,
+        [
+            "frame-failed",
+            "source-unknown",
+            "transcript",
+            "suspended",
+            "reconnecting",
+            "reconnecting",
+            "source-off",
+            "reconnected",
+            "settings-verified",
+            "resumed"
+        ]
     );
-    assert!(!text.contains("''") && text.len() < 400, "{text}");
-    assert!(
-        rig.closed().is_empty(),
-        "the relays are open although the source cannot be told"
+    assert_eq!(daemon.manager.source_state().await.unwrap(), "in use");
+    assert!(daemon.manager.recovery().await.unwrap().is_empty());
+    let acquired = session.frames_acquired().await.unwrap();
+    while session.frames_acquired().await.unwrap() < acquired + 2 {
+        within(bus::next(&mut frames)).await.unwrap();
+    }
+    within(session.stop()).await.unwrap();
+    let record = SessionReader::open(session.path().await.unwrap()).unwrap();
+    let events: Vec<String> = record
+        .events()
+        .unwrap()
+        .into_iter()
+        .map(|event| event.kind)
+        .collect();
+    assert_eq!(events, kinds, "every step is an event of the record");
+    assert_eq!(
+        record.len().unwrap(),
+        session.frames_acquired().await.unwrap()
     );
+    assert_eq!(source.state().await.unwrap(), "ready");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn both_links_lost_is_an_alarm_and_whichever_comes_back_first_is_made_safe() {
+    let (rig, _server, config) = on_tcp().await;
+    let stage = Stage::new(&config);
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    let session = daemon.start(Options::new()).await;
+    let mut frames = session.receive_frame_done().await.unwrap();
+    within(bus::next(&mut frames)).await.unwrap();
+    rig.set_wire(Instrument::Source, Wire::Cut);
+    rig.set_wire(Instrument::Mainframe, Wire::Cut);
+    let mut kinds = Vec::new();
+    loop {
+        let signal = within(bus::next(&mut happened)).await.unwrap();
+        let told = signal.args().unwrap();
+        kinds.push(told.kind.to_string());
+        match told.kind {
+            "alarm" => assert!(told.text.contains("may be live"), "{}", told.text),
+            // the switch first: its relays are opened although the source is still away
+            "reconnecting" => rig.set_wire(Instrument::Mainframe, Wire::Sound),
+            "relays-open" => {
+                assert!(rig.closed().is_empty());
+                rig.set_wire(Instrument::Source, Wire::Sound);
+            }
+            "resumed" => break,
+            _ => {}
+        }
+    }
+    for kind in ["alarm", "relays-open", "source-off"] {
+        // a frame may have ended between the two cuts: then only one of them was lost in the next
+        if !kinds.contains(&"alarm".to_owned()) {
+            break;
+        }
+        assert!(kinds.contains(&kind.to_owned()), "{kind}: {kinds:?}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stop_ends_a_session_that_waits_for_its_rig() {
+    let (rig, _server, config) = on_tcp().await;
+    let stage = Stage::new(&config);
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    let session = daemon.start(Options::new()).await;
+    let mut frames = session.receive_frame_done().await.unwrap();
+    within(bus::next(&mut frames)).await.unwrap();
+    rig.set_wire(Instrument::Mainframe, Wire::Cut);
+    while within(bus::next(&mut happened))
+        .await
+        .unwrap()
+        .args()
+        .unwrap()
+        .kind
+        != "reconnecting"
+    {}
+    within(session.stop()).await.unwrap();
+    assert!(!rig.source_output().0);
+    assert_eq!(session.end_reason().await.unwrap(), "stopped on request");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn another_serial_number_waits_for_a_person() {
+    let (rig, server, config) = on_tcp().await;
+    // a source of the same model with another number, on the port that the first one had
+    let port: u16 = server
+        .ready()
+        .source
+        .rsplit(':')
+        .next()
+        .unwrap()
+        .parse()
+        .unwrap();
+    let stage = Stage::new(&config);
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    let session = daemon.start(Options::new()).await;
+    let mut frames = session.receive_frame_done().await.unwrap();
+    within(bus::next(&mut frames)).await.unwrap();
+    server.stop().await;
+    let mut profile = Profile::default().at_pace(Pace::Instant);
+    profile.source.serial = "7654321".to_owned();
+    let scene = Scene::parse("scene", "[disc-tank]\nelectrodes = 16\n").unwrap();
+    let other = SimulatedRig::new(&profile, scene).unwrap();
+    let mainframe: u16 = config
+        .split("[voltmeter]\naddress = \"tcp:127.0.0.1:")
+        .nth(1)
+        .unwrap()
+        .split('"')
+        .next()
+        .unwrap()
+        .parse()
+        .unwrap();
+    let options = ServeOptions {
+        port_6221: port,
+        port_34980a: mainframe,
+        ..ServeOptions::default()
+    };
+    other.keep_transcript();
+    let _other = bench::serve(other.clone(), &options).await.unwrap();
+    loop {
+        let signal = within(bus::next(&mut happened)).await.unwrap();
+        let told = signal.args().unwrap();
+        if told.kind == "others-found" {
+            assert!(told.text.contains("7654321"), "{}", told.text);
+            break;
+        }
+    }
+    assert_eq!(session.state().await.unwrap(), "suspended");
+    let to_source: Vec<String> = other
+        .transcript()
+        .into_iter()
+        .filter(|said| said.instrument == Instrument::Source && said.heard.contains("OUTP"))
+        .map(|said| said.heard)
+        .collect();
+    assert!(
+        to_source.is_empty(),
+        "a stranger is told nothing: {to_source:?}"
+    );
+    while Options(daemon.manager.recovery().await.unwrap())
+        .flag("person")
+        .unwrap()
+        != Some(true)
+    {
+        within(bus::next(&mut happened)).await.unwrap();
+    }
+    let agreed = daemon.manager.accept_instruments().await.unwrap();
+    assert!(agreed.contains("7654321"), "{agreed}");
+    while within(bus::next(&mut happened))
+        .await
+        .unwrap()
+        .args()
+        .unwrap()
+        .kind
+        != "resumed"
+    {}
+    let instruments = daemon.manager.instruments().await.unwrap();
+    let source = daemon.instrument(&instruments[0]).await;
+    assert!(source.identity().await.unwrap().contains("7654321"));
+    let refused = daemon.manager.accept_instruments().await.unwrap_err();
+    assert!(matches!(refused, Fault::Unsupported(_)), "{refused:?}");
+    drop(rig);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn relays_found_closed_at_the_start_wait_for_a_person() {
+    let (rig, _server, config) = on_tcp().await;
+    rig.hear(Instrument::Mainframe, "ROUT:CLOS (@1040)");
+    rig.hear(Instrument::Source, "OUTP ON;:SOUR:CURR 1e-3");
+    let stage = Stage::new(&config);
+    let daemon = stage.start().await;
+    assert!(!rig.source_output().0, "off before anything else");
     assert_eq!(daemon.manager.state().await.unwrap(), "faulted");
-    assert!(source.state().await.unwrap().starts_with("fault"));
+    let why = daemon.manager.last_error().await.unwrap();
+    assert!(
+        why.contains("1040") && why.contains("electrodes 5 and 6") && why.contains("open-all"),
+        "{why}"
+    );
     let refused = daemon
         .manager
-        .start_session(&Options::new())
+        .record_baseline(&Options::new())
         .await
         .unwrap_err();
     assert!(
-        matches!(&refused, Fault::InstrumentFault(text) if text.contains("6221") || text.contains("source")),
+        matches!(&refused, Fault::InstrumentFault(text) if text.contains("1040")),
         "{refused:?}"
     );
+    assert!(!rig.closed().is_empty(), "nobody has opened it");
+    let done = daemon.manager.open_all().await.unwrap();
+    assert!(done.contains("1040") && rig.closed().is_empty(), "{done}");
+    assert_eq!(daemon.manager.state().await.unwrap(), "idle");
+    daemon.baseline(1).await;
+}
 
-    let properties = zbus::fdo::PropertiesProxy::builder(&daemon.connection)
-        .destination(bus::BUS_NAME)
-        .path(bus::ROOT_PATH)
-        .build()
-        .await
-        .unwrap();
-    let mut changes = properties.receive_properties_changed().await.unwrap();
-    rig.set_wire(Instrument::Source, Wire::Sound);
-    while daemon.manager.state().await.unwrap() != "idle" {
-        within(bus::next(&mut changes)).await.unwrap();
+#[tokio::test(flavor = "multi_thread")]
+async fn a_client_that_goes_away_ends_nothing() {
+    let stage = Stage::new(SMALL);
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let address = bus::Address::Unix(stage.path().join("run/peer"));
+    let (client, _) = bus::connect(Some(&address)).await.unwrap();
+    let manager = bus::Manager1Proxy::new(&client).await.unwrap();
+    let path = manager.start_session(&Options::new()).await.unwrap();
+    client.close().await.unwrap();
+    drop(manager);
+    let session = daemon.session(&path).await;
+    let mut frames = session.receive_frame_done().await.unwrap();
+    for _ in 0..3 {
+        within(bus::next(&mut frames)).await.unwrap();
     }
-    assert_eq!(source.state().await.unwrap(), "ready");
-    let (on, _) = rig.source_output();
-    assert!(!on, "off, and verified, before anybody measures again");
-    let session = daemon.start(Options::new().with("count", 2_u64)).await;
-    within(session.wait()).await.unwrap();
+    assert_eq!(session.state().await.unwrap(), "running");
+    within(session.stop()).await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn sigterm_in_the_middle_of_a_frame_leaves_the_source_off() {
+    let (rig, _server, config) = on_tcp().await;
+    let stage = Stage::new(&config);
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let session = daemon.start(Options::new()).await;
+    let mut frames = session.receive_frame_done().await.unwrap();
+    within(bus::next(&mut frames)).await.unwrap();
+    let (status, log) = daemon.terminate().await;
+    assert!(status.success(), "{log}");
+    assert!(!rig.source_output().0 && rig.closed().is_empty(), "{log}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -157,8 +400,15 @@ async fn a_daemon_that_is_killed_leaves_what_was_acknowledged_and_the_next_makes
     assert!(record.len().unwrap() >= acknowledged);
     assert!(record.closed().is_none());
 
-    let next = stage.start().await;
+    // what systemd does before it starts the next (ExecStopPost, ExecStartPre)
+    let stage = std::sync::Arc::new(stage);
+    let before = std::sync::Arc::clone(&stage);
+    let safe_off = tokio::task::spawn_blocking(move || before.run(&["--safe-off"]))
+        .await
+        .unwrap();
+    assert!(safe_off.status.success(), "{safe_off:?}");
     assert!(!rig.source_output().0 && rig.closed().is_empty());
+    let next = stage.start().await;
     let listed = next.manager.list_sessions(&Options::new()).await.unwrap();
     assert_eq!(listed[0].state, "interrupted");
 }

@@ -54,7 +54,7 @@ impl Keeper {
             ))),
             value => Ok(value),
         };
-        let given = &self.house.setup.schedule;
+        let given = self.house().setup.schedule;
         let step = options.flag("step")?.unwrap_or(false);
         let schedule = Schedule {
             every: not_negative("every_s")?.map_or(given.every, seconds),
@@ -129,7 +129,7 @@ impl Keeper {
         if let Some(current) = current.filter(|current| current.id == id) {
             return Ok(current);
         }
-        let found = logbook::find(&self.house.setup.record_directory, id)
+        let found = logbook::find(&self.house().setup.record_directory, id)
             .and_then(logbook::SessionReader::open)
             .and_then(|session| session.baseline());
         match found {
@@ -149,15 +149,12 @@ impl Keeper {
     }
 
     fn check_baseline(&self, baseline: &Baseline) -> Result<(), Fault> {
-        let Some(settings) = &self.house.settings else {
+        let house = self.house();
+        let Some(settings) = &house.settings else {
             return Ok(());
         };
         baseline
-            .check(
-                settings,
-                self.house.setup.protocol.len(),
-                self.house.simulated,
-            )
+            .check(settings, house.setup.protocol.len(), house.simulated)
             .map_err(|error| Fault::BaselineMismatch(error.to_string()))
     }
 
@@ -166,14 +163,14 @@ impl Keeper {
         asked: Option<&str>,
     ) -> Result<Model, Fault> {
         let Some(asked) = asked.map(str::to_owned) else {
-            return Ok(self.house.setup.model.clone());
+            return Ok(self.house().setup.model.clone());
         };
         if asked != "one-step" && !Path::new(&asked).is_absolute() {
             return Err(Fault::InvalidOption(format!(
                 "option 'model' is '{asked}'; write an absolute path, or one-step"
             )));
         }
-        let keeper = Arc::clone(self);
+        let house = self.house();
         let loaded = tokio::task::spawn_blocking(move || {
             let Setup {
                 config,
@@ -181,7 +178,7 @@ impl Keeper {
                 protocol,
                 current,
                 ..
-            } = &keeper.house.setup;
+            } = &house.setup;
             if asked == "one-step" {
                 let section = crate::config::ModelSection {
                     file: None,

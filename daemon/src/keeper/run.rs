@@ -11,6 +11,8 @@ use survey::Baseline;
 use tokio::sync::mpsc;
 
 use super::asked::Assignment;
+use super::recovery::{MOST_FAILED, may_pass};
+use super::told::Concerned;
 use super::{Keeper, disk_fault};
 use crate::herald::Notice;
 use crate::live::{Ending, Facts, Live};
@@ -18,7 +20,7 @@ use crate::model::chain;
 use crate::prepare::Setup;
 use crate::recorder::{Order, QUEUE, Recorder, Task};
 use crate::session::{Event, Work};
-use crate::watch::{Ended, FrameSource, Watch};
+use crate::watch::{Course, Ended, FrameSource, Watch};
 
 /// Ended sessions that stay on the bus, so that who started one can still ask how it went.
 const REMEMBERED: usize = 16;
@@ -49,18 +51,19 @@ impl Keeper {
     }
 
     pub(super) async fn begin_now(self: &Arc<Self>, order: Assignment) -> Result<Arc<Live>, Fault> {
+        let house = self.house();
         if self.rig_fault().is_some() {
             self.find_rig_again()
                 .await
                 .map_err(Fault::InstrumentFault)?;
         }
-        let started = self.house.clock.wall();
+        let started = house.clock.wall();
         let (kind, letter) = match order.work {
             Work::Baseline => (SessionKind::Baseline, 'b'),
             Work::Measurement => (SessionKind::Measurement, 'm'),
         };
         let header = self.header(kind, started, letter, &order);
-        let directory = self.house.setup.record_directory.clone();
+        let directory = house.setup.record_directory.clone();
         let copy = order.baseline.clone();
         let id = header.id.clone();
         let writer = tokio::task::spawn_blocking(move || {
@@ -87,7 +90,7 @@ impl Keeper {
             Facts {
                 id,
                 kind,
-                simulated: self.house.simulated,
+                simulated: house.simulated,
                 baseline_id,
                 method,
                 path: writer.path().to_owned(),
@@ -121,18 +124,18 @@ impl Keeper {
         letter: char,
         order: &Assignment,
     ) -> SessionHeader {
+        let (house, known) = (self.house(), self.known());
         let Setup {
             config_toml,
             config_hash,
             protocol,
             geometry,
             ..
-        } = &self.house.setup;
+        } = &house.setup;
         let id = format!("{letter}{}", started.format("%Y%m%dt%H%M%S_%3f"));
         SessionHeader {
             kind,
-            instruments: self
-                .house
+            instruments: known
                 .instruments
                 .iter()
                 .map(|found| InstrumentRecord {
@@ -141,14 +144,14 @@ impl Keeper {
                     address: found.address.clone(),
                 })
                 .collect(),
-            modules: self.house.modules.clone(),
+            modules: known.modules,
             config_toml: config_toml.clone(),
             config_hash: config_hash.clone(),
             model_hash: order.model.as_ref().and_then(|model| model.hash.clone()),
             geometry_hash: Some(geometry.mesh.hash().to_owned()),
-            build: self.house.build.clone(),
-            simulated: self.house.simulated,
-            seed: self.house.bench.as_ref().map(crate::simulation::seed),
+            build: house.build.clone(),
+            simulated: house.simulated,
+            seed: house.bench.as_ref().map(crate::simulation::seed),
             note: order.note.clone(),
             ..SessionHeader::new(id, started, protocol.clone())
         }
@@ -162,13 +165,14 @@ impl Keeper {
         order: Assignment,
     ) {
         let (orders, queue) = mpsc::channel(QUEUE);
-        let mesh = &self.house.setup.geometry.mesh;
+        let house = self.house();
+        let mesh = &house.setup.geometry.mesh;
         let recorder = Recorder {
             live: Arc::clone(&live),
             writer,
-            clock: self.house.clock,
-            twins: self.house.setup.protocol.reciprocal_twins(),
-            build: self.house.build.clone(),
+            clock: house.clock,
+            twins: house.setup.protocol.reciprocal_twins(),
+            build: house.build.clone(),
             task: match (order.baseline, order.model) {
                 (Some(baseline), Some(model)) => Task::Maps {
                     baseline: Box::new(baseline.as_ref().clone()),
@@ -184,11 +188,11 @@ impl Keeper {
         };
         let recording = tokio::task::spawn_blocking(move || recorder.run(queue));
         let keeper = Arc::clone(&self);
-        let watch = Watch {
+        let mut watch = Watch {
             live: Arc::clone(&live),
             schedule: order.schedule,
             speed: order.speed,
-            clock: self.house.clock,
+            clock: house.clock,
             recorder: orders.clone(),
             paused: Arc::new(move |paused| {
                 let event = if paused {
@@ -198,24 +202,16 @@ impl Keeper {
                 };
                 let _ = keeper.happened(event);
             }),
+            tape: self.tape.clone(),
+            course: Course::default(),
         };
-        let ended = {
-            let mut source = self.source.lock().await;
-            let ended = watch.run(&mut source).await;
-            if matches!(ended, Ended::Rig(_))
-                && let FrameSource::Rig { rig, .. } = &mut *source
-            {
-                // its links may be out of step: it is put together anew
-                *rig = None;
-            }
-            ended
-        };
+        let ended = self.run_and_recover(&mut watch, &orders).await;
         let reason = ended.text();
         if !matches!(ended, Ended::Done(_)) {
             tracing::error!(session = live.facts.id, "{reason}");
             let _ = orders
                 .send(Order::Event {
-                    at: self.house.clock.wall(),
+                    at: house.clock.wall(),
                     kind: "fault",
                     text: reason.clone(),
                 })
@@ -223,7 +219,7 @@ impl Keeper {
         }
         let _ = orders
             .send(Order::Close {
-                at: self.house.clock.wall(),
+                at: house.clock.wall(),
                 reason: reason.clone(),
             })
             .await;
@@ -236,6 +232,69 @@ impl Keeper {
         self.finish(&live, &ended, recorded);
     }
 
+    /// Frame after frame, through losses of the rig.
+    async fn run_and_recover(
+        self: &Arc<Self>,
+        watch: &mut Watch,
+        orders: &mpsc::Sender<Order>,
+    ) -> Ended {
+        let live = Arc::clone(&watch.live);
+        let whom = Concerned {
+            live: &live,
+            record: orders,
+        };
+        let mut source = self.source.lock().await;
+        let (mut failed, mut acquired) = (0, live.acquired());
+        loop {
+            let ended = watch.run(&mut source).await;
+            let Ended::Rig(error) = &ended else {
+                return ended;
+            };
+            if live.acquired() > acquired {
+                (failed, acquired) = (0, live.acquired());
+            }
+            failed += 1;
+            self.frame_failed(whom, error).await;
+            if live.stop_wish().is_asked() || !may_pass(error) || failed >= MOST_FAILED {
+                if let FrameSource::Rig { rig, .. } = &mut *source {
+                    // its links may be out of step: it is put together anew
+                    *rig = None;
+                }
+                return ended;
+            }
+            if !self.recover(whom, &mut source, error).await {
+                return match live.has_failed() || self.source_state() == "unknown" {
+                    true => ended,
+                    false => Ended::Done(live.stop_reason()),
+                };
+            }
+        }
+    }
+
+    /// A frame has failed: it is no frame of the record, which tells why, and what was said is kept on disk.
+    async fn frame_failed(&self, whom: Concerned<'_>, error: &rig::AcquireError) {
+        whom.live.count_failure();
+        let number = whom.live.acquired() + 1;
+        let failures = whom.live.failures();
+        let text = format!("frame {number} failed: {}", crate::mishap::tell(error));
+        self.tell(Some(whom), "frame-failed", &text).await;
+        self.take_down(Some(whom), error).await;
+        let name = format!("{}-failed-{failures}.transcript.jsonl", whom.live.facts.id);
+        let path = self.house().setup.record_directory.join(name);
+        let tape = self.tape.clone();
+        let kept = path.clone();
+        let written =
+            tokio::task::spawn_blocking(move || crate::transcripts::write_last(&tape, &kept)).await;
+        match written {
+            Ok(Ok(())) => {
+                let text = format!("what was said for frame {number} is in {}", path.display());
+                self.tell(Some(whom), "transcript", &text).await;
+            }
+            Ok(Err(error)) => tracing::warn!("{}", chain(&error)),
+            Err(_) => tracing::warn!("the transcript could not be written"),
+        }
+    }
+
     fn finish(
         self: &Arc<Self>,
         live: &Arc<Live>,
@@ -244,7 +303,7 @@ impl Keeper {
     ) {
         let fault = match (&recorded, ended) {
             (Err(disk), _) => Some(format!("the record failed, the source is off: {disk}")),
-            (Ok(_), Ended::Done(_)) => None,
+            (Ok(_), Ended::Done(why)) => live.has_failed().then(|| why.clone()),
             (Ok(_), ended) => Some(ended.text()),
         };
         {
@@ -274,7 +333,7 @@ impl Keeper {
         });
         live.readers.publish(&bus::stream::Record {
             sequence: live.durable(),
-            wall_ns: crate::recorder::nanoseconds(self.house.clock.wall()),
+            wall_ns: crate::recorder::nanoseconds(self.house().clock.wall()),
             gap: 0,
             simulated: live.facts.simulated,
             body: bus::stream::Body::End {
@@ -286,6 +345,7 @@ impl Keeper {
             self.herald.say(&Notice::Instruments);
             tokio::spawn(Arc::clone(self).look_for_rig());
         }
+        self.take_waiting();
     }
 
     /// Tells everybody of frames, at most five times a second, and of everything else about a session.

@@ -6,20 +6,30 @@ use bus::ROOT_PATH;
 use zbus::{ObjectPath, interface};
 
 use crate::keeper::Keeper;
+use crate::rig_assembly::Found;
 
 /// The object of one instrument.
 pub(super) struct Instrument1 {
     keeper: Arc<Keeper>,
-    index: usize,
+    role: &'static str,
 }
 
 impl Instrument1 {
-    pub(super) fn new(keeper: Arc<Keeper>, index: usize) -> Self {
-        Self { keeper, index }
+    pub(super) fn new(keeper: Arc<Keeper>, role: &'static str) -> Self {
+        Self { keeper, role }
     }
 
     pub(super) fn path(&self) -> ObjectPath<'static> {
-        path(self.keeper.house.instruments[self.index].role)
+        path(self.role)
+    }
+
+    /// What is known of it; `None` when a reload has taken it away.
+    fn found(&self) -> Option<Found> {
+        let known = self.keeper.known();
+        known
+            .instruments
+            .into_iter()
+            .find(|found| found.role == self.role)
     }
 }
 
@@ -35,25 +45,25 @@ impl Instrument1 {
     /// `source`, `switch`, `voltmeter`, or two of them joined by `+`.
     #[zbus(property(emits_changed_signal = "const"))]
     fn role(&self) -> &str {
-        self.keeper.house.instruments[self.index].role
+        self.role
     }
 
-    /// The reply to `*IDN?`.
-    #[zbus(property(emits_changed_signal = "const"))]
-    fn identity(&self) -> &str {
-        &self.keeper.house.instruments[self.index].identity
+    /// The reply to `*IDN?` of the instrument that is known: found at the start, or agreed to by a person.
+    #[zbus(property)]
+    fn identity(&self) -> String {
+        self.found().map(|found| found.identity).unwrap_or_default()
     }
 
     /// Where it is: `tcp:HOST:PORT`, `serial:PATH`, or `memory` for one simulated inside the daemon.
-    #[zbus(property(emits_changed_signal = "const"))]
-    fn address(&self) -> &str {
-        &self.keeper.house.instruments[self.index].address
+    #[zbus(property)]
+    fn address(&self) -> String {
+        self.found().map(|found| found.address).unwrap_or_default()
     }
 
     /// Whether it is simulated.
-    #[zbus(property(emits_changed_signal = "const"))]
+    #[zbus(property)]
     fn simulated(&self) -> bool {
-        self.keeper.house.instruments[self.index].simulated
+        self.found().is_some_and(|found| found.simulated)
     }
 
     /// `ready` or `fault: ...`.

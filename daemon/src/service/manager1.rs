@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use bus::{Fault, Options, ROOT_PATH, SessionSummary};
-use zbus::object_server::ObjectServer;
-use zbus::{ObjectPath, interface};
+use zbus::object_server::{ObjectServer, SignalEmitter};
+use zbus::{ObjectPath, OwnedVariant, interface};
 
 use crate::keeper::{Keeper, disk_fault, no_baseline};
 use crate::live::Live;
@@ -49,7 +49,7 @@ impl Manager1 {
     async fn list_sessions(&self, options: Options) -> Result<Vec<SessionSummary>, Fault> {
         options.only(&["count"])?;
         let count = options.whole("count")?.unwrap_or(u64::MAX);
-        let directory = self.0.house.setup.record_directory.clone();
+        let directory = self.0.house().setup.record_directory.clone();
         let listing = tokio::task::spawn_blocking(move || logbook::list(directory))
             .await
             .map_err(|_| Fault::Failed("the logbook could not be read".into()))?
@@ -84,15 +84,10 @@ impl Manager1 {
     async fn plan(
         &self,
     ) -> Result<(u64, u64, u64, u64, u64, f64, f64, f64, Vec<String>, Options), Fault> {
-        let plan = self
-            .0
-            .house
-            .plan
-            .as_deref()
-            .map(report::plan)
-            .ok_or_else(|| {
-                Fault::Unsupported("a recording has no plan: nothing is measured".into())
-            })?;
+        let house = self.0.house();
+        let plan = house.plan.as_deref().map(report::plan).ok_or_else(|| {
+            Fault::Unsupported("a recording has no plan: nothing is measured".into())
+        })?;
         Ok((
             plan.steps,
             plan.injections,
@@ -134,7 +129,7 @@ impl Manager1 {
         ),
         Fault,
     > {
-        let geometry = report::geometry(&self.0.house.setup.geometry);
+        let geometry = report::geometry(&self.0.house().setup.geometry);
         Ok((
             geometry.mesh_hash,
             geometry.nodes,
@@ -176,6 +171,63 @@ impl Manager1 {
         ))
     }
 
+    /// Switches the source off and opens every relay, verifies both, and says so. Lifts the refusal of relays that were
+    /// found closed at the start. Refused while a session runs.
+    #[zbus(out_args("done"))]
+    async fn open_all(&self) -> Result<String, Fault> {
+        self.0.open_all().await
+    }
+
+    /// Agrees to the instruments or modules that were found in place of the known ones, and says which.
+    #[zbus(out_args("done"))]
+    async fn accept_instruments(&self) -> Result<String, Fault> {
+        self.0.accept().await
+    }
+
+    /// Reads the configuration again; one that is bad changes nothing, and the error is a line a problem. During a
+    /// session it is taken at its end.
+    #[zbus(out_args("done"))]
+    async fn reload(&self) -> Result<String, Fault> {
+        self.0.reload().await
+    }
+
+    /// What was said over the wires for the last frames, behind the opening of the conversation: a line of JSON each.
+    /// Option: `frames` (t, default 1).
+    #[zbus(out_args("lines"))]
+    async fn transcript(&self, options: Options) -> Result<String, Fault> {
+        options.only(&["frames"])?;
+        let frames = options.whole("frames")?.unwrap_or(1);
+        let frames = usize::try_from(frames).unwrap_or(usize::MAX);
+        let entries = crate::transcripts::last(&self.0.tape, frames);
+        crate::transcripts::text(&entries).map_err(|error| Fault::Failed(error.to_string()))
+    }
+
+    /// Something happened to the rig, or to a session by it: each is an event of that session's record, too. Kinds:
+    /// `frame-failed`, `source-unknown`, `alarm` (neither source nor switch can be made safe), `suspended`,
+    /// `reconnecting`, `source-off`, `relays-open`, `others-found`, `accepted`, `reconnected`, `settings-verified`,
+    /// `resumed`, `transcript`, `relays-closed`, `opened`, `fault`, `reloaded`, `reload-refused`. Details: `session` (s).
+    #[zbus(signal)]
+    async fn happened(
+        emitter: &SignalEmitter<'_>,
+        wall_ns: i64,
+        kind: &str,
+        text: &str,
+        details: Options,
+    ) -> zbus::Result<()>;
+
+    /// What is known of the source: `off` (verified), `in use`, `unknown`.
+    #[zbus(property)]
+    fn source_state(&self) -> &str {
+        self.0.source_state()
+    }
+
+    /// A lost rig that is being looked for; empty when none is. `what` (s), `tries` (t), `next_s` (d, until the next try;
+    /// absent while one is under way), `since_ns` (x), `person` (b, whether a person must agree first).
+    #[zbus(property)]
+    fn recovery(&self) -> std::collections::HashMap<String, OwnedVariant> {
+        report::recovery(self.0.recovery().as_ref()).0
+    }
+
     /// Version of the daemon.
     #[zbus(property(emits_changed_signal = "const"))]
     fn version(&self) -> &str {
@@ -189,13 +241,13 @@ impl Manager1 {
     }
 
     /// Whether voltages come from a simulated sheet.
-    #[zbus(property(emits_changed_signal = "const"))]
+    #[zbus(property)]
     fn simulated(&self) -> bool {
-        self.0.house.simulated
+        self.0.house().simulated
     }
 
     /// `rig` or `recording`.
-    #[zbus(property(emits_changed_signal = "const"))]
+    #[zbus(property)]
     fn source(&self) -> &str {
         if self.0.is_recording() {
             "recording"
@@ -205,9 +257,9 @@ impl Manager1 {
     }
 
     /// Their objects.
-    #[zbus(property(emits_changed_signal = "const"))]
+    #[zbus(property)]
     fn instruments(&self) -> Vec<ObjectPath<'static>> {
-        let instruments = &self.0.house.instruments;
+        let instruments = self.0.known().instruments;
         instruments
             .iter()
             .map(|found| super::instrument1::path(found.role))
@@ -233,15 +285,16 @@ impl Manager1 {
     }
 
     /// The configured method as a person would name it.
-    #[zbus(property(emits_changed_signal = "const"))]
-    fn method(&self) -> &str {
-        self.0.house.setup.model.reconstructor.method()
+    #[zbus(property)]
+    fn method(&self) -> String {
+        let house = self.0.house();
+        house.setup.model.reconstructor.method().to_owned()
     }
 
     /// Where session files are written.
     #[zbus(property(emits_changed_signal = "const"))]
     fn record_directory(&self) -> String {
-        self.0.house.setup.record_directory.display().to_string()
+        self.0.house().setup.record_directory.display().to_string()
     }
 
     /// Why the daemon is faulted, empty when it is not.

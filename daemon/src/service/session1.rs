@@ -214,6 +214,12 @@ impl Session1 {
         self.0.dropped()
     }
 
+    /// Frames that failed; they are no frames of the record, whose events say why.
+    #[zbus(property(emits_changed_signal = "false"))]
+    fn frames_failed(&self) -> u64 {
+        self.0.failures()
+    }
+
     /// Why it is faulted, or why the last frame has no map; empty otherwise.
     #[zbus(property)]
     fn last_error(&self) -> String {

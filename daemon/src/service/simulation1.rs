@@ -26,22 +26,22 @@ impl Simulation1 {
         loss: f64,
     ) -> Result<(), Fault> {
         let bench = self.bench()?;
-        simulation::press(bench, shape, [x_m, y_m], size_m, loss).map_err(Fault::InvalidOption)
+        simulation::press(&bench, shape, [x_m, y_m], size_m, loss).map_err(Fault::InvalidOption)
     }
 
     /// Takes the load away.
     async fn release(&self) -> Result<(), Fault> {
-        simulation::release(self.bench()?);
+        simulation::release(&self.bench()?);
         Ok(())
     }
 }
 
 impl Simulation1 {
-    fn bench(&self) -> Result<&bench::SimulatedRig, Fault> {
+    fn bench(&self) -> Result<bench::SimulatedRig, Fault> {
         self.0
-            .house
+            .house()
             .bench
-            .as_ref()
+            .clone()
             .ok_or_else(|| Fault::Unsupported("the rig is not simulated".into()))
     }
 }

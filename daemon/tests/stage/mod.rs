@@ -193,6 +193,12 @@ impl Running {
         within(self.child.kill()).await.unwrap();
     }
 
+    /// Asks it to read its configuration again.
+    pub fn hang_up(&self) {
+        let pid = rustix::process::Pid::from_raw(self.child.id().unwrap() as i32).unwrap();
+        rustix::process::kill_process(pid, rustix::process::Signal::HUP).unwrap();
+    }
+
     /// Asks it to end, and returns how it ended and what it said.
     pub async fn terminate(mut self) -> (std::process::ExitStatus, String) {
         let pid = rustix::process::Pid::from_raw(self.child.id().unwrap() as i32).unwrap();

@@ -47,6 +47,7 @@ struct About {
     instrument: String,
     identity: String,
     cards: [Option<String>; 8],
+    serials: [Option<String>; 8],
     modules: [Option<Module>; 8],
 }
 
@@ -71,7 +72,8 @@ impl<S: Stream> Keysight34980a<S> {
             });
         }
         let mut cards = [const { None }; 8];
-        for (slot, card) in (1..).zip(&mut cards) {
+        let mut serials = [const { None }; 8];
+        for ((slot, card), serial) in (1..).zip(&mut cards).zip(&mut serials) {
             let asked = System::CardType(slot).to_string();
             let answer = link.ask(&asked).await?;
             let model = answer
@@ -82,6 +84,12 @@ impl<S: Stream> Keysight34980a<S> {
                 .map(str::trim)
                 .ok_or_else(|| garbled(link.instrument(), &asked, &answer, "vendor,model,..."))?;
             *card = (model != "0").then(|| model.to_owned());
+            let fields = answer.trim().trim_matches('"').split(',');
+            *serial = fields
+                .map(str::trim)
+                .nth(2)
+                .filter(|_| model != "0")
+                .map(str::to_owned);
         }
         let modules = cards.each_ref().map(|card| {
             card.as_deref()
@@ -91,6 +99,7 @@ impl<S: Stream> Keysight34980a<S> {
             instrument: link.instrument().to_owned(),
             identity,
             cards,
+            serials,
             modules,
         };
         Ok(Self {
@@ -107,6 +116,11 @@ impl<S: Stream> Keysight34980a<S> {
     /// The modules in slots 1 to 8, where they are known to this house.
     pub fn modules(&self) -> [Option<Module>; 8] {
         self.about.modules
+    }
+
+    /// The serial numbers of what the slots hold.
+    pub fn serials(&self) -> &[Option<String>; 8] {
+        &self.about.serials
     }
 
     /// What the slots say they hold, known or not.

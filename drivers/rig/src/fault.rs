@@ -3,7 +3,7 @@
 use survey::{Amps, Relay, Volts};
 
 use crate::LinkError;
-use crate::safe::{FoundRelay, name};
+use crate::safe::{FoundRelay, name_relays};
 
 /// Bad news from an instrument or from the wire to it.
 #[derive(Debug, thiserror::Error)]
@@ -140,7 +140,7 @@ pub enum RigError {
 fn said(how: &str, relays: &[FoundRelay]) -> String {
     match relays {
         [] => String::new(),
-        relays => format!("{how}{}", name(relays)),
+        relays => format!("{how}{}", name_relays(relays)),
     }
 }
 

@@ -46,7 +46,9 @@ pub use connect::{connect_tcp, open_serial};
 pub use fault::RigError;
 pub use link::{BoxStream, Link, LinkError, Stream};
 pub use prepare::prepare;
-pub use safe::{CleanupError, FoundRelay, StartError, check_at_start, safe_off};
+pub use safe::{
+    CleanupError, FoundRelay, StartError, check_at_start, find_closed, name_relays, safe_off,
+};
 pub use seams::{CurrentSource, Instruments, MeterSettings, Move, Rig, Switch, Voltmeter};
 pub use stop::{Stop, StopButton};
 pub use tape::{Reel, Tape};

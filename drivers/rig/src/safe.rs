@@ -75,7 +75,7 @@ pub enum StartError {
     #[error(
         "injecting relays closed before anything was asked of them: {}; see why, then open them with `tactus instruments \
          open-all` (or tactusd --safe-off)",
-        name(.0)
+        name_relays(.0)
     )]
     Closed(Vec<FoundRelay>),
 }
@@ -108,8 +108,8 @@ impl fmt::Display for FoundRelay {
     }
 }
 
-/// Relays with their electrodes, for people.
-pub(crate) fn name(relays: &[FoundRelay]) -> String {
+/// Relays with their electrodes, for people: `1036 (electrodes 1 and 2)`.
+pub fn name_relays(relays: &[FoundRelay]) -> String {
     let each: Vec<String> = relays.iter().map(FoundRelay::to_string).collect();
     each.join(", ")
 }
@@ -122,19 +122,30 @@ pub async fn check_at_start<C, W: Switch, V>(
     rig: &Rig<C, W, V>,
     wiring: &Wiring,
 ) -> Result<(), StartError> {
-    let relays = wiring.injecting_relays();
-    let states = rig.lock().await.switch.closed(&relays).await?;
-    let closed: Vec<FoundRelay> = relays
-        .into_iter()
-        .zip(states)
-        .filter(|(_, closed)| *closed)
-        .map(|(relay, _)| found(relay, wiring))
-        .collect();
+    let closed = find_closed(&mut rig.lock().await.switch, wiring).await?;
     if closed.is_empty() {
         Ok(())
     } else {
         Err(StartError::Closed(closed))
     }
+}
+
+/// The injecting relays that read back closed, with the electrodes that they lead to.
+///
+/// # Errors
+/// A wire that fails, or an answer that is no state.
+pub async fn find_closed<W: Switch>(
+    switch: &mut W,
+    wiring: &Wiring,
+) -> Result<Vec<FoundRelay>, RigError> {
+    let relays = wiring.injecting_relays();
+    let states = switch.closed(&relays).await?;
+    Ok(relays
+        .into_iter()
+        .zip(states)
+        .filter(|(_, closed)| *closed)
+        .map(|(relay, _)| found(relay, wiring))
+        .collect())
 }
 
 /// Switches the source off and opens the wiring's relays, each verified; tries the second also when the first fails.

@@ -92,6 +92,11 @@ impl Tape {
         number
     }
 
+    /// Keeps another number of frames from now on.
+    pub fn keep(&self, reels: usize) {
+        self.lock().most = reels.max(1);
+    }
+
     /// The frames kept, oldest first.
     pub fn reels(&self) -> Vec<Reel> {
         self.lock().reels.iter().cloned().collect()

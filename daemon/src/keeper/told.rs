@@ -1,0 +1,58 @@
+//! What happens to the rig, told to everybody: the log, the bus, and the record of the session under way.
+
+use chrono::{DateTime, Utc};
+use rig::Clock;
+use tokio::sync::mpsc;
+
+use super::Keeper;
+use crate::herald::Notice;
+use crate::live::Live;
+use crate::recorder::Order;
+
+/// One thing that happened.
+#[derive(Debug, Clone)]
+pub(crate) struct Happening {
+    pub at: DateTime<Utc>,
+    /// A word for programs, such as `frame-failed`.
+    pub kind: &'static str,
+    /// A sentence for people.
+    pub text: String,
+    /// Id of the session that it happened to.
+    pub session: Option<String>,
+}
+
+/// The session that something happens to, and the way to its record.
+#[derive(Clone, Copy)]
+pub(crate) struct Concerned<'a> {
+    pub live: &'a Live,
+    pub record: &'a mpsc::Sender<Order>,
+}
+
+impl Keeper {
+    /// Tells everybody. The record is waited for: what is told as having happened is on its way to the disk.
+    pub(crate) async fn tell(&self, whom: Option<Concerned<'_>>, kind: &'static str, text: &str) {
+        let at = self.house().clock.wall();
+        let session = whom.map(|whom| whom.live.facts.id.clone());
+        match kind {
+            "alarm" | "source-unknown" | "frame-failed" | "others-found" | "relays-closed" => {
+                tracing::error!(kind, session, "{text}");
+            }
+            _ => tracing::warn!(kind, session, "{text}"),
+        }
+        self.herald.say(&Notice::Happened(Happening {
+            at,
+            kind,
+            text: text.to_owned(),
+            session,
+        }));
+        if let Some(whom) = whom {
+            let order = Order::Event {
+                at,
+                kind,
+                text: text.to_owned(),
+            };
+            // a record that has failed has ended its session, which says so
+            let _ = whom.record.send(order).await;
+        }
+    }
+}
