@@ -154,6 +154,25 @@ impl Case {
         })
     }
 
+    /// Conductances from a file with a row each, a column a triangle, and the line of each.
+    ///
+    /// # Errors
+    /// A file that cannot be read, the wrong number of columns, or a value that is no conductance; the line is named.
+    pub fn sigma_rows(&self, path: &Path) -> Result<Vec<(usize, Vec<f64>)>, CaseError> {
+        let wants = self.mesh.triangles().len();
+        let rows = Table::read(path)?.numbers(wants, wants)?;
+        for (line, row) in &rows {
+            if let Some(&value) = row.iter().find(|value| **value < 0.0) {
+                return Err(CaseError::Negative {
+                    path: path.to_owned(),
+                    line: *line,
+                    value,
+                });
+            }
+        }
+        Ok(rows)
+    }
+
     /// Electrodes with so few edges that their resistance is the mesh's rather than theirs: worth a warning.
     pub fn coarse_electrodes(&self) -> Vec<Electrode> {
         self.mesh.quality().coarse_electrodes

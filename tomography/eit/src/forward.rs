@@ -19,6 +19,7 @@ mod ring;
 mod scratch;
 mod solution;
 mod system;
+mod transfer;
 mod workspace;
 
 use std::borrow::Cow;
@@ -219,27 +220,6 @@ impl Forward {
         currents: &DMatrix<f64>,
     ) -> Result<Fields, ForwardError> {
         self.with_solution(sigma, currents, |solution| self.fields(&solution))
-    }
-
-    /// The matrix Z with U = Z I for every I that sums to zero: electrodes x electrodes, ohm, symmetric, rows and
-    /// columns sum to zero.
-    ///
-    /// # Errors
-    /// Conductances that are refused.
-    pub fn transfer_impedance(&self, sigma: &[f64]) -> Result<DMatrix<f64>, ForwardError> {
-        let count = self.electrodes.len();
-        let share = 1.0 / count as f64;
-        let currents = DMatrix::from_fn(
-            count,
-            count,
-            |i, j| if i == j { 1.0 - share } else { -share },
-        );
-        let voltages =
-            self.with_solution(sigma, &currents, |solution| self.electrodes(&solution))?;
-        // reciprocity holds to rounding; made exact so that a frame does not depend on which triangle is read
-        Ok(DMatrix::from_fn(count, count, |i, j| {
-            0.5 * (voltages[(i, j)] + voltages[(j, i)])
-        }))
     }
 
     /// The readings of a protocol at 1 A, V. See [`Forward::workspace`] for many conductances.

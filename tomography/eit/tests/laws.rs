@@ -233,6 +233,36 @@ fn the_transfer_impedance_holds_every_reading() {
     }
 }
 
+/// Eq. 2 of the paper: i = Y v, v = Z i, both symmetric with zero row sums; between two shunts it is one resistor.
+#[test]
+fn admittance_and_impedance_are_inverse_to_one_another() {
+    for contacts in [
+        [0.5, 1e-3, 7.0, 40.0, 0.2, 1.0, 2.0, 300.0],
+        [0.0, 1e-9, 1e-4, 1.0, 0.0, 10.0, 1e-4, 10.0],
+    ] {
+        let (forward, sigma) = model(eight(0.5), &contacts);
+        let z = forward.transfer_impedance(&sigma).unwrap();
+        let y = forward.transfer_admittance(&sigma).unwrap();
+        assert_eq!((z.transpose(), y.transpose()), (z.clone(), y.clone()));
+        let identity = &y * &z;
+        for row in 0..8 {
+            assert!(z.row(row).sum().abs() < 1e-12 * z.amax());
+            assert!(y.row(row).sum().abs() < 1e-15 * y.amax());
+            for column in 0..8 {
+                let wanted = f64::from(u8::from(row == column)) - 1.0 / 8.0;
+                let error = (identity[(row, column)] - wanted).abs();
+                assert!(error < 1e-11, "{row}, {column}: {error:e}");
+            }
+        }
+    }
+    let mesh = grid([0.3, 0.2], [23, 17], 0.5, &[(3, 0, 17), (1, 0, 17)]);
+    let (forward, _) = model(mesh, &[0.0, 0.0]);
+    let sigma = vec![1e-3; forward.mesh().triangles().len()];
+    let y = forward.transfer_admittance(&sigma).unwrap();
+    assert!((y[(0, 0)] / (1e-3 * 0.2 / 0.3) - 1.0).abs() < 1e-12);
+    assert_eq!(y[(0, 1)], -y[(0, 0)]);
+}
+
 #[test]
 fn the_energy_is_the_voltage() {
     // V = ∫ σ ∇u·∇u + Σ ∫ (u - U)²/z

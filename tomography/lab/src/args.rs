@@ -1,8 +1,12 @@
 //! The command line as data.
 
+mod solve;
+
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+
+pub(crate) use solve::{ForwardOptions, JacobianOptions, Of, TransferOptions};
 
 /// Meshes, forward solutions, sensitivities, training and reconstruction, offline.
 #[derive(Debug, Parser)]
@@ -16,10 +20,12 @@ pub(crate) struct Arguments {
 pub(crate) enum Command {
     /// Make a case folder from a preset geometry, and print the quality of its mesh
     Mesh(MeshOptions),
-    /// Solve the forward model: readings of a case for a conductance
+    /// Solve the forward model: readings of a case for one conductance or many
     Forward(ForwardOptions),
-    /// The sensitivity dV/dsigma of a case: a row a reading, a column a triangle
+    /// The sensitivity of a case's readings to conductances or contacts: a row a reading
     Jacobian(JacobianOptions),
+    /// The transfer matrices of a case's electrodes: admittance Y and impedance Z (paper, Eq. 2)
+    Transfer(TransferOptions),
     /// Train a network and write its model file
     Train {
         #[command(subcommand)]
@@ -61,38 +67,6 @@ pub(crate) struct MeshOptions {
     /// Print the quality as one JSON object
     #[arg(long)]
     pub(crate) json: bool,
-}
-
-#[derive(Debug, Args)]
-pub(crate) struct ForwardOptions {
-    /// Case folder
-    #[arg(long, value_name = "DIR")]
-    pub(crate) case: PathBuf,
-    /// Conductance: a name in the case (sigma_NAME.csv) or a file
-    #[arg(long, value_name = "NAME|FILE")]
-    pub(crate) sigma: String,
-    /// Readings, V, one a line with 17 digits
-    #[arg(long, value_name = "FILE")]
-    pub(crate) out: PathBuf,
-    /// Electrode voltages too, a row a drive, mean over the electrodes zero
-    #[arg(long, value_name = "FILE")]
-    pub(crate) potentials: Option<PathBuf>,
-    /// Print 'forward N ms', the median after set-up, on standard error
-    #[arg(long)]
-    pub(crate) timing: bool,
-}
-
-#[derive(Debug, Args)]
-pub(crate) struct JacobianOptions {
-    /// Case folder
-    #[arg(long, value_name = "DIR")]
-    pub(crate) case: PathBuf,
-    /// Conductance: a name in the case (sigma_NAME.csv) or a file
-    #[arg(long, value_name = "NAME|FILE")]
-    pub(crate) sigma: String,
-    /// Sensitivity, V per (S per square), a row a reading
-    #[arg(long, value_name = "FILE")]
-    pub(crate) out: PathBuf,
 }
 
 #[derive(Debug, Subcommand)]

@@ -34,6 +34,7 @@ pub(crate) fn mesh(options: &MeshOptions) -> Result<(), Failure> {
             "smallest_angle_deg": quality.smallest_angle,
             "largest_angle_deg": quality.largest_angle,
             "fewest_electrode_edges": quality.fewest_electrode_edges,
+            "electrode_edges": mesh.electrode_edges().iter().map(Vec::len).collect::<Vec<_>>(),
             "geometry": mesh.hash(),
         });
         println!("{line}");
@@ -86,10 +87,14 @@ pub(crate) fn read(folder: &std::path::Path) -> Result<Case, Failure> {
 fn warn_of_coarse_electrodes(case: &Case) {
     let coarse = case.coarse_electrodes();
     if !coarse.is_empty() {
+        let names: Vec<String> = coarse.iter().map(ToString::to_string).collect();
         eprintln!(
-            "tactus-lab: {} of {} electrodes have fewer than {} edges: their resistance is the mesh's rather than theirs",
-            coarse.len(),
+            "tactus-lab: electrode{} {} of {} {} fewer than {} edges: the resistance is the mesh's rather than the \
+             electrode's",
+            if names.len() == 1 { "" } else { "s" },
+            names.join(", "),
             case.mesh.electrodes(),
+            if names.len() == 1 { "has" } else { "have" },
             eit::ENOUGH_EDGES
         );
     }

@@ -62,6 +62,7 @@ fn perform(command: &Command) -> Result<(), Failure> {
         Command::Mesh(options) => geometry::mesh(options),
         Command::Forward(options) => solve::forward(options),
         Command::Jacobian(options) => solve::jacobian(options),
+        Command::Transfer(options) => solve::transfer(options),
         Command::Train { network } => train::train(network),
         Command::Judge(options) => judge::judge(options),
         Command::Reconstruct(options) => reconstruct::reconstruct(options),
