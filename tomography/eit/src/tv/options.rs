@@ -23,7 +23,7 @@ pub enum Strength {
 /// alpha = k |J 1_disc| / (length of its border), J in standard deviations of a difference.
 ///
 /// It looks at noise and geometry, never at a frame.
-pub const TV_STRENGTH: f64 = 1.0;
+pub const TV_STRENGTH: f64 = 0.5;
 
 /// Diameter of the small disc over the square root of the region's area.
 const SMALL: f64 = 0.0543;

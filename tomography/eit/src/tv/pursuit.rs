@@ -12,6 +12,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::graph::Graph;
+use super::mehrotra::Quadratic;
 use super::regions::Regions;
 use crate::dense;
 
@@ -74,6 +75,20 @@ impl Problem<'_> {
             .zip(self.weights)
             .map(|(&[a, b], weight)| weight * (x[a] - x[b]).abs())
             .sum()
+    }
+
+    /// The least objective by an interior method over all unknowns, with a gap of at most `share` of it.
+    pub(crate) fn minimum_offline(&self, share: f64) -> Option<f64> {
+        let exact = Quadratic {
+            hessian: &dense::gram_of_columns(self.sensitivity),
+            linear: &self.sensitivity.tr_mul(&self.data),
+            edges: &self.graph.edges,
+            weights: self.weights,
+            bounds: self.bounds,
+        };
+        let close = self.minimise(None, 1e-6)?.objective;
+        let x = exact.solve(share * close)?.x;
+        Some(self.objective(x.as_slice()))
     }
 
     /// The minimum, to a gap of at most `goal` of the objective where that can be reached. `start` are regions to begin
@@ -171,6 +186,7 @@ impl Problem<'_> {
             .map(|r| (regions.value[r] - low) * sum[r] - (high - low) * least[r])
             .sum::<f64>()
             .max(0.0);
+        let steepest = up.clone();
         // what each part gains by being one, and the largest part of each region
         let same = |up: &[bool], a: usize, b: usize| {
             regions.label[a] == regions.label[b] && up[a] == up[b]
@@ -205,7 +221,9 @@ impl Problem<'_> {
         let most = (0..parts)
             .filter(|&p| small(p))
             .map(|p| gain[p])
-            .fold(0.0, f64::max);
+            .fold(0.0, f64::max)
+            // a part inside another gains against it, not against staying
+            .min(gap / (high - low));
         let mut flipped = false;
         for (unknown, &part) in part.iter().enumerate() {
             if small(part) && gain[part] <= WORTHWHILE * most {
@@ -216,6 +234,13 @@ impl Problem<'_> {
         let (label, count) = if flipped {
             graph.parts(|a, b| same(&up, a, b))
         } else {
+            (part.clone(), parts)
+        };
+        // never at the price of the split itself
+        let (label, count) = if count > regions.value.len() || parts == regions.value.len() {
+            (label, count)
+        } else {
+            up.copy_from_slice(&steepest);
             (part, parts)
         };
         let mut first = vec![0; count];
