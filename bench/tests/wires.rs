@@ -179,7 +179,10 @@ async fn the_transcript_tells_what_went_over_the_wires() {
         "{}",
         second.heard
     );
-    assert_eq!(second.answered.as_ref().unwrap().split(',').count(), 26);
+    // and the error queue is read behind it
+    let (readings, error) = second.answered.as_ref().unwrap().split_once(';').unwrap();
+    assert_eq!(readings.split(',').count(), 26);
+    assert_eq!(error, "+0,\"No error\"");
 }
 
 #[tokio::test]

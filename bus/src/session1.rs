@@ -109,7 +109,9 @@ pub struct LatestFrame {
     pub unit: String,
     /// Whether the voltages are simulated.
     pub simulated: bool,
-    /// `overloads`, `timeouts`, `not_measured`, `compliance` (t), `reciprocity` (d, where twins exist), `duration_s` (d).
+    /// `overloads`, `timeouts`, `not_measured`, `compliance`, `implausible` (t), `flags` (s, words of `survey::QualityFlag`
+    /// joined by commas), `reciprocity` (d, where twins exist), `loop_sum` (d, where the ring was read round),
+    /// `duration_s` (d).
     pub quality: Options,
 }
 

@@ -7,7 +7,7 @@ use bus::stream::{Body, Record};
 use chrono::{DateTime, Utc};
 use logbook::{LogbookError, MapRecord, SessionWriter};
 use rig::{Clock, SystemClock};
-use survey::{Baseline, Frame, Map};
+use survey::{Baseline, Checks, Frame, Map};
 use tokio::sync::mpsc;
 
 use crate::live::{Live, Published};
@@ -36,7 +36,7 @@ pub(crate) struct Recorder {
     pub live: Arc<Live>,
     pub writer: SessionWriter,
     pub clock: SystemClock,
-    pub twins: Vec<Option<usize>>,
+    pub checks: Checks,
     pub task: Task,
     pub build: String,
 }
@@ -88,7 +88,7 @@ impl Recorder {
     }
 
     fn frame(&mut self, mut frame: Frame) -> Result<(), LogbookError> {
-        let quality = frame.quality(&self.twins);
+        let quality = self.checks.of(&frame);
         let (map, found, record) = self.reconstruct(&frame);
         frame.sequence = self.writer.append(&frame, record.as_ref())?;
         let taken = frame.monotonic + frame.duration;

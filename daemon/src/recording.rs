@@ -5,7 +5,9 @@ use std::time::Duration;
 
 use chrono::{DateTime, Utc};
 use logbook::{LogbookError, SessionReader};
-use survey::{Amps, Baseline, BaselineError, Frame, Protocol, Reading, Settings, Volts};
+use survey::{
+    Amps, Baseline, BaselineError, Frame, Precautions, Protocol, Reading, Settings, Volts,
+};
 
 use crate::prepare::seconds;
 
@@ -89,6 +91,7 @@ impl Recording {
                     nplc: 0.0,
                     settle: Duration::ZERO,
                     wiring: format!("recording {name}"),
+                    precautions: Precautions::default(),
                 },
             },
             playing,
@@ -214,6 +217,7 @@ impl Recording {
                 wall,
                 duration: Duration::ZERO,
                 settings: settings.clone(),
+                extra: Vec::new(),
                 compliance: Vec::new(),
                 simulated: false,
             },

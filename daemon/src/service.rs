@@ -209,7 +209,10 @@ fn quality(options: Options, published: &Published) -> Options {
         .with("not_measured", quality.not_measured as u64)
         .with("compliance", quality.compliance.len() as u64)
         .with("duration_s", published.frame.duration.as_secs_f64())
+        .with("implausible", quality.implausible as u64)
+        .with("flags", quality.words())
         .with_some("reciprocity", quality.reciprocity)
+        .with_some("loop_sum", quality.loop_sum)
 }
 
 /// Where the load was found, and how large it is.

@@ -34,6 +34,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .map_or(temporary.path().to_owned(), Into::into);
     let protocol = Protocol::sheffield(26)?;
     let settings = Settings {
+        precautions: survey::Precautions::default(),
         protocol_hash: protocol.hash(),
         current: Amps(1e-3),
         range: Volts(1.0),
@@ -59,6 +60,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 })
                 .collect::<Result<_, _>>()?;
             Ok(Frame {
+                extra: Vec::new(),
                 sequence: 0,
                 readings,
                 monotonic: Duration::from_secs(number),

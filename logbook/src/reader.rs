@@ -7,7 +7,9 @@ use std::time::Duration;
 use chrono::{DateTime, Utc};
 use rusqlite::types::Value;
 use rusqlite::{Connection, OpenFlags, OptionalExtension, params};
-use survey::{Amps, Baseline, Electrode, Frame, Quality, Settings, Volts};
+use survey::{
+    Amps, Baseline, Electrode, Frame, Precautions, Quality, QualityFlag, Settings, Volts,
+};
 
 use crate::codec::Reference;
 use crate::row::{
@@ -293,23 +295,30 @@ impl SessionReader {
     }
 
     fn settings(&self, id: i64) -> Result<Settings, LogbookError> {
-        self.connection
+        let (mut settings, precautions) = self
+            .connection
             .prepare_cached(
-                "SELECT protocol_hash, current_a, range_v, nplc, settle_ns, wiring FROM settings WHERE id = ?1",
+                "SELECT protocol_hash, current_a, range_v, nplc, settle_ns, wiring, precautions FROM settings
+                 WHERE id = ?1",
             )
             .and_then(|mut statement| {
                 statement.query_row([id], |row| {
-                    Ok(Settings {
+                    let settings = Settings {
                         protocol_hash: row.get(0)?,
                         current: Amps(row.get(1)?),
                         range: Volts(row.get(2)?),
                         nplc: row.get(3)?,
                         settle: nanoseconds(row.get(4)?),
                         wiring: row.get(5)?,
-                    })
+                        precautions: Precautions::default(),
+                    };
+                    Ok((settings, row.get::<_, String>(6)?))
                 })
             })
-            .map_err(|source| LogbookError::reading(&self.path, "read the settings of", source))
+            .map_err(|source| LogbookError::reading(&self.path, "read the settings of", source))?;
+        settings.precautions = serde_json::from_str(&precautions)
+            .map_err(|cause| self.damaged("its settings".to_owned(), cause.to_string()))?;
+        Ok(settings)
     }
 
     fn map_record(&self, id: i64, hash: &Value) -> Result<MapRecord, LogbookError> {
@@ -337,6 +346,9 @@ impl SessionReader {
             settings,
             mapper,
             reciprocity,
+            loop_sum,
+            implausible,
+            flags,
             checksum,
         } = stored;
         let place = || format!("frame {}", row.sequence);
@@ -379,6 +391,7 @@ impl SessionReader {
         let frame = Frame {
             sequence: row.sequence as u64,
             readings,
+            extra: Vec::new(),
             monotonic: nanoseconds(row.monotonic),
             wall: DateTime::<Utc>::from_timestamp_nanos(row.wall),
             duration: nanoseconds(row.duration),
@@ -393,7 +406,13 @@ impl SessionReader {
         Ok(Record {
             quality: Quality {
                 reciprocity,
-                ..frame.quality(&[])
+                loop_sum,
+                implausible: implausible as usize,
+                flags: flags
+                    .split(',')
+                    .filter_map(QualityFlag::from_word)
+                    .collect(),
+                ..Quality::counted(&frame)
             },
             frame,
             map,

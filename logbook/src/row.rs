@@ -86,6 +86,9 @@ pub(crate) struct StoredFrame {
     pub(crate) settings: i64,
     pub(crate) mapper: Option<i64>,
     pub(crate) reciprocity: Option<f64>,
+    pub(crate) loop_sum: Option<f64>,
+    pub(crate) implausible: i64,
+    pub(crate) flags: String,
     pub(crate) checksum: Vec<u8>,
 }
 
@@ -112,6 +115,9 @@ impl StoredFrame {
             settings: row.get("settings")?,
             mapper: row.get("mapper")?,
             reciprocity: row.get("reciprocity")?,
+            loop_sum: row.get("loop_sum")?,
+            implausible: row.get("implausible")?,
+            flags: row.get("flags")?,
             checksum: row.get("checksum")?,
         })
     }

@@ -8,11 +8,11 @@
 //! | table | holds |
 //! |---|---|
 //! | `session` | one row: id, kind, start, build, seed (decimal text), configuration and its hash, model and geometry hash, protocol, instruments and modules (JSON), and, once closed, when and why |
-//! | `settings` | one row for each way in which frames were taken |
+//! | `settings` | one row for each way in which frames were taken; what was done against noise, offset and drift as JSON |
 //! | `mapper` | one row for each method, model, build and CPU that made maps |
 //! | `baseline` | the baseline in use: readings and deviations as [`crate::codec`] blobs |
 //! | `reference` | means of sixteen frames, as [`crate::codec`] blobs, that later frames are differences to |
-//! | `frame` | one row a frame: times, settings, readings as a blob of [`crate::codec`], counts of flags, largest difference of reciprocal twins, driving electrodes in compliance (JSON), the hash of the map (32 bytes; a text where it is no SHA-256) |
+//! | `frame` | one row a frame: times, settings, readings as a blob of [`crate::codec`], counts of flags, largest difference of reciprocal twins, largest sum round the ring, readings that no load explains, quality flags (words joined by commas), driving electrodes in compliance (JSON), the hash of the map (32 bytes; a text where it is no SHA-256) |
 //! | `event` | time, one word, one sentence |
 //!
 //! `frame.reference` says what the blob's differences are taken against: NULL nothing, 0 the baseline, n the row n of
@@ -25,7 +25,7 @@ use rusqlite::Connection;
 pub const APPLICATION_ID: i32 = 0x5461_6374;
 
 /// Version of the layout; a file with another one is refused.
-pub const VERSION: i64 = 2;
+pub const VERSION: i64 = 3;
 
 const TABLES: &str = "
 CREATE TABLE session (
@@ -54,7 +54,8 @@ CREATE TABLE settings (
     range_v REAL NOT NULL,
     nplc REAL NOT NULL,
     settle_ns INTEGER NOT NULL,
-    wiring TEXT NOT NULL
+    wiring TEXT NOT NULL,
+    precautions TEXT NOT NULL
 ) STRICT;
 CREATE TABLE mapper (
     id INTEGER PRIMARY KEY,
@@ -91,6 +92,9 @@ CREATE TABLE frame (
     timeouts INTEGER NOT NULL,
     not_measured INTEGER NOT NULL,
     reciprocity REAL,
+    loop_sum REAL,
+    implausible INTEGER NOT NULL,
+    flags TEXT NOT NULL,
     compliance TEXT,
     mapper INTEGER REFERENCES mapper (id),
     map_hash ANY,

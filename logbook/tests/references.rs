@@ -20,12 +20,14 @@ fn frame(number: u64, load: u64) -> Frame {
         })
         .collect();
     Frame {
+        extra: Vec::new(),
         sequence: 0,
         readings,
         monotonic: Duration::from_secs(number),
         wall: DateTime::UNIX_EPOCH + Duration::from_secs(number),
         duration: Duration::from_millis(900),
         settings: Settings {
+            precautions: survey::Precautions::default(),
             protocol_hash: protocol.hash(),
             current: Amps(1e-3),
             range: Volts(1.0),

@@ -20,6 +20,7 @@ fn protocol() -> Protocol {
 
 fn settings() -> Settings {
     Settings {
+        precautions: survey::Precautions::default(),
         protocol_hash: protocol().hash(),
         current: Amps(0.1 + 0.2),
         range: Volts(1.0),
@@ -43,6 +44,7 @@ fn frame(number: u64) -> Frame {
         })
         .collect();
     Frame {
+        extra: Vec::new(),
         sequence: 0,
         readings,
         monotonic: Duration::from_millis(1000 * number),
@@ -106,7 +108,7 @@ fn assert_is(record: &logbook::Record, number: u64) {
     assert_eq!(record.frame, expected);
     assert_eq!(
         record.quality,
-        expected.quality(&protocol().reciprocal_twins())
+        survey::Checks::new(&protocol()).of(&expected)
     );
 }
 

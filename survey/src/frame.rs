@@ -5,7 +5,7 @@ use std::time::Duration;
 use chrono::{DateTime, Utc};
 use serde::{Deserialize, Serialize};
 
-use crate::{Amps, Electrode, Volts};
+use crate::{Amps, Electrode, Measurement, Volts};
 
 /// One answer: a voltage, or the reason why there is none. An overload never becomes a number.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -72,9 +72,70 @@ pub struct Settings {
     pub settle: Duration,
     /// Name of the wiring.
     pub wiring: String,
+    /// What was done against noise, offset and drift.
+    #[serde(default)]
+    pub precautions: Precautions,
+}
+
+/// What is done against noise, offset and drift. The default is nothing.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Precautions {
+    /// Whether every reading is followed by a zero reading of the voltmeter.
+    pub autozero: bool,
+    /// Readings averaged to one.
+    pub averages: u32,
+    /// Waiting time before each scanned channel.
+    pub channel_delay: Duration,
+    /// Whether the current went both ways, a reading being half the difference.
+    pub reversal: bool,
+    /// Whether a zero-current frame has been subtracted.
+    pub zeroed: bool,
+    /// Whether each reading had a range of its own; the settings' range is then the largest of those asked.
+    pub planned_ranges: bool,
+}
+
+impl Default for Precautions {
+    fn default() -> Self {
+        Self {
+            autozero: false,
+            averages: 1,
+            channel_delay: Duration::ZERO,
+            reversal: false,
+            zeroed: false,
+            planned_ranges: false,
+        }
+    }
 }
 
 impl Settings {
+    /// Noise of one reading, as the resolution of a 6.5-digit voltmeter (`instruments/keysight-34980a.md` section 5)
+    /// taken for a standard deviation, on the settings' range. Between the integration times of that table the next
+    /// shorter one's; nothing for settings that do not say (a CSV of somebody's).
+    pub fn noise(&self) -> Volts {
+        const OF_RANGE: [(f64, f64); 5] = [
+            (0.02, 1e-4),
+            (0.2, 1e-5),
+            (1.0, 3e-6),
+            (10.0, 1e-6),
+            (100.0, 3e-7),
+        ];
+        let fraction = OF_RANGE
+            .iter()
+            .rev()
+            .find(|(nplc, _)| *nplc <= self.nplc)
+            .map_or(0.0, |(_, fraction)| *fraction);
+        let Precautions {
+            averages,
+            reversal,
+            zeroed,
+            ..
+        } = &self.precautions;
+        let readings = f64::from((*averages).max(1)) * if *reversal { 2.0 } else { 1.0 };
+        let subtracted = if *zeroed { 2.0 } else { 1.0 };
+        Volts(fraction * self.range.0 * (subtracted / readings).sqrt())
+    }
+
     /// The names of the settings in which two differ, with both values, for a message; empty when they agree.
     pub fn differences(&self, other: &Self) -> Vec<String> {
         let mut differences = Vec::new();
@@ -93,7 +154,10 @@ impl Settings {
             self.current.to_string(),
             other.current.to_string(),
         );
-        compare("range", self.range.to_string(), other.range.to_string());
+        // a voltage is one on whatever range it was read; two fixed ones differ because somebody changed his mind
+        if !(self.precautions.planned_ranges || other.precautions.planned_ranges) {
+            compare("range", self.range.to_string(), other.range.to_string());
+        }
         compare("NPLC", self.nplc.to_string(), other.nplc.to_string());
         compare(
             "settle",
@@ -101,33 +165,32 @@ impl Settings {
             format!("{:?}", other.settle),
         );
         compare("wiring", self.wiring.clone(), other.wiring.clone());
+        // averages only change the noise
+        let (mine, theirs) = (&self.precautions, &other.precautions);
+        for (name, mine, theirs) in [
+            ("autozero", mine.autozero, theirs.autozero),
+            ("current reversal", mine.reversal, theirs.reversal),
+            ("zero-current frame", mine.zeroed, theirs.zeroed),
+        ] {
+            let word = |on| if on { "on" } else { "off" }.to_owned();
+            compare(name, word(mine), word(theirs));
+        }
+        compare(
+            "channel delay",
+            format!("{:?}", mine.channel_delay),
+            format!("{:?}", theirs.channel_delay),
+        );
         differences
     }
 }
 
-/// What a frame's own readings say about it.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct Quality {
-    /// Readings over range.
-    pub overloads: usize,
-    /// Readings without an answer in time.
-    pub timeouts: usize,
-    /// Readings not taken.
-    pub not_measured: usize,
-    /// Driving electrodes (plus side) at which the source was in compliance.
-    pub compliance: Vec<Electrode>,
-    /// Largest difference of a reading from its reciprocal twin, relative to the largest reading; `None` without twins.
-    pub reciprocity: Option<f64>,
-}
-
-impl Quality {
-    /// Whether every reading was taken and is valid, the source never in compliance.
-    pub fn is_clean(&self) -> bool {
-        self.overloads == 0
-            && self.timeouts == 0
-            && self.not_measured == 0
-            && self.compliance.is_empty()
-    }
+/// A reading that the scan took beside those that the protocol asks: it tells of contacts, and masks nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Extra {
+    /// What was read.
+    pub question: Measurement,
+    /// Its answer.
+    pub reading: Reading,
 }
 
 /// All answers to one protocol, with when and how they were taken.
@@ -137,6 +200,9 @@ pub struct Frame {
     pub sequence: u64,
     /// Answers in the protocol's order.
     pub readings: Vec<Reading>,
+    /// What was read beside the protocol, where the wiring's scan does so. Not kept in records.
+    #[serde(default)]
+    pub extra: Vec<Extra>,
     /// Monotonic time of the first step, since the daemon (or the recording) started.
     pub monotonic: Duration,
     /// Wall time of the first step.
@@ -152,37 +218,37 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// Counts flags, and measures reciprocity where the protocol has twins (see [`crate::Protocol::reciprocal_twins`]).
-    pub fn quality(&self, twins: &[Option<usize>]) -> Quality {
-        let count = |flag: u8| {
-            self.readings
-                .iter()
-                .filter(|reading| reading.flag() == flag)
-                .count()
-        };
-        let largest = self
-            .readings
-            .iter()
-            .filter_map(|reading| reading.volts())
-            .fold(0.0_f64, |largest, volts| largest.max(volts.0.abs()));
-        let reciprocity = self
-            .readings
-            .iter()
-            .zip(twins)
-            .filter_map(|(reading, twin)| {
-                let other = self.readings.get((*twin)?)?;
-                Some((reading.volts()?.0 - other.volts()?.0).abs())
-            })
-            .reduce(f64::max)
-            .filter(|_| largest > 0.0)
-            .map(|difference| difference / largest);
-        Quality {
-            overloads: count(1),
-            timeouts: count(2),
-            not_measured: count(3),
-            compliance: self.compliance.clone(),
-            reciprocity,
+    /// Takes a zero-current frame from this one, reading by reading; a reading that either lacks has the reason for it.
+    ///
+    /// # Errors
+    /// Another number of readings.
+    pub fn subtract(&mut self, zero: &Self) -> Result<(), BaselineError> {
+        if zero.readings.len() != self.readings.len() {
+            return Err(BaselineError::Length {
+                baseline: "zero-current frame".to_owned(),
+                has: zero.readings.len(),
+                wants: self.readings.len(),
+            });
         }
+        let less = |reading: Reading, zero: Reading| match (reading, zero) {
+            (Reading::Ok(volts), Reading::Ok(offset)) => Reading::Ok(volts - offset),
+            (Reading::Ok(_), lacking) => lacking,
+            (lacking, _) => lacking,
+        };
+        for (reading, zero) in self.readings.iter_mut().zip(&zero.readings) {
+            *reading = less(*reading, *zero);
+        }
+        for extra in &mut self.extra {
+            let zero = zero
+                .extra
+                .iter()
+                .find(|zero| zero.question == extra.question);
+            if let Some(zero) = zero {
+                extra.reading = less(extra.reading, zero.reading);
+            }
+        }
+        self.settings.precautions.zeroed = true;
+        Ok(())
     }
 }
 
@@ -338,6 +404,7 @@ mod tests {
         Frame {
             sequence: 1,
             readings,
+            extra: Vec::new(),
             monotonic: Duration::ZERO,
             wall: DateTime::UNIX_EPOCH,
             duration: Duration::from_secs(1),
@@ -348,6 +415,7 @@ mod tests {
                 nplc: 1.0,
                 settle: Duration::from_millis(1),
                 wiring: "w".into(),
+                precautions: Precautions::default(),
             },
             compliance: Vec::new(),
             simulated: true,
@@ -393,19 +461,6 @@ mod tests {
         );
         assert!(baseline.check(&taken.settings, 1, false).is_err());
         assert!(baseline.check(&taken.settings, 2, true).is_err());
-    }
-
-    #[test]
-    fn quality_counts_and_measures_reciprocity() {
-        let frame = frame(vec![
-            Reading::Ok(Volts(1.0)),
-            Reading::Ok(Volts(0.9)),
-            Reading::Overload,
-        ]);
-        let quality = frame.quality(&[Some(1), Some(0), None]);
-        assert_eq!(quality.overloads, 1);
-        assert!((quality.reciprocity.unwrap() - 0.1).abs() < 1e-12);
-        assert!(!quality.is_clean());
     }
 
     #[test]

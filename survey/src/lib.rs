@@ -21,14 +21,19 @@ mod frame;
 mod map;
 mod pattern;
 mod plan;
+mod quality;
 mod ring;
 mod units;
 mod wiring;
 
-pub use frame::{Baseline, BaselineError, Frame, Quality, Reading, Settings};
+pub use frame::{Baseline, BaselineError, Extra, Frame, Precautions, Reading, Settings};
 pub use map::{Map, MapUnit};
 pub use pattern::{Measurement, Protocol, ProtocolError, half, sheffield, skip};
-pub use plan::{Counts, Limits, Plan, PlanError, Step, Timing, Transition};
+pub use plan::{
+    Channel, Counts, Injection, Limits, Plan, PlanError, RangeRule, Resolution, Routed, Step,
+    Timing, Transition,
+};
+pub use quality::{Checks, Quality, QualityFlag};
 pub use ring::{Dipole, Electrode};
 pub use units::{Amps, Metres, Ohms, Volts};
 pub use wiring::{OwnWiring, Relay, Sensing, Wiring, WiringError};

@@ -33,6 +33,8 @@ pub enum Sensing {
     Scan,
     /// The switch routes each pair, then the voltmeter reads once: one message a reading.
     Single,
+    /// The mainframe routes and reads one pair after the other: one message, all pairs of an injection.
+    Chain,
 }
 
 /// The relays of a rig, per pair, with the rules that follow from them.
@@ -144,6 +146,52 @@ impl Wiring {
             bus: Vec::new(),
             name,
         })
+    }
+
+    /// The same with the readings of an injection chained in one message, where the switch is the mainframe whose
+    /// voltmeter reads; a scan stays a scan.
+    #[must_use]
+    pub fn chained(mut self) -> Self {
+        if self.sensing == Sensing::Single {
+            self.sensing = Sensing::Chain;
+        }
+        self
+    }
+
+    /// The same with the pairs of a protocol, where each electrode has relays of its own: two a pair, the first to its
+    /// plus, the second to its minus. A wiring of pairs stays as it is wired.
+    #[must_use]
+    pub fn joining(mut self, protocol: &crate::Protocol) -> Self {
+        let asked = protocol.measurements();
+        let drives = protocol.drives();
+        let mut senses: Vec<Dipole> = Vec::new();
+        for question in asked {
+            if !senses.contains(&question.sense) {
+                senses.push(question.sense);
+            }
+        }
+        senses.sort_unstable();
+        for (pairs, wanted) in [(&mut self.inject, drives), (&mut self.measure, senses)] {
+            if !pairs.iter().all(|(_, relays)| relays.len() == 2) {
+                continue;
+            }
+            let plus: BTreeMap<Electrode, Relay> = pairs
+                .iter()
+                .map(|(pair, relays)| (pair.plus, relays[0]))
+                .collect();
+            let minus: BTreeMap<Electrode, Relay> = pairs
+                .iter()
+                .map(|(pair, relays)| (pair.minus, relays[1]))
+                .collect();
+            let joined: Option<Vec<(Dipole, Vec<Relay>)>> = wanted
+                .into_iter()
+                .map(|pair| Some((pair, vec![*plus.get(&pair.plus)?, *minus.get(&pair.minus)?])))
+                .collect();
+            if let Some(joined) = joined {
+                *pairs = joined;
+            }
+        }
+        self
     }
 
     /// Refuses a wiring whose relays would short the source or tie it to the voltmeter.

@@ -13,11 +13,7 @@ use survey::{Amps, Dipole, Frame, Plan, Protocol, Relay, Volts, Wiring};
 use crate::scenery::runtime;
 
 const DEADLINE: Duration = Duration::from_secs(30);
-pub const METER: MeterSettings = MeterSettings {
-    range: Volts(1.0),
-    nplc: 1.0,
-    autozero: false,
-};
+pub const METER: MeterSettings = MeterSettings::new(Volts(1.0), 1.0);
 pub const CURRENT: Amps = Amps(1e-3);
 
 pub type PairRig =

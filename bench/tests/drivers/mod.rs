@@ -15,11 +15,7 @@ use survey::{Amps, Frame, Plan, Protocol, Volts, Wiring};
 
 const DEADLINE: Duration = Duration::from_secs(20);
 
-pub const METER: MeterSettings = MeterSettings {
-    range: Volts(1.0),
-    nplc: 1.0,
-    autozero: false,
-};
+pub const METER: MeterSettings = MeterSettings::new(Volts(1.0), 1.0);
 
 /// Stands still: a test asks the instruments for their time.
 pub struct Frozen;

@@ -117,6 +117,7 @@ fn record(folder: &Path, header: SessionHeader, eye: Option<&OneStep>) -> PathBu
     let tank = Arc::new(preset.mesh().expect("a sound tank"));
     let forward = Forward::new(Arc::clone(&tank), &preset.contact_ohm_m()).expect("a sound tank");
     let settings = Settings {
+        precautions: survey::Precautions::default(),
         protocol_hash: protocol.hash(),
         current: Amps(CURRENT),
         range: Volts(1.0),
@@ -125,6 +126,7 @@ fn record(folder: &Path, header: SessionHeader, eye: Option<&OneStep>) -> PathBu
         wiring: "test".into(),
     };
     let frame = |second: i64, readings: Vec<Reading>| Frame {
+        extra: Vec::new(),
         sequence: 0,
         readings,
         monotonic: Duration::from_secs(second as u64),

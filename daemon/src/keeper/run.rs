@@ -7,7 +7,7 @@ use bus::Fault;
 use chrono::{DateTime, Utc};
 use logbook::{InstrumentRecord, LogbookError, SessionHeader, SessionKind, SessionWriter};
 use rig::Clock;
-use survey::Baseline;
+use survey::{Baseline, Checks};
 use tokio::sync::mpsc;
 
 use super::asked::Assignment;
@@ -167,11 +167,16 @@ impl Keeper {
         let (orders, queue) = mpsc::channel(QUEUE);
         let house = self.house();
         let mesh = &house.setup.geometry.mesh;
+        let checks = Checks::new(&house.setup.protocol);
+        let checks = match &order.baseline {
+            Some(baseline) => checks.against(&baseline.readings),
+            None => checks,
+        };
         let recorder = Recorder {
             live: Arc::clone(&live),
             writer,
             clock: house.clock,
-            twins: house.setup.protocol.reciprocal_twins(),
+            checks,
             build: house.build.clone(),
             task: match (order.baseline, order.model) {
                 (Some(baseline), Some(model)) => Task::Maps {

@@ -92,6 +92,7 @@ pub(super) fn rig_plan(
         }
         return None;
     }
+    let deadline_of_scan = plan.longest_answer(&timing);
     let bench = match bench {
         Some(bench) => Some(bench?),
         None => None,
@@ -101,9 +102,9 @@ pub(super) fn rig_plan(
         limits,
         timing,
         meter: MeterSettings {
-            range: Volts(survey.range_v),
-            nplc: survey.nplc,
             autozero: survey.autozero,
+            deadline: Some(deadline_of_scan),
+            ..MeterSettings::new(Volts(survey.range_v), survey.nplc)
         },
         modules: wired.modules,
         instruments: places?,
@@ -201,11 +202,11 @@ fn fits(
     }
 }
 
-/// Longest time an instrument may need for one answer where the configuration says nothing: a scan of 26 channels at
-/// 200 PLC takes 104 s, at 1 PLC half a second.
-fn deadline(config: &Config, given: Option<f64>) -> Duration {
-    let frame_s = 26.0 * config.survey.nplc * 2.0 / config.survey.line_hz;
-    seconds(given.map_or(5.0 + 2.0 * frame_s, |given_ms| given_ms * 1e-3))
+/// How long any answer may take on its way, where the configuration does not say; what readings need comes on top.
+const ANSWER: Duration = Duration::from_secs(5);
+
+fn deadline(given_ms: Option<f64>) -> Duration {
+    given_ms.map_or(ANSWER, |given_ms| seconds(given_ms * 1e-3))
 }
 
 fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
@@ -230,7 +231,7 @@ fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
                 );
             }
         }
-        let memory = (Place::Simulated, deadline(config, None));
+        let memory = (Place::Simulated, deadline(None));
         return Some(Places {
             source: memory.clone(),
             switch: memory.clone(),
@@ -264,7 +265,7 @@ fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
                 );
                 None
             }
-            Ok(place) => Some((place, deadline(config, section.deadline_ms))),
+            Ok(place) => Some((place, deadline(section.deadline_ms))),
             Err(refusal) => {
                 findings.add(&format!("{name}.address"), refusal.to_string());
                 None

@@ -1,6 +1,6 @@
 //! The driver: typed methods, every setting read back, every message closed by a look into the error queue.
 
-use rig::{CurrentSource, Link, RigError, Stream};
+use rig::{Compliance, CurrentSource, Link, RigError, Stream};
 use scpi::{Common, ErrorEntry, parse_boolean, parse_integer, parse_reading};
 use survey::{Amps, Volts};
 
@@ -293,18 +293,24 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
         self.verify("output", u8::from(on), u8::from(read), difference, 0.0)
     }
 
-    async fn in_compliance(&mut self) -> Result<bool, RigError> {
+    async fn compliance(&mut self) -> Result<Compliance, RigError> {
         let commands = [
             Command::Events(StatusGroup::Measurement),
             Command::Conditions(StatusGroup::Measurement),
         ];
         let answers = self.exchange(&commands).await?;
-        let mut bits = 0;
-        for answer in &answers {
-            bits |= parse_integer(answer)
+        let bit = |answer: &String| {
+            let bits = parse_integer(answer)
                 .map_err(|_| self.garbled(&commands, &answers.join(";"), "two integers"))?;
+            Ok::<bool, RigError>(bits & 1 << COMPLIANCE_BIT != 0)
+        };
+        match answers.as_slice() {
+            [events, conditions] => Ok(Compliance {
+                now: bit(conditions)?,
+                since: bit(events)?,
+            }),
+            _ => Err(self.garbled(&commands, &answers.join(";"), "two integers")),
         }
-        Ok(bits & 1 << COMPLIANCE_BIT != 0)
     }
 
     async fn off(&mut self) -> Result<(), RigError> {

@@ -10,12 +10,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
-use rig::{Link, MeterSettings, Move, RigError, Stream, Switch, Voltmeter};
+use rig::{Hop, Link, MeterSettings, Move, RigError, Sample, Stream, Switch, Voltmeter};
 use scpi::Common;
-use survey::{Reading, Relay, Wiring};
+use survey::{Reading, Relay, Volts, Wiring};
 use tokio::sync::Mutex;
 
-use crate::command::{Command, INTEGRATION, RANGES, Route, System};
+use crate::command::{Command, INTEGRATION, MOST_SWEEPS, RANGES, Route, System};
 use crate::modules::{Module, split};
 use unit::{Prepared, Unit, compact, garbled};
 
@@ -24,6 +24,8 @@ const MODEL: &str = "34980A";
 const VENDORS: [&str; 2] = ["Agilent Technologies", "Keysight Technologies"];
 /// The slower of the two mains frequencies: deadlines must suffice on both.
 const SLOWEST_LINE_HZ: f64 = 50.0;
+/// Longest delay before a channel (section 5).
+const LONGEST_DELAY: Duration = Duration::from_secs(60);
 
 /// A handle of one mainframe. Clones mean the same instrument and take turns.
 #[derive(Debug)]
@@ -145,7 +147,7 @@ impl<S: Stream> Keysight34980a<S> {
         }
         match wiring.sensing {
             survey::Sensing::Scan => self.check_scan(&measuring),
-            survey::Sensing::Single => Ok(()),
+            survey::Sensing::Single | survey::Sensing::Chain => Ok(()),
         }
     }
 
@@ -238,38 +240,9 @@ impl<S: Stream> Keysight34980a<S> {
         Ok(())
     }
 
-    fn unable(&self, what: String) -> RigError {
-        RigError::Unable {
-            instrument: self.about.instrument.clone(),
-            what,
-        }
-    }
-
-    /// How long one READ? may take (section 9), with half as much again, beside what any answer may take.
-    fn deadline(&self, meter: MeterSettings, scan: &[Relay], link: Duration) -> Duration {
-        let zero = if meter.autozero { 2.0 } else { 1.0 };
-        let integration = zero * meter.nplc / SLOWEST_LINE_HZ;
-        let channel = |relay: &Relay| {
-            let rate = self
-                .module_of(*relay)
-                .ok()
-                .and_then(|(module, _)| module.model().scan_rate());
-            1.0 / f64::from(rate.unwrap_or(100)) + integration
-        };
-        let seconds = if scan.is_empty() {
-            integration
-        } else {
-            scan.iter().map(channel).sum()
-        };
-        link + Duration::from_secs_f64(1.5 * seconds)
-    }
-}
-
-impl<S: Stream> Switch for Keysight34980a<S> {
-    /// Holds the moves back for the next question, unless nothing is opened: then the relays close at once.
-    async fn move_relays(&mut self, moves: &[Move]) -> Result<(), RigError> {
+    /// Relay moves as commands, each relay checked to be there.
+    fn commands(&self, moves: &[Move]) -> Result<Vec<Command>, RigError> {
         let mut commands = Vec::new();
-        let mut opens = false;
         for one in moves {
             let (Move::Close(relays) | Move::Open(relays)) = one;
             self.check_exist(relays)?;
@@ -279,12 +252,77 @@ impl<S: Stream> Switch for Keysight34980a<S> {
             let list = compact(relays);
             commands.push(match one {
                 Move::Close(_) => Route::Close(list).into(),
-                Move::Open(_) => {
-                    opens = true;
-                    Route::Open(list).into()
-                }
+                Move::Open(_) => Route::Open(list).into(),
             });
         }
+        Ok(commands)
+    }
+
+    fn check_range(&self, range: Volts) -> Result<(), RigError> {
+        if RANGES.contains(&range.0) {
+            return Ok(());
+        }
+        Err(RigError::VoltageOutOfRange {
+            instrument: self.about.instrument.clone(),
+            asked: range,
+            allowed: "0.1, 1, 10, 100 and 300 V".to_owned(),
+        })
+    }
+
+    /// What has been prepared to be scanned, on the prepared range.
+    async fn prepared_samples(&self) -> Vec<Sample> {
+        let unit = self.unit.lock().await;
+        let sample = |prepared: &Prepared| {
+            let range = prepared.meter.range;
+            let relays = prepared.scan.iter().copied();
+            relays.map(|relay| Sample { relay, range }).collect()
+        };
+        unit.prepared.as_ref().map(sample).unwrap_or_default()
+    }
+
+    async fn prepared_range(&self) -> Volts {
+        let unit = self.unit.lock().await;
+        let prepared = unit.prepared.as_ref();
+        // unprepared, whatever range there is will be refused
+        prepared.map_or(Volts(RANGES[0]), |prepared| prepared.meter.range)
+    }
+
+    fn unable(&self, what: String) -> RigError {
+        RigError::Unable {
+            instrument: self.about.instrument.clone(),
+            what,
+        }
+    }
+
+    /// How long the readings of one message may take, beside what any answer may take: as the plan says, else by
+    /// section 9 with half as much again.
+    fn deadline(&self, meter: MeterSettings, scan: &[Relay], link: Duration) -> Duration {
+        let zero = if meter.autozero { 2.0 } else { 1.0 };
+        let integration = zero * meter.nplc / SLOWEST_LINE_HZ;
+        let delay = meter.channel_delay.as_secs_f64();
+        let channel = |relay: &Relay| {
+            let rate = self
+                .module_of(*relay)
+                .ok()
+                .and_then(|(module, _)| module.model().scan_rate());
+            1.0 / f64::from(rate.unwrap_or(100)) + integration + delay
+        };
+        let seconds: f64 = if scan.is_empty() {
+            integration
+        } else {
+            scan.iter().map(channel).sum()
+        };
+        let own = Duration::from_secs_f64(1.5 * f64::from(meter.averages) * seconds);
+        link + meter.deadline.unwrap_or(own)
+    }
+}
+
+impl<S: Stream> Switch for Keysight34980a<S> {
+    /// Holds the moves back for the next question, unless nothing is opened: then the relays close at once.
+    async fn move_relays(&mut self, moves: &[Move]) -> Result<(), RigError> {
+        let commands = self.commands(moves)?;
+        let opens = |command: &Command| matches!(command, Command::Route(Route::Open(_)));
+        let opens = commands.iter().any(opens);
         if commands.is_empty() {
             return Ok(());
         }
@@ -353,47 +391,84 @@ impl<S: Stream> Voltmeter for Keysight34980a<S> {
     /// Sets everything once, and reads it back every time. The first time the instrument is reset, which opens every
     /// relay.
     async fn prepare(&mut self, meter: MeterSettings, scan: &[Relay]) -> Result<(), RigError> {
-        if !RANGES.contains(&meter.range.0) {
-            return Err(RigError::VoltageOutOfRange {
-                instrument: self.about.instrument.clone(),
-                asked: meter.range,
-                allowed: "0.1, 1, 10, 100 and 300 V".to_owned(),
-            });
-        }
+        self.check_range(meter.range)?;
         if !INTEGRATION.iter().any(|(nplc, _)| *nplc == meter.nplc) {
             return Err(self.unable(format!(
                 "integrate over {} power-line cycles; 0.02, 0.2, 1, 2, 10, 20, 100 and 200 can be",
                 meter.nplc
             )));
         }
+        if !(1..=MOST_SWEEPS).contains(&meter.averages) {
+            return Err(self.unable(format!(
+                "average {} readings; 1 to {MOST_SWEEPS} can be",
+                meter.averages
+            )));
+        }
+        if meter.channel_delay > LONGEST_DELAY || meter.channel_delay.subsec_micros() % 1000 != 0 {
+            return Err(self.unable(format!(
+                "wait {:?} before each channel; 0 to 60 s can be, in whole milliseconds",
+                meter.channel_delay
+            )));
+        }
         self.check_scan(scan)?;
         let mut unit = self.unit.lock().await;
         let wanted = Prepared {
-            meter,
-            scan: scan.to_vec(),
             deadline: self.deadline(meter, scan, unit.link.deadline()),
+            meter: MeterSettings {
+                deadline: None,
+                ..meter
+            },
+            scan: scan.to_vec(),
         };
-        if unit.prepared.take().as_ref() != Some(&wanted) {
-            unit.set_up(&wanted).await?;
-        }
+        let before = unit.prepared.take();
+        unit.bring_to(&wanted, before).await?;
         unit.verify(&wanted).await?;
         unit.prepared = Some(wanted);
         Ok(())
     }
 
     async fn scan(&mut self) -> Result<Vec<Reading>, RigError> {
-        let mut unit = self.unit.lock().await;
-        if unit
-            .prepared
-            .as_ref()
-            .is_some_and(|prepared| prepared.scan.is_empty())
-        {
-            return Err(self.unable("scan: it was prepared for single readings".to_owned()));
+        let samples = self.prepared_samples().await;
+        self.scan_on(&samples).await
+    }
+
+    async fn scan_on(&mut self, channels: &[Sample]) -> Result<Vec<Reading>, RigError> {
+        for channel in channels {
+            self.check_range(channel.range)?;
         }
-        unit.measure().await
+        let mut unit = self.unit.lock().await;
+        let prepared = unit.prepared.as_ref().map(|prepared| &prepared.scan);
+        let stranger = prepared.and_then(|scan| {
+            let unknown = |channel: &&Sample| !scan.contains(&channel.relay);
+            channels.iter().find(unknown)
+        });
+        if prepared.is_some() && (channels.is_empty() || stranger.is_some()) {
+            return Err(self.unable(match stranger {
+                Some(channel) => format!("scan relay {}: it was not prepared", channel.relay),
+                None => "scan: it was prepared for single readings".to_owned(),
+            }));
+        }
+        unit.scan(channels).await
     }
 
     async fn read(&mut self) -> Result<Reading, RigError> {
+        let range = self.prepared_range().await;
+        self.read_on(range).await
+    }
+
+    async fn read_on(&mut self, range: Volts) -> Result<Reading, RigError> {
+        // `chain` has seen to it that there is exactly one.
+        let moves = Vec::new();
+        let readings = self.chain(&[Hop { moves, range }]).await?;
+        Ok(readings.first().copied().unwrap_or(Reading::NotMeasured))
+    }
+
+    async fn chain(&mut self, hops: &[Hop]) -> Result<Vec<Reading>, RigError> {
+        let mut moves = Vec::with_capacity(hops.len());
+        for hop in hops {
+            self.check_range(hop.range)?;
+            moves.push((self.commands(&hop.moves)?, hop.range));
+        }
         let mut unit = self.unit.lock().await;
         if unit
             .prepared
@@ -402,8 +477,6 @@ impl<S: Stream> Voltmeter for Keysight34980a<S> {
         {
             return Err(self.unable("read once: it was prepared to scan".to_owned()));
         }
-        // `measure` has seen to it that there is exactly one.
-        let readings = unit.measure().await?;
-        Ok(readings.first().copied().unwrap_or(Reading::NotMeasured))
+        unit.chain(moves).await
     }
 }

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use keysight_34980a::{Keysight34980a, Settings34980a, Simulator34980a};
-use rig::{Link, LinkError, MeterSettings, Move, RigError, Switch, Voltmeter};
+use rig::{Hop, Link, LinkError, MeterSettings, Move, RigError, Sample, Switch, Voltmeter};
 use scpi::Framer;
 use stand_in::{Sheet, mainframe};
 use survey::{Reading, Relay, Volts, Wiring};
@@ -96,11 +96,10 @@ impl Shared {
     }
 }
 
-const METER: MeterSettings = MeterSettings {
-    range: Volts(100.0),
-    nplc: 1.0,
-    autozero: false,
-};
+/// The end of every message that measures.
+const READ: &str = "READ?;:SYST:ERR?";
+
+const METER: MeterSettings = MeterSettings::new(Volts(100.0), 1.0);
 
 fn relays(numbers: impl IntoIterator<Item = u32>) -> Vec<Relay> {
     numbers.into_iter().map(Relay).collect()
@@ -162,9 +161,9 @@ async fn pair_wiring_costs_26_reading_messages_of_one_segment_each() {
             .collect();
         assert_eq!(readings, expected);
         let said = match pair {
-            0 => "READ?".to_owned(),
+            0 => "READ?;:SYST:ERR?".to_owned(),
             _ => format!(
-                "ROUT:CLOS (@{});:ROUT:OPEN (@{});:READ?",
+                "ROUT:CLOS (@{});:ROUT:OPEN (@{});:READ?;:SYST:ERR?",
                 1036 + pair,
                 1035 + pair
             ),
@@ -174,10 +173,7 @@ async fn pair_wiring_costs_26_reading_messages_of_one_segment_each() {
     switch.open_verified(&relays(1036..=1061)).await.unwrap();
     assert_eq!(
         shared.heard(),
-        [
-            "ROUT:OPEN (@1036:1061);:ROUT:CLOS? (@1036:1061)",
-            "SYST:ERR?"
-        ]
+        ["ROUT:OPEN (@1036:1061);:ROUT:CLOS? (@1036:1061)"]
     );
     assert!(shared.closed().is_empty());
 
@@ -214,7 +210,10 @@ async fn matrix_wiring_reads_the_bare_voltmeter_behind_the_bus_relay() {
     assert_eq!(meter.read().await.unwrap(), Reading::Ok(Volts(1.501)));
     assert_eq!(
         shared.heard(),
-        ["READ?", "ROUT:OPEN (@1103);:ROUT:CLOS (@1501);:READ?"]
+        [
+            "READ?;:SYST:ERR?",
+            "ROUT:OPEN (@1103);:ROUT:CLOS (@1501);:READ?;:SYST:ERR?"
+        ]
     );
     assert!(matches!(meter.scan().await, Err(RigError::Unable { .. })));
 }
@@ -250,7 +249,10 @@ async fn an_overload_is_a_gap_and_a_wrong_count_is_no_readings_at_all() {
     switch.move_relays(&[close(&[1037])]).await.unwrap();
     assert_eq!(meter.scan().await.unwrap(), [Reading::Overload; 3]);
     // not a number, and a number that no voltmeter can read on its 1 V range
-    shared.lie("READ?", "+1.00000000E+00,+9.91000000E+37,+5.00000000E+03");
+    shared.lie(
+        READ,
+        "+1.00000000E+00,+9.91000000E+37,+5.00000000E+03;+0,\"No error\"",
+    );
     assert_eq!(
         meter.scan().await.unwrap(),
         [
@@ -267,7 +269,12 @@ async fn an_overload_is_a_gap_and_a_wrong_count_is_no_readings_at_all() {
         "none",
     ] {
         shared.truth();
-        shared.lie("READ?", answer);
+        shared.lie(READ, answer);
+        let refusal = meter.scan().await.unwrap_err();
+        assert!(matches!(refusal, RigError::Garbled { .. }), "{answer}");
+        shared.truth();
+        let answer: &'static str = format!("{answer};+0,\"No error\"").leak();
+        shared.lie(READ, answer);
         let refusal = meter.scan().await.unwrap_err();
         assert!(matches!(refusal, RigError::Garbled { .. }), "{answer}");
         assert!(refusal.to_string().contains("3 number"), "{refusal}");
@@ -287,7 +294,7 @@ async fn a_long_scan_is_waited_for_and_silence_is_not() {
     switch.move_relays(&[close(&[1036])]).await.unwrap();
     // 26 readings of 0.4 s each are far over the link's own 2 s.
     assert_eq!(meter.scan().await.unwrap().len(), 26);
-    shared.lie("READ?", "");
+    shared.lie(READ, "");
     let begun = Instant::now();
     let fault = meter.scan().await.unwrap_err();
     assert!(matches!(fault, RigError::Link(LinkError::Timeout { .. })));
@@ -430,27 +437,192 @@ async fn relays_left_closed_are_found_so_and_opened_in_one_message() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_refused_move_is_told_at_the_end_of_the_frame() {
+async fn a_refused_move_fails_its_own_message_and_is_named() {
     let (shared, mut switch) = connected(&["34924A"]).await;
     let mut meter = switch.clone();
     meter.prepare(METER, &relays(1001..=1026)).await.unwrap();
+    switch.move_relays(&[close(&[1036])]).await.unwrap();
     // Channel 30 lies in the scanned bank.
     switch
         .move_relays(&[close(&[1030]), open(&[1036])])
         .await
         .unwrap();
-    meter.scan().await.unwrap();
-    let refusal = switch
-        .open_verified(&relays([1030, 1036]))
-        .await
-        .unwrap_err();
+    let refusal = meter.scan().await.unwrap_err();
     assert!(
         matches!(refusal, RigError::Refused { code: 301, .. }),
         "{refusal}"
     );
+    let told = refusal.to_string();
+    assert!(
+        told.contains(
+            "refused 'ROUT:CLOS (@1030)' in 'ROUT:CLOS (@1030);:ROUT:OPEN (@1036);:READ?"
+        ),
+        "{told}"
+    );
+    // The queue is empty again, and the next preparation sets everything anew.
     shared.heard();
-    switch.open_verified(&relays([1030])).await.unwrap();
+    switch.open_verified(&relays([1030, 1036])).await.unwrap();
     assert_eq!(shared.heard().len(), 1);
+    meter.prepare(METER, &relays(1001..=1026)).await.unwrap();
+    assert!(shared.heard()[0].starts_with("CONF:VOLT:DC 100"));
+    meter.scan().await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_refused_reading_answers_nothing_and_is_told_by_its_error() {
+    let (shared, switch) = connected(&["34924A"]).await;
+    let mut meter = switch.clone();
+    meter.prepare(METER, &relays(1001..=1003)).await.unwrap();
+    for (code, text) in [(-221, "Settings conflict; perhaps"), (723, "Strange")] {
+        let answer: &'static str = format!("{code},\"{text}\"").leak();
+        shared.lie(READ, answer);
+        let refusal = meter.scan().await.unwrap_err();
+        assert!(
+            matches!(&refusal, RigError::Refused { code: told, command, .. }
+                if *told == code && command == "READ?' in 'READ?;:SYST:ERR?"),
+            "{refusal}"
+        );
+        shared.truth();
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn each_channel_is_scanned_on_its_own_range_set_in_the_same_message_where_it_changes() {
+    let (shared, mut switch) = connected(&["34924A"]).await;
+    let mut meter = switch.clone();
+    meter.prepare(METER, &relays(1001..=1004)).await.unwrap();
+    switch.move_relays(&[close(&[1036])]).await.unwrap();
+    shared.heard();
+    let on = |ranges: [f64; 4]| -> Vec<Sample> {
+        (1001..)
+            .zip(ranges)
+            .map(|(relay, range)| Sample {
+                relay: Relay(relay),
+                range: Volts(range),
+            })
+            .collect()
+    };
+    // 1.001 to 1.004 V behind the four channels
+    let readings = meter.scan_on(&on([10.0, 0.1, 10.0, 100.0])).await.unwrap();
+    assert_eq!(readings[1], Reading::Overload);
+    assert!(readings[0].is_ok() && readings[2].is_ok() && readings[3].is_ok());
+    assert_eq!(
+        shared.heard(),
+        ["VOLT:DC:RANG 10,(@1001,1003);:VOLT:DC:RANG 0.1,(@1002);:READ?;:SYST:ERR?"]
+    );
+    meter.scan_on(&on([10.0, 10.0, 10.0, 100.0])).await.unwrap();
+    assert_eq!(
+        shared.heard(),
+        ["VOLT:DC:RANG 10,(@1002);:READ?;:SYST:ERR?"]
+    );
+    // The next frame finds them as they were left, and says so to nobody.
+    meter.prepare(METER, &relays(1001..=1004)).await.unwrap();
+    assert!(shared.heard().iter().all(|said| !said.contains("RANG 1")));
+    assert!(matches!(
+        meter.scan_on(&on([10.0, 2.0, 10.0, 100.0])).await,
+        Err(RigError::VoltageOutOfRange { .. })
+    ));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_shorter_scan_has_its_list_in_the_same_message_and_a_stranger_is_refused() {
+    let (shared, mut switch) = connected(&["34924A"]).await;
+    let mut meter = switch.clone();
+    meter.prepare(METER, &relays(1001..=1006)).await.unwrap();
+    switch.move_relays(&[close(&[1036])]).await.unwrap();
+    shared.heard();
+    let of = |numbers: &[u32]| -> Vec<Sample> {
+        let sample = |relay| Sample {
+            relay,
+            range: Volts(100.0),
+        };
+        relays(numbers.iter().copied())
+            .into_iter()
+            .map(sample)
+            .collect()
+    };
+    let short = meter.scan_on(&of(&[1005, 1002])).await.unwrap();
+    assert_eq!(short, [1.005, 1.002].map(|volts| Reading::Ok(Volts(volts))));
+    assert_eq!(shared.heard(), ["ROUT:SCAN (@1002,1005);:READ?;:SYST:ERR?"]);
+    assert_eq!(meter.scan_on(&of(&[1005, 1002])).await.unwrap(), short);
+    assert_eq!(shared.heard(), ["READ?;:SYST:ERR?"]);
+    assert!(matches!(
+        meter.scan_on(&of(&[1007])).await,
+        Err(RigError::Unable { .. })
+    ));
+    meter.prepare(METER, &relays(1001..=1006)).await.unwrap();
+    assert_eq!(meter.scan().await.unwrap().len(), 6);
+}
+
+#[tokio::test(start_paused = true)]
+async fn averages_are_sweeps_of_one_message_and_one_overload_voids_its_mean() {
+    let (shared, mut switch) = connected(&["34924A"]).await;
+    let mut meter = switch.clone();
+    let thrice = MeterSettings {
+        averages: 3,
+        channel_delay: Duration::from_millis(4),
+        ..METER
+    };
+    meter.prepare(thrice, &relays(1001..=1002)).await.unwrap();
+    let preparation = shared.heard();
+    for setting in [
+        "TRIG:COUN 3;:SYST:ERR?",
+        "ROUT:CHAN:DEL 0.004,(@1001,1002);:SYST:ERR?",
+    ] {
+        assert!(preparation.iter().any(|said| said == setting), "{setting}");
+    }
+    switch.move_relays(&[close(&[1036])]).await.unwrap();
+    shared.lie(
+        READ,
+        "+1.0E+00,+4.0E+00,+2.0E+00,+9.9E+37,+6.0E+00,+4.0E+00;+0,\"No error\"",
+    );
+    assert_eq!(
+        meter.scan().await.unwrap(),
+        [Reading::Ok(Volts(3.0)), Reading::Overload]
+    );
+    for averages in [0, 50_001] {
+        let refused = MeterSettings { averages, ..METER };
+        assert!(meter.prepare(refused, &[]).await.is_err());
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_chain_of_routes_is_one_message_with_an_answer_each() {
+    let (shared, mut switch) = connected(&["34932A,4x32"]).await;
+    let mut meter = switch.clone();
+    meter.prepare(METER, &[]).await.unwrap();
+    switch.move_relays(&[close(&[1921])]).await.unwrap();
+    switch.move_relays(&[close(&[1201])]).await.unwrap();
+    shared.heard();
+    let hop = |moves: Vec<Move>, range: f64| Hop {
+        moves,
+        range: Volts(range),
+    };
+    let hops = [
+        hop(vec![close(&[1103])], 10.0),
+        hop(vec![open(&[1103]), close(&[1501])], 10.0),
+        hop(vec![open(&[1501]), close(&[1104])], 0.1),
+    ];
+    assert_eq!(
+        meter.chain(&hops).await.unwrap(),
+        [
+            Reading::Ok(Volts(1.103)),
+            Reading::Ok(Volts(1.501)),
+            Reading::Overload
+        ]
+    );
+    assert_eq!(
+        shared.heard(),
+        ["ROUT:CLOS (@1103);:VOLT:DC:RANG 10,(@);:READ?;\
+          :ROUT:OPEN (@1103);:ROUT:CLOS (@1501);:READ?;\
+          :ROUT:OPEN (@1501);:ROUT:CLOS (@1104);:VOLT:DC:RANG 0.1,(@);:READ?;:SYST:ERR?"]
+    );
+    // One answer too few: nobody knows whose is missing.
+    shared.lie(READ, "+1.0E+00;+1.0E+00;+0,\"No error\"");
+    assert!(matches!(
+        meter.chain(&hops[..1]).await,
+        Err(RigError::Garbled { .. })
+    ));
 }
 
 #[tokio::test(start_paused = true)]

@@ -5,20 +5,20 @@
 //! source could not be told to switch off), makes the rig safe, and lets go of it. A cleanup started from a `Drop` would
 //! meet links out of step; this one does not.
 
+mod run;
+
 use std::any::Any;
 use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
 use std::task::Poll;
 use std::time::Duration;
 
-use survey::{Amps, Electrode, Frame, Plan, Reading, Relay, Settings, Step};
+use survey::{Frame, Plan, Precautions, Settings, Step, Volts};
 use tokio::sync::watch;
-use tokio::time::Instant;
 
-use crate::prepare::apply;
-use crate::safe::{CleanupError, every_relay, make_safe};
-use crate::seams::Instruments;
-use crate::{Clock, CurrentSource, MeterSettings, Move, Rig, RigError, Stop, Switch, Voltmeter};
+use crate::safe::{CleanupError, make_safe};
+use crate::{Clock, CurrentSource, MeterSettings, Rig, RigError, Stop, Switch, Voltmeter};
+use run::Run;
 
 /// Why there is no frame. Every variant but the `Unsafe` ones leaves the source off and verified and the injecting
 /// relays open. `off_after` is the time from the detection to the read-back that the source is off.
@@ -159,18 +159,7 @@ where
     let shared = Arc::new(plan.clone());
     let (plan_of_task, stop) = (Arc::clone(&shared), stop.clone());
     let task = tokio::spawn(async move {
-        let mut run = Run {
-            plan: &plan_of_task,
-            meter,
-            stop,
-            caller,
-            readings: vec![Reading::NotMeasured; plan_of_task.protocol.len()],
-            compliance: Vec::new(),
-            level: None,
-            on: false,
-            driven: Vec::new(),
-            off_after: None,
-        };
+        let mut run = Run::new(&plan_of_task, meter, stop, caller);
         let outcome = caught(run.every_step(&mut instruments)).await;
         let ended = match outcome {
             Ok(Ok(())) => Ok(()),
@@ -185,9 +174,9 @@ where
                 std::panic::resume_unwind(panic)
             }
         };
-        ended.map(|()| (run.readings, run.compliance))
+        ended.map(|()| (run.readings, run.extra, run.compliance))
     });
-    let (readings, compliance) = match task.await {
+    let (readings, extra, compliance) = match task.await {
         Ok(ended) => ended?,
         Err(join) => match join.try_into_panic() {
             Ok(panic) => std::panic::resume_unwind(panic),
@@ -201,6 +190,7 @@ where
     Ok(Frame {
         sequence: 0,
         readings,
+        extra,
         monotonic,
         wall,
         duration: clock.monotonic().saturating_sub(monotonic),
@@ -212,17 +202,28 @@ where
 
 /// The settings that a frame of this plan and meter carries; a baseline can be checked against them before acquiring.
 pub fn settings(plan: &Plan, meter: MeterSettings) -> Settings {
-    let settle = plan.steps.iter().find_map(|step| match step {
-        Step::Settle { wait } => Some(*wait),
-        _ => None,
-    });
+    let ranges = plan.ranges();
+    let planned_ranges = ranges.iter().any(Option::is_some);
+    let range = ranges
+        .iter()
+        .map(|range| range.unwrap_or(meter.range).0)
+        .reduce(f64::max)
+        .map_or(meter.range, Volts);
     Settings {
         protocol_hash: plan.protocol.hash(),
         current: plan.current,
-        range: meter.range,
+        range,
         nplc: meter.nplc,
-        settle: settle.unwrap_or(Duration::ZERO),
+        settle: plan.settle,
         wiring: plan.wiring.name.clone(),
+        precautions: Precautions {
+            autozero: meter.autozero,
+            averages: meter.averages,
+            channel_delay: meter.channel_delay,
+            reversal: plan.reversal,
+            zeroed: false,
+            planned_ranges,
+        },
     }
 }
 
@@ -256,207 +257,6 @@ impl Cut {
             (Self::Stop(number), Err(cleanup)) => AcquireError::StoppedUnsafe { number, cleanup },
         }
     }
-}
-
-/// One run of a plan.
-struct Run<'a> {
-    plan: &'a Plan,
-    meter: MeterSettings,
-    stop: Stop,
-    /// Closed when the caller has dropped its future.
-    caller: watch::Receiver<()>,
-    readings: Vec<Reading>,
-    compliance: Vec<Electrode>,
-    /// The source's level as last set; unknown at first.
-    level: Option<Amps>,
-    on: bool,
-    /// Injecting relays that are to be closed now.
-    driven: Vec<Relay>,
-    /// How long switching off took, where it was done while a reading was under way.
-    off_after: Option<Duration>,
-}
-
-impl Run<'_> {
-    async fn every_step<C, W, V>(&mut self, rig: &mut Instruments<C, W, V>) -> Result<(), Cut>
-    where
-        C: CurrentSource,
-        W: Switch,
-        V: Voltmeter,
-    {
-        if self.is_over() {
-            return Err(Cut::Stop(1));
-        }
-        apply(rig, self.plan, self.meter)
-            .await
-            .map_err(Cut::Prepare)?;
-        let plan = self.plan;
-        for (index, step) in plan.steps.iter().enumerate() {
-            if self.is_over() {
-                return Err(Cut::Stop(index + 1));
-            }
-            self.step(rig, step)
-                .await
-                .map_err(|cause| Cut::Step(index + 1, step.clone(), cause))?;
-        }
-        Ok(())
-    }
-
-    fn is_over(&self) -> bool {
-        self.stop.is_asked() || self.caller.has_changed().is_err()
-    }
-
-    async fn step<C, W, V>(
-        &mut self,
-        rig: &mut Instruments<C, W, V>,
-        step: &Step,
-    ) -> Result<(), RigError>
-    where
-        C: CurrentSource,
-        W: Switch,
-        V: Voltmeter,
-    {
-        match step {
-            Step::AllOff => {
-                self.off(&mut rig.source).await?;
-                if !self.driven.is_empty() {
-                    crate::safe::check_driven(&mut rig.switch, &self.plan.wiring, &self.driven)
-                        .await?;
-                    self.driven.clear();
-                }
-                rig.switch
-                    .open_verified(&every_relay(&self.plan.wiring))
-                    .await
-            }
-            Step::Bus { close } => rig.switch.move_relays(&[Move::Close(close.clone())]).await,
-            Step::Break { open, close, .. } => {
-                self.drive(rig, Amps(0.0)).await?;
-                rig.switch.move_relays(&moves(open, close)).await?;
-                rig.switch.settle().await?;
-                self.driven.clone_from(close);
-                self.drive(rig, self.plan.current).await
-            }
-            Step::Overlap { open, close, .. } => {
-                self.driven.clone_from(close);
-                let close = Move::Close(close.clone());
-                let open = Move::Open(open.clone());
-                rig.switch.move_relays(&[close, open]).await?;
-                if !self.on {
-                    // switched off in compliance: it goes on again only when its pair is there
-                    rig.switch.settle().await?;
-                }
-                self.drive(rig, self.plan.current).await
-            }
-            Step::Settle { wait } => {
-                rig.switch.settle().await?;
-                tokio::select! {
-                    () = tokio::time::sleep(*wait) => {}
-                    () = self.stop.asked() => {}
-                }
-                Ok(())
-            }
-            Step::Scan { readings } => {
-                let scanned = self.guarded(&mut rig.source, rig.voltmeter.scan()).await?;
-                if scanned.len() != readings.len() {
-                    return Err(RigError::ReadingCount {
-                        came: scanned.len(),
-                        expected: readings.len(),
-                    });
-                }
-                for (index, reading) in readings.iter().zip(scanned) {
-                    if let Some(index) = index {
-                        self.readings[*index] = reading;
-                    }
-                }
-                Ok(())
-            }
-            Step::Route { open, close, .. } => rig.switch.move_relays(&moves(open, close)).await,
-            Step::Read { reading } => {
-                let read = self.guarded(&mut rig.source, rig.voltmeter.read()).await?;
-                self.readings[*reading] = read;
-                Ok(())
-            }
-            Step::Compliance { drive } => {
-                if rig.source.in_compliance().await? {
-                    // the next injection switches it on again
-                    self.off(&mut rig.source).await?;
-                    self.compliance.push(drive.plus);
-                    for (question, reading) in self
-                        .plan
-                        .protocol
-                        .measurements()
-                        .iter()
-                        .zip(&mut self.readings)
-                    {
-                        if question.drive == *drive {
-                            *reading = Reading::NotMeasured;
-                        }
-                    }
-                }
-                Ok(())
-            }
-        }
-    }
-
-    /// Switches the source off, read back.
-    async fn off<C: CurrentSource>(&mut self, source: &mut C) -> Result<(), RigError> {
-        (self.level, self.on) = (None, false);
-        source.off().await
-    }
-
-    /// Waits for a reading. Readings may take minutes, the source's own wire is free meanwhile: a stop switches the
-    /// source off at once, and what is read after that is thrown away with the frame.
-    async fn guarded<C: CurrentSource, T>(
-        &mut self,
-        source: &mut C,
-        reading: impl Future<Output = Result<T, RigError>>,
-    ) -> Result<T, RigError> {
-        let mut reading = std::pin::pin!(reading);
-        let (mut stop, mut caller) = (self.stop.clone(), self.caller.clone());
-        tokio::select! {
-            biased;
-            answer = &mut reading => return answer,
-            () = stop.asked() => {}
-            // nothing is ever sent: only the caller's going away is heard
-            _ = caller.changed() => {}
-        }
-        let detected = Instant::now();
-        // The voltmeter's answer is awaited beside it: half an exchange would leave its link out of step.
-        let off = async {
-            let off = self.off(source).await;
-            (off, detected.elapsed())
-        };
-        let ((off, after), answer) = tokio::join!(off, reading);
-        off?;
-        self.off_after = Some(after);
-        answer
-    }
-
-    /// Brings the source to a level, saying nothing that it was told before. The output goes on at 0 A, never at a level.
-    async fn drive<C: CurrentSource, W, V>(
-        &mut self,
-        rig: &mut Instruments<C, W, V>,
-        level: Amps,
-    ) -> Result<(), RigError> {
-        if self.level.is_none() && level != Amps(0.0) {
-            rig.source.set_current(Amps(0.0)).await?;
-        }
-        if level != Amps(0.0) && !self.on {
-            rig.source.set_output(true).await?;
-            self.on = true;
-        }
-        if self.level != Some(level) {
-            rig.source.set_current(level).await?;
-            self.level = Some(level);
-        }
-        Ok(())
-    }
-}
-
-/// Open, then close; nothing for an empty list.
-fn moves(open: &[Relay], close: &[Relay]) -> Vec<Move> {
-    let open = (!open.is_empty()).then(|| Move::Open(open.to_vec()));
-    let close = (!close.is_empty()).then(|| Move::Close(close.to_vec()));
-    open.into_iter().chain(close).collect()
 }
 
 /// Runs a future, and catches its panic so that the rig can be made safe before it is handed on.

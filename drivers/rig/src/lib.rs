@@ -49,6 +49,9 @@ pub use prepare::prepare;
 pub use safe::{
     CleanupError, FoundRelay, StartError, check_at_start, find_closed, name_relays, safe_off,
 };
-pub use seams::{CurrentSource, Instruments, MeterSettings, Move, Rig, Switch, Voltmeter};
+pub use seams::{
+    Compliance, CurrentSource, Hop, Instruments, MeterSettings, Move, Rig, Sample, Switch,
+    Voltmeter, mean,
+};
 pub use stop::{Stop, StopButton};
 pub use tape::{Reel, Tape};

@@ -2,6 +2,7 @@
 
 use std::future::Future;
 use std::sync::Arc;
+use std::time::Duration;
 
 use survey::{Amps, Reading, Relay, Volts};
 use tokio::sync::{Mutex, OwnedMutexGuard};
@@ -23,14 +24,35 @@ pub trait CurrentSource: Send {
     /// Switches the output.
     fn set_output(&mut self, on: bool) -> impl Future<Output = Result<(), RigError>> + Send;
 
+    /// Reads whether the voltage limit holds the current back now, or has begun to since the last call.
+    fn compliance(&mut self) -> impl Future<Output = Result<Compliance, RigError>> + Send;
+
     /// Reads whether the voltage limit holds the current back now, or has since the last call.
-    fn in_compliance(&mut self) -> impl Future<Output = Result<bool, RigError>> + Send;
+    fn in_compliance(&mut self) -> impl Future<Output = Result<bool, RigError>> + Send {
+        async { Ok(self.compliance().await?.ever()) }
+    }
 
     /// Sets 0 A and output off, then reads both back.
     ///
     /// # Errors
     /// [`RigError::NotOff`] when the read-back says otherwise.
     fn off(&mut self) -> impl Future<Output = Result<(), RigError>> + Send;
+}
+
+/// What a source says of its voltage limit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Compliance {
+    /// It holds the current back now.
+    pub now: bool,
+    /// It began to, at some time since the last call.
+    pub since: bool,
+}
+
+impl Compliance {
+    /// Now, or since the last call.
+    pub fn ever(self) -> bool {
+        self.now || self.since
+    }
 }
 
 /// One thing to do with relays.
@@ -70,15 +92,69 @@ pub trait Switch: Send {
 /// How the voltmeter is to measure.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeterSettings {
-    /// One range for every reading.
+    /// The range of every reading that has none of its own.
     pub range: Volts,
     /// Integration, power-line cycles: 0.02, 0.2, 1, 2, 10, 20, 100 or 200.
     pub nplc: f64,
     /// Whether a zero reading follows every reading.
     pub autozero: bool,
+    /// Readings averaged to one, 1 or more.
+    pub averages: u32,
+    /// Waited before each scanned channel.
+    pub channel_delay: Duration,
+    /// How long the readings of one question may take ([`survey::Plan::longest_answer`]), beside what any answer may
+    /// take on its way; `None`: as long as the voltmeter itself thinks.
+    pub deadline: Option<Duration>,
 }
 
-/// Reads voltages.
+impl MeterSettings {
+    /// One reading each, autozero off, no delay.
+    pub const fn new(range: Volts, nplc: f64) -> Self {
+        Self {
+            range,
+            nplc,
+            autozero: false,
+            averages: 1,
+            channel_delay: Duration::ZERO,
+            deadline: None,
+        }
+    }
+}
+
+/// A channel to scan.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Its relay.
+    pub relay: Relay,
+    /// Its range.
+    pub range: Volts,
+}
+
+/// A pair to join to the voltmeter and to read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Hop {
+    /// The last pair opened, this one closed.
+    pub moves: Vec<Move>,
+    /// Its range.
+    pub range: Volts,
+}
+
+/// The mean of readings of one voltage; the first reason why there is none.
+pub fn mean(readings: &[Reading]) -> Reading {
+    let mut sum = 0.0;
+    for reading in readings {
+        match reading {
+            Reading::Ok(volts) => sum += volts.0,
+            lacking => return *lacking,
+        }
+    }
+    match readings.len() {
+        0 => Reading::NotMeasured,
+        count => Reading::Ok(Volts(sum / count as f64)),
+    }
+}
+
+/// Reads voltages. Where averages are prepared each reading is the mean of so many.
 pub trait Voltmeter: Send {
     /// Sets function, range, integration, and the relays to scan in this order (empty: single readings only).
     fn prepare(
@@ -87,11 +163,29 @@ pub trait Voltmeter: Send {
         scan: &[Relay],
     ) -> impl Future<Output = Result<(), RigError>> + Send;
 
-    /// Scans the prepared list once; one reading a relay, in its order.
+    /// Scans the prepared list once on the prepared range; one reading a relay, in its order.
     fn scan(&mut self) -> impl Future<Output = Result<Vec<Reading>, RigError>> + Send;
 
-    /// Reads once what the switch has joined to the voltmeter.
+    /// Scans these channels, each on its range; one reading a channel, in their order.
+    fn scan_on(
+        &mut self,
+        channels: &[Sample],
+    ) -> impl Future<Output = Result<Vec<Reading>, RigError>> + Send;
+
+    /// Reads once what the switch has joined to the voltmeter, on the prepared range.
     fn read(&mut self) -> impl Future<Output = Result<Reading, RigError>> + Send;
+
+    /// Reads once what the switch has joined to the voltmeter.
+    fn read_on(&mut self, range: Volts) -> impl Future<Output = Result<Reading, RigError>> + Send;
+
+    /// Joins and reads one pair after the other in a single message.
+    ///
+    /// # Errors
+    /// [`RigError::Unable`] where the voltmeter has no relays.
+    fn chain(
+        &mut self,
+        hops: &[Hop],
+    ) -> impl Future<Output = Result<Vec<Reading>, RigError>> + Send;
 }
 
 /// The three things of a rig, whoever implements them. Switch and voltmeter may be two handles of one instrument.

@@ -9,11 +9,7 @@ use rig::{AcquireError, Clock, MeterSettings, RigError, Stop, acquire, check_at_
 use stand_in::{Fault, Part, StandIn};
 use survey::{Amps, Electrode, Frame, Plan, Protocol, Reading, Relay, Volts, Wiring};
 
-const METER: MeterSettings = MeterSettings {
-    range: Volts(1.0),
-    nplc: 1.0,
-    autozero: false,
-};
+const METER: MeterSettings = MeterSettings::new(Volts(1.0), 1.0);
 
 /// Stands still.
 struct Frozen;
@@ -144,7 +140,7 @@ async fn a_stop_is_heard_between_two_steps() {
                 Err(AcquireError::Stopped { .. }) => {}
                 // pressed while the last step was under way
                 Ok(_) => assert!(
-                    call + 4 > stand_in.calls(),
+                    call + 5 > stand_in.calls(),
                     "{call} of {}",
                     stand_in.calls()
                 ),

@@ -10,9 +10,8 @@ use survey::{Amps, Plan, Protocol, Relay, Volts, Wiring};
 use tokio::time::Instant;
 
 const METER: MeterSettings = MeterSettings {
-    range: Volts(1.0),
-    nplc: 200.0,
     autozero: true,
+    ..MeterSettings::new(Volts(1.0), 200.0)
 };
 
 /// What the issue allows from detection to verified off.

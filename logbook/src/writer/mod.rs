@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use chrono::{DateTime, Utc};
 use rusqlite::{Connection, OpenFlags, OptionalExtension, params};
-use survey::{Baseline, Frame, Quality, Reading, Settings, Volts};
+use survey::{Baseline, Checks, Frame, Quality, Reading, Settings, Volts};
 
 use crate::codec::{EncodeError, Reference, encode};
 use crate::row::{FrameRow, baseline_checksum, pack_hash, reference_checksum};
@@ -31,7 +31,7 @@ pub struct SessionWriter {
     path: PathBuf,
     protocol_hash: String,
     readings: usize,
-    twins: Vec<Option<usize>>,
+    checks: Checks,
     sequence: u64,
     references: References,
     settings: Option<(i64, Settings)>,
@@ -87,7 +87,7 @@ impl SessionWriter {
             connection,
             protocol_hash: header.protocol.hash(),
             readings: header.protocol.len(),
-            twins: header.protocol.reciprocal_twins(),
+            checks: Checks::new(&header.protocol),
             path,
             sequence: 0,
             references: References::default(),
@@ -205,13 +205,7 @@ impl SessionWriter {
                 };
                 let row = frame_row(sequence, frame, map, packed.reference, &packed.blob)?;
                 write_reference(&transaction, &packed)?;
-                write_frame(
-                    &transaction,
-                    &row,
-                    frame.quality(&self.twins),
-                    settings,
-                    mapper,
-                )?;
+                write_frame(&transaction, &row, &self.checks.of(frame), settings, mapper)?;
             }
             transaction.commit()?;
             Ok(())
@@ -273,6 +267,7 @@ impl SessionWriter {
             .map_err(|source| self.write_failed("writing the baseline", source))?;
         self.settings = Some((settings, baseline.settings.clone()));
         self.references.set_baseline(&baseline.readings);
+        self.checks = self.checks.clone().against(&baseline.readings);
         Ok(())
     }
 
@@ -348,6 +343,8 @@ impl SessionWriter {
 }
 
 fn settings_id(connection: &Connection, settings: &Settings, settle: i64) -> rusqlite::Result<i64> {
+    let precautions = serde_json::to_string(&settings.precautions)
+        .map_err(|cause| rusqlite::Error::ToSqlConversionFailure(cause.into()))?;
     let values = params![
         settings.protocol_hash,
         settings.current.0,
@@ -355,11 +352,12 @@ fn settings_id(connection: &Connection, settings: &Settings, settle: i64) -> rus
         settings.nplc,
         settle,
         settings.wiring,
+        precautions,
     ];
     let known = connection
         .query_row(
             "SELECT id FROM settings WHERE protocol_hash = ?1 AND current_a = ?2 AND range_v = ?3 AND nplc = ?4
-                AND settle_ns = ?5 AND wiring = ?6",
+                AND settle_ns = ?5 AND wiring = ?6 AND precautions = ?7",
             values,
             |row| row.get(0),
         )
@@ -368,8 +366,8 @@ fn settings_id(connection: &Connection, settings: &Settings, settle: i64) -> rus
         return Ok(id);
     }
     connection.execute(
-        "INSERT INTO settings (protocol_hash, current_a, range_v, nplc, settle_ns, wiring)
-         VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
+        "INSERT INTO settings (protocol_hash, current_a, range_v, nplc, settle_ns, wiring, precautions)
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
         values,
     )?;
     Ok(connection.last_insert_rowid())
@@ -502,15 +500,16 @@ fn write_reference(transaction: &Connection, packed: &Packed) -> rusqlite::Resul
 fn write_frame(
     transaction: &Connection,
     row: &FrameRow,
-    quality: Quality,
+    quality: &Quality,
     settings: i64,
     mapper: Option<i64>,
 ) -> rusqlite::Result<()> {
     transaction
         .prepare_cached(
             "INSERT INTO frame (sequence, wall_ns, monotonic_ns, duration_ns, settings, simulated, overloads,
-                timeouts, not_measured, reciprocity, compliance, mapper, map_hash, reference, readings, checksum)
-             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16)",
+                timeouts, not_measured, reciprocity, loop_sum, implausible, flags, compliance, mapper, map_hash,
+                reference, readings, checksum)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18, ?19)",
         )?
         .execute(params![
             row.sequence,
@@ -523,6 +522,9 @@ fn write_frame(
             quality.timeouts as i64,
             quality.not_measured as i64,
             quality.reciprocity.filter(|worst| worst.is_finite()),
+            quality.loop_sum.filter(|worst| worst.is_finite()),
+            quality.implausible as i64,
+            quality.words(),
             row.compliance,
             mapper,
             row.map_hash,

@@ -8,7 +8,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use rig::{CurrentSource, LinkError, MeterSettings, Move, Rig, RigError, Switch, Voltmeter};
+use rig::{
+    Compliance, CurrentSource, Hop, LinkError, MeterSettings, Move, Rig, RigError, Sample, Switch,
+    Voltmeter,
+};
 use survey::{Amps, Dipole, Electrode, Measurement, Reading, Relay, Volts, Wiring};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -262,13 +265,15 @@ impl CurrentSource for StandIn {
         Ok(())
     }
 
-    async fn in_compliance(&mut self) -> Result<bool, RigError> {
+    async fn compliance(&mut self) -> Result<Compliance, RigError> {
         let mut world = self.call(Part::Source).await?;
-        world.carry_out();
         let here = world.is_live()
             && world.bad_electrode.is_some()
             && world.driven().map(|pair| pair.plus) == world.bad_electrode;
-        Ok(std::mem::take(&mut world.latched) || here)
+        Ok(Compliance {
+            now: here,
+            since: std::mem::take(&mut world.latched),
+        })
     }
 
     async fn off(&mut self) -> Result<(), RigError> {
@@ -312,13 +317,19 @@ impl Voltmeter for StandIn {
     }
 
     async fn scan(&mut self) -> Result<Vec<Reading>, RigError> {
+        unreachable!("acquire says which channels")
+    }
+
+    async fn scan_on(&mut self, channels: &[Sample]) -> Result<Vec<Reading>, RigError> {
         let mut world = self.call(Part::SwitchAndMeter).await?;
         world.carry_out();
-        let mut readings: Vec<Reading> = world
-            .wiring
-            .measure
+        let pair = |relay: Relay| {
+            let mut pairs = world.wiring.measure.iter();
+            pairs.find(|(_, relays)| relays == &[relay]).unwrap().0
+        };
+        let mut readings: Vec<Reading> = channels
             .iter()
-            .map(|(pair, _)| world.read(*pair))
+            .map(|channel| world.read(pair(channel.relay)))
             .collect();
         if world.loses_a_reading {
             readings.pop();
@@ -327,9 +338,25 @@ impl Voltmeter for StandIn {
     }
 
     async fn read(&mut self) -> Result<Reading, RigError> {
+        unreachable!("acquire says on which range")
+    }
+
+    async fn read_on(&mut self, _: Volts) -> Result<Reading, RigError> {
         let mut world = self.call(Part::SwitchAndMeter).await?;
         world.carry_out();
         let routed = joined(&world.wiring.measure, &world.closed).expect("one pair is routed");
         Ok(world.read(routed))
+    }
+
+    async fn chain(&mut self, hops: &[Hop]) -> Result<Vec<Reading>, RigError> {
+        let mut world = self.call(Part::SwitchAndMeter).await?;
+        let mut readings = Vec::new();
+        for hop in hops {
+            world.held_back.extend(hop.moves.iter().cloned());
+            world.carry_out();
+            let routed = joined(&world.wiring.measure, &world.closed).expect("one pair is routed");
+            readings.push(world.read(routed));
+        }
+        Ok(readings)
     }
 }

@@ -1,0 +1,216 @@
+//! What a rig allows, why a plan cannot be made, and the check of one against the other.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Plan, Step};
+use crate::{Amps, Dipole, Relay, Volts, WiringError};
+
+/// What a rig allows: the smallest over source, switch modules and settings.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Limits {
+    /// Largest current of the source.
+    pub source_current: Amps,
+    /// Range of compliance that the source can be set to.
+    pub source_compliance: (Volts, Volts),
+    /// Largest current through a closed relay.
+    pub relay_current: Amps,
+    /// Largest voltage over an open relay.
+    pub relay_voltage: Volts,
+    /// Whether the voltmeter is set to measure current: then it is a short, and must never meet the source's pair.
+    pub meter_on_current_range: bool,
+}
+
+impl Limits {
+    /// A 6221 behind the in-rush resistors of a 34924A: 105 mA and 0.1 to 105 V from the source, 50 mA and 150 V
+    /// through the relays.
+    pub const REED: Self = Self {
+        source_current: Amps(0.105),
+        source_compliance: (Volts(0.1), Volts(105.0)),
+        relay_current: Amps(0.05),
+        relay_voltage: Volts(150.0),
+        meter_on_current_range: false,
+    };
+
+    /// A 6221 behind the armature relays of a 34932A: 1 A, 300 V.
+    pub const ARMATURE: Self = Self {
+        relay_current: Amps(1.0),
+        relay_voltage: Volts(300.0),
+        ..Self::REED
+    };
+
+    /// A 6221 behind a CD74HC4067 board on 5 V: 25 mA, compliance half a volt below the supply.
+    pub const GPIO_BOARD_5V: Self = Self {
+        relay_current: Amps(0.025),
+        relay_voltage: Volts(4.5),
+        ..Self::REED
+    };
+}
+
+/// Why a plan cannot be made, or must not be run.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PlanError {
+    /// The wiring is unusable or does not fit the protocol.
+    #[error(transparent)]
+    Wiring(#[from] WiringError),
+    /// Current not a positive number.
+    #[error("a current of {0} cannot be injected; give a positive one")]
+    NotACurrent(Amps),
+    /// Over the source's limit.
+    #[error("{asked} is over the source's {most}; nothing is clipped, ask for less")]
+    SourceCurrent {
+        /// Asked.
+        asked: Amps,
+        /// Allowed.
+        most: Amps,
+    },
+    /// Over the relays' limit.
+    #[error("{asked} is over the {most} that a relay of this wiring carries; ask for less")]
+    RelayCurrent {
+        /// Asked.
+        asked: Amps,
+        /// Allowed.
+        most: Amps,
+    },
+    /// Compliance outside the source's range.
+    #[error("a compliance of {asked} is outside the source's {least} to {most}")]
+    Compliance {
+        /// Asked.
+        asked: Volts,
+        /// Smallest.
+        least: Volts,
+        /// Largest.
+        most: Volts,
+    },
+    /// Compliance over what an open relay withstands.
+    #[error(
+        "a compliance of {asked} is over the {most} that an open relay of this wiring withstands"
+    )]
+    RelayVoltage {
+        /// Asked.
+        asked: Volts,
+        /// Allowed.
+        most: Volts,
+    },
+    /// The voltmeter, on a current range, would short the source.
+    #[error(
+        "step {step}: pair {pair} is joined to the source and to the voltmeter on a current range, which shorts the source"
+    )]
+    MeterShortsSource {
+        /// Number of the step, from 1.
+        step: usize,
+        /// The pair.
+        pair: Dipole,
+    },
+    /// More or fewer than one injecting pair closed while the source is on.
+    #[error(
+        "step {step}: {closed} injecting pairs are closed while the source is on and a reading is taken"
+    )]
+    InjectingPairs {
+        /// Number of the step, from 1.
+        step: usize,
+        /// How many.
+        closed: usize,
+    },
+}
+impl Plan {
+    /// Checks the plan against what the rig allows, and its own steps against the rules of the wiring.
+    ///
+    /// # Errors
+    /// Every fault found, in order.
+    pub fn check(&self, limits: &Limits) -> Result<(), Vec<PlanError>> {
+        let mut faults = Vec::new();
+        if !(self.current.0 > 0.0 && self.current.0.is_finite()) {
+            faults.push(PlanError::NotACurrent(self.current));
+        }
+        if self.current > limits.source_current {
+            faults.push(PlanError::SourceCurrent {
+                asked: self.current,
+                most: limits.source_current,
+            });
+        }
+        if self.current > limits.relay_current {
+            faults.push(PlanError::RelayCurrent {
+                asked: self.current,
+                most: limits.relay_current,
+            });
+        }
+        let (least, most) = limits.source_compliance;
+        if !(self.compliance >= least && self.compliance <= most) {
+            faults.push(PlanError::Compliance {
+                asked: self.compliance,
+                least,
+                most,
+            });
+        }
+        if self.compliance > limits.relay_voltage {
+            faults.push(PlanError::RelayVoltage {
+                asked: self.compliance,
+                most: limits.relay_voltage,
+            });
+        }
+        self.check_steps(limits, &mut faults);
+        if faults.is_empty() {
+            Ok(())
+        } else {
+            Err(faults)
+        }
+    }
+
+    /// Follows the injecting relays through the steps.
+    fn check_steps(&self, limits: &Limits, faults: &mut Vec<PlanError>) {
+        let mut closed: Vec<Relay> = Vec::new();
+        let mut driven: Option<Dipole> = None;
+        let mut routed: Option<Dipole> = None;
+        for (number, step) in self
+            .steps
+            .iter()
+            .enumerate()
+            .map(|(index, step)| (index + 1, step))
+        {
+            match step {
+                Step::AllOff => {
+                    closed.clear();
+                    driven = None;
+                }
+                Step::Break { drive, open, close } | Step::Overlap { drive, open, close } => {
+                    closed.retain(|relay| !open.contains(relay));
+                    closed.extend(close);
+                    driven = Some(*drive);
+                }
+                Step::Route { sense, .. } => routed = Some(*sense),
+                Step::Scan { .. } | Step::Read { .. } | Step::Chain { .. } => {
+                    let pairs = self
+                        .wiring
+                        .inject
+                        .iter()
+                        .filter(|(_, relays)| relays.iter().all(|relay| closed.contains(relay)))
+                        .count();
+                    if pairs != 1 {
+                        faults.push(PlanError::InjectingPairs {
+                            step: number,
+                            closed: pairs,
+                        });
+                    }
+                    if let Some(pair) = driven.filter(|_| limits.meter_on_current_range) {
+                        let meets = match step {
+                            Step::Scan { channels } => {
+                                channels.iter().any(|channel| channel.sense == pair)
+                            }
+                            Step::Chain { routes } => {
+                                routes.iter().any(|route| route.sense == pair)
+                            }
+                            _ => routed == Some(pair),
+                        };
+                        if meets {
+                            faults.push(PlanError::MeterShortsSource { step: number, pair });
+                        }
+                    }
+                }
+                Step::Bus { .. }
+                | Step::Settle { .. }
+                | Step::Reverse { .. }
+                | Step::Compliance { .. } => {}
+            }
+        }
+    }
+}

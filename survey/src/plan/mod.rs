@@ -1,0 +1,356 @@
+//! A frame's steps as data: counted, timed, printed and checked before a relay moves.
+
+mod limits;
+mod ranges;
+mod step;
+mod timing;
+
+use std::fmt;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::{Amps, Dipole, Protocol, Relay, Sensing, Volts, Wiring, WiringError};
+
+pub use limits::{Limits, PlanError};
+pub use ranges::{RangeRule, Resolution};
+pub use step::{Channel, Routed, Step, Transition};
+pub use timing::{Counts, Timing};
+
+/// The steps of one frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// The questions, whose order the frame's readings have.
+    pub protocol: Protocol,
+    /// The relays.
+    pub wiring: Wiring,
+    /// Injected current.
+    pub current: Amps,
+    /// Voltage limit of the source.
+    pub compliance: Volts,
+    /// Waiting time after the current has moved or turned.
+    pub settle: Duration,
+    /// Whether every injection is read with the current both ways; a reading is half the difference.
+    pub reversal: bool,
+    /// Whether the source stays at 0 A: what is read is offset and noise.
+    pub zero: bool,
+    /// The steps in order; the first and the last are [`Step::AllOff`].
+    pub steps: Vec<Step>,
+}
+
+/// What goes into the sheet, and how.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Injection {
+    /// Injected current.
+    pub current: Amps,
+    /// Voltage limit of the source.
+    pub compliance: Volts,
+    /// Waiting time after the current has moved or turned.
+    pub settle: Duration,
+    /// Read every injection with the current both ways: cancels thermal EMFs and leakage, takes twice as long.
+    pub reversal: bool,
+}
+
+impl Plan {
+    /// Expands a protocol over a wiring, the current one way only.
+    ///
+    /// # Errors
+    /// A wiring that is faulty, is for another number of electrodes, or cannot serve a pair of the protocol.
+    pub fn new(
+        protocol: &Protocol,
+        wiring: &Wiring,
+        current: Amps,
+        compliance: Volts,
+        settle: Duration,
+    ) -> Result<Self, PlanError> {
+        let injection = Injection {
+            current,
+            compliance,
+            settle,
+            reversal: false,
+        };
+        Self::injecting(protocol, wiring, injection)
+    }
+
+    /// Expands a protocol over a wiring.
+    ///
+    /// Where the protocol asks of an injection all pairs that do not touch it, a scan takes the touching ones as well:
+    /// its list then never changes, and they tell of contacts and of the loop sum. Where it asks fewer (a half frame),
+    /// only those are scanned.
+    ///
+    /// # Errors
+    /// As [`Plan::new`].
+    pub fn injecting(
+        protocol: &Protocol,
+        wiring: &Wiring,
+        injection: Injection,
+    ) -> Result<Self, PlanError> {
+        wiring.check()?;
+        if wiring.electrodes != protocol.electrodes() {
+            return Err(PlanError::Wiring(WiringError::Electrodes {
+                wiring: wiring.name.clone(),
+                wired: wiring.electrodes,
+                asked: protocol.electrodes(),
+            }));
+        }
+        let mut steps = vec![Step::AllOff];
+        if !wiring.bus.is_empty() {
+            steps.push(Step::Bus {
+                close: wiring.bus.clone(),
+            });
+        }
+        let settle = Step::Settle {
+            wait: injection.settle,
+        };
+        let mut driven: Vec<Relay> = Vec::new();
+        let mut routed: Vec<Relay> = Vec::new();
+        for drive in protocol.drives() {
+            let close = wiring
+                .injecting(drive)
+                .ok_or_else(|| unserved(wiring, drive, "source"))?
+                .to_vec();
+            let open = std::mem::replace(&mut driven, close.clone());
+            steps.push(
+                if open.is_empty() || wiring.transition == Transition::Break {
+                    Step::Break { drive, open, close }
+                } else {
+                    Step::Overlap { drive, close, open }
+                },
+            );
+            for turned in [false, true] {
+                if turned && !injection.reversal {
+                    break;
+                }
+                if turned {
+                    steps.push(Step::Reverse { drive });
+                }
+                if !injection.settle.is_zero() {
+                    steps.push(settle.clone());
+                }
+                steps.extend(read(protocol, wiring, drive, &mut routed)?);
+                steps.push(Step::Compliance { drive });
+            }
+        }
+        steps.push(Step::AllOff);
+        Ok(Self {
+            protocol: protocol.clone(),
+            wiring: wiring.clone(),
+            current: injection.current,
+            compliance: injection.compliance,
+            settle: injection.settle,
+            reversal: injection.reversal,
+            zero: false,
+            steps,
+        })
+    }
+
+    /// The same frame with the source at 0 A throughout, on and joined as ever: what is read is offset and noise.
+    /// Ranges stay, since offsets have theirs; nothing is reversed, since there is nothing to turn.
+    #[must_use]
+    pub fn at_zero_current(&self) -> Self {
+        let mut turned = false;
+        let steps = self
+            .steps
+            .iter()
+            .filter(|step| {
+                let drop = turned || matches!(step, Step::Reverse { .. });
+                turned = drop && !matches!(step, Step::Compliance { .. });
+                !drop
+            })
+            .cloned()
+            .collect();
+        Self {
+            steps,
+            zero: true,
+            reversal: false,
+            ..self.clone()
+        }
+    }
+}
+
+/// The steps that read one injection. `routed` are the relays that the last ones left closed.
+fn read(
+    protocol: &Protocol,
+    wiring: &Wiring,
+    drive: Dipole,
+    routed: &mut Vec<Relay>,
+) -> Result<Vec<Step>, PlanError> {
+    let asked: Vec<(usize, Dipole)> = protocol
+        .measurements()
+        .iter()
+        .enumerate()
+        .filter(|(_, question)| question.drive == drive)
+        .map(|(reading, question)| (reading, question.sense))
+        .collect();
+    let relays = |sense| {
+        wiring
+            .measuring(sense)
+            .ok_or_else(|| unserved(wiring, sense, "voltmeter"))
+    };
+    if wiring.sensing == Sensing::Scan {
+        for (_, sense) in &asked {
+            relays(*sense)?;
+        }
+        let channels: Vec<Channel> = wiring
+            .measure
+            .iter()
+            .flat_map(|(sense, relays)| relays.iter().map(move |relay| (*sense, *relay)))
+            .map(|(sense, relay)| Channel {
+                relay,
+                sense,
+                reading: asked
+                    .iter()
+                    .find(|(_, asked)| *asked == sense)
+                    .map(|(reading, _)| *reading),
+                range: None,
+            })
+            .collect();
+        let whole = channels
+            .iter()
+            .all(|channel| channel.reading.is_some() || channel.sense.touches(drive));
+        let channels = channels
+            .into_iter()
+            .filter(|channel| whole || channel.reading.is_some())
+            .collect();
+        return Ok(vec![Step::Scan { channels }]);
+    }
+    let mut routes = Vec::with_capacity(asked.len());
+    for (reading, sense) in asked {
+        let close = relays(sense)?.to_vec();
+        let open = std::mem::replace(routed, close.clone());
+        routes.push(Routed {
+            sense,
+            open,
+            close,
+            reading,
+            range: None,
+        });
+    }
+    if wiring.sensing == Sensing::Chain {
+        return Ok(vec![Step::Chain { routes }]);
+    }
+    let single = |route: Routed| {
+        let Routed {
+            sense,
+            open,
+            close,
+            reading,
+            range,
+        } = route;
+        [
+            Step::Route { sense, open, close },
+            Step::Read { reading, range },
+        ]
+    };
+    Ok(routes.into_iter().flat_map(single).collect())
+}
+
+fn unserved(wiring: &Wiring, pair: Dipole, to: &'static str) -> WiringError {
+    WiringError::Unserved {
+        wiring: wiring.name.clone(),
+        pair,
+        to,
+    }
+}
+
+impl fmt::Display for Plan {
+    /// One numbered line a step.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (index, step) in self.steps.iter().enumerate() {
+            writeln!(f, "{:>5}  {step}", index + 1)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plan(wiring: &Wiring) -> Plan {
+        Plan::new(
+            &Protocol::sheffield(26).unwrap(),
+            wiring,
+            Amps(1e-3),
+            Volts(10.0),
+            Duration::ZERO,
+        )
+        .unwrap()
+    }
+
+    #[test]
+    fn pair_wiring_asks_26_times_and_a_matrix_598_times() {
+        let pairs = plan(&Wiring::pairs_34924a(1, 26).unwrap());
+        let counts = pairs.counts();
+        assert_eq!((counts.injections, counts.readings), (26, 598));
+        assert_eq!((counts.extra_readings, counts.reading_messages), (78, 26));
+        let matrix = plan(&Wiring::matrix_34932a(1, 26).unwrap());
+        assert_eq!(matrix.counts().reading_messages, 598);
+        for plan in [&pairs, &matrix, &plan(&Wiring::gpio_board(26).unwrap())] {
+            assert_eq!(plan.counts().readings, 598);
+            assert_eq!(
+                plan.check(&Limits {
+                    relay_voltage: Volts(10.0),
+                    ..Limits::REED
+                }),
+                Ok(())
+            );
+            assert_eq!(plan.steps.first(), Some(&Step::AllOff));
+            assert_eq!(plan.steps.last(), Some(&Step::AllOff));
+            assert_eq!(plan.to_string().lines().count(), plan.steps.len());
+        }
+    }
+
+    #[test]
+    fn duration_follows_the_table_of_lower_bounds() {
+        // 34924A, 26 per injection, 1 PLC at 50 Hz: 14.6 s; the 34932A matrix, 23 per injection: 17.0 s
+        let pairs = plan(&Wiring::pairs_34924a(1, 26).unwrap());
+        let seconds = pairs.duration(&Timing::reed(1.0, 50.0)).as_secs_f64();
+        assert!((seconds - 14.6).abs() < 0.05, "{seconds}");
+        let matrix = plan(&Wiring::matrix_34932a(1, 26).unwrap());
+        let seconds = matrix.duration(&Timing::armature(1.0, 50.0)).as_secs_f64();
+        assert!((seconds - 17.0).abs() < 0.3, "{seconds}");
+    }
+
+    #[test]
+    fn limits_refuse_and_name_both_numbers() {
+        let mut plan = plan(&Wiring::pairs_34924a(1, 26).unwrap());
+        plan.current = Amps(0.06);
+        plan.compliance = Volts(200.0);
+        let faults = plan.check(&Limits::REED).unwrap_err();
+        assert_eq!(faults.len(), 3, "{faults:?}");
+        assert!(faults[0].to_string().contains("60 mA is over the 50 mA"));
+    }
+
+    #[test]
+    fn a_meter_on_a_current_range_never_meets_the_source() {
+        let plan = plan(&Wiring::pairs_34924a(1, 26).unwrap());
+        let limits = Limits {
+            meter_on_current_range: true,
+            ..Limits::REED
+        };
+        let faults = plan.check(&limits).unwrap_err();
+        assert!(
+            matches!(faults[0], PlanError::MeterShortsSource { .. }),
+            "{faults:?}"
+        );
+    }
+
+    #[test]
+    fn a_wiring_for_another_ring_is_refused() {
+        let refusal = Plan::new(
+            &Protocol::sheffield(16).unwrap(),
+            &Wiring::pairs_34924a(1, 26).unwrap(),
+            Amps(1e-3),
+            Volts(10.0),
+            Duration::ZERO,
+        )
+        .unwrap_err();
+        assert!(
+            refusal
+                .to_string()
+                .contains("26 electrodes, the protocol asks for 16"),
+            "{refusal}"
+        );
+    }
+}

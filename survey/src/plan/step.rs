@@ -1,0 +1,231 @@
+//! One step of a frame, and how it is told.
+
+use std::fmt;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::{Dipole, Relay, Volts};
+
+/// How the current gets to the next pair. The wiring chooses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Transition {
+    /// Source to 0 A, open the last, close the next, source on.
+    Break,
+    /// Close the next pair, then open the last, source on all the while: it is never open-circuit, for a moment shorted.
+    Overlap,
+}
+
+/// One channel of a scan.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Channel {
+    /// The relay that the voltmeter closes.
+    pub relay: Relay,
+    /// The pair behind it.
+    pub sense: Dipole,
+    /// Index of its reading in the frame; `None` where the protocol does not ask: it is kept beside the frame, and its
+    /// overload is nobody's fault.
+    pub reading: Option<usize>,
+    /// The voltmeter's range; `None` for the one range of the session.
+    pub range: Option<Volts>,
+}
+
+/// One pair joined to the voltmeter and read.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Routed {
+    /// The pair.
+    pub sense: Dipole,
+    /// Relays of the last pair.
+    pub open: Vec<Relay>,
+    /// Relays of this pair.
+    pub close: Vec<Relay>,
+    /// Index of the reading in the frame.
+    pub reading: usize,
+    /// The voltmeter's range; `None` for the one range of the session.
+    pub range: Option<Volts>,
+}
+
+/// One step of a frame. Stopping is something done between steps.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", tag = "step")]
+pub enum Step {
+    /// Source to 0 A and off, read back; every injecting and measuring relay open. The first and the last step.
+    AllOff,
+    /// Close relays that stay closed for the whole frame.
+    Bus {
+        /// To close.
+        close: Vec<Relay>,
+    },
+    /// Source to 0 A, open the last pair, close the next, source on at the plan's current.
+    Break {
+        /// Where the current goes.
+        drive: Dipole,
+        /// Relays of the last pair.
+        open: Vec<Relay>,
+        /// Relays of this pair.
+        close: Vec<Relay>,
+    },
+    /// Close the next pair, then open the last, source on.
+    Overlap {
+        /// Where the current goes.
+        drive: Dipole,
+        /// Relays of this pair.
+        close: Vec<Relay>,
+        /// Relays of the last pair.
+        open: Vec<Relay>,
+    },
+    /// The current the other way through the same pair; what is read then counts with the other sign.
+    Reverse {
+        /// Where the current goes.
+        drive: Dipole,
+    },
+    /// Wait for sheet and source.
+    Settle {
+        /// How long.
+        wait: Duration,
+    },
+    /// The voltmeter scans these channels in one message.
+    Scan {
+        /// In the wiring's order.
+        channels: Vec<Channel>,
+    },
+    /// Join another pair to the voltmeter: open, then close.
+    Route {
+        /// The pair.
+        sense: Dipole,
+        /// Relays of the last pair.
+        open: Vec<Relay>,
+        /// Relays of this pair.
+        close: Vec<Relay>,
+    },
+    /// Read the routed pair.
+    Read {
+        /// Index of the reading in the frame.
+        reading: usize,
+        /// The voltmeter's range; `None` for the one range of the session.
+        range: Option<Volts>,
+    },
+    /// Route and read one pair after the other, all in one message.
+    Chain {
+        /// In the order of the readings.
+        routes: Vec<Routed>,
+    },
+    /// Ask the source whether it was in compliance; if so this injection's readings are not measured. Asked while the
+    /// voltmeter reads, where the relays are known to have settled.
+    Compliance {
+        /// The injection asked about.
+        drive: Dipole,
+    },
+}
+
+impl Step {
+    /// Whether the voltmeter reads in this step.
+    pub fn reads(&self) -> bool {
+        matches!(
+            self,
+            Self::Scan { .. } | Self::Read { .. } | Self::Chain { .. }
+        )
+    }
+
+    /// The range of every reading of this step that counts, with the reading's index.
+    pub(super) fn readings(&self) -> Vec<(usize, Option<Volts>)> {
+        match self {
+            Self::Scan { channels } => channels
+                .iter()
+                .filter_map(|channel| Some((channel.reading?, channel.range)))
+                .collect(),
+            Self::Chain { routes } => routes
+                .iter()
+                .map(|route| (route.reading, route.range))
+                .collect(),
+            Self::Read { reading, range } => vec![(*reading, *range)],
+            _ => Vec::new(),
+        }
+    }
+}
+
+fn list(relays: &[Relay]) -> String {
+    if relays.is_empty() {
+        return "none".to_owned();
+    }
+    relays
+        .iter()
+        .map(Relay::to_string)
+        .collect::<Vec<_>>()
+        .join(",")
+}
+
+/// `; ranges 1 V: 3-4,4-5; 100 mV: 5-6`, or nothing where none is set.
+fn ranges(pairs: impl Iterator<Item = (Dipole, Option<Volts>)>) -> String {
+    let mut groups: Vec<(Volts, Vec<String>)> = Vec::new();
+    for (pair, range) in pairs {
+        let Some(range) = range else { continue };
+        match groups.iter_mut().find(|(known, _)| *known == range) {
+            Some((_, group)) => group.push(pair.to_string()),
+            None => groups.push((range, vec![pair.to_string()])),
+        }
+    }
+    groups.sort_by(|a, b| b.0.0.total_cmp(&a.0.0));
+    groups
+        .iter()
+        .map(|(range, pairs)| format!("; on {range}: {}", pairs.join(",")))
+        .collect()
+}
+
+impl fmt::Display for Step {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::AllOff => write!(f, "all off: source 0 A and off, read back; relays open"),
+            Self::Bus { close } => write!(f, "bus: close {}", list(close)),
+            Self::Break { drive, open, close } => write!(
+                f,
+                "break to {drive}: 0 A, open {}, close {}, source on",
+                list(open),
+                list(close)
+            ),
+            Self::Overlap { drive, close, open } => write!(
+                f,
+                "overlap to {drive}: close {}, open {}, source on",
+                list(close),
+                list(open)
+            ),
+            Self::Reverse { drive } => write!(f, "reverse the current at {drive}"),
+            Self::Settle { wait } => write!(f, "settle {wait:?}"),
+            Self::Scan { channels } => write!(
+                f,
+                "scan {} pairs, {} of them asked{}",
+                channels.len(),
+                channels
+                    .iter()
+                    .filter(|channel| channel.reading.is_some())
+                    .count(),
+                ranges(
+                    channels
+                        .iter()
+                        .map(|channel| (channel.sense, channel.range))
+                )
+            ),
+            Self::Route { sense, open, close } => write!(
+                f,
+                "route {sense}: open {}, close {}",
+                list(open),
+                list(close)
+            ),
+            Self::Read { reading, range } => {
+                write!(f, "read m{reading}")?;
+                match range {
+                    Some(range) => write!(f, " on {range}"),
+                    None => Ok(()),
+                }
+            }
+            Self::Chain { routes } => {
+                write!(f, "route and read {} pairs in one message", routes.len())?;
+                f.write_str(&ranges(
+                    routes.iter().map(|route| (route.sense, route.range)),
+                ))
+            }
+            Self::Compliance { drive } => write!(f, "ask the source about compliance at {drive}"),
+        }
+    }
+}

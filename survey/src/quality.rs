@@ -1,0 +1,271 @@
+//! What a frame's own readings say about it: counts, laws that every passive sheet obeys, and flags where one is broken.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use crate::{Dipole, Electrode, Frame, Protocol, Reading};
+
+/// Something that a frame does not do as a sound sheet on a sound rig would.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum QualityFlag {
+    /// Readings over range, late, or not taken.
+    Incomplete,
+    /// The source was in compliance at an injection.
+    Compliance,
+    /// A reading differs from its reciprocal twin by more than [`Checks::TOLERANCE`] of the largest, and six times its
+    /// noise: something moved within the frame, leaks, or is wired wrong.
+    Reciprocity,
+    /// The voltages round the ring do not add up to nothing, by the same measure: a relay or a lead is not where it
+    /// should be.
+    LoopSum,
+    /// A reading is larger than the voltage of its driven pair, or has the other sign than in the baseline: no load
+    /// does that.
+    Plausibility,
+}
+
+impl QualityFlag {
+    /// As written on the bus, in records and in `--json`.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Incomplete => "incomplete",
+            Self::Compliance => "compliance",
+            Self::Reciprocity => "reciprocity",
+            Self::LoopSum => "loop_sum",
+            Self::Plausibility => "plausibility",
+        }
+    }
+
+    /// From its word.
+    pub fn from_word(word: &str) -> Option<Self> {
+        [
+            Self::Incomplete,
+            Self::Compliance,
+            Self::Reciprocity,
+            Self::LoopSum,
+            Self::Plausibility,
+        ]
+        .into_iter()
+        .find(|flag| flag.word() == word)
+    }
+}
+
+impl fmt::Display for QualityFlag {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.word())
+    }
+}
+
+/// What a frame's own readings say about it.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Quality {
+    /// Readings over range.
+    pub overloads: usize,
+    /// Readings without an answer in time.
+    pub timeouts: usize,
+    /// Readings not taken.
+    pub not_measured: usize,
+    /// Driving electrodes (plus side) at which the source was in compliance.
+    pub compliance: Vec<Electrode>,
+    /// Largest difference of a reading from its reciprocal twin, relative to the largest reading; `None` without twins.
+    pub reciprocity: Option<f64>,
+    /// Largest sum of the voltages round the ring at one injection, relative to the largest reading asked; `None` where
+    /// no injection was read all the way round.
+    #[serde(default)]
+    pub loop_sum: Option<f64>,
+    /// Readings that no load on a passive sheet explains.
+    #[serde(default)]
+    pub implausible: usize,
+    /// What is not as it should be, in the order of [`QualityFlag`].
+    #[serde(default)]
+    pub flags: Vec<QualityFlag>,
+}
+
+impl Quality {
+    /// The counts alone.
+    pub fn counted(frame: &Frame) -> Self {
+        let count = |flag: u8| {
+            let flagged = frame.readings.iter().filter(|one| one.flag() == flag);
+            flagged.count()
+        };
+        Self {
+            overloads: count(1),
+            timeouts: count(2),
+            not_measured: count(3),
+            compliance: frame.compliance.clone(),
+            ..Self::default()
+        }
+    }
+
+    /// Whether every reading was taken and is valid, the source never in compliance.
+    pub fn is_clean(&self) -> bool {
+        self.overloads == 0
+            && self.timeouts == 0
+            && self.not_measured == 0
+            && self.compliance.is_empty()
+    }
+
+    /// The flags' words, joined by commas; empty where there is none.
+    pub fn words(&self) -> String {
+        let words: Vec<&str> = self.flags.iter().map(|flag| flag.word()).collect();
+        words.join(",")
+    }
+}
+
+/// What frames of one protocol are held against.
+#[derive(Debug, Clone)]
+pub struct Checks {
+    protocol: Protocol,
+    twins: Vec<Option<usize>>,
+    baseline: Vec<Reading>,
+}
+
+impl Checks {
+    /// Of the largest reading: how far twins may differ, and how much may be left of a loop sum, before noise is
+    /// allowed for.
+    pub const TOLERANCE: f64 = 1e-3;
+
+    /// Noise is allowed for with so many standard deviations: one of 299 pairs goes beyond it once in a million frames.
+    const DEVIATIONS: f64 = 6.0;
+
+    /// A reading below this part of the largest has no sign worth comparing.
+    const SIGN_FROM: f64 = 5e-3;
+
+    /// For frames of this protocol, with nothing yet to compare them with.
+    pub fn new(protocol: &Protocol) -> Self {
+        Self {
+            twins: protocol.reciprocal_twins(),
+            protocol: protocol.clone(),
+            baseline: Vec::new(),
+        }
+    }
+
+    /// And with the readings of a baseline, whose signs no load changes.
+    #[must_use]
+    pub fn against(mut self, baseline: &[Reading]) -> Self {
+        baseline.clone_into(&mut self.baseline);
+        self
+    }
+
+    /// Looks a frame over.
+    pub fn of(&self, frame: &Frame) -> Quality {
+        let mut quality = Quality::counted(frame);
+        let largest = largest(&frame.readings);
+        if largest > 0.0 {
+            quality.reciprocity = self.reciprocity(frame).map(|worst| worst / largest);
+            quality.loop_sum = self.loop_sum(frame).map(|worst| worst / largest);
+            quality.implausible = self.implausible(frame, largest);
+        }
+        let noise = frame.settings.noise().0 / largest;
+        let beyond = |value: Option<f64>, readings: f64| {
+            let allowed = Self::TOLERANCE.max(Self::DEVIATIONS * readings.sqrt() * noise);
+            value.is_some_and(|value| value > allowed)
+        };
+        let ring = self.protocol.electrodes() as f64;
+        let flags = [
+            (
+                QualityFlag::Incomplete,
+                quality.overloads + quality.timeouts + quality.not_measured > 0,
+            ),
+            (QualityFlag::Compliance, !quality.compliance.is_empty()),
+            (QualityFlag::Reciprocity, beyond(quality.reciprocity, 2.0)),
+            (QualityFlag::LoopSum, beyond(quality.loop_sum, ring)),
+            (QualityFlag::Plausibility, quality.implausible > 0),
+        ];
+        quality.flags = flags
+            .into_iter()
+            .filter_map(|(flag, raised)| raised.then_some(flag))
+            .collect();
+        quality
+    }
+
+    /// Largest difference of twins, V.
+    fn reciprocity(&self, frame: &Frame) -> Option<f64> {
+        frame
+            .readings
+            .iter()
+            .zip(&self.twins)
+            .filter_map(|(reading, twin)| {
+                let other = frame.readings.get((*twin)?)?;
+                Some((reading.volts()?.0 - other.volts()?.0).abs())
+            })
+            .reduce(f64::max)
+    }
+
+    /// Largest sum round the ring, V, over the injections at which every neighbouring pair was read.
+    fn loop_sum(&self, frame: &Frame) -> Option<f64> {
+        let ring = self.protocol.electrodes();
+        self.protocol
+            .drives()
+            .into_iter()
+            .filter_map(|drive| {
+                let mut sums = vec![None; ring];
+                let mut take = |sense: Dipole, reading: Reading| {
+                    if sense == Dipole::adjacent(sense.plus.0, ring) {
+                        sums[sense.plus.0] = reading.volts().map(|volts| volts.0);
+                    }
+                };
+                for (question, reading) in self.protocol.measurements().iter().zip(&frame.readings)
+                {
+                    if question.drive == drive {
+                        take(question.sense, *reading);
+                    }
+                }
+                for extra in frame
+                    .extra
+                    .iter()
+                    .filter(|extra| extra.question.drive == drive)
+                {
+                    take(extra.question.sense, extra.reading);
+                }
+                sums.into_iter().sum::<Option<f64>>().map(f64::abs)
+            })
+            .reduce(f64::max)
+    }
+
+    /// Readings larger than their driven pair's own voltage (all potentials of a passive sheet lie between those of the
+    /// two driven electrodes), or of the other sign than in the baseline.
+    fn implausible(&self, frame: &Frame, largest: f64) -> usize {
+        let room = Self::TOLERANCE * largest;
+        let driven = |drive: Dipole| {
+            frame
+                .extra
+                .iter()
+                .find(|extra| extra.question.drive == drive && extra.question.sense == drive)
+                .and_then(|extra| extra.reading.volts())
+        };
+        let mut bound: Option<(Dipole, Option<f64>)> = None;
+        let readings = self.protocol.measurements().iter().zip(&frame.readings);
+        readings
+            .enumerate()
+            .filter(|(index, (question, reading))| {
+                let Some(volts) = reading.volts() else {
+                    return false;
+                };
+                let most = match bound {
+                    Some((drive, most)) if drive == question.drive => most,
+                    _ => {
+                        let most = driven(question.drive).map(|volts| volts.0.abs());
+                        bound = Some((question.drive, most));
+                        most
+                    }
+                };
+                let too_large = most.is_some_and(|most| volts.0.abs() > most + room);
+                let before = self.baseline.get(*index).and_then(|before| before.volts());
+                let least = Self::SIGN_FROM * largest;
+                let turned = before.is_some_and(|before| {
+                    before.0 * volts.0 < 0.0 && before.0.abs() > least && volts.0.abs() > least
+                });
+                too_large || turned
+            })
+            .count()
+    }
+}
+
+fn largest(readings: &[Reading]) -> f64 {
+    readings
+        .iter()
+        .filter_map(|reading| reading.volts())
+        .fold(0.0_f64, |largest, volts| largest.max(volts.0.abs()))
+}
