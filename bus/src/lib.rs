@@ -37,8 +37,9 @@ pub use address::{Address, AddressError, ConnectError, connect, search_order};
 pub use fault::Fault;
 pub use instrument1::Instrument1Proxy;
 pub use manager1::{
-    BaselineReport, Geometry, Happened, HappenedStream, Manager1Proxy, PlanReport, SESSION_OPTIONS,
-    SessionSummary,
+    BaselineReport, Discovery, Geometry, Happened, HappenedStream, Manager1Proxy, PlanReport,
+    RelayWear, SESSION_OPTIONS, SeenInstrument, SessionSummary, TestLine, TestProgress,
+    TestProgressStream, TestReport,
 };
 pub use options::Options;
 pub use session1::{FrameDone, FrameDoneStream, LatestFrame, LatestMap, Session1Proxy};

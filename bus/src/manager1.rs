@@ -38,6 +38,21 @@ pub trait Manager1 {
     /// The region of interest, for drawing maps.
     fn geometry(&self) -> Result<Geometry, Fault>;
 
+    /// Tests the rig and waits until that is done: every relay against the sheet's own resistances, contacts,
+    /// reciprocity, noise. Refused while a session runs; the source is off and verified afterwards.
+    fn test_instruments(&self, options: &Options) -> Result<TestReport, Fault>;
+
+    /// How often each relay has closed, and how long that may go on. Refused while a session runs.
+    fn relays(&self, options: &Options) -> Result<Vec<RelayWear>, Fault>;
+
+    /// Looks for instruments: mDNS, VXI-11 broadcast, and these addresses (`tcp:HOST:PORT`). Nothing but `*IDN?` is said to
+    /// them, and none is used. Options: `within_s` (d, default 3), `mdns` (b), `broadcast` (b).
+    fn discover(&self, addresses: &[&str], options: &Options) -> Result<Discovery, Fault>;
+
+    /// How far a self-test is: steps done, of how many, what is done now.
+    #[zbus(signal)]
+    fn test_progress(&self, done: u64, total: u64, what: &str) -> Result<(), Fault>;
+
     /// The current baseline.
     fn baseline(&self) -> Result<BaselineReport, Fault>;
 
@@ -71,7 +86,7 @@ pub trait Manager1 {
     #[zbus(property(emits_changed_signal = "const"))]
     fn version(&self) -> Result<String, Fault>;
 
-    /// `idle`, `baseline`, `acquiring`, `suspended`, `faulted`.
+    /// `idle`, `baseline`, `acquiring`, `testing`, `suspended`, `faulted`.
     #[zbus(property(emits_changed_signal = "false"))]
     fn state(&self) -> Result<String, Fault>;
 
@@ -127,6 +142,84 @@ pub struct SessionSummary {
     pub path: String,
     /// What may come: `note` (s), `reason` (s, why it ended), `ended_ns` (x).
     pub more: Options,
+}
+
+/// What a self-test found (`(basa(sssddss)a{sv})`).
+#[derive(Debug, Serialize, Deserialize, Type)]
+pub struct TestReport {
+    /// Nothing is to be mended.
+    pub passed: bool,
+    /// What is, most grave first: `relay 1042 stays closed: ...`, `electrode 17: open ...`.
+    pub findings: Vec<String>,
+    /// One row each of the table.
+    pub lines: Vec<TestLine>,
+    /// `at` (s, RFC 3339), `wiring` (s), `simulated` (b), `current_a` (d), and where they were found `sheet_ohm`, `misfit`,
+    /// `pauw_ohm`, `pauw_raw_ohm`, `reciprocity`, `noise_v`, `offset_v` (d).
+    pub more: Options,
+}
+
+/// One row of a self-test (`(sssddss)`).
+#[derive(Debug, Serialize, Deserialize, Type)]
+pub struct TestLine {
+    /// `relay 1042`, `electrode 17`, `sheet`, `voltmeter`.
+    pub subject: String,
+    /// What was looked at.
+    pub check: String,
+    /// `ok`, `failed` or `not-judged`.
+    pub verdict: String,
+    /// NaN where there is none.
+    pub measured: f64,
+    /// What a sound rig would give; NaN where nothing is known.
+    pub expected: f64,
+    /// Of both numbers.
+    pub unit: String,
+    /// For a person.
+    pub text: String,
+}
+
+/// What was looked for and found (`(a(ssssbss)as)`).
+#[derive(Debug, Serialize, Deserialize, Type)]
+pub struct Discovery {
+    /// One entry an instrument, however many ways it was found.
+    pub seen: Vec<SeenInstrument>,
+    /// What could not be looked for, and why.
+    pub notes: Vec<String>,
+}
+
+/// An instrument that is there (`(ssssbss)`).
+#[derive(Debug, Serialize, Deserialize, Type)]
+pub struct SeenInstrument {
+    /// As a configuration has it; empty where the daemon knows no way to it.
+    pub address: String,
+    /// The reply to `*IDN?`; empty where it gave none.
+    pub identity: String,
+    /// `mdns`, `vxi-11`, `address`, `configuration`, several joined by `, `.
+    pub found_by: String,
+    /// The name it is announced under; empty where it is not.
+    pub name: String,
+    /// Whether the running configuration uses it.
+    pub in_use: bool,
+    /// Lines that a configuration could have; empty where there is nothing to propose.
+    pub proposal: String,
+    /// Why there is no identity or no proposal.
+    pub remark: String,
+}
+
+/// The wear of one relay (`(usttdd)`).
+#[derive(Debug, Serialize, Deserialize, Type)]
+pub struct RelayWear {
+    /// Its number.
+    pub relay: u32,
+    /// What it is for.
+    pub purpose: String,
+    /// Closures so far.
+    pub cycles: u64,
+    /// Closures that it is rated for; 0 where nothing moves.
+    pub rated: u64,
+    /// Part of that; NaN where nothing moves.
+    pub used: f64,
+    /// Time of measuring until the rating is reached, s; NaN where it is never reached.
+    pub left_s: f64,
 }
 
 /// The plan of a frame (`(tttttdddasa{sv})`).

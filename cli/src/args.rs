@@ -84,7 +84,7 @@ pub struct Global {
 pub enum Command {
     /// Show what the daemon is doing
     Status,
-    /// List the instruments and whether they answer; open their relays, or agree to others
+    /// List the instruments and whether they answer; test them, look for others, open their relays
     Instruments {
         #[command(subcommand)]
         what: Option<InstrumentsCommand>,
@@ -128,6 +128,32 @@ pub enum InstrumentsCommand {
     OpenAll,
     /// Agree to the instruments or modules that were found in place of the known ones
     Accept,
+    /// Test every relay against the sheet, every contact, reciprocity and noise; the source is off afterwards (5 if something is found)
+    Test {
+        /// List what is in order, too
+        #[arg(long)]
+        all: bool,
+    },
+    /// Show how often each relay has closed, and how long that may go on
+    Relays,
+    /// Look for instruments and propose lines of configuration; none is used (before there is a daemon: tactusd --discover)
+    Discover(Discover),
+}
+
+/// Options of `instruments discover`.
+#[derive(Debug, Args)]
+pub struct Discover {
+    /// Addresses to ask beside what is found: tcp:HOST:PORT or serial:PATH@BAUD
+    pub addresses: Vec<String>,
+    /// How long to listen
+    #[arg(long, value_name = "SPAN", value_parser = span, default_value = "3s")]
+    pub within: Duration,
+    /// Don't listen for announcements (mDNS)
+    #[arg(long)]
+    pub no_mdns: bool,
+    /// Don't ask everybody (VXI-11 broadcast)
+    #[arg(long)]
+    pub no_broadcast: bool,
 }
 
 /// Options of `transcript`.

@@ -17,8 +17,10 @@
 
 mod args;
 mod baseline;
+mod care;
 mod choices;
 mod connection;
+mod discover;
 mod drawing;
 mod duration;
 mod export;
@@ -93,6 +95,15 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                 match live {
                     Command::Status => status::run(&daemon, printer).await,
                     Command::Instruments { what: None } => instruments::run(&daemon, printer).await,
+                    Command::Instruments {
+                        what: Some(InstrumentsCommand::Test { all }),
+                    } => care::test(&daemon, all, printer).await,
+                    Command::Instruments {
+                        what: Some(InstrumentsCommand::Relays),
+                    } => care::relays(&daemon, printer).await,
+                    Command::Instruments {
+                        what: Some(InstrumentsCommand::Discover(discover)),
+                    } => discover::run(&daemon, &discover, printer).await,
                     Command::Instruments {
                         what: Some(InstrumentsCommand::OpenAll),
                     } => rescue::open_all(&daemon, printer).await,

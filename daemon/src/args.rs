@@ -26,7 +26,11 @@ pub(crate) struct Args {
     /// Switch the source off and open the relays, verify both, and end (5 if an instrument does not answer).
     #[arg(long, group = "mode")]
     pub safe_off: bool,
-    /// With --plan: one JSON object.
-    #[arg(long, requires = "plan")]
+    /// Look for instruments (mDNS, VXI-11 broadcast, these addresses), propose lines of configuration, and end; needs
+    /// no configuration, says nothing but *IDN? to anybody.
+    #[arg(long, group = "mode", value_name = "ADDRESS", num_args = 0..)]
+    pub discover: Option<Vec<String>>,
+    /// With --plan: one JSON object; with --discover: one a line.
+    #[arg(long)]
     pub json: bool,
 }

@@ -27,6 +27,7 @@ pub(crate) struct Config {
     pub record: RecordSection,
     pub bus: BusSection,
     pub schedule: ScheduleSection,
+    pub care: CareSection,
 }
 
 /// Where frames come from.
@@ -276,6 +277,15 @@ pub(crate) struct ScheduleSection {
     pub count: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub for_s: Option<f64>,
+}
+
+/// Wear of relays.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct CareSection {
+    /// Closures that a relay is rated for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub relay_life_cycles: Option<u64>,
 }
 
 impl Config {

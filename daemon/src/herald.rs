@@ -26,6 +26,12 @@ pub(crate) enum Notice {
     Furniture,
     /// Something happened to the rig, or to a session by it.
     Happened(Happening),
+    /// How far a self-test is.
+    TestProgress {
+        done: u64,
+        total: u64,
+        what: String,
+    },
 }
 
 /// Everybody who carries news on.

@@ -1,6 +1,7 @@
 //! Who keeps watch: one per daemon, holds the rig, starts and ends sessions, remembers the baseline.
 
 mod asked;
+mod care;
 mod recovery;
 mod reload;
 mod rig_again;
@@ -71,6 +72,8 @@ struct Inner {
     recent: VecDeque<Arc<Live>>,
     /// Why the rig cannot be used, until it is found again.
     rig_fault: Option<String>,
+    /// Stops the self-test that runs.
+    test: Option<rig::StopButton>,
     /// Why a person must look first: relays found closed at the start.
     closed: Option<String>,
     known: Known,
@@ -177,6 +180,7 @@ impl Keeper {
                 relays_unknown: false,
                 recovery: None,
                 waiting: None,
+                test: None,
             }),
         })
     }
@@ -201,7 +205,7 @@ impl Keeper {
         let inner = self.inner();
         match &inner.state {
             _ if inner.source_unknown => "unknown",
-            State::Baseline | State::Acquiring => "in use",
+            State::Baseline | State::Acquiring | State::Testing => "in use",
             _ => "off",
         }
     }
@@ -268,6 +272,7 @@ impl Keeper {
     /// # Errors
     /// What could not be made safe.
     pub(crate) async fn shut_down(&self, why: &str) -> Result<(), String> {
+        self.stop_test();
         if let Some(live) = self.active() {
             live.stop(why);
             live.ended().await;

@@ -7,6 +7,7 @@
 //! - **configuration**: what was written; **prepared**: what it means, found out without touching an instrument
 //! - **keeper**: the one head of a running daemon; **session state**: what it is doing, as a pure state machine
 //! - **watch**: acquisition of one session; **recorder**: reconstruction and the sinks, the logbook first
+//! - **care**: self-test and wear of relays; **discovery**: what is there, proposed and never used
 //! - **herald**: carries news to every connection; **ring**: what a reader of the full-rate stream has not read yet
 //!
 //! ```
@@ -16,7 +17,9 @@
 //! ```
 
 mod args;
+mod care;
 mod config;
+mod discovery;
 mod guard;
 mod herald;
 mod keeper;
@@ -82,6 +85,9 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
     log_to_stderr();
     if args.print_config {
         return print_config(&args);
+    }
+    if let Some(addresses) = &args.discover {
+        return print_found(addresses, args.json);
     }
     let prepared = match prepare(&args.config) {
         Ok(prepared) => prepared,
@@ -261,6 +267,37 @@ fn print_config(args: &Args) -> ExitCode {
             Err(cause) => fail(&cause.to_string()),
         },
     }
+}
+
+/// `--discover`: before there is a configuration.
+fn print_found(addresses: &[String], json: bool) -> ExitCode {
+    let places: Result<Vec<place::Place>, place::NoPlace> =
+        addresses.iter().map(|address| address.parse()).collect();
+    let addresses = match places {
+        Ok(addresses) => addresses,
+        Err(refusal) => {
+            let _ = fail(&refusal.to_string());
+            return ExitCode::from(USAGE);
+        }
+    };
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build();
+    let runtime = match runtime {
+        Ok(runtime) => runtime,
+        Err(cause) => return fail(&format!("no threads to run on: {cause}")),
+    };
+    let search = discovery::Search {
+        addresses,
+        ..discovery::Search::default()
+    };
+    let found = runtime.block_on(discovery::discover(&search));
+    // whoever still listens must not keep the process
+    runtime.shutdown_background();
+    for line in report::found_lines(&found, json) {
+        say(&line);
+    }
+    ExitCode::SUCCESS
 }
 
 fn print_plan(prepared: &Prepared, json: bool) -> ExitCode {

@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use rig::MeterSettings;
 use sha2::{Digest, Sha256};
-use survey::{Amps, Limits, Plan, Protocol, Timing};
+use survey::{Amps, Limits, Plan, Protocol, Relay, Step, Timing};
 
 use crate::config::{Config, EnableName, RigKind};
 use crate::model::{Geometry, Model, chain, geometry, model};
@@ -68,6 +68,32 @@ pub(crate) struct RigPlan {
 }
 
 impl RigPlan {
+    /// How often a frame closes each relay of the wiring; of those that a scan closes by itself, the channels.
+    pub(crate) fn closures(&self) -> Vec<(Relay, f64)> {
+        let wiring = &self.plan.wiring;
+        let mut relays = wiring.injecting_relays();
+        relays.extend(wiring.measuring_relays());
+        relays.extend(&wiring.bus);
+        let mut closures: Vec<(Relay, f64)> =
+            relays.into_iter().map(|relay| (relay, 0.0)).collect();
+        let mut count = |closed: &[Relay]| {
+            for (relay, closures) in &mut closures {
+                *closures += if closed.contains(relay) { 1.0 } else { 0.0 };
+            }
+        };
+        for step in &self.plan.steps {
+            match step {
+                Step::Bus { close }
+                | Step::Break { close, .. }
+                | Step::Overlap { close, .. }
+                | Step::Route { close, .. } => count(close),
+                Step::Scan { .. } => count(&wiring.measuring_relays()),
+                _ => {}
+            }
+        }
+        closures
+    }
+
     /// Whether a multiplexer board switches, and the mainframe only measures.
     pub(crate) fn has_board(&self) -> bool {
         self.modules.is_empty()

@@ -1,8 +1,13 @@
 //! What the daemon knows, in the plain types of the bus.
 
-use bus::{BaselineReport, Options, PlanReport, SessionSummary};
+use bus::{
+    BaselineReport, Options, PlanReport, RelayWear, SeenInstrument, SessionSummary, TestLine,
+    TestReport,
+};
 use survey::Baseline;
 
+use crate::care::{Line, Report, Wear};
+use crate::discovery::{Found, Seen};
 use crate::keeper::Recovery;
 use crate::model::Geometry;
 use crate::prepare::RigPlan;
@@ -50,6 +55,104 @@ pub(crate) fn geometry(geometry: &Geometry) -> bus::Geometry {
         outline_lengths: outline.iter().map(|points| points.len() as u32).collect(),
         electrodes: flat(&mesh.electrode_centres()),
         more: Options::new().with("name", geometry.name.as_str()),
+    }
+}
+
+/// A self-test.
+pub(crate) fn test(report: Report) -> TestReport {
+    let more = Options::new()
+        .with("at", report.at)
+        .with("wiring", report.wiring)
+        .with("simulated", report.simulated)
+        .with("current_a", report.current_a)
+        .with_some("sheet_ohm", report.sheet_ohm)
+        .with_some("misfit", report.misfit)
+        .with_some("pauw_ohm", report.pauw_ohm)
+        .with_some("pauw_raw_ohm", report.pauw_raw_ohm)
+        .with_some("reciprocity", report.reciprocity)
+        .with_some("noise_v", report.noise_v)
+        .with_some("offset_v", report.offset_v);
+    let line = |line: Line| TestLine {
+        subject: line.subject,
+        check: line.check.to_owned(),
+        verdict: line.verdict.word().to_owned(),
+        measured: line.measured.unwrap_or(f64::NAN),
+        expected: line.expected.unwrap_or(f64::NAN),
+        unit: line.unit.to_owned(),
+        text: line.text,
+    };
+    TestReport {
+        passed: report.passed,
+        findings: report.findings,
+        lines: report.lines.into_iter().map(line).collect(),
+        more,
+    }
+}
+
+/// An instrument that is there.
+pub(crate) fn seen(seen: Seen) -> SeenInstrument {
+    SeenInstrument {
+        address: seen.address,
+        identity: seen.identity,
+        found_by: seen.found_by,
+        name: seen.name,
+        in_use: seen.in_use,
+        proposal: seen.proposal,
+        remark: seen.remark,
+    }
+}
+
+/// What was found, for a person or as JSON, as `tactus instruments discover` prints it.
+pub(crate) fn found_lines(found: &Found, json: bool) -> Vec<String> {
+    let some = |text: &str| Some(text.to_owned()).filter(|text| !text.is_empty());
+    let mut lines = Vec::new();
+    for seen in &found.seen {
+        if json {
+            let object = serde_json::json!({
+                "event": "instrument",
+                "address": some(&seen.address),
+                "identity": some(&seen.identity),
+                "found_by": seen.found_by,
+                "name": some(&seen.name),
+                "in_use": seen.in_use,
+                "proposal": some(&seen.proposal),
+                "remark": some(&seen.remark),
+            });
+            lines.push(object.to_string());
+            continue;
+        }
+        let said = some(&seen.identity).unwrap_or_else(|| seen.remark.clone());
+        lines.push(
+            format!("# {said} (found by {} {})", seen.found_by, seen.name).replace(" )", ")"),
+        );
+        lines.push(match seen.proposal.as_str() {
+            "" => format!("# {} {}", seen.address, seen.remark),
+            proposal => proposal.to_owned(),
+        });
+    }
+    for note in &found.notes {
+        lines.push(match json {
+            true => serde_json::json!({"event": "note", "text": note}).to_string(),
+            false => format!("# note: {note}"),
+        });
+    }
+    if lines.is_empty() {
+        lines.extend((!json).then(|| {
+            "# no instrument was found; a 6221 announces nothing: tactusd --discover tcp:HOST:1394 asks it".to_owned()
+        }));
+    }
+    lines
+}
+
+/// The wear of one relay.
+pub(crate) fn wear(wear: Wear) -> RelayWear {
+    RelayWear {
+        relay: wear.relay.0,
+        purpose: wear.purpose,
+        cycles: wear.cycles,
+        rated: wear.rated.unwrap_or(0),
+        used: wear.used.unwrap_or(f64::NAN),
+        left_s: wear.left.map_or(f64::NAN, |left| left.as_secs_f64()),
     }
 }
 

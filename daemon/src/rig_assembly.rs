@@ -10,8 +10,9 @@ use rig::{
     Rig, RigError, StartError, Stop, Switch, Tape, acquire, check_at_start, find_closed,
     name_relays, safe_off,
 };
-use survey::{Frame, Plan, Wiring};
+use survey::{Frame, Plan, Relay, Sensing, Wiring};
 
+use crate::care::{Asked, ProbeError, Raw, probe};
 use crate::keeper::Known;
 use crate::multiplexer::Multiplexer;
 use crate::place::Place;
@@ -143,6 +144,32 @@ impl AnyRig {
         match self {
             Self::Mainframe(rig) => rig::prepare(rig, plan, meter).await,
             Self::Board(rig) => rig::prepare(rig, plan, meter).await,
+        }
+    }
+
+    /// Reads everything that a self-test judges. Whoever calls makes the rig safe afterwards.
+    pub(crate) async fn probe(&self, mut asked: Asked<'_>) -> Result<Raw, ProbeError> {
+        match self {
+            Self::Mainframe(rig) => {
+                let mut held = rig.lock().await;
+                let wiring = &asked.plan.wiring;
+                if wiring.sensing == Sensing::Scan {
+                    asked.meter_relays = held.voltmeter.meter_relays(&wiring.measuring_relays());
+                }
+                probe(&mut held, &asked).await
+            }
+            Self::Board(rig) => probe(&mut *rig.lock().await, &asked).await,
+        }
+    }
+
+    /// How often relays have closed; `None` where nothing counts them.
+    pub(crate) async fn relay_cycles(
+        &self,
+        relays: &[Relay],
+    ) -> Option<Result<Vec<u64>, RigError>> {
+        match self {
+            Self::Mainframe(rig) => Some(rig.lock().await.voltmeter.relay_cycles(relays).await),
+            Self::Board(_) => None,
         }
     }
 

@@ -121,6 +121,10 @@ async fn speak(connection: &Connection, keeper: &Arc<Keeper>, notice: Notice) ->
             object.source_state_changed(emitter).await?;
             object.recovery_changed(emitter).await
         }
+        Notice::TestProgress { done, total, what } => {
+            let manager = server.interface::<_, Manager1>(ROOT_PATH).await?;
+            Manager1::test_progress(manager.signal_emitter(), done, total, &what).await
+        }
         Notice::Instruments => {
             for found in keeper.known().instruments {
                 let path = Instrument1::new(Arc::clone(keeper), found.role).path();

@@ -9,6 +9,8 @@ pub(crate) enum Work {
     Baseline,
     /// Frames are being measured.
     Measurement,
+    /// The rig is being tested.
+    Test,
 }
 
 /// What the daemon is doing.
@@ -20,6 +22,8 @@ pub(crate) enum State {
     Baseline,
     /// Measuring.
     Acquiring,
+    /// Testing the rig.
+    Testing,
     /// A session pauses between frames; the source is off.
     Suspended(Work),
     /// The last session ended by a fault, or the rig could not be made safe. A new session may be tried.
@@ -48,6 +52,8 @@ pub(crate) enum Event {
 pub(crate) enum Refusal {
     #[error("a session is running; stop it first")]
     SessionActive,
+    #[error("the rig is being tested; `tactus status` shows when that is done")]
+    Testing,
     #[error("no session is running")]
     NoSession,
 }
@@ -59,6 +65,8 @@ impl State {
         match (self, event) {
             (Self::Idle | Self::Faulted(_), Start(Work::Baseline)) => Ok(Self::Baseline),
             (Self::Idle | Self::Faulted(_), Start(Work::Measurement)) => Ok(Self::Acquiring),
+            (Self::Idle | Self::Faulted(_), Start(Work::Test)) => Ok(Self::Testing),
+            (Self::Testing, Start(_)) => Err((Self::Testing, Refusal::Testing)),
             (state, Start(_)) => Err((state, Refusal::SessionActive)),
 
             (Self::Baseline, Suspend) => Ok(Self::Suspended(Work::Baseline)),
@@ -69,7 +77,9 @@ impl State {
             (state @ (Self::Baseline | Self::Acquiring), Resume) => Ok(state),
             (state, Suspend | Resume) => Err((state, Refusal::NoSession)),
 
-            (Self::Baseline | Self::Acquiring | Self::Suspended(_), Ended) => Ok(Self::Idle),
+            (Self::Baseline | Self::Acquiring | Self::Testing | Self::Suspended(_), Ended) => {
+                Ok(Self::Idle)
+            }
             (state, Ended) => Err((state, Refusal::NoSession)),
             (_, Fault(why)) => Ok(Self::Faulted(why)),
             (Self::Faulted(_), Recovered) => Ok(Self::Idle),
@@ -83,6 +93,7 @@ impl State {
             Self::Idle => "idle",
             Self::Baseline => "baseline",
             Self::Acquiring => "acquiring",
+            Self::Testing => "testing",
             Self::Suspended(_) => "suspended",
             Self::Faulted(_) => "faulted",
         }
@@ -90,7 +101,10 @@ impl State {
 
     /// Whether a session is running.
     pub(crate) fn is_busy(&self) -> bool {
-        matches!(self, Self::Baseline | Self::Acquiring | Self::Suspended(_))
+        matches!(
+            self,
+            Self::Baseline | Self::Acquiring | Self::Testing | Self::Suspended(_)
+        )
     }
 }
 
@@ -112,6 +126,7 @@ mod tests {
             State::Idle,
             State::Baseline,
             State::Acquiring,
+            State::Testing,
             State::Suspended(Work::Baseline),
             State::Suspended(Work::Measurement),
             State::Faulted("disk".into()),
@@ -122,6 +137,7 @@ mod tests {
         vec![
             Event::Start(Work::Baseline),
             Event::Start(Work::Measurement),
+            Event::Start(Work::Test),
             Event::Suspend,
             Event::Resume,
             Event::Ended,
@@ -130,16 +146,17 @@ mod tests {
         ]
     }
 
-    /// The whole table, a row a state, in the order of `events`; `!` and `?` are the two refusals.
+    /// The whole table, a row a state, in the order of `events`; `!`, `t` and `?` are the three refusals.
     #[test]
     fn every_state_answers_every_event() {
         let table = [
-            "baseline acquiring ? ? ? faulted:lost idle",
-            "! ! suspended(b) baseline idle faulted:lost baseline",
-            "! ! suspended(m) acquiring idle faulted:lost acquiring",
-            "! ! suspended(b) baseline idle faulted:lost suspended(b)",
-            "! ! suspended(m) acquiring idle faulted:lost suspended(m)",
-            "baseline acquiring ? ? ? faulted:lost idle",
+            "baseline acquiring testing ? ? ? faulted:lost idle",
+            "! ! ! suspended(b) baseline idle faulted:lost baseline",
+            "! ! ! suspended(m) acquiring idle faulted:lost acquiring",
+            "t t t ? ? idle faulted:lost testing",
+            "! ! ! suspended(b) baseline idle faulted:lost suspended(b)",
+            "! ! ! suspended(m) acquiring idle faulted:lost suspended(m)",
+            "baseline acquiring testing ? ? ? faulted:lost idle",
         ];
         let name = |state: &State| match state {
             State::Suspended(Work::Baseline) => "suspended(b)".to_owned(),
@@ -156,6 +173,7 @@ mod tests {
                         assert_eq!(kept, state, "a refusal changes nothing");
                         match refusal {
                             Refusal::SessionActive => "!".to_owned(),
+                            Refusal::Testing => "t".to_owned(),
                             Refusal::NoSession => "?".to_owned(),
                         }
                     }

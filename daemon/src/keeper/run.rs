@@ -60,7 +60,7 @@ impl Keeper {
         let started = house.clock.wall();
         let (kind, letter) = match order.work {
             Work::Baseline => (SessionKind::Baseline, 'b'),
-            Work::Measurement => (SessionKind::Measurement, 'm'),
+            Work::Measurement | Work::Test => (SessionKind::Measurement, 'm'),
         };
         let header = self.header(kind, started, letter, &order);
         let directory = house.setup.record_directory.clone();

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use bus::{Fault, Options, ROOT_PATH, SessionSummary};
+use bus::{Fault, Options, ROOT_PATH, RelayWear, SeenInstrument, SessionSummary, TestLine};
 use zbus::object_server::{ObjectServer, SignalEmitter};
 use zbus::{ObjectPath, OwnedVariant, interface};
 
@@ -141,6 +141,55 @@ impl Manager1 {
         ))
     }
 
+    /// Tests the rig and returns when that is done: every relay against the sheet's own resistances, the contact of every
+    /// electrode, reciprocity, noise. Refused while a session runs; the source is off and verified afterwards. Answers
+    /// whether nothing is to be mended, what is, the table (subject, check, `ok`, `failed` or `not-judged`, measured and
+    /// expected with NaN where there is none, unit, text), and what was found of the whole. No options.
+    #[allow(clippy::type_complexity)]
+    #[zbus(out_args("passed", "findings", "lines", "more"))]
+    async fn test_instruments(
+        &self,
+        options: Options,
+    ) -> Result<(bool, Vec<String>, Vec<TestLine>, Options), Fault> {
+        options.only(&[])?;
+        let report = report::test(self.0.test_instruments().await?);
+        Ok((report.passed, report.findings, report.lines, report.more))
+    }
+
+    /// How often each relay has closed and how long that may go on: number, purpose, closures, those it is rated for (0
+    /// where nothing moves), the part of them, seconds of measuring that are left. Refused while a session runs. No
+    /// options.
+    #[zbus(out_args("relays"))]
+    async fn relays(&self, options: Options) -> Result<Vec<RelayWear>, Fault> {
+        options.only(&[])?;
+        let relays = self.0.relay_wear().await?;
+        Ok(relays.into_iter().map(report::wear).collect())
+    }
+
+    /// Looks for instruments: mDNS, VXI-11 broadcast, and these addresses. Nothing but `*IDN?` is said to them, and none is
+    /// used. Options: `within_s` (d, default 3), `mdns` (b), `broadcast` (b). Answers address (empty where the daemon
+    /// knows no way to it), identity, the ways it was found, the name it is announced under, whether the configuration
+    /// uses it, lines that a configuration could have, a remark; and what could not be looked for.
+    #[zbus(out_args("seen", "notes"))]
+    async fn discover(
+        &self,
+        addresses: Vec<String>,
+        options: Options,
+    ) -> Result<(Vec<SeenInstrument>, Vec<String>), Fault> {
+        let found = self.0.discover(&addresses, &options).await?;
+        let seen = found.seen.into_iter().map(report::seen);
+        Ok((seen.collect(), found.notes))
+    }
+
+    /// How far a self-test is: steps done, of how many, what is done now.
+    #[zbus(signal)]
+    pub(super) async fn test_progress(
+        emitter: &SignalEmitter<'_>,
+        done: u64,
+        total: u64,
+        what: &str,
+    ) -> zbus::Result<()>;
+
     /// The current baseline: id, time of its last frame, frames averaged, mean voltages with their flags, standard
     /// deviations (NaN where unknown), whether simulated, settings.
     #[allow(clippy::type_complexity)]
@@ -234,7 +283,7 @@ impl Manager1 {
         env!("CARGO_PKG_VERSION")
     }
 
-    /// `idle`, `baseline`, `acquiring`, `suspended`, `faulted`.
+    /// `idle`, `baseline`, `acquiring`, `testing`, `suspended`, `faulted`.
     #[zbus(property)]
     fn state(&self) -> &str {
         self.0.state().word()

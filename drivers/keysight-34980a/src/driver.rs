@@ -4,6 +4,7 @@
 //! `ROUT:CLOS (@1037);:ROUT:OPEN (@1036);:READ?`. A move that only closes is sent at once: whoever switches a source on
 //! next must find its relay closed.
 
+mod care;
 mod unit;
 
 use std::collections::{BTreeMap, BTreeSet};

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use eit::{DiscTank, PaperSheet, Preset};
 use serde::Deserialize;
+use survey::Electrode;
 use toml::Spanned;
 
 use crate::effects::EffectSettings;
@@ -60,6 +61,8 @@ pub struct Scene {
     pub effects: EffectSettings,
     /// What goes wrong with the instruments, on the same time line.
     pub faults: Vec<SceneFault>,
+    /// Electrodes whose contact is not the sheet's own, with its resistance, ohm; 1e9 is as good as detached.
+    pub contacts: Vec<(Electrode, f64)>,
 }
 
 /// Why a text is not a scene: `file:line:column: what is wrong`.
@@ -93,6 +96,16 @@ struct Text {
     effects: Option<Spanned<EffectSettings>>,
     #[serde(default)]
     fault: Vec<FaultText>,
+    #[serde(default)]
+    contact: Vec<Spanned<ContactText>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ContactText {
+    /// From 1.
+    electrode: usize,
+    ohm: f64,
 }
 
 #[derive(Deserialize)]
@@ -215,6 +228,7 @@ impl Scene {
             loads: Vec::new(),
             effects: EffectSettings::default(),
             faults: Vec::new(),
+            contacts: Vec::new(),
         }
     }
 
@@ -300,6 +314,27 @@ impl Text {
                 })
             })
             .collect::<Result<_, _>>()?;
+        let electrodes = sheet.contact_ohm_m().len();
+        let contacts = self
+            .contact
+            .into_iter()
+            .map(|contact| {
+                let span = contact.span();
+                let ContactText { electrode, ohm } = contact.into_inner();
+                if !(ohm >= 0.0 && ohm.is_finite()) {
+                    return Err(Fault(span, format!("a contact of {ohm} ohm cannot be")));
+                }
+                Electrode::from_number(electrode)
+                    .filter(|electrode| electrode.0 < electrodes)
+                    .map(|electrode| (electrode, ohm))
+                    .ok_or_else(|| {
+                        let text = format!(
+                            "there is no electrode {electrode}, the sheet has {electrodes}"
+                        );
+                        Fault(span, text)
+                    })
+            })
+            .collect::<Result<_, _>>()?;
         Ok(Scene {
             name: self.name.unwrap_or_else(|| "unnamed".to_owned()),
             seed: self.seed,
@@ -307,6 +342,7 @@ impl Text {
             loads,
             effects,
             faults,
+            contacts,
         })
     }
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use eit::{Forward, ForwardError, Mesh, MeshError};
+use eit::{DiscTank, Forward, ForwardError, Mesh, MeshError, PaperSheet, Preset};
 use nalgebra::DMatrix;
 use survey::Volts;
 
@@ -49,6 +49,21 @@ struct State {
     live: Vec<Load>,
 }
 
+/// Length of each electrode's contact, m: what 1 ohm is in ohm m.
+fn contact_lengths(sheet: &Preset) -> Vec<f64> {
+    match sheet.clone() {
+        Preset::PaperSheet(sheet) => Preset::PaperSheet(PaperSheet {
+            contact_ohm: 1.0,
+            ..sheet
+        }),
+        Preset::DiscTank(tank) => Preset::DiscTank(DiscTank {
+            contact_ohm: 1.0,
+            ..tank
+        }),
+    }
+    .contact_ohm_m()
+}
+
 impl Phantom {
     /// Meshes the scene's sheet and places its loads.
     ///
@@ -61,7 +76,12 @@ impl Phantom {
             .iter()
             .map(|timed| timed.load.coverage(&mesh))
             .collect::<Result<_, _>>()?;
-        let forward = Forward::new(mesh, &scene.sheet.contact_ohm_m())?;
+        let mut contacts = scene.sheet.contact_ohm_m();
+        let lengths = contact_lengths(&scene.sheet);
+        for (electrode, ohm) in &scene.contacts {
+            contacts[electrode.0] = ohm * lengths[electrode.0];
+        }
+        let forward = Forward::new(mesh, &contacts)?;
         let effects = Effects::new(&scene.effects, scene.seed);
         Ok(Self {
             scene,

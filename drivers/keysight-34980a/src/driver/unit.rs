@@ -271,7 +271,12 @@ impl<S: Stream> Unit<S> {
     }
 
     /// Reads exactly so many numbers. With another count nobody knows which is whose.
-    fn numbers(&self, asked: &str, answer: &str, count: usize) -> Result<Vec<Answer>, RigError> {
+    pub(super) fn numbers(
+        &self,
+        asked: &str,
+        answer: &str,
+        count: usize,
+    ) -> Result<Vec<Answer>, RigError> {
         let numbers = scpi::parse_readings(answer);
         match numbers {
             Ok(numbers) if numbers.len() == count => Ok(numbers),

@@ -1,0 +1,58 @@
+//! What a mainframe can tell of its relays beside opening and closing them.
+
+use rig::{RigError, Stream};
+use survey::Relay;
+
+use super::Keysight34980a;
+use super::unit::{compact, garbled};
+use crate::command::System;
+use crate::modules::join;
+
+impl<S: Stream> Keysight34980a<S> {
+    /// How often each relay has been closed since it was made, or since somebody cleared the count
+    /// (`DIAG:REL:CYCL?`). A 34925A's FETs always count 0.
+    ///
+    /// # Errors
+    /// A relay that is not there, a failing wire, or an answer that is not as many counts.
+    pub async fn relay_cycles(&self, relays: &[Relay]) -> Result<Vec<u64>, RigError> {
+        self.check_exist(relays)?;
+        if relays.is_empty() {
+            return Ok(Vec::new());
+        }
+        let mut unit = self.unit.lock().await;
+        let deadline = unit.link.deadline();
+        let question = System::RelayCycles(compact(relays)).into();
+        let (asked, answer) = unit.ask(vec![question], deadline).await?;
+        let counts: Option<Vec<u64>> = unit
+            .numbers(&asked, &answer, relays.len())?
+            .iter()
+            .map(|count| {
+                // 2^53: beyond it a number that is written with an exponent is no count any more
+                let count = count.value().filter(|count| {
+                    count.fract() == 0.0 && (0.0..=9_007_199_254_740_992.0).contains(count)
+                })?;
+                Some(count as u64)
+            })
+            .collect();
+        counts.ok_or_else(|| garbled(unit.link.instrument(), &asked, &answer, "whole numbers"))
+    }
+
+    /// The relays that join the banks of scanned channels to the voltmeter's bus, each once. A scan closes them by
+    /// itself; whoever reads without a scan closes them first.
+    pub fn meter_relays(&self, scanned: &[Relay]) -> Vec<Relay> {
+        let mut buses = Vec::new();
+        for relay in scanned {
+            let Ok((module, channel)) = self.module_of(*relay) else {
+                continue;
+            };
+            let bank = module.contact(channel).and_then(|contact| contact.bank());
+            let bus = bank.and_then(|bank| module.bus_relay(bank, 1));
+            if let Some(bus) = bus.map(|bus| join(relay.0 / 1000, bus))
+                && !buses.contains(&bus)
+            {
+                buses.push(bus);
+            }
+        }
+        buses
+    }
+}

@@ -1,0 +1,162 @@
+//! Two simulators announce themselves: both are listed within five seconds, by what they answer to `*IDN?`, and a daemon
+//! that runs uses neither.
+
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use crate::scenery::{self, Needs, ask};
+
+/// A network of its own, so that nobody else's announcements are heard; `$0` is the program, `$1` the folder.
+const ALONE: &str = r#"
+set -e
+ip link set lo up multicast on
+ip route add 224.0.0.0/4 dev lo
+"$0" tactus-bench serve --announce --instant --port-6221 0 --port-34980a 0 --port-vxi11 0 > "$1/ready" &
+bench=$!
+trap 'kill $bench' EXIT
+for _ in $(seq 600); do [ -s "$1/ready" ] && break; sleep 0.1; done
+start=$(date +%s%N)
+"$0" tactusd --discover --json > "$1/found"
+end=$(date +%s%N)
+echo $(( (end - start) / 1000000 )) > "$1/took_ms"
+"#;
+
+#[test]
+fn two_announced_simulators_are_listed_within_five_seconds() {
+    let Some(stage) = scenery::set(Needs::SIMULATED, scenery::NOISY) else {
+        return;
+    };
+    let alone = Command::new("unshare")
+        .args(["--net", "sh", "-c", ALONE, env!("CARGO_BIN_EXE_demo")])
+        .arg(stage.path())
+        .output();
+    let said = match &alone {
+        Ok(ended) if ended.status.success() => None,
+        Ok(ended) => Some(String::from_utf8_lossy(&ended.stderr).into_owned()),
+        Err(fault) => Some(fault.to_string()),
+    };
+    let read = |file: &str| std::fs::read_to_string(stage.path().join(file)).unwrap_or_default();
+    if let Some(said) = said.filter(|_| read("ready").is_empty()) {
+        eprintln!(
+            "skipped: no network of its own can be had here ({})",
+            said.trim()
+        );
+        return;
+    }
+    let found: Vec<Value> = read("found")
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap_or_else(|fault| panic!("{line}: {fault}")))
+        .collect();
+    let seen: Vec<&Value> = found
+        .iter()
+        .filter(|line| line["event"] == "instrument")
+        .collect();
+    let ready: Value = serde_json::from_str(&read("ready")).expect("a line of JSON");
+    for (of, model, section) in [
+        ("6221", ",MODEL 6221,", "[source]"),
+        ("34980a", ",34980A,", "[switch]"),
+    ] {
+        let port = ready[of]
+            .as_str()
+            .and_then(|address| address.rsplit(':').next())
+            .expect("a port");
+        let found: Vec<&&Value> = seen
+            .iter()
+            .filter(|seen| {
+                seen["identity"]
+                    .as_str()
+                    .is_some_and(|identity| identity.contains(model))
+            })
+            .collect();
+        assert_eq!(found.len(), 1, "{of} is listed once: {seen:?}");
+        let (address, proposal) = (&found[0]["address"], &found[0]["proposal"]);
+        assert_eq!(
+            address,
+            &Value::from(format!("tcp:127.0.0.1:{port}")),
+            "{seen:?}"
+        );
+        assert!(
+            proposal
+                .as_str()
+                .is_some_and(|lines| lines.starts_with(section)),
+            "{proposal}"
+        );
+        assert!(
+            found[0]["found_by"]
+                .as_str()
+                .is_some_and(|ways| ways.contains("mdns")),
+            "{seen:?}"
+        );
+    }
+    let took: u64 = read("took_ms").trim().parse().expect("milliseconds");
+    println!("both listed {took} ms after the start of tactusd --discover");
+    assert!(took < 5000, "{took} ms");
+}
+
+#[test]
+fn a_running_daemon_lists_an_address_that_it_is_given_and_goes_on_without_it() {
+    let Some(stage) = scenery::set(Needs::SIMULATED, scenery::NOISY) else {
+        return;
+    };
+    let _keeper = scenery::start(&stage);
+    // somebody who counts what is said to it
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("a free port");
+    let port = listener.local_addr().expect("it has one").port();
+    let stranger = std::thread::spawn(move || {
+        use std::io::{Read, Write};
+        let (mut client, _) = listener.accept().expect("somebody asks");
+        let mut heard = Vec::new();
+        let mut chunk = [0; 256];
+        while !heard.ends_with(b"\n") {
+            let length = client.read(&mut chunk).expect("a question");
+            heard.extend(&chunk[..length]);
+        }
+        client
+            .write_all(b"Agilent Technologies,34980A,MY1,2.43\n")
+            .expect("an answer");
+        // until it leaves
+        client.read_to_end(&mut heard).ok();
+        String::from_utf8_lossy(&heard).into_owned()
+    });
+    let address = format!("tcp:127.0.0.1:{port}");
+    let begun = Instant::now();
+    let found = ask(
+        &stage,
+        &[
+            "instruments",
+            "discover",
+            "--no-mdns",
+            "--no-broadcast",
+            &address,
+        ],
+    );
+    assert!(begun.elapsed() < Duration::from_secs(60));
+    let seen = found
+        .iter()
+        .find(|line| line["address"] == address.as_str())
+        .unwrap_or_else(|| panic!("{found:?}"));
+    assert_eq!(
+        (&seen["in_use"], &seen["found_by"]),
+        (&false.into(), &"address".into())
+    );
+    assert_eq!(
+        stranger.join().expect("it heard something"),
+        "*IDN?\n",
+        "nothing else is said to it"
+    );
+    let used = found.iter().filter(|line| line["in_use"] == true);
+    assert_eq!(
+        used.count(),
+        2,
+        "the configured ones are listed as such: {found:?}"
+    );
+    let instruments = ask(&stage, &["instruments"]);
+    assert!(
+        instruments
+            .iter()
+            .all(|used| used["address"] != address.as_str()),
+        "{instruments:?}"
+    );
+}
