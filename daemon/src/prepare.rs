@@ -87,7 +87,11 @@ impl RigPlan {
                 | Step::Break { close, .. }
                 | Step::Overlap { close, .. }
                 | Step::Route { close, .. } => count(close),
-                Step::Scan { .. } => count(&wiring.measuring_relays()),
+                Step::Scan { channels } => {
+                    let relays: Vec<Relay> = channels.iter().map(|channel| channel.relay).collect();
+                    count(&relays);
+                }
+                Step::Chain { routes } => routes.iter().for_each(|route| count(&route.close)),
                 _ => {}
             }
         }

@@ -182,7 +182,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
         let wiring = &self.asked.plan.wiring;
         let scan = match wiring.sensing {
             Sensing::Scan => wiring.measuring_relays(),
-            Sensing::Single => Vec::new(),
+            Sensing::Single | Sensing::Chain => Vec::new(),
         };
         self.rig.voltmeter.prepare(meter, &scan).await
     }
