@@ -13,6 +13,7 @@ use mdns_sd::{IfKind, ServiceDaemon, ServiceInfo};
 pub(crate) const SCPI_RAW: &str = "_scpi-raw._tcp.local.";
 pub(crate) const LXI: &str = "_lxi._tcp.local.";
 pub(crate) const HTTP: &str = "_http._tcp.local.";
+pub(crate) const SCPI_TELNET: &str = "_scpi-telnet._tcp.local.";
 pub(crate) const VXI_11: &str = "_vxi-11._tcp.local.";
 
 /// How long a goodbye may take.

@@ -43,6 +43,7 @@ mod sheet;
 mod simulated;
 mod stand;
 mod status;
+mod telnet;
 mod vxi11;
 mod web;
 mod workbench;

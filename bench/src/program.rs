@@ -97,6 +97,9 @@ struct Serve {
     /// Port of the 34980A's VXI-11 core channel; 0 takes a free one. Without it there is none.
     #[arg(long, value_name = "N")]
     port_vxi11: Option<u16>,
+    /// Port of the 34980A's telnet server (the instrument's own is 5024); 0 takes a free one. Without it there is none.
+    #[arg(long, value_name = "N")]
+    port_telnet: Option<u16>,
     /// Port of the 34980A's LXI identification and its page; 0 takes a free one. Without it there are none, unless they
     /// are announced.
     #[arg(long, value_name = "N")]
@@ -304,6 +307,7 @@ async fn serve_until_stopped(
             port_6221: asked.port_6221,
             port_34980a: asked.port_34980a,
             port_vxi11: asked.port_vxi11,
+            port_telnet: asked.port_telnet,
             port_http: asked.port_http,
             serial_6221: asked.serial_6221,
             control: asked.control.clone(),
@@ -351,11 +355,18 @@ mod tests {
 
     #[test]
     fn every_command_of_the_chapter_is_understood() {
-        let chapter = include_str!("../README.md");
+        let root = include_str!("../../README.md");
+        let (_, here) = root
+            .split_once("## Develop against instruments you don't have")
+            .unwrap();
+        let here = here.split("\n## ").next().unwrap();
+        let chapter = [here, include_str!("../README.md")].concat();
         let mut commands = 0;
         let lines = chapter.lines().map(str::trim);
         for line in lines.filter(|line| line.starts_with("tactus-bench ")) {
             let line = line.split(" #").next().unwrap_or_default();
+            // The shell's own.
+            let line = line.trim_end().trim_end_matches('&');
             // Quotes hold words together.
             let words = line.split('"').enumerate().flat_map(|(index, part)| {
                 if index % 2 == 1 {

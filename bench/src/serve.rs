@@ -9,11 +9,11 @@ use tempfile::TempDir;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinSet;
 
-use crate::announce::{Announcement, HTTP, LXI, SCPI_RAW, VXI_11};
+use crate::announce::{Announcement, HTTP, LXI, SCPI_RAW, SCPI_TELNET, VXI_11};
 use crate::guest::End;
 use crate::profile::SecondClient;
 use crate::pty::Pty;
-use crate::{Instrument, SimulatedRig, control, vxi11, web};
+use crate::{Instrument, SimulatedRig, control, telnet, vxi11, web};
 
 /// Where to serve. Port 0 takes a free one.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -26,6 +26,8 @@ pub struct ServeOptions {
     pub port_34980a: u16,
     /// Port of the 34980A's VXI-11 core channel, if it is to have one.
     pub port_vxi11: Option<u16>,
+    /// Port of the 34980A's telnet server, if it is to have one.
+    pub port_telnet: Option<u16>,
     /// Port of the 34980A's web pages; without one they are served on a free port when announced, else not at all.
     pub port_http: Option<u16>,
     /// Whether the 6221 has its serial port too.
@@ -43,6 +45,7 @@ impl Default for ServeOptions {
             port_6221: 1394,
             port_34980a: 5025,
             port_vxi11: None,
+            port_telnet: None,
             port_http: None,
             serial_6221: false,
             control: None,
@@ -69,6 +72,8 @@ pub struct Ready {
     pub source_serial: Option<String>,
     /// `host:port` of the VXI-11 core channel; null unless asked for.
     pub vxi11: Option<String>,
+    /// `host:port` of the telnet server; null unless asked for.
+    pub telnet: Option<String>,
     /// `host:port` of the web pages; null unless asked for or announced.
     pub http: Option<String>,
     /// Path of the control socket.
@@ -140,6 +145,10 @@ pub async fn serve(rig: SimulatedRig, options: &ServeOptions) -> Result<Server, 
         Some(port) => Some(listen(Instrument::Mainframe, bind, port).await?),
         None => None,
     };
+    let telnet = match options.port_telnet {
+        Some(port) => Some(listen(Instrument::Mainframe, bind, port).await?),
+        None => None,
+    };
     let no_control = |path: &Path| {
         let path = path.display().to_string();
         move |cause| ServeError::Control { path, cause }
@@ -167,6 +176,7 @@ pub async fn serve(rig: SimulatedRig, options: &ServeOptions) -> Result<Server, 
         false => None,
     };
     let vxi11_at = core.as_ref().map(|(_, at)| *at);
+    let telnet_at = telnet.as_ref().map(|(_, at)| *at);
     let http_at = http.as_ref().map(|(_, at)| *at);
     tasks.spawn(accept_source(rig.clone(), source));
     tasks.spawn(accept(rig.clone(), Instrument::Mainframe, mainframe));
@@ -174,6 +184,9 @@ pub async fn serve(rig: SimulatedRig, options: &ServeOptions) -> Result<Server, 
     tasks.spawn(time_line(rig.clone()));
     if let Some((core, _)) = core {
         tasks.spawn(vxi11::serve(rig.clone(), core));
+    }
+    if let Some((port, _)) = telnet {
+        tasks.spawn(telnet::serve(rig.clone(), port));
     }
     if let Some((http, _)) = http {
         let ports = web::Ports {
@@ -188,6 +201,7 @@ pub async fn serve(rig: SimulatedRig, options: &ServeOptions) -> Result<Server, 
             (LXI, http_at),
             (HTTP, http_at),
             (VXI_11, vxi11_at),
+            (SCPI_TELNET, telnet_at),
         ];
         let mainframe = rig.identity(Instrument::Mainframe);
         let mut services = vec![(rig.identity(Instrument::Source), SCPI_RAW, source_at)];
@@ -206,6 +220,7 @@ pub async fn serve(rig: SimulatedRig, options: &ServeOptions) -> Result<Server, 
             serial: board_serial,
             source_serial,
             vxi11: vxi11_at.map(|at| at.to_string()),
+            telnet: telnet_at.map(|at| at.to_string()),
             http: http_at.map(|at| at.to_string()),
             control: control.display().to_string(),
         },

@@ -6,6 +6,7 @@
 
 mod core_channel;
 mod link;
+mod port;
 mod rpc;
 
 pub use core_channel::CoreChannel;

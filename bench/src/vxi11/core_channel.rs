@@ -2,17 +2,17 @@
 
 use std::collections::BTreeMap;
 use std::io;
-use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
 
 use rig::{BoxStream, Stream};
 use tokio::io::AsyncWriteExt;
 use tokio::net::TcpListener;
-use tokio::sync::Notify;
 use tokio::task::JoinSet;
-use tokio::time::{Instant, timeout_at};
+use tokio::time::Instant;
 
-use super::link::{Aborter, Fault, Link, ReadRequest, within};
+use super::link::{Fault, Link, ReadRequest, within};
+use super::port::Port;
 use super::rpc::{Call, Garbage, Reader, Reply, Writer, marked, read_record};
 use crate::guest::Guest;
 use crate::{Instrument, SimulatedRig};
@@ -40,62 +40,6 @@ const UNTIL_CHARACTER: u32 = 128;
 
 const MESSAGE_AVAILABLE: u32 = 1 << 4;
 
-/// What all connections share.
-#[derive(Debug)]
-struct Port {
-    rig: SimulatedRig,
-    number: u16,
-    next_link: AtomicU32,
-    lock: Mutex<Option<u32>>,
-    unlocked: Notify,
-    aborters: Mutex<BTreeMap<u32, Aborter>>,
-}
-
-impl Port {
-    fn owner(&self) -> MutexGuard<'_, Option<u32>> {
-        self.lock.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn aborters(&self) -> MutexGuard<'_, BTreeMap<u32, Aborter>> {
-        self.aborters.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn release(&self, link: u32) -> bool {
-        let mut owner = self.owner();
-        let held = *owner == Some(link);
-        if held {
-            *owner = None;
-            self.unlocked.notify_waiters();
-        }
-        held
-    }
-
-    /// Waits until no other link holds the lock, and takes it if asked to.
-    async fn pass(
-        &self,
-        link: u32,
-        take: bool,
-        wait: bool,
-        deadline: Instant,
-    ) -> Result<(), Fault> {
-        loop {
-            let unlocked = self.unlocked.notified();
-            {
-                let mut owner = self.owner();
-                if owner.is_none_or(|owner| owner == link) {
-                    if take {
-                        *owner = Some(link);
-                    }
-                    return Ok(());
-                }
-            }
-            if !wait || timeout_at(deadline, unlocked).await.is_err() {
-                return Err(Fault::LockedByAnother);
-            }
-        }
-    }
-}
-
 /// The mainframe's VXI-11 core channel, in memory; [`crate::serve`] gives it a port.
 #[derive(Debug, Clone)]
 pub struct CoreChannel(Arc<Port>);
@@ -107,14 +51,7 @@ impl CoreChannel {
     }
 
     fn on_port(rig: SimulatedRig, number: u16) -> Self {
-        Self(Arc::new(Port {
-            rig,
-            number,
-            next_link: AtomicU32::new(1),
-            lock: Mutex::default(),
-            unlocked: Notify::new(),
-            aborters: Mutex::default(),
-        }))
+        Self(Arc::new(Port::new(rig, number)))
     }
 
     /// A connection that RPC records (RFC 5531) go over. Inside a tokio runtime.

@@ -21,6 +21,7 @@ pub use measure::{Field, Measure, TriggerSource};
 pub(crate) use measure::{LONGEST_TIMER, MOST_SWEEPS, time_word};
 pub use route::Route;
 pub use sense::{INTEGRATION, Quantity, RANGES, Range, Sense, Setting};
+pub(crate) use system::MEMORIES;
 pub use system::{Protection, StatusGroup, System};
 
 /// Channels that a setting is for; `None`: those of the scan list.

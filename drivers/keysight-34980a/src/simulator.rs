@@ -28,10 +28,10 @@ use std::time::Duration;
 use scpi::{ErrorEntry, ErrorQueue, StandardEvent, StatusModel};
 use survey::{Relay, Volts};
 
-use crate::command::Command;
+use crate::command::{Command, MEMORIES};
 use crate::modules::Module;
 use calendar::Calendar;
-use meter::Meter;
+use meter::{Meter, Settings};
 use obey::Turn;
 use relays::Relays;
 use sequences::Sequences;
@@ -132,6 +132,8 @@ pub struct Simulator34980a {
     status: StatusModel,
     errors: ErrorQueue,
     display: String,
+    /// What `*SAV` has kept; it outlives `*RST` and the power.
+    kept: [Option<Settings>; MEMORIES as usize],
     /// Commands may begin before relays have settled.
     overlap: bool,
     /// `*OPC` waits for the end of what is going on.
@@ -150,6 +152,7 @@ impl Simulator34980a {
             status: StatusModel::new(),
             errors: ErrorQueue::new(ERRORS),
             display: String::new(),
+            kept: Default::default(),
             overlap: false,
             completion_awaited: false,
             settings,

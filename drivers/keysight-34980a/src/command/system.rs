@@ -30,6 +30,9 @@ pub enum Protection {
     Iso,
 }
 
+/// How many settings can be kept (the sister 34970A's number; the fact sheet has none).
+pub(crate) const MEMORIES: i64 = 6;
+
 /// Modules, errors, clock, lock, status.
 #[derive(Debug, Clone, PartialEq)]
 pub enum System {
@@ -81,6 +84,10 @@ pub enum System {
     Beep,
     /// As `*RST`.
     Preset,
+    /// Keep the settings of the voltmeter in one of the memories 0 to 5.
+    Save(u8),
+    /// Take them out of a memory.
+    Recall(u8),
     /// Read a group's events and clear them.
     Events(StatusGroup),
     /// Read a group's conditions.
@@ -172,6 +179,13 @@ pub(super) fn rows(table: &mut Table) {
     table.hear("SYSTem:BEEPer[:IMMediate]", |call| plain(call, S::Beep));
     table.hear("SYSTem:PRESet", |call| plain(call, S::Preset));
     table.hear("STATus:PRESet", |call| plain(call, S::PresetStatus));
+    let place = |call: &Call| {
+        let [place] = call.exactly()?;
+        // The limits are those of u8.
+        place.integer(0, MEMORIES - 1).map(|place| place as u8)
+    };
+    table.hear("*SAV", move |call| place(call).map(S::Save));
+    table.hear("*RCL", move |call| place(call).map(S::Recall));
     for (name, group) in GROUPS {
         table.hear(&format!("STATus:{name}[:EVENt]?"), move |call: &Call| {
             plain(call, S::Events(group))
@@ -236,6 +250,8 @@ impl fmt::Display for System {
             Self::ClearDisplay => f.write_str("DISP:TEXT:CLE"),
             Self::Beep => f.write_str("SYST:BEEP"),
             Self::Preset => f.write_str("SYST:PRES"),
+            Self::Save(place) => write!(f, "*SAV {place}"),
+            Self::Recall(place) => write!(f, "*RCL {place}"),
             Self::Events(group) => write!(f, "STAT:{}?", word(&GROUPS, *group)),
             Self::Conditions(group) => write!(f, "STAT:{}:COND?", word(&GROUPS, *group)),
             Self::SetEnable(group, mask) => {

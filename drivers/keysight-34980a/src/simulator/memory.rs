@@ -83,7 +83,7 @@ impl Memory {
 }
 
 /// What a reading carries behind its value.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Form {
     pub(super) fields: BTreeSet<Field>,
     pub(super) absolute: bool,

@@ -1,12 +1,15 @@
 //! The internal voltmeter: settings of every channel, scan list, trigger, and the measurement at work (section 5).
 
 mod channels;
+mod kept;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use scpi::{Numeric, ParseError, format_nr3_signed};
 use survey::Relay;
+
+pub(super) use kept::Settings;
 
 use super::Wires;
 use super::memory::{Form, Memory};

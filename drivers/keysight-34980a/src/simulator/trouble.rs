@@ -14,6 +14,7 @@ impl Trouble {
     pub(super) const SLOT: Self = Self::new(111, "Channel list: slot number out of range");
     pub(super) const CHANNEL: Self = Self::new(112, "Channel list: channel number out of range");
     pub(super) const EMPTY: Self = Self::new(113, "Channel list: empty scan list");
+    pub(super) const NOTHING_KEPT: Self = Self::new(291, "Not able to recall state: it is empty");
     pub(super) const COMMITTED: Self = Self::new(301, "Module currently committed to scan");
     pub(super) const UNABLE: Self = Self::new(305, "Not able to perform requested operation");
     pub(super) const CHANNEL_UNABLE: Self =

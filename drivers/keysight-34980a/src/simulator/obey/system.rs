@@ -7,6 +7,7 @@ use scpi::{StatusRegister, quote};
 use super::{Reply, Turn, join, yes_no};
 use crate::command::{StatusGroup, System};
 use crate::simulator::Simulator34980a;
+use crate::simulator::trouble::Trouble;
 
 impl Simulator34980a {
     pub(super) fn obey_system(&mut self, system: System, turn: &mut Turn<'_>) -> Reply {
@@ -53,6 +54,13 @@ impl Simulator34980a {
             System::ClearDisplay => self.display.clear(),
             System::Beep => {}
             System::Preset => self.reset(turn),
+            System::Save(place) => self.kept[usize::from(place)] = Some(self.meter.settings()),
+            System::Recall(place) => {
+                let kept = self.kept[usize::from(place)].clone();
+                let kept = kept.ok_or(Trouble::NOTHING_KEPT)?;
+                self.wait_for_measurement(turn)?;
+                self.meter.take_settings(kept, &self.relays);
+            }
             System::Events(group) => {
                 return Ok(Some(format!("{:+}", self.register(group).take_event())));
             }

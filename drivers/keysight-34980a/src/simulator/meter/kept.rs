@@ -1,0 +1,65 @@
+//! What `*SAV` keeps of the voltmeter.
+
+use std::collections::BTreeMap;
+
+use survey::Relay;
+
+use super::Meter;
+use crate::command::TriggerSource;
+use crate::simulator::memory::Form;
+use crate::simulator::relays::Relays;
+use crate::simulator::setup::Setup;
+
+/// Everything that is set of the voltmeter, its scan and its triggers, and nothing measured.
+#[derive(Debug, Clone)]
+pub(in crate::simulator) struct Settings {
+    bare: Setup,
+    channels: BTreeMap<Relay, Setup>,
+    scan: Vec<Relay>,
+    ordered: bool,
+    source: TriggerSource,
+    timer: f64,
+    count: Option<u32>,
+    form: Form,
+    threshold: u32,
+}
+
+impl Meter {
+    pub(in crate::simulator) fn settings(&self) -> Settings {
+        Settings {
+            bare: self.bare,
+            channels: self.channels.clone(),
+            scan: self.scan.clone(),
+            ordered: self.ordered,
+            source: self.source,
+            timer: self.timer,
+            count: self.count,
+            form: self.form.clone(),
+            threshold: self.threshold,
+        }
+    }
+
+    /// Sets everything as it was kept; channels of modules that are gone are left out. Clears the memory.
+    pub(in crate::simulator) fn take_settings(&mut self, kept: Settings, relays: &Relays) {
+        let Settings {
+            bare,
+            channels,
+            scan,
+            ordered,
+            source,
+            timer,
+            count,
+            form,
+            threshold,
+        } = kept;
+        let is_there = |relay: &Relay| relays.contact(*relay).is_ok();
+        (self.bare, self.ordered, self.source) = (bare, ordered, source);
+        (self.timer, self.count, self.threshold) = (timer, count, threshold);
+        self.form = form;
+        self.channels = channels;
+        self.channels.retain(|relay, _| is_there(relay));
+        self.scan = scan;
+        self.scan.retain(is_there);
+        self.memory.clear();
+    }
+}
