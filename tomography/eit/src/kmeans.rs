@@ -61,7 +61,25 @@ pub(crate) fn squared_distance(a: &[f32], b: &[f64]) -> f64 {
     lanes.iter().sum::<f64>() + tail
 }
 
-/// Lloyd's rounds from a k-means++ start, until no sample changes its cluster or `most_rounds` have passed.
+/// Where a sample belongs, and what is known of its distances without measuring them again (Hamerly, 2010).
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    cluster: u32,
+    /// No farther than this from its own centre.
+    upper: f64,
+    /// No nearer than this to any other.
+    lower: f64,
+}
+
+impl Place {
+    /// Whether another centre may be nearer, rounding allowed for.
+    fn doubtful(self) -> bool {
+        self.upper * (1.0 + 1e-7) >= self.lower
+    }
+}
+
+/// Lloyd's rounds from a k-means++ start, until no sample changes its cluster or `most_rounds` have passed. A sample is
+/// measured again only where the movement of the centres could have changed its cluster.
 pub(crate) fn cluster(
     rows: Rows<'_>,
     count: usize,
@@ -70,23 +88,22 @@ pub(crate) fn cluster(
     progress: &(dyn Fn(usize) + Sync),
 ) -> Clusters {
     let mut centres = start(rows, count, seed);
-    let mut nearest: Vec<(u32, f64)> = Vec::new();
+    let unknown = Place {
+        cluster: u32::MAX,
+        upper: f64::INFINITY,
+        lower: 0.0,
+    };
+    let mut places = vec![unknown; rows.len()];
     let mut reseeded = 0;
     let mut rounds = 0;
     while rounds < most_rounds {
         rounds += 1;
         progress(rounds);
-        let before = std::mem::take(&mut nearest);
-        nearest = assign(rows, &centres);
-        let moved = before.is_empty()
-            || before
-                .iter()
-                .zip(&nearest)
-                .any(|(before, now)| before.0 != now.0);
-        if !moved {
+        if !assign(rows, &centres, &mut places) {
             break;
         }
-        let (sums, sizes) = sums(rows, &nearest, count);
+        let before = centres.clone();
+        let (sums, sizes) = sums(rows, &places, count);
         let mut farthest = None;
         for cluster in 0..count {
             let centre = &mut centres[cluster * rows.width..][..rows.width];
@@ -96,7 +113,7 @@ pub(crate) fn cluster(
                 }
                 continue;
             }
-            let order = farthest.get_or_insert_with(|| by_distance(&nearest));
+            let order = farthest.get_or_insert_with(|| by_distance(rows, &before, &places));
             let Some((sample, distance)) = order.pop() else {
                 continue;
             };
@@ -106,6 +123,19 @@ pub(crate) fn cluster(
                     *value = f64::from(*sample);
                 }
             }
+        }
+        let moved: Vec<f64> = centres
+            .chunks(rows.width)
+            .zip(before.chunks(rows.width))
+            .map(|(now, before)| {
+                let square: f64 = now.iter().zip(before).map(|(a, b)| (a - b).powi(2)).sum();
+                square.sqrt()
+            })
+            .collect();
+        let most = moved.iter().copied().fold(0.0, f64::max);
+        for place in &mut places {
+            place.upper += moved[place.cluster as usize];
+            place.lower -= most;
         }
     }
     Clusters {
@@ -151,51 +181,81 @@ fn start(rows: Rows<'_>, count: usize, seed: u64) -> Vec<f64> {
     centres
 }
 
-/// Nearest centre and squared distance of each row, by |x|^2 - 2 x c + |c|^2 in double precision, clamped at 0.
-fn assign(rows: Rows<'_>, centres: &[f64]) -> Vec<(u32, f64)> {
+/// Finds the nearest and second nearest centre of every doubtful row, by |x|^2 - 2 x c + |c|^2 in double precision,
+/// clamped at 0. Says whether any row has changed its cluster.
+fn assign(rows: Rows<'_>, centres: &[f64], places: &mut [Place]) -> bool {
     let count = centres.len() / rows.width;
     let by_row = MatRef::from_row_major_slice(centres, count, rows.width);
     let squares: Vec<f64> = centres
         .chunks(rows.width)
         .map(|centre| centre.iter().map(|value| value * value).sum())
         .collect();
-    rows.chunks()
-        .flat_map_iter(|values| {
-            let wide: Vec<f64> = values.iter().map(|value| f64::from(*value)).collect();
-            let samples = MatRef::from_row_major_slice(&wide, wide.len() / rows.width, rows.width);
+    let changes = rows
+        .chunks()
+        .zip(places.par_chunks_mut(CHUNK))
+        .map(|(values, places)| {
+            let mut doubtful = Vec::new();
+            let mut wide: Vec<f64> = Vec::new();
+            for (index, (row, place)) in values.chunks(rows.width).zip(&mut *places).enumerate() {
+                if !place.doubtful() {
+                    continue;
+                }
+                if let Some(own) = centres.chunks(rows.width).nth(place.cluster as usize) {
+                    place.upper = squared_distance(row, own).sqrt();
+                    if !place.doubtful() {
+                        continue;
+                    }
+                }
+                doubtful.push(index);
+                wide.extend(row.iter().map(|value| f64::from(*value)));
+            }
+            if doubtful.is_empty() {
+                return false;
+            }
+            let samples = MatRef::from_row_major_slice(&wide, doubtful.len(), rows.width);
             // centres x samples: each column is one sample's
             let products = dense::product(by_row, samples.transpose());
-            let squares = &squares;
-            let nearest: Vec<(u32, f64)> = products
+            let mut changed = false;
+            for ((products, row), index) in products
                 .column_iter()
                 .zip(wide.chunks(rows.width))
-                .map(|(products, row)| {
-                    let own: f64 = row.iter().map(|value| value * value).sum();
-                    let mut nearest = (0, f64::INFINITY);
-                    for (cluster, (product, square)) in products.iter().zip(squares).enumerate() {
-                        let distance = (own - 2.0 * product + square).max(0.0);
-                        if distance < nearest.1 {
-                            nearest = (cluster as u32, distance);
-                        }
+                .zip(doubtful)
+            {
+                let own: f64 = row.iter().map(|value| value * value).sum();
+                let mut nearest = (u32::MAX, f64::INFINITY);
+                let mut second = f64::INFINITY;
+                for (cluster, (product, square)) in products.iter().zip(&squares).enumerate() {
+                    let distance = (own - 2.0 * product + square).max(0.0);
+                    if distance < nearest.1 {
+                        second = nearest.1;
+                        nearest = (cluster as u32, distance);
+                    } else {
+                        second = second.min(distance);
                     }
-                    nearest
-                })
-                .collect();
-            nearest
-        })
-        .collect()
+                }
+                changed |= places[index].cluster != nearest.0;
+                places[index] = Place {
+                    cluster: nearest.0,
+                    upper: nearest.1.sqrt(),
+                    lower: second.sqrt(),
+                };
+            }
+            changed
+        });
+    // every chunk is looked at, whatever the others found
+    changes.reduce(|| false, |a, b| a | b)
 }
 
 /// Sum and number of the rows of each cluster.
-fn sums(rows: Rows<'_>, nearest: &[(u32, f64)], count: usize) -> (Vec<f64>, Vec<usize>) {
+fn sums(rows: Rows<'_>, places: &[Place], count: usize) -> (Vec<f64>, Vec<usize>) {
     let parts: Vec<(Vec<f64>, Vec<usize>)> = rows
         .chunks()
-        .zip(nearest.par_chunks(CHUNK))
-        .map(|(values, nearest)| {
+        .zip(places.par_chunks(CHUNK))
+        .map(|(values, places)| {
             let mut sums = vec![0.0; count * rows.width];
             let mut sizes = vec![0; count];
-            for (row, (cluster, _)) in values.chunks(rows.width).zip(nearest) {
-                let cluster = *cluster as usize;
+            for (row, place) in values.chunks(rows.width).zip(places) {
+                let cluster = place.cluster as usize;
                 sizes[cluster] += 1;
                 for (sum, value) in sums[cluster * rows.width..].iter_mut().zip(row) {
                     *sum += f64::from(*value);
@@ -216,12 +276,15 @@ fn sums(rows: Rows<'_>, nearest: &[(u32, f64)], count: usize) -> (Vec<f64>, Vec<
     total
 }
 
-/// Samples with their squared distances, the farthest last.
-fn by_distance(nearest: &[(u32, f64)]) -> Vec<(usize, f64)> {
-    let mut order: Vec<(usize, f64)> = nearest
+/// Samples with their squared distances from their centres, the farthest last.
+fn by_distance(rows: Rows<'_>, centres: &[f64], places: &[Place]) -> Vec<(usize, f64)> {
+    let mut order: Vec<(usize, f64)> = places
         .iter()
-        .map(|(_, distance)| *distance)
         .enumerate()
+        .map(|(sample, place)| {
+            let own = &centres[place.cluster as usize * rows.width..][..rows.width];
+            (sample, squared_distance(rows.row(sample), own))
+        })
         .collect();
     order.sort_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
     order
@@ -288,6 +351,35 @@ mod tests {
                 .collect::<Vec<_>>()
         };
         assert_eq!(bits(1), bits(3));
+    }
+
+    #[test]
+    fn the_bounds_leave_every_sample_at_its_nearest_centre() {
+        let values: Vec<f32> = (0..4000 * 6)
+            .map(|i| ((i * 7919 % 10007) as f32 * 0.013).sin())
+            .collect();
+        let rows = Rows {
+            values: &values,
+            width: 6,
+        };
+        let unknown = Place {
+            cluster: u32::MAX,
+            upper: f64::INFINITY,
+            lower: 0.0,
+        };
+        for rounds in [2, 5, 30] {
+            let clusters = cluster(rows, 15, 5, rounds, &|_| {});
+            // one plain round of Lloyd more, from scratch, against the bounded one
+            let next = cluster(rows, 15, 5, rounds + 1, &|_| {});
+            let mut places = vec![unknown; rows.len()];
+            assign(rows, &clusters.centres, &mut places);
+            let (sums, sizes) = sums(rows, &places, 15);
+            for (cluster, centre) in next.centres.chunks(6).enumerate() {
+                for (value, sum) in centre.iter().zip(&sums[cluster * 6..]) {
+                    assert!((value - sum / sizes[cluster] as f64).abs() < 1e-9);
+                }
+            }
+        }
     }
 
     #[test]
