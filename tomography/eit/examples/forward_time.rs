@@ -1,16 +1,18 @@
 //! How long the forward model and what stands on it take at the paper's size:
 //! `cargo run --release -p eit --example forward_time`.
 //!
-//! Shortest and median wall time of each; on a machine with other work the shortest is the honest one.
+//! Shortest and median wall time of each; on a machine with other work the shortest is the honest one. With
+//! `-- --python FILE` (a Python that has scipy) the reference `scipy_reference.py` runs beside it.
 
 use std::hint::black_box;
 use std::sync::Arc;
 use std::time::Instant;
 
-use eit::{Forward, PaperSheet};
+use eit::{Case, Forward, Hyper, OneStep, OneStepOptions, PaperSheet, Workspace};
+use rayon::prelude::*;
 use survey::{Dipole, Protocol};
 
-fn show(what: &str, rounds: usize, mut work: impl FnMut(usize)) {
+fn show(what: &str, rounds: usize, mut work: impl FnMut(usize)) -> f64 {
     let mut times: Vec<f64> = (0..rounds)
         .map(|round| {
             let start = Instant::now();
@@ -20,6 +22,36 @@ fn show(what: &str, rounds: usize, mut work: impl FnMut(usize)) {
         .collect();
     times.sort_by(f64::total_cmp);
     println!("{what:44} {:9.3} {:9.3}", times[0], times[rounds / 2]);
+    times[0]
+}
+
+/// Cases of Algorithm 1's kind, solved on all cores; a second.
+fn cases(workspace: &Workspace<'_>, sigma0: &[f64], region: &[Vec<usize>]) -> f64 {
+    const CASES: usize = 1500;
+    let start = Instant::now();
+    let sum: f64 = (0..CASES)
+        .into_par_iter()
+        .map_init(
+            || workspace.clone(),
+            |workspace, case| {
+                let mut sigma = sigma0.to_vec();
+                for &t in &region[case % region.len()] {
+                    sigma[t] *= 0.3;
+                }
+                workspace.readings(&sigma).expect("positive")[0]
+            },
+        )
+        .sum();
+    black_box(sum);
+    15_000.0 / CASES as f64 * start.elapsed().as_secs_f64()
+}
+
+/// Largest resident memory so far, MiB, where the system tells.
+fn memory() -> Option<f64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|line| line.starts_with("VmHWM"))?;
+    let kib: f64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    Some(kib / 1024.0)
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -77,7 +109,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         black_box(plain.fields(&everywhere[round % 64]).expect(expect));
     });
     let mut refined = forward.workspace(&protocol)?;
-    show("598 readings, refined", 200, |round| {
+    let readings_ms = show("598 readings, refined", 200, |round| {
         black_box(refined.readings(&everywhere[round % 64]).expect(expect));
     });
     show("598 readings, plain", 200, |round| {
@@ -87,12 +119,104 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     show("the same, a disc of 30 mm about a known", 200, |round| {
         black_box(about.readings(&pressed[round % 64]).expect(expect));
     });
-    show("Jacobian, 598 x all", 10, |round| {
+    let jacobian_ms = show("Jacobian, 598 x all", 10, |round| {
         black_box(
             forward
                 .jacobian(&everywhere[round % 64], &protocol)
                 .expect(expect),
         );
     });
+    let discs: Vec<Vec<usize>> = pressed
+        .iter()
+        .map(|sigma| (0..sigma.len()).filter(|&t| sigma[t] < 1e-3).collect())
+        .collect();
+    let all = cases(&forward.workspace(&protocol)?.plain(), &sigma0, &discs);
+    let known = cases(
+        &forward.workspace(&protocol)?.plain().about(&sigma0)?,
+        &sigma0,
+        &discs,
+    );
+    println!(
+        "15,000 cases, all cores, s                   {all:9.2}; about a known conductance {known:9.2}"
+    );
+    // the whole sheet as region: as many unknowns as triangles
+    let whole = Arc::new(mesh.with_region(None)?);
+    let before = memory();
+    show("one-step set-up, all triangles", 2, |_| {
+        let options = OneStepOptions {
+            hyper: Hyper::Lambda(1e-2),
+            ..OneStepOptions::default()
+        };
+        black_box(
+            OneStep::new(Arc::clone(&whole), &contacts, &sigma0, &protocol, options)
+                .expect("the default sheet"),
+        );
+    });
+    if let (Some(before), Some(after)) = (before, memory()) {
+        println!(
+            "memory, MiB                                  {before:9.0} before the set-up, {after:.0} at most in it"
+        );
+    }
+    beside_scipy(&sheet, &forward, &protocol, [readings_ms, jacobian_ms])
+}
+
+fn beside_scipy(
+    sheet: &PaperSheet,
+    forward: &Forward,
+    protocol: &Protocol,
+    [readings_ms, jacobian_ms]: [f64; 2],
+) -> Result<(), Box<dyn std::error::Error>> {
+    let words: Vec<String> = std::env::args().collect();
+    let Some(python) = words.iter().position(|word| word == "--python") else {
+        println!("scipy: skipped, no --python FILE was given");
+        return Ok(());
+    };
+    let sigma0 = vec![sheet.conductance(); forward.mesh().triangles().len()];
+    let case = Case {
+        mesh: Arc::clone(forward.mesh()),
+        contact_ohm_m: sheet.contact_ohm_m(),
+        protocol: protocol.clone(),
+        currents: vec![1.0; protocol.len()],
+        sigma: [("homog".to_owned(), sigma0.clone())].into(),
+        has_region: true,
+    };
+    let folder = tempfile::tempdir()?;
+    case.write(folder.path())?;
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/scipy_reference.py");
+    let output = std::process::Command::new(&words[python + 1])
+        .args([script.as_ref(), folder.path()])
+        .env("OMP_NUM_THREADS", "1")
+        .env("OPENBLAS_NUM_THREADS", "1")
+        .output()?;
+    if !output.status.success() {
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        println!(
+            "scipy: skipped, {}",
+            said.lines().last().unwrap_or("it failed")
+        );
+        return Ok(());
+    }
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout)?;
+    let number = |key: &str| found[key].as_f64().unwrap_or(f64::NAN);
+    let ours = forward.readings(&sigma0, protocol)?;
+    let theirs: Vec<f64> = serde_json::from_value(found["readings"].clone())?;
+    let apart = ours
+        .iter()
+        .zip(&theirs)
+        .fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()));
+    for (what, ours, theirs) in [
+        ("forward", readings_ms, number("forward_ms")),
+        ("Jacobian", jacobian_ms, number("jacobian_ms")),
+    ] {
+        println!(
+            "scipy {}, {what}: {theirs:.1} ms, {:.1} times ours",
+            found["scipy"].as_str().unwrap_or("?"),
+            theirs / ours
+        );
+    }
+    println!(
+        "readings apart by {:.1e} of the largest",
+        apart / ours.amax()
+    );
     Ok(())
 }

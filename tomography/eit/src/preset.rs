@@ -103,3 +103,19 @@ fn reasonable_fineness(preset: &'static str, fineness: f64) -> Result<(), MeshEr
         fault: format!("fineness is {fineness}, it must be 0.25 to 8"),
     })
 }
+
+/// Refuses an edge length that is longer than what it is to fill, or so short that no machine holds the mesh.
+fn reasonable_edge(
+    preset: &'static str,
+    key: &str,
+    length: f64,
+    [least, most]: [f64; 2],
+) -> Result<(), MeshError> {
+    if (least..=most).contains(&length) {
+        return Ok(());
+    }
+    Err(MeshError::Preset {
+        preset,
+        fault: format!("{key} is {length}, it must be {least} to {most}"),
+    })
+}

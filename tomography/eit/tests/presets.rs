@@ -161,3 +161,49 @@ fn measures_that_do_not_fit_are_refused_by_key() {
         }
     }
 }
+
+/// Size and grading are a choice, and no choice makes an electrode with fewer than four edges.
+#[test]
+fn size_and_grading_are_a_choice() {
+    let default = PaperSheet::default().mesh().unwrap().triangles().len();
+    let mesh = |edge_mm: f64, largest_mm: f64, growth: f64| {
+        let sheet = PaperSheet {
+            edge_mm,
+            largest_mm,
+            growth,
+            ..PaperSheet::default()
+        };
+        let mesh = sheet.mesh().unwrap();
+        let quality = mesh.quality();
+        assert!(quality.coarse_electrodes.is_empty());
+        assert!(quality.smallest_angle > 20.0, "{}", quality.smallest_angle);
+        mesh.triangles().len()
+    };
+    assert!(mesh(3.0, 5.4, 0.14) < default);
+    assert!(mesh(3.0, 20.0, 0.3) < default / 2);
+    assert!(mesh(1.5, 4.0, 0.14) > default);
+    for (electrode_edges, fineness) in [(1, 0.25), (4, 0.5), (16, 1.0)] {
+        let tank = DiscTank {
+            electrode_edges,
+            fineness,
+            largest_share: 0.1,
+            growth: 0.4,
+            ..DiscTank::default()
+        };
+        assert!(tank.mesh().unwrap().quality().coarse_electrodes.is_empty());
+    }
+    for (key, value) in [
+        ("edge_mm", 0.001),
+        ("edge_mm", 500.0),
+        ("largest_mm", f64::NAN),
+    ] {
+        let mut sheet = PaperSheet::default();
+        *(if key == "edge_mm" {
+            &mut sheet.edge_mm
+        } else {
+            &mut sheet.largest_mm
+        }) = value;
+        let refusal = sheet.mesh().unwrap_err().to_string();
+        assert!(refusal.contains(key), "{refusal}");
+    }
+}

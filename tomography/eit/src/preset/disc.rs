@@ -10,13 +10,6 @@ use crate::{Mesh, MeshError};
 
 const PRESET: &str = "disc-tank";
 
-/// Edges under an electrode at fineness 1; they are shorter towards its ends.
-const UNDER: usize = 8;
-/// Growth of the edge length with the distance from the nearest electrode end.
-const GROWTH: f64 = 0.22;
-/// Edge length far from every electrode at fineness 1, as a share of the radius.
-const FAR: f64 = 1.0 / 14.0;
-
 /// A disc with its centre at the origin, `electrodes` arcs counter-clockwise on its wall, evenly spaced.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -31,6 +24,12 @@ pub struct DiscTank {
     pub first_deg: f64,
     /// Divides every edge length: 2 gives about four times the triangles.
     pub fineness: f64,
+    /// Edges under an electrode at fineness 1, never fewer than four in all; they are shorter towards its ends.
+    pub electrode_edges: usize,
+    /// Edge length far from every electrode at fineness 1, as a share of the radius.
+    pub largest_share: f64,
+    /// Growth of the edge length with the distance from the nearest electrode end at fineness 1.
+    pub growth: f64,
     /// Another number gives another mesh of the same sizes.
     pub seeding: u32,
     /// Resistance of the unloaded tank, ohm per square.
@@ -47,6 +46,9 @@ impl Default for DiscTank {
             arc_deg: 5.0,
             first_deg: 0.0,
             fineness: 1.0,
+            electrode_edges: 8,
+            largest_share: 1.0 / 14.0,
+            growth: 0.22,
             seeding: 0,
             sheet_ohm: 1000.0,
             contact_ohm: 100.0,
@@ -74,7 +76,7 @@ impl DiscTank {
         self.check()?;
         let pitch = TAU / self.electrodes as f64;
         let arc = self.arc_deg.to_radians();
-        let under = ((UNDER as f64 * self.fineness).round() as usize).max(4);
+        let under = ((self.electrode_edges as f64 * self.fineness).round() as usize).max(4);
         // cosine spacing: the first of n edges is about (pi/2n)^2 of the arc; mixed with even spacing to stay mild
         let graded: Vec<f64> = (0..=under)
             .map(|k| {
@@ -83,9 +85,9 @@ impl DiscTank {
             })
             .collect();
         let end = (graded[1] * arc).min(0.5 * (pitch - arc));
-        let far = (FAR / self.fineness).max(end);
+        let far = (self.largest_share / self.fineness).max(end);
         // lengths in radii
-        let growth = GROWTH / self.fineness;
+        let growth = self.growth / self.fineness;
         let gap = cut_gap(pitch - arc, end, growth, far);
         let mut angles = Vec::new();
         let mut electrode_edges = Vec::new();
@@ -140,6 +142,9 @@ impl DiscTank {
                 ("radius_mm", self.radius_mm),
                 ("arc_deg", self.arc_deg),
                 ("fineness", self.fineness),
+                ("electrode_edges", self.electrode_edges as f64),
+                ("largest_share", self.largest_share),
+                ("growth", self.growth),
                 ("sheet_ohm", self.sheet_ohm),
                 ("contact_ohm", self.contact_ohm),
             ],
@@ -157,6 +162,15 @@ impl DiscTank {
             ));
         }
         reasonable_fineness(PRESET, self.fineness)?;
+        if self.electrode_edges > 64 || !(0.005..=0.5).contains(&self.largest_share) {
+            return Err(MeshError::Preset {
+                preset: PRESET,
+                fault: format!(
+                    "electrode_edges is {} and largest_share {}; at most 64, and 0.005 to 0.5, make a mesh",
+                    self.electrode_edges, self.largest_share
+                ),
+            });
+        }
         if !self.first_deg.is_finite() {
             return refuse("first_deg is not a number".into());
         }

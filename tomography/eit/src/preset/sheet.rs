@@ -4,18 +4,11 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::{positive, reasonable_fineness};
+use super::{positive, reasonable_edge, reasonable_fineness};
 use crate::mesher::{Domain, cut, fill, length};
 use crate::{Mesh, MeshError};
 
 const PRESET: &str = "paper-sheet";
-
-/// Edge length at a void at fineness 1, mm.
-const AT_VOID_MM: f64 = 1.5;
-/// Growth of the edge length with the distance from the nearest void.
-const GROWTH: f64 = 0.14;
-/// Edge length far from every void at fineness 1, mm.
-const FAR_MM: f64 = 5.4;
 
 /// A rectangle with its origin at the lower left corner, electrodes as square voids, counter-clockwise from the lower
 /// left along the bottom, the right, the top and the left side, evenly spaced on each; symmetric in both axes.
@@ -43,6 +36,12 @@ pub struct PaperSheet {
     /// Divides every edge length: 2 gives about four times the triangles. 1 gives 9,612 triangles, 3,684 of them in
     /// the region, with angles from 31 to 105 degrees.
     pub fineness: f64,
+    /// Edge length at a void at fineness 1, mm.
+    pub edge_mm: f64,
+    /// Edge length far from every void at fineness 1, mm.
+    pub largest_mm: f64,
+    /// Growth of the edge length with the distance from the nearest void at fineness 1.
+    pub growth: f64,
     /// Another number gives another mesh of the same sizes.
     pub seeding: u32,
     /// Resistance of the unloaded sheet, ohm per square.
@@ -63,6 +62,9 @@ impl Default for PaperSheet {
             region_half_width_mm: 88.76,
             region_half_height_mm: 95.40,
             fineness: 1.0,
+            edge_mm: 1.5,
+            largest_mm: 5.4,
+            growth: 0.14,
             seeding: 0,
             sheet_ohm: 1000.0,
             contact_ohm: 100.0,
@@ -136,6 +138,9 @@ impl PaperSheet {
                 ("region_half_width_mm", self.region_half_width_mm),
                 ("region_half_height_mm", self.region_half_height_mm),
                 ("fineness", self.fineness),
+                ("edge_mm", self.edge_mm),
+                ("largest_mm", self.largest_mm),
+                ("growth", self.growth),
                 ("sheet_ohm", self.sheet_ohm),
                 ("contact_ohm", self.contact_ohm),
             ],
@@ -147,6 +152,19 @@ impl PaperSheet {
             })
         };
         reasonable_fineness(PRESET, self.fineness)?;
+        let side = self.width_mm.min(self.height_mm);
+        reasonable_edge(
+            PRESET,
+            "edge_mm",
+            self.edge_mm,
+            [0.02 * self.void_mm, 0.5 * side],
+        )?;
+        reasonable_edge(
+            PRESET,
+            "largest_mm",
+            self.largest_mm,
+            [0.005 * side, 0.5 * side],
+        )?;
         if self.inset_mm <= 0.5 * self.void_mm {
             return refuse(
                 "inset_mm must exceed half of void_mm, or the voids reach the edge".into(),
@@ -165,7 +183,7 @@ impl PaperSheet {
 
     /// Edges along half of a void's side: the whole side has twice as many, so that an axis may cut it.
     fn half_side_edges(&self) -> usize {
-        ((0.5 * self.void_mm * self.fineness / AT_VOID_MM).round() as usize).max(1)
+        ((0.5 * self.void_mm * self.fineness / self.edge_mm).round() as usize).max(1)
     }
 
     /// Nodes and triangles of the lower left quarter, mm.
@@ -187,8 +205,8 @@ impl PaperSheet {
                 .fold(f64::INFINITY, f64::min)
         };
         let at_void = half / self.half_side_edges() as f64;
-        let far = (FAR_MM / self.fineness).max(at_void);
-        let size = |p: [f64; 2]| (at_void + GROWTH / self.fineness * from_void(p)).min(far);
+        let far = (self.largest_mm / self.fineness).max(at_void);
+        let size = |p: [f64; 2]| (at_void + self.growth / self.fineness * from_void(p)).min(far);
         let inside = |p: [f64; 2]| {
             p[0] > 0.0 && p[1] > 0.0 && p[0] < high[0] && p[1] < high[1] && from_void(p) > 0.0
         };
