@@ -6,6 +6,9 @@ use std::path::{Path, PathBuf};
 
 use workshop::{done, lab, numbers, words};
 
+/// What is done to the lines of a file.
+type Change<'a> = &'a dyn Fn(Vec<String>) -> Vec<String>;
+
 struct Tank {
     _folder: tempfile::TempDir,
     root: PathBuf,
@@ -153,8 +156,9 @@ fn transfer_matrices_are_inverse_and_read_what_the_model_reads() {
     }
     for (row, values) in y.iter().enumerate() {
         assert!(values.iter().sum::<f64>().abs() < 1e-15);
-        for column in 0..8 {
-            let sum: f64 = (0..8).map(|k| values[k] * z[k][column]).sum();
+        for (column, impedance) in z.iter().enumerate() {
+            // Z is symmetric: its rows are its columns
+            let sum: f64 = values.iter().zip(impedance).map(|(y, z)| y * z).sum();
             let wanted = f64::from(u8::from(row == column)) - 0.125;
             assert!((sum - wanted).abs() < 1e-12);
         }
@@ -217,14 +221,14 @@ fn bad_conductances_meshes_and_protocols_are_named() {
         "{said}"
     );
 
-    let change = |file: &str, change: &dyn Fn(Vec<String>) -> Vec<String>| {
+    let change = |file: &str, change: Change| {
         let path = tank.path("tank").join(file);
         let before = std::fs::read_to_string(&path).unwrap();
         let lines = change(before.lines().map(str::to_owned).collect());
         std::fs::write(&path, lines.join("\n")).unwrap();
         before
     };
-    let cases: [(&str, &dyn Fn(Vec<String>) -> Vec<String>, &str); 3] = [
+    let cases: [(&str, Change, &str); 3] = [
         (
             "elems.csv",
             &|mut lines| {
