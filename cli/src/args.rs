@@ -104,6 +104,11 @@ pub enum Command {
     Watch(Watch),
     /// List recorded sessions, from the running daemon's directory and the usual ones
     Sessions,
+    /// Show what happened to a session and its rig: frames that failed, instruments lost and found again
+    Events {
+        /// Session: an id, the beginning of one, or a session file
+        session: String,
+    },
     /// Write a session's frames as CSV, or a frame's map as PNG or SVG
     Export(Export),
     /// Reconstruct a recording offline: a case folder, or a session

@@ -23,6 +23,7 @@ mod connection;
 mod discover;
 mod drawing;
 mod duration;
+mod events;
 mod export;
 mod eye;
 mod failure;
@@ -78,6 +79,7 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
     let Arguments { global, command } = arguments;
     match command {
         Command::Sessions => sessions::run(&global, printer),
+        Command::Events { session } => events::run(&global, &session, printer),
         Command::Export(export) => export::run(&global, &export, printer),
         Command::Replay(replay) => replay::run(&global, &replay, printer),
         Command::Completions { shell } => {
@@ -126,6 +128,7 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                     Command::Watch(watch) => watch::run(&daemon, &watch, printer).await,
                     Command::Plan(asked) => plan::run(&daemon, asked.steps, printer).await,
                     Command::Sessions
+                    | Command::Events { .. }
                     | Command::Export(_)
                     | Command::Replay(_)
                     | Command::Completions { .. } => {

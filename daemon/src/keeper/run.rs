@@ -346,7 +346,8 @@ impl Keeper {
             },
         });
         live.end(ending);
-        if matches!(ended, Ended::Rig(_)) {
+        // also where the session was stopped while its rig was being looked for
+        if self.rig_fault().is_some() {
             self.herald.say(&Notice::Instruments);
             tokio::spawn(Arc::clone(self).look_for_rig());
         }
