@@ -32,6 +32,7 @@ mod interior;
 mod jacobian;
 mod kmeans;
 mod linear;
+pub mod merit;
 mod mesh;
 mod mesher;
 pub mod model;
