@@ -36,6 +36,7 @@ mod pen;
 mod raster;
 mod scale;
 mod terminal;
+mod work_precision;
 
 pub use colour::{Rgb, colour};
 pub use hot_spot::{HotSpot, hot_spots};
@@ -43,6 +44,7 @@ pub use image::{png, png_grid, svg, svg_grid};
 pub use raster::raster;
 pub use scale::Range;
 pub use terminal::{TerminalColour, TerminalStyle, terminal};
+pub use work_precision::{WorkPoint, work_precision_png};
 
 use survey::Map;
 

@@ -26,6 +26,8 @@ pub(crate) enum Command {
     Jacobian(JacobianOptions),
     /// The transfer matrices of a case's electrodes: admittance Y and impedance Z (paper, Eq. 2)
     Transfer(TransferOptions),
+    /// Make a training set, or a shard of it, in files; resumes where it was stopped
+    Dataset(DatasetOptions),
     /// Train a network and write its model file
     Train {
         #[command(subcommand)]
@@ -33,6 +35,10 @@ pub(crate) enum Command {
     },
     /// Make judging data: a case folder with frames of the simulated sheet on a finer, different mesh, and the truth
     Judge(JudgeOptions),
+    /// Compare methods and models on judging data: errors, likeness, GREIT's figures, time
+    Evaluate(EvaluateOptions),
+    /// Figures of merit of raster images
+    Merit(MeritOptions),
     /// Make maps of recorded frames
     Reconstruct(ReconstructOptions),
     /// Print the completions of a shell
@@ -253,6 +259,79 @@ pub(crate) struct JudgeOptions {
     /// Folder to write
     #[arg(long, value_name = "DIR")]
     pub(crate) out: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct DatasetOptions {
+    /// Which part: I/N with I from 0 to N - 1
+    #[arg(long, value_name = "I/N", default_value = "0/1")]
+    pub(crate) shard: String,
+    /// The same seed gives the same set, however it is cut
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Cases of the whole set [default: 15000, or as the settings say]
+    #[arg(long, value_name = "N")]
+    pub(crate) cases: Option<usize>,
+    /// Algorithm 1 with other parameters, and the paper's open readings: TOML with the keys of the training settings, e.g.
+    /// polygons = 4, radius_m = 0.07, vertices = 5, [open] size = "diameter"
+    #[arg(long, value_name = "FILE")]
+    pub(crate) settings: Option<PathBuf>,
+    /// Case folder to make it for; the preset of the paper's sheet at 1 mA if none is given
+    #[arg(long, value_name = "DIR")]
+    pub(crate) case: Option<PathBuf>,
+    /// Folder of the shards
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct EvaluateOptions {
+    /// A folder that `judge` made (repeatable) [default: the four standard sets, made for the purpose]
+    #[arg(long, value_name = "DIR")]
+    pub(crate) set: Vec<PathBuf>,
+    /// A method with its options, e.g. "tv --loss-only" (repeatable) [default: those that need no long training]
+    #[arg(long, value_name = "TEXT")]
+    pub(crate) method: Vec<String>,
+    /// A model file (repeatable)
+    #[arg(long, value_name = "FILE")]
+    pub(crate) model: Vec<PathBuf>,
+    /// Seed of the standard sets
+    #[arg(long, value_name = "S", default_value_t = 7)]
+    pub(crate) seed: u64,
+    /// Frames of each standard set [default: 32 presses, 100 polygon cases]
+    #[arg(long, value_name = "N")]
+    pub(crate) count: Option<usize>,
+    /// Draw accuracy against time, PNG
+    #[arg(long, value_name = "FILE")]
+    pub(crate) picture: Option<PathBuf>,
+    /// Print one JSON object a set and method
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct MeritOptions {
+    /// Folder of images: CSV, a row of pixels a line, NaN outside; the raster covers the bounding box
+    #[arg(long, value_name = "DIR")]
+    pub(crate) images: PathBuf,
+    /// True places, in units of half the bounding box, x along rows: image,x,y or x,y [default: targets.csv among the images]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) targets: Option<PathBuf>,
+    /// Folder of true images of the same names: correlation, relative error, SSIM and Dice too
+    #[arg(long, value_name = "DIR")]
+    pub(crate) truth: Option<PathBuf>,
+    /// Negate the images: maps of losses are negative
+    #[arg(long)]
+    pub(crate) negate: bool,
+    /// Extent along columns, mm, for the location error
+    #[arg(long, value_name = "MM", requires = "height_mm")]
+    pub(crate) width_mm: Option<f64>,
+    /// Extent along rows, mm
+    #[arg(long, value_name = "MM", requires = "width_mm")]
+    pub(crate) height_mm: Option<f64>,
+    /// Print one JSON object an image
+    #[arg(long)]
+    pub(crate) json: bool,
 }
 
 #[derive(Debug, Args)]

@@ -77,6 +77,14 @@ pub(crate) fn case(preset: &Preset, current: f64) -> Result<Case, Failure> {
     })
 }
 
+/// The unloaded conductance that training takes, S per square: `homog` where the case has it, else 1 mS throughout.
+pub(crate) fn sigma0(case: &Case) -> Vec<f64> {
+    case.sigma
+        .get("homog")
+        .cloned()
+        .unwrap_or_else(|| vec![1e-3; case.mesh.triangles().len()])
+}
+
 /// A case folder, with a warning on standard error where its electrodes are coarse.
 pub(crate) fn read(folder: &std::path::Path) -> Result<Case, Failure> {
     let case = Case::read(folder).map_err(|fault| Failure::of("cannot read the case", &fault))?;

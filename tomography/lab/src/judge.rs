@@ -18,6 +18,8 @@ use crate::args::{JudgeOptions, JudgeSet};
 use crate::failure::{Failure, write};
 use crate::{choice, geometry, progress};
 
+/// What a judged folder says about itself.
+const SAID: &str = "judged.json";
 /// Current of every reading, A.
 const CURRENT: f64 = 1e-3;
 /// Loss of conductance under a press.
@@ -34,8 +36,50 @@ struct Pressed {
     disc: Option<([f64; 2], f64)>,
 }
 
-/// Makes the folder.
+/// What a judged folder says about itself.
+pub(crate) struct Said {
+    /// The set and its noise, for a person.
+    pub(crate) name: String,
+    /// White noise of one reading, V.
+    pub(crate) noise_v: f64,
+}
+
+/// Reads what [`make`] wrote into a folder.
+pub(crate) fn said(folder: &Path) -> Result<Said, Failure> {
+    let path = folder.join(SAID);
+    let wrong = |why: String| {
+        Failure::because(format!(
+            "{}: {why}; make judging data with tactus-lab judge",
+            path.display()
+        ))
+    };
+    let text = std::fs::read_to_string(&path).map_err(|cause| wrong(cause.to_string()))?;
+    let said: serde_json::Value =
+        serde_json::from_str(&text).map_err(|cause| wrong(cause.to_string()))?;
+    match (said["set"].as_str(), said["noise_v"].as_f64()) {
+        (Some(set), Some(noise_v)) => Ok(Said {
+            name: format!("{set} {:.0} uV", 1e6 * noise_v),
+            noise_v,
+        }),
+        _ => Err(wrong("set or noise_v is missing".to_owned())),
+    }
+}
+
+/// Makes the folder and says so.
 pub(crate) fn judge(options: &JudgeOptions) -> Result<(), Failure> {
+    let count = make(options)?;
+    println!(
+        "{}: baseline and {count} frames of {}, {:e} V of noise on each reading, seed {}",
+        options.out.display(),
+        options.set.name(),
+        options.noise_v,
+        options.seed
+    );
+    Ok(())
+}
+
+/// Makes the folder; gives the number of its frames without the baseline.
+pub(crate) fn make(options: &JudgeOptions) -> Result<usize, Failure> {
     choice::positive("--noise-v", Some(options.noise_v), "e.g. 2e-6")?;
     if options.count == Some(0) {
         return Err(Failure::usage("--count 0: a set needs a frame"));
@@ -111,14 +155,14 @@ pub(crate) fn judge(options: &JudgeOptions) -> Result<(), Failure> {
     if drawn.iter().all(|pressed| pressed.disc.is_some()) {
         write(&options.out.join("presses.csv"), presses)?;
     }
-    println!(
-        "{}: baseline and {count} frames of {}, {:e} V of noise on each reading, seed {}",
-        options.out.display(),
-        options.set.name(),
-        options.noise_v,
-        options.seed
-    );
-    Ok(())
+    let said = serde_json::json!({
+        "set": options.set.name(),
+        "noise_v": options.noise_v,
+        "seed": options.seed,
+        "frames": count,
+    });
+    write(&options.out.join(SAID), format!("{said}\n"))?;
+    Ok(count)
 }
 
 fn put(

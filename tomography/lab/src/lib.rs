@@ -20,9 +20,12 @@
 mod args;
 mod choice;
 mod deep;
+mod dataset;
+mod evaluate;
 mod failure;
 mod geometry;
 mod judge;
+mod merit;
 mod progress;
 mod reconstruct;
 mod recording;
@@ -65,6 +68,9 @@ fn perform(command: &Command) -> Result<(), Failure> {
         Command::Transfer(options) => solve::transfer(options),
         Command::Train { network } => train::train(network),
         Command::Judge(options) => judge::judge(options),
+        Command::Dataset(options) => dataset::dataset(options),
+        Command::Evaluate(options) => evaluate::evaluate(options),
+        Command::Merit(options) => merit::merit(options),
         Command::Reconstruct(options) => reconstruct::reconstruct(options),
         Command::Completions { shell } => {
             let mut command = Arguments::command();

@@ -1,0 +1,299 @@
+//! `tactus-lab dataset`: training sets in files, in shards that are made anywhere, in any order, and resumed.
+//!
+//! A shard `shard-I-of-N.tset` holds the cases c with c * N / cases = I of one set: a header line of JSON, then a record a
+//! case, little-endian: the count of changed triangles (u32), the normalised readings (f32), and (u32, f32) for each change.
+//! Beside it, once it is whole, `shard-I-of-N.json`: its manifest with the SHA-256 of the file. A shard under way is
+//! `.part`; whole records of it are kept when the command is run again. Case c depends on settings and seed alone.
+
+mod read;
+
+use std::fs::{File, OpenOptions};
+use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use eit::model::fingerprint;
+use eit::{Case, Preset, Sample, Samples, Simulation, TrainingSettings};
+use rayon::prelude::*;
+use serde_json::json;
+
+use crate::args::DatasetOptions;
+use crate::failure::Failure;
+use crate::{geometry, progress};
+
+pub(crate) use read::DataSet;
+
+/// Cases solved side by side between two writes.
+const BLOCK: usize = 64;
+const LAYOUT: u32 = 1;
+
+/// Makes one shard, or goes on with it.
+pub(crate) fn dataset(options: &DatasetOptions) -> Result<(), Failure> {
+    let case = match &options.case {
+        Some(folder) => geometry::read(folder)?,
+        None => geometry::case(&Preset::default(), 1e-3)?,
+    };
+    let mut settings: TrainingSettings = match &options.settings {
+        None => TrainingSettings::default(),
+        Some(path) => {
+            let text = std::fs::read_to_string(path)
+                .map_err(|cause| Failure::of(&format!("{}", path.display()), &cause))?;
+            toml::from_str(&text).map_err(|fault| {
+                Failure::because(format!("{}: {}", path.display(), fault.message()))
+            })?
+        }
+    };
+    settings.seed = options.seed;
+    if let Some(cases) = options.cases {
+        settings.cases = cases;
+    }
+    let (index, of) = shard(&options.shard)?;
+    std::fs::create_dir_all(&options.out)
+        .map_err(|cause| Failure::of(&format!("cannot make {}", options.out.display()), &cause))?;
+    let sigma0 = geometry::sigma0(&case);
+    let simulation = Simulation::new(
+        &case.mesh,
+        &case.contact_ohm_m,
+        &sigma0,
+        &case.protocol,
+        &settings,
+    )
+    .map_err(|fault| Failure::of("the training set", &fault))?;
+    let header = header(&case, &settings, &simulation, index, of);
+    let name = format!("shard-{index}-of-{of}");
+    let paths = Paths {
+        whole: options.out.join(format!("{name}.tset")),
+        part: options.out.join(format!("{name}.part")),
+        manifest: options.out.join(format!("{name}.json")),
+    };
+    let range = cases_of(index, of, settings.cases);
+    if let Some(manifest) = read::manifest(&paths.manifest)? {
+        if manifest["header"] == header {
+            println!(
+                "{}: is there already, {} cases",
+                paths.whole.display(),
+                range.len()
+            );
+            return Ok(());
+        }
+        return Err(Failure::because(format!(
+            "{}: is a shard of another set (settings, seed or geometry differ); give another --out",
+            paths.manifest.display()
+        )));
+    }
+    let kept = make(&simulation, &header, range.clone(), &paths.part)?;
+    let bytes = std::fs::metadata(&paths.part).map_or(0, |data| data.len());
+    let hash = read::hash_of(&paths.part)?;
+    std::fs::rename(&paths.part, &paths.whole)
+        .map_err(|cause| Failure::of(&format!("{}", paths.whole.display()), &cause))?;
+    let manifest = json!({
+        "file": format!("{name}.tset"),
+        "bytes": bytes,
+        "sha256": hash,
+        "first": range.start,
+        "cases": range.len(),
+        "header": header,
+    });
+    crate::failure::write(&paths.manifest, format!("{manifest:#}\n"))?;
+    println!(
+        "{}: cases {} to {} of {}, {kept} of them from an earlier run, sha256 {hash}",
+        paths.whole.display(),
+        range.start,
+        range.end,
+        settings.cases
+    );
+    Ok(())
+}
+
+struct Paths {
+    whole: PathBuf,
+    part: PathBuf,
+    manifest: PathBuf,
+}
+
+/// `I/N` with 0 <= I < N.
+fn shard(text: &str) -> Result<(usize, usize), Failure> {
+    text.split_once('/')
+        .and_then(|(index, of)| Some((index.parse().ok()?, of.parse().ok()?)))
+        .filter(|(index, of)| index < of)
+        .ok_or_else(|| {
+            Failure::usage(format!(
+                "--shard {text}: I/N is expected with I from 0 to N - 1, e.g. 0/4"
+            ))
+        })
+}
+
+/// The cases of a shard.
+fn cases_of(index: usize, of: usize, cases: usize) -> Range<usize> {
+    cases * index / of..cases * (index + 1) / of
+}
+
+/// What decides every bit of a shard.
+fn header(
+    case: &Case,
+    settings: &TrainingSettings,
+    simulation: &Simulation,
+    index: usize,
+    of: usize,
+) -> serde_json::Value {
+    let said = json!({
+        "contact_ohm_m": case.contact_ohm_m,
+        "sigma0": geometry::sigma0(case),
+    });
+    json!({
+        "layout": LAYOUT,
+        "geometry": case.mesh.hash(),
+        "survey": case.protocol.hash(),
+        "contacts_and_sigma0": fingerprint(said.to_string().as_bytes()),
+        "settings": settings,
+        "inputs": simulation.inputs(),
+        "outputs": simulation.outputs(),
+        "shard": [index, of],
+    })
+}
+
+/// Writes the records that are missing; gives the number of those that were there.
+fn make(
+    simulation: &Simulation,
+    header: &serde_json::Value,
+    range: Range<usize>,
+    part: &Path,
+) -> Result<usize, Failure> {
+    let failed = |cause: std::io::Error| full(part, &cause);
+    let file = OpenOptions::new()
+        .read(true)
+        .write(true)
+        .create(true)
+        .truncate(false)
+        .open(part)
+        .map_err(failed)?;
+    let head = format!("{header}\n");
+    let (kept, end) = resume(&file, &head, simulation.inputs(), range.len()).map_err(failed)?;
+    file.set_len(end).map_err(failed)?;
+    let mut writer = BufWriter::new(file);
+    writer.seek(SeekFrom::Start(end)).map_err(failed)?;
+    if end == 0 {
+        writer.write_all(head.as_bytes()).map_err(failed)?;
+        baseline(&mut writer, simulation.baseline()).map_err(failed)?;
+    }
+    let bar = progress::bar(range.len(), "cases");
+    bar.set_position(kept as u64);
+    let mut first = range.start + kept;
+    while first < range.end {
+        let last = (first + BLOCK).min(range.end);
+        let samples = (first..last)
+            .into_par_iter()
+            .map(|case| simulation.sample(case))
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(|fault| Failure::of("the training set", &fault))?;
+        for sample in &samples {
+            record(&mut writer, sample).map_err(failed)?;
+        }
+        writer.flush().map_err(failed)?;
+        first = last;
+        bar.set_position((first - range.start) as u64);
+    }
+    bar.finish_and_clear();
+    writer.get_ref().sync_all().map_err(failed)?;
+    Ok(kept)
+}
+
+/// A write that failed: what was written stays, and how to go on.
+fn full(part: &Path, cause: &std::io::Error) -> Failure {
+    Failure::because(format!(
+        "{}: {cause}; the cases written so far stay: make room and run the same command again",
+        part.display()
+    ))
+}
+
+fn baseline(out: &mut impl Write, volts: &[f64]) -> std::io::Result<()> {
+    for value in volts {
+        out.write_all(&value.to_le_bytes())?;
+    }
+    Ok(())
+}
+
+fn record(out: &mut impl Write, sample: &Sample) -> std::io::Result<()> {
+    out.write_all(&(sample.target.len() as u32).to_le_bytes())?;
+    for value in &sample.input {
+        out.write_all(&value.to_le_bytes())?;
+    }
+    for (unknown, change) in &sample.target {
+        out.write_all(&unknown.to_le_bytes())?;
+        out.write_all(&change.to_le_bytes())?;
+    }
+    Ok(())
+}
+
+/// How many whole records follow the right header, and where they end; none where the header is another.
+fn resume(file: &File, head: &str, inputs: usize, most: usize) -> std::io::Result<(usize, u64)> {
+    let length = file.metadata()?.len();
+    let mut reader = BufReader::new(file);
+    let start = (head.len() + 8 * inputs) as u64;
+    let mut found = vec![0; head.len().min(length as usize)];
+    reader.read_exact(&mut found)?;
+    if found != head.as_bytes() || length < start {
+        return Ok((0, 0));
+    }
+    let (mut count, mut at) = (0, start);
+    reader.seek(SeekFrom::Start(at))?;
+    while count < most && at + 4 <= length {
+        let mut changes = [0; 4];
+        reader.read_exact(&mut changes)?;
+        let size = 4 * inputs as u64 + 8 * u64::from(u32::from_le_bytes(changes));
+        if at + 4 + size > length {
+            break;
+        }
+        reader.seek_relative(size as i64)?;
+        at += 4 + size;
+        count += 1;
+    }
+    Ok((count, at))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shards_cover_every_case_once() {
+        for cases in [1, 7, 100] {
+            for of in [1, 3, 8] {
+                let all: Vec<usize> = (0..of).flat_map(|i| cases_of(i, of, cases)).collect();
+                assert_eq!(all, (0..cases).collect::<Vec<_>>());
+            }
+        }
+        assert_eq!(shard("2/3").unwrap(), (2, 3));
+        for wrong in ["3/3", "1", "a/b", "-1/2"] {
+            assert!(shard(wrong).is_err());
+        }
+    }
+
+    /// A disk that is full after so many bytes.
+    struct Small(usize);
+
+    impl Write for Small {
+        fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+            if self.0 == 0 {
+                return Err(std::io::ErrorKind::StorageFull.into());
+            }
+            let taken = bytes.len().min(self.0);
+            self.0 -= taken;
+            Ok(taken)
+        }
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_full_disk_is_said_with_the_way_on() {
+        let sample = Sample {
+            input: vec![1.0; 10],
+            target: vec![(1, -0.5)],
+        };
+        let fault = record(&mut Small(20), &sample).unwrap_err();
+        let said = full(Path::new("a.part"), &fault).to_string();
+        assert!(said.contains("a.part") && said.contains("again"), "{said}");
+    }
+}
