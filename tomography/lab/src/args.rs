@@ -81,6 +81,8 @@ pub(crate) enum Network {
     Rbf(TrainOptions),
     /// A deep network of fully connected layers (the paper's section 4.2)
     Dnn(DeepOptions),
+    /// A linear map: the matrix of least mean square error over the training set and its noise
+    Linear(LinearOptions),
 }
 
 /// How the weights of a network are kept.
@@ -200,7 +202,7 @@ pub(crate) enum Method {
     OneStep,
     /// Total variation, to a stated gap
     Tv,
-    /// Trained linear map (not in this version)
+    /// Trained linear map, on the case's own mesh
     Linear,
     /// Radial-basis-function network
     Rbf,
@@ -259,6 +261,46 @@ pub(crate) struct JudgeOptions {
     /// Folder to write
     #[arg(long, value_name = "DIR")]
     pub(crate) out: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct LinearOptions {
+    /// Which jitter
+    #[arg(long, value_enum)]
+    pub(crate) profile: Profile,
+    /// Simulated cases
+    #[arg(long, value_name = "N", default_value_t = 15_000)]
+    pub(crate) cases: usize,
+    /// The same seed gives the same file
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// gamma of the profile `paper`
+    #[arg(long, default_value_t = 0.01)]
+    pub(crate) gamma: f64,
+    /// Noise of one reading for the profile `matched`, V; several levels, several times
+    #[arg(long, value_name = "SD", default_values_t = [2e-6])]
+    pub(crate) noise_v: Vec<f64>,
+    /// Frames of the unloaded sheet: the profile `matched` takes their covariance in place of --noise-v
+    #[arg(long, value_name = "FILE")]
+    pub(crate) repeats: Option<PathBuf>,
+    /// A training set in files, made by `dataset`, in place of cases made for the purpose
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["cases", "seed"])]
+    pub(crate) dataset: Option<PathBuf>,
+    /// Every case through the sheet's mirrors too, where mesh and contacts have them
+    #[arg(long)]
+    pub(crate) symmetric: bool,
+    /// How the weights are kept
+    #[arg(long, value_enum, default_value_t = PrecisionName::F32)]
+    pub(crate) precision: PrecisionName,
+    /// Case folder to train for; the preset of the paper's sheet at 1 mA if none is given
+    #[arg(long, value_name = "DIR")]
+    pub(crate) case: Option<PathBuf>,
+    /// Model file to write
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: PathBuf,
+    /// Print what the training found as one JSON object
+    #[arg(long)]
+    pub(crate) json: bool,
 }
 
 #[derive(Debug, Args)]

@@ -9,7 +9,7 @@ use crate::args::{Method, ReconstructOptions};
 use crate::failure::Failure;
 use crate::recording::Recording;
 use crate::shapes::Shapes;
-use crate::train;
+use crate::{linear, train};
 use start::Start;
 
 /// Maps of which more than this share (of their square, by area) is gain are not made of losses alone.
@@ -77,15 +77,18 @@ pub(crate) fn prepare(
                 slow: false,
             })
         }
-        Method::Linear | Method::Dnn => {
-            let name = match options.method {
-                Method::Linear => "linear",
-                _ => "dnn",
-            };
-            Err(Failure::usage(format!(
-                "--method {name} is not in this version; use best, one-step, tv or rbf"
-            )))
+        Method::Linear => {
+            only_for_one_step(options, "--method linear")?;
+            let model = linear::cached(case, options.noise_v, options.cases)?;
+            Ok(Choice {
+                reconstructor: model.into_reconstructor(),
+                notes: Vec::new(),
+                slow: false,
+            })
         }
+        Method::Dnn => Err(Failure::usage(
+            "--method dnn: train a network with tactus-lab train dnn --case DIR, and give its file with --model",
+        )),
     }
 }
 

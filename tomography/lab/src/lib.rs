@@ -19,18 +19,20 @@
 
 mod args;
 mod choice;
-mod deep;
 mod dataset;
+mod deep;
 mod evaluate;
 mod failure;
 mod geometry;
 mod judge;
+mod linear;
 mod merit;
 mod progress;
 mod reconstruct;
 mod recording;
 mod shapes;
 mod solve;
+mod symmetry;
 mod train;
 
 use std::ffi::OsString;

@@ -1,4 +1,4 @@
-//! `tactus-lab train rbf`, and the networks that `reconstruct` trains for a case and keeps.
+//! `tactus-lab train`, and the networks that `reconstruct` trains for a case and keeps.
 
 use std::path::{Path, PathBuf};
 
@@ -9,7 +9,7 @@ use eit::{
 
 use crate::args::{self, Profile};
 use crate::failure::Failure;
-use crate::{choice, deep, geometry, progress};
+use crate::{choice, deep, geometry, linear, progress};
 
 /// Above this ratio of spread to median distance a few samples rule the spread of Eq. 13.
 const SPREAD_RULED: f64 = 10.0;
@@ -19,6 +19,7 @@ pub(crate) fn train(network: &args::Network) -> Result<(), Failure> {
     let options = match network {
         args::Network::Rbf(options) => options,
         args::Network::Dnn(options) => return deep::train_deep(options),
+        args::Network::Linear(options) => return linear::train_linear(options),
     };
     choice::positive(
         "--noise-v",
@@ -119,9 +120,7 @@ pub(crate) fn current(case: &Case) -> Result<f64, Failure> {
 }
 
 fn network_for(case: &Case, settings: TrainingSettings, name: &str) -> Result<Model, Failure> {
-    let sigma0 = case
-        .sigma("homog")
-        .unwrap_or_else(|_| vec![1e-3; case.mesh.triangles().len()]);
+    let sigma0 = geometry::sigma0(case);
     let bars = progress::Training::new();
     let show = |stage, done, of| bars.show(stage, done, of);
     let failed = |fault| Failure::of("the training", &fault);
@@ -153,17 +152,29 @@ fn network_for(case: &Case, settings: TrainingSettings, name: &str) -> Result<Mo
     .map_err(|fault| Failure::of("the training", &fault))
 }
 
-/// The network of a case: from the cache if it was trained before with the same settings, else trained and kept there.
+/// The RBF network of a case, see [`kept`].
 pub(crate) fn cached(case: &Case, settings: TrainingSettings) -> Result<Model, Failure> {
-    let path = cache_file(case, &settings);
+    kept(case, &settings, "rbf", || {
+        network_for(case, settings.clone(), "rbf")
+    })
+}
+
+/// The model of a case: from the cache if it was trained before with the same settings, else trained and kept there.
+pub(crate) fn kept(
+    case: &Case,
+    settings: &TrainingSettings,
+    kind: &str,
+    make: impl FnOnce() -> Result<Model, Failure>,
+) -> Result<Model, Failure> {
+    let path = cache_file(case, settings, kind);
     if let Some(path) = &path
         && let Ok(model) = model::load(path)
         && model.check(&case.protocol, &case.mesh).is_ok()
-        && model.metadata().training == settings
+        && model.metadata().training == *settings
     {
         return Ok(model);
     }
-    let model = network_for(case, settings, "rbf")?;
+    let model = make()?;
     if let Some(path) = path {
         let kept = path
             .parent()
@@ -181,8 +192,8 @@ pub(crate) fn cached(case: &Case, settings: TrainingSettings) -> Result<Model, F
     Ok(model)
 }
 
-/// `$XDG_CACHE_HOME/tactus/rbf-HASH.safetensors`; the hash is of everything that the training depends on.
-fn cache_file(case: &Case, settings: &TrainingSettings) -> Option<PathBuf> {
+/// `$XDG_CACHE_HOME/tactus/KIND-HASH.safetensors`; the hash is of everything that the training depends on.
+fn cache_file(case: &Case, settings: &TrainingSettings, kind: &str) -> Option<PathBuf> {
     let base = std::env::var_os("XDG_CACHE_HOME")
         .filter(|base| Path::new(base).is_absolute())
         .map(PathBuf::from)
@@ -197,6 +208,6 @@ fn cache_file(case: &Case, settings: &TrainingSettings) -> Option<PathBuf> {
     let hash = eit::model::fingerprint(said.to_string().as_bytes());
     Some(
         base.join("tactus")
-            .join(format!("rbf-{}.safetensors", &hash[..16])),
+            .join(format!("{kind}-{}.safetensors", &hash[..16])),
     )
 }
