@@ -16,7 +16,7 @@ fn above_zero(text: &str) -> Result<f64, String> {
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Reconstruction")]
 pub struct MethodChoice {
-    /// Method computed on the spot (default when no --model is given)
+    /// Method computed on the spot (default when no --model is given: what the session used, else one-step)
     #[arg(long, value_enum, value_name = "METHOD", conflicts_with = "model")]
     pub method: Option<Method>,
     /// Trained model file; it brings its own geometry and protocol
@@ -80,10 +80,13 @@ pub enum Format {
 }
 
 /// Reconstruction without a trained model.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Method {
     /// One-step difference reconstruction.
     OneStep,
+    /// Total variation, to a gap of 1e-3 unless the session used another.
+    Tv,
 }
 
 /// Prior of the one-step method.

@@ -4,11 +4,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use eit::{
-    DiscTank, Forward, Hyper, Mesh, OneStep, OneStepOptions, PaperSheet, Preset, Reconstructor,
+    DiscTank, Forward, Hyper, Mesh, OneStep, OneStepOptions, PaperSheet, Preset, Reconstructor, Tv,
+    TvOptions,
 };
 use survey::{Amps, Map, Protocol, Reading};
 
-use crate::choices::{Geometry, MethodChoice, PresetName, Prior};
+use crate::choices::{Geometry, Method, MethodChoice, PresetName, Prior};
 use crate::drawing::Field;
 use crate::failure::Failure;
 use crate::recipe::Recipe;
@@ -135,6 +136,31 @@ impl Eye {
                 Hyper::Noise { volts, current }
             }
         };
+        if recipe.method == Method::Tv {
+            let Hyper::Noise { volts, current } = hyper else {
+                return Err(Failure::Usage(
+                    "--lambda belongs to the one-step method; total variation takes --noise-v"
+                        .to_owned(),
+                ));
+            };
+            if recipe.prior_asked {
+                return Err(Failure::Usage(
+                    "--prior and --exponent belong to the one-step method".to_owned(),
+                ));
+            }
+            let usual = TvOptions::default();
+            let options = TvOptions {
+                noise_v: volts,
+                current_a: current,
+                loss_only: recipe.loss_only,
+                gap: recipe.gap.unwrap_or(usual.gap),
+                ..usual
+            };
+            let tv = Tv::new(mesh, &contact_ohm_m, &sigma, scene.protocol, options).map_err(
+                |error| Failure::configuration("total variation cannot be set up", &error),
+            )?;
+            return Ok(Self::new(Box::new(tv), remarks));
+        }
         let prior = match recipe.prior {
             Some(Prior::Tikhonov) => eit::Prior::Tikhonov,
             Some(Prior::Noser) | None => eit::Prior::noser(recipe.prior.is_some(), recipe.exponent),

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::choices::{MethodChoice, Prior};
+use crate::choices::{Method, MethodChoice, Prior};
 use crate::eye::short;
 use crate::failure::Failure;
 use crate::recording::Home;
@@ -10,6 +10,11 @@ use crate::recording::Home;
 /// What was asked of the reconstruction; what was not asked is as the session had it, else the default.
 pub(crate) struct Recipe {
     pub(crate) model: Option<PathBuf>,
+    pub(crate) method: Method,
+    /// Where total variation stops, as a share of the objective.
+    pub(crate) gap: Option<f64>,
+    /// Whether the options name a prior or its exponent.
+    pub(crate) prior_asked: bool,
     pub(crate) prior: Option<Prior>,
     pub(crate) exponent: Option<f64>,
     pub(crate) lambda: Option<f64>,
@@ -76,6 +81,15 @@ impl Recipe {
         let told = asked.lambda.is_some() || asked.noise_v.is_some();
         Ok(Self {
             model,
+            // a prior or a lambda is of the one-step method, whatever the session used
+            method: asked
+                .method
+                .or(kept.method.filter(|_| {
+                    asked.prior.is_none() && asked.exponent.is_none() && asked.lambda.is_none()
+                }))
+                .unwrap_or(Method::OneStep),
+            gap: kept.gap,
+            prior_asked: asked.prior.is_some() || asked.exponent.is_some(),
             prior: asked.prior.or(kept.prior),
             exponent: asked.exponent.or(kept.exponent),
             lambda: asked.lambda.or(kept.lambda.filter(|_| !told)),

@@ -8,7 +8,7 @@ use logbook::{LogbookError, Record, SessionHeader, SessionReader};
 use serde::Deserialize;
 
 use crate::args::Global;
-use crate::choices::{PresetName, Prior};
+use crate::choices::{Method, PresetName, Prior};
 use crate::eye::{Ground, case_ground, preset_ground, short};
 use crate::failure::Failure;
 
@@ -176,6 +176,8 @@ struct KeptGeometry {
 #[serde(default)]
 pub(crate) struct KeptModel {
     pub(crate) file: Option<PathBuf>,
+    pub(crate) method: Option<Method>,
+    pub(crate) gap: Option<f64>,
     pub(crate) prior: Option<Prior>,
     pub(crate) exponent: Option<f64>,
     pub(crate) noise_uv: Option<f64>,

@@ -198,6 +198,7 @@ pub(crate) struct GeometrySection {
 pub(crate) enum MethodName {
     #[default]
     OneStep,
+    Tv,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -226,6 +227,8 @@ pub(crate) struct ModelSection {
     pub lambda: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub loss_only: Option<bool>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gap: Option<f64>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -3,10 +3,12 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use eit::{Case, Hyper, Mesh, OneStep, OneStepOptions, Preset, Prior, Reconstructor};
+use eit::{
+    Case, Hyper, Mesh, OneStep, OneStepOptions, Preset, Prior, Reconstructor, Tv, TvOptions,
+};
 use survey::{Amps, Protocol};
 
-use crate::config::{GeometrySection, ModelSection, PresetName, PriorName};
+use crate::config::{GeometrySection, MethodName, ModelSection, PresetName, PriorName};
 
 /// Noise of one reading where nobody says, uV: a 34980A on its 1 V range at 1 PLC.
 pub(crate) const DEFAULT_NOISE_UV: f64 = 2.0;
@@ -69,6 +71,8 @@ pub(crate) enum ModelFault {
     },
     #[error("the one-step method: {0}")]
     OneStep(#[from] eit::OneStepError),
+    #[error("total variation: {0}")]
+    Tv(#[from] eit::TvError),
     #[error("{0}")]
     Setting(String),
 }
@@ -122,7 +126,7 @@ pub(crate) fn geometry(section: &GeometrySection, case: Option<&Path>) -> Result
     })
 }
 
-/// Loads the model file, or prepares the one-step method for frames taken at this current.
+/// Loads the model file, or prepares the method for frames taken at this current.
 pub(crate) fn model(
     section: &ModelSection,
     current: Amps,
@@ -131,7 +135,10 @@ pub(crate) fn model(
 ) -> Result<Model, ModelFault> {
     match &section.file {
         Some(path) => from_file(path, geometry, protocol),
-        None => one_step(section, current, geometry, protocol),
+        None => match section.method.unwrap_or_default() {
+            MethodName::OneStep => one_step(section, current, geometry, protocol),
+            MethodName::Tv => total_variation(section, current, geometry, protocol),
+        },
     }
 }
 
@@ -222,6 +229,34 @@ pub(crate) fn one_step(
     )?;
     Ok(Model {
         reconstructor: Arc::new(one_step),
+        hash: None,
+    })
+}
+
+/// Prepares total variation for frames taken at this current, with cold starts: a map depends on its frame alone.
+fn total_variation(
+    section: &ModelSection,
+    current: Amps,
+    geometry: &Geometry,
+    protocol: &Protocol,
+) -> Result<Model, ModelFault> {
+    let usual = TvOptions::default();
+    let options = TvOptions {
+        noise_v: section.noise_uv.unwrap_or(DEFAULT_NOISE_UV) * 1e-6,
+        current_a: current.0,
+        loss_only: section.loss_only.unwrap_or(false),
+        gap: section.gap.unwrap_or(usual.gap),
+        ..usual
+    };
+    let tv = Tv::new(
+        Arc::clone(&geometry.mesh),
+        &geometry.contact_ohm_m,
+        &geometry.sigma0,
+        protocol,
+        options,
+    )?;
+    Ok(Model {
+        reconstructor: Arc::new(tv),
         hash: None,
     })
 }

@@ -80,6 +80,14 @@ fn each_bad_input_is_named_at_its_place() {
             ":18:9: model.prior: a model file has its own settings; delete prior, lambda, loss_only, or delete file",
         ),
         (
+            more("[model]\nmethod = \"tv\"\nlambda = 1.0\n"),
+            "model.lambda: lambda belongs to method = \"one-step\"",
+        ),
+        (
+            more("[model]\ngap = 1e-3\n"),
+            "model.gap: gap belongs to method = \"tv\"",
+        ),
+        (
             more("[model]\nmethod = \"one-step\"\nfile = \"m.safetensors\"\n"),
             "delete method, or delete file",
         ),

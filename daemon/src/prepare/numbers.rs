@@ -1,7 +1,7 @@
 //! Numbers that cannot be, whatever the rest of the configuration says.
 
 use super::Findings;
-use crate::config::Config;
+use crate::config::{Config, MethodName};
 
 /// Adds a problem for each.
 pub(super) fn check(config: &Config, findings: &mut Findings<'_>) {
@@ -90,6 +90,7 @@ pub(super) fn check(config: &Config, findings: &mut Findings<'_>) {
 fn of_the_method(config: &Config, findings: &mut Findings<'_>) {
     let model = &config.model;
     if model.file.is_none() {
+        of_total_variation(config, findings);
         return;
     }
     let given: Vec<&str> = [
@@ -99,6 +100,7 @@ fn of_the_method(config: &Config, findings: &mut Findings<'_>) {
         ("noise_uv", model.noise_uv.is_some()),
         ("lambda", model.lambda.is_some()),
         ("loss_only", model.loss_only.is_some()),
+        ("gap", model.gap.is_some()),
     ]
     .into_iter()
     .filter_map(|(key, given)| given.then_some(key))
@@ -111,5 +113,24 @@ fn of_the_method(config: &Config, findings: &mut Findings<'_>) {
                 given.join(", ")
             ),
         );
+    }
+}
+
+/// Settings of one method that the other would ignore.
+fn of_total_variation(config: &Config, findings: &mut Findings<'_>) {
+    let model = &config.model;
+    let tv = model.method == Some(MethodName::Tv);
+    for (key, given, other) in [
+        ("prior", tv && model.prior.is_some(), "one-step"),
+        ("exponent", tv && model.exponent.is_some(), "one-step"),
+        ("lambda", tv && model.lambda.is_some(), "one-step"),
+        ("gap", !tv && model.gap.is_some(), "tv"),
+    ] {
+        if given {
+            findings.add(
+                &format!("model.{key}"),
+                format!("{key} belongs to method = \"{other}\"; delete it, or choose that method"),
+            );
+        }
     }
 }

@@ -37,6 +37,7 @@ mod mesh;
 mod mesher;
 pub mod model;
 pub mod network;
+mod novelty;
 mod one_step;
 pub mod preset;
 mod prior;

@@ -66,6 +66,7 @@ impl Linear {
             Prior::Tikhonov => Penalty::identity(region.len()),
             Prior::Noser { p } => Penalty::noser(&sensitivity, p),
             Prior::Laplace => Penalty::laplacian(mesh),
+            Prior::Variation => Penalty::variation(mesh),
         };
         let linear = Self {
             scale: options.scale.clone(),
@@ -74,6 +75,19 @@ impl Linear {
             weights,
         };
         Ok((linear, sensitivity, penalty))
+    }
+
+    /// The largest magnitude of the model's readings, as the data are: the paper's v-hat.
+    pub(crate) fn largest(&self) -> f64 {
+        let currents = match &self.scale {
+            Scale::Currents(currents) => Some(currents),
+            Scale::Uniform | Scale::ByDistance => None,
+        };
+        self.model
+            .iter()
+            .enumerate()
+            .map(|(i, v)| currents.map_or(v.abs(), |currents| (v * currents[i]).abs()))
+            .fold(0.0, f64::max)
     }
 
     /// The change between baseline and frame at the model's scale, and which readings are missing in it.

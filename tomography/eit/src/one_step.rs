@@ -3,9 +3,9 @@
 //! x = argmin |W (J x - dv)|^2 + lambda^2 x'Rx  with x = dsigma / sigma0 on the triangles of the region, J the
 //! sensitivity to it, R the [`Prior`] and W optional weights of the readings. A frame costs one matrix-vector product.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use survey::{Map, MapUnit, Protocol, Reading};
 
@@ -13,7 +13,7 @@ use crate::bounded::Bounded;
 use crate::data_space::DataSpace;
 use crate::linear::Linear;
 use crate::prior::{Penalty, Prior};
-use crate::{ForwardError, Mesh, ReconstructError, Reconstructor};
+use crate::{ForwardError, Mesh, Novelty, ReconstructError, Reconstructor, novelty};
 
 /// Where the hyper-parameter comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -21,6 +21,9 @@ use crate::{ForwardError, Mesh, ReconstructError, Reconstructor};
 pub enum Hyper {
     /// lambda of the formula, given.
     Lambda(f64),
+    /// alpha of the paper's Eq. 4 with dv over v-hat, the largest magnitude of the model's readings, and dsigma over
+    /// sigma0: lambda = v-hat sqrt(alpha). The paper does not say how it scales either; this is our reading.
+    Paper(f64),
     /// From the noise of a single reading, by [`EXPECTED_CHANGE`]'s rule.
     Noise {
         /// Standard deviation of one reading, V, the same on baseline and frame.
@@ -155,6 +158,11 @@ pub struct OneStep {
     lambda: f64,
     amplitude: f64,
     raised: bool,
+    deviation: Option<f64>,
+    noise_figure: f64,
+    sensitivity: DMatrix<f64>,
+    /// Directions of the data that maps move; found when novelty is first asked for.
+    directions: OnceLock<Option<DMatrix<f64>>>,
     solution: DataSpace,
     bounded: Option<Bounded>,
 }
@@ -176,6 +184,7 @@ impl OneStep {
         let amplitude = penalty.amplitude(EXPECTED_CHANGE)?;
         let (lambda, raised) = match options.hyper {
             Hyper::Lambda(lambda) => (lambda, false),
+            Hyper::Paper(alpha) => (alpha.sqrt() * linear.largest(), false),
             Hyper::Noise { volts, current } => {
                 for (what, value) in [("noise", volts), ("current", current)] {
                     if !(value > 0.0 && value.is_finite()) {
@@ -196,6 +205,14 @@ impl OneStep {
             }
         };
         let solution = DataSpace::new(&sensitivity, &penalty, lambda)?;
+        let deviation = match (options.hyper, &options.scale) {
+            (Hyper::Noise { volts, .. }, Scale::Currents(_)) => Some(volts),
+            (Hyper::Noise { volts, current }, _) => Some(volts / current),
+            _ => None,
+        }
+        .map(|noise| std::f64::consts::SQRT_2 * noise);
+        let noise_figure = figure(&mesh, &sensitivity, solution.matrix());
+        let kept = sensitivity.clone();
         let bounded = match (options.loss_only, penalty) {
             (false, _) => None,
             (true, Penalty::Diagonal(entries)) => {
@@ -213,6 +230,10 @@ impl OneStep {
             lambda,
             amplitude,
             raised,
+            deviation,
+            noise_figure,
+            sensitivity: kept,
+            directions: OnceLock::new(),
             solution,
             bounded,
         })
@@ -251,6 +272,56 @@ impl Reconstructor for OneStep {
 
     fn mesh(&self) -> &Arc<Mesh> {
         &self.mesh
+    }
+
+    fn assumptions(&self) -> Vec<String> {
+        let mut told = vec![
+            format!(
+                "{}, lambda {:.3e}: linear in the change of conductance, one matrix",
+                self.method, self.lambda
+            ),
+            match self.deviation {
+                Some(deviation) => format!(
+                    "white noise of {:.2e} (V, or V at 1 A) on each reading, on baseline and frame alike",
+                    deviation / std::f64::consts::SQRT_2
+                ),
+                None => "the hyper-parameter was given; what the noise is was not said".to_owned(),
+            },
+        ];
+        if self.raised {
+            told.push(format!(
+                "the noise asked for less: a linear model is not exact to more than {MODEL_SHARE:e} of its size"
+            ));
+        }
+        if self.bounded.is_some() {
+            told.push("loads only take conductance away: -1 <= dsigma/sigma0 <= 0".to_owned());
+        }
+        told
+    }
+
+    /// Of the linear map; where maps are bounded to losses, of the map before the bound.
+    fn noise_figure(&self) -> Option<f64> {
+        Some(self.noise_figure)
+    }
+
+    fn novelty(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<Option<Novelty>, ReconstructError> {
+        let (mut change, missing) = self.linear.change(baseline, frame, &self.method)?;
+        let Some(deviation) = self.deviation else {
+            return Ok(None); // nobody said what the noise is
+        };
+        for value in &mut change {
+            *value /= deviation;
+        }
+        let directions = self
+            .directions
+            .get_or_init(|| novelty::directions(&(&self.sensitivity / deviation)));
+        Ok(directions
+            .as_ref()
+            .and_then(|directions| novelty::unexplained(directions, &change, &missing)))
     }
 
     fn reconstruct(
@@ -295,4 +366,55 @@ impl Reconstructor for OneStep {
             masked: missing.len(),
         })
     }
+}
+
+/// Diameter of the load that a noise figure is told for, as a share of the square root of the region's area.
+const FIGURE_LOAD: f64 = 0.0543;
+
+/// The noise figure of the linear map M (A. Adler, R. Guardo, IEEE Trans. Med. Imaging 15 (1996) 170): mean |y| over the
+/// noise of a reading, over mean |a M y| over the root mean square of its noise, a the areas, y the readings of a small
+/// disc in the middle of the region.
+fn figure(mesh: &Mesh, sensitivity: &DMatrix<f64>, map: &DMatrix<f64>) -> f64 {
+    let (centroids, areas) = (mesh.region_centroids(), mesh.region_areas());
+    let area: f64 = areas.iter().sum();
+    let middle = [0, 1].map(|axis| {
+        centroids
+            .iter()
+            .zip(&areas)
+            .map(|(at, a)| at[axis] * a)
+            .sum::<f64>()
+            / area
+    });
+    let away = |at: &[f64; 2]| (at[0] - middle[0]).hypot(at[1] - middle[1]);
+    let radius = (0.5 * FIGURE_LOAD * area.sqrt())
+        .max(centroids.iter().map(away).fold(f64::INFINITY, f64::min));
+    let load = DVector::from_iterator(
+        centroids.len(),
+        centroids
+            .iter()
+            .map(|at| f64::from(u8::from(away(at) <= radius))),
+    );
+    let seen = sensitivity * load;
+    let answer = map * &seen;
+    let mut noise = vec![0.0; areas.len()];
+    for column in map.column_iter() {
+        for (sum, value) in noise.iter_mut().zip(&column) {
+            *sum += value * value;
+        }
+    }
+    let readings = seen.iter().map(|y| y.abs()).sum::<f64>() / seen.len() as f64;
+    let unknowns = areas.len() as f64;
+    let signal = answer
+        .iter()
+        .zip(&areas)
+        .map(|(x, a)| (x * a).abs())
+        .sum::<f64>()
+        / unknowns;
+    let spread = noise
+        .iter()
+        .zip(&areas)
+        .map(|(n, a)| n * a * a)
+        .sum::<f64>()
+        / unknowns;
+    readings * spread.sqrt() / signal
 }

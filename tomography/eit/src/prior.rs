@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::Mesh;
 use crate::one_step::OneStepError;
+use crate::tv::Graph;
 
 /// The prior of a one-step reconstruction.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -23,6 +24,9 @@ pub enum Prior {
     /// R = twice the graph Laplacian of the triangles that share an edge (the scale of EIDORS). Its null space, the
     /// constant of each connected part, is left unpenalised exactly.
     Laplace,
+    /// R = L'L with L the difference across each border times its length (m): the paper's Eq. 5 inside the square of its
+    /// Eq. 4, as printed, so not total variation. Its null space is the constant.
+    Variation,
 }
 
 impl Default for Prior {
@@ -48,6 +52,7 @@ impl Prior {
             Self::Tikhonov => "tikhonov",
             Self::Noser { .. } => "noser",
             Self::Laplace => "laplace",
+            Self::Variation => "quadratic variation",
         }
     }
 }
@@ -61,6 +66,8 @@ pub(crate) enum Penalty {
     Laplacian {
         /// Pairs of unknowns that share an edge.
         edges: Vec<[usize; 2]>,
+        /// What each edge adds to both diagonals.
+        weights: Vec<f64>,
         /// Which connected part each unknown is in.
         part: Vec<usize>,
         /// How many unknowns there are in each part.
@@ -105,11 +112,19 @@ impl Penalty {
                 }
             }
         }
-        Self::from_edges(region.len(), edges)
+        let weights = vec![LAPLACE_WEIGHT; edges.len()];
+        Self::from_edges(region.len(), edges, weights)
     }
 
-    /// Twice the graph Laplacian of `edges` between `unknowns` unknowns.
-    pub(crate) fn from_edges(unknowns: usize, edges: Vec<[usize; 2]>) -> Self {
+    /// The squared differences across the borders of a region's triangles, each times its squared length (m2).
+    pub(crate) fn variation(mesh: &Mesh) -> Self {
+        let graph = Graph::of_region(mesh);
+        let weights = graph.lengths.iter().map(|length| length * length).collect();
+        Self::from_edges(graph.unknowns, graph.edges, weights)
+    }
+
+    /// The weighted graph Laplacian of `edges` between `unknowns` unknowns.
+    pub(crate) fn from_edges(unknowns: usize, edges: Vec<[usize; 2]>, weights: Vec<f64>) -> Self {
         let mut neighbours = vec![Vec::new(); unknowns];
         for &[a, b] in &edges {
             neighbours[a].push(b);
@@ -135,7 +150,12 @@ impl Penalty {
                 }
             }
         }
-        Self::Laplacian { edges, part, size }
+        Self::Laplacian {
+            edges,
+            weights,
+            part,
+            size,
+        }
     }
 
     /// The columns of R's null space, one a connected part; none for a diagonal R.
@@ -164,9 +184,14 @@ impl Penalty {
                     }
                 }
             }
-            Self::Laplacian { edges, part, size } => {
+            Self::Laplacian {
+                edges,
+                weights,
+                part,
+                size,
+            } => {
                 remove_means(&mut spread, part, size);
-                grounded_solve(edges, part, size, &mut spread)?;
+                grounded_solve(edges, weights, part, size, &mut spread)?;
                 remove_means(&mut spread, part, size);
             }
         }
@@ -211,6 +236,7 @@ fn remove_means(columns: &mut DMatrix<f64>, part: &[usize], size: &[usize]) {
 /// solution of a consistent singular system, one constant a part apart.
 fn grounded_solve(
     edges: &[[usize; 2]],
+    weights: &[f64],
     part: &[usize],
     size: &[usize],
     columns: &mut DMatrix<f64>,
@@ -223,17 +249,18 @@ fn grounded_solve(
         .collect();
     let mut diagonal = vec![0.0; n];
     let mut triplets = Vec::with_capacity(n + 2 * edges.len());
-    for &[a, b] in edges {
-        diagonal[a] += LAPLACE_WEIGHT;
-        diagonal[b] += LAPLACE_WEIGHT;
+    for (&[a, b], &weight) in edges.iter().zip(weights) {
+        diagonal[a] += weight;
+        diagonal[b] += weight;
         if !grounded[a] && !grounded[b] {
-            triplets.push(Triplet::new(a, b, -LAPLACE_WEIGHT));
-            triplets.push(Triplet::new(b, a, -LAPLACE_WEIGHT));
+            triplets.push(Triplet::new(a, b, -weight));
+            triplets.push(Triplet::new(b, a, -weight));
         }
     }
     for unknown in 0..n {
         let entry = if grounded[unknown] {
-            1.0
+            // of the others' size
+            weights.first().copied().unwrap_or(1.0)
         } else {
             diagonal[unknown]
         };

@@ -21,18 +21,15 @@ use survey::{Map, MapUnit, Protocol, Reading};
 pub use options::{Strength, TV_STRENGTH, TvError, TvOptions};
 
 use crate::linear::Linear;
+use crate::novelty::{self, UNSEEN};
 use crate::{Mesh, Novelty, OneStepOptions, Prior, ReconstructError, Reconstructor, Scale, dense};
-use graph::Graph;
+pub(crate) use graph::Graph;
 use pursuit::{Outcome, Problem};
 
-/// Directions of the data that no map of root mean square 0.1 moves by more than this share of their noise are left out.
-const UNSEEN: f64 = 1e-4;
 /// Where the noise is not known, directions below this share of the largest are.
 const ROUNDING: f64 = 1e-8;
 /// Maps without the bound to losses stay within these; no linear map of a sheet comes near.
 const FREE: [f64; 2] = [-10.0, 10.0];
-/// Above this root mean square of what no map explains, in standard deviations of the noise, a frame is new.
-const NEW: f64 = 3.0;
 
 /// The total-variation reconstructor.
 pub struct Tv {
@@ -98,19 +95,11 @@ impl Tv {
         };
         let whitened = sensitivity / deviation;
         let graph = Graph::of_region(&mesh);
-        let (values, vectors) =
-            dense::symmetric_eigen(&dense::gram(&whitened, |_| Some(1.0))).ok_or(TvError::Blind)?;
-        let floor = match options.strength {
-            Strength::Alpha(_) => ROUNDING * values.last().copied().unwrap_or_default().sqrt(),
-            Strength::Relative(_) => UNSEEN / (0.1 * (graph.unknowns as f64).sqrt()),
-        };
-        let kept: Vec<usize> = (0..values.len())
-            .filter(|&i| values[i] > floor * floor)
-            .collect();
-        if kept.is_empty() {
-            return Err(TvError::Blind);
+        let directions = match options.strength {
+            Strength::Alpha(_) => novelty::directions_above(&whitened, |top| ROUNDING * top),
+            Strength::Relative(_) => novelty::directions(&whitened),
         }
-        let directions = vectors.select_columns(&kept);
+        .ok_or(TvError::Blind)?;
         let along = dense::product(dense::view(&directions).transpose(), dense::view(&whitened));
         let alpha = match options.strength {
             Strength::Alpha(alpha) => alpha,
@@ -364,41 +353,6 @@ impl Reconstructor for Tv {
         if matches!(self.options.strength, Strength::Alpha(_)) {
             return Ok(None); // nobody said what the noise is
         }
-        Ok(unexplained(&self.directions, &data, &missing, NEW))
+        Ok(novelty::unexplained(&self.directions, &data, &missing))
     }
-}
-
-/// The root mean square, in standard deviations, of what lies outside of all maps' `directions`; missing readings are
-/// filled with what the directions make of the others.
-pub(crate) fn unexplained(
-    directions: &DMatrix<f64>,
-    data: &[f64],
-    missing: &[usize],
-    limit: f64,
-) -> Option<Novelty> {
-    let kept: Vec<usize> = (0..data.len())
-        .filter(|reading| missing.binary_search(reading).is_err())
-        .collect();
-    let rows = directions.select_rows(&kept);
-    let data = DVector::from_iterator(kept.len(), kept.iter().map(|&reading| data[reading]));
-    let free = kept
-        .len()
-        .checked_sub(rows.ncols())
-        .filter(|free| *free > 0)?;
-    let seen = rows.tr_mul(&data);
-    let explained = if missing.is_empty() {
-        seen
-    } else {
-        let mut gram = dense::gram_of_columns(&rows);
-        for i in 0..gram.nrows() {
-            gram[(i, i)] += 1e-12;
-        }
-        DVector::from_vec(dense::solve_definite(&gram, seen.as_slice())?)
-    };
-    let left = (data - rows * explained).norm_squared();
-    Some(Novelty {
-        value: (left / free as f64).sqrt(),
-        limit,
-        measure: "root mean square of what no map explains, in standard deviations of the noise",
-    })
 }

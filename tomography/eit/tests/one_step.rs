@@ -5,8 +5,8 @@ mod solved;
 use std::sync::Arc;
 
 use eit::{
-    Forward, Hyper, OneStep, OneStepError, OneStepOptions, Prior, ReconstructError, Reconstructor,
-    Scale,
+    DiscTank, Forward, Hyper, OneStep, OneStepError, OneStepOptions, Prior, ReconstructError,
+    Reconstructor, Scale,
 };
 use solved::{column, disc16, mesh, readings};
 use survey::{Protocol, Reading};
@@ -285,4 +285,123 @@ fn settings_without_meaning_are_refused_by_name() {
         }),
         Err(OneStepError::Count { has: 3, .. })
     ));
+}
+
+/// The paper's Eq. 4 and 5 as printed, against its own normal equations with R built here from the mesh.
+#[test]
+fn the_papers_step_meets_its_normal_equations() {
+    let tank = DiscTank {
+        fineness: 0.6,
+        ..DiscTank::default()
+    };
+    let mesh = Arc::new(tank.mesh().unwrap());
+    let protocol = Protocol::sheffield(16).unwrap();
+    let sigma0 = vec![tank.conductance(); mesh.triangles().len()];
+    let forward = Forward::new(Arc::clone(&mesh), &tank.contact_ohm_m()).unwrap();
+    let currents = vec![1e-3; protocol.len()];
+    let model = forward.readings(&sigma0, &protocol).unwrap() * 1e-3;
+    let j = forward.jacobian(&sigma0, &protocol).unwrap() * (1e-3 * tank.conductance());
+    let largest = model.amax();
+    let n = mesh.triangles().len();
+    let mut r = nalgebra::DMatrix::<f64>::zeros(n, n);
+    for a in 0..n {
+        for b in 0..a {
+            let shared: Vec<usize> = mesh.triangles()[a]
+                .into_iter()
+                .filter(|node| mesh.triangles()[b].contains(node))
+                .collect();
+            if let [p, q] = shared[..] {
+                let square = mesh.edge_length([p, q]).powi(2);
+                r[(a, a)] += square;
+                r[(b, b)] += square;
+                r[(a, b)] -= square;
+                r[(b, a)] -= square;
+            }
+        }
+    }
+    for alpha in [1e-10, 1e-6, 1e-2] {
+        let options = OneStepOptions {
+            prior: Prior::Variation,
+            hyper: Hyper::Paper(alpha),
+            scale: Scale::Currents(currents.clone()),
+            ..OneStepOptions::default()
+        };
+        let step = OneStep::new(
+            Arc::clone(&mesh),
+            &tank.contact_ohm_m(),
+            &sigma0,
+            &protocol,
+            options,
+        )
+        .unwrap();
+        let dv = model.map_with_location(|i, _, v| v * 1e-3 * (1.0 + i as f64).sin());
+        let x = step.matrix() * &dv;
+        let right = j.tr_mul(&dv) / largest.powi(2);
+        let left = j.tr_mul(&(&j * &x)) / largest.powi(2) + &r * &x * alpha;
+        let apart = (left - &right).amax() / right.amax();
+        println!("alpha {alpha:e}: {apart:.1e}");
+        assert!(apart <= 1e-6, "alpha {alpha:e}: {apart:e}");
+    }
+}
+
+/// More smoothing averages more noise away; and what no map explains is told from what one does.
+#[test]
+fn noise_figure_and_novelty_follow_their_definitions() {
+    let tank = DiscTank {
+        fineness: 0.6,
+        ..DiscTank::default()
+    };
+    let mesh = Arc::new(tank.mesh().unwrap());
+    let protocol = Protocol::sheffield(16).unwrap();
+    let sigma0 = vec![tank.conductance(); mesh.triangles().len()];
+    let contact = tank.contact_ohm_m();
+    let prepare = |volts| {
+        let options = OneStepOptions {
+            hyper: Hyper::Noise {
+                volts,
+                current: 1e-3,
+            },
+            ..OneStepOptions::default()
+        };
+        OneStep::new(Arc::clone(&mesh), &contact, &sigma0, &protocol, options).unwrap()
+    };
+    let (sharp, smooth) = (prepare(1e-6), prepare(1e-4));
+    let [sharp_figure, smooth_figure] = [&sharp, &smooth].map(|one| one.noise_figure().unwrap());
+    println!("noise figures {sharp_figure:.3} and {smooth_figure:.3}");
+    assert!(sharp_figure > 2.0 * smooth_figure && smooth_figure > 0.0);
+    assert!(
+        sharp
+            .assumptions()
+            .iter()
+            .any(|told| told.contains("1.00e-3")),
+        "{:?}",
+        sharp.assumptions()
+    );
+
+    let forward = Forward::new(Arc::clone(&mesh), &contact).unwrap();
+    let mut sigma = sigma0.clone();
+    sigma[n_in_the_middle(&mesh)] *= 0.5;
+    let volts = |sigma: &[f64]| forward.readings(sigma, &protocol).unwrap() * 1e-3;
+    let (before, mut after) = (volts(&sigma0), volts(&sigma));
+    let baseline = readings(before.as_slice());
+    let known = sharp
+        .novelty(&baseline, &readings(after.as_slice()))
+        .unwrap()
+        .unwrap();
+    after[5] += 1e-3;
+    let new = sharp
+        .novelty(&baseline, &readings(after.as_slice()))
+        .unwrap()
+        .unwrap();
+    assert!(!known.outside() && new.outside(), "{known:?} {new:?}");
+}
+
+fn n_in_the_middle(mesh: &eit::Mesh) -> usize {
+    let away = |t: &usize| {
+        let [x, y] = mesh.centroid(*t);
+        x.hypot(y)
+    };
+    (0..mesh.triangles().len())
+        .min_by(|a, b| away(a).total_cmp(&away(b)))
+        .unwrap()
 }

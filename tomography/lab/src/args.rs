@@ -202,6 +202,8 @@ pub(crate) enum Method {
     OneStep,
     /// Total variation, to a stated gap
     Tv,
+    /// The paper's Eq. 4 and 5 as printed: one linear, quadratic step, alpha 1e-6 (--lambda: another)
+    TvPaper,
     /// Trained linear map, on the case's own mesh
     Linear,
     /// Radial-basis-function network
@@ -376,7 +378,7 @@ pub(crate) struct MeritOptions {
     pub(crate) json: bool,
 }
 
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub(crate) struct ReconstructOptions {
     /// Case folder
     #[arg(long, value_name = "DIR")]

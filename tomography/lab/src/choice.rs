@@ -56,6 +56,7 @@ pub(crate) fn prepare(
         Method::Best => best(options, case, recording),
         Method::OneStep => one_step(options, case, recording),
         Method::Tv => total_variation::prepare(options, case, recording),
+        Method::TvPaper => total_variation::paper(options, case, recording),
         Method::Rbf => {
             only_for_one_step(options, "--method rbf")?;
             let jitter = match options.noise_v {

@@ -253,6 +253,7 @@ fn what_cannot_be_meant_is_a_usage_error() {
     for (options, word) in [
         ("--method tv --gap 0", "--gap"),
         ("--method tv --prior noser", "--prior"),
+        ("--method tv-paper --noise-v 1e-6", "--noise-v"),
         ("--method one-step --gap 1e-3", "--gap"),
         ("--method dnn", "not in this version"),
         ("--method rbf --lambda 1", "--lambda"),

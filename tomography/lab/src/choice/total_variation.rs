@@ -2,13 +2,18 @@
 
 use std::sync::Arc;
 
-use eit::{Case, Hyper, OneStepOptions, Reconstructor, Scale, Strength, Tv, TvOptions};
+use eit::{
+    Case, Hyper, OneStep, OneStepOptions, Prior, Reconstructor, Scale, Strength, Tv, TvOptions,
+};
 
 use super::start::Start;
 use super::{Choice, positive};
 use crate::args::ReconstructOptions;
 use crate::failure::Failure;
 use crate::recording::Recording;
+
+/// The paper's alpha, and its one iteration.
+const PAPER_ALPHA: f64 = 1e-6;
 
 /// `--lambda` is alpha of the formula with readings as they are; else alpha follows from the noise, and where nobody
 /// says that either, from the frames themselves as the one-step method's lambda does.
@@ -36,7 +41,9 @@ pub(super) fn prepare(
             };
             (start.one_step(prior, false)?.noise(), unit)
         }
-        Hyper::Lambda(_) => (TvOptions::default().noise_v, TvOptions::default().current_a),
+        Hyper::Lambda(_) | Hyper::Paper(_) => {
+            (TvOptions::default().noise_v, TvOptions::default().current_a)
+        }
     };
     let tv = Tv::new(
         Arc::clone(&case.mesh),
@@ -59,6 +66,63 @@ pub(super) fn prepare(
     notes.push(format!("{}: {}", tv.method(), tv.assumptions().join("; ")));
     Ok(Choice {
         reconstructor: Box::new(tv),
+        notes,
+        slow: false,
+    })
+}
+
+/// Eq. 4 and 5 of the paper as printed: one linear step with the square of the gradient, alpha 1e-6 unless `--lambda`
+/// says another.
+pub(super) fn paper(
+    options: &ReconstructOptions,
+    case: &Case,
+    recording: &Recording,
+) -> Result<Choice, Failure> {
+    for (name, given) in [
+        ("--prior", options.prior.is_some()),
+        ("--gap", options.gap.is_some()),
+        ("--noise-v", options.noise_v.is_some()),
+        ("--loss-only", options.loss_only),
+    ] {
+        if given {
+            return Err(Failure::usage(format!(
+                "{name} has no meaning with --method tv-paper: it is one linear step as the paper prints it; --lambda is \
+                 its alpha"
+            )));
+        }
+    }
+    let alpha = options.lambda.unwrap_or(PAPER_ALPHA);
+    // the noise is not looked at; a lambda keeps it from being estimated
+    let start = Start::new(
+        &ReconstructOptions {
+            lambda: Some(alpha),
+            ..options.clone()
+        },
+        Prior::Variation,
+        case,
+        recording,
+    )?;
+    let mut notes = start.notes.clone();
+    let one_step = OneStep::new(
+        Arc::clone(&case.mesh),
+        &case.contact_ohm_m,
+        &start.sigma0,
+        &case.protocol,
+        OneStepOptions {
+            prior: Prior::Variation,
+            hyper: Hyper::Paper(alpha),
+            scale: start.scale.clone(),
+            ..OneStepOptions::default()
+        },
+    )
+    .map_err(|fault| Failure::of("total variation as the paper prints it", &fault))?;
+    notes.push(format!(
+        "total variation as the paper prints it (Eq. 4 and 5: quadratic), alpha {alpha:e}, one iteration; dv over the \
+         largest reading and dsigma over sigma0 are our reading; lambda {:.3e}",
+        one_step.lambda()
+    ));
+    Ok(Choice {
+        reconstructor: Box::new(one_step),
         notes,
         slow: false,
     })
