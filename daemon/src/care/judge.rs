@@ -370,9 +370,9 @@ impl<'a> Judge<'a> {
             return other_side(electrode, place);
         }
         let mut best: Option<(f64, Relay)> = None;
-        for candidate in 0..self.n {
+        for (candidate, pair) in pairs.iter().enumerate().take(self.n) {
             let relay = match side {
-                None => *pairs[candidate].1.first()?,
+                None => *pair.1.first()?,
                 Some((electrode, place)) => {
                     if electrode == candidate {
                         continue;

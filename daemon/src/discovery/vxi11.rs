@@ -1,7 +1,7 @@
 //! Who answers a VXI-11 broadcast, and who that is (fact sheet lxi-discovery, section 6): a port mapper's GETPORT to
 //! everybody, then `create_link`, `*IDN?`, `destroy_link` with each that answers.
 
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::net::{Ipv4Addr, SocketAddr};
 use std::time::Duration;
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -112,7 +112,7 @@ async fn ask_everybody(
             && let Some(port) = word(words, 0).and_then(|port| u16::try_from(port).ok())
             && port != 0
         {
-            answers.push(SocketAddr::new(IpAddr::from(peer.ip()), port));
+            answers.push(SocketAddr::new(peer.ip(), port));
         }
     }
     Ok(answers)

@@ -208,7 +208,7 @@ pub(crate) enum Method {
     Linear,
     /// Radial-basis-function network
     Rbf,
-    /// Deep network (not in this version)
+    /// Deep network: trained beforehand, and given by --model
     Dnn,
 }
 

@@ -255,7 +255,7 @@ fn what_cannot_be_meant_is_a_usage_error() {
         ("--method tv --prior noser", "--prior"),
         ("--method tv-paper --noise-v 1e-6", "--noise-v"),
         ("--method one-step --gap 1e-3", "--gap"),
-        ("--method dnn", "not in this version"),
+        ("--method dnn", "--model"),
         ("--method rbf --lambda 1", "--lambda"),
         ("--prior quadratic", "quadratic"),
         ("--noise-v 1 --lambda 1", "--lambda"),
