@@ -99,7 +99,10 @@ fn a_frame_is_26_questions_and_their_answers() {
                 said.heard
             );
             let answer = said.answered.as_deref().expect("READ? is answered");
-            assert_eq!(answer.split(',').count(), 26, "{answer}");
+            // the readings, and the error queue asked in the same message
+            let (readings, errors) = answer.split_once(';').expect("two questions");
+            assert_eq!(readings.split(',').count(), 26, "{answer}");
+            assert_eq!(errors, "+0,\"No error\"");
         }
     });
 }

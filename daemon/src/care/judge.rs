@@ -14,6 +14,8 @@ use crate::model::Geometry;
 
 /// A row or column that differs from the uniform sheet by more is at fault; loads and uneven sheets stay below.
 const GAIN_OFF: f64 = 0.4;
+/// A measuring pair that reads less of what it should is joined to nothing.
+const DEAD: f64 = 0.1;
 /// Part of the readings that a uniform sheet leaves unexplained, from which nothing is compared with it.
 const STRANGE: f64 = 0.7;
 /// Exchanging drive and sense changes the readings of a sound rig by less, rms.
@@ -414,11 +416,18 @@ impl<'a> Judge<'a> {
         lines: &mut Vec<Line>,
     ) {
         let open = self.open_electrodes();
+        // What a dead measuring pair reads is its own fault, not that of the pair that injects beside it.
+        let dead: Vec<bool> = (0..self.wiring.measure.len())
+            .map(|pair| {
+                self.sensed_gain(pair)
+                    .is_some_and(|(gain, _)| gain.abs() < DEAD)
+            })
+            .collect();
         for (pair, (ends, relays)) in self.wiring.inject.iter().enumerate() {
             let touches_open = open.contains(&ends.plus.0) || open.contains(&ends.minus.0);
             let gain = Self::gain(
                 self.readings()
-                    .filter(|(drive, ..)| *drive == pair)
+                    .filter(|(drive, sense, ..)| *drive == pair && !dead[*sense])
                     .map(|(.., read, model)| (read, model)),
             );
             let (verdict, text) = if hopeless || (touches_open && self.fails_row(pair)) {
@@ -456,15 +465,20 @@ impl<'a> Judge<'a> {
         }
     }
 
+    /// What a measuring pair reads of what the model says, and how far single readings are from that.
+    fn sensed_gain(&self, pair: usize) -> Option<(f64, f64)> {
+        Self::gain(
+            self.readings()
+                .filter(|(_, sense, ..)| *sense == pair)
+                .map(|(.., read, model)| (read, model)),
+        )
+    }
+
     fn measuring(&self, sound: bool, findings: &mut Vec<String>, lines: &mut Vec<Line>) {
         for (pair, (ends, relays)) in self.wiring.measure.iter().enumerate() {
-            let gain = Self::gain(
-                self.readings()
-                    .filter(|(_, sense, ..)| *sense == pair)
-                    .map(|(.., read, model)| (read, model)),
-            );
+            let gain = self.sensed_gain(pair);
             let (verdict, text) = match gain {
-                Some((gain, _)) if sound && gain.abs() < 0.1 => {
+                Some((gain, _)) if sound && gain.abs() < DEAD => {
                     let at_fault = at_fault(&self.raw.meter_retries, pair, relays);
                     let text = stays_open(self.wiring, &at_fault);
                     findings.push(text.clone());

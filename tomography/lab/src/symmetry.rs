@@ -195,6 +195,7 @@ mod tests {
         let sigma0 = geometry::sigma0(&case);
         let settings = TrainingSettings {
             cases: 6,
+            neurons: 1,
             ..TrainingSettings::default()
         };
         let simulation = Simulation::new(
