@@ -405,7 +405,9 @@ impl<S: Stream> Voltmeter for Keysight34980a<S> {
                 meter.averages
             )));
         }
-        if meter.channel_delay > LONGEST_DELAY || meter.channel_delay.subsec_micros() % 1000 != 0 {
+        if meter.channel_delay > LONGEST_DELAY
+            || !meter.channel_delay.subsec_micros().is_multiple_of(1000)
+        {
             return Err(self.unable(format!(
                 "wait {:?} before each channel; 0 to 60 s can be, in whole milliseconds",
                 meter.channel_delay
