@@ -17,7 +17,7 @@ pub enum Strength {
 }
 
 /// The penalty in units of the noise: alpha is such that, at the place of median sensitivity, it draws the amplitude of a
-/// small disc (of [`SMALL`] of the region's width; 10 mm on the paper's sheet) towards zero by this many standard
+/// small disc (of 0.0543 of the region's width; 10 mm on the paper's sheet) towards zero by this many standard
 /// deviations of that amplitude's own noise:
 ///
 /// alpha = k |J 1_disc| / (length of its border), J in standard deviations of a difference.
