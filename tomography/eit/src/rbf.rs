@@ -11,12 +11,11 @@ use std::sync::Arc;
 use faer::linalg::solvers::Svd;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
-use survey::{Map, MapUnit, Protocol, Reading};
+use survey::{Map, Protocol, Reading};
 
 use crate::kmeans::{Rows, squared_distance};
 use crate::model::Trained;
 use crate::network::FAMILIAR_SHARE;
-use crate::reconstructor::Difference;
 use crate::{Mesh, Novelty, ReconstructError, Reconstructor, dense};
 
 /// Singular values of Phi below this share of the largest are cut (Moore-Penrose).
@@ -288,15 +287,7 @@ impl RbfReconstructor {
         baseline: &[Reading],
         frame: &[Reading],
     ) -> Result<(Vec<f64>, usize), ReconstructError> {
-        let Trained {
-            protocol,
-            method,
-            twins,
-            ..
-        } = &self.trained;
-        let difference = Difference::new(baseline, frame, protocol.len(), method)?;
-        let masked = difference.missing.len();
-        let (change, left) = difference.normalised(twins);
+        let (change, left, masked) = self.trained.change(baseline, frame)?;
         Ok((self.network.distances(&change, &left), masked))
     }
 }
@@ -342,18 +333,7 @@ impl Reconstructor for RbfReconstructor {
     ) -> Result<Map, ReconstructError> {
         let (distances, masked) = self.distances(baseline, frame)?;
         let novelty = self.network.nearest(&distances);
-        if novelty > NOVELTY_LIMIT || novelty.is_nan() {
-            return Err(ReconstructError::OutsideModel {
-                novelty,
-                limit: NOVELTY_LIMIT,
-            });
-        }
-        Ok(Map {
-            mesh_hash: self.trained.mesh.hash().to_owned(),
-            values: self.network.respond(&distances),
-            unit: MapUnit::RelativeConductance,
-            method: self.trained.method.clone(),
-            masked,
-        })
+        self.trained.refuse_far(novelty, NOVELTY_LIMIT)?;
+        Ok(self.trained.map(self.network.respond(&distances), masked))
     }
 }

@@ -2,11 +2,10 @@
 
 use std::sync::Arc;
 
-use survey::{Map, MapUnit, Protocol, Reading};
+use survey::{Map, Protocol, Reading};
 
 use super::{DeepNetwork, Familiar};
 use crate::model::Trained;
-use crate::reconstructor::Difference;
 use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
 
 /// Times the distance of the familiar inputs beyond which a deep network's map is refused.
@@ -42,15 +41,7 @@ impl DeepReconstructor {
         baseline: &[Reading],
         frame: &[Reading],
     ) -> Result<(Vec<f32>, usize), ReconstructError> {
-        let Trained {
-            protocol,
-            method,
-            twins,
-            ..
-        } = &self.trained;
-        let difference = Difference::new(baseline, frame, protocol.len(), method)?;
-        let masked = difference.missing.len();
-        let (change, left) = difference.normalised(twins);
+        let (change, left, masked) = self.trained.change(baseline, frame)?;
         let mut input: Vec<f32> = change.iter().map(|value| *value as f32).collect();
         for reading in left {
             input[reading] = self.familiar.usual(reading);
@@ -100,12 +91,7 @@ impl Reconstructor for DeepReconstructor {
     ) -> Result<Map, ReconstructError> {
         let (input, masked) = self.input(baseline, frame)?;
         let novelty = self.familiar.novelty(&input);
-        if novelty > NOVELTY_LIMIT || novelty.is_nan() {
-            return Err(ReconstructError::OutsideModel {
-                novelty,
-                limit: NOVELTY_LIMIT,
-            });
-        }
+        self.trained.refuse_far(novelty, NOVELTY_LIMIT)?;
         let values = self.network.predict(&input);
         if let Some(triangle) = values.iter().position(|value| !value.is_finite()) {
             return Err(ReconstructError::Numerical {
@@ -113,12 +99,8 @@ impl Reconstructor for DeepReconstructor {
                 cause: format!("its answer for triangle {triangle} is {}", values[triangle]),
             });
         }
-        Ok(Map {
-            mesh_hash: self.trained.mesh.hash().to_owned(),
-            values: values.into_iter().map(f64::from).collect(),
-            unit: MapUnit::RelativeConductance,
-            method: self.trained.method.clone(),
-            masked,
-        })
+        Ok(self
+            .trained
+            .map(values.into_iter().map(f64::from).collect(), masked))
     }
 }
