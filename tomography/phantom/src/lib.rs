@@ -7,7 +7,7 @@
 //! - **load**: a shape at a place with a loss of conductance; **scene**: sheet, loads on a time line, effects, seed
 //! - **fault**: what a scene says goes wrong with the instruments; its words are for whoever has them
 //! - **loss**: the share of sheet conductance that a load takes away, 0 to 1
-//! - **effect**: one imperfection of the readings, with its own random stream
+//! - **effect**: one imperfection of sheet, contacts, network or readings, with its own random stream
 //!
 //! ```
 //! use std::time::Duration;
@@ -27,7 +27,15 @@ pub mod paper;
 mod scene;
 mod sheet;
 
-pub use effects::{EffectSettings, QuantisationSettings, ReadingContext, VoltmeterNoiseSettings};
-pub use load::{Load, LoadError, Shape, loss_of_pressure, pressure_kpa};
-pub use scene::{Scene, SceneError, SceneFault, TimedLoad};
+pub use effects::{
+    AutozeroOffSettings, BiasCurrentSettings, ChargeInjectionSettings, CommonModeSettings,
+    ContactDriftSettings, ContactSpreadSettings, CrackSettings, CurrentErrorSettings,
+    CurrentNoiseSettings, DetachmentSettings, EffectSettings, HumiditySettings,
+    InputResistanceSettings, IsolationSettings, LeakageSettings, LongDriftSettings,
+    MainsPickupSettings, Needs, OutputResistanceSettings, ParameterFault, QuantisationSettings,
+    ReadingContext, ShortSettings, SourceSettlingSettings, SpraySettings, TemperatureSettings,
+    ThermalEmfSettings, VoltmeterGainSettings, VoltmeterNoiseSettings,
+};
+pub use load::{GRAVITY, Load, LoadError, Shape, loss_of_pressure, pressure_kpa};
+pub use scene::{FINER, Scene, SceneError, SceneFault, TimedLoad};
 pub use sheet::{Phantom, PhantomError};

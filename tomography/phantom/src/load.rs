@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 const ROUND: usize = 360;
 
 /// Standard gravity, m/s2.
-const GRAVITY: f64 = 9.806_65;
+pub const GRAVITY: f64 = 9.806_65;
 
 /// The outline of a load about its centre, mm.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -13,7 +13,7 @@ use crate::load::{Load, Shape, loss_of_pressure, pressure_kpa};
 use crate::paper;
 
 /// How much finer than its preset the phantom's mesh is, unless the scene says.
-const FINER: f64 = 1.5;
+pub const FINER: f64 = 1.5;
 
 /// A load and when it is on the sheet.
 #[derive(Debug, Clone, PartialEq)]
@@ -203,7 +203,7 @@ impl Scene {
                 )
             })
             .and_then(|scene| {
-                scene.scene(|span| {
+                scene.scene(text, |span| {
                     let (line, column) = place(span);
                     format!("{file_name}:{line}:{column}")
                 })
@@ -264,7 +264,7 @@ impl Scene {
 }
 
 impl Text {
-    fn scene(self, place: impl Fn(&Range<usize>) -> String) -> Result<Scene, Fault> {
+    fn scene(self, text: &str, place: impl Fn(&Range<usize>) -> String) -> Result<Scene, Fault> {
         let sheet = match (self.paper_sheet, self.disc_tank) {
             (Some(_), Some(tank)) => {
                 return Err(Fault(
@@ -290,8 +290,13 @@ impl Text {
             ));
         }
         let (effects_span, effects) = spanned(self.effects);
-        if let Some(fault) = effects.fault() {
-            return Err(Fault(effects_span, fault));
+        let checked = effects
+            .check()
+            .and_then(|()| effects.check_electrodes(sheet.electrodes()));
+        if let Err((effect, fault)) = checked {
+            let span = key_span(text, &["effects", effect, fault.key]).unwrap_or(effects_span);
+            let why = format!("effects.{effect}.{} {}", fault.key, fault.why);
+            return Err(Fault(span, why));
         }
         let loads = self
             .load
@@ -469,6 +474,17 @@ impl LoadText {
     }
 }
 
+/// Where the value of a key stands.
+fn key_span(text: &str, path: &[&str]) -> Option<Range<usize>> {
+    let (last, tables) = path.split_last()?;
+    let whole = toml::de::DeTable::parse(text).ok()?;
+    let mut table = whole.get_ref();
+    for name in tables {
+        table = table.get(*name)?.get_ref().as_table()?;
+    }
+    table.get(*last).map(Spanned::span)
+}
+
 /// What stands in the text and where, or its default.
 fn spanned<T: Default>(value: Option<Spanned<T>>) -> (Range<usize>, T) {
     value.map_or_else(
@@ -548,7 +564,10 @@ mod tests {
         assert!(refuse(&text).starts_with("scene.toml:7:11: key `side_mm` does not belong"));
         assert!(refuse("\n[paper-sheet]\nwidth_cm = 2").starts_with("scene.toml:3:1:"));
         assert!(refuse("[effects]\nnoise = 2").starts_with("scene.toml:2:1: unknown field"));
-        assert!(refuse("[effects.voltmeter-noise]\nuv = -2").contains("zero or more"));
+        assert_eq!(
+            refuse("[effects.voltmeter-noise]\nuv = -2"),
+            "scene.toml:2:6: effects.voltmeter-noise.uv is -2 uV, it must be 0 to 1000000 uV"
+        );
         assert!(refuse("seed = \"x\"").starts_with("scene.toml:1:8:"));
         assert!(refuse("[paper-sheet]\n[disc-tank]\n").contains("not both"));
         assert!(

@@ -7,7 +7,7 @@ use eit::{DiscTank, Forward, ForwardError, Mesh, MeshError, PaperSheet, Preset};
 use nalgebra::DMatrix;
 use survey::Volts;
 
-use crate::effects::{Effects, ReadingContext};
+use crate::effects::{Effects, Needs, ReadingContext};
 use crate::load::{Load, LoadError};
 use crate::scene::{Scene, TimedLoad};
 
@@ -33,6 +33,10 @@ pub enum PhantomError {
 pub struct Phantom {
     scene: Scene,
     forward: Forward,
+    /// The contact impedances that `forward` was made for, ohm m.
+    contacts: Vec<f64>,
+    /// Centroids of the triangles, m.
+    places: Vec<[f64; 2]>,
     /// Covered share of triangles of each load of the time line.
     covered: Vec<Vec<(usize, f64)>>,
     /// Loads pressed by hand.
@@ -42,11 +46,13 @@ pub struct Phantom {
     effects: Effects,
 }
 
-/// What decides the conductance: which loads of the time line are on, and the loads pressed by hand.
+/// What decides the solution: which loads of the time line are on, the loads pressed by hand, what effects are at.
 #[derive(Debug, Clone, PartialEq)]
 struct State {
     on: Vec<bool>,
     live: Vec<Load>,
+    /// Of the effects on sheet, contacts and network.
+    epochs: Vec<u64>,
 }
 
 /// Length of each electrode's contact, m: what 1 ohm is in ohm m.
@@ -81,11 +87,16 @@ impl Phantom {
         for (electrode, ohm) in &scene.contacts {
             contacts[electrode.0] = ohm * lengths[electrode.0];
         }
+        let places = (0..mesh.triangles().len())
+            .map(|t| mesh.centroid(t))
+            .collect();
         let forward = Forward::new(mesh, &contacts)?;
         let effects = Effects::new(&scene.effects, scene.seed);
         Ok(Self {
             scene,
             forward,
+            contacts,
+            places,
             covered,
             live: Vec::new(),
             solved: Vec::new(),
@@ -134,8 +145,8 @@ impl Phantom {
     }
 
     /// The truth: conductance of each triangle of the phantom's own mesh at a moment, S per square. Losses that cover
-    /// the same place multiply.
-    pub fn conductance(&self, at: Duration) -> Vec<f64> {
+    /// the same place multiply. Time does not run back: what wanders is answered as it was last.
+    pub fn conductance(&mut self, at: Duration) -> Vec<f64> {
         let mut sigma = vec![self.scene.sheet.conductance(); self.mesh().triangles().len()];
         let on = self
             .scene
@@ -149,6 +160,9 @@ impl Phantom {
             for &(triangle, share) in covered {
                 sigma[triangle] *= 1.0 - load.loss * share;
             }
+        }
+        for effect in &mut self.effects.sheet {
+            effect.act(at, &self.places, &mut sigma);
         }
         sigma
     }
@@ -166,6 +180,7 @@ impl Phantom {
                 .map(|timed: &TimedLoad| timed.is_on(at))
                 .collect(),
             live: self.live.iter().map(|(load, _)| load.clone()).collect(),
+            epochs: self.effects.epochs(at),
         };
         match self.solved.iter().position(|(solved, _)| *solved == state) {
             Some(known) => {
@@ -173,7 +188,7 @@ impl Phantom {
                 self.solved[known..=last].rotate_left(1);
             }
             None => {
-                let solved = self.forward.transfer_impedance(&self.conductance(at))?;
+                let solved = self.solve(at)?;
                 if self.solved.len() == KEPT {
                     self.solved.remove(0);
                 }
@@ -182,6 +197,30 @@ impl Phantom {
         }
         let last = self.solved.len() - 1;
         Ok(&self.solved[last].1)
+    }
+
+    fn solve(&mut self, at: Duration) -> Result<DMatrix<f64>, PhantomError> {
+        let sigma = self.conductance(at);
+        if !self.effects.contacts.is_empty() {
+            let mut contacts = self.scene.sheet.contact_ohm_m();
+            for effect in &mut self.effects.contacts {
+                effect.act(at, &mut contacts);
+            }
+            if contacts != self.contacts {
+                self.forward = Forward::new(Arc::clone(self.forward.mesh()), &contacts)?;
+                self.contacts = contacts;
+            }
+        }
+        let mut solved = self.forward.transfer_impedance(&sigma)?;
+        for effect in &mut self.effects.network {
+            effect.act(at, &mut solved);
+        }
+        Ok(solved)
+    }
+
+    /// What a reading's context must say beside what is at hand.
+    pub fn needs(&self) -> Needs {
+        self.effects.needs()
     }
 
     /// What the voltmeter is given instead of the exact voltage: bent by the scene's effects, bit for bit the same

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use eit::Forward;
 use phantom::{Load, Phantom, ReadingContext, Scene, paper};
-use survey::{Protocol, Volts};
+use survey::{Amps, Ohms, Protocol, Volts};
 
 fn coarse(text: &str) -> Phantom {
     let text = format!("[mesh]\nfineness = 0.6\n{text}");
@@ -31,9 +31,15 @@ fn a_scene_that_asks_for_nothing_changes_no_bit() {
     );
     let context = ReadingContext {
         at: Duration::ZERO,
-        range: Volts(0.1),
+        integration: Duration::from_millis(20),
+        range: Volts(1.0),
         nplc: 1.0,
         relay: None,
+        flowing: Amps(1e-3),
+        source_range: Amps(2e-3),
+        since_change: Duration::from_millis(21),
+        source_resistance: Ohms(0.0),
+        load_resistance: Ohms(0.0),
     };
     for value in bare.iter() {
         let read = phantom.reading(Volts(*value), context);

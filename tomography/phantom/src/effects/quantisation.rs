@@ -5,6 +5,7 @@
 use serde::{Deserialize, Serialize};
 use survey::Volts;
 
+use super::bounds::{Bounds, Fault};
 use super::{OnReading, ReadingContext, resolution};
 
 /// How large a step is.
@@ -14,6 +15,14 @@ pub struct QuantisationSettings {
     /// Fixed step, uV; left out, it follows from range and NPLC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step_uv: Option<f64>,
+}
+
+impl QuantisationSettings {
+    pub(super) fn check(&self) -> Result<(), Fault> {
+        Bounds::new()
+            .within("step_uv", self.step_uv.unwrap_or(0.0), [0.0, 1e6], "uV")
+            .end()
+    }
 }
 
 #[derive(Debug)]

@@ -8,6 +8,7 @@ use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 use survey::Volts;
 
+use super::bounds::{Bounds, Fault};
 use super::{OnReading, ReadingContext, resolution};
 
 /// How strong the noise is.
@@ -17,6 +18,14 @@ pub struct VoltmeterNoiseSettings {
     /// Fixed rms of one reading, uV; left out, it follows from range and NPLC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uv: Option<f64>,
+}
+
+impl VoltmeterNoiseSettings {
+    pub(super) fn check(&self) -> Result<(), Fault> {
+        Bounds::new()
+            .within("uv", self.uv.unwrap_or(0.0), [0.0, 1e6], "uV")
+            .end()
+    }
 }
 
 #[derive(Debug)]
@@ -52,7 +61,7 @@ mod tests {
     fn rms(settings: VoltmeterNoiseSettings, range: f64, nplc: f64) -> f64 {
         let settings = EffectSettings {
             voltmeter_noise: Some(settings),
-            quantisation: None,
+            ..EffectSettings::default()
         };
         let mut effects = Effects::new(&settings, 3);
         let count = 20_000;

@@ -1,0 +1,69 @@
+//! What a voltmeter adds that does not look at its own zero: 2 ppm of range + 5 uV that wander over ten minutes.
+//!
+//! An Ornstein-Uhlenbeck process with a time constant of ten minutes, its rms that of the manual's figure (fact sheet,
+//! section 2.1), updated exactly over any step: z' = e z + sqrt(1 - e^2) n, e = exp(-dt / tau). Leave it out when
+//! autozero is on.
+
+use std::time::Duration;
+
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+use survey::Volts;
+
+use super::bounds::{Bounds, Fault};
+use super::wander::Wander;
+use super::{OnReading, ReadingContext};
+
+/// How far the zero wanders.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AutozeroOffSettings {
+    /// Share of the range, parts per million.
+    pub range_ppm: f64,
+    /// Beside it, uV.
+    pub uv: f64,
+    /// Time constant, s.
+    pub tau_s: f64,
+}
+
+impl Default for AutozeroOffSettings {
+    fn default() -> Self {
+        Self {
+            range_ppm: 2.0,
+            uv: 5.0,
+            tau_s: 600.0,
+        }
+    }
+}
+
+impl AutozeroOffSettings {
+    pub(super) fn check(&self) -> Result<(), Fault> {
+        Bounds::new()
+            .within("range_ppm", self.range_ppm, [0.0, 1e3], "ppm")
+            .within("uv", self.uv, [0.0, 1e3], "uV")
+            .within("tau_s", self.tau_s, [1.0, 1e6], "s")
+            .end()
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct AutozeroOff {
+    settings: AutozeroOffSettings,
+    zero: Wander,
+}
+
+impl AutozeroOff {
+    pub(super) fn new(settings: &AutozeroOffSettings, stream: ChaCha8Rng) -> Self {
+        Self {
+            settings: settings.clone(),
+            zero: Wander::new(Duration::from_secs_f64(settings.tau_s), stream),
+        }
+    }
+}
+
+impl OnReading for AutozeroOff {
+    fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
+        let rms = self.settings.range_ppm * 1e-6 * context.range.0 + self.settings.uv * 1e-6;
+        Volts(volts.0 + rms * self.zero.at(context.at))
+    }
+}

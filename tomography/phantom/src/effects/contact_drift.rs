@@ -1,0 +1,78 @@
+//! Contacts wander: ln R_c follows an Ornstein-Uhlenbeck process, each electrode its own.
+//!
+//! 1 to 30 % per day (fact sheet, section 2.3): the rms is reached over the time constant.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::bounds::{Bounds, Fault};
+use super::wander::Wander;
+use super::{OnContacts, stream};
+
+/// How contacts wander.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ContactDriftSettings {
+    /// Rms of the contact resistance's change, %.
+    pub percent: f64,
+    /// Time constant, h.
+    pub tau_h: f64,
+    /// The contacts are computed anew so often, s: what changes within is left out.
+    pub every_s: f64,
+}
+
+impl Default for ContactDriftSettings {
+    fn default() -> Self {
+        Self {
+            percent: 10.0,
+            tau_h: 24.0,
+            every_s: 60.0,
+        }
+    }
+}
+
+impl ContactDriftSettings {
+    pub(super) fn check(&self) -> Result<(), Fault> {
+        Bounds::new()
+            .within("percent", self.percent, [0.0, 300.0], "%")
+            .within("tau_h", self.tau_h, [0.001, 10_000.0], "h")
+            .within("every_s", self.every_s, [0.001, 86_400.0], "s")
+            .end()
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct ContactDrift {
+    settings: ContactDriftSettings,
+    seed: u64,
+    contacts: Vec<Wander>,
+}
+
+impl ContactDrift {
+    pub(super) fn new(settings: &ContactDriftSettings, seed: u64) -> Self {
+        Self {
+            settings: settings.clone(),
+            seed,
+            contacts: Vec::new(),
+        }
+    }
+}
+
+impl OnContacts for ContactDrift {
+    fn act(&mut self, at: Duration, contacts: &mut [f64]) {
+        let tau = Duration::from_secs_f64(self.settings.tau_h * 3600.0);
+        let at = Duration::from_secs_f64(self.epoch(at) as f64 * self.settings.every_s);
+        for electrode in self.contacts.len()..contacts.len() {
+            let stream = stream(self.seed, &format!("contact-drift {electrode}"));
+            self.contacts.push(Wander::new(tau, stream));
+        }
+        for (contact, wander) in contacts.iter_mut().zip(&mut self.contacts) {
+            *contact *= (self.settings.percent / 100.0 * wander.at(at)).exp();
+        }
+    }
+
+    fn epoch(&self, at: Duration) -> u64 {
+        (at.as_secs_f64() / self.settings.every_s) as u64
+    }
+}

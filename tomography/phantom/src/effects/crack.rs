@@ -1,0 +1,90 @@
+//! A crack: along a line, conductance is lost, more with time.
+//!
+//! Loss (1 - exp(-t / tau)) within the line's width (fact sheet, section 2.3: ageing, grows with use; a fault, absent
+//! from a healthy sheet). Triangles count by their centroid.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::OnSheet;
+use super::bounds::{Bounds, Fault};
+
+/// Where the crack runs and how it grows.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CrackSettings {
+    /// One end, mm.
+    pub from_mm: [f64; 2],
+    /// The other, mm.
+    pub to_mm: [f64; 2],
+    /// Width, mm.
+    #[serde(default = "width")]
+    pub width_mm: f64,
+    /// What is lost in the end, %.
+    #[serde(default = "loss")]
+    pub loss_percent: f64,
+    /// Time constant, d.
+    #[serde(default = "days")]
+    pub days: f64,
+}
+
+fn width() -> f64 {
+    2.0
+}
+
+fn loss() -> f64 {
+    90.0
+}
+
+fn days() -> f64 {
+    7.0
+}
+
+impl CrackSettings {
+    pub(super) fn check(&self) -> Result<(), Fault> {
+        let bounds = Bounds::new();
+        let from = self.from_mm.iter().map(|mm| ("from_mm", *mm));
+        let to = self.to_mm.iter().map(|mm| ("to_mm", *mm));
+        from.chain(to)
+            .fold(bounds, |bounds, (key, mm)| {
+                bounds.within(key, mm, [-1e4, 1e4], "mm")
+            })
+            .within("width_mm", self.width_mm, [0.1, 100.0], "mm")
+            .within("loss_percent", self.loss_percent, [0.0, 99.999_999], "%")
+            .within("days", self.days, [1e-6, 1e4], "d")
+            .end()
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct Crack(pub(super) CrackSettings);
+
+/// Steps that the growth is computed in.
+const STEPS: f64 = 1000.0;
+
+impl OnSheet for Crack {
+    fn act(&mut self, at: Duration, places: &[[f64; 2]], sigma: &mut [f64]) {
+        let lost = self.0.loss_percent / 100.0 * (self.epoch(at) as f64 / STEPS);
+        let [from, to] = [self.0.from_mm, self.0.to_mm].map(|end| end.map(|mm| mm * 1e-3));
+        let along = [to[0] - from[0], to[1] - from[1]];
+        let length = along[0] * along[0] + along[1] * along[1];
+        for (sigma, place) in sigma.iter_mut().zip(places) {
+            let away = [place[0] - from[0], place[1] - from[1]];
+            let share = if length > 0.0 {
+                ((away[0] * along[0] + away[1] * along[1]) / length).clamp(0.0, 1.0)
+            } else {
+                0.0
+            };
+            let distance = (away[0] - share * along[0]).hypot(away[1] - share * along[1]);
+            if distance <= 0.5e-3 * self.0.width_mm {
+                *sigma *= 1.0 - lost;
+            }
+        }
+    }
+
+    fn epoch(&self, at: Duration) -> u64 {
+        let days = at.as_secs_f64() / 86_400.0;
+        (STEPS * -(-days / self.0.days).exp_m1()) as u64
+    }
+}

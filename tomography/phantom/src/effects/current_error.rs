@@ -1,0 +1,54 @@
+//! Gain and offset of the source: the current is I (1 + g) + o.
+//!
+//! 0.05 % + 1 uA on the 2 mA range, 0.05 % + 100 nA on 200 uA, 0.05 % + 10 uA on 20 mA (fact sheet, section 2.2). A
+//! constant gain, which difference imaging cancels.
+
+use serde::{Deserialize, Serialize};
+use survey::Volts;
+
+use super::bounds::{Bounds, Fault};
+use super::{OnReading, ReadingContext};
+
+/// How far the current is off.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CurrentErrorSettings {
+    /// Error of the current, %.
+    pub gain_percent: f64,
+    /// Error of the range, %: 0.05 is 1 uA on 2 mA.
+    pub offset_percent: f64,
+}
+
+impl Default for CurrentErrorSettings {
+    fn default() -> Self {
+        Self {
+            gain_percent: 0.05,
+            offset_percent: 0.05,
+        }
+    }
+}
+
+impl CurrentErrorSettings {
+    pub(super) fn check(&self) -> Result<(), Fault> {
+        Bounds::new()
+            .within("gain_percent", self.gain_percent, [-5.0, 5.0], "%")
+            .within("offset_percent", self.offset_percent, [-5.0, 5.0], "%")
+            .end()
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct CurrentError(pub(super) CurrentErrorSettings);
+
+impl OnReading for CurrentError {
+    fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
+        let (asked, range) = (context.flowing.0, context.source_range.0);
+        if asked == 0.0 {
+            return volts;
+        }
+        let flows =
+            asked * (1.0 + self.0.gain_percent / 100.0) + range * self.0.offset_percent / 100.0;
+        // Sheet and wires are linear.
+        Volts(volts.0 * (flows / asked))
+    }
+}

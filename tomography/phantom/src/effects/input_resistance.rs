@@ -1,0 +1,49 @@
+//! The voltmeter's input takes a share: v R_in / (R_in + R_source).
+//!
+//! 10 Mohm, or more than 10 Gohm on the ranges up to 10 V where the high input is chosen (fact sheet, section 2.1): 1e-4
+//! or 1e-7 of a reading on a sheet of a kilohm.
+
+use serde::{Deserialize, Serialize};
+use survey::Volts;
+
+use super::bounds::{Bounds, Fault};
+use super::{OnReading, ReadingContext};
+
+/// How much the voltmeter loads what it measures.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct InputResistanceSettings {
+    /// Input resistance, Mohm.
+    pub mohm: f64,
+}
+
+impl Default for InputResistanceSettings {
+    fn default() -> Self {
+        Self { mohm: 10.0 }
+    }
+}
+
+impl InputResistanceSettings {
+    pub(super) fn check(&self) -> Result<(), Fault> {
+        Bounds::new()
+            .within("mohm", self.mohm, [0.01, 1e7], "Mohm")
+            .end()
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct InputResistance(pub(super) InputResistanceSettings);
+
+impl OnReading for InputResistance {
+    fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
+        let input = self.0.mohm * 1e6;
+        if context.source_resistance.0.is_infinite() {
+            return Volts(0.0);
+        }
+        Volts(volts.0 * input / (input + context.source_resistance.0))
+    }
+
+    fn needs_source_resistance(&self) -> bool {
+        true
+    }
+}

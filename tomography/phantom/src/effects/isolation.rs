@@ -1,0 +1,54 @@
+//! Leakage between wires: every electrode has a resistance to a common earth.
+//!
+//! More than 10 Gohm in a healthy module, 1 to 100 Mohm in a humid fault (fact sheet, section 2.2). With admittance
+//! Y = pseudo-inverse of Z, the network becomes Y + G (1 - 11^T / n), G the conductance to earth: in Z's own mean-free
+//! space its inverse is Z (1 + G Z)^-1.
+
+use std::time::Duration;
+
+use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
+
+use super::OnNetwork;
+use super::bounds::{Bounds, Fault};
+
+/// How well wires are insulated.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct IsolationSettings {
+    /// Resistance of every electrode's wire to earth, Mohm.
+    pub mohm: f64,
+}
+
+impl Default for IsolationSettings {
+    fn default() -> Self {
+        Self { mohm: 10.0 }
+    }
+}
+
+impl IsolationSettings {
+    pub(super) fn check(&self) -> Result<(), Fault> {
+        Bounds::new()
+            .within("mohm", self.mohm, [0.001, 1e7], "Mohm")
+            .end()
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct Isolation(pub(super) IsolationSettings);
+
+impl OnNetwork for Isolation {
+    fn act(&mut self, _at: Duration, z: &mut DMatrix<f64>) {
+        let leak = 1.0 / (self.0.mohm * 1e6);
+        let size = z.nrows();
+        let both = DMatrix::identity(size, size) + &*z * leak;
+        // Z is positive on mean-free currents and zero on the rest: 1 + G Z always has an inverse.
+        if let Some(solved) = both.lu().solve(&*z) {
+            *z = (&solved + solved.transpose()) * 0.5;
+        }
+    }
+
+    fn epoch(&self, _at: Duration) -> u64 {
+        0
+    }
+}

@@ -1,0 +1,52 @@
+//! Leakage of a FET multiplexer's channels into what is measured: v + I_leak R_source.
+//!
+//! 20 nA below 30 degC, doubling with each 10 degC (fact sheet, section 2.2): 20 uV on a kilohm. Does not turn with the
+//! current: current reversal removes it. Leave it out with relays of metal.
+
+use serde::{Deserialize, Serialize};
+use survey::Volts;
+
+use super::bounds::{Bounds, Fault};
+use super::{OnReading, ReadingContext};
+
+/// How much leaks.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LeakageSettings {
+    /// Leakage up to 30 degC, nA.
+    pub na: f64,
+    /// Temperature of the module, degC.
+    pub celsius: f64,
+}
+
+impl Default for LeakageSettings {
+    fn default() -> Self {
+        Self {
+            na: 20.0,
+            celsius: 23.0,
+        }
+    }
+}
+
+impl LeakageSettings {
+    pub(super) fn check(&self) -> Result<(), Fault> {
+        Bounds::new()
+            .within("na", self.na, [-1e4, 1e4], "nA")
+            .within("celsius", self.celsius, [0.0, 70.0], "degC")
+            .end()
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct Leakage(pub(super) LeakageSettings);
+
+impl OnReading for Leakage {
+    fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
+        let warmer = 2_f64.powf((self.0.celsius - 30.0).max(0.0) / 10.0);
+        Volts(volts.0 + self.0.na * 1e-9 * warmer * context.source_resistance.0)
+    }
+
+    fn needs_source_resistance(&self) -> bool {
+        true
+    }
+}

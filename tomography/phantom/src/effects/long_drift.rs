@@ -1,0 +1,126 @@
+//! Drift over hours to months: wandering on every time scale, a random walk, and running in.
+//!
+//! ln(sigma) = sum of Ornstein-Uhlenbeck processes with time constants an octave and a half apart from 1 h to 30 d (about
+//! 1/f) + a random walk of 0.01 to 0.1 % per square root of a day + running-in, 1 to 10 % that go exponentially over
+//! the first days (fact sheet, section 2.3). It rules months; leave it out below an hour.
+
+use std::time::Duration;
+
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use serde::{Deserialize, Serialize};
+
+use super::bounds::{Bounds, Fault};
+use super::wander::Wander;
+use super::{OnSheet, stream};
+
+/// Time constants, h.
+const HOURS: [f64; 7] = [1.0, 3.0, 9.0, 27.0, 81.0, 243.0, 720.0];
+
+/// How the sheet drifts.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LongDriftSettings {
+    /// Rms of all wandering together, %.
+    pub wander_percent: f64,
+    /// Random walk, % per square root of a day.
+    pub walk_percent: f64,
+    /// Running in, %: so much conductance is gained in the end.
+    pub running_in_percent: f64,
+    /// Its time constant, d.
+    pub running_in_days: f64,
+    /// The sheet is computed anew so often, s: what changes within is left out.
+    pub every_s: f64,
+}
+
+impl Default for LongDriftSettings {
+    fn default() -> Self {
+        Self {
+            wander_percent: 0.3,
+            walk_percent: 0.05,
+            running_in_percent: 3.0,
+            running_in_days: 2.0,
+            every_s: 60.0,
+        }
+    }
+}
+
+impl LongDriftSettings {
+    pub(super) fn check(&self) -> Result<(), Fault> {
+        Bounds::new()
+            .within("wander_percent", self.wander_percent, [0.0, 10.0], "%")
+            .within("walk_percent", self.walk_percent, [0.0, 5.0], "%")
+            .within(
+                "running_in_percent",
+                self.running_in_percent,
+                [-20.0, 20.0],
+                "%",
+            )
+            .within("running_in_days", self.running_in_days, [0.01, 100.0], "d")
+            .within("every_s", self.every_s, [0.001, 86_400.0], "s")
+            .end()
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct LongDrift {
+    settings: LongDriftSettings,
+    wander: Vec<Wander>,
+    walk: Walk,
+}
+
+/// A walk whose step grows with the square root of time; time never runs back.
+#[derive(Debug)]
+struct Walk {
+    stream: ChaCha8Rng,
+    at_s: f64,
+    value: f64,
+}
+
+impl LongDrift {
+    pub(super) fn new(settings: &LongDriftSettings, seed: u64) -> Self {
+        let wander = HOURS.map(|hours| {
+            let tau = Duration::from_secs_f64(hours * 3600.0);
+            Wander::new(tau, stream(seed, &format!("long-drift {hours} h")))
+        });
+        Self {
+            settings: settings.clone(),
+            wander: wander.into(),
+            walk: Walk {
+                stream: stream(seed, "long-drift walk"),
+                at_s: 0.0,
+                value: 0.0,
+            },
+        }
+    }
+}
+
+impl OnSheet for LongDrift {
+    fn act(&mut self, at: Duration, _places: &[[f64; 2]], sigma: &mut [f64]) {
+        let settings = &self.settings;
+        let seconds = self.epoch(at) as f64 * settings.every_s;
+        let at = Duration::from_secs_f64(seconds);
+        let share = settings.wander_percent / 100.0 / (HOURS.len() as f64).sqrt();
+        let wandered: f64 = self
+            .wander
+            .iter_mut()
+            .map(|wander| share * wander.at(at))
+            .sum();
+        if seconds > self.walk.at_s {
+            let days = (seconds - self.walk.at_s) / 86_400.0;
+            let draw: f64 = StandardNormal.sample(&mut self.walk.stream);
+            self.walk.value += settings.walk_percent / 100.0 * days.sqrt() * draw;
+            self.walk.at_s = seconds;
+        }
+        let gone = -(-seconds / 86_400.0 / settings.running_in_days).exp_m1();
+        let factor =
+            (wandered + self.walk.value + settings.running_in_percent / 100.0 * gone).exp();
+        for sigma in sigma {
+            *sigma *= factor;
+        }
+    }
+
+    fn epoch(&self, at: Duration) -> u64 {
+        (at.as_secs_f64() / self.settings.every_s) as u64
+    }
+}

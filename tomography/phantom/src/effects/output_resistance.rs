@@ -1,0 +1,49 @@
+//! The source's own resistance takes a share of the current: I / (1 + R_load / R_out).
+//!
+//! More than 1e14 ohm on the lowest ranges, about 1e10 in effect at a milliampere from the load regulation of 0.01 % of
+//! range (fact sheet, section 2.2). Almost always negligible.
+
+use serde::{Deserialize, Serialize};
+use survey::Volts;
+
+use super::bounds::{Bounds, Fault};
+use super::{OnReading, ReadingContext};
+
+/// How stiff the source is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct OutputResistanceSettings {
+    /// Output resistance, Mohm.
+    pub mohm: f64,
+}
+
+impl Default for OutputResistanceSettings {
+    fn default() -> Self {
+        Self { mohm: 1e4 }
+    }
+}
+
+impl OutputResistanceSettings {
+    pub(super) fn check(&self) -> Result<(), Fault> {
+        Bounds::new()
+            .within("mohm", self.mohm, [0.01, 1e9], "Mohm")
+            .end()
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct OutputResistance(pub(super) OutputResistanceSettings);
+
+impl OnReading for OutputResistance {
+    fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
+        let load = context.load_resistance.0;
+        if load.is_infinite() {
+            return volts;
+        }
+        Volts(volts.0 / (1.0 + load / (self.0.mohm * 1e6)))
+    }
+
+    fn needs_load_resistance(&self) -> bool {
+        true
+    }
+}

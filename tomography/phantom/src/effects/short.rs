@@ -1,0 +1,96 @@
+//! A short between two electrodes: 0.1 to 10 ohm across them, from some moment on.
+//!
+//! A resistor R between electrodes a and b of a network with transfer impedance Z changes it by one rank:
+//! Z - (Z d)(Z d)^T / (R + d^T Z d), d = e_a - e_b. Exact (fact sheet, section 2.3; a fault, absent from a healthy sheet).
+
+use std::time::Duration;
+
+use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
+
+use super::OnNetwork;
+use super::bounds::{Bounds, Fault};
+
+/// Which electrodes are shorted, and when.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ShortSettings {
+    /// The two electrodes, from 1.
+    pub electrodes: [usize; 2],
+    /// Resistance between them, ohm.
+    #[serde(default = "ohm")]
+    pub ohm: f64,
+    /// From this moment, s.
+    #[serde(default)]
+    pub from_s: f64,
+    /// Until this moment, s; left out for good.
+    pub to_s: Option<f64>,
+}
+
+fn ohm() -> f64 {
+    1.0
+}
+
+impl ShortSettings {
+    pub(super) fn check(&self) -> Result<(), Fault> {
+        let [a, b] = self.electrodes;
+        if a == b {
+            return Err(Fault {
+                key: "electrodes",
+                why: format!("names electrode {a} twice"),
+            });
+        }
+        Bounds::new()
+            .within("electrodes", a as f64, [1.0, 256.0], "")
+            .within("electrodes", b as f64, [1.0, 256.0], "")
+            .within("ohm", self.ohm, [0.0, 1e9], "ohm")
+            .within("from_s", self.from_s, [0.0, 1e9], "s")
+            .within("to_s", self.to_s.unwrap_or(1e9), [self.from_s, 1e9], "s")
+            .end()
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct Short(pub(super) ShortSettings);
+
+impl OnNetwork for Short {
+    fn act(&mut self, at: Duration, z: &mut DMatrix<f64>) {
+        if self.epoch(at) == 0 {
+            return;
+        }
+        let [a, b] = self.0.electrodes.map(|number| number.wrapping_sub(1));
+        if a >= z.nrows() || b >= z.nrows() {
+            return;
+        }
+        let across = z.column(a) - z.column(b);
+        let own = across[a] - across[b];
+        z.ger(-1.0 / (self.0.ohm + own), &across, &across, 1.0);
+    }
+
+    fn epoch(&self, at: Duration) -> u64 {
+        let at = at.as_secs_f64();
+        u64::from(at >= self.0.from_s && self.0.to_s.is_none_or(|to| at < to))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_resistor_beside_a_resistor() {
+        // Two electrodes joined by 300 ohm: Z = 75 [[1, -1], [-1, 1]] under the mean-zero gauge.
+        let mut z = DMatrix::from_row_slice(2, 2, &[75.0, -75.0, -75.0, 75.0]);
+        let mut short = Short(ShortSettings {
+            electrodes: [1, 2],
+            ohm: 100.0,
+            from_s: 5.0,
+            to_s: None,
+        });
+        short.act(Duration::from_secs(4), &mut z);
+        assert_eq!(z[(0, 0)], 75.0);
+        short.act(Duration::from_secs(5), &mut z);
+        let seen = z[(0, 0)] - z[(0, 1)] - z[(1, 0)] + z[(1, 1)];
+        assert!((seen - 75.0).abs() < 1e-12, "{seen}");
+    }
+}

@@ -1,0 +1,132 @@
+//! Uneven spraying: the logarithm of the sheet's conductance is a Gaussian field with a Matern covariance.
+//!
+//! Standard deviation 0.05 to 0.3, correlation length 10 to 60 mm, nu 1 to 2 (fact sheet, section 2.3). The field is a sum
+//! of waves whose wave numbers are drawn from the Matern spectrum (in the plane: k = sqrt(2 nu) / l sqrt(U^(-1/nu) - 1)),
+//! so it is the same field on every mesh. It changes readings by some 10 % and cancels, to first order, in difference
+//! imaging.
+
+use std::f64::consts::{SQRT_2, TAU};
+use std::time::Duration;
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+use super::OnSheet;
+use super::bounds::{Bounds, Fault};
+
+/// Waves that make up the field: its covariance is met within 1 / sqrt(waves).
+const WAVES: usize = 512;
+
+/// How uneven the sheet is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SpraySettings {
+    /// Standard deviation of ln(conductance).
+    pub std: f64,
+    /// Correlation length, mm.
+    pub correlation_mm: f64,
+    /// Smoothness of the field.
+    pub nu: f64,
+}
+
+impl Default for SpraySettings {
+    fn default() -> Self {
+        Self {
+            std: 0.1,
+            correlation_mm: 30.0,
+            nu: 1.5,
+        }
+    }
+}
+
+impl SpraySettings {
+    pub(super) fn check(&self) -> Result<(), Fault> {
+        Bounds::new()
+            .within("std", self.std, [0.0, 1.0], "")
+            .within("correlation_mm", self.correlation_mm, [1.0, 1000.0], "mm")
+            .within("nu", self.nu, [0.5, 4.0], "")
+            .end()
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct Spray {
+    /// Wave vector, 1/m, and phase.
+    waves: Vec<([f64; 2], f64)>,
+    amplitude: f64,
+    std: f64,
+}
+
+impl Spray {
+    pub(super) fn new(settings: &SpraySettings, mut stream: ChaCha8Rng) -> Self {
+        let length = settings.correlation_mm * 1e-3;
+        let waves = (0..WAVES)
+            .map(|_| {
+                let [share, turn, phase]: [f64; 3] = [(); 3].map(|()| stream.random());
+                // 1 - share lies in (0, 1]: no power of zero.
+                let number = (2.0 * settings.nu).sqrt() / length
+                    * ((1.0 - share).powf(-1.0 / settings.nu) - 1.0).sqrt();
+                let (sin, cos) = (TAU * turn).sin_cos();
+                ([number * cos, number * sin], TAU * phase)
+            })
+            .collect();
+        Self {
+            waves,
+            amplitude: settings.std * SQRT_2 / (WAVES as f64).sqrt(),
+            std: settings.std,
+        }
+    }
+}
+
+impl OnSheet for Spray {
+    fn act(&mut self, _at: Duration, places: &[[f64; 2]], sigma: &mut [f64]) {
+        // E[exp(g)] = exp(std^2 / 2): the mean conductance stays the sheet's.
+        let mean = 0.5 * self.std * self.std;
+        for (sigma, [x, y]) in sigma.iter_mut().zip(places) {
+            let field: f64 = self
+                .waves
+                .iter()
+                .map(|([a, b], phase)| (a * x + b * y + phase).cos())
+                .sum();
+            *sigma *= (self.amplitude * field - mean).exp();
+        }
+    }
+
+    fn epoch(&self, _at: Duration) -> u64 {
+        0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::stream;
+    use super::*;
+
+    #[test]
+    fn it_has_its_spread_and_its_length() {
+        // Values at a place and 30 mm beside it, over many sheets.
+        let settings = SpraySettings {
+            nu: 0.5,
+            ..SpraySettings::default()
+        };
+        let pairs: Vec<[f64; 2]> = (0..4000)
+            .map(|seed| {
+                let mut sigma = [1.0, 1.0];
+                let places = [[0.05, 0.05], [0.08, 0.05]];
+                Spray::new(&settings, stream(seed, "spray")).act(
+                    Duration::ZERO,
+                    &places,
+                    &mut sigma,
+                );
+                sigma.map(|sigma| sigma.ln() + 0.005)
+            })
+            .collect();
+        let mean = |of: fn(&[f64; 2]) -> f64| pairs.iter().map(of).sum::<f64>() / 4000.0;
+        let variance = mean(|[a, _]| a * a);
+        assert!((variance / 0.01 - 1.0).abs() < 0.08, "{variance}");
+        // Matern with nu = 1/2 is exp(-distance / length).
+        let together = mean(|[a, b]| a * b) / variance;
+        assert!((together - (-1.0_f64).exp()).abs() < 0.05, "{together}");
+    }
+}

@@ -1,0 +1,72 @@
+//! Temperature: sigma (1 - alpha (T - T0)), alpha the coefficient of resistance, under a room that warms and cools.
+//!
+//! alpha = -0.05 to -0.4 % per degC for carbon nanotubes in latex; a room cycles by 1 to 5 degC a day (fact sheet,
+//! section 2.3): 3e-4 of the largest reading per degC at 0.2 %. Leave it out below a minute.
+
+use std::f64::consts::TAU;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::OnSheet;
+use super::bounds::{Bounds, Fault};
+
+/// The room, and what the sheet makes of it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TemperatureSettings {
+    /// Coefficient of resistance, % per degC.
+    pub percent_per_c: f64,
+    /// Amplitude of the room's cycle, degC; half of what lies between its warmest and its coldest.
+    pub room_c: f64,
+    /// Length of the cycle, h.
+    pub period_h: f64,
+    /// The sheet is computed anew so often, s: what changes within is left out.
+    pub every_s: f64,
+}
+
+impl Default for TemperatureSettings {
+    fn default() -> Self {
+        Self {
+            percent_per_c: -0.2,
+            room_c: 1.5,
+            period_h: 24.0,
+            every_s: 60.0,
+        }
+    }
+}
+
+impl TemperatureSettings {
+    pub(super) fn check(&self) -> Result<(), Fault> {
+        Bounds::new()
+            .within(
+                "percent_per_c",
+                self.percent_per_c,
+                [-1.0, 1.0],
+                "% per degC",
+            )
+            .within("room_c", self.room_c, [0.0, 20.0], "degC")
+            .within("period_h", self.period_h, [0.1, 10_000.0], "h")
+            .within("every_s", self.every_s, [0.001, 86_400.0], "s")
+            .end()
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct Temperature(pub(super) TemperatureSettings);
+
+impl OnSheet for Temperature {
+    fn act(&mut self, at: Duration, _places: &[[f64; 2]], sigma: &mut [f64]) {
+        let settings = &self.0;
+        let at = self.epoch(at) as f64 * settings.every_s;
+        let warmer = settings.room_c * (TAU * at / (settings.period_h * 3600.0)).sin();
+        let factor = 1.0 - settings.percent_per_c / 100.0 * warmer;
+        for sigma in sigma {
+            *sigma *= factor;
+        }
+    }
+
+    fn epoch(&self, at: Duration) -> u64 {
+        (at.as_secs_f64() / self.0.every_s) as u64
+    }
+}

@@ -1,0 +1,73 @@
+//! Thermal voltages of the relays: each channel has one of its own, which wanders.
+//!
+//! Less than 3 uV on armature and FET modules, less than 50 uV on reed modules; Ornstein-Uhlenbeck with a time constant
+//! of 5 to 30 minutes and 30 % of that figure as rms (fact sheet, section 2.2). Does not turn with the current: current
+//! reversal removes it.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+use survey::{Relay, Volts};
+
+use super::bounds::{Bounds, Fault};
+use super::wander::Wander;
+use super::{OnReading, ReadingContext, stream};
+
+/// How large the thermal voltages are.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ThermalEmfSettings {
+    /// Rms of a channel's voltage, uV.
+    pub uv: f64,
+    /// Time constant, s.
+    pub tau_s: f64,
+}
+
+impl Default for ThermalEmfSettings {
+    fn default() -> Self {
+        Self {
+            uv: 0.9,
+            tau_s: 900.0,
+        }
+    }
+}
+
+impl ThermalEmfSettings {
+    pub(super) fn check(&self) -> Result<(), Fault> {
+        Bounds::new()
+            .within("uv", self.uv, [0.0, 200.0], "uV")
+            .within("tau_s", self.tau_s, [1.0, 1e6], "s")
+            .end()
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct ThermalEmf {
+    settings: ThermalEmfSettings,
+    seed: u64,
+    /// By the channel that leads to the voltmeter; its bare input is one too.
+    channels: BTreeMap<Option<Relay>, Wander>,
+}
+
+impl ThermalEmf {
+    pub(super) fn new(settings: &ThermalEmfSettings, seed: u64) -> Self {
+        Self {
+            settings: settings.clone(),
+            seed,
+            channels: BTreeMap::new(),
+        }
+    }
+}
+
+impl OnReading for ThermalEmf {
+    fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
+        let (seed, tau) = (self.seed, Duration::from_secs_f64(self.settings.tau_s));
+        let channel = self.channels.entry(context.relay).or_insert_with(|| {
+            // A stream for each channel: the order in which they are read changes no number.
+            let name = format!("thermal-emf {:?}", context.relay.map(|relay| relay.0));
+            Wander::new(tau, stream(seed, &name))
+        });
+        Volts(volts.0 + self.settings.uv * 1e-6 * channel.at(context.at))
+    }
+}

@@ -1,0 +1,157 @@
+//! All effects: absent ones cost no bit, present ones do something, none shifts another's numbers.
+
+use std::time::Duration;
+
+use phantom::{Phantom, ReadingContext, Scene};
+use survey::{Amps, Ohms, Relay, Volts};
+
+/// Each effect twice: so that something is seen of it, and with a size of nothing, so that it is there, and draws, and
+/// changes nothing.
+const EFFECTS: [(&str, &str, &str); 25] = [
+    ("spray", "std = 0.2", "std = 0.0"),
+    ("temperature", "", "percent_per_c = 0.0"),
+    ("humidity", "", "percent_per_10_rh = 0.0"),
+    (
+        "long-drift",
+        "",
+        "wander_percent = 0.0\nwalk_percent = 0.0\nrunning_in_percent = 0.0",
+    ),
+    (
+        "crack",
+        "from_mm = [60, 60]\nto_mm = [150, 160]\nwidth_mm = 12.0",
+        "from_mm = [60, 60]\nto_mm = [150, 160]\nloss_percent = 0.0",
+    ),
+    ("contact-spread", "", "std = 0.0"),
+    ("contact-drift", "", "percent = 0.0"),
+    ("detachment", "electrode = 3", "electrode = 3\ntimes = 1.0"),
+    (
+        "short",
+        "electrodes = [4, 5]",
+        "electrodes = [4, 5]\nfrom_s = 1e9",
+    ),
+    ("isolation", "", ""),
+    (
+        "current-error",
+        "",
+        "gain_percent = 0.0\noffset_percent = 0.0",
+    ),
+    ("current-noise", "", "range_ppm = 0.0"),
+    ("output-resistance", "", ""),
+    ("source-settling", "", ""),
+    ("charge-injection", "", "pc = 0.0"),
+    ("thermal-emf", "", "uv = 0.0"),
+    ("leakage", "", "na = 0.0"),
+    ("mains-pickup", "", "mv = 0.0"),
+    ("common-mode", "", ""),
+    ("input-resistance", "", ""),
+    ("bias-current", "", "pa = 0.0"),
+    ("voltmeter-gain", "", "gain_ppm = 0.0\noffset_ppm = 0.0"),
+    ("autozero-off", "", "range_ppm = 0.0\nuv = 0.0"),
+    ("voltmeter-noise", "", "uv = 0.0"),
+    ("quantisation", "", "step_uv = 0.0"),
+];
+
+fn phantom(effects: &[(&str, &str)]) -> Phantom {
+    let mut text = "seed = 5\n[mesh]\nfineness = 0.3\n".to_owned();
+    for (name, parameters) in effects {
+        text += &format!("[effects.{name}]\n{parameters}\n");
+    }
+    let scene = Scene::parse("test.toml", &text).unwrap_or_else(|fault| panic!("{text}: {fault}"));
+    Phantom::new(scene).unwrap()
+}
+
+/// The bits of all that a scene gives: transfer impedances and readings at three moments.
+fn seen(effects: &[(&str, &str)]) -> Vec<u64> {
+    let mut phantom = phantom(effects);
+    let mut seen = Vec::new();
+    for hours in [0, 5, 30] {
+        let at = Duration::from_secs(hours * 3600 + 1);
+        let z = phantom.transfer_impedance(at).unwrap().clone();
+        seen.extend(z.iter().map(|ohm| ohm.to_bits()));
+        for channel in 0..8_usize {
+            let context = ReadingContext {
+                at: at + Duration::from_millis(30 * channel as u64),
+                integration: Duration::from_millis(4),
+                range: Volts(1.0),
+                nplc: 0.2,
+                relay: Some(Relay(1001 + channel as u32)),
+                flowing: Amps(1e-3),
+                source_range: Amps(2e-3),
+                since_change: Duration::from_nanos(4_000_300),
+                source_resistance: Ohms(1500.0),
+                load_resistance: Ohms(1800.0),
+            };
+            let exact = 1e-3 * (z[(channel, 0)] - z[(channel + 1, 0)]);
+            let reading = phantom.reading(Volts(exact), context);
+            seen.push(reading.0.to_bits());
+        }
+    }
+    seen
+}
+
+#[test]
+fn every_effect_changes_something_and_a_size_of_nothing_changes_no_bit() {
+    let bare = seen(&[]);
+    for (name, active, nothing) in EFFECTS {
+        assert!(seen(&[(name, active)]) != bare, "{name} does nothing");
+        // Some have no size of nothing: they are a resistance, which is never absent.
+        if active != nothing {
+            assert!(seen(&[(name, nothing)]) == bare, "{name} without size");
+        }
+    }
+}
+
+/// Those that draw numbers.
+const DRAWING: [&str; 8] = [
+    "spray",
+    "long-drift",
+    "contact-spread",
+    "contact-drift",
+    "current-noise",
+    "thermal-emf",
+    "autozero-off",
+    "voltmeter-noise",
+];
+
+#[test]
+fn one_effect_more_shifts_no_number_of_another() {
+    let drawing = || EFFECTS.iter().filter(|(name, ..)| DRAWING.contains(name));
+    assert_eq!(drawing().count(), DRAWING.len());
+    for (name, active, _) in drawing() {
+        let alone = seen(&[(name, active)]);
+        assert!(
+            seen(&[(name, active)]) == alone,
+            "{name}: same seed, same bits"
+        );
+        for (other, _, nothing) in drawing().filter(|(other, ..)| other != name) {
+            let both = seen(&[(name, active), (other, nothing)]);
+            assert!(both == alone, "{other} shifts the numbers of {name}");
+        }
+    }
+}
+
+#[test]
+fn a_parameter_out_of_range_is_refused_where_it_stands() {
+    let refuse = |text: &str| Scene::parse("s.toml", text).unwrap_err().to_string();
+    assert_eq!(
+        refuse("[effects.thermal-emf]\ntau_s = 900\nuv = 201"),
+        "s.toml:3:6: effects.thermal-emf.uv is 201 uV, it must be 0 to 200 uV"
+    );
+    assert_eq!(
+        refuse("effects.detachment = { electrode = 27 }"),
+        "s.toml:1:36: effects.detachment.electrode names electrode 27, the sheet has 26"
+    );
+    assert!(refuse("[effects.short]\nelectrodes = [3, 3]").contains("electrode 3 twice"));
+    assert!(refuse("[effects.spray]\nstd = nan").contains("must be 0 to 1"));
+    assert!(refuse("[effects.thermal]\n").contains("unknown field `thermal`, expected one of"));
+    assert!(refuse("[effects.crack]\nto_mm = [1, 2]").contains("missing field `from_mm`"));
+}
+
+#[test]
+fn all_together_are_the_same_on_every_run() {
+    let all: Vec<(&str, &str)> = EFFECTS
+        .iter()
+        .map(|(name, active, _)| (*name, *active))
+        .collect();
+    assert!(seen(&all) == seen(&all));
+}
