@@ -8,7 +8,7 @@ use std::hint::black_box;
 use std::sync::Arc;
 use std::time::Instant;
 
-use eit::{Case, Forward, Hyper, OneStep, OneStepOptions, PaperSheet, Workspace};
+use eit::{Case, Forward, Hyper, OneStep, OneStepOptions, PaperSheet, Parameters, Workspace};
 use rayon::prelude::*;
 use survey::{Dipole, Protocol};
 
@@ -145,6 +145,17 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 .jacobian(&everywhere[round % 64], &protocol)
                 .expect(expect),
         );
+    });
+    let mut kept = nalgebra::DMatrix::zeros(0, 0);
+    show("the same into a matrix used again", 10, |round| {
+        forward
+            .sensitivity_into(
+                &everywhere[round % 64],
+                &protocol,
+                &Parameters::elements(),
+                &mut kept,
+            )
+            .expect(expect);
     });
     let discs: Vec<Vec<usize>> = pressed
         .iter()

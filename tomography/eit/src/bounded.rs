@@ -1,13 +1,16 @@
 //! The one-step problem with the bound -1 <= x <= 0: loads only take conductance away.
 //!
-//! min |J x - d|^2 / 2 + lambda^2 x'Rx / 2  over  -1 <= x <= 0, R diagonal. Its dual in the space of readings is smooth
+//! min |J x - d|^2 / 2 + lambda^2 x'Rx / 2  over  -1 <= x <= 0. Where R is diagonal its dual in the space of readings is smooth
 //! and convex: with s = J'u the map is x = clip(s / R, -1, 0), and u solves lambda^2 u + J x(u) = d. A semismooth Newton
 //! method with an exact Hessian and a backtracking line search finds it in some ten steps where lambda suits the noise.
 //! For a lambda far below, where Newton's steps become short, an [`interior`](crate::interior) method brings it close to the
-//! solution first. What comes out is judged by the conditions of optimality, whichever way it was found.
+//! solution first, and where R is a graph Laplacian that method alone solves the problem. What comes out is judged by the
+//! conditions of optimality, whichever way it was found.
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::fold::Seen;
+use crate::prior::Penalty;
 use crate::{dense, interior};
 
 /// Steps after which the interior method takes over, and steps after it.
@@ -25,7 +28,7 @@ const ROUNDING: f64 = 1e-14;
 
 pub(crate) struct Bounded {
     sensitivity: DMatrix<f64>,
-    penalty: Vec<f64>,
+    penalty: Penalty,
     lambda: f64,
     /// Orthonormal directions of the data that matter (columns), the sensitivity seen along them, and the prior variance.
     directions: DMatrix<f64>,
@@ -42,8 +45,19 @@ struct Point {
 }
 
 impl Bounded {
-    pub(crate) fn new(sensitivity: DMatrix<f64>, penalty: Vec<f64>, lambda: f64) -> Option<Self> {
-        let gram = dense::gram(&sensitivity, |i| Some(1.0 / penalty[i]));
+    /// `None` for a prior that has no R to apply, or where the numbers gave out.
+    pub(crate) fn new(sensitivity: DMatrix<f64>, penalty: Penalty, lambda: f64) -> Option<Self> {
+        let Penalty::Diagonal(entries) = &penalty else {
+            return matches!(penalty, Penalty::Laplacian(_)).then(|| Self {
+                directions: DMatrix::zeros(sensitivity.nrows(), 0),
+                along: DMatrix::zeros(0, sensitivity.ncols()),
+                variances: Vec::new(),
+                sensitivity,
+                penalty,
+                lambda,
+            });
+        };
+        let gram = dense::gram(&sensitivity, |i| Some(1.0 / entries[i]));
         let (values, vectors) = dense::symmetric_eigen(&gram)?;
         let top = values.last().copied().unwrap_or_default();
         let kept: Vec<usize> = (0..values.len())
@@ -66,41 +80,47 @@ impl Bounded {
         })
     }
 
-    /// The bounded map of the data; rows of `missing` readings are left out. `None` when no point was found that meets
-    /// the conditions of optimality to [`ACCEPTED`].
-    pub(crate) fn solve(&self, data: &[f64], missing: &[usize]) -> Option<Vec<f64>> {
+    /// The bounded map of folded data. `None` when no point was found that meets the conditions of optimality to
+    /// [`ACCEPTED`].
+    pub(crate) fn solve(&self, seen: &Seen) -> Option<Vec<f64>> {
         let square = self.lambda * self.lambda;
-        if missing.is_empty() {
-            let data = self.directions.tr_mul(&DVector::from_column_slice(data));
+        let Penalty::Diagonal(entries) = &self.penalty else {
+            let rows = seen.rows(&self.sensitivity);
+            if seen.data.iter().all(|value| *value == 0.0) {
+                return Some(vec![0.0; rows.ncols()]);
+            }
+            let x = interior::solve(&rows, &self.penalty, square, &seen.data)?;
+            return (self.violation(&rows, &seen.data, &x) <= ACCEPTED)
+                .then(|| x.as_slice().to_vec());
+        };
+        if seen.complete() {
+            let data = self.directions.tr_mul(&seen.data);
             // the unbounded problem's solution: at u = 0 every unknown would sit on a bound that it need not keep
             let start = DVector::from_fn(data.len(), |i, _| data[i] / (self.variances[i] + square));
-            return self.minimum(&self.along, &data, start);
+            return self.minimum(&self.along, entries, &data, start);
         }
-        let kept: Vec<usize> = (0..data.len())
-            .filter(|reading| missing.binary_search(reading).is_err())
-            .collect();
-        let rows = self.sensitivity.select_rows(&kept);
-        let data = DVector::from_iterator(kept.len(), kept.iter().map(|&reading| data[reading]));
-        let mut hessian = dense::gram(&rows, |i| Some(1.0 / self.penalty[i]));
+        let (rows, data) = (seen.rows(&self.sensitivity), &seen.data);
+        let mut hessian = dense::gram(&rows, |i| Some(1.0 / entries[i]));
         for i in 0..hessian.nrows() {
             hessian[(i, i)] += square;
         }
         let start = dense::solve_definite(&hessian, data.as_slice())
             .map_or_else(|| DVector::zeros(data.len()), DVector::from_vec);
-        self.minimum(&rows, &data, start)
+        self.minimum(&rows, entries, data, start)
     }
 
     fn minimum(
         &self,
         sensitivity: &DMatrix<f64>,
+        entries: &[f64],
         data: &DVector<f64>,
         start: DVector<f64>,
     ) -> Option<Vec<f64>> {
         if data.iter().all(|value| *value == 0.0) {
-            return Some(vec![0.0; self.penalty.len()]);
+            return Some(vec![0.0; entries.len()]);
         }
         let given = |x: DVector<f64>| Some(x.as_slice().to_vec());
-        let mut best = match self.newton(sensitivity, data, start) {
+        let mut best = match self.newton(sensitivity, entries, data, start) {
             Ok(x) => return given(x),
             Err(x) => x,
         };
@@ -108,7 +128,7 @@ impl Bounded {
         if let Some(inner) = interior::solve(sensitivity, &self.penalty, square, data) {
             let u = (data - sensitivity * &inner) / square;
             let mut others = vec![inner];
-            match self.newton(sensitivity, data, u) {
+            match self.newton(sensitivity, entries, data, u) {
                 Ok(x) => return given(x),
                 Err(x) => others.push(x),
             }
@@ -127,19 +147,20 @@ impl Bounded {
     fn newton(
         &self,
         sensitivity: &DMatrix<f64>,
+        entries: &[f64],
         data: &DVector<f64>,
         start: DVector<f64>,
     ) -> Result<DVector<f64>, DVector<f64>> {
         let square = self.lambda * self.lambda;
         let goal = TOLERANCE * data.norm();
-        let mut at = self.point(sensitivity, data, start);
+        let mut at = self.point(sensitivity, entries, data, start);
         let mut best = (at.residual.norm(), at.x.clone());
         for _ in 0..MOST_STEPS {
             if best.0 <= goal {
                 return Ok(best.1);
             }
             let mut hessian = dense::gram(sensitivity, |i| {
-                (at.x[i] > -1.0 && at.x[i] < 0.0).then(|| 1.0 / self.penalty[i])
+                (at.x[i] > -1.0 && at.x[i] < 0.0).then(|| 1.0 / entries[i])
             });
             for i in 0..hessian.nrows() {
                 hessian[(i, i)] += square;
@@ -153,7 +174,7 @@ impl Bounded {
             let rounding = 1e-14 * at.value.abs();
             let mut length = 1.0;
             let next = loop {
-                let next = self.point(sensitivity, data, &at.u - &newton * length);
+                let next = self.point(sensitivity, entries, data, &at.u - &newton * length);
                 if next.value <= at.value + 1e-4 * length * slope + rounding {
                     break Some(next);
                 }
@@ -175,11 +196,17 @@ impl Bounded {
         }
     }
 
-    fn point(&self, sensitivity: &DMatrix<f64>, data: &DVector<f64>, u: DVector<f64>) -> Point {
+    fn point(
+        &self,
+        sensitivity: &DMatrix<f64>,
+        entries: &[f64],
+        data: &DVector<f64>,
+        u: DVector<f64>,
+    ) -> Point {
         let square = self.lambda * self.lambda;
         let mut x = sensitivity.tr_mul(&u);
         let mut value = 0.5 * square * u.norm_squared() - data.dot(&u);
-        for (s, &r) in x.iter_mut().zip(&self.penalty) {
+        for (s, &r) in x.iter_mut().zip(entries) {
             let at = (*s / r).clamp(-1.0, 0.0);
             value += *s * at - 0.5 * r * at * at;
             *s = at;
@@ -198,9 +225,10 @@ impl Bounded {
         let square = self.lambda * self.lambda;
         let pull = sensitivity.tr_mul(&(data - sensitivity * x));
         let size = sensitivity.tr_mul(data).amax();
+        let held = self.penalty.times(x.as_slice());
         let mut most = 0.0_f64;
-        for ((x, pull), r) in x.iter().zip(&pull).zip(&self.penalty) {
-            let gradient = square * r * x - pull;
+        for ((x, pull), held) in x.iter().zip(&pull).zip(held) {
+            let gradient = square * held - pull;
             // downhill to a bound is a violation only as far as the bound is away
             let slack = if gradient < 0.0 { -x } else { x + 1.0 };
             most = most.max(slack.min(gradient.abs() / size));
@@ -217,6 +245,7 @@ impl Bounded {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fold::Fold;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
@@ -244,9 +273,15 @@ mod tests {
                     .last()
                     .unwrap()
                     .sqrt();
-                    let problem = Bounded::new(sensitivity.clone(), penalty, lambda * top).unwrap();
+                    let problem = Bounded::new(
+                        sensitivity.clone(),
+                        Penalty::Diagonal(penalty),
+                        lambda * top,
+                    )
+                    .unwrap();
                     for missing in [vec![], vec![1, 3]] {
-                        let x = problem.solve(data.as_slice(), &missing).unwrap_or_else(|| {
+                        let seen = Fold::none(readings).seen(data.as_slice(), &missing);
+                        let x = problem.solve(&seen).unwrap_or_else(|| {
                             panic!("{readings} x {unknowns}, decay {decay}, lambda {lambda:e}")
                         });
                         assert!(x.iter().all(|x| (-1.0..=0.0).contains(x)));
@@ -266,7 +301,9 @@ mod tests {
 
     #[test]
     fn no_change_is_no_loss() {
-        let problem = Bounded::new(DMatrix::from_element(3, 4, 1.0), vec![1.0; 4], 1e-3).unwrap();
-        assert_eq!(problem.solve(&[0.0; 3], &[]), Some(vec![0.0; 4]));
+        let penalty = Penalty::Diagonal(vec![1.0; 4]);
+        let problem = Bounded::new(DMatrix::from_element(3, 4, 1.0), penalty, 1e-3).unwrap();
+        let seen = Fold::none(3).seen(&[0.0; 3], &[]);
+        assert_eq!(problem.solve(&seen), Some(vec![0.0; 4]));
     }
 }

@@ -9,12 +9,14 @@ use rayon::prelude::*;
 use survey::{Dipole, Protocol};
 
 use crate::forward::arc;
-use crate::sparse::Block;
-use crate::{Forward, ForwardError};
+use crate::sparse::{Block, MulAdd, Task, widest};
+use crate::{Forward, ForwardError, Mesh};
 pub use parameters::Parameters;
 
 /// Columns that one thread takes at a time.
 const COLUMNS: usize = 64;
+/// Doubles of the widest vectors.
+const LANES: usize = 8;
 
 impl Forward {
     /// dV/dsigma of each reading (row) by each triangle (column) at 1 A, V per S:
@@ -41,6 +43,23 @@ impl Forward {
         protocol: &Protocol,
         parameters: &Parameters,
     ) -> Result<DMatrix<f64>, ForwardError> {
+        let mut jacobian = DMatrix::zeros(0, 0);
+        self.sensitivity_into(sigma, protocol, parameters, &mut jacobian)?;
+        Ok(jacobian)
+    }
+
+    /// [`Forward::sensitivity`] into a matrix that is used again: where it has the right size already nothing is asked
+    /// of the system, which takes more time than the arithmetic.
+    ///
+    /// # Errors
+    /// As [`Forward::sensitivity`]; the matrix is then as it was.
+    pub fn sensitivity_into(
+        &self,
+        sigma: &[f64],
+        protocol: &Protocol,
+        parameters: &Parameters,
+        jacobian: &mut DMatrix<f64>,
+    ) -> Result<(), ForwardError> {
         self.check_ring(protocol)?;
         let fields = self.with_solution(sigma, &self.neighbours(), |solution| {
             self.potentials(&solution)
@@ -50,23 +69,25 @@ impl Forward {
         let scale = parameters.scale(sigma);
         let pairs = Pairs::new(protocol);
         let rows = protocol.len();
-        // not DMatrix::zeros: memory that nobody has touched yet is given out by the threads that fill it
-        let mut jacobian = DMatrix::from_vec(rows, columns.len(), vec![0.0; rows * columns.len()]);
+        if jacobian.shape() != (rows, columns.len()) {
+            // not DMatrix::zeros: memory that nobody has touched yet is given out by the threads that fill it
+            *jacobian = DMatrix::from_vec(rows, columns.len(), vec![0.0; rows * columns.len()]);
+        }
         jacobian
             .as_mut_slice()
             .par_chunks_mut(rows * COLUMNS)
             .zip(columns.par_chunks(COLUMNS))
             .for_each(|(values, columns)| {
-                let mut gradients = Gradients::new(&fields, &pairs);
-                for (column, elements) in values.chunks_exact_mut(rows).zip(columns) {
-                    for (k, &t) in elements.iter().enumerate() {
-                        gradients.take(mesh.triangles()[t], mesh.corners(t));
-                        let factor = -mesh.area(t) * scale.as_ref().map_or(1.0, |scale| scale[t]);
-                        gradients.products(&pairs, factor, k > 0, column);
-                    }
-                }
+                widest(Fill {
+                    mesh,
+                    pairs: &pairs,
+                    gradients: Gradients::new(&fields, &pairs),
+                    scale: scale.as_deref(),
+                    columns,
+                    values,
+                });
             });
-        Ok(jacobian)
+        Ok(())
     }
 
     /// dV/dz of each reading (row) by each electrode's contact impedance (column) at 1 A, V per ohm m:
@@ -155,6 +176,36 @@ struct Gradients<'a> {
     arcs: Vec<(Vec<usize>, f64)>,
     /// Of each pair.
     pairs: [Vec<f64>; 2],
+    /// Products of one run.
+    run: Vec<f64>,
+}
+
+/// Some columns of the sensitivity.
+struct Fill<'a> {
+    mesh: &'a Mesh,
+    pairs: &'a Pairs,
+    gradients: Gradients<'a>,
+    scale: Option<&'a [f64]>,
+    columns: &'a [Vec<usize>],
+    values: &'a mut [f64],
+}
+
+impl Task for Fill<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<M: MulAdd>(mut self) {
+        let rows = self.values.len() / self.columns.len();
+        for (column, elements) in self.values.chunks_exact_mut(rows).zip(self.columns) {
+            for (k, &t) in elements.iter().enumerate() {
+                let mesh = self.mesh;
+                self.gradients.take(mesh.triangles()[t], mesh.corners(t));
+                let factor = -mesh.area(t) * self.scale.map_or(1.0, |scale| scale[t]);
+                self.gradients
+                    .products::<M>(self.pairs, factor, k > 0, column);
+            }
+        }
+    }
 }
 
 impl<'a> Gradients<'a> {
@@ -164,14 +215,17 @@ impl<'a> Gradients<'a> {
             let arc = arc(*dipole, count);
             (arc.pairs(count).collect(), arc.sign)
         });
+        let longest = pairs.runs.iter().map(|run| run.count).max().unwrap_or(0);
         Self {
             fields,
             ring: [vec![0.0; fields.width], vec![0.0; fields.width]],
             arcs: arcs.collect(),
-            pairs: [0, 1].map(|_| vec![0.0; pairs.dipoles.len()]),
+            pairs: [0, 1].map(|_| vec![0.0; pairs.dipoles.len() + LANES]),
+            run: vec![0.0; longest + LANES],
         }
     }
 
+    #[inline(always)]
     fn take(&mut self, nodes: [usize; 3], [a, b, c]: [[f64; 2]; 3]) {
         let (p, q) = ([b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]);
         let twice = p[0] * q[1] - p[1] * q[0];
@@ -192,22 +246,28 @@ impl<'a> Gradients<'a> {
     }
 
     /// A column of the sensitivity, or its sum with what is there.
-    fn products(&self, pairs: &Pairs, factor: f64, sum: bool, column: &mut [f64]) {
+    #[inline(always)]
+    fn products<M: MulAdd>(&mut self, pairs: &Pairs, factor: f64, sum: bool, column: &mut [f64]) {
         let [x, y] = &self.pairs;
         for run in &pairs.runs {
             let into = &mut column[run.reading..][..run.count];
             let (gx, gy) = (factor * x[run.drive], factor * y[run.drive]);
-            let sensed = x[run.sense..][..run.count]
-                .iter()
-                .zip(&y[run.sense..][..run.count]);
+            // whole vectors, the last with what follows: the lists are longer by one
+            let whole = run.count.div_ceil(LANES) * LANES;
+            let sensed = x[run.sense..][..whole]
+                .chunks_exact(LANES)
+                .zip(y[run.sense..][..whole].chunks_exact(LANES));
+            for (into, (x, y)) in self.run[..whole].chunks_exact_mut(LANES).zip(sensed) {
+                for lane in 0..LANES {
+                    into[lane] = M::mul_add(gx, x[lane], gy * y[lane]);
+                }
+            }
             if sum {
-                for (into, (x, y)) in into.iter_mut().zip(sensed) {
-                    *into += gx * x + gy * y;
+                for (into, value) in into.iter_mut().zip(&self.run) {
+                    *into += value;
                 }
             } else {
-                for (into, (x, y)) in into.iter_mut().zip(sensed) {
-                    *into = gx * x + gy * y;
-                }
+                into.copy_from_slice(&self.run[..run.count]);
             }
         }
     }

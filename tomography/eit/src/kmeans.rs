@@ -6,6 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::dense;
+use crate::wide::squared_distance;
 
 /// Rows of one chunk of work.
 const CHUNK: usize = 1000;
@@ -40,25 +41,6 @@ pub(crate) struct Clusters {
     pub(crate) rounds: usize,
     /// Clusters that ran empty and were begun again at the farthest sample.
     pub(crate) reseeded: usize,
-}
-
-/// Squared distance, by direct differences: of identical rows it is exactly 0.
-pub(crate) fn squared_distance(a: &[f32], b: &[f64]) -> f64 {
-    let mut lanes = [0.0_f64; 8];
-    let (a8, b8) = (a.chunks_exact(8), b.chunks_exact(8));
-    let tail: f64 = a8
-        .remainder()
-        .iter()
-        .zip(b8.remainder())
-        .map(|(a, b)| (f64::from(*a) - b).powi(2))
-        .sum();
-    for (a, b) in a8.zip(b8) {
-        for lane in 0..8 {
-            let difference = f64::from(a[lane]) - b[lane];
-            lanes[lane] += difference * difference;
-        }
-    }
-    lanes.iter().sum::<f64>() + tail
 }
 
 /// Where a sample belongs, and what is known of its distances without measuring them again (Hamerly, 2010).
@@ -380,12 +362,5 @@ mod tests {
                 }
             }
         }
-    }
-
-    #[test]
-    fn identical_rows_are_at_distance_zero() {
-        let row: Vec<f32> = (0..598).map(|i| (i as f32).sin()).collect();
-        let wide: Vec<f64> = row.iter().map(|value| f64::from(*value)).collect();
-        assert_eq!(squared_distance(&row, &wide), 0.0);
     }
 }

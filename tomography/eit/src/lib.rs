@@ -24,10 +24,13 @@
 //! ```
 
 mod bounded;
+mod calibration;
 mod case;
 mod data_space;
 mod dense;
+mod fold;
 mod forward;
+mod hyper;
 mod interior;
 mod jacobian;
 mod kmeans;
@@ -41,19 +44,25 @@ mod novelty;
 mod one_step;
 pub mod preset;
 mod prior;
+mod quick;
 mod rbf;
 mod reconstructor;
 mod sparse;
 mod training;
 mod tv;
+mod wide;
 
+pub use calibration::{
+    CALIBRATION_KIND, CONTRADICTION, Calibration, CalibrationError, FEWEST_PRESSES,
+    FEWEST_PRESSURES, KnownPress, Pressure,
+};
 pub use case::{
     Case, CaseError, NamedFrame, Table, digits, frames_text, matrix_text, protocol_text,
     read_frames, read_named_frames, read_protocol,
 };
 pub use forward::{Admitted, FLOOR, Fields, Forward, ForwardError, Workspace};
+pub use hyper::{l_curve_lambda, probable_lambda};
 pub use jacobian::Parameters;
-pub use linear::probable_lambda;
 pub use mesh::{ENOUGH_EDGES, Mesh, MeshError, MeshQuality};
 pub use model::{Model, ModelError, Network, Report, load_reconstructor};
 pub use network::{DeepNetwork, DeepReport, DeepSettings, Precision};
@@ -62,12 +71,13 @@ pub use one_step::{
     UNEXPLAINED,
 };
 pub use preset::{DiscTank, PaperSheet, Preset};
-pub use prior::Prior;
+pub use prior::{Prior, SMOOTH_LENGTH_M};
 pub use rbf::{NOVELTY_LIMIT, RbfNetwork, RbfReconstructor};
 pub use reconstructor::{MOST_MISSING, Novelty, ReconstructError, Reconstructor};
 pub use training::{
     CentresReading, ChangeReading, DistancesReading, Jitter, LossReading, Noise, OpenReadings,
     PointsReading, Sample, SampleError, Samples, Simulation, SizeReading, SpreadReading, Stage,
     TrainError, TrainingReport, TrainingSet, TrainingSettings, dense_target, train_rbf,
+    train_rbf_on,
 };
 pub use tv::{Strength, TV_STRENGTH, Tv, TvError, TvOptions, TvSolution};

@@ -232,6 +232,22 @@ impl Model {
         Ok(model)
     }
 
+    /// The same model with a noise figure in its metadata; one that is not finite is left out.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_noise_figure(self, figure: f64) -> Result<Self, ModelError> {
+        Self::new(
+            &self.metadata.name,
+            self.mesh,
+            &self.protocol,
+            self.network,
+            self.metadata.training,
+            self.metadata.report,
+            Some(figure),
+        )
+    }
+
     /// What the file says about itself.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata

@@ -3,9 +3,11 @@
 //! x = argmin |W (J x - dv)|^2 + lambda^2 x'Rx  with x = dsigma / sigma0 on the triangles of the region, J the
 //! sensitivity to it, R the [`Prior`] and W optional weights of the readings. A frame costs one matrix-vector product.
 
+mod noise_figure;
+
 use std::sync::{Arc, OnceLock};
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use survey::{Map, MapUnit, Protocol, Reading};
 
@@ -13,6 +15,7 @@ use crate::bounded::Bounded;
 use crate::data_space::DataSpace;
 use crate::linear::Linear;
 use crate::prior::{Penalty, Prior};
+use crate::quick::Quick;
 use crate::{ForwardError, Mesh, Novelty, ReconstructError, Reconstructor, novelty};
 
 /// Where the hyper-parameter comes from.
@@ -31,6 +34,8 @@ pub enum Hyper {
         /// Injected current, A, at which that noise is met.
         current: f64,
     },
+    /// The lambda at which the linear map has this noise figure, see [`Reconstructor::noise_figure`].
+    NoiseFigure(f64),
 }
 
 /// How the baseline's own scale enters.
@@ -62,13 +67,17 @@ pub struct OneStepOptions {
     pub prior: Prior,
     /// The hyper-parameter.
     pub hyper: Hyper,
-    /// Bounds the map to -1 <= x <= 0: loads only take conductance away. Diagonal priors only.
+    /// Bounds the map to -1 <= x <= 0: loads only take conductance away. Not with [`Prior::Gaussian`].
     pub loss_only: bool,
     /// The baseline's scale.
     pub scale: Scale,
     /// Relative standard deviation of each reading (any common factor), where they differ; readings are divided by it
     /// after scaling it to a root mean square of 1.
     pub deviations: Option<Vec<f64>>,
+    /// A quicker frame, by a factor of low rank in f32: the largest error of a map that it may cost, as a share of the
+    /// map's largest value (1e-3 is invisible). Frames that cannot be proved to keep it get the whole matrix. `None`: the
+    /// whole matrix always. Maps bounded to losses are not linear and do not use it.
+    pub map_error: Option<f64>,
 }
 
 impl Default for OneStepOptions {
@@ -84,6 +93,7 @@ impl Default for OneStepOptions {
             loss_only: false,
             scale: Scale::default(),
             deviations: None,
+            map_error: None,
         }
     }
 }
@@ -122,14 +132,32 @@ pub enum OneStepError {
         /// Entries it needs.
         wants: usize,
     },
+    /// An error of maps that is no share of them.
+    #[error("the map error allowed is {error:e}; it must be above 0 and below 1, e.g. 1e-3")]
+    MapError {
+        /// As given.
+        error: f64,
+    },
     /// The prior could not be inverted, or the readings do not determine its null space.
     #[error(
         "the prior cannot be inverted on this geometry: some part of the region is seen by no reading"
     )]
     Prior,
-    /// Bounds are only there for diagonal priors.
-    #[error("loss_only needs a diagonal prior (tikhonov or noser), not laplace")]
+    /// Bounds are not there for a prior that is given by its covariance.
+    #[error("loss_only is not there for the gaussian prior; take tikhonov, noser or laplace")]
     BoundedPrior,
+    /// No lambda has the noise figure.
+    #[error(
+        "no lambda gives a noise figure of {wanted}; on this geometry it can be {least:.3} to {most:.3}"
+    )]
+    NoiseFigure {
+        /// As asked.
+        wanted: f64,
+        /// What can be had.
+        least: f64,
+        /// What can be had.
+        most: f64,
+    },
 }
 
 /// Root mean square over the region of the relative change that a map is expected to have: a disc of 10 mm with half its
@@ -164,6 +192,7 @@ pub struct OneStep {
     /// Directions of the data that maps move; found when novelty is first asked for.
     directions: OnceLock<Option<DMatrix<f64>>>,
     solution: DataSpace,
+    quick: Option<Quick>,
     bounded: Option<Bounded>,
 }
 
@@ -196,12 +225,21 @@ impl OneStep {
                     Scale::Currents(_) => volts,
                 };
                 let lambda = std::f64::consts::SQRT_2 * at / amplitude;
-                let spread = penalty
-                    .inverse_times_transposed(&sensitivity)
-                    .ok_or(OneStepError::Prior)?;
-                let size = sensitivity.transpose().dot(&spread).sqrt();
-                let least = MODEL_SHARE * size;
+                let least = MODEL_SHARE * penalty.size(&sensitivity).ok_or(OneStepError::Prior)?;
                 (lambda.max(least), lambda < least)
+            }
+            Hyper::NoiseFigure(wanted) => {
+                let size = penalty.size(&sensitivity).ok_or(OneStepError::Prior)?;
+                let at = |lambda| {
+                    let solution = DataSpace::new(&sensitivity, &penalty, lambda)?;
+                    Ok(noise_figure::of(
+                        &mesh,
+                        &linear.fold,
+                        &sensitivity,
+                        solution.matrix(),
+                    ))
+                };
+                (noise_figure::lambda(wanted, size, at)?, false)
             }
         };
         let solution = DataSpace::new(&sensitivity, &penalty, lambda)?;
@@ -211,14 +249,26 @@ impl OneStep {
             _ => None,
         }
         .map(|noise| std::f64::consts::SQRT_2 * noise);
-        let noise_figure = figure(&mesh, &sensitivity, solution.matrix());
+        let noise_figure = noise_figure::of(&mesh, &linear.fold, &sensitivity, solution.matrix());
+        let quick = match options.map_error {
+            Some(error) if !(error > 0.0 && error < 1.0) => {
+                return Err(OneStepError::MapError { error });
+            }
+            Some(error) if !options.loss_only => {
+                let noise = lambda * amplitude;
+                let typical = typical(&mesh.region_areas(), &sensitivity, noise);
+                let quick = Quick::new(solution.matrix(), &typical, error);
+                Some(quick.ok_or(OneStepError::Prior)?)
+            }
+            _ => None,
+        };
         let kept = sensitivity.clone();
         let bounded = match (options.loss_only, penalty) {
             (false, _) => None,
-            (true, Penalty::Diagonal(entries)) => {
-                Some(Bounded::new(sensitivity, entries, lambda).ok_or(OneStepError::Prior)?)
+            (true, Penalty::Smooth(_)) => return Err(OneStepError::BoundedPrior),
+            (true, penalty) => {
+                Some(Bounded::new(sensitivity, penalty, lambda).ok_or(OneStepError::Prior)?)
             }
-            (true, Penalty::Laplacian { .. }) => return Err(OneStepError::BoundedPrior),
         };
         let loss = if options.loss_only { ", loss only" } else { "" };
         Ok(Self {
@@ -235,6 +285,7 @@ impl OneStep {
             sensitivity: kept,
             directions: OnceLock::new(),
             solution,
+            quick,
             bounded,
         })
     }
@@ -255,9 +306,13 @@ impl OneStep {
         self.raised
     }
 
-    /// The reconstruction matrix: region x readings, from a difference at the model's scale to the map.
-    pub fn matrix(&self) -> &DMatrix<f64> {
-        self.solution.matrix()
+    /// The reconstruction matrix: region x readings, from a difference at the model's scale (V at 1 A, or V where currents
+    /// are known; times its weight where readings are weighted) to the map.
+    pub fn matrix(&self) -> DMatrix<f64> {
+        self.linear
+            .fold
+            .unfold(&self.solution.matrix().transpose())
+            .transpose()
     }
 }
 
@@ -296,6 +351,7 @@ impl Reconstructor for OneStep {
         if self.bounded.is_some() {
             told.push("loads only take conductance away: -1 <= dsigma/sigma0 <= 0".to_owned());
         }
+        told.extend(self.quick.as_ref().map(Quick::told));
         told
     }
 
@@ -316,9 +372,10 @@ impl Reconstructor for OneStep {
         for value in &mut change {
             *value /= deviation;
         }
-        let directions = self
-            .directions
-            .get_or_init(|| novelty::directions(&(&self.sensitivity / deviation)));
+        let directions = self.directions.get_or_init(|| {
+            let directions = novelty::directions(&(&self.sensitivity / deviation))?;
+            Some(self.linear.fold.unfold(&directions))
+        });
         Ok(directions
             .as_ref()
             .and_then(|directions| novelty::unexplained(directions, &change, &missing)))
@@ -337,15 +394,19 @@ impl Reconstructor for OneStep {
         let bounded = self
             .bounded
             .as_ref()
-            .and_then(|bounded| bounded.solve(&change, &missing));
+            .and_then(|bounded| bounded.solve(&self.linear.fold.seen(&change, &missing)));
         let mut method = self.method.clone();
         let values = match bounded {
             Some(values) => values,
             None => {
+                let fold = &self.linear.fold;
                 self.solution
-                    .impute(&mut change, &missing)
+                    .impute(fold, &mut change, &missing)
                     .map_err(|fault| numerical(&fault.to_string()))?;
-                let mut values = self.solution.apply(&change);
+                let data = fold.data(&change);
+                let quick = self.quick.as_ref().and_then(|quick| quick.map(&data));
+                let mut values =
+                    quick.map_or_else(|| self.solution.apply(&data), |(values, _)| values);
                 if self.bounded.is_some() {
                     method.push_str(CLIPPED);
                     for value in &mut values {
@@ -368,53 +429,16 @@ impl Reconstructor for OneStep {
     }
 }
 
-/// Diameter of the load that a noise figure is told for, as a share of the square root of the region's area.
-const FIGURE_LOAD: f64 = 0.0543;
-
-/// The noise figure of the linear map M (A. Adler, R. Guardo, IEEE Trans. Med. Imaging 15 (1996) 170): mean |y| over the
-/// noise of a reading, over mean |a M y| over the root mean square of its noise, a the areas, y the readings of a small
-/// disc in the middle of the region.
-fn figure(mesh: &Mesh, sensitivity: &DMatrix<f64>, map: &DMatrix<f64>) -> f64 {
-    let (centroids, areas) = (mesh.region_centroids(), mesh.region_areas());
+/// What data look like, for the choice of a rank: some single triangles, each as strong as a small disc with half its
+/// conductance lost, with the noise of a difference on every row.
+fn typical(areas: &[f64], sensitivity: &DMatrix<f64>, noise: f64) -> DMatrix<f64> {
+    const LOADS: usize = 48;
     let area: f64 = areas.iter().sum();
-    let middle = [0, 1].map(|axis| {
-        centroids
-            .iter()
-            .zip(&areas)
-            .map(|(at, a)| at[axis] * a)
-            .sum::<f64>()
-            / area
-    });
-    let away = |at: &[f64; 2]| (at[0] - middle[0]).hypot(at[1] - middle[1]);
-    let radius = (0.5 * FIGURE_LOAD * area.sqrt())
-        .max(centroids.iter().map(away).fold(f64::INFINITY, f64::min));
-    let load = DVector::from_iterator(
-        centroids.len(),
-        centroids
-            .iter()
-            .map(|at| f64::from(u8::from(away(at) <= radius))),
-    );
-    let seen = sensitivity * load;
-    let answer = map * &seen;
-    let mut noise = vec![0.0; areas.len()];
-    for column in map.column_iter() {
-        for (sum, value) in noise.iter_mut().zip(&column) {
-            *sum += value * value;
-        }
-    }
-    let readings = seen.iter().map(|y| y.abs()).sum::<f64>() / seen.len() as f64;
-    let unknowns = areas.len() as f64;
-    let signal = answer
-        .iter()
-        .zip(&areas)
-        .map(|(x, a)| (x * a).abs())
-        .sum::<f64>()
-        / unknowns;
-    let spread = noise
-        .iter()
-        .zip(&areas)
-        .map(|(n, a)| n * a * a)
-        .sum::<f64>()
-        / unknowns;
-    readings * spread.sqrt() / signal
+    let disc = (0.5 * noise_figure::LOAD).powi(2) * std::f64::consts::PI * area;
+    DMatrix::from_fn(sensitivity.nrows(), LOADS, |row, load| {
+        let unknown = (2 * load + 1) * areas.len() / (2 * LOADS);
+        // of root mean square 1
+        let shake = (1.7 * row as f64 + 2.3 * load as f64).sin() * std::f64::consts::SQRT_2;
+        -0.5 * disc / areas[unknown] * sensitivity[(row, unknown)] + noise * shake
+    })
 }

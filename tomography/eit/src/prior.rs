@@ -1,14 +1,18 @@
 //! What is believed of a map before a reading is taken: the matrix R of x'Rx, and how to apply its inverse.
 
-use faer::Side;
-use faer::linalg::solvers::Solve;
-use faer::sparse::{SparseColMat, Triplet};
+mod laplacian;
+mod smooth;
+
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 use crate::Mesh;
 use crate::one_step::OneStepError;
+use crate::sparse::Block;
 use crate::tv::Graph;
+pub(crate) use laplacian::{Half, Laplacian, block_of_columns};
+use laplacian::{block_of_rows, matrix_of};
+use smooth::Smooth;
 
 /// The prior of a one-step reconstruction.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -27,7 +31,15 @@ pub enum Prior {
     /// R = L'L with L the difference across each border times its length (m): the paper's Eq. 5 inside the square of its
     /// Eq. 4, as printed, so not total variation. Its null space is the constant.
     Variation,
+    /// R^-1 is a covariance: variance 1 everywhere, correlation exp(-r^2 / 2 l^2) at distance r. Smooth maps.
+    Gaussian {
+        /// l, m.
+        length_m: f64,
+    },
 }
+
+/// The length of [`Prior::Gaussian`] where nobody says another, m.
+pub const SMOOTH_LENGTH_M: f64 = 0.01;
 
 impl Default for Prior {
     fn default() -> Self {
@@ -53,6 +65,7 @@ impl Prior {
             Self::Noser { .. } => "noser",
             Self::Laplace => "laplace",
             Self::Variation => "quadratic variation",
+            Self::Gaussian { .. } => "gaussian",
         }
     }
 }
@@ -62,21 +75,17 @@ impl Prior {
 pub(crate) enum Penalty {
     /// R is diagonal: its entries, all positive.
     Diagonal(Vec<f64>),
-    /// R is the weighted graph Laplacian of some edges; parts are its connected components.
-    Laplacian {
-        /// Pairs of unknowns that share an edge.
-        edges: Vec<[usize; 2]>,
-        /// What each edge adds to both diagonals.
-        weights: Vec<f64>,
-        /// Which connected part each unknown is in.
-        part: Vec<usize>,
-        /// How many unknowns there are in each part.
-        size: Vec<usize>,
-    },
+    /// R is the weighted graph Laplacian of some edges.
+    Laplacian(Laplacian),
+    /// R^-1 is a smooth covariance.
+    Smooth(Smooth),
 }
 
 /// EIDORS' scale of the Laplace prior: each shared edge adds 2 to both diagonals.
 const LAPLACE_WEIGHT: f64 = 2.0;
+
+/// Unit right sides that are solved at once.
+const AT_A_TIME: usize = 256;
 
 impl Penalty {
     /// R = I.
@@ -101,72 +110,65 @@ impl Penalty {
 
     /// Twice the graph Laplacian of the mesh's region.
     pub(crate) fn laplacian(mesh: &Mesh) -> Self {
-        let region = mesh.region();
-        let mut edges = Vec::new();
-        let mut open = std::collections::HashMap::new();
-        for (unknown, &triangle) in region.iter().enumerate() {
-            let [a, b, c] = mesh.triangles()[triangle];
-            for (p, q) in [(a, b), (b, c), (c, a)] {
-                if let Some(other) = open.insert((p.min(q), p.max(q)), unknown) {
-                    edges.push([other, unknown]);
-                }
-            }
-        }
-        let weights = vec![LAPLACE_WEIGHT; edges.len()];
-        Self::from_edges(region.len(), edges, weights)
+        let graph = Graph::of_region(mesh);
+        let weights = vec![LAPLACE_WEIGHT; graph.edges.len()];
+        Self::Laplacian(Laplacian::new(
+            mesh.region_centroids(),
+            graph.edges,
+            weights,
+        ))
     }
 
     /// The squared differences across the borders of a region's triangles, each times its squared length (m2).
     pub(crate) fn variation(mesh: &Mesh) -> Self {
         let graph = Graph::of_region(mesh);
         let weights = graph.lengths.iter().map(|length| length * length).collect();
-        Self::from_edges(graph.unknowns, graph.edges, weights)
-    }
-
-    /// The weighted graph Laplacian of `edges` between `unknowns` unknowns.
-    pub(crate) fn from_edges(unknowns: usize, edges: Vec<[usize; 2]>, weights: Vec<f64>) -> Self {
-        let mut neighbours = vec![Vec::new(); unknowns];
-        for &[a, b] in &edges {
-            neighbours[a].push(b);
-            neighbours[b].push(a);
-        }
-        let mut part = vec![usize::MAX; unknowns];
-        let mut size = Vec::new();
-        for seed in 0..unknowns {
-            if part[seed] != usize::MAX {
-                continue;
-            }
-            let name = size.len();
-            size.push(0);
-            let mut frontier = vec![seed];
-            part[seed] = name;
-            while let Some(unknown) = frontier.pop() {
-                size[name] += 1;
-                for &next in &neighbours[unknown] {
-                    if part[next] == usize::MAX {
-                        part[next] = name;
-                        frontier.push(next);
-                    }
-                }
-            }
-        }
-        Self::Laplacian {
-            edges,
+        Self::Laplacian(Laplacian::new(
+            mesh.region_centroids(),
+            graph.edges,
             weights,
-            part,
-            size,
+        ))
+    }
+
+    /// A covariance of correlation length `length_m` over the mesh's region.
+    pub(crate) fn smooth(mesh: &Mesh, length_m: f64) -> Result<Self, OneStepError> {
+        if !(length_m > 0.0 && length_m.is_finite()) {
+            return Err(OneStepError::NotPositive {
+                what: "length of the gaussian prior",
+                value: length_m,
+            });
+        }
+        let (points, areas) = (mesh.region_centroids(), mesh.region_areas());
+        Ok(Self::Smooth(Smooth::new(&points, &areas, length_m)))
+    }
+
+    /// The Frobenius norm of J R^-1/2, the null space left out.
+    pub(crate) fn size(&self, sensitivity: &DMatrix<f64>) -> Option<f64> {
+        if let Self::Diagonal(entries) = self {
+            let square: f64 = sensitivity
+                .column_iter()
+                .zip(entries)
+                .map(|(column, entry)| column.norm_squared() / entry)
+                .sum();
+            return Some(square.sqrt());
+        }
+        Some(self.root(sensitivity)?.columns.norm())
+    }
+
+    /// R x; zero where nobody has R.
+    pub(crate) fn times(&self, x: &[f64]) -> Vec<f64> {
+        match self {
+            Self::Diagonal(entries) => x.iter().zip(entries).map(|(x, r)| x * r).collect(),
+            Self::Laplacian(laplacian) => laplacian.times(x),
+            Self::Smooth(_) => vec![0.0; x.len()],
         }
     }
 
-    /// The columns of R's null space, one a connected part; none for a diagonal R.
+    /// The columns of R's null space, one a connected part; none where R is invertible.
     pub(crate) fn null_space(&self) -> Option<DMatrix<f64>> {
         match self {
-            Self::Diagonal(_) => None,
-            Self::Laplacian { part, size, .. } => {
-                Some(DMatrix::from_fn(part.len(), size.len(), |unknown, name| {
-                    f64::from(u8::from(part[unknown] == name))
-                }))
-            }
+            Self::Diagonal(_) | Self::Smooth(_) => None,
+            Self::Laplacian(laplacian) => Some(laplacian.null_space()),
         }
     }
 
@@ -175,108 +177,107 @@ impl Penalty {
         &self,
         sensitivity: &DMatrix<f64>,
     ) -> Option<DMatrix<f64>> {
-        let mut spread = sensitivity.transpose();
-        match self {
-            Self::Diagonal(entries) => {
-                for mut column in spread.column_iter_mut() {
-                    for (value, entry) in column.iter_mut().zip(entries) {
-                        *value /= entry;
-                    }
+        if let Self::Diagonal(entries) = self {
+            let mut spread = sensitivity.transpose();
+            for mut column in spread.column_iter_mut() {
+                for (value, entry) in column.iter_mut().zip(entries) {
+                    *value /= entry;
                 }
             }
-            Self::Laplacian {
-                edges,
-                weights,
-                part,
-                size,
-            } => {
-                remove_means(&mut spread, part, size);
-                grounded_solve(edges, weights, part, size, &mut spread)?;
-                remove_means(&mut spread, part, size);
-            }
+            return Some(spread);
         }
-        Some(spread)
+        let root = self.root(sensitivity)?;
+        Some(root.back(&root.columns))
+    }
+
+    /// S' = L^-1 J' with R = L L'; where R is singular, of J without its null space.
+    pub(crate) fn root(&self, sensitivity: &DMatrix<f64>) -> Option<Root<'_>> {
+        let (columns, half) = match self {
+            Self::Diagonal(entries) => {
+                let mut columns = sensitivity.transpose();
+                for mut column in columns.column_iter_mut() {
+                    for (value, entry) in column.iter_mut().zip(entries) {
+                        *value /= entry.sqrt();
+                    }
+                }
+                (columns, None)
+            }
+            Self::Laplacian(laplacian) => {
+                let mut block = block_of_columns(sensitivity);
+                laplacian.remove_means(&mut block);
+                let half = laplacian.grounded()?;
+                let halved = half.down(&block);
+                (matrix_of(&halved, sensitivity.nrows()), Some(half))
+            }
+            Self::Smooth(smooth) => (smooth.seen(sensitivity).transpose(), None),
+        };
+        Some(Root {
+            penalty: self,
+            columns,
+            half,
+        })
     }
 
     /// The factor g for which the prior N(0, g^2 R^-1) has the root mean square `change` over the unknowns; directions
     /// of the null space do not count.
     pub(crate) fn amplitude(&self, change: f64) -> Result<f64, OneStepError> {
-        let unknowns = match self {
-            Self::Diagonal(entries) => entries.len(),
-            Self::Laplacian { part, .. } => part.len(),
-        };
-        let trace = match self {
-            Self::Diagonal(entries) => entries.iter().map(|entry| 1.0 / entry).sum::<f64>(),
-            Self::Laplacian { .. } => self
-                .inverse_times_transposed(&DMatrix::identity(unknowns, unknowns))
-                .ok_or(OneStepError::Prior)?
-                .trace(),
+        let (trace, unknowns) = match self {
+            Self::Diagonal(entries) => (
+                entries.iter().map(|entry| 1.0 / entry).sum::<f64>(),
+                entries.len(),
+            ),
+            // the squares of L^-1 beside the null space, some columns at a time
+            Self::Laplacian(laplacian) => {
+                let unknowns = laplacian.unknowns();
+                let half = laplacian.grounded().ok_or(OneStepError::Prior)?;
+                let mut trace = 0.0;
+                for first in (0..unknowns).step_by(AT_A_TIME) {
+                    let count = AT_A_TIME.min(unknowns - first);
+                    let mut block = Block::zeros(unknowns, count);
+                    for k in 0..count {
+                        block.row_mut(first + k)[k] = 1.0;
+                    }
+                    laplacian.remove_means(&mut block);
+                    let halved = half.down(&block);
+                    trace += halved.values.iter().map(|value| value * value).sum::<f64>();
+                }
+                (trace, unknowns)
+            }
+            Self::Smooth(smooth) => (smooth.unknowns() as f64, smooth.unknowns()),
         };
         Ok(change / (trace / unknowns as f64).sqrt())
     }
 }
 
-/// Subtracts from each column the mean of each connected part: what is left is orthogonal to the null space.
-fn remove_means(columns: &mut DMatrix<f64>, part: &[usize], size: &[usize]) {
-    for mut column in columns.column_iter_mut() {
-        let mut mean = vec![0.0; size.len()];
-        for (value, &name) in column.iter().zip(part) {
-            mean[name] += value;
-        }
-        for (mean, &size) in mean.iter_mut().zip(size) {
-            *mean /= size as f64;
-        }
-        for (value, &name) in column.iter_mut().zip(part) {
-            *value -= mean[name];
-        }
-    }
+/// A sensitivity seen through the root of a prior.
+pub(crate) struct Root<'a> {
+    penalty: &'a Penalty,
+    /// S', a column a reading.
+    pub(crate) columns: DMatrix<f64>,
+    half: Option<Half>,
 }
 
-/// Solves R x = b in place for right-hand sides without mean, with the first unknown of each part held at zero: the
-/// solution of a consistent singular system, one constant a part apart.
-fn grounded_solve(
-    edges: &[[usize; 2]],
-    weights: &[f64],
-    part: &[usize],
-    size: &[usize],
-    columns: &mut DMatrix<f64>,
-) -> Option<()> {
-    let n = part.len();
-    let mut ground = vec![true; size.len()];
-    let grounded: Vec<bool> = part
-        .iter()
-        .map(|&name| std::mem::replace(&mut ground[name], false))
-        .collect();
-    let mut diagonal = vec![0.0; n];
-    let mut triplets = Vec::with_capacity(n + 2 * edges.len());
-    for (&[a, b], &weight) in edges.iter().zip(weights) {
-        diagonal[a] += weight;
-        diagonal[b] += weight;
-        if !grounded[a] && !grounded[b] {
-            triplets.push(Triplet::new(a, b, -weight));
-            triplets.push(Triplet::new(b, a, -weight));
-        }
-    }
-    for unknown in 0..n {
-        let entry = if grounded[unknown] {
-            // of the others' size
-            weights.first().copied().unwrap_or(1.0)
-        } else {
-            diagonal[unknown]
-        };
-        triplets.push(Triplet::new(unknown, unknown, entry));
-    }
-    for mut column in columns.column_iter_mut() {
-        for (value, &grounded) in column.iter_mut().zip(&grounded) {
-            if grounded {
-                *value = 0.0;
+impl Root<'_> {
+    /// L^-T z: the maps of some coefficients, a column each.
+    pub(crate) fn back(&self, z: &DMatrix<f64>) -> DMatrix<f64> {
+        match (self.penalty, &self.half) {
+            (Penalty::Laplacian(laplacian), Some(half)) => {
+                let mut block = half.up(block_of_rows(z), laplacian.unknowns());
+                laplacian.remove_means(&mut block);
+                matrix_of(&block, z.ncols())
             }
+            (Penalty::Smooth(smooth), _) => smooth.spread(z),
+            (Penalty::Diagonal(entries), _) => {
+                let mut maps = z.clone();
+                for mut column in maps.column_iter_mut() {
+                    for (value, entry) in column.iter_mut().zip(entries) {
+                        *value /= entry.sqrt();
+                    }
+                }
+                maps
+            }
+            // `root` makes a half for every Laplacian
+            (Penalty::Laplacian(_), None) => z.clone(),
         }
     }
-    let matrix = SparseColMat::<usize, f64>::try_new_from_triplets(n, n, &triplets).ok()?;
-    let factor = matrix.sp_cholesky(Side::Lower).ok()?;
-    let (rows, count) = (columns.nrows(), columns.ncols());
-    let into = faer::MatMut::from_column_major_slice_mut(columns.as_mut_slice(), rows, count);
-    factor.solve_in_place(into);
-    Some(())
 }

@@ -13,9 +13,10 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 use survey::{Map, Protocol, Reading};
 
-use crate::kmeans::{Rows, squared_distance};
+use crate::kmeans::Rows;
 use crate::model::Trained;
 use crate::network::FAMILIAR_SHARE;
+use crate::wide::{add_four, dot, squared_distance};
 use crate::{Mesh, Novelty, ReconstructError, Reconstructor, dense};
 
 /// Singular values of Phi below this share of the largest are cut (Moore-Penrose).
@@ -113,18 +114,23 @@ impl RbfNetwork {
             .iter()
             .map(|distance| (-0.5 * (distance / self.spread).powi(2)).exp())
             .collect();
-        let mut map = vec![0.0; self.outputs];
-        for (mixing, weights) in self
+        // four directions a pass, in f32: the map is then read and written a quarter as often
+        let mut map = vec![0.0_f32; self.outputs];
+        let mut directions = self
             .mixing
             .chunks(phi.len())
             .zip(self.weights.chunks(self.outputs))
-        {
-            let amount: f64 = mixing.iter().zip(&phi).map(|(m, phi)| m * phi).sum();
-            for (value, weight) in map.iter_mut().zip(weights) {
-                *value += amount * f64::from(*weight);
-            }
+            .map(|(mixing, weights)| (dot(mixing, &phi) as f32, weights));
+        while let Some(first) = directions.next() {
+            let mut more = || directions.next().unwrap_or((0.0, first.1));
+            let four = [first, more(), more(), more()];
+            add_four(
+                &mut map,
+                four.map(|(_, weights)| weights),
+                four.map(|(amount, _)| amount),
+            );
         }
-        map
+        map.into_iter().map(f64::from).collect()
     }
 
     /// Solves Eq. 15 for given centres and spread. `inputs` are `repeats` copies of the cases one after the other, each

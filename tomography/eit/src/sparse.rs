@@ -21,6 +21,7 @@ pub(crate) use analysis::Analysis;
 pub(crate) use dissection::dissect;
 pub(crate) use factor::Factor;
 pub(crate) use gram::gram;
+pub(crate) use kernel::{MulAdd, Task, widest};
 pub(crate) use network::Network;
 pub(crate) use sweep::Block;
 

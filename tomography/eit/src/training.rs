@@ -28,6 +28,7 @@ pub use set::TrainingSet;
 
 use crate::kmeans::{self, Rows};
 use crate::rbf::RbfNetwork;
+use crate::wide::squared_distance;
 use crate::{ForwardError, Mesh};
 
 /// Settings of a training; the defaults are the paper's (section 5.3).
@@ -48,6 +49,9 @@ pub struct TrainingSettings {
     pub jitter: Jitter,
     /// N: neurons.
     pub neurons: usize,
+    /// Width of the neurons in times of Eq. 13's spread.
+    #[serde(skip_serializing_if = "is_one")]
+    pub spread_times: f64,
     /// The same seed gives the same network.
     pub seed: u64,
     /// How the paper's text is read where it is open.
@@ -65,10 +69,15 @@ impl Default for TrainingSettings {
             vertices: 5,
             jitter: Jitter::paper(),
             neurons: 100,
+            spread_times: 1.0,
             seed: 1,
             open: OpenReadings::default(),
         }
     }
+}
+
+fn is_one(value: &f64) -> bool {
+    *value == 1.0
 }
 
 /// What a training found.
@@ -150,7 +159,21 @@ pub fn train_rbf(
     settings: &TrainingSettings,
     progress: &(dyn Fn(Stage, usize, usize) + Sync),
 ) -> Result<(RbfNetwork, TrainingReport), TrainError> {
-    let set = TrainingSet::build(mesh, contact_ohm_m, sigma0, protocol, settings, progress)?;
+    let simulation = Simulation::new(mesh, contact_ohm_m, sigma0, protocol, settings)?;
+    train_rbf_on(&simulation, settings, progress)
+}
+
+/// Trains an RBF network on a set that is there; `settings` say the rest. All inputs with their jitter are held in memory.
+///
+/// # Errors
+/// See [`TrainError`].
+pub fn train_rbf_on(
+    samples: &dyn Samples,
+    settings: &TrainingSettings,
+    progress: &(dyn Fn(Stage, usize, usize) + Sync),
+) -> Result<(RbfNetwork, TrainingReport), TrainError> {
+    check(settings)?;
+    let set = TrainingSet::read(samples, progress)?;
     let noise = Noise::new(
         &settings.jitter,
         settings.open.spread,
@@ -179,6 +202,7 @@ pub fn train_rbf(
         },
     };
     let (spread, median) = spread(measured, settings.seed, PAIRS);
+    let spread = spread * settings.spread_times;
     if spread <= 0.0 || !spread.is_finite() {
         return Err(TrainError::Alike);
     }
@@ -188,7 +212,7 @@ pub fn train_rbf(
         &clusters.centres,
         spread,
         &set.targets,
-        mesh.region().len(),
+        samples.outputs(),
     )
     .ok_or(TrainError::Weights)?;
     progress(Stage::Weights, 1, 1);
@@ -248,7 +272,11 @@ fn check(settings: &TrainingSettings) -> Result<(), TrainError> {
             .collect(),
         Jitter::Measured { current_a, .. } => vec![("current_a", *current_a)],
     };
-    for (setting, value) in noise.into_iter().chain([("radius_m", settings.radius_m)]) {
+    let sizes = [
+        ("radius_m", settings.radius_m),
+        ("spread_times", settings.spread_times),
+    ];
+    for (setting, value) in noise.into_iter().chain(sizes) {
         if !(value > 0.0 && value.is_finite()) {
             return refuse(setting, value, "a positive number");
         }
@@ -278,7 +306,7 @@ fn spread(rows: Rows<'_>, seed: u64, most: usize) -> (f64, f64) {
     let all = n * n.saturating_sub(1) / 2;
     let distance = |a: usize, b: usize| {
         let other: Vec<f64> = rows.row(b).iter().map(|value| f64::from(*value)).collect();
-        kmeans::squared_distance(rows.row(a), &other).sqrt()
+        squared_distance(rows.row(a), &other).sqrt()
     };
     let mut distances: Vec<f64> = if all <= most {
         (0..n)

@@ -20,6 +20,7 @@ use survey::{Map, MapUnit, Protocol, Reading};
 
 pub use options::{Strength, TV_STRENGTH, TvError, TvOptions};
 
+use crate::fold::Seen;
 use crate::linear::Linear;
 use crate::novelty::{self, UNSEEN};
 use crate::{Mesh, Novelty, OneStepOptions, Prior, ReconstructError, Reconstructor, Scale, dense};
@@ -39,7 +40,7 @@ pub struct Tv {
     method: String,
     linear: Linear,
     graph: Graph,
-    /// J over the noise of a difference.
+    /// J over the noise of a difference, reciprocal twins folded.
     whitened: DMatrix<f64>,
     deviation: f64,
     /// Orthonormal directions of the data that maps move (columns), and J seen along them.
@@ -190,8 +191,11 @@ impl Tv {
                 method: self.method.clone(),
             });
         }
-        let (sensitivity, data) = self.rows(&data, &missing);
-        Ok(self.problem(&sensitivity, data, 0.0).objective(values))
+        let seen = self.linear.fold.seen(&data, &missing);
+        let constant = self.beside(&data, &missing, &seen);
+        let sensitivity = seen.rows(&self.whitened);
+        let problem = self.problem(&sensitivity, seen.data.clone(), constant);
+        Ok(problem.objective(values))
     }
 
     /// The least objective with every reading by an interior method over all triangles, to 2e-9: some minutes on a mesh of
@@ -205,8 +209,10 @@ impl Tv {
         frame: &[Reading],
     ) -> Result<f64, ReconstructError> {
         let (data, missing) = self.data(baseline, frame)?;
-        let (sensitivity, data) = self.rows(&data, &missing);
-        let problem = self.problem(&sensitivity, data, 0.0);
+        let seen = self.linear.fold.seen(&data, &missing);
+        let constant = self.beside(&data, &missing, &seen);
+        let sensitivity = seen.rows(&self.whitened);
+        let problem = self.problem(&sensitivity, seen.data.clone(), constant);
         let found = problem.minimum_offline(2e-9);
         found.ok_or_else(|| ReconstructError::Numerical {
             method: self.method.clone(),
@@ -227,15 +233,13 @@ impl Tv {
         Ok((change, missing))
     }
 
-    /// Sensitivity and data of the readings that are there.
-    fn rows(&self, data: &[f64], missing: &[usize]) -> (DMatrix<f64>, DVector<f64>) {
-        let kept: Vec<usize> = (0..data.len())
+    /// What folding leaves out of the objective: half the square of what twins differ by.
+    fn beside(&self, data: &[f64], missing: &[usize], seen: &Seen) -> f64 {
+        let all: f64 = (0..data.len())
             .filter(|reading| missing.binary_search(reading).is_err())
-            .collect();
-        (
-            self.whitened.select_rows(&kept),
-            DVector::from_iterator(kept.len(), kept.iter().map(|&reading| data[reading])),
-        )
+            .map(|reading| data[reading] * data[reading])
+            .sum();
+        (0.5 * (all - seen.data.norm_squared())).max(0.0)
     }
 
     fn problem<'a>(
@@ -265,16 +269,18 @@ impl Tv {
         start: Option<&[usize]>,
         goal: f64,
     ) -> Option<Outcome> {
-        if missing.is_empty() {
-            let data = DVector::from_column_slice(data);
-            let seen = self.directions.tr_mul(&data);
-            let constant = (0.5 * (data.norm_squared() - seen.norm_squared())).max(0.0);
+        let seen = self.linear.fold.seen(data, missing);
+        let beside = self.beside(data, missing, &seen);
+        if seen.complete() {
+            let along = self.directions.tr_mul(&seen.data);
+            let constant = (0.5 * (seen.data.norm_squared() - along.norm_squared())).max(0.0);
             return self
-                .problem(&self.along, seen, constant)
+                .problem(&self.along, along, beside + constant)
                 .minimise(start, goal);
         }
-        let (sensitivity, data) = self.rows(data, missing);
-        self.problem(&sensitivity, data, 0.0).minimise(start, goal)
+        let sensitivity = seen.rows(&self.whitened);
+        self.problem(&sensitivity, seen.data.clone(), beside)
+            .minimise(start, goal)
     }
 }
 
@@ -353,6 +359,7 @@ impl Reconstructor for Tv {
         if matches!(self.options.strength, Strength::Alpha(_)) {
             return Ok(None); // nobody said what the noise is
         }
-        Ok(novelty::unexplained(&self.directions, &data, &missing))
+        let directions = self.linear.fold.unfold(&self.directions);
+        Ok(novelty::unexplained(&directions, &data, &missing))
     }
 }

@@ -57,7 +57,12 @@ fn portable(weights: Rows<'_>, input: &[f32], output: &mut [f32]) {
     }
 }
 
-/// The loop over rows and lanes for one set of instructions: four sums a row hide the latency of the multiply-add.
+/// Bytes that weights are fetched ahead.
+#[cfg(target_arch = "x86_64")]
+const AHEAD: usize = 4096;
+
+/// The loop over rows and lanes for one set of instructions: four sums a row hide the latency of the multiply-add. Rows are
+/// read one after the other, as one stream: four at once made two thirds of its speed on memory of small pages.
 #[cfg(target_arch = "x86_64")]
 macro_rules! kernel {
     ($module:ident, $features:literal, $lanes:literal, $vector:ty, $zero:expr, $fma:expr, $add:expr, $sum:expr,
@@ -67,7 +72,7 @@ macro_rules! kernel {
 
             use half::f16;
 
-            use super::Rows;
+            use super::{AHEAD, Rows};
 
             #[target_feature(enable = $features)]
             pub(super) fn multiply(weights: Rows<'_>, input: &[f32], output: &mut [f32]) {
@@ -107,6 +112,14 @@ macro_rules! kernel {
                         rest += value(*w) * x;
                     }
                     for (w, x) in ws.zip(xs) {
+                        // what is narrower than f32 passes faster than the hardware fetches it
+                        if size_of::<W>() < 4 {
+                            for line in (0..size_of_val(w)).step_by(64) {
+                                let ahead = w.as_ptr().cast::<i8>().wrapping_add(AHEAD + line);
+                                // it reads nothing, at whatever address
+                                _mm_prefetch::<_MM_HINT_T0>(ahead);
+                            }
+                        }
                         for (k, sum) in sums.iter_mut().enumerate() {
                             // SAFETY: both slices have 4 LANES entries, and k is below 4.
                             let x = unsafe { $f32(x.as_ptr().add(k * LANES)) };
@@ -160,7 +173,7 @@ kernel!(
 mod tests {
     use super::*;
 
-    /// Rows of 83: no vector length divides it.
+    /// Five rows, which four do not divide, of 83, which no vector length does.
     fn sample() -> (Vec<f32>, Vec<f32>) {
         let wave = |n: usize, step: f32| (0..n).map(|i| (i as f32 * step).sin()).collect();
         (wave(5 * 83, 0.7), wave(83, 0.3))

@@ -1,16 +1,16 @@
 //! The same arithmetic compiled for the processor it runs on.
 //!
-//! The default build knows SSE2 alone; a factor made with it takes three times as long. The order of the operations is
+//! The default build knows SSE2 alone, whose vectors are a quarter as wide as AVX-512's. The order of the operations is
 //! the same everywhere; with fused multiply-adds the last bits are another's.
 
 /// a b + c, in one rounding or two.
-pub(super) trait MulAdd: Copy {
+pub(crate) trait MulAdd: Copy {
     fn mul_add(a: f64, b: f64, c: f64) -> f64;
 }
 
 /// One rounding: where the processor has the instruction.
 #[derive(Clone, Copy)]
-pub(super) struct Fused;
+pub(crate) struct Fused;
 
 impl MulAdd for Fused {
     #[inline(always)]
@@ -21,7 +21,7 @@ impl MulAdd for Fused {
 
 /// Two roundings: everywhere else.
 #[derive(Clone, Copy)]
-pub(super) struct Separate;
+pub(crate) struct Separate;
 
 impl MulAdd for Separate {
     #[inline(always)]
@@ -31,7 +31,7 @@ impl MulAdd for Separate {
 }
 
 /// Work that is to be compiled for each processor; `run` and all it calls must be `#[inline(always)]`.
-pub(super) trait Task {
+pub(crate) trait Task {
     type Output;
     fn run<M: MulAdd>(self) -> Self::Output;
 }
@@ -39,7 +39,7 @@ pub(super) trait Task {
 /// Runs a task with the widest vectors of this processor.
 #[cfg(target_arch = "x86_64")]
 #[allow(unsafe_code)]
-pub(super) fn widest<T: Task>(task: T) -> T::Output {
+pub(crate) fn widest<T: Task>(task: T) -> T::Output {
     if is_x86_feature_detected!("avx512f")
         && is_x86_feature_detected!("avx512vl")
         && is_x86_feature_detected!("avx512dq")
@@ -56,13 +56,13 @@ pub(super) fn widest<T: Task>(task: T) -> T::Output {
 
 /// Runs a task with the widest vectors of this processor.
 #[cfg(target_arch = "aarch64")]
-pub(super) fn widest<T: Task>(task: T) -> T::Output {
+pub(crate) fn widest<T: Task>(task: T) -> T::Output {
     task.run::<Fused>()
 }
 
 /// Runs a task as the build is.
 #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
-pub(super) fn widest<T: Task>(task: T) -> T::Output {
+pub(crate) fn widest<T: Task>(task: T) -> T::Output {
     task.run::<Separate>()
 }
 

@@ -58,6 +58,11 @@ impl Factor {
         self.sweep(analysis, base, block, Direction::Down);
     }
 
+    /// x = L⁻ᵀ x.
+    pub(crate) fn halve_back(&self, analysis: &Analysis, base: Option<&Self>, block: &mut Block) {
+        self.sweep(analysis, base, block, Direction::Up);
+    }
+
     fn sweep(
         &self,
         analysis: &Analysis,

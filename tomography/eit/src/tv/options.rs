@@ -118,7 +118,7 @@ pub(super) fn reference(mesh: &Mesh, sensitivity: &DMatrix<f64>) -> f64 {
             let mut sum = DVector::zeros(sensitivity.nrows());
             let mut covered = 0.0;
             for (unknown, other) in centroids.iter().enumerate() {
-                if (other[0] - at[0]).hypot(other[1] - at[1]) <= radius {
+                if (other[0] - at[0]).powi(2) + (other[1] - at[1]).powi(2) <= radius * radius {
                     sum += sensitivity.column(unknown);
                     covered += areas[unknown];
                 }

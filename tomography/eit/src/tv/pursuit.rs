@@ -101,7 +101,7 @@ impl Problem<'_> {
         let at_zero = 0.5 * self.data.norm_squared() + self.constant;
         // the objective is at most that at zero: a first goal for the regions' own problem
         let inner = |objective: f64| (INNER * objective).max(ROUNDING * at_zero);
-        let mut regions = Regions::solve(self, label, count, inner(at_zero))?;
+        let mut regions = Regions::solve(self, label, count, None, inner(at_zero))?;
         let mut best: Option<Outcome> = None;
         let mut bound = f64::NEG_INFINITY;
         let mut last: Option<Split> = None;
@@ -140,9 +140,13 @@ impl Problem<'_> {
             if done || split.count == regions.value.len() {
                 break;
             }
-            let Some(next) =
-                Regions::solve(self, split.label.clone(), split.count, inner(objective))
-            else {
+            let Some(next) = Regions::solve(
+                self,
+                split.label.clone(),
+                split.count,
+                Some(&regions),
+                inner(objective),
+            ) else {
                 break;
             };
             regions = next;

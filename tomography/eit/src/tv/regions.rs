@@ -27,13 +27,18 @@ struct Borders {
 
 impl Regions {
     /// Solves the problem on a partition into `count` regions; regions that the minimum ties together become one.
+    /// `before`: the partition that this one is a refinement of, where it is one.
     pub(crate) fn solve(
         problem: &Problem<'_>,
         label: Vec<usize>,
         count: usize,
+        before: Option<&Self>,
         goal: f64,
     ) -> Option<Self> {
-        let columns = sums(problem.sensitivity, &label, count);
+        let columns = match before {
+            Some(before) => before.split_columns(problem.sensitivity, &label, count),
+            None => sums(problem.sensitivity, &label, count),
+        };
         let borders = Borders::of(problem, &label, count);
         let hessian = dense::gram_of_columns(&columns);
         let linear = columns.tr_mul(&problem.data);
@@ -159,6 +164,45 @@ impl Regions {
             }
         }
         Some(regions)
+    }
+
+    /// The columns of a refinement: of each region's parts all but the largest are summed, the largest is what is left.
+    fn split_columns(
+        &self,
+        sensitivity: &DMatrix<f64>,
+        label: &[usize],
+        count: usize,
+    ) -> DMatrix<f64> {
+        let mut home = vec![0; count];
+        let mut size = vec![0_usize; count];
+        for (unknown, &part) in label.iter().enumerate() {
+            home[part] = self.label[unknown];
+            size[part] += 1;
+        }
+        let mut largest = vec![usize::MAX; self.value.len()];
+        for part in 0..count {
+            let other = &mut largest[home[part]];
+            if *other == usize::MAX || size[part] > size[*other] {
+                *other = part;
+            }
+        }
+        let rows = sensitivity.nrows();
+        let mut columns = DMatrix::zeros(rows, count);
+        let out = columns.as_mut_slice();
+        for (region, &part) in largest.iter().enumerate() {
+            out[rows * part..][..rows].copy_from_slice(self.columns.column(region).as_slice());
+        }
+        let small: Vec<bool> = (0..count).map(|part| largest[home[part]] != part).collect();
+        for (column, &part) in sensitivity.as_slice().chunks_exact(rows).zip(label) {
+            if small[part] {
+                add(&mut out[rows * part..][..rows], column, 1.0);
+            }
+        }
+        for part in (0..count).filter(|&part| small[part]) {
+            let own = out[rows * part..][..rows].to_vec();
+            add(&mut out[rows * largest[home[part]]..][..rows], &own, -1.0);
+        }
+        columns
     }
 
     /// The minimum with the sign of each border's jump given and the regions that are not free held.
@@ -305,12 +349,13 @@ fn sums(sensitivity: &DMatrix<f64>, label: &[usize], count: usize) -> DMatrix<f6
     let rows = sensitivity.nrows();
     let mut out = vec![0.0; rows * count];
     for (column, &region) in sensitivity.as_slice().chunks_exact(rows).zip(label) {
-        for (sum, value) in out[rows * region..rows * (region + 1)]
-            .iter_mut()
-            .zip(column)
-        {
-            *sum += value;
-        }
+        add(&mut out[rows * region..][..rows], column, 1.0);
     }
     DMatrix::from_vec(rows, count, out)
+}
+
+fn add(into: &mut [f64], from: &[f64], factor: f64) {
+    for (into, from) in into.iter_mut().zip(from) {
+        *into += factor * from;
+    }
 }

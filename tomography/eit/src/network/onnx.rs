@@ -1,0 +1,116 @@
+//! Networks trained elsewhere (PyTorch, MATLAB), as ONNX files, run by ONNX Runtime.
+//!
+//! Behind the feature `onnx`; a build without it says so. The library is looked for when the first such network is loaded:
+//! in `ORT_DYLIB_PATH`, else as the system finds `libonnxruntime`. A file says nothing of sheet and survey, so both are
+//! given; the counts are checked, and where the file has metadata properties `tactus.survey` and `tactus.geometry` (the
+//! hashes in a training set's manifest) those too. Its input is the normalised difference of Eq. 6 (f32, a number a reading in the
+//! protocol's order), its output the relative change (Eq. 7) of each triangle of the region in the mesh's order.
+
+#[cfg(feature = "onnx")]
+mod session;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use survey::Protocol;
+
+use crate::{Mesh, Reconstructor};
+
+/// Why a network trained elsewhere cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum OnnxError {
+    /// This build runs no such networks.
+    #[error("ONNX file {}: this build runs no ONNX networks; build it with --features onnx", .path.display())]
+    NotBuilt {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The machine has no ONNX Runtime.
+    #[error(
+        "ONNX Runtime cannot be loaded from {place} ({cause}): install it (e.g. pip install onnxruntime) and say where in \
+         ORT_DYLIB_PATH"
+    )]
+    Runtime {
+        /// The library.
+        place: String,
+        /// What the loader says.
+        cause: String,
+    },
+    /// The file is missing, damaged, or uses what this runtime does not know.
+    #[error("ONNX file {} cannot be used: {cause}", .path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What the runtime says.
+        cause: String,
+    },
+    /// Not one input and one output of floats.
+    #[error("ONNX file {} has {found}, one f32 {what} is needed", .path.display())]
+    Signature {
+        /// The file.
+        path: PathBuf,
+        /// `input` or `output`.
+        what: &'static str,
+        /// What there is.
+        found: String,
+    },
+    /// Made for another survey or region.
+    #[error(
+        "ONNX file {}: its {what} '{name}' has the shape {shape:?} (-1: any), [1, {wants}] is needed: {meaning}", .path.display()
+    )]
+    Shape {
+        /// The file.
+        path: PathBuf,
+        /// `input` or `output`.
+        what: &'static str,
+        /// Its name.
+        name: String,
+        /// Its dimensions, -1 where any will do.
+        shape: Vec<i64>,
+        /// Numbers needed.
+        wants: usize,
+        /// Of what.
+        meaning: &'static str,
+    },
+    /// Its metadata name another survey or geometry.
+    #[error("ONNX file {} was trained for {what} {said}, this is {what} {here}", .path.display())]
+    Other {
+        /// The file.
+        path: PathBuf,
+        /// `survey` or `geometry`.
+        what: &'static str,
+        /// The hash in the file.
+        said: String,
+        /// The hash here.
+        here: String,
+    },
+}
+
+/// Whether a path names an ONNX file: by its extension.
+pub fn is_onnx(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|kind| kind.eq_ignore_ascii_case("onnx"))
+}
+
+/// Loads a network and checks that it takes the protocol's readings and gives the region's triangles. Dimensions beside
+/// the one of readings (triangles) are 1 or left open in the file: `[1, 598]`, `[batch, 598]`, MATLAB's `[1, 598, 1, 1]`.
+///
+/// # Errors
+/// See [`OnnxError`].
+pub fn load_onnx(
+    path: &Path,
+    mesh: Arc<Mesh>,
+    protocol: &Protocol,
+) -> Result<Box<dyn Reconstructor>, OnnxError> {
+    #[cfg(feature = "onnx")]
+    return Ok(Box::new(session::OnnxReconstructor::load(
+        path, mesh, protocol,
+    )?));
+    #[cfg(not(feature = "onnx"))]
+    {
+        let _ = (mesh, protocol);
+        Err(OnnxError::NotBuilt {
+            path: path.to_owned(),
+        })
+    }
+}

@@ -1,0 +1,90 @@
+//! A smooth prior: x = G w with white w and a Gaussian kernel G, so that no system ever has to be inverted.
+
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+
+/// Kernel entries beyond this many lengths are left out: e^-9 of the middle. What is left is a prior of its own, exactly.
+const REACH: f64 = 3.0;
+
+/// G with G G' = R^-1, row by row.
+#[derive(Debug, Clone)]
+pub(crate) struct Smooth {
+    /// `entries[first[i]..first[i + 1]]`: unknowns and what they add to unknown i.
+    first: Vec<usize>,
+    entries: Vec<(u32, f64)>,
+}
+
+impl Smooth {
+    /// Correlation exp(-r^2 / 2 length^2) of unknowns at `points` (m) that stand for `areas` (m2), variance 1 each.
+    pub(crate) fn new(points: &[[f64; 2]], areas: &[f64], length: f64) -> Self {
+        let rows: Vec<Vec<(u32, f64)>> = points
+            .par_iter()
+            .map(|p| {
+                let mut row: Vec<(u32, f64)> = points
+                    .iter()
+                    .zip(areas)
+                    .enumerate()
+                    .filter_map(|(j, (q, area))| {
+                        let square =
+                            ((p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2)) / (length * length);
+                        (square <= REACH * REACH).then(|| (j as u32, (-square).exp() * area.sqrt()))
+                    })
+                    .collect();
+                let norm = row.iter().map(|(_, g)| g * g).sum::<f64>().sqrt();
+                for (_, g) in &mut row {
+                    *g /= norm;
+                }
+                row
+            })
+            .collect();
+        let mut first = vec![0];
+        let mut entries = Vec::new();
+        for row in rows {
+            entries.extend(row);
+            first.push(entries.len());
+        }
+        Self { first, entries }
+    }
+
+    pub(crate) fn unknowns(&self) -> usize {
+        self.first.len() - 1
+    }
+
+    fn row(&self, unknown: usize) -> &[(u32, f64)] {
+        &self.entries[self.first[unknown]..self.first[unknown + 1]]
+    }
+
+    /// J G: `sensitivity` has a column an unknown.
+    pub(crate) fn seen(&self, sensitivity: &DMatrix<f64>) -> DMatrix<f64> {
+        let rows = sensitivity.nrows();
+        let mut out = DMatrix::zeros(rows, self.unknowns());
+        for (unknown, column) in sensitivity.column_iter().enumerate() {
+            for &(j, g) in self.row(unknown) {
+                let into = &mut out.as_mut_slice()[rows * j as usize..][..rows];
+                for (into, value) in into.iter_mut().zip(&column) {
+                    *into += g * value;
+                }
+            }
+        }
+        out
+    }
+
+    /// G z: `z` has a row an unknown.
+    pub(crate) fn spread(&self, z: &DMatrix<f64>) -> DMatrix<f64> {
+        let z = z.transpose();
+        let rows = z.nrows();
+        let mut out = DMatrix::<f64>::zeros(rows, self.unknowns());
+        out.as_mut_slice()
+            .par_chunks_mut(rows)
+            .enumerate()
+            .for_each(|(unknown, into)| {
+                for &(j, g) in self.row(unknown) {
+                    let from = &z.as_slice()[rows * j as usize..][..rows];
+                    for (into, value) in into.iter_mut().zip(from) {
+                        *into += g * value;
+                    }
+                }
+            });
+        out.transpose()
+    }
+}

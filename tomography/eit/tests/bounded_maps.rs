@@ -1,0 +1,90 @@
+//! Maps bounded to losses are the minimum within their bounds, whatever the prior.
+
+mod solved;
+
+use std::sync::Arc;
+
+use eit::{Forward, Hyper, OneStep, OneStepOptions, Prior, Reconstructor, Scale};
+use nalgebra::{DMatrix, DVector};
+use solved::{column, disc16, mesh, readings};
+use survey::Protocol;
+
+/// Twice the graph Laplacian of triangles that share an edge, times x.
+fn laplacian(mesh: &eit::Mesh, x: &DVector<f64>) -> DVector<f64> {
+    let mut open = std::collections::HashMap::new();
+    let mut out = DVector::zeros(x.len());
+    for (t, &[a, b, c]) in mesh.triangles().iter().enumerate() {
+        for (p, q) in [(a, b), (b, c), (c, a)] {
+            if let Some(other) = open.insert((p.min(q), p.max(q)), t) {
+                let other: usize = other;
+                out[t] += 2.0 * (x[t] - x[other]);
+                out[other] += 2.0 * (x[other] - x[t]);
+            }
+        }
+    }
+    out
+}
+
+#[test]
+fn the_bounded_map_is_the_minimum_within_its_bounds() {
+    let Some(case) = disc16() else { return };
+    let (mesh, contact) = mesh(&case);
+    let protocol = Protocol::sheffield(16).unwrap();
+    let sigma = vec![1.0; 780];
+    let lambda = 1e-3;
+    let volts = [
+        column(&case.join("v_exact_homog.csv")),
+        column(&case.join("v_exact_one.csv")),
+    ];
+    let jacobian: DMatrix<f64> = Forward::new(Arc::clone(&mesh), &contact)
+        .unwrap()
+        .jacobian(&sigma, &protocol)
+        .unwrap();
+    for prior in [Prior::Tikhonov, Prior::Laplace] {
+        let one_step = OneStep::new(
+            Arc::clone(&mesh),
+            &contact,
+            &sigma,
+            &protocol,
+            OneStepOptions {
+                prior,
+                hyper: Hyper::Lambda(lambda),
+                scale: Scale::Currents(vec![1.0; 208]),
+                loss_only: true,
+                ..OneStepOptions::default()
+            },
+        )
+        .unwrap();
+        let map = one_step
+            .reconstruct(&readings(&volts[0]), &readings(&volts[1]))
+            .unwrap();
+        assert!(!map.method.contains("clipped"), "{}", map.method);
+        let x = DVector::from_column_slice(&map.values);
+        let misfit = DVector::from_fn(208, |i, _| volts[1][i] - volts[0][i]) - &jacobian * &x;
+        let held = match prior {
+            Prior::Laplace => laplacian(&mesh, &x),
+            _ => x.clone(),
+        };
+        let gradient = held * (lambda * lambda) - jacobian.tr_mul(&misfit);
+        let scale = jacobian
+            .tr_mul(&DVector::from_column_slice(&volts[1]))
+            .amax();
+        let mut bound = [0, 0];
+        for (x, gradient) in x.iter().zip(&gradient) {
+            assert!((-1.0..=0.0).contains(x));
+            let tolerance = 1e-6 * scale;
+            match *x {
+                0.0 => {
+                    bound[0] += 1;
+                    assert!(*gradient <= tolerance, "{gradient}");
+                }
+                -1.0 => {
+                    bound[1] += 1;
+                    assert!(*gradient >= -tolerance, "{gradient}");
+                }
+                _ => assert!(gradient.abs() <= tolerance, "{prior:?}: {gradient} {scale}"),
+            }
+        }
+        assert!(bound[0] > 50, "{prior:?}: {bound:?}");
+    }
+}
