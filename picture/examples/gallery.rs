@@ -3,8 +3,16 @@
 
 use std::path::PathBuf;
 
-use picture::{Scale, Sheet, Style, TerminalColour, TerminalStyle, TruePlace};
+use picture::{Grid, Scale, Scales, Sheet, Style, TerminalColour, TerminalStyle, TruePlace};
 use survey::{Map, MapUnit};
+
+fn grid(columns: usize, title: &str) -> Grid<'_> {
+    Grid {
+        columns,
+        title,
+        scales: Scales::Common,
+    }
+}
 
 /// The paper's sheet with a region of 60 x 64 squares of two triangles.
 fn sheet() -> Sheet {
@@ -179,15 +187,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let title = "Test 1, sixteen positions";
     std::fs::write(
         folder.join("grid.png"),
-        picture::png_grid(&sheet, &maps, 4, title)?,
+        picture::png_grid(&sheet, &maps, &grid(4, title))?,
     )?;
     std::fs::write(
         folder.join("grid.svg"),
-        picture::svg_grid(&sheet, &maps, 4, title)?,
+        picture::svg_grid(&sheet, &maps, &grid(4, title))?,
     )?;
     std::fs::write(
         folder.join("three.png"),
-        picture::png_grid(&sheet, &maps[4..7], 3, "Three methods, one press")?,
+        picture::png_grid(&sheet, &maps[4..7], &grid(3, "Three methods, one press"))?,
     )?;
 
     for colour in [

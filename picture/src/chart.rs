@@ -76,6 +76,10 @@ impl Panel {
         }
         self.electrodes(pen, sheet)?;
         self.axes(pen)?;
+        if !style.true_outline.is_empty() {
+            let corners: Vec<_> = style.true_outline.iter().map(|p| self.place(*p)).collect();
+            dashed(pen, &corners)?;
+        }
         if let Some(place) = style.true_position {
             let radius = (place.radius * self.per_metre).max(8.0);
             circle(pen, self.place(place.centre), radius)?;
@@ -207,7 +211,7 @@ impl Panel {
 pub(crate) fn bar<DB: DrawingBackend>(
     pen: &Pen<'_, DB>,
     range: &Range,
-    label: &str,
+    labelled: bool,
     [left, top]: [f64; 2],
     [width, height]: [f64; 2],
     words: f64,
@@ -251,12 +255,16 @@ pub(crate) fn bar<DB: DrawingBackend>(
         ),
     ] {
         if beyond {
-            let end = format!("{sign} {}", range.percent(value));
+            let end = format!("{sign} {}", range.words(value));
             pen.text(&end, [left, y], words, INK, Anchor::Left)?;
         }
     }
+    if !labelled {
+        return Ok(());
+    }
     let place = [left + width + 16.0 + words * 2.6, top + height / 2.0];
-    pen.upright(&format!("{label}, %"), place, words)
+    let (label, (_, unit)) = (range.unit.label(), range.unit.shown());
+    pen.upright(&format!("{label}, {unit}"), place, words)
 }
 
 /// Title, and under it method and gaps; at the right end the mark of a simulation.
@@ -356,6 +364,34 @@ fn circle<DB: DrawingBackend>(
     for dash in 0..dashes {
         let arc = (0..=6).map(|k| at((dash as f64 + 0.58 * f64::from(k) / 6.0) / dashes as f64));
         pen.line(arc, INK, 1.4)?;
+    }
+    Ok(())
+}
+
+/// A closed line of dashes, white beneath.
+fn dashed<DB: DrawingBackend>(pen: &Pen<'_, DB>, corners: &[[f64; 2]]) -> Result<(), PictureError> {
+    const DASH: f64 = 4.0;
+    const GAP: f64 = 3.0;
+    pen.line(corners.iter().chain(corners.first()).copied(), WHITE, 2.2)?;
+    // how far into the pattern of dash and gap the line is
+    let mut along = 0.0;
+    for (a, b) in corners.iter().zip(corners.iter().cycle().skip(1)) {
+        let length = (b[0] - a[0]).hypot(b[1] - a[1]);
+        let at = |s: f64| [0, 1].map(|i| a[i] + s / length.max(f64::MIN_POSITIVE) * (b[i] - a[i]));
+        let mut from = 0.0;
+        while from < length {
+            let left = if along < DASH { DASH } else { DASH + GAP } - along;
+            let to = (from + left).min(length);
+            if along < DASH {
+                pen.line([at(from), at(to)], INK, 1.4)?;
+            }
+            along = if to - from < left {
+                along + (to - from)
+            } else {
+                (along + left) % (DASH + GAP)
+            };
+            from = to;
+        }
     }
     Ok(())
 }

@@ -10,7 +10,7 @@ use survey::Map;
 use crate::chart::{Panel, RING, bar, caption, heading, legend, small_title};
 use crate::pen::Pen;
 use crate::raster::{check_size, fill};
-use crate::{PictureError, Range, Rgb, Sheet, Style};
+use crate::{Grid, PictureError, Range, Rgb, Scales, Sheet, Style};
 
 /// Each pixel of a PNG is the mean of so many by so many.
 const FINER: usize = 2;
@@ -35,17 +35,16 @@ pub fn svg(sheet: &Sheet, map: &Map, style: &Style) -> Result<String, PictureErr
     Page::single(sheet, map, style)?.svg()
 }
 
-/// Many maps of one sheet in one PNG, row by row, with one scale that serves them all. It says SIMULATED if any is.
+/// Many maps of one sheet in one PNG, row by row. It says SIMULATED if any is.
 ///
 /// # Errors
-/// As [`png()`]; or no map, or no column.
+/// As [`png()`]; or no map, or no column, or maps of several units on one scale.
 pub fn png_grid(
     sheet: &Sheet,
     maps: &[(Map, Style)],
-    columns: usize,
-    title: &str,
+    grid: &Grid<'_>,
 ) -> Result<Vec<u8>, PictureError> {
-    Page::grid(sheet, maps, columns, title)?.png()
+    Page::grid(sheet, maps, grid)?.png()
 }
 
 /// Many maps of one sheet in one SVG, as [`png_grid`].
@@ -55,24 +54,49 @@ pub fn png_grid(
 pub fn svg_grid(
     sheet: &Sheet,
     maps: &[(Map, Style)],
-    columns: usize,
-    title: &str,
+    grid: &Grid<'_>,
 ) -> Result<String, PictureError> {
-    Page::grid(sheet, maps, columns, title)?.svg()
+    Page::grid(sheet, maps, grid)?.svg()
+}
+
+/// One map on the page.
+struct Drawn<'a> {
+    panel: Panel,
+    map: &'a Map,
+    style: &'a Style,
+    range: Range,
+}
+
+/// A colour bar: its range, upper left corner and size, size of its words, whether it says what it shows.
+struct Bar {
+    range: Range,
+    corner: [f64; 2],
+    size: [f64; 2],
+    words: f64,
+    labelled: bool,
 }
 
 /// What goes where, in points.
 struct Page<'a> {
     sheet: &'a Sheet,
-    panels: Vec<(Panel, &'a Map, &'a Style)>,
-    range: Range,
+    panels: Vec<Drawn<'a>>,
     title: &'a str,
     below: String,
     size: [f64; 2],
-    /// Upper left corner, and size, of the colour bar.
-    bar: [[f64; 2]; 2],
+    bars: Vec<Bar>,
     single: bool,
 }
+
+impl Drawn<'_> {
+    fn colour(&self, value: f64) -> Option<Rgb> {
+        Some(value)
+            .filter(|value| value.is_finite())
+            .and_then(|value| self.range.colour(value))
+    }
+}
+
+/// Room beside a map of a grid for a bar of its own.
+const OWN_BAR: f64 = 58.0;
 
 impl<'a> Page<'a> {
     fn single(sheet: &'a Sheet, map: &'a Map, style: &'a Style) -> Result<Self, PictureError> {
@@ -101,18 +125,25 @@ impl<'a> Page<'a> {
         };
         Ok(Self {
             sheet,
-            range,
             title: &style.title,
             below: caption(map),
             size: [
                 width.min(left + right + 2.0 * RING + across),
                 top + frame + bottom,
             ],
-            bar: [
-                [left + 2.0 * RING + across + 20.0, top + inset],
-                [18.0, frame - 2.0 * inset],
-            ],
-            panels: vec![(panel, map, style)],
+            bars: vec![Bar {
+                range,
+                corner: [left + 2.0 * RING + across + 20.0, top + inset],
+                size: [18.0, frame - 2.0 * inset],
+                words: 14.0,
+                labelled: true,
+            }],
+            panels: vec![Drawn {
+                panel,
+                map,
+                style,
+                range,
+            }],
             single: true,
         })
     }
@@ -120,77 +151,111 @@ impl<'a> Page<'a> {
     fn grid(
         sheet: &'a Sheet,
         maps: &'a [(Map, Style)],
-        columns: usize,
-        title: &'a str,
+        grid: &Grid<'a>,
     ) -> Result<Self, PictureError> {
-        let Some((first, _)) = maps.first().filter(|_| columns > 0) else {
+        let Some((first, _)) = maps.first().filter(|_| grid.columns > 0) else {
             return Err(PictureError::EmptyGrid);
         };
         for (map, _) in maps {
             sheet.check(map)?;
         }
         let extent = sheet.extent()?;
-        let range = Range::of(maps.iter().map(|(map, style)| (map, style.scale)))?;
-        let columns = columns.min(maps.len());
+        let common = Range::of(maps.iter().map(|(map, style)| (map, style.scale)))?;
+        let each = grid.scales == Scales::Each;
+        let beside = if each { OWN_BAR } else { 0.0 };
+        let columns = grid.columns.min(maps.len());
         let rows = maps.len().div_ceil(columns);
-        let (left, right, top, heading) = (64.0, 116.0, 62.0, 24.0);
-        let marked = maps
-            .iter()
-            .any(|(_, style)| style.true_position.is_some() || style.found.is_some());
+        let (left, top, heading) = (64.0, 62.0, 24.0);
+        let right = if each { 20.0 } else { 116.0 };
+        let marked = maps.iter().any(|(_, style)| {
+            style.true_position.is_some() || style.found.is_some() || !style.true_outline.is_empty()
+        });
         let bottom = if marked { 60.0 } else { 36.0 };
-        let cell = (1000.0 / columns as f64).clamp(170.0, 420.0);
+        let cell = (1000.0 / columns as f64 - beside).clamp(170.0, 420.0);
         let gap = 14.0;
         let inner = cell - gap - 2.0 * RING;
         let per_metre = (inner / extent.width()).min(1.3 * inner / extent.height());
         let words = (cell / 20.0).clamp(10.0, 14.0);
         let mut size = [0.0; 2];
-        let panels: Vec<_> = maps
-            .iter()
-            .enumerate()
-            .map(|(index, (map, style))| {
-                let (row, column) = (index / columns, index % columns);
-                let mut panel = Panel {
-                    corner: [0.0; 2],
-                    per_metre,
-                    extent,
+        let mut bars = Vec::new();
+        let mut panels = Vec::with_capacity(maps.len());
+        for (index, (map, style)) in maps.iter().enumerate() {
+            let (row, column) = (index / columns, index % columns);
+            let mut panel = Panel {
+                corner: [0.0; 2],
+                per_metre,
+                extent,
+                words,
+                // A cell has numbers below where no other map stands below it.
+                numbered: [index + columns >= maps.len(), column == 0],
+            };
+            let [across, down] = panel.size();
+            size = [
+                across + 2.0 * RING + gap + beside,
+                down + 2.0 * RING + gap + heading,
+            ];
+            panel.corner = [
+                left + RING + column as f64 * size[0],
+                top + heading + RING + row as f64 * size[1],
+            ];
+            let range = match each {
+                true => Range::of([(map, style.scale)])?,
+                false => common,
+            };
+            if each {
+                bars.push(Bar {
+                    range,
+                    corner: [panel.corner[0] + across + RING + 4.0, panel.corner[1]],
+                    size: [10.0, down],
                     words,
-                    // A cell has numbers below where no other map stands below it.
-                    numbered: [index + columns >= maps.len(), column == 0],
-                };
-                let [across, down] = panel.size();
-                size = [across + 2.0 * RING + gap, down + 2.0 * RING + gap + heading];
-                panel.corner = [
-                    left + RING + column as f64 * size[0],
-                    top + heading + RING + row as f64 * size[1],
-                ];
-                (panel, map, style)
-            })
-            .collect();
-        let grid = [size[0] * columns as f64, size[1] * rows as f64];
-        let full = grid[1] - heading - gap;
+                    labelled: false,
+                });
+            }
+            panels.push(Drawn {
+                panel,
+                map,
+                style,
+                range,
+            });
+        }
+        let whole = [size[0] * columns as f64, size[1] * rows as f64];
+        let full = whole[1] - heading - gap;
         let high = full.min(620.0);
+        if !each {
+            bars.push(Bar {
+                range: common,
+                corner: [left + whole[0] + 8.0, top + heading + (full - high) / 2.0],
+                size: [18.0, high],
+                words: 14.0,
+                labelled: true,
+            });
+        }
         let methods_agree = maps.iter().all(|(map, _)| map.method == first.method);
         let masked: usize = maps.iter().map(|(map, _)| map.masked).sum();
-        let mut below = if methods_agree {
-            first.method.clone()
-        } else {
-            String::new()
-        };
+        let mut below: Vec<String> = Vec::new();
+        if methods_agree {
+            below.push(first.method.clone());
+        }
         if masked > 0 {
-            let comma = if below.is_empty() { "" } else { ", " };
-            let _ = write!(below, "{comma}{masked} readings left out in all");
+            below.push(format!("{masked} readings left out in all"));
+        }
+        if each {
+            let (_, unit) = common.unit.shown();
+            below.push(format!(
+                "a colour bar for each map: {}, {unit}",
+                common.unit.label()
+            ));
         }
         let page = Self {
             sheet,
             panels,
-            range,
-            title,
-            below,
-            size: [(left + grid[0] + right).max(440.0), top + grid[1] + bottom],
-            bar: [
-                [left + grid[0] + 8.0, top + heading + (full - high) / 2.0],
-                [18.0, high],
+            title: grid.title,
+            below: below.join(", "),
+            size: [
+                (left + whole[0] + right).max(440.0),
+                top + whole[1] + bottom,
             ],
+            bars,
             single: false,
         };
         check_size(page.pixels(FINER as f64)[0], page.pixels(FINER as f64)[1])?;
@@ -211,7 +276,7 @@ impl<'a> Page<'a> {
         let pen = Pen::new(area, scale, sink);
         self.panels
             .iter()
-            .try_for_each(|(panel, _, _)| panel.ground(&pen, self.sheet))
+            .try_for_each(|drawn| drawn.panel.ground(&pen, self.sheet))
     }
 
     /// What lies above them.
@@ -221,10 +286,10 @@ impl<'a> Page<'a> {
         (scale, sink): (f64, f64),
     ) -> Result<(), PictureError> {
         let pen = Pen::new(area, scale, sink);
-        let styles = || self.panels.iter().map(|(_, _, style)| style);
+        let styles = || self.panels.iter().map(|drawn| drawn.style);
         let simulated = styles().any(|style| style.simulated);
         heading(&pen, self.title, &self.below, simulated, self.size[0])?;
-        for (panel, _, style) in &self.panels {
+        for Drawn { panel, style, .. } in &self.panels {
             panel.furniture(&pen, self.sheet, style)?;
             if !self.single {
                 let middle = panel.corner[0] + panel.size()[0] / 2.0;
@@ -233,12 +298,21 @@ impl<'a> Page<'a> {
                 small_title(&pen, &style.title, at, panel.words * 1.1, room)?;
             }
         }
-        let label = self.panels[0].1.unit.label();
-        bar(&pen, &self.range, label, self.bar[0], self.bar[1], 14.0)?;
+        for drawn in &self.bars {
+            let Bar {
+                range,
+                corner,
+                size,
+                words,
+                labelled,
+            } = drawn;
+            bar(&pen, range, *labelled, *corner, *size, *words)?;
+        }
+        let truth = |style: &Style| style.true_position.is_some() || !style.true_outline.is_empty();
         legend(
             &pen,
             [16.0, self.size[1] - 16.0],
-            styles().any(|style| style.true_position.is_some()),
+            styles().any(truth),
             styles().any(|style| style.found.is_some()),
         )
     }
@@ -253,8 +327,8 @@ impl<'a> Page<'a> {
             &BitMapBackend::with_buffer(&mut fine, whole).into_drawing_area(),
             (scale, SINK),
         )?;
-        for (panel, map, _) in &self.panels {
-            self.paint(panel, map, &mut fine, width, scale);
+        for drawn in &self.panels {
+            self.paint(drawn, &mut fine, width, scale);
         }
         self.above(
             &BitMapBackend::with_buffer(&mut fine, whole).into_drawing_area(),
@@ -262,14 +336,18 @@ impl<'a> Page<'a> {
         )?;
         let [width, height] = [width / FINER, height / FINER];
         let coarse = average(&fine, width, height);
-        encode(&coarse, width, height)
+        encoded(&coarse, width, height)
     }
 
-    fn paint(&self, panel: &Panel, map: &Map, pixels: &mut [u8], width: usize, scale: f64) {
+    fn paint(&self, drawn: &Drawn<'_>, pixels: &mut [u8], width: usize, scale: f64) {
+        let Drawn { panel, map, .. } = drawn;
         let [across, down] = panel.size().map(|points| (points * scale).round() as usize);
         let [left, top] = panel.corner.map(|points| (points * scale).round() as usize);
-        let colours: Vec<Option<Rgb>> =
-            map.values.iter().map(|value| self.colour(*value)).collect();
+        let colours: Vec<Option<Rgb>> = map
+            .values
+            .iter()
+            .map(|value| drawn.colour(*value))
+            .collect();
         fill(self.sheet, panel.extent, across, down, |pixel, triangle| {
             let (row, column) = (top + pixel / across, left + pixel % across);
             let at = 3 * (row * width + column);
@@ -277,12 +355,6 @@ impl<'a> Page<'a> {
                 pixel.copy_from_slice(&colour);
             }
         });
-    }
-
-    fn colour(&self, value: f64) -> Option<Rgb> {
-        Some(value)
-            .filter(|value| value.is_finite())
-            .and_then(|value| self.range.colour(value))
     }
 
     fn svg(&self) -> Result<String, PictureError> {
@@ -305,8 +377,8 @@ impl<'a> Page<'a> {
             size[0], size[1]
         );
         svg += beneath;
-        for (panel, map, _) in &self.panels {
-            svg += &self.triangles(panel, map);
+        for drawn in &self.panels {
+            svg += &self.triangles(drawn);
         }
         svg += above;
         svg += "</svg>\n";
@@ -314,10 +386,11 @@ impl<'a> Page<'a> {
     }
 
     /// All triangles of one colour are one path; a stroke of the same colour closes the seams that viewers leave.
-    fn triangles(&self, panel: &Panel, map: &Map) -> String {
+    fn triangles(&self, drawn: &Drawn<'_>) -> String {
+        let Drawn { panel, map, .. } = drawn;
         let mut paths: BTreeMap<Rgb, String> = BTreeMap::new();
         for (triangle, value) in self.sheet.triangles.iter().zip(&map.values) {
-            let Some(colour) = self.colour(*value) else {
+            let Some(colour) = drawn.colour(*value) else {
                 continue;
             };
             let path = paths.entry(colour).or_default();
@@ -348,7 +421,7 @@ impl<'a> Page<'a> {
 }
 
 /// What stands between the first and the last tag of an SVG.
-fn inside(svg: &str) -> &str {
+pub(crate) fn inside(svg: &str) -> &str {
     let after_head = svg
         .find("<svg")
         .and_then(|at| svg[at..].find('>').map(|end| at + end + 1));
@@ -375,7 +448,7 @@ fn average(fine: &[u8], width: usize, height: usize) -> Vec<u8> {
     coarse
 }
 
-fn encode(pixels: &[u8], width: usize, height: usize) -> Result<Vec<u8>, PictureError> {
+pub(crate) fn encoded(pixels: &[u8], width: usize, height: usize) -> Result<Vec<u8>, PictureError> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, width as u32, height as u32);
     encoder.set_color(png::ColorType::Rgb);
@@ -386,6 +459,6 @@ fn encode(pixels: &[u8], width: usize, height: usize) -> Result<Vec<u8>, Picture
     Ok(bytes)
 }
 
-fn failed(cause: impl std::fmt::Display) -> PictureError {
+pub(crate) fn failed(cause: impl std::fmt::Display) -> PictureError {
     PictureError::Draw(cause.to_string())
 }

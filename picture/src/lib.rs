@@ -29,9 +29,11 @@
 
 mod chart;
 mod colour;
+mod curves;
 mod fitting;
 mod hot_spot;
 mod image;
+mod mesh;
 mod pen;
 mod raster;
 mod scale;
@@ -39,8 +41,10 @@ mod terminal;
 mod work_precision;
 
 pub use colour::{Rgb, colour};
+pub use curves::{Axis, Curve, Curves, curves_png, curves_svg};
 pub use hot_spot::{HotSpot, hot_spots};
 pub use image::{png, png_grid, svg, svg_grid};
+pub use mesh::{mesh_png, mesh_svg};
 pub use raster::raster;
 pub use scale::Range;
 pub use terminal::{TerminalColour, TerminalStyle, terminal};
@@ -90,8 +94,31 @@ pub struct Style {
     pub simulated: bool,
     /// Where the load really was: a dashed circle.
     pub true_position: Option<TruePlace>,
+    /// The outline of a load that is no disc, m: a dashed line.
+    pub true_outline: Vec<[f64; 2]>,
     /// Where it was found, m: a cross.
     pub found: Option<[f64; 2]>,
+}
+
+/// How the colours of a grid's maps are scaled.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Scales {
+    /// One scale that serves all maps, with one bar: amounts can be compared.
+    #[default]
+    Common,
+    /// A scale and a bar for each map: shapes can be compared.
+    Each,
+}
+
+/// How a grid of maps is laid out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Grid<'a> {
+    /// Maps in a row.
+    pub columns: usize,
+    /// First line.
+    pub title: &'a str,
+    /// Whose colours can be compared.
+    pub scales: Scales,
 }
 
 /// Why there is no picture.
@@ -128,6 +155,17 @@ pub enum PictureError {
         /// What is possible.
         limit: &'static str,
     },
+    /// A point that is nowhere on its chart.
+    #[error("a point at {across} across and {up} up cannot be drawn")]
+    Point {
+        /// Its place across.
+        across: f64,
+        /// Its place up.
+        up: f64,
+    },
+    /// Maps on one scale whose values do not mean the same.
+    #[error("maps in per cent and in siemens cannot share one colour scale")]
+    Units,
     /// A grid without maps.
     #[error("a grid needs at least one map and one column")]
     EmptyGrid,

@@ -1,6 +1,6 @@
 //! Ends and ticks of a scale.
 
-use survey::Map;
+use survey::{Map, MapUnit};
 
 use crate::{PictureError, Rgb, Scale, colour};
 
@@ -15,17 +15,24 @@ pub struct Range {
     pub below: bool,
     /// Whether values above the upper end are drawn in its colour.
     pub above: bool,
+    /// What the values mean.
+    pub unit: MapUnit,
 }
 
 impl Range {
-    /// The range that serves one or more maps. With [`Scale::Own`] of maps without a value: one per cent of loss.
+    /// The range that serves one or more maps. With [`Scale::Own`] of maps without a value: a loss of
+    /// one per cent, or one of whatever the unit is shown in.
     ///
     /// # Errors
-    /// Fixed ends out of order, or not numbers.
+    /// Fixed ends out of order, or not numbers; maps whose values do not mean the same.
     pub fn of<'a>(maps: impl IntoIterator<Item = (&'a Map, Scale)>) -> Result<Self, PictureError> {
         let (mut low, mut high) = (0.0_f64, 0.0_f64);
         let (mut least, mut most) = (0.0_f64, 0.0_f64);
+        let mut unit = None;
         for (map, scale) in maps {
+            if *unit.get_or_insert(map.unit) != map.unit {
+                return Err(PictureError::Units);
+            }
             let finite = map.values.iter().copied().filter(|value| value.is_finite());
             let (own_low, own_high) = finite.fold((0.0_f64, 0.0_f64), |(low, high), value| {
                 (low.min(value), high.max(value))
@@ -40,14 +47,16 @@ impl Range {
             low = low.min(from);
             high = high.max(to);
         }
+        let unit = unit.unwrap_or(MapUnit::RelativeConductance);
         if low == 0.0 && high == 0.0 {
-            low = -0.01;
+            low = -1.0 / unit.shown().0;
         }
         Ok(Self {
             low,
             high,
             below: least < low,
             above: most > high,
+            unit,
         })
     }
 
@@ -56,23 +65,25 @@ impl Range {
         colour(value / self.low.abs().max(self.high))
     }
 
-    /// Places of the ticks with what is written there (per cent, without the sign of it), ascending.
+    /// Places of the ticks with what is written there (as the unit is shown, without it), ascending.
     pub(crate) fn ticks(&self, most: usize) -> Vec<(f64, String)> {
-        let (step, decimals) = step(100.0 * (self.high - self.low), most);
-        let first = (100.0 * self.low / step - 1e-9).ceil() as i64;
-        let last = (100.0 * self.high / step + 1e-9).floor() as i64;
+        let (per, _) = self.unit.shown();
+        let (step, decimals) = step(per * (self.high - self.low), most);
+        let first = (per * self.low / step - 1e-9).ceil() as i64;
+        let last = (per * self.high / step + 1e-9).floor() as i64;
         (first..=last)
             .map(|k| {
-                let percent = k as f64 * step;
-                (percent / 100.0, signed(percent, decimals))
+                let shown = k as f64 * step;
+                (shown / per, signed(shown, decimals))
             })
             .collect()
     }
 
-    /// A value in per cent with as many decimals as the range deserves.
-    pub(crate) fn percent(&self, value: f64) -> String {
-        let (_, decimals) = step(100.0 * (self.high - self.low), 20);
-        format!("{} %", signed(100.0 * value, decimals))
+    /// A value as the unit is shown, with as many decimals as the range deserves.
+    pub(crate) fn words(&self, value: f64) -> String {
+        let (per, unit) = self.unit.shown();
+        let (_, decimals) = step(per * (self.high - self.low), 20);
+        format!("{} {unit}", signed(per * value, decimals))
     }
 }
 
@@ -102,8 +113,6 @@ pub(crate) fn step(span: f64, most: usize) -> (f64, usize) {
 
 #[cfg(test)]
 mod tests {
-    use survey::MapUnit;
-
     use super::*;
 
     fn map(values: Vec<f64>) -> Map {
@@ -140,6 +149,16 @@ mod tests {
         let range = Range::of([(&map(vec![-0.9, 0.0]), Scale::Fixed(-0.5, 0.0))]).unwrap();
         assert!(range.below && !range.above);
         assert_eq!(range.colour(-0.9), range.colour(-0.5));
+        let siemens = Map {
+            unit: MapUnit::Conductance,
+            ..map(vec![-1e-4])
+        };
+        let shown = Range::of([(&siemens, Scale::Own)]).unwrap();
+        assert_eq!(shown.words(-1e-4), "\u{2212}100 \u{b5}S per square");
+        assert_eq!(
+            Range::of([(&siemens, Scale::Own), (&map(vec![-0.9]), Scale::Own)]),
+            Err(PictureError::Units)
+        );
         for (low, high) in [
             (0.0, 0.0),
             (1.0, -1.0),

@@ -126,7 +126,7 @@ fn scale(text: &mut String, map: &Map, range: &Range, columns: usize, ink: Ink) 
     }
     bar += ink.rest();
     line(text, &bar);
-    let (low, high) = (range.percent(range.low), range.percent(range.high));
+    let (low, high) = (range.words(range.low), range.words(range.high));
     let sign = |beyond: bool, sign: &'static str| if beyond { sign } else { "" };
     let (low, high) = (
         format!("{}{low}", sign(range.below, "<= ")),
@@ -145,7 +145,7 @@ fn scale(text: &mut String, map: &Map, range: &Range, columns: usize, ink: Ink) 
 fn places(text: &mut String, spots: &[HotSpot], style: &Style, range: &Range) {
     let at = |[x, y]: [f64; 2]| format!("x {:.1} y {:.1} mm", 1e3 * x, 1e3 * y);
     for (index, spot) in spots.iter().enumerate() {
-        let loss = range.percent(-spot.loss);
+        let loss = range.words(-spot.loss);
         let area = spot.area * 1e4;
         line(
             text,

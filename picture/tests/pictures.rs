@@ -1,6 +1,8 @@
 //! What a picture says, and what it refuses.
 
-use picture::{PictureError, Scale, Sheet, Style, TerminalColour, TerminalStyle, TruePlace};
+use picture::{
+    Grid, PictureError, Scale, Scales, Sheet, Style, TerminalColour, TerminalStyle, TruePlace,
+};
 use survey::{Map, MapUnit};
 
 /// Ten by ten squares of 10 mm, four electrodes.
@@ -28,6 +30,14 @@ fn scene() -> (Sheet, Map) {
         masked: 2,
     };
     (sheet, map)
+}
+
+fn grid(columns: usize, title: &str) -> Grid<'_> {
+    Grid {
+        columns,
+        title,
+        scales: Scales::Common,
+    }
 }
 
 fn style() -> Style {
@@ -137,23 +147,23 @@ fn a_grid_has_one_scale_for_all() {
         ..Style::default()
     };
     let maps = [(map, named("strong")), (weak, named("weak"))];
-    let svg = picture::svg_grid(&sheet, &maps, 4, "two presses").unwrap();
+    let svg = picture::svg_grid(&sheet, &maps, &grid(4, "two presses")).unwrap();
     for words in ["two presses", "strong", "weak"] {
         assert!(svg.contains(words), "{words}");
     }
     let [r, g, b] = picture::colour(-0.1).unwrap();
     assert!(svg.contains(&format!("fill=\"#{r:02x}{g:02x}{b:02x}\"")));
     assert!(
-        !decode(&picture::png_grid(&sheet, &maps, 1, "").unwrap())
+        !decode(&picture::png_grid(&sheet, &maps, &grid(1, "")).unwrap())
             .bytes
             .is_empty()
     );
     assert_eq!(
-        picture::png_grid(&sheet, &[], 4, "none"),
+        picture::png_grid(&sheet, &[], &grid(4, "none")),
         Err(PictureError::EmptyGrid)
     );
     assert_eq!(
-        picture::png_grid(&sheet, &maps, 0, "none"),
+        picture::png_grid(&sheet, &maps, &grid(0, "none")),
         Err(PictureError::EmptyGrid)
     );
 }
@@ -259,7 +269,60 @@ fn a_long_title_keeps_clear_of_the_mark_of_a_simulation() {
     assert!(svg.contains("m20260101t000000_000, frame 128") && svg.contains('\u{2026}'));
     assert_eq!(svg.matches("SIMULATED").count(), 1);
     assert_eq!(short.matches('\u{2026}').count(), 0);
-    let grid =
-        picture::svg_grid(&sheet, &[(map.clone(), long), (map, style())], 2, "both").unwrap();
+    let grid = picture::svg_grid(
+        &sheet,
+        &[(map.clone(), long), (map, style())],
+        &grid(2, "both"),
+    )
+    .unwrap();
     assert_eq!(grid.matches('\u{2026}').count(), 1);
+}
+
+#[test]
+fn maps_of_a_grid_can_have_a_scale_each() {
+    let (sheet, map) = scene();
+    let faint = Map {
+        values: map.values.iter().map(|value| 0.01 * value).collect(),
+        ..map.clone()
+    };
+    let maps = [(map, style()), (faint, style())];
+    let drawn = |scales| {
+        let both = Grid {
+            scales,
+            ..grid(2, "loud and faint")
+        };
+        picture::svg_grid(&sheet, &maps, &both).unwrap()
+    };
+    let full = format!("fill=\"#{}\"", {
+        let [r, g, b] = picture::colour(-1.0).unwrap();
+        format!("{r:02x}{g:02x}{b:02x}")
+    });
+    // the darkest colour fills triangles of one map on one scale, of both on a scale each
+    let dark = |svg: &str| {
+        svg.lines()
+            .filter(|line| line.starts_with("<path") && line.contains(&full))
+            .count()
+    };
+    assert_eq!(dark(&drawn(Scales::Common)), 1);
+    let each = drawn(Scales::Each);
+    assert_eq!(dark(&each), 2);
+    assert!(each.contains("a colour bar for each map"));
+}
+
+#[test]
+fn a_load_that_is_no_disc_has_its_outline_dashed() {
+    let (sheet, map) = scene();
+    let lines = |style: &Style| {
+        let svg = picture::svg(&sheet, &map, style).unwrap();
+        svg.matches("<polyline").count()
+    };
+    let bare = Style {
+        true_position: None,
+        ..style()
+    };
+    let outlined = Style {
+        true_outline: vec![[0.02, 0.06], [0.04, 0.06], [0.04, 0.08], [0.02, 0.08]],
+        ..bare.clone()
+    };
+    assert!(lines(&outlined) > lines(&bare) + 20);
 }

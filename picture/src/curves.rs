@@ -1,0 +1,314 @@
+//! Curves: what happens to a figure when something is varied; a line a method, bars where there is a spread.
+
+use plotters::coord::Shift;
+use plotters::prelude::*;
+
+use crate::PictureError;
+use crate::image::{encoded, failed, inside};
+use crate::pen::{Anchor, INK, Pen};
+use crate::scale::step;
+
+const SIZE: [f64; 2] = [720.0, 400.0];
+const LEFT: f64 = 66.0;
+const TOP: f64 = 52.0;
+const RIGHT: f64 = 200.0;
+const BOTTOM: f64 = 52.0;
+const FINER: f64 = 2.0;
+const GRAIN: f64 = 4.0;
+/// plotters writes words of a bitmap too high by this part of their size.
+const SINK: f64 = 0.1;
+const PALE: RGBColor = RGBColor(205, 205, 210);
+/// Told apart without red and green by their dashes as well.
+const COLOURS: [RGBColor; 8] = [
+    RGBColor(0, 90, 160),
+    RGBColor(200, 80, 0),
+    RGBColor(0, 130, 80),
+    RGBColor(150, 40, 120),
+    RGBColor(110, 110, 0),
+    RGBColor(190, 30, 50),
+    RGBColor(70, 70, 150),
+    RGBColor(90, 60, 40),
+];
+
+/// One line of a chart.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Curve {
+    /// What it is.
+    pub name: String,
+    /// Across, up, and half the length of the bar through the point (0: none); in the order in which they are joined.
+    pub points: Vec<[f64; 3]>,
+}
+
+/// How an axis counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Axis {
+    /// Equal steps.
+    Linear,
+    /// Equal factors; values are positive.
+    Log,
+}
+
+/// A chart with its words.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Curves<'a> {
+    /// First line.
+    pub title: &'a str,
+    /// What runs across, with its unit.
+    pub across: &'a str,
+    /// What runs up, with its unit.
+    pub up: &'a str,
+    /// How the axes count: across, up.
+    pub axes: [Axis; 2],
+    /// Upright lines with their names.
+    pub marks: Vec<(f64, &'a str)>,
+    /// What is drawn.
+    pub curves: Vec<Curve>,
+}
+
+/// A chart as a PNG, 720 points wide.
+///
+/// # Errors
+/// No point; a value that is not finite, or not positive on an axis that counts factors.
+pub fn curves_png(curves: &Curves<'_>) -> Result<Vec<u8>, PictureError> {
+    let plot = Plot::new(curves)?;
+    let size = SIZE.map(|points| (points * FINER) as u32);
+    let mut pixels = vec![255; (size[0] * size[1] * 3) as usize];
+    {
+        let area = BitMapBackend::with_buffer(&mut pixels, (size[0], size[1])).into_drawing_area();
+        area.fill(&WHITE).map_err(failed)?;
+        plot.draw(&area, FINER, SINK)?;
+        area.present().map_err(failed)?;
+    }
+    encoded(&pixels, size[0] as usize, size[1] as usize)
+}
+
+/// A chart as an SVG.
+///
+/// # Errors
+/// As [`curves_png`].
+pub fn curves_svg(curves: &Curves<'_>) -> Result<String, PictureError> {
+    let plot = Plot::new(curves)?;
+    let [width, height] = SIZE;
+    let size = SIZE.map(|points| (points * GRAIN) as u32);
+    let mut drawn = String::new();
+    {
+        let area = SVGBackend::with_string(&mut drawn, (size[0], size[1])).into_drawing_area();
+        area.fill(&WHITE).map_err(failed)?;
+        plot.draw(&area, GRAIN, 0.0)?;
+        area.present().map_err(failed)?;
+    }
+    Ok(format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {} {}\">\n{}</svg>\n",
+        size[0],
+        size[1],
+        inside(&drawn)
+    ))
+}
+
+/// Ends of the axes, as the axes count.
+struct Plot<'a> {
+    curves: &'a Curves<'a>,
+    low: [f64; 2],
+    high: [f64; 2],
+}
+
+impl<'a> Plot<'a> {
+    fn new(curves: &'a Curves<'a>) -> Result<Self, PictureError> {
+        let sound = |axis: usize, value: f64| {
+            value.is_finite() && (curves.axes[axis] == Axis::Linear || value > 0.0)
+        };
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for point in curves.curves.iter().flat_map(|curve| &curve.points) {
+            if !(sound(0, point[0]) && sound(1, point[1]) && point[2].is_finite()) {
+                return Err(PictureError::Point {
+                    across: point[0],
+                    up: point[1],
+                });
+            }
+            for axis in 0..2 {
+                let value = counted(curves.axes[axis], point[axis]);
+                low[axis] = low[axis].min(value);
+                high[axis] = high[axis].max(value);
+            }
+            if curves.axes[1] == Axis::Linear {
+                low[1] = low[1].min(point[1] - point[2]);
+                high[1] = high[1].max(point[1] + point[2]);
+            }
+        }
+        if low[0] > high[0] {
+            return Err(PictureError::EmptyGrid);
+        }
+        for axis in 0..2 {
+            match curves.axes[axis] {
+                // amounts are seen against nothing
+                Axis::Linear if axis == 1 => {
+                    low[1] = low[1].min(0.0);
+                    high[1] = high[1].max(low[1] + f64::MIN_POSITIVE);
+                    high[1] += 0.05 * (high[1] - low[1]);
+                }
+                Axis::Linear => {}
+                Axis::Log => {
+                    low[axis] = low[axis].floor();
+                    high[axis] = high[axis].ceil();
+                }
+            }
+            if high[axis] - low[axis] <= 0.0 {
+                high[axis] = low[axis] + 1.0;
+            }
+        }
+        Ok(Self { curves, low, high })
+    }
+
+    fn place(&self, point: [f64; 2]) -> [f64; 2] {
+        let part = |axis: usize| {
+            let value = counted(self.curves.axes[axis], point[axis]);
+            ((value - self.low[axis]) / (self.high[axis] - self.low[axis])).clamp(0.0, 1.0)
+        };
+        [
+            LEFT + part(0) * (SIZE[0] - LEFT - RIGHT),
+            SIZE[1] - BOTTOM - part(1) * (SIZE[1] - TOP - BOTTOM),
+        ]
+    }
+
+    /// Values at the ticks and what is written there.
+    fn ticks(&self, axis: usize) -> Vec<(f64, String)> {
+        match self.curves.axes[axis] {
+            Axis::Linear => {
+                let (step, decimals) = step(self.high[axis] - self.low[axis], 8);
+                let first = (self.low[axis] / step - 1e-9).ceil() as i64;
+                let last = (self.high[axis] / step + 1e-9).floor() as i64;
+                (first..=last)
+                    .map(|k| k as f64 * step)
+                    .map(|value| (value, format!("{value:.decimals$}")))
+                    .collect()
+            }
+            Axis::Log => (self.low[axis] as i32..=self.high[axis] as i32)
+                .map(|decade| {
+                    let decimals = decade.min(0).unsigned_abs() as usize;
+                    let value = 10.0_f64.powi(decade);
+                    let words = match decade {
+                        -3..=4 => format!("{value:.decimals$}"),
+                        _ => format!("1e{decade}"),
+                    };
+                    (value, words)
+                })
+                .collect(),
+        }
+    }
+
+    fn draw<DB: DrawingBackend>(
+        &self,
+        area: &DrawingArea<DB, Shift>,
+        scale: f64,
+        sink: f64,
+    ) -> Result<(), PictureError> {
+        let pen = Pen::new(area, scale, sink);
+        let curves = self.curves;
+        let [right, bottom] = [SIZE[0] - RIGHT, SIZE[1] - BOTTOM];
+        pen.bold(curves.title, [16.0, 22.0], 16.0, INK, Anchor::Left)?;
+        for (value, words) in self.ticks(0) {
+            let [x, _] = self.place([value, self.shown_low(1)]);
+            pen.line([[x, TOP], [x, bottom]], PALE, 0.6)?;
+            pen.text(&words, [x, bottom + 13.0], 12.0, INK, Anchor::Centre)?;
+        }
+        for (value, words) in self.ticks(1) {
+            let [_, y] = self.place([self.shown_low(0), value]);
+            pen.line([[LEFT, y], [right, y]], PALE, 0.6)?;
+            pen.text(&words, [LEFT - 7.0, y], 12.0, INK, Anchor::Right)?;
+        }
+        let middle = [(LEFT + right) / 2.0, (TOP + bottom) / 2.0];
+        pen.text(
+            curves.across,
+            [middle[0], SIZE[1] - 16.0],
+            13.0,
+            INK,
+            Anchor::Centre,
+        )?;
+        pen.upright(curves.up, [16.0, middle[1]], 13.0)?;
+        for (value, words) in &curves.marks {
+            let [x, _] = self.place([*value, self.shown_low(1)]);
+            pen.line([[x, TOP], [x, bottom]], RGBColor(120, 120, 126), 1.4)?;
+            pen.text(words, [x, TOP - 9.0], 11.0, INK, Anchor::Centre)?;
+        }
+        for (k, curve) in curves.curves.iter().enumerate() {
+            let colour = COLOURS[k % COLOURS.len()];
+            let places: Vec<_> = curve
+                .points
+                .iter()
+                .map(|p| self.place([p[0], p[1]]))
+                .collect();
+            pen.line(places.iter().copied(), colour, 1.6)?;
+            for (point, at) in curve.points.iter().zip(&places) {
+                if point[2] > 0.0 {
+                    let least = match curves.axes[1] {
+                        Axis::Log => point[1] * 1e-3,
+                        Axis::Linear => f64::NEG_INFINITY,
+                    };
+                    let end = |value: f64| self.place([point[0], value.max(least)]);
+                    pen.line(
+                        [end(point[1] - point[2]), end(point[1] + point[2])],
+                        colour,
+                        1.0,
+                    )?;
+                }
+                mark(&pen, k, *at, colour)?;
+            }
+            let y = TOP + 10.0 + 18.0 * k as f64;
+            pen.line([[right + 14.0, y], [right + 36.0, y]], colour, 1.6)?;
+            mark(&pen, k, [right + 25.0, y], colour)?;
+            pen.text(&curve.name, [right + 42.0, y], 12.0, INK, Anchor::Left)?;
+        }
+        Ok(())
+    }
+
+    /// The lower end as values are.
+    fn shown_low(&self, axis: usize) -> f64 {
+        match self.curves.axes[axis] {
+            Axis::Linear => self.low[axis],
+            Axis::Log => 10.0_f64.powf(self.low[axis]),
+        }
+    }
+}
+
+/// A mark of its own for each curve: discs, squares, triangles, crosses.
+fn mark<DB: DrawingBackend>(
+    pen: &Pen<'_, DB>,
+    curve: usize,
+    [x, y]: [f64; 2],
+    colour: RGBColor,
+) -> Result<(), PictureError> {
+    let r = 3.6;
+    match curve % 4 {
+        0 => {
+            let round: Vec<_> = (0..16)
+                .map(|k| f64::from(k) / 16.0 * std::f64::consts::TAU)
+                .map(|turn| [x + r * turn.cos(), y + r * turn.sin()])
+                .collect();
+            pen.area(&round, colour)
+        }
+        1 => pen.area(
+            &[
+                [x - r, y - r],
+                [x + r, y - r],
+                [x + r, y + r],
+                [x - r, y + r],
+            ],
+            colour,
+        ),
+        2 => pen.area(
+            &[[x, y - 1.2 * r], [x + 1.1 * r, y + r], [x - 1.1 * r, y + r]],
+            colour,
+        ),
+        _ => {
+            pen.line([[x - r, y - r], [x + r, y + r]], colour, 1.6)?;
+            pen.line([[x - r, y + r], [x + r, y - r]], colour, 1.6)
+        }
+    }
+}
+
+fn counted(axis: Axis, value: f64) -> f64 {
+    match axis {
+        Axis::Linear => value,
+        Axis::Log => value.log10(),
+    }
+}
