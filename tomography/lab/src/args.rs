@@ -1,11 +1,17 @@
 //! The command line as data.
 
+mod calibrate;
+mod paper;
+mod reconstruct;
 mod solve;
 
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+pub(crate) use calibrate::CalibrateOptions;
+pub(crate) use paper::PaperOptions;
+pub(crate) use reconstruct::{Choose, ReconstructOptions};
 pub(crate) use solve::{ForwardOptions, JacobianOptions, Of, TransferOptions};
 
 /// Meshes, forward solutions, sensitivities, training and reconstruction, offline.
@@ -37,6 +43,10 @@ pub(crate) enum Command {
     Judge(JudgeOptions),
     /// Compare methods and models on judging data: errors, likeness, GREIT's figures, time
     Evaluate(EvaluateOptions),
+    /// Every experiment, figure and claim of the paper, run again from seeds: one page to read
+    Paper(PaperOptions),
+    /// Fit a calibration: from relative loss to kPa, by presses of known mass and area
+    Calibrate(CalibrateOptions),
     /// Figures of merit of raster images
     Merit(MeritOptions),
     /// Make maps of recorded frames
@@ -117,6 +127,9 @@ pub(crate) struct DeepOptions {
     /// One setting, after the file: width=512, hidden_layers=3, learning_rate=5e-4, data.radius_m=0.05 (repeatable)
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub(crate) set: Vec<String>,
+    /// A training set in files, made by `dataset`, in place of cases made for the purpose
+    #[arg(long, value_name = "DIR", conflicts_with = "cases")]
+    pub(crate) dataset: Option<PathBuf>,
     /// Simulated cases [default: 15000]
     #[arg(long, value_name = "N")]
     pub(crate) cases: Option<usize>,
@@ -168,6 +181,9 @@ pub(crate) struct TrainOptions {
     /// Simulated cases
     #[arg(long, value_name = "N", default_value_t = 15_000)]
     pub(crate) cases: usize,
+    /// A training set in files, made by `dataset`, in place of cases made for the purpose
+    #[arg(long, value_name = "DIR", conflicts_with = "cases")]
+    pub(crate) dataset: Option<PathBuf>,
     /// Jittered copies of each case
     #[arg(long, value_name = "N", default_value_t = 5)]
     pub(crate) repeats: usize,
@@ -177,6 +193,9 @@ pub(crate) struct TrainOptions {
     /// The same seed gives the same file
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub(crate) seed: u64,
+    /// Width of the neurons in times of Eq. 13's spread
+    #[arg(long, value_name = "X", default_value_t = 1.0)]
+    pub(crate) spread_times: f64,
     /// gamma of the profile `paper`
     #[arg(long, default_value_t = 0.01)]
     pub(crate) gamma: f64,
@@ -222,6 +241,16 @@ pub(crate) enum JudgeSet {
     Presses30,
     /// Algorithm 1 of the paper: up to four polygons, losses up to all
     Polygons,
+    /// The paper's Test #1: S1 at 16 places
+    #[value(name = "test-1")]
+    Test1,
+    /// The paper's Test #2: S2, S3 and S4 at three places each
+    #[value(name = "test-2")]
+    Test2,
+    /// Discs of 20 to 140 mm, four of each, half the conductance lost
+    Sizes,
+    /// Discs of 25 to 50 mm under known masses, 200 g to 4 kg: what `calibrate` is fitted to
+    Masses,
 }
 
 impl JudgeSet {
@@ -231,6 +260,10 @@ impl JudgeSet {
             Self::Presses10 => "presses-10",
             Self::Presses30 => "presses-30",
             Self::Polygons => "polygons",
+            Self::Test1 => "test-1",
+            Self::Test2 => "test-2",
+            Self::Sizes => "sizes",
+            Self::Masses => "masses",
         }
     }
 
@@ -239,6 +272,10 @@ impl JudgeSet {
         match self {
             Self::Presses10 | Self::Presses30 => 32,
             Self::Polygons => 100,
+            Self::Test1 => 16,
+            Self::Test2 => 9,
+            Self::Sizes => 28,
+            Self::Masses => 24,
         }
     }
 }
@@ -248,15 +285,21 @@ pub(crate) struct JudgeOptions {
     /// Which loads
     #[arg(long, value_enum)]
     pub(crate) set: JudgeSet,
-    /// White noise of one reading on baseline and frames, V
+    /// White noise of one reading on baseline and frames, V; 0 for none
     #[arg(long, value_name = "SD", default_value_t = 2e-6)]
     pub(crate) noise_v: f64,
     /// The same seed gives the same folder; training draws from other streams
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub(crate) seed: u64,
-    /// Frames [default: 32 presses, 100 polygon cases]
+    /// Frames [default: 32 presses, 100 polygon cases; 16, 9, 28 and 24 of the other sets]
     #[arg(long, value_name = "N")]
     pub(crate) count: Option<usize>,
+    /// Standard deviation of the logarithm of an unevenly sprayed sheet's conductance, e.g. 0.1
+    #[arg(long, value_name = "SD")]
+    pub(crate) spray: Option<f64>,
+    /// Change a measure of the sheet, as `mesh --set` does (repeatable)
+    #[arg(long = "measure", value_name = "KEY=VALUE")]
+    pub(crate) measures: Vec<String>,
     /// Case folder of the paper's sheet to reconstruct on [default: the preset at 1 mA]
     #[arg(long, value_name = "DIR")]
     pub(crate) case: Option<PathBuf>,
@@ -374,58 +417,6 @@ pub(crate) struct MeritOptions {
     #[arg(long, value_name = "MM", requires = "width_mm")]
     pub(crate) height_mm: Option<f64>,
     /// Print one JSON object an image
-    #[arg(long)]
-    pub(crate) json: bool,
-}
-
-#[derive(Debug, Clone, Args)]
-pub(crate) struct ReconstructOptions {
-    /// Case folder
-    #[arg(long, value_name = "DIR")]
-    pub(crate) case: PathBuf,
-    /// Method
-    #[arg(long, value_enum, default_value_t = Method::Best, conflicts_with = "model")]
-    pub(crate) method: Method,
-    /// Model file in place of a method
-    #[arg(long, value_name = "FILE")]
-    pub(crate) model: Option<PathBuf>,
-    /// Prior of the one-step method: tikhonov, noser (p = 0.5), noser:P, laplace [default: noser:0.25]
-    #[arg(long, value_name = "P")]
-    pub(crate) prior: Option<String>,
-    /// White noise of one reading, V
-    #[arg(long, value_name = "SD", conflicts_with = "lambda")]
-    pub(crate) noise_v: Option<f64>,
-    /// Hyper-parameter: lambda of the one-step method, alpha of total variation (readings as they are, V)
-    #[arg(long, value_name = "X")]
-    pub(crate) lambda: Option<f64>,
-    /// Total variation: stop within this share of the minimum [default: 1e-3]
-    #[arg(long, value_name = "X")]
-    pub(crate) gap: Option<f64>,
-    /// Bound the map of one-step or tv to losses, -1 <= x <= 0
-    #[arg(long)]
-    pub(crate) loss_only: bool,
-    /// Unloaded conductance: a name in the case or a file [default: homog if there is one, else fitted to the baseline]
-    #[arg(long, value_name = "NAME|FILE")]
-    pub(crate) sigma0: Option<String>,
-    /// Frames: a row or a column a frame
-    #[arg(long, value_name = "FILE")]
-    pub(crate) frames: PathBuf,
-    /// Baseline: a file (the mean of its frames) or first:N (the mean of the first N frames)
-    #[arg(long, value_name = "FILE|first:N", default_value = "first:1")]
-    pub(crate) baseline: String,
-    /// Negate all readings: the instrument gives magnitudes
-    #[arg(long)]
-    pub(crate) negate: bool,
-    /// Simulated cases where a network is trained for the case
-    #[arg(long, value_name = "N", default_value_t = 15_000)]
-    pub(crate) cases: usize,
-    /// Maps: a row for each frame of the file, a column a triangle of the region
-    #[arg(long, value_name = "FILE")]
-    pub(crate) out: PathBuf,
-    /// Print 'frame N ms', the median, on standard error
-    #[arg(long)]
-    pub(crate) timing: bool,
-    /// Print one JSON object a frame: frame, largest_loss, found_m, masked
     #[arg(long)]
     pub(crate) json: bool,
 }

@@ -3,9 +3,17 @@
 mod start;
 mod total_variation;
 
-use eit::{Case, Jitter, OneStep, OneStepOptions, Prior, Reconstructor, TrainingSettings, model};
+use std::path::Path;
+use std::sync::Arc;
 
-use crate::args::{Method, ReconstructOptions};
+use clap::Parser;
+use eit::network::{is_onnx, load_onnx};
+use eit::{
+    Case, Jitter, OneStep, OneStepOptions, Prior, Reconstructor, SMOOTH_LENGTH_M, TrainingSettings,
+    model,
+};
+
+use crate::args::{Arguments, Command, Method, ReconstructOptions};
 use crate::failure::Failure;
 use crate::recording::Recording;
 use crate::shapes::Shapes;
@@ -25,6 +33,31 @@ pub(crate) struct Choice {
     pub(crate) slow: bool,
 }
 
+/// The options of a `reconstruct` whose method is said in these words, e.g. `--method tv --loss-only`; `name` is what a
+/// refusal calls it.
+pub(crate) fn asked(
+    name: &str,
+    words: &[String],
+    case: &Path,
+    frames: &Path,
+) -> Result<ReconstructOptions, Failure> {
+    let mut line: Vec<String> = ["tactus-lab", "reconstruct", "--out", "-", "--case"]
+        .map(str::to_owned)
+        .to_vec();
+    line.extend([
+        case.display().to_string(),
+        "--frames".to_owned(),
+        frames.display().to_string(),
+    ]);
+    line.extend(words.iter().cloned());
+    let parsed = Arguments::try_parse_from(&line)
+        .map_err(|fault| Failure::usage(format!("method '{name}': {fault}")))?;
+    match parsed.command {
+        Command::Reconstruct(options) => Ok(options),
+        _ => Err(Failure::usage(format!("method '{name}' is none"))),
+    }
+}
+
 /// Prepares what the options ask for.
 pub(crate) fn prepare(
     options: &ReconstructOptions,
@@ -33,6 +66,15 @@ pub(crate) fn prepare(
 ) -> Result<Choice, Failure> {
     if let Some(path) = &options.model {
         only_for_one_step(options, "--model")?;
+        if is_onnx(path) {
+            let network = load_onnx(path, Arc::clone(&case.mesh), &case.protocol)
+                .map_err(|fault| Failure::of("cannot use the model", &fault))?;
+            return Ok(Choice {
+                notes: network.assumptions(),
+                reconstructor: network,
+                slow: false,
+            });
+        }
         let failed = |fault| Failure::of("cannot use the model", &fault);
         let model = model::load(path).map_err(failed)?;
         model.check(&case.protocol, &case.mesh).map_err(failed)?;
@@ -47,6 +89,19 @@ pub(crate) fn prepare(
         options.noise_v,
         "the noise of one reading in volts, e.g. 2e-6",
     )?;
+    positive("--map-error", options.map_error, "a share, e.g. 1e-3")?;
+    if options.method != Method::OneStep {
+        for (name, given) in [
+            ("--choose", options.choose.is_some()),
+            ("--map-error", options.map_error.is_some()),
+        ] {
+            if given {
+                return Err(Failure::usage(format!(
+                    "{name} belongs to --method one-step"
+                )));
+            }
+        }
+    }
     positive(
         "--lambda",
         options.lambda,
@@ -111,6 +166,8 @@ fn only_for_one_step(options: &ReconstructOptions, with: &str) -> Result<(), Fai
         ("--loss-only", options.loss_only),
         ("--sigma0", options.sigma0.is_some()),
         ("--gap", options.gap.is_some()),
+        ("--choose", options.choose.is_some()),
+        ("--map-error", options.map_error.is_some()),
     ];
     match given.iter().find(|(_, given)| *given) {
         Some((name, _)) => Err(Failure::usage(format!(
@@ -145,10 +202,14 @@ fn one_step(
     let one_step = start.one_step(prior, options.loss_only)?;
     notes.extend(raised(&one_step));
     notes.push(format!(
-        "{}, lambda {:.3e}",
+        "{}, lambda {:.3e}, noise figure {:.3}",
         one_step.method(),
-        one_step.lambda()
+        one_step.lambda(),
+        one_step.noise_figure().unwrap_or(f64::NAN)
     ));
+    if options.map_error.is_some() {
+        notes.extend(one_step.assumptions().pop());
+    }
     Ok(Choice {
         reconstructor: Box::new(one_step),
         notes,
@@ -184,7 +245,7 @@ fn best(
     }
     let share = if all > 0.0 { gain / all } else { 0.0 };
     let bounded = options.loss_only || share <= GAIN;
-    let one_step = if bounded && prior != Prior::Laplace {
+    let one_step = if bounded && !matches!(prior, Prior::Gaussian { .. }) {
         start.one_step(prior, true)?
     } else {
         linear
@@ -231,7 +292,7 @@ fn raised(one_step: &OneStep) -> Option<String> {
     })
 }
 
-/// `tikhonov`, `noser`, `noser:P` or `laplace`.
+/// `tikhonov`, `noser`, `noser:P`, `laplace`, `gaussian` or `gaussian:MM`.
 fn prior(text: &str) -> Result<Prior, Failure> {
     let (name, exponent) = text.split_once(':').unwrap_or((text, ""));
     match (name, exponent) {
@@ -244,8 +305,19 @@ fn prior(text: &str) -> Result<Prior, Failure> {
                 "--prior {text}: the exponent of noser is a number from 0 to 2"
             ))),
         },
+        ("gaussian", "") => Ok(Prior::Gaussian {
+            length_m: SMOOTH_LENGTH_M,
+        }),
+        ("gaussian", mm) => match mm.parse::<f64>() {
+            Ok(mm) if mm > 0.0 && mm.is_finite() => Ok(Prior::Gaussian {
+                length_m: 1e-3 * mm,
+            }),
+            _ => Err(Failure::usage(format!(
+                "--prior {text}: the length of gaussian is a number of millimetres above 0"
+            ))),
+        },
         _ => Err(Failure::usage(format!(
-            "--prior {text}: tikhonov, noser, noser:P or laplace is expected"
+            "--prior {text}: tikhonov, noser, noser:P, laplace, gaussian or gaussian:MM is expected"
         ))),
     }
 }
@@ -258,7 +330,18 @@ mod tests {
     fn priors_are_read_by_name() {
         assert_eq!(prior("noser").unwrap(), Prior::Noser { p: 0.5 });
         assert_eq!(prior("noser:0.25").unwrap(), Prior::Noser { p: 0.25 });
-        for wrong in ["noser:x", "noser:-1", "laplace:2", "total variation"] {
+        assert_eq!(
+            prior("gaussian:15").unwrap(),
+            Prior::Gaussian { length_m: 0.015 }
+        );
+        for wrong in [
+            "gaussian:0",
+            "gaussian:x",
+            "noser:x",
+            "noser:-1",
+            "laplace:2",
+            "total variation",
+        ] {
             assert!(prior(wrong).is_err(), "{wrong}");
         }
     }

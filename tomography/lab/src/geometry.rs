@@ -109,7 +109,7 @@ fn warn_of_coarse_electrodes(case: &Case) {
 }
 
 /// The preset with its changed measures; an unknown key or a value of another type is named.
-fn preset(name: PresetName, set: &[String]) -> Result<Preset, Failure> {
+pub(crate) fn preset(name: PresetName, set: &[String]) -> Result<Preset, Failure> {
     let kind = match name {
         PresetName::PaperSheet => "paper-sheet",
         PresetName::DiscTank => "disc-tank",

@@ -7,16 +7,18 @@ use std::f64::consts::TAU;
 use std::path::Path;
 use std::time::Duration;
 
-use eit::{Case, Mesh, Preset, frames_text, matrix_text};
+use eit::{Case, Mesh, frames_text, matrix_text};
 use nalgebra::DMatrix;
-use phantom::{Load, Phantom, Scene, Shape};
+use phantom::{
+    FINER, Load, Phantom, Scene, Shape, SpraySettings, loss_of_pressure, paper, pressure_kpa,
+};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 
-use crate::args::{JudgeOptions, JudgeSet};
+use crate::args::{JudgeOptions, JudgeSet, PresetName};
 use crate::failure::{Failure, write};
-use crate::{choice, geometry, progress};
+use crate::{geometry, progress};
 
 /// What a judged folder says about itself.
 const SAID: &str = "judged.json";
@@ -29,8 +31,14 @@ const POLYGONS: usize = 4;
 const RADIUS_MM: f64 = 70.0;
 const VERTICES: usize = 5;
 
+/// Masses (kg) and diameters (mm) of the presses of known mass, in turns.
+const MASSES_KG: [f64; 6] = [0.2, 0.5, 1.0, 2.0, 3.0, 4.0];
+const DIAMETERS_MM: [f64; 4] = [25.0, 30.0, 40.0, 50.0];
+
 /// What presses one frame.
 struct Pressed {
+    /// Where it is known, kg.
+    mass: Option<f64>,
     loads: Vec<Load>,
     /// Centre and diameter, mm, where it is one disc.
     disc: Option<([f64; 2], f64)>,
@@ -80,15 +88,37 @@ pub(crate) fn judge(options: &JudgeOptions) -> Result<(), Failure> {
 
 /// Makes the folder; gives the number of its frames without the baseline.
 pub(crate) fn make(options: &JudgeOptions) -> Result<usize, Failure> {
-    choice::positive("--noise-v", Some(options.noise_v), "e.g. 2e-6")?;
+    if !(options.noise_v >= 0.0 && options.noise_v.is_finite()) {
+        return Err(Failure::usage(format!(
+            "--noise-v {}: volts are expected, e.g. 2e-6, or 0",
+            options.noise_v
+        )));
+    }
     if options.count == Some(0) {
         return Err(Failure::usage("--count 0: a set needs a frame"));
     }
+    let sheet = geometry::preset(PresetName::PaperSheet, &options.measures)?;
     let case = match &options.case {
         Some(folder) => geometry::read(folder)?,
-        None => geometry::case(&Preset::default(), CURRENT)?,
+        None => geometry::case(&sheet, CURRENT)?,
     };
-    let scene = Scene::quiet();
+    let mut scene = Scene {
+        seed: options.seed,
+        sheet: sheet.remeshed(FINER, 1),
+        ..Scene::quiet()
+    };
+    if let Some(std) = options.spray {
+        scene.effects.spray = Some(SpraySettings {
+            std,
+            ..SpraySettings::default()
+        });
+        scene.effects.check().map_err(|(effect, fault)| {
+            Failure::usage(format!(
+                "--spray {std}: effect {effect}: {} {}",
+                fault.key, fault.why
+            ))
+        })?;
+    }
     let failed = |fault| Failure::of("the simulated sheet", &fault);
     let mut phantom = Phantom::new(scene).map_err(failed)?;
     if phantom.electrodes() != case.mesh.electrodes() || phantom.mesh().hash() == case.mesh.hash() {
@@ -99,12 +129,27 @@ pub(crate) fn make(options: &JudgeOptions) -> Result<usize, Failure> {
     }
     let mut random = ChaCha8Rng::seed_from_u64(options.seed);
     random.set_stream(options.set as u64 + 1);
-    let count = options.count.unwrap_or(options.set.usual());
+    let fixed = match options.set {
+        JudgeSet::Test1 | JudgeSet::Test2 | JudgeSet::Sizes => options.set.usual(),
+        _ => usize::MAX,
+    };
+    let count = options.count.unwrap_or(options.set.usual()).min(fixed);
     let drawn: Vec<Pressed> = (0..count)
-        .map(|_| match options.set {
+        .map(|k| match options.set {
             JudgeSet::Presses10 => press(&case.mesh, 10.0, &mut random),
             JudgeSet::Presses30 => press(&case.mesh, 30.0, &mut random),
             JudgeSet::Polygons => polygons(&case.mesh, &mut random),
+            JudgeSet::Test1 => disc(paper::s1(paper::test1_positions()[k]), 10.0),
+            JudgeSet::Test2 => {
+                let shape = [paper::s2, paper::s3, paper::s4][k / 3];
+                Pressed {
+                    mass: None,
+                    loads: vec![shape(paper::TEST2_MM[k % 3])],
+                    disc: None,
+                }
+            }
+            JudgeSet::Masses => mass(&case.mesh, k, &mut random),
+            JudgeSet::Sizes => press(&case.mesh, 20.0 * (1 + k / 4) as f64, &mut random),
         })
         .collect();
     let noise = Normal::new(0.0, options.noise_v)
@@ -135,17 +180,19 @@ pub(crate) fn make(options: &JudgeOptions) -> Result<usize, Failure> {
     let bar = progress::bar(count, "frames");
     let mut frames = vec![noisy(exact(&[])?)];
     let mut truth = Vec::new();
-    let mut presses = String::from("frame,x_m,y_m,diameter_m,loss\n");
+    let mut presses = String::from("frame,x_m,y_m,diameter_m,loss,mass_kg\n");
     for (k, pressed) in drawn.iter().enumerate() {
         frames.push(noisy(exact(&pressed.loads)?));
         truth.extend(true_map(&case, &pressed.loads)?);
         if let Some(([x, y], diameter)) = pressed.disc {
             presses.push_str(&format!(
-                "{},{},{},{},{LOSS}\n",
+                "{},{},{},{},{},{}\n",
                 k + 1,
                 x * 1e-3,
                 y * 1e-3,
-                diameter * 1e-3
+                diameter * 1e-3,
+                pressed.loads[0].loss,
+                pressed.mass.unwrap_or(f64::NAN)
             ));
         }
         bar.inc(1);
@@ -218,10 +265,25 @@ fn press(mesh: &Mesh, diameter: f64, random: &mut ChaCha8Rng) -> Pressed {
         let (from, to) = (low[axis] + margin, high[axis] - margin);
         from + random.random::<f64>() * (to - from)
     });
+    disc(Load::disc(centre, diameter, LOSS), diameter)
+}
+
+fn disc(load: Load, diameter: f64) -> Pressed {
     Pressed {
-        loads: vec![Load::disc(centre, diameter, LOSS)],
-        disc: Some((centre, diameter)),
+        mass: None,
+        disc: Some((load.centre_mm, diameter)),
+        loads: vec![load],
     }
+}
+
+/// A press of known mass: every mass with every diameter in turns, so that pressures repeat at several places.
+fn mass(mesh: &Mesh, k: usize, random: &mut ChaCha8Rng) -> Pressed {
+    let (mass, diameter) = (MASSES_KG[k % 6], DIAMETERS_MM[(k + k / 12) % 4]);
+    let mut pressed = press(mesh, diameter, random);
+    let kpa = pressure_kpa(1e3 * mass, pressed.loads[0].shape.area());
+    pressed.loads[0].loss = loss_of_pressure(kpa, paper::HALF_KPA);
+    pressed.mass = Some(mass);
+    pressed
 }
 
 /// A case of Algorithm 1 that presses something: drawn again until it does. The polygons are cut at the region's border
@@ -266,7 +328,11 @@ fn polygons(mesh: &Mesh, random: &mut ChaCha8Rng) -> Pressed {
         let seen = |load: &Load| load.coverage(mesh).is_ok_and(|covered| !covered.is_empty());
         loads.retain(seen);
         if !loads.is_empty() {
-            return Pressed { loads, disc: None };
+            return Pressed {
+                mass: None,
+                loads,
+                disc: None,
+            };
         }
     }
 }

@@ -18,6 +18,7 @@
 //! ```
 
 mod args;
+mod calibrate;
 mod choice;
 mod dataset;
 mod deep;
@@ -27,6 +28,8 @@ mod geometry;
 mod judge;
 mod linear;
 mod merit;
+mod noise_figure;
+mod paper;
 mod progress;
 mod reconstruct;
 mod recording;
@@ -72,6 +75,8 @@ fn perform(command: &Command) -> Result<(), Failure> {
         Command::Judge(options) => judge::judge(options),
         Command::Dataset(options) => dataset::dataset(options),
         Command::Evaluate(options) => evaluate::evaluate(options),
+        Command::Paper(options) => paper::paper(options),
+        Command::Calibrate(options) => calibrate::calibrate(options),
         Command::Merit(options) => merit::merit(options),
         Command::Reconstruct(options) => reconstruct::reconstruct(options),
         Command::Completions { shell } => {

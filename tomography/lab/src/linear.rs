@@ -12,12 +12,13 @@ use eit::{
     Case, DeepNetwork, DeepReport, DeepSettings, Jitter, Model, Network, Noise, Precision, Preset,
     Report, Samples, Simulation, TrainingSettings, dense_target, model,
 };
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use crate::args::{LinearOptions, Profile};
 use crate::dataset::DataSet;
 use crate::failure::Failure;
+use crate::noise_figure::with_noise_figure;
 use crate::recording::Recording;
 use crate::symmetry::Symmetric;
 use crate::{choice, geometry, progress, train};
@@ -298,31 +299,15 @@ fn fit(
             held_out_loss: kept_loss / judged,
         },
     };
-    let figure = noise_figure(&solved, once);
-    Model::new(
+    let model = Model::new(
         name,
         Arc::clone(&case.mesh),
         &case.protocol,
         Network::Deep(network, familiar),
         settings,
         Report::Deep(report),
-        figure,
+        None,
     )
-    .map_err(|fault| Failure::of("the training", &fault))
-}
-
-/// Signal-to-noise ratio of the readings over that of the map for a small load: the case with the fewest triangles among
-/// the first thousand; white noise.
-fn noise_figure(solved: &DMatrix<f64>, samples: &dyn Samples) -> Option<f64> {
-    let small = (0..samples.len().min(1000))
-        .filter_map(|case| samples.sample(case).ok())
-        .filter(|sample| !sample.target.is_empty())
-        .min_by_key(|sample| sample.target.len())?;
-    let data = DVector::from_iterator(small.input.len(), small.input.iter().map(|v| f64::from(*v)));
-    let map = solved.tr_mul(&data);
-    let readings = data.norm() / (data.len() as f64).sqrt();
-    // white noise of one unit: the map's deviation is the norm of each row
-    let through = (solved.norm_squared() / map.len() as f64).sqrt();
-    let image = map.norm() / (map.len() as f64).sqrt();
-    Some(readings / (image / through))
+    .map_err(|fault| Failure::of("the training", &fault))?;
+    Ok(with_noise_figure(model, case, &sigma0, &noise))
 }

@@ -11,7 +11,7 @@ use crate::args::ReconstructOptions;
 use crate::failure::{Failure, write};
 use crate::recording::Recording;
 use crate::solve::median;
-use crate::{choice, geometry, progress};
+use crate::{calibrate, choice, geometry, progress};
 
 /// A row for each frame of the file. A frame that is refused makes the command fail, naming it.
 pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
@@ -22,6 +22,11 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
         case.protocol.len(),
         options.negate,
     )?;
+    let calibration = options
+        .calibration
+        .as_deref()
+        .map(calibrate::read)
+        .transpose()?;
     let choice = choice::prepare(options, &case, &recording)?;
     for note in &choice.notes {
         eprintln!("tactus-lab: {note}");
@@ -56,6 +61,14 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     let mut times = Vec::with_capacity(recording.frames.len());
     for ((name, _), (map, time)) in recording.frames.iter().zip(made) {
         times.push(time);
+        let pressure = match &calibration {
+            Some(calibration) => Some(
+                calibration
+                    .pressure(&case.mesh, &map)
+                    .map_err(|fault| Failure::of(&format!("frame '{name}'"), &fault))?,
+            ),
+            None => None,
+        };
         if options.json {
             let line = serde_json::json!({
                 "frame": name,
@@ -63,6 +76,9 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
                 "largest_loss": map.largest_loss().map(|(_, loss)| loss),
                 "found_m": map.found(&centroids, &areas),
                 "masked": map.masked,
+                "unit": if pressure.is_some() { "kPa" } else { map.unit.label() },
+                "newtons": pressure.as_ref().map(|pressure| pressure.newtons),
+                "largest_kpa": pressure.as_ref().map(eit::Pressure::largest_kpa),
             });
             println!("{line}");
         }
@@ -71,7 +87,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
                 "tactus-lab: frame '{name}': the bounded problem was not solved; its map is the unbounded one, clipped"
             );
         }
-        maps.extend(map.values);
+        maps.extend(pressure.map_or(map.values, |pressure| pressure.kpa));
     }
     let maps = DMatrix::from_row_slice(recording.frames.len(), areas.len(), &maps);
     write(&options.out, matrix_text(&maps))?;

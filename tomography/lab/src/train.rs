@@ -1,14 +1,17 @@
 //! `tactus-lab train`, and the networks that `reconstruct` trains for a case and keeps.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use eit::{
-    Case, Jitter, Model, Network, Preset, Report, TrainingReport, TrainingSettings, model,
-    train_rbf,
+    Case, Jitter, Model, Network, Noise, Preset, Report, Samples, Simulation, TrainingReport,
+    TrainingSettings, model, train_rbf_on,
 };
 
 use crate::args::{self, Profile};
+use crate::dataset::DataSet;
 use crate::failure::Failure;
+use crate::noise_figure::with_noise_figure;
 use crate::{choice, deep, geometry, linear, progress};
 
 /// Above this ratio of spread to median distance a few samples rule the spread of Eq. 13.
@@ -53,15 +56,27 @@ pub(crate) fn train(network: &args::Network) -> Result<(), Failure> {
             "matched",
         ),
     };
+    let set = match &options.dataset {
+        Some(folder) => Some(DataSet::open(folder, &case)?),
+        None => None,
+    };
+    let drawn = match &set {
+        Some(set) => set.settings().clone(),
+        None => TrainingSettings {
+            cases: options.cases,
+            ..TrainingSettings::default()
+        },
+    };
     let settings = TrainingSettings {
-        cases: options.cases,
         repeats: options.repeats,
         neurons: options.neurons,
+        spread_times: options.spread_times,
         seed: options.seed,
         jitter,
-        ..TrainingSettings::default()
+        ..drawn
     };
-    let model = network_for(&case, settings, &format!("rbf {profile}"))?;
+    let samples = set.as_ref().map(|set| set as &dyn Samples);
+    let model = network_for(&case, settings, samples, &format!("rbf {profile}"))?;
     model::save(&options.out, &model)
         .map_err(|fault| Failure::of("cannot write the model", &fault))?;
     let report = found(&model);
@@ -84,7 +99,7 @@ pub(crate) fn train(network: &args::Network) -> Result<(), Failure> {
              sha256 {}",
             options.out.display(),
             model.metadata().name,
-            options.cases,
+            model.metadata().training.cases,
             report.unchanged,
             report.jitter,
             report.spread,
@@ -119,20 +134,26 @@ pub(crate) fn current(case: &Case) -> Result<f64, Failure> {
     }
 }
 
-fn network_for(case: &Case, settings: TrainingSettings, name: &str) -> Result<Model, Failure> {
+fn network_for(
+    case: &Case,
+    settings: TrainingSettings,
+    samples: Option<&dyn Samples>,
+    name: &str,
+) -> Result<Model, Failure> {
     let sigma0 = geometry::sigma0(case);
     let bars = progress::Training::new();
     let show = |stage, done, of| bars.show(stage, done, of);
     let failed = |fault| Failure::of("the training", &fault);
-    let (network, report) = train_rbf(
+    let simulation = Simulation::new(
         &case.mesh,
         &case.contact_ohm_m,
         &sigma0,
         &case.protocol,
         &settings,
-        &show,
     )
     .map_err(failed)?;
+    let samples = samples.unwrap_or(&simulation);
+    let (network, report) = train_rbf_on(samples, &settings, &show).map_err(failed)?;
     drop(bars);
     if report.spread_over_median > SPREAD_RULED {
         eprintln!(
@@ -140,22 +161,25 @@ fn network_for(case: &Case, settings: TrainingSettings, name: &str) -> Result<Mo
             report.spread_over_median
         );
     }
-    Model::new(
+    let jitter = (settings.jitter.clone(), settings.open.spread, settings.seed);
+    let model = Model::new(
         name,
-        std::sync::Arc::clone(&case.mesh),
+        Arc::clone(&case.mesh),
         &case.protocol,
         Network::Rbf(network),
         settings,
         Report::Rbf(report),
         None,
     )
-    .map_err(|fault| Failure::of("the training", &fault))
+    .map_err(|fault| Failure::of("the training", &fault))?;
+    let noise = Noise::new(&jitter.0, jitter.1, samples.baseline(), jitter.2).map_err(failed)?;
+    Ok(with_noise_figure(model, case, &sigma0, &noise))
 }
 
 /// The RBF network of a case, see [`kept`].
 pub(crate) fn cached(case: &Case, settings: TrainingSettings) -> Result<Model, Failure> {
     kept(case, &settings, "rbf", || {
-        network_for(case, settings.clone(), "rbf")
+        network_for(case, settings.clone(), None, "rbf")
     })
 }
 

@@ -7,6 +7,9 @@ use std::path::{Path, PathBuf};
 use sha2::{Digest, Sha256};
 use workshop::{done, lab, numbers, words};
 
+/// A deep training of a moment.
+const SMALL_DEEP: &str = "train dnn --profile matched --epochs 2 --set width=24 --set hidden_layers=2 --set batch=16 --set held_out=20";
+
 fn tank(folder: &Path) -> PathBuf {
     let case = folder.join("tank");
     let line = "mesh --preset disc-tank --set radius_mm=100.0 --set electrodes=8 --set fineness=0.5 --out {}";
@@ -54,6 +57,12 @@ fn a_set_is_the_same_however_it_is_cut_stopped_and_read() {
     done(&words(train, &[&parts, &case, &model]));
     done(&words(train, &[&whole, &case, &other]));
     assert!(std::fs::read(&model).unwrap() == std::fs::read(&other).unwrap());
+    for train in [SMALL_DEEP, "train rbf --profile matched --neurons 8"] {
+        let line = format!("{train} --dataset {{}} --case {{}} --out {{}}");
+        done(&words(&line, &[&parts, &case, &model]));
+        done(&words(&line, &[&whole, &case, &other]));
+        assert!(std::fs::read(&model).unwrap() == std::fs::read(&other).unwrap());
+    }
     // another seed does not mix with what is there
     let line = "dataset --shard 0/2 --seed 4 --cases 150 --case {} --out {}";
     assert!(refused(line, &[&case, &parts]).contains("another set"));
@@ -78,6 +87,14 @@ fn a_set_is_the_same_however_it_is_cut_stopped_and_read() {
         said.contains("shard-0-of-2.tset") && said.contains("reading 0 of case 0"),
         "{said}"
     );
+    for train in [SMALL_DEEP, "train rbf --profile matched --neurons 8"] {
+        let line = format!("{train} --dataset {{}} --case {{}} --out {{}}");
+        let said = refused(&line, &[&parts, &case, &model]);
+        assert!(
+            said.contains("shard-0-of-2.tset") && said.contains("reading 0 of case 0"),
+            "{said}"
+        );
+    }
 }
 
 #[test]

@@ -2,11 +2,14 @@
 
 use std::sync::Arc;
 
-use eit::{Case, Forward, Hyper, OneStep, OneStepOptions, Prior, Scale, probable_lambda};
-use survey::Reading;
+use eit::{
+    Case, Forward, Hyper, Mesh, OneStep, OneStepError, OneStepOptions, Prior, Scale,
+    l_curve_lambda, probable_lambda,
+};
+use survey::{Protocol, Reading};
 
 use super::LOOKED_AT;
-use crate::args::ReconstructOptions;
+use crate::args::{Choose, ReconstructOptions};
 use crate::failure::Failure;
 use crate::recording::Recording;
 
@@ -23,6 +26,7 @@ pub(super) struct Start<'a> {
     pub(super) scale: Scale,
     pub(super) hyper: Hyper,
     pub(super) notes: Vec<String>,
+    map_error: Option<f64>,
 }
 
 impl<'a> Start<'a> {
@@ -94,15 +98,29 @@ impl<'a> Start<'a> {
                 current: factors(&sigma0)?.1,
             },
             (None, None) => {
-                let lambda = probable(case, &sigma0, prior, &scale, recording)?;
+                let by = options.choose.unwrap_or(Choose::Evidence);
+                let (lambda, told) = match by {
+                    Choose::NoiseFigure(figure) => (
+                        Some(Hyper::NoiseFigure(figure)),
+                        "lambda is the one with the noise figure asked for",
+                    ),
+                    Choose::Evidence => (
+                        from_frames(probable_lambda, case, &sigma0, prior, &scale, recording)?
+                            .map(|lambda| Hyper::Lambda(NOT_WHITE * lambda)),
+                        "no --noise-v: lambda is twice the one that makes the frames most probable",
+                    ),
+                    Choose::LCurve => (
+                        from_frames(l_curve_lambda, case, &sigma0, prior, &scale, recording)?
+                            .map(Hyper::Lambda),
+                        "lambda is at the corner of the frames' L-curve",
+                    ),
+                };
                 notes.push(match lambda {
-                    Some(_) => "no --noise-v: lambda is twice the one that makes the frames most probable",
+                    Some(_) => told,
                     None => "no --noise-v, and no frame that could tell it: lambda is for 2 uV at 1 mA",
                 }
                 .to_owned());
-                lambda.map_or(OneStepOptions::default().hyper, |lambda| {
-                    Hyper::Lambda(NOT_WHITE * lambda)
-                })
+                lambda.unwrap_or(OneStepOptions::default().hyper)
             }
         };
         Ok(Self {
@@ -111,6 +129,7 @@ impl<'a> Start<'a> {
             scale,
             hyper,
             notes,
+            map_error: options.map_error,
         })
     }
 
@@ -126,6 +145,7 @@ impl<'a> Start<'a> {
                 loss_only,
                 scale: self.scale.clone(),
                 deviations: None,
+                map_error: self.map_error,
             },
         )
         .map_err(|fault| Failure::of("the one-step method", &fault))
@@ -152,8 +172,20 @@ fn factor(baseline: &[Reading], model: &[f64]) -> Result<f64, Failure> {
     }
 }
 
-/// The lambda that the frames themselves make most probable.
-fn probable(
+/// A rule that finds lambda from frames.
+type Rule = fn(
+    &Arc<Mesh>,
+    &[f64],
+    &[f64],
+    &Protocol,
+    &OneStepOptions,
+    &[Reading],
+    &[&[Reading]],
+) -> Result<Option<f64>, OneStepError>;
+
+/// The lambda that the frames themselves say.
+fn from_frames(
+    rule: Rule,
     case: &Case,
     sigma0: &[f64],
     prior: Prior,
@@ -172,7 +204,7 @@ fn probable(
         scale: scale.clone(),
         ..OneStepOptions::default()
     };
-    probable_lambda(
+    rule(
         &case.mesh,
         &case.contact_ohm_m,
         sigma0,

@@ -41,7 +41,7 @@ pub(super) fn prepare(
             };
             (start.one_step(prior, false)?.noise(), unit)
         }
-        Hyper::Lambda(_) | Hyper::Paper(_) => {
+        Hyper::Lambda(_) | Hyper::Paper(_) | Hyper::NoiseFigure(_) => {
             (TvOptions::default().noise_v, TvOptions::default().current_a)
         }
     };

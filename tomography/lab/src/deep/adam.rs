@@ -1,5 +1,7 @@
 //! Adam (Kingma and Ba, 2015): a step of each number by its mean gradient over the root of its mean squared gradient.
 
+use super::product;
+
 /// What one step needs; the corrections for the moments' start at zero are in `rate` and `epsilon`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Step {
@@ -26,13 +28,8 @@ impl Step {
 
     /// One pass over equally long slices.
     pub(super) fn take(self, values: &mut [f32], moments: [&mut [f32]; 2], gradient: &[f32]) {
-        let [first, second] = moments;
-        let (g1, g2) = (1.0 - self.beta1, 1.0 - self.beta2);
-        for (((value, m), v), g) in values.iter_mut().zip(first).zip(second).zip(gradient) {
-            *m = self.beta1 * *m + g1 * g;
-            *v = self.beta2 * *v + g2 * (g * g);
-            *value -= self.rate * *m / (v.sqrt() + self.epsilon);
-        }
+        let constants = [self.beta1, self.beta2, self.rate, self.epsilon];
+        product::adam(constants, values, moments, gradient);
     }
 }
 

@@ -5,16 +5,21 @@ use std::path::Path;
 use std::sync::Arc;
 
 use eit::{
-    Case, DeepReport, DeepSettings, Jitter, Model, Network, Noise, Preset, Report, TrainingSet,
-    TrainingSettings, model,
+    Case, DeepReport, DeepSettings, Jitter, Model, Network, Noise, Preset, Report, Samples,
+    TrainingSet, TrainingSettings, model,
 };
 use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
 
 use super::training::{Moment, Recipe, train};
 use crate::args::{DeepOptions, Profile};
+use crate::dataset::DataSet;
 use crate::failure::Failure;
+use crate::noise_figure::with_noise_figure;
 use crate::{choice, geometry, progress, train as training};
+
+/// Of the numbers in a checkpoint.
+const LAYOUT: u32 = 2;
 
 /// Everything about a deep training that is a choice: `[data]` and `[deep]` of a settings file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -30,7 +35,21 @@ pub(crate) fn train_deep(options: &DeepOptions) -> Result<(), Failure> {
         Some(folder) => geometry::read(folder)?,
         None => geometry::case(&Preset::default(), 1e-3)?,
     };
-    let settings = settings(options, &case)?;
+    let mut settings = settings(options, &case)?;
+    let set = match &options.dataset {
+        Some(folder) => Some(DataSet::open(folder, &case)?),
+        None => None,
+    };
+    if let Some(set) = &set {
+        // what was drawn is the set's; jitter, copies and the seed of weights and order are this training's
+        settings.data = TrainingSettings {
+            jitter: settings.data.jitter,
+            repeats: settings.data.repeats,
+            seed: settings.data.seed,
+            cases: set.settings().cases.saturating_sub(settings.deep.held_out),
+            ..set.settings().clone()
+        };
+    }
     let profile = match options.profile {
         Profile::Paper => "paper",
         Profile::Matched => "matched",
@@ -42,6 +61,7 @@ pub(crate) fn train_deep(options: &DeepOptions) -> Result<(), Failure> {
     let model = trained(
         &case,
         &settings,
+        set.as_ref(),
         options,
         &format!("dnn {profile}"),
         &checkpoint,
@@ -181,6 +201,7 @@ fn changed(settings: &Settings, given: toml::Table) -> Result<Settings, String> 
 fn trained(
     case: &Case,
     settings: &Settings,
+    given: Option<&DataSet>,
     options: &DeepOptions,
     name: &str,
     checkpoint: &Path,
@@ -195,29 +216,46 @@ fn trained(
         neurons: 1,
         ..settings.data.clone()
     };
-    let bars = progress::Training::new();
-    let set = TrainingSet::build(
-        &case.mesh,
-        &case.contact_ohm_m,
-        &sigma0,
-        &case.protocol,
-        &drawn,
-        &|stage, done, of| bars.show(stage, done, of),
+    // a set in files is read sample by sample; one made for the purpose is solved once and kept in memory
+    let made = match given {
+        Some(_) => None,
+        None => {
+            let bars = progress::Training::new();
+            let set = TrainingSet::build(
+                &case.mesh,
+                &case.contact_ohm_m,
+                &sigma0,
+                &case.protocol,
+                &drawn,
+                &|stage, done, of| bars.show(stage, done, of),
+            );
+            Some(set.map_err(|fault| failed(&fault))?)
+        }
+    };
+    let samples: &dyn Samples = match (&made, given) {
+        (Some(set), _) => set,
+        (None, Some(set)) => set,
+        (None, None) => unreachable!("a set is given or made"),
+    };
+    let noise = Noise::new(
+        &drawn.jitter,
+        drawn.open.spread,
+        samples.baseline(),
+        drawn.seed,
     )
     .map_err(|fault| failed(&fault))?;
-    drop(bars);
-    let noise = Noise::new(&drawn.jitter, drawn.open.spread, &set.baseline, drawn.seed)
-        .map_err(|fault| failed(&fault))?;
     let said = serde_json::json!({
         "geometry": case.mesh.hash(),
         "survey": case.protocol.hash(),
         "contact": case.contact_ohm_m,
         "sigma0": sigma0,
         "settings": settings,
+        "drawn": given.map(|set| set.settings()),
+        "layout": LAYOUT,
         "build": env!("CARGO_PKG_VERSION"),
     });
     let recipe = Recipe {
-        samples: &set,
+        samples,
         noise: &noise,
         repeats: settings.data.repeats,
         settings: settings.deep.clone(),
@@ -228,7 +266,7 @@ fn trained(
     let watch = Watch::default();
     let (network, familiar, report) = train(&recipe, &|moment| watch.show(moment, &settings.deep))
         .map_err(|fault| failed(&fault))?;
-    Model::new(
+    let model = Model::new(
         name,
         Arc::clone(&case.mesh),
         &case.protocol,
@@ -237,7 +275,8 @@ fn trained(
         Report::Deep(report),
         None,
     )
-    .map_err(|fault| failed(&fault))
+    .map_err(|fault| failed(&fault))?;
+    Ok(with_noise_figure(model, case, &sigma0, &noise))
 }
 
 /// A bar an epoch, and a line for each that is done.

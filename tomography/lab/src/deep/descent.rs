@@ -7,10 +7,8 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::adam::Step;
-use super::product;
+use super::product::{self, PANEL, STRIP, TILE, place, tiled};
 
-/// Rows of a layer that one task works on.
-const TILE: usize = 128;
 /// Stream of the seed that initial weights are drawn from, away from those of cases and jitter.
 const INITIAL: u64 = 200 << 48;
 
@@ -40,11 +38,24 @@ impl Trained {
     }
 }
 
-/// One layer: a row of weights an output.
+/// One layer.
 #[derive(Debug, Clone)]
 pub(super) struct Layer {
-    pub(super) weights: Trained,
-    pub(super) bias: Trained,
+    inputs: usize,
+    outputs: usize,
+    /// In panels.
+    weights: Trained,
+    bias: Trained,
+}
+
+impl Layer {
+    /// Weights, a row of as many as there are inputs an output, and biases.
+    pub(super) fn plain(&self) -> (Vec<f32>, Vec<f32>) {
+        (
+            product::in_rows(&self.weights.values, self.inputs, self.outputs),
+            self.bias.values[..self.outputs].to_vec(),
+        )
+    }
 }
 
 /// A batch: `inputs` a row a reading with the samples side by side, `targets` (triangle, sample, relative change).
@@ -64,9 +75,9 @@ pub(super) struct Descent {
     pub(super) steps: u64,
     betas: [f64; 2],
     epsilon: f64,
-    /// Normalised inputs before scale and shift.
+    /// Normalised inputs before scale and shift, a row a reading with the samples side by side.
     centred: Vec<f32>,
-    /// What enters each layer, and what leaves the last.
+    /// What enters each layer, and what leaves the last, in tiles.
     values: Vec<Vec<f32>>,
     /// Slopes of the loss along what leaves each layer before its elu.
     slopes: Vec<Vec<f32>>,
@@ -82,12 +93,14 @@ impl Descent {
             .windows(2)
             .map(|pair| {
                 let limit = (6.0 / (pair[0] + pair[1]) as f32).sqrt();
-                let weights = (0..pair[0] * pair[1])
+                let weights: Vec<f32> = (0..pair[0] * pair[1])
                     .map(|_| (2.0 * random.random::<f32>() - 1.0) * limit)
                     .collect();
                 Layer {
-                    weights: Trained::new(weights),
-                    bias: Trained::new(vec![0.0; pair[1]]),
+                    inputs: pair[0],
+                    outputs: pair[1],
+                    weights: Trained::new(product::in_panels(&weights, pair[0])),
+                    bias: Trained::new(vec![0.0; tiled(pair[1])]),
                 }
             })
             .collect();
@@ -125,7 +138,12 @@ impl Descent {
 
     /// Weights and biases.
     pub(super) fn parameters(&self) -> usize {
-        self.trained().map(|part| part.values.len()).sum()
+        let normalisation = self.normalisation.iter().flatten();
+        let layers = self.layers.iter();
+        normalisation.map(|part| part.values.len()).sum::<usize>()
+            + layers
+                .map(|layer| (layer.inputs + 1) * layer.outputs)
+                .sum::<usize>()
     }
 
     /// Mean loss of a batch (half the squared error of a map, summed over its triangles); the slopes of the output are left
@@ -138,57 +156,63 @@ impl Descent {
         epsilon: f64,
     ) -> f64 {
         let b = batch.samples;
+        let strips = b.div_ceil(STRIP);
         self.centred.clone_from(&batch.inputs);
         if self.normalisation.is_some() {
             normalise(&mut self.centred, b, statistics, epsilon);
         }
-        self.values[0].clone_from(&self.centred);
-        if let Some([scale, shift]) = &self.normalisation {
-            for (row, (scale, shift)) in self.values[0]
-                .chunks_exact_mut(b)
-                .zip(scale.values.iter().zip(&shift.values))
-            {
-                for value in row {
-                    *value = *value * scale + shift;
-                }
+        let inputs = &mut self.values[0];
+        inputs.clear();
+        inputs.resize(tiled(self.centred.len() / b) * strips * STRIP, 0.0);
+        for (reading, row) in self.centred.chunks_exact(b).enumerate() {
+            let (scale, shift) = match &self.normalisation {
+                Some([scale, shift]) => (scale.values[reading], shift.values[reading]),
+                None => (1.0, 0.0),
+            };
+            for (sample, value) in row.iter().enumerate() {
+                inputs[place(reading, sample, strips)] = value * scale + shift;
             }
         }
         let last = self.layers.len() - 1;
         for (index, layer) in self.layers.iter().enumerate() {
             let (before, after) = self.values.split_at_mut(index + 1);
             let (inputs, outputs) = (&before[index], &mut after[0]);
-            outputs.resize(layer.bias.values.len() * b, 0.0);
-            let width = inputs.len() / b;
+            outputs.resize(tiled(layer.outputs) * strips * STRIP, 0.0);
             outputs
-                .par_chunks_mut(TILE * b)
-                .zip(layer.weights.values.par_chunks(TILE * width))
+                .par_chunks_mut(TILE * strips * STRIP)
+                .zip(layer.weights.values.par_chunks(TILE * tiled(layer.inputs)))
                 .zip(layer.bias.values.par_chunks(TILE))
                 .for_each(|((outputs, weights), bias)| {
-                    product::forward(weights, inputs, outputs, b);
-                    for (row, bias) in outputs.chunks_exact_mut(b).zip(bias) {
-                        for value in &mut *row {
-                            *value += bias;
+                    for strip in outputs.chunks_exact_mut(TILE * STRIP) {
+                        for (row, bias) in strip.chunks_exact_mut(STRIP).zip(bias) {
+                            row.fill(*bias);
                         }
-                        if index < last {
-                            elu(row);
-                        }
+                    }
+                    product::forward(weights, inputs, outputs);
+                    if index < last {
+                        elu(outputs);
                     }
                 });
         }
         let errors = &mut self.slopes[last];
         errors.clone_from(&self.values[last + 1]);
         for &(triangle, sample, change) in &batch.targets {
-            errors[triangle as usize * b + sample as usize] -= change;
+            errors[place(triangle as usize, sample as usize, strips)] -= change;
+        }
+        // samples that only fill up the last strip
+        for (block, rows) in errors.chunks_exact_mut(TILE * STRIP).enumerate() {
+            if block % strips == strips - 1 {
+                for row in rows.chunks_exact_mut(STRIP) {
+                    row[b - (strips - 1) * STRIP..].fill(0.0);
+                }
+            }
         }
         let sums: Vec<f64> = errors
-            .par_chunks_mut(TILE * b)
+            .par_chunks_mut(TILE * strips * STRIP)
             .map(|errors| {
-                let mut sum = 0.0;
-                for row in errors.chunks_exact_mut(b) {
-                    sum += row.iter().map(|e| f64::from(e * e)).sum::<f64>();
-                    for error in row {
-                        *error /= b as f32;
-                    }
+                let sum = errors.iter().map(|e| f64::from(e * e)).sum::<f64>();
+                for error in errors {
+                    *error /= b as f32;
                 }
                 sum
             })
@@ -200,6 +224,7 @@ impl Descent {
     pub(super) fn step(&mut self, batch: &Batch, rate: f64, epsilon: f64) -> f64 {
         let loss = self.loss(batch, None, epsilon);
         let b = batch.samples;
+        let strips = b.div_ceil(STRIP);
         self.steps += 1;
         let step = Step::new(rate, self.betas[0], self.betas[1], self.epsilon, self.steps);
         for index in (0..self.layers.len()).rev() {
@@ -207,15 +232,19 @@ impl Descent {
             let slopes = &after[0];
             let inputs = &self.values[index];
             let layer = &mut self.layers[index];
+            let back = |tile: usize, below: &mut [f32]| {
+                below.fill(0.0);
+                product::backward(&layer.weights.values, slopes, tile, below);
+            };
             // the slopes further down are of the weights before their step
             if let Some(below) = before.last_mut() {
                 below.resize(inputs.len(), 0.0);
                 below
-                    .par_chunks_mut(TILE * b)
-                    .zip(inputs.par_chunks(TILE * b))
+                    .par_chunks_mut(TILE * strips * STRIP)
+                    .zip(inputs.par_chunks(TILE * strips * STRIP))
                     .enumerate()
                     .for_each(|(tile, (below, inputs))| {
-                        product::backward(&layer.weights.values, slopes, below, tile * TILE, b);
+                        back(tile, below);
                         for (slope, value) in below.iter_mut().zip(inputs) {
                             *slope *= elu_slope(*value);
                         }
@@ -223,40 +252,53 @@ impl Descent {
             } else if let Some([scale, shift]) = &mut self.normalisation {
                 let mut below = vec![0.0; inputs.len()];
                 below
-                    .par_chunks_mut(TILE * b)
+                    .par_chunks_mut(TILE * strips * STRIP)
                     .enumerate()
-                    .for_each(|(tile, below)| {
-                        product::backward(&layer.weights.values, slopes, below, tile * TILE, b);
-                    });
-                let along = |values: &dyn Fn(usize) -> f32| -> Vec<f32> {
-                    (0..inputs.len() / b)
-                        .map(|row| (row * b..(row + 1) * b).map(values).sum())
-                        .collect()
+                    .for_each(|(tile, below)| back(tile, below));
+                let along = |row: usize, factor: &dyn Fn(usize) -> f32| -> f32 {
+                    (0..b)
+                        .map(|s| below[place(row, s, strips)] * factor(s))
+                        .sum()
                 };
-                let centred = &self.centred;
-                let scales = along(&|i| below[i] * centred[i]);
-                let shifts = along(&|i| below[i]);
+                let centred: Vec<&[f32]> = self.centred.chunks_exact(b).collect();
+                let rows = 0..centred.len();
+                let scales: Vec<f32> = rows
+                    .clone()
+                    .map(|row| along(row, &|s| centred[row][s]))
+                    .collect();
+                let shifts: Vec<f32> = rows.map(|row| along(row, &|_| 1.0)).collect();
                 scale.step(step, &scales);
                 shift.step(step, &shifts);
             }
-            let width = inputs.len() / b;
-            let Layer { weights, bias } = layer;
-            weights
+            let Layer { weights, bias, .. } = layer;
+            let pair = 2 * PANEL * tiled(layer.inputs);
+            let biases: Vec<[f32; 2 * PANEL]> = weights
                 .values
-                .par_chunks_mut(TILE * width)
-                .zip(weights.first.par_chunks_mut(TILE * width))
-                .zip(weights.second.par_chunks_mut(TILE * width))
-                .zip(slopes.par_chunks(TILE * b))
-                .for_each_init(
-                    || vec![0.0; TILE * width],
-                    |gradient, (((values, first), second), slopes)| {
-                        let gradient = &mut gradient[..values.len()];
-                        product::gradient(slopes, inputs, gradient, b);
-                        step.take(values, [first, second], gradient);
+                .par_chunks_mut(pair)
+                .zip(weights.first.par_chunks_mut(pair))
+                .zip(weights.second.par_chunks_mut(pair))
+                .enumerate()
+                .map_init(
+                    || (Vec::new(), vec![0.0; 2 * PANEL * TILE]),
+                    |(turned, gradient), (index, ((values, first), second))| {
+                        let sums = product::turn(slopes, index, strips, turned);
+                        for (tile, inputs) in inputs.chunks_exact(TILE * strips * STRIP).enumerate()
+                        {
+                            product::gradient(turned, inputs, gradient);
+                            for (panel, gradient) in gradient.chunks_exact(TILE * PANEL).enumerate()
+                            {
+                                let from = panel * pair / 2 + tile * TILE * PANEL;
+                                let range = from..from + TILE * PANEL;
+                                let moments =
+                                    [&mut first[range.clone()], &mut second[range.clone()]];
+                                step.take(&mut values[range], moments, gradient);
+                            }
+                        }
+                        sums
                     },
-                );
-            let biases: Vec<f32> = slopes.chunks_exact(b).map(|row| row.iter().sum()).collect();
-            bias.step(step, &biases);
+                )
+                .collect();
+            bias.step(step, biases.as_flattened());
         }
         loss
     }

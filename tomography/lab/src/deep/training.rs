@@ -253,9 +253,12 @@ fn network(descent: &Descent, statistics: &[Vec<f32>; 2]) -> Result<DeepNetwork,
     let layers = descent
         .layers
         .iter()
-        .map(|layer| Layer {
-            weights: Weights::F32(layer.weights.values.clone()),
-            bias: layer.bias.values.clone(),
+        .map(|layer| {
+            let (weights, bias) = layer.plain();
+            Layer {
+                weights: Weights::F32(weights),
+                bias,
+            }
         })
         .collect();
     DeepNetwork::new(mean, gain, shift, layers).map_err(DeepFault::Network)

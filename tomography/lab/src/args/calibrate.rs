@@ -1,0 +1,34 @@
+//! Options of `tactus-lab calibrate`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+#[derive(Debug, Args)]
+pub(crate) struct CalibrateOptions {
+    /// Case folder, with frames.csv (the baseline first) and presses.csv in it
+    #[arg(long, value_name = "DIR")]
+    pub(crate) case: PathBuf,
+    /// Frames [default: frames.csv in the case folder]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) frames: Option<PathBuf>,
+    /// Presses, a line each: frame (0 is the file's first), x_m, y_m, diameter_m, mass_kg [default: presses.csv in the case
+    /// folder]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) presses: Option<PathBuf>,
+    /// The method, with its options, whose maps are to be calibrated; "model FILE" for a trained one
+    #[arg(long, value_name = "TEXT", default_value = "one-step --loss-only")]
+    pub(crate) method: String,
+    /// White noise of one reading, V
+    #[arg(long, value_name = "SD")]
+    pub(crate) noise_v: Option<f64>,
+    /// Baseline: a file or first:N
+    #[arg(long, value_name = "FILE|first:N", default_value = "first:1")]
+    pub(crate) baseline: String,
+    /// File to write
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: PathBuf,
+    /// Print what was found as one JSON object
+    #[arg(long)]
+    pub(crate) json: bool,
+}

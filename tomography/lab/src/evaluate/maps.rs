@@ -1,0 +1,132 @@
+//! The maps that one method makes of one judged folder, with the truth beside them.
+
+use std::path::Path;
+use std::time::Instant;
+
+use eit::{Case, Reconstructor};
+use rayon::prelude::*;
+use survey::{Map, MapUnit, Reading};
+
+use super::figures::average;
+use crate::choice::{self, Choice};
+use crate::failure::Failure;
+use crate::recording::Recording;
+use crate::{geometry, judge, progress};
+
+/// What is assumed of noise-free frames, V: a method that is told of no noise at all believes its model instead.
+const LEAST_NOISE: f64 = 2e-6;
+
+/// One frame of a judged folder.
+pub(crate) struct Frame {
+    pub(crate) map: Map,
+    pub(crate) truth: Map,
+    /// Centre of the one disc that presses, m.
+    pub(crate) place: Option<[f64; 2]>,
+    /// Time of the reconstruction alone.
+    pub(crate) ms: f64,
+}
+
+/// A judged folder as one method sees it.
+pub(crate) struct Judged {
+    pub(crate) case: Case,
+    /// The set and its noise, for a person.
+    pub(crate) set: String,
+    pub(crate) frames: Vec<Frame>,
+    reconstructor: Box<dyn Reconstructor>,
+    recording: Recording,
+}
+
+impl Judged {
+    /// The method's own noise figure; may take a second.
+    pub(crate) fn noise_figure(&self) -> Option<f64> {
+        self.reconstructor.noise_figure()
+    }
+
+    /// Share of the frames that the method says lie outside of what it knows.
+    pub(crate) fn novel_share(&self) -> Option<f64> {
+        let outside = |(_, frame): &(String, Vec<Reading>)| {
+            let novelty = self.reconstructor.novelty(&self.recording.baseline, frame);
+            Some(f64::from(u8::from(novelty.ok()??.outside())))
+        };
+        let frames = self.recording.frames.iter().skip(1);
+        let outside: Option<Vec<f64>> = frames.map(outside).collect();
+        outside.map(|outside| average(outside.into_iter()))
+    }
+}
+
+/// Runs a method, given as the words that `reconstruct` takes for it; the truth is opened after that.
+pub(crate) fn maps(folder: &Path, name: &str, words: &[String]) -> Result<Judged, Failure> {
+    let case = geometry::read(folder)?;
+    let said = judge::said(folder)?;
+    let frames = folder.join("frames.csv");
+    let mut told = words.to_vec();
+    // the paper's own step looks at no noise
+    if words[0] == "--method" && words.get(1).is_none_or(|method| method != "tv-paper") {
+        let noise_v = said.noise_v.max(LEAST_NOISE);
+        told.extend(["--noise-v".to_owned(), noise_v.to_string()]);
+    }
+    let options = choice::asked(name, &told, folder, &frames)?;
+    let recording = Recording::read(&frames, "first:1", case.protocol.len(), false)?;
+    let choice: Choice = choice::prepare(&options, &case, &recording)?;
+    let truths = rows(&folder.join("truth.csv"))?;
+    let bar = progress::bar(truths.len(), "frames");
+    let one = |k: usize| -> Result<(Map, f64), Failure> {
+        let (frame_name, frame) = &recording.frames[k + 1];
+        let start = Instant::now();
+        let map = choice
+            .reconstructor
+            .reconstruct(&recording.baseline, frame)
+            .map_err(|fault| Failure::of(&format!("{name}, frame '{frame_name}'"), &fault))?;
+        bar.inc(1);
+        Ok((map, start.elapsed().as_secs_f64() * 1e3))
+    };
+    // quick methods one after the other, so that their times are their own
+    let maps: Vec<(Map, f64)> = if choice.slow {
+        (0..truths.len())
+            .into_par_iter()
+            .map(one)
+            .collect::<Result<_, Failure>>()?
+    } else {
+        (0..truths.len()).map(one).collect::<Result<_, Failure>>()?
+    };
+    bar.finish_and_clear();
+    let presses = folder.join("presses.csv");
+    let places = match presses.exists() {
+        true => rows(&presses)?,
+        false => Vec::new(),
+    };
+    let frames = maps
+        .into_iter()
+        .zip(truths)
+        .enumerate()
+        .map(|(k, ((map, ms), truth))| Frame {
+            truth: Map {
+                mesh_hash: map.mesh_hash.clone(),
+                values: truth,
+                unit: MapUnit::RelativeConductance,
+                method: "truth".to_owned(),
+                masked: 0,
+            },
+            map,
+            place: places.get(k).map(|row| [row[1], row[2]]),
+            ms,
+        })
+        .collect();
+    Ok(Judged {
+        case,
+        set: said.name,
+        frames,
+        reconstructor: choice.reconstructor,
+        recording,
+    })
+}
+
+/// Rows of numbers; a header is left out.
+fn rows(path: &Path) -> Result<Vec<Vec<f64>>, Failure> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|cause| Failure::of(&format!("{}", path.display()), &cause))?;
+    Ok(text
+        .lines()
+        .filter_map(|line| line.split(',').map(|field| field.parse().ok()).collect())
+        .collect())
+}

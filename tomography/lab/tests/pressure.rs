@@ -1,0 +1,183 @@
+//! From relative loss to kPa: fitted to presses of known mass, judged on others.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn lab(words: &[&str], folder: &Path) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_tactus-lab"))
+        .args(words)
+        .current_dir(folder)
+        .output()
+        .unwrap()
+}
+
+fn done(output: Output) -> String {
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    String::from_utf8(output.stdout).unwrap()
+}
+
+#[test]
+fn known_masses_come_back_in_newtons() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    done(lab(
+        &["judge", "--set", "masses", "--seed", "3", "--out", "known"],
+        at,
+    ));
+    let method = "one-step --loss-only";
+    let fitted = done(lab(
+        &[
+            "calibrate",
+            "--case",
+            "known",
+            "--method",
+            method,
+            "--noise-v",
+            "2e-6",
+            "--out",
+            "sheet.toml",
+            "--json",
+        ],
+        at,
+    ));
+    println!("{fitted}");
+    // other places, another seed
+    done(lab(
+        &[
+            "judge", "--set", "masses", "--seed", "9", "--count", "12", "--out", "judged",
+        ],
+        at,
+    ));
+    let frames = [
+        "reconstruct",
+        "--case",
+        "judged",
+        "--frames",
+        "judged/frames.csv",
+        "--method",
+        "one-step",
+    ];
+    let with = [
+        "--loss-only",
+        "--noise-v",
+        "2e-6",
+        "--calibration",
+        "sheet.toml",
+        "--json",
+        "--out",
+        "kpa.csv",
+    ];
+    let said = done(lab(&[&frames[..], &with[..]].concat(), at));
+    let found: Vec<f64> = said
+        .lines()
+        .map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap())
+        .map(|frame| {
+            assert_eq!(frame["unit"], "kPa");
+            frame["newtons"].as_f64().unwrap()
+        })
+        .collect();
+    let presses = std::fs::read_to_string(at.join("judged/presses.csv")).unwrap();
+    let masses: Vec<f64> = presses
+        .lines()
+        .skip(1)
+        .map(|line| line.rsplit(',').next().unwrap().parse().unwrap())
+        .collect();
+    assert_eq!(found.len(), masses.len() + 1);
+    assert!(found[0] < 1.0, "nothing on the sheet: {} N", found[0]);
+    let off: Vec<f64> = found[1..]
+        .iter()
+        .zip(&masses)
+        .map(|(n, kg)| n / (9.80665 * kg) - 1.0)
+        .collect();
+    let rms = (off.iter().map(|x| x * x).sum::<f64>() / off.len() as f64).sqrt();
+    println!(
+        "force on presses that the fit has not seen: rms {:.1} %, {off:.2?}",
+        100.0 * rms
+    );
+    assert!(rms < 0.2, "{off:?}");
+    // the same maps without a calibration are in no pressure
+    let bare = done(lab(
+        &[
+            &frames[..],
+            &[
+                "--loss-only",
+                "--noise-v",
+                "2e-6",
+                "--json",
+                "--out",
+                "maps.csv",
+            ][..],
+        ]
+        .concat(),
+        at,
+    ));
+    assert!(!bare.contains("kPa") && bare.contains("relative change of conductance"));
+    // another method's maps are refused
+    let foreign = lab(
+        &[
+            &frames[..],
+            &[
+                "--noise-v",
+                "2e-6",
+                "--calibration",
+                "sheet.toml",
+                "--out",
+                "x.csv",
+            ][..],
+        ]
+        .concat(),
+        at,
+    );
+    assert!(!foreign.status.success());
+    let why = String::from_utf8_lossy(&foreign.stderr).into_owned();
+    assert!(why.contains("loss"), "{why}");
+}
+
+#[test]
+fn presses_that_say_nothing_are_refused_by_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    done(lab(
+        &["judge", "--set", "masses", "--count", "6", "--out", "known"],
+        at,
+    ));
+    let path = at.join("known/presses.csv");
+    let whole = std::fs::read_to_string(&path).unwrap();
+    let tried = |text: String| {
+        std::fs::write(&path, text).unwrap();
+        let refused = lab(
+            &[
+                "calibrate",
+                "--case",
+                "known",
+                "--noise-v",
+                "2e-6",
+                "--out",
+                "sheet.toml",
+            ],
+            at,
+        );
+        assert!(!refused.status.success());
+        String::from_utf8(refused.stderr).unwrap()
+    };
+    let few: String = whole
+        .lines()
+        .take(4)
+        .map(|line| format!("{line}\n"))
+        .collect();
+    assert!(tried(few).contains("3 presses are too few"));
+    let spoiled = whole.replacen("\n2,", "\ntwo,", 1);
+    let said = tried(spoiled);
+    assert!(
+        said.contains("presses.csv:3") && said.contains("frame"),
+        "{said}"
+    );
+    let said = tried(whole.replacen("mass_kg", "mass", 1));
+    assert!(said.contains("mass_kg"), "{said}");
+    let said = tried(whole.replacen("\n2,", "\n99,", 1));
+    assert!(said.contains("frame 99"), "{said}");
+}
