@@ -9,6 +9,8 @@ use sha2::{Digest, Sha256};
 pub enum MapUnit {
     /// Relative change of sheet conductance, dsigma / sigma0: 0 untouched, -1 all conductance lost.
     RelativeConductance,
+    /// Change of sheet conductance, siemens per square.
+    Conductance,
 }
 
 impl MapUnit {
@@ -16,6 +18,15 @@ impl MapUnit {
     pub fn label(self) -> &'static str {
         match self {
             Self::RelativeConductance => "relative change of conductance",
+            Self::Conductance => "change of conductance",
+        }
+    }
+
+    /// What a value is multiplied with before it is shown to a person, and the unit of the result.
+    pub fn shown(self) -> (f64, &'static str) {
+        match self {
+            Self::RelativeConductance => (1e2, "%"),
+            Self::Conductance => (1e6, "\u{b5}S per square"),
         }
     }
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use crate::{Dipole, Electrode};
+use crate::{Dipole, Electrode, Reading};
 
 /// One question: drive current through one pair, read the voltage over another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -190,6 +190,25 @@ impl Protocol {
             .collect()
     }
 
+    /// The readings of a frame of this protocol out of those of another: each question is answered by itself, or by its
+    /// reciprocal. A half frame answers a whole one so. `None` where a question has neither, or the readings are not as
+    /// many as the questions of `asked`.
+    pub fn answered_by(&self, asked: &Self, readings: &[Reading]) -> Option<Vec<Reading>> {
+        if asked.len() != readings.len() {
+            return None;
+        }
+        let answers: std::collections::BTreeMap<_, _> =
+            asked.measurements.iter().copied().zip(readings).collect();
+        self.measurements
+            .iter()
+            .map(|question| {
+                let own = answers.get(question);
+                own.or_else(|| answers.get(&question.reciprocal()))
+                    .map(|reading| **reading)
+            })
+            .collect()
+    }
+
     /// SHA-256 over ring size and questions, hex: what a model or a baseline was made for.
     pub fn hash(&self) -> String {
         let mut hasher = Sha256::new();
@@ -257,6 +276,26 @@ mod tests {
         for (reading, twin) in twins.iter().enumerate() {
             assert_eq!(twins[twin.unwrap()], Some(reading));
         }
+    }
+
+    #[test]
+    fn a_half_frame_answers_a_whole_one_by_reciprocity() {
+        let whole = Protocol::sheffield(8).unwrap();
+        let asked = Protocol::new(8, half(sheffield(8)).collect()).unwrap();
+        let told = |question: &Measurement| {
+            let pairs = [question.drive.plus.0, question.sense.plus.0];
+            let (low, high) = (pairs[0].min(pairs[1]), pairs[0].max(pairs[1]));
+            Reading::Ok(crate::Volts((10 * low + high) as f64))
+        };
+        let readings: Vec<Reading> = asked.measurements().iter().map(told).collect();
+        let completed = whole.answered_by(&asked, &readings).unwrap();
+        assert_eq!(completed.len(), 2 * readings.len());
+        for (question, reading) in whole.measurements().iter().zip(&completed) {
+            assert_eq!(*reading, told(question));
+        }
+        assert_eq!(whole.answered_by(&asked, &readings[1..]), None);
+        let skipped = Protocol::new(8, skip(8, 1).collect()).unwrap();
+        assert_eq!(skipped.answered_by(&asked, &readings), None);
     }
 
     #[test]

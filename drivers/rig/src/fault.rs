@@ -71,6 +71,14 @@ pub enum RigError {
         /// What the level reads.
         level: Amps,
     },
+    /// The source's interlock is open, or was since it was last asked about: its output is off.
+    #[error(
+        "{instrument}: the interlock is open, or was during this; it keeps the output off until it is closed"
+    )]
+    Interlock {
+        /// Name and address.
+        instrument: String,
+    },
     /// Relays stay closed.
     #[error("{instrument}: relays {} stay closed", join(.relays))]
     StillClosed {

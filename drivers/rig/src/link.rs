@@ -5,6 +5,9 @@
 //! stream is replaced ([`Link::replace`]) or the peer has repeated two numbers it was just told
 //! ([`Link::resynchronise`]). So a late reply can never be taken for the next answer.
 
+mod error;
+mod in_step;
+
 use std::pin::Pin;
 use std::task::Poll;
 use std::time::Duration;
@@ -12,107 +15,14 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadBuf};
 use tokio::time::Instant;
 
+pub use error::LinkError;
+use error::shorten;
+
 use crate::Tape;
 use crate::transcript::Said;
 
 /// Longest reply unless [`Link::with_longest_reply`] says otherwise, bytes: 2,600 readings with all their fields.
 const LONGEST_REPLY: usize = 256 * 1024;
-
-/// Most of a text that an error message repeats, characters.
-const SHORTENED: usize = 60;
-
-/// Bad news from a wire.
-#[derive(Debug, thiserror::Error)]
-pub enum LinkError {
-    /// Nobody answers at the address, or the port cannot be opened.
-    #[error(
-        "{address} cannot be reached; check the address, the cable and that the instrument is on"
-    )]
-    Unreachable {
-        /// Host and port, or path of the serial port.
-        address: String,
-        /// What the operating system says.
-        #[source]
-        cause: std::io::Error,
-    },
-    /// No complete answer before the deadline. The link is out of step until it is reopened or resynchronised.
-    #[error("{instrument} did not answer{} within {deadline:?}", quoted(.message))]
-    Timeout {
-        /// Name and address.
-        instrument: String,
-        /// What was sent, shortened.
-        message: String,
-        /// How long it was waited for.
-        deadline: Duration,
-    },
-    /// The peer closed, or the connection broke.
-    #[error("the connection to {instrument} was lost{}", at(.message))]
-    Lost {
-        /// Name and address.
-        instrument: String,
-        /// What was being sent or awaited, shortened; empty when nothing was.
-        message: String,
-        /// What the operating system says, if anything.
-        #[source]
-        cause: Option<std::io::Error>,
-    },
-    /// The link is out of step after an earlier fault: a late reply could be taken for the next answer.
-    #[error(
-        "the link to {instrument} is out of step after an earlier fault; reconnect before asking again"
-    )]
-    OutOfStep {
-        /// Name and address.
-        instrument: String,
-    },
-    /// The peer sent something nobody asked for.
-    #[error("{instrument} sent '{text}' that was not asked for")]
-    Unsolicited {
-        /// Name and address.
-        instrument: String,
-        /// What came, shortened.
-        text: String,
-    },
-    /// A reply longer than any that was asked for.
-    #[error("{instrument} answered '{message}' with more than {most} bytes")]
-    TooLong {
-        /// Name and address.
-        instrument: String,
-        /// What was sent, shortened.
-        message: String,
-        /// The bound.
-        most: usize,
-    },
-    /// A reply that is not text.
-    #[error("{instrument} answered '{message}' with bytes that are not text")]
-    NotText {
-        /// Name and address.
-        instrument: String,
-        /// What was sent, shortened.
-        message: String,
-    },
-    /// A message with a line end inside would be two messages.
-    #[error("the message '{message}' to {instrument} holds a line end; send one message at a time")]
-    LineEnd {
-        /// Name and address.
-        instrument: String,
-        /// What was to be sent, shortened.
-        message: String,
-    },
-}
-
-fn quoted(message: &str) -> String {
-    match message {
-        "" => String::new(),
-        message => format!(" '{message}'"),
-    }
-}
-
-fn at(message: &str) -> String {
-    match message {
-        "" => String::new(),
-        message => format!(" at '{message}'"),
-    }
-}
 
 /// Anything bytes can be sent over: TCP, a serial line, a pipe in memory.
 pub trait Stream: AsyncRead + AsyncWrite + Unpin + Send {}
@@ -245,69 +155,6 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         Ok(answer)
     }
 
-    /// Brings a link back in step whose connection cannot be dropped, by the event enable register that every
-    /// IEEE 488.2 instrument has: the peer must repeat two numbers it was just told, whatever comes before is thrown
-    /// away, and the register is put back as it was. An attempt that failed may be repeated. Only if the peer never
-    /// answered the first one at all is the register's value lost; it is then set to 0, its value at power-on.
-    ///
-    /// # Errors
-    /// A lost connection, or the numbers not repeated within the deadline: the link stays out of step.
-    pub async fn resynchronise(&mut self) -> Result<(), LinkError> {
-        let first = self.next_nonce();
-        let second = self.next_nonce();
-        self.state = State::OutOfStep;
-        self.end_half_a_message().await?;
-
-        // Half a line may have come: what the answer to this is glued to is thrown away with it.
-        let until = Instant::now() + self.deadline;
-        self.write("*ESE?", self.deadline, until).await?;
-
-        self.nonces.extend([first, second]);
-        let told_so_far = self.nonces.clone();
-        let mut found = self.enable;
-        let told = self
-            .echo(&format!("*ESE?;*ESE {first};*ESE?"), |line| {
-                let (before, now) = two_numbers(line)?;
-                // The register's own value is what it held before the first number it was told.
-                let turn = told_so_far.iter().position(|told| *told == now)?;
-                if !told_so_far[..turn].contains(&before) {
-                    found.get_or_insert(before);
-                }
-                (now == first).then_some(())
-            })
-            .await;
-        self.enable = found;
-        told?;
-        self.echo(&format!("*ESE?;*ESE {second};*ESE?"), |line| {
-            (two_numbers(line)? == (first, second)).then_some(())
-        })
-        .await?;
-        let before = self.enable.unwrap_or(0);
-        self.echo(&format!("*ESE {before};*ESE?"), |line| {
-            (line.trim().parse() == Ok(before)).then_some(())
-        })
-        .await?;
-        self.come_in_step("*ESE?").await?;
-        self.nonces.clear();
-        self.enable = None;
-        Ok(())
-    }
-
-    /// As [`Link::resynchronise`] for a peer without `*ESE`: sends each message in turn and throws lines away until its
-    /// expected answer has come. Give at least two, with answers that no earlier question can have had.
-    ///
-    /// # Errors
-    /// A lost connection, or an expected answer missing at the deadline: the link stays out of step.
-    pub async fn resynchronise_by(&mut self, probes: &[(&str, &str)]) -> Result<(), LinkError> {
-        self.state = State::OutOfStep;
-        self.end_half_a_message().await?;
-        for (message, expected) in probes {
-            self.echo(message, |line| (line.trim() == *expected).then_some(()))
-                .await?;
-        }
-        self.come_in_step("").await
-    }
-
     /// Refuses to talk out of step, and marks the link so until this exchange has ended well: a future dropped half-way
     /// leaves it out of step.
     async fn begin(&mut self, message: &str) -> Result<(), LinkError> {
@@ -414,50 +261,6 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         Ok(false)
     }
 
-    /// A write that was cut short left the beginning of a message at the peer.
-    async fn end_half_a_message(&mut self) -> Result<(), LinkError> {
-        let until = Instant::now() + self.deadline;
-        self.write("", self.deadline, until).await
-    }
-
-    /// Sends a message and throws lines away until one is recognised.
-    async fn echo<T>(
-        &mut self,
-        message: &str,
-        mut recognise: impl FnMut(&str) -> Option<T>,
-    ) -> Result<T, LinkError> {
-        let until = Instant::now() + self.deadline;
-        self.write(message, self.deadline, until).await?;
-        loop {
-            match self.line(message, self.deadline, until).await {
-                Ok(line) => {
-                    if let Some(recognised) = recognise(&line) {
-                        return Ok(recognised);
-                    }
-                }
-                Err(LinkError::NotText { .. }) => {}
-                Err(LinkError::TooLong { .. }) => self.received.clear(),
-                Err(fault) => return Err(fault),
-            }
-        }
-    }
-
-    /// In step again if nothing more has come behind the last recognised line.
-    async fn come_in_step(&mut self, message: &str) -> Result<(), LinkError> {
-        self.take_what_waits(message).await?;
-        if !self.received.is_empty() {
-            return Err(self.unsolicited());
-        }
-        self.state = State::InStep;
-        Ok(())
-    }
-
-    /// 1 to 255, never the same twice in a row.
-    fn next_nonce(&mut self) -> u8 {
-        self.nonce = self.nonce.wrapping_add(97).max(1);
-        self.nonce
-    }
-
     fn unsolicited(&mut self) -> LinkError {
         let text = String::from_utf8_lossy(&self.received).trim().to_owned();
         self.received.clear();
@@ -500,19 +303,4 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
             deadline,
         }
     }
-}
-
-/// `12;34`, perhaps with signs and blanks.
-fn two_numbers(line: &str) -> Option<(u8, u8)> {
-    let (one, other) = line.split_once(';')?;
-    Some((one.trim().parse().ok()?, other.trim().parse().ok()?))
-}
-
-/// The beginning of a text, with `...` where more follows.
-fn shorten(text: &str) -> String {
-    let mut shortened: String = text.chars().take(SHORTENED).collect();
-    if shortened.len() < text.len() {
-        shortened.push_str("...");
-    }
-    shortened
 }

@@ -33,8 +33,6 @@ where
     V: Voltmeter,
 {
     rig.source.prepare(plan.current, plan.compliance).await?;
-    // What an earlier frame latched is not this one's.
-    rig.source.in_compliance().await?;
     let scan = match plan.wiring.sensing {
         Sensing::Scan => plan.wiring.measuring_relays(),
         _ => Vec::new(),

@@ -191,17 +191,20 @@ where
     }
 }
 
-/// Reads every injecting relay back: those of the pair that is driven are closed, all others open.
+/// Reads every injecting relay back, and opens all relays: those of the pair that was driven were closed, all others
+/// open.
 ///
 /// # Errors
 /// [`RigError::RelayMismatch`] naming relays and electrodes.
-pub(crate) async fn check_driven<W: Switch>(
+pub(crate) async fn open_checked<W: Switch>(
     switch: &mut W,
     wiring: &Wiring,
     driven: &[Relay],
 ) -> Result<(), RigError> {
     let relays = wiring.injecting_relays();
-    let states = switch.closed(&relays).await?;
+    let states = switch
+        .closed_before_opening(&relays, &every_relay(wiring))
+        .await?;
     let (mut open, mut closed) = (Vec::new(), Vec::new());
     for (relay, is_closed) in relays.into_iter().zip(states) {
         match (driven.contains(&relay), is_closed) {

@@ -11,7 +11,8 @@ use crate::RigError;
 
 /// Puts a known current through the pair that the switch has joined to it.
 pub trait CurrentSource: Send {
-    /// Sets 0 A, output off, the fixed range that holds `current`, and the voltage limit; verifies by read-back.
+    /// Sets 0 A, output off, the fixed range that holds `current`, and the voltage limit; verifies by read-back, output
+    /// and level included. What was in compliance before is forgotten.
     fn prepare(
         &mut self,
         current: Amps,
@@ -23,6 +24,14 @@ pub trait CurrentSource: Send {
 
     /// Switches the output.
     fn set_output(&mut self, on: bool) -> impl Future<Output = Result<(), RigError>> + Send;
+
+    /// From 0 A and off to a level: the output first, then the level, in one message where the source takes it.
+    fn switch_on(&mut self, current: Amps) -> impl Future<Output = Result<(), RigError>> + Send {
+        async move {
+            self.set_output(true).await?;
+            self.set_current(current).await
+        }
+    }
 
     /// Reads whether the voltage limit holds the current back now, or has begun to since the last call.
     fn compliance(&mut self) -> impl Future<Output = Result<Compliance, RigError>> + Send;
@@ -87,6 +96,20 @@ pub trait Switch: Send {
         &mut self,
         relays: &[Relay],
     ) -> impl Future<Output = Result<(), RigError>> + Send;
+
+    /// Reads back which of `asked` are closed, then opens `relays` as [`Switch::open_verified`] does; in one message
+    /// where the switch takes it.
+    fn closed_before_opening(
+        &mut self,
+        asked: &[Relay],
+        relays: &[Relay],
+    ) -> impl Future<Output = Result<Vec<bool>, RigError>> + Send {
+        async move {
+            let closed = self.closed(asked).await?;
+            self.open_verified(relays).await?;
+            Ok(closed)
+        }
+    }
 }
 
 /// How the voltmeter is to measure.
@@ -128,6 +151,9 @@ pub struct Sample {
     pub relay: Relay,
     /// Its range.
     pub range: Volts,
+    /// Waited once its relay has closed, before it is read, beside the delay of every channel: what the sheet needs to
+    /// settle after the current has moved.
+    pub wait: Duration,
 }
 
 /// A pair to join to the voltmeter and to read.
@@ -166,7 +192,8 @@ pub trait Voltmeter: Send {
     /// Scans the prepared list once on the prepared range; one reading a relay, in its order.
     fn scan(&mut self) -> impl Future<Output = Result<Vec<Reading>, RigError>> + Send;
 
-    /// Scans these channels, each on its range; one reading a channel, in their order.
+    /// Scans these channels, each on its range and after its wait; one reading a channel, in their order. Relay moves
+    /// held back by a switch of the same instrument are made before.
     fn scan_on(
         &mut self,
         channels: &[Sample],

@@ -7,7 +7,7 @@ use std::time::Duration;
 use chrono::{DateTime, Utc};
 use rig::{AcquireError, Clock, MeterSettings, RigError, Stop, acquire, check_at_start, safe_off};
 use stand_in::{Fault, Part, StandIn};
-use survey::{Amps, Electrode, Frame, Plan, Protocol, Reading, Relay, Volts, Wiring};
+use survey::{Amps, Electrode, Frame, Injection, Plan, Protocol, Reading, Relay, Volts, Wiring};
 
 const METER: MeterSettings = MeterSettings::new(Volts(1.0), 1.0);
 
@@ -227,6 +227,26 @@ async fn compliance_at_an_injection_takes_its_readings_and_names_the_electrode()
 }
 
 #[tokio::test(start_paused = true)]
+async fn what_is_said_before_the_relays_are_known_to_have_moved_voids_both_injections() {
+    let wiring = Wiring::pairs_34924a(1, 6).unwrap();
+    let plan = plan(&wiring, Duration::from_millis(2));
+    // the second injection's relays move long after the source is asked about it
+    let (late, second) = (Duration::from_millis(80), 9);
+    let stand_in = StandIn::new(&wiring).slow(Part::SwitchAndMeter, second, late);
+    let hand = stand_in.clone();
+    let stand_in = stand_in.calling(second, move || {
+        drop(hand.in_compliance_at(Electrode(0)));
+    });
+    let frame = run(&stand_in, &plan).await.unwrap();
+    assert_eq!(frame.compliance, [Electrode(1), Electrode(0)]);
+    for (question, reading) in plan.protocol.measurements().iter().zip(&frame.readings) {
+        let voided = question.drive.plus.0 < 2;
+        assert_eq!(*reading == Reading::NotMeasured, voided, "{question:?}");
+    }
+    stand_in.assert_safe();
+}
+
+#[tokio::test(start_paused = true)]
 async fn an_overload_or_a_missing_answer_is_a_flag_in_its_place() {
     let wiring = Wiring::pairs_34924a(1, 6).unwrap();
     let plan = plan(&wiring, Duration::ZERO);
@@ -293,4 +313,88 @@ async fn safe_off_opens_relays_even_when_the_source_does_not_answer() {
         "{told}"
     );
     assert_eq!(stand_in.closed(), []);
+}
+
+fn both_ways(wiring: &Wiring) -> Plan {
+    let injection = Injection {
+        current: Amps(1e-3),
+        compliance: Volts(10.0),
+        settle: Duration::from_millis(1),
+        reversal: true,
+    };
+    let protocol = Protocol::sheffield(wiring.electrodes).unwrap();
+    Plan::injecting(&protocol, wiring, injection).unwrap()
+}
+
+#[tokio::test(start_paused = true)]
+async fn current_reversal_cancels_a_constant_emf() {
+    for wiring in wirings(8).map(Wiring::chained) {
+        let plan = both_ways(&wiring);
+        let stand_in = StandIn::new(&wiring).with_emf(50e-6);
+        let frame = run(&stand_in, &plan).await.unwrap();
+        for (question, reading) in plan.protocol.measurements().iter().zip(&frame.readings) {
+            let (Reading::Ok(read), Reading::Ok(true_volts)) =
+                (reading, StandIn::answer(*question))
+            else {
+                panic!("{reading:?}");
+            };
+            let error = (read.0 - true_volts.0).abs();
+            // as far as numbers of this size tell apart
+            assert!(error <= 1e-12 * true_volts.0.abs().max(1.0), "{error}");
+        }
+        assert!(frame.settings.precautions.reversal);
+        // without it the EMF is there
+        let plain = run(&stand_in, &self::plan(&wiring, Duration::ZERO))
+            .await
+            .unwrap();
+        assert_ne!(plain.readings, frame.readings);
+        stand_in.assert_safe();
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_zero_current_frame_reads_offsets_only_and_subtracts_them() {
+    for wiring in wirings(8) {
+        let plan = both_ways(&wiring).at_zero_current();
+        let stand_in = StandIn::new(&wiring).with_emf(50e-6);
+        let zero = run(&stand_in, &plan).await.unwrap();
+        assert!(
+            zero.readings
+                .iter()
+                .all(|reading| *reading == Reading::Ok(Volts(50e-6)))
+        );
+        let plain = self::plan(&wiring, Duration::from_millis(1));
+        let mut frame = run(&stand_in, &plain).await.unwrap();
+        frame.subtract(&zero).unwrap();
+        assert!(frame.settings.precautions.zeroed);
+        for (question, reading) in plan.protocol.measurements().iter().zip(&frame.readings) {
+            let (Reading::Ok(read), Reading::Ok(true_volts)) =
+                (reading, StandIn::answer(*question))
+            else {
+                panic!("{reading:?}");
+            };
+            assert!((read.0 - true_volts.0).abs() <= 1e-9);
+        }
+        stand_in.assert_safe();
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_the_scan_reads_beside_the_protocol_is_kept_apart_and_fails_nothing() {
+    let wiring = Wiring::pairs_34924a(1, 6).unwrap();
+    let plan = plan(&wiring, Duration::ZERO);
+    let drive = survey::Dipole::adjacent(0, 6);
+    let own = survey::Measurement {
+        drive,
+        sense: drive,
+    };
+    let stand_in = StandIn::new(&wiring).answering(own, Reading::Overload);
+    let frame = run(&stand_in, &plan).await.unwrap();
+    assert!(frame.readings.iter().all(|reading| reading.is_ok()));
+    assert_eq!(frame.extra.len(), 6 * 3);
+    assert_eq!(frame.extra[0].question, own);
+    assert_eq!(frame.extra[0].reading, Reading::Overload);
+    let quality = survey::Checks::new(&plan.protocol).of(&frame);
+    assert_eq!(quality.overloads, 0);
+    assert!(!quality.flags.contains(&survey::QualityFlag::Incomplete));
 }

@@ -45,7 +45,7 @@ pub struct Resolution {
 
 impl Plan {
     /// Gives every reading the range that it needs, scanned ones that the protocol does not ask included. Where
-    /// nothing is expected the session's one range stays.
+    /// nothing is expected the range stays as it was.
     #[must_use]
     pub fn with_ranges(
         mut self,
@@ -60,18 +60,21 @@ impl Plan {
                 Step::Break { drive, .. } | Step::Overlap { drive, .. } => driven = Some(*drive),
                 Step::Scan { channels } => {
                     for channel in channels {
-                        channel.range = driven.and_then(|drive| choose(drive, channel.sense));
+                        let chosen = driven.and_then(|drive| choose(drive, channel.sense));
+                        channel.range = chosen.or(channel.range);
                     }
                 }
                 Step::Chain { routes } => {
                     for route in routes {
-                        route.range = driven.and_then(|drive| choose(drive, route.sense));
+                        let chosen = driven.and_then(|drive| choose(drive, route.sense));
+                        route.range = chosen.or(route.range);
                     }
                 }
                 Step::Read { reading, range } => {
-                    *range = measurements
+                    let chosen = measurements
                         .get(*reading)
                         .and_then(|asked| choose(asked.drive, asked.sense));
+                    *range = chosen.or(*range);
                 }
                 _ => {}
             }
@@ -171,5 +174,91 @@ impl Plan {
             rms: Volts(mean_square.sqrt()),
             median: Volts(noise[noise.len() / 2]),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+    use crate::{Amps, Protocol, Wiring};
+
+    fn rule() -> RangeRule {
+        RangeRule {
+            available: [0.1, 1.0, 10.0].map(Volts).to_vec(),
+            margin: 1.5,
+        }
+    }
+
+    /// 6.7 V over the driven pair, 0.5 V beside it, 2 mV elsewhere.
+    fn expected(question: Measurement) -> Option<Volts> {
+        Some(Volts(match question.drive.touches(question.sense) {
+            true if question.drive == question.sense => -6.5,
+            true => 0.5,
+            false => 2e-3,
+        }))
+    }
+
+    fn plan(wiring: &Wiring) -> Plan {
+        let protocol = Protocol::sheffield(wiring.electrodes).unwrap();
+        let plan = Plan::new(&protocol, wiring, Amps(1e-3), Volts(10.0), Duration::ZERO).unwrap();
+        plan.with_ranges(&rule(), expected)
+    }
+
+    #[test]
+    fn driven_and_neighbouring_pairs_have_ranges_of_their_own() {
+        let plan = plan(&Wiring::pairs_34924a(1, 26).unwrap());
+        assert!(plan.ranges().iter().all(|range| *range == Some(Volts(0.1))));
+        let Some(Step::Scan { channels }) = plan.steps.iter().find(|step| step.reads()) else {
+            panic!("a scan");
+        };
+        let range = |at: usize| channels[at].range.unwrap().0;
+        assert_eq!(
+            [range(0), range(1), range(2), range(25)],
+            [10.0, 1.0, 0.1, 1.0]
+        );
+        // 26 at first, then the four pairs at the moving edge of each of 25 injections
+        assert_eq!(plan.range_changes(), 26 + 25 * 4);
+        assert_eq!(plan.counts().range_changes, 126);
+        let noise = plan.resolution(3e-6, Volts(1.0), 1);
+        assert!((noise.rms.0 - 3e-7).abs() < 1e-18, "{noise:?}");
+    }
+
+    #[test]
+    fn an_overload_gets_the_next_larger_range_and_the_largest_stays() {
+        let mut plan = plan(&Wiring::matrix_34932a(1, 8).unwrap().chained());
+        assert_eq!(plan.widen(&rule(), &[3]), [(3, Volts(1.0))]);
+        assert_eq!(plan.widen(&rule(), &[3]), [(3, Volts(10.0))]);
+        assert_eq!(plan.widen(&rule(), &[3]), []);
+        assert_eq!(plan.ranges()[3], Some(Volts(10.0)));
+        assert_eq!(plan.ranges()[2], Some(Volts(0.1)));
+    }
+
+    #[test]
+    fn a_half_frame_scans_only_what_it_asks() {
+        let protocol = Protocol::new(26, crate::half(crate::sheffield(26)).collect()).unwrap();
+        let wiring = Wiring::pairs_34924a(1, 26).unwrap();
+        let plan = Plan::new(&protocol, &wiring, Amps(1e-3), Volts(10.0), Duration::ZERO).unwrap();
+        let counts = plan.counts();
+        assert_eq!(counts.readings, 299);
+        // the first two injections are asked whole, and scanned so; no other is
+        assert_eq!(counts.extra_readings, 2 * 3, "{counts:?}");
+    }
+
+    #[test]
+    fn single_electrodes_serve_any_pattern_and_wired_pairs_do_not() {
+        let protocol = Protocol::new(26, crate::skip(26, 3).collect()).unwrap();
+        let made = |wiring: Wiring| {
+            let wiring = wiring.joining(&protocol);
+            Plan::new(&protocol, &wiring, Amps(1e-3), Volts(4.0), Duration::ZERO)
+        };
+        let board = made(Wiring::gpio_board(26).unwrap()).unwrap();
+        assert_eq!(board.counts().readings, protocol.len());
+        let refusal = made(Wiring::pairs_34924a(1, 26).unwrap()).unwrap_err();
+        assert!(
+            refusal.to_string().contains("cannot join pair 1-5"),
+            "{refusal}"
+        );
     }
 }

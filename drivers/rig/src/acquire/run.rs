@@ -1,21 +1,29 @@
 //! One run of a plan: which step asks whom, and where each answer belongs.
 
-use std::pin::Pin;
+mod answers;
+mod beside;
+
 use std::time::Duration;
 
-use survey::{
-    Amps, Channel, Dipole, Electrode, Extra, Measurement, Plan, Reading, Relay, Routed, Step, Volts,
-};
+use survey::{Amps, Channel, Dipole, Electrode, Extra, Plan, Reading, Relay, Routed, Step, Volts};
 use tokio::sync::watch;
 use tokio::time::Instant;
 
 use super::Cut;
 use crate::prepare::apply;
-use crate::safe::{check_driven, every_relay};
+use crate::safe::{every_relay, open_checked};
 use crate::seams::Instruments;
 use crate::{
     Compliance, CurrentSource, Hop, MeterSettings, Move, RigError, Sample, Stop, Switch, Voltmeter,
 };
+use beside::{Beside, over};
+
+/// How long relays that are switched in the same message as a scan are given before the source is asked about its
+/// compliance: longer than the slowest of them need to close and open, and the message to be heard.
+const RELAYS_MOVE: Duration = Duration::from_millis(20);
+
+/// The longest settling that is left to a scan: a stop cannot cut it short, as it can what is waited for here.
+const LONGEST_OWN_WAIT: Duration = Duration::from_secs(1);
 
 /// Where the current goes, and which way.
 #[derive(Debug, Default)]
@@ -42,9 +50,11 @@ pub(super) struct Run<'a> {
     pub(super) extra: Vec<Extra>,
     pub(super) compliance: Vec<Electrode>,
     driven: Driven,
-    /// The source's level as last set; unknown at first.
+    /// The source's level as last set or read back; unknown at first.
     level: Option<Amps>,
     on: bool,
+    /// What the scan that follows is to wait before its first reading.
+    wait: Duration,
     /// How long switching off took, where it was done while a reading was under way.
     pub(super) off_after: Option<Duration>,
 }
@@ -67,6 +77,7 @@ impl<'a> Run<'a> {
             driven: Driven::default(),
             level: None,
             on: false,
+            wait: Duration::ZERO,
             off_after: None,
         }
     }
@@ -86,16 +97,25 @@ impl<'a> Run<'a> {
         apply(rig, self.plan, self.meter)
             .await
             .map_err(Cut::Prepare)?;
+        // Read back just now.
+        self.level = Some(Amps(0.0));
         let plan = self.plan;
         let mut steps = plan.steps.iter().enumerate().peekable();
         while let Some((index, step)) = steps.next() {
             if self.is_over() {
                 return Err(Cut::Stop(index + 1));
             }
-            // While the voltmeter reads the source can be asked, once it is certain that its relays have moved.
-            let beside = steps.next_if(|(_, next)| {
-                step.reads() && self.driven.settled && matches!(next, Step::Compliance { .. })
-            });
+            // A scan can wait by itself, in the message that moves the relays.
+            if let Step::Settle { wait } = step
+                && *wait <= LONGEST_OWN_WAIT
+                && matches!(steps.peek(), Some((_, Step::Scan { .. })))
+            {
+                self.wait = *wait;
+                continue;
+            }
+            // While the voltmeter reads the source can be asked.
+            let beside =
+                steps.next_if(|(_, next)| step.reads() && matches!(next, Step::Compliance { .. }));
             let done = match beside {
                 Some(_) => self.read(rig, step, true).await,
                 None => self.step(rig, step).await,
@@ -121,19 +141,20 @@ impl<'a> Run<'a> {
     {
         match step {
             Step::AllOff => {
-                self.off(&mut rig.source).await?;
+                if self.on || self.level != Some(Amps(0.0)) {
+                    self.off(&mut rig.source).await?;
+                }
                 if self.driven.unwatched.is_some() {
                     self.driven.now = None;
                     let asked = rig.source.compliance().await?;
-                    self.heed(asked);
+                    self.heed(asked, true);
                 }
                 let driven = std::mem::take(&mut self.driven.relays);
-                if !driven.is_empty() {
-                    check_driven(&mut rig.switch, &self.plan.wiring, &driven).await?;
+                let wiring = &self.plan.wiring;
+                match driven.is_empty() {
+                    true => rig.switch.open_verified(&every_relay(wiring)).await,
+                    false => open_checked(&mut rig.switch, wiring, &driven).await,
                 }
-                rig.switch
-                    .open_verified(&every_relay(&self.plan.wiring))
-                    .await
             }
             Step::Bus { close } => rig.switch.move_relays(&[Move::Close(close.clone())]).await,
             Step::Break { open, close, drive } => {
@@ -178,7 +199,7 @@ impl<'a> Run<'a> {
                     // the next injection switches it on again
                     self.off(&mut rig.source).await?;
                 }
-                self.heed(asked);
+                self.heed(asked, true);
                 Ok(())
             }
         }
@@ -187,23 +208,36 @@ impl<'a> Run<'a> {
     /// Switches the source off, read back.
     async fn off<C: CurrentSource>(&mut self, source: &mut C) -> Result<(), RigError> {
         (self.level, self.on) = (None, false);
-        source.off().await
+        source.off().await?;
+        self.level = Some(Amps(0.0));
+        Ok(())
     }
 
     /// Waits for readings. They may take minutes, and the source's own wire is free meanwhile: it can be asked about its
     /// compliance, and is switched off at once when it says so, or when a stop is asked for; what is read after a stop
     /// is thrown away with the frame.
+    ///
+    /// Relays that move in the message of the readings get [`RELAYS_MOVE`] before the source is asked. Should they need
+    /// longer, the answer may be about the injection before: then both are void.
     async fn read<C: CurrentSource, W, V: Voltmeter>(
         &mut self,
         rig: &mut Instruments<C, W, V>,
         step: &Step,
         ask: bool,
     ) -> Result<(), RigError> {
-        let reading = std::pin::pin!(ask_voltmeter(&mut rig.voltmeter, step, self.meter));
+        let wait = std::mem::take(&mut self.wait);
+        let reading = std::pin::pin!(ask_voltmeter(&mut rig.voltmeter, step, self.meter, wait));
         let mut reading = Beside::new(reading);
         let source = &mut rig.source;
         let mut asked = None;
-        if ask {
+        let mut settled = self.driven.settled;
+        let mut is_over = false;
+        if ask && !settled {
+            let over = over(self.stop.clone(), self.caller.clone());
+            let moved = tokio::time::timeout(RELAYS_MOVE, reading.came_before(over)).await;
+            (settled, is_over) = (moved == Ok(Some(())), moved == Ok(None));
+        }
+        if ask && !is_over {
             let told = reading.wait_for(source.compliance()).await;
             let off = match &told {
                 Ok(told) if told.now => reading.wait_for(self.off(source)).await,
@@ -225,7 +259,7 @@ impl<'a> Run<'a> {
         let asked = asked.transpose()?;
         self.take(step, answer?)?;
         if let Some(asked) = asked {
-            self.heed(asked);
+            self.heed(asked, settled);
             self.driven.unwatched = self.driven.now.filter(|_| self.on);
         }
         Ok(())
@@ -241,84 +275,6 @@ impl<'a> Run<'a> {
         };
     }
 
-    /// Puts readings in their places; those of the second direction become half differences.
-    fn take(&mut self, step: &Step, came: Vec<Reading>) -> Result<(), RigError> {
-        let counted = |expected: usize| match came.len() {
-            came if came == expected => Ok(()),
-            came => Err(RigError::ReadingCount { came, expected }),
-        };
-        match step {
-            Step::Scan { channels } => {
-                counted(channels.len())?;
-                for (channel, reading) in channels.iter().zip(came) {
-                    match (channel.reading, self.driven.now) {
-                        (Some(index), _) => self.put(index, reading),
-                        (None, Some(drive)) => self.put_beside(drive, channel.sense, reading),
-                        (None, None) => {}
-                    }
-                }
-            }
-            Step::Chain { routes } => {
-                counted(routes.len())?;
-                for (route, reading) in routes.iter().zip(came) {
-                    self.put(route.reading, reading);
-                }
-            }
-            Step::Read { reading, .. } => {
-                counted(1)?;
-                self.put(*reading, came[0]);
-            }
-            _ => {}
-        }
-        // An answer of the mainframe comes when its relays have moved.
-        self.driven.settled = true;
-        Ok(())
-    }
-
-    fn put(&mut self, index: usize, reading: Reading) {
-        let place = &mut self.readings[index];
-        *place = match self.driven.turned {
-            true => half_difference(*place, reading),
-            false => reading,
-        };
-    }
-
-    fn put_beside(&mut self, drive: Dipole, sense: Dipole, reading: Reading) {
-        let question = Measurement { drive, sense };
-        if !self.driven.turned {
-            self.extra.push(Extra { question, reading });
-            return;
-        }
-        let forward = self.extra.iter_mut().find(|one| one.question == question);
-        if let Some(forward) = forward {
-            forward.reading = half_difference(forward.reading, reading);
-        }
-    }
-
-    /// Voids the injections at which the source was in compliance. What began since the last question and is over may
-    /// have come while the last injection was still being read: then that one is void, too.
-    fn heed(&mut self, asked: Compliance) {
-        let here = self.driven.now.filter(|_| asked.ever());
-        let unwatched = self.driven.unwatched.take();
-        let before = unwatched.filter(|_| asked.since && !asked.now);
-        for drive in here.into_iter().chain(before) {
-            if !self.compliance.contains(&drive.plus) {
-                self.compliance.push(drive.plus);
-            }
-            let questions = self.plan.protocol.measurements().iter();
-            for (question, reading) in questions.zip(&mut self.readings) {
-                if question.drive == drive {
-                    *reading = Reading::NotMeasured;
-                }
-            }
-            for extra in &mut self.extra {
-                if extra.question.drive == drive {
-                    extra.reading = Reading::NotMeasured;
-                }
-            }
-        }
-    }
-
     /// On at the plan's current, in the direction that is its turn.
     async fn switch_on<C: CurrentSource, W, V>(
         &mut self,
@@ -329,15 +285,14 @@ impl<'a> Run<'a> {
             (false, false) => self.plan.current,
             (false, true) => -self.plan.current,
         };
-        if self.level.is_none() {
-            self.drive(rig, Amps(0.0)).await?;
+        if self.on {
+            return self.drive(rig, level).await;
         }
         // The output goes on at 0 A, never at a level.
-        if !self.on {
-            rig.source.set_output(true).await?;
-            self.on = true;
-        }
-        self.drive(rig, level).await
+        self.drive(rig, Amps(0.0)).await?;
+        rig.source.switch_on(level).await?;
+        (self.level, self.on) = (Some(level), true);
+        Ok(())
     }
 
     /// Brings the source to a level, saying nothing that it was told before.
@@ -359,6 +314,7 @@ async fn ask_voltmeter<V: Voltmeter>(
     voltmeter: &mut V,
     step: &Step,
     meter: MeterSettings,
+    wait: Duration,
 ) -> Result<Vec<Reading>, RigError> {
     let on = |range: &Option<Volts>| range.unwrap_or(meter.range);
     match step {
@@ -366,8 +322,14 @@ async fn ask_voltmeter<V: Voltmeter>(
             let sample = |channel: &Channel| Sample {
                 relay: channel.relay,
                 range: on(&channel.range),
+                wait: Duration::ZERO,
             };
-            let channels: Vec<Sample> = channels.iter().map(sample).collect();
+            let mut channels: Vec<Sample> = channels.iter().map(sample).collect();
+            // The voltmeter scans ascending.
+            let first = channels.iter_mut().min_by_key(|sample| sample.relay);
+            if let Some(first) = first {
+                first.wait = wait;
+            }
             voltmeter.scan_on(&channels).await
         }
         Step::Chain { routes } => {
@@ -380,71 +342,6 @@ async fn ask_voltmeter<V: Voltmeter>(
         }
         Step::Read { range, .. } => Ok(vec![voltmeter.read_on(on(range)).await?]),
         _ => Ok(Vec::new()),
-    }
-}
-
-/// Until a stop is asked for, or the caller has gone.
-async fn over(mut stop: Stop, mut caller: watch::Receiver<()>) {
-    tokio::select! {
-        () = stop.asked() => {}
-        // nothing is ever sent: only the caller's going away is heard
-        _ = caller.changed() => {}
-    }
-}
-
-/// An exchange under way, and its answer once it has come.
-struct Beside<'a, F: Future> {
-    exchange: Pin<&'a mut F>,
-    answer: Option<F::Output>,
-}
-
-impl<'a, F: Future> Beside<'a, F> {
-    fn new(exchange: Pin<&'a mut F>) -> Self {
-        Self {
-            exchange,
-            answer: None,
-        }
-    }
-
-    /// Waits for something else while the exchange goes on.
-    async fn wait_for<T>(&mut self, other: impl Future<Output = T>) -> T {
-        let mut other = std::pin::pin!(other);
-        loop {
-            tokio::select! {
-                biased;
-                done = &mut other => return done,
-                came = self.exchange.as_mut(), if self.answer.is_none() => self.answer = Some(came),
-            }
-        }
-    }
-
-    /// Waits for the answer, or for something else; nothing where that was first.
-    async fn came_before(&mut self, other: impl Future<Output = ()>) -> Option<()> {
-        if self.answer.is_some() {
-            return Some(());
-        }
-        tokio::select! {
-            biased;
-            came = self.exchange.as_mut() => self.answer = Some(came),
-            () = other => return None,
-        }
-        Some(())
-    }
-
-    async fn finish(self) -> F::Output {
-        match self.answer {
-            Some(answer) => answer,
-            None => self.exchange.await,
-        }
-    }
-}
-
-/// What turns with the current: half the difference of the two directions. What stays cancels.
-fn half_difference(forward: Reading, backward: Reading) -> Reading {
-    match (forward, backward) {
-        (Reading::Ok(forward), Reading::Ok(backward)) => Reading::Ok((forward - backward) * 0.5),
-        (Reading::Ok(_), lacking) => lacking,
-        (lacking, _) => lacking,
     }
 }
 

@@ -47,6 +47,8 @@ struct World {
     latched: bool,
     answers: BTreeMap<Measurement, Reading>,
     loses_a_reading: bool,
+    /// Added to every reading, whichever way the current goes.
+    emf: f64,
 }
 
 #[derive(Clone)]
@@ -73,6 +75,7 @@ impl StandIn {
             latched: true,
             answers: BTreeMap::new(),
             loses_a_reading: false,
+            emf: 0.0,
         })))
     }
 
@@ -102,6 +105,10 @@ impl StandIn {
         self.with(|world| {
             world.answers.insert(question, reading);
         })
+    }
+
+    pub fn with_emf(self, volts: f64) -> Self {
+        self.with(|world| world.emf = volts)
     }
 
     pub fn losing_a_reading(self) -> Self {
@@ -223,11 +230,22 @@ impl World {
             // switched off while the reading was under way
             return Reading::NotMeasured;
         }
-        assert!(self.is_live(), "read with the source off");
+        assert!(self.on, "read with the source off");
         let drive = self.driven().expect("exactly one pair is driven");
         let question = Measurement { drive, sense };
         let answer = self.answers.get(&question).copied();
-        answer.unwrap_or(StandIn::answer(question))
+        match answer.unwrap_or(StandIn::answer(question)) {
+            // a sheet that nothing has moved answers the other way round to the other direction
+            Reading::Ok(volts) => {
+                let way = if self.level.0 == 0.0 {
+                    0.0
+                } else {
+                    self.level.0.signum()
+                };
+                Reading::Ok(Volts(volts.0 * way + self.emf))
+            }
+            lacking => lacking,
+        }
     }
 }
 
@@ -242,7 +260,8 @@ fn joined(pairs: &[(Dipole, Vec<Relay>)], closed: &BTreeSet<Relay>) -> Option<Di
 impl CurrentSource for StandIn {
     async fn prepare(&mut self, _: Amps, _: Volts) -> Result<(), RigError> {
         let mut world = self.call(Part::Source).await?;
-        (world.on, world.level) = (false, Amps(0.0));
+        (world.on, world.level, world.verified_off) = (false, Amps(0.0), true);
+        world.latched = false;
         Ok(())
     }
 
@@ -321,8 +340,9 @@ impl Voltmeter for StandIn {
     }
 
     async fn scan_on(&mut self, channels: &[Sample]) -> Result<Vec<Reading>, RigError> {
-        let mut world = self.call(Part::SwitchAndMeter).await?;
-        world.carry_out();
+        self.call(Part::SwitchAndMeter).await?.carry_out();
+        tokio::time::sleep(channels.iter().map(|channel| channel.wait).sum()).await;
+        let world = self.0.lock().unwrap();
         let pair = |relay: Relay| {
             let mut pairs = world.wiring.measure.iter();
             pairs.find(|(_, relays)| relays == &[relay]).unwrap().0

@@ -1,0 +1,96 @@
+//! Where each answer belongs, and which of them are void.
+
+use survey::{Dipole, Extra, Measurement, Reading, Step};
+
+use super::Run;
+use crate::{Compliance, RigError};
+
+impl Run<'_> {
+    /// Puts readings in their places; those of the second direction become half differences.
+    pub(super) fn take(&mut self, step: &Step, came: Vec<Reading>) -> Result<(), RigError> {
+        let counted = |expected: usize| match came.len() {
+            came if came == expected => Ok(()),
+            came => Err(RigError::ReadingCount { came, expected }),
+        };
+        match step {
+            Step::Scan { channels } => {
+                counted(channels.len())?;
+                for (channel, reading) in channels.iter().zip(came) {
+                    match (channel.reading, self.driven.now) {
+                        (Some(index), _) => self.put(index, reading),
+                        (None, Some(drive)) => self.put_beside(drive, channel.sense, reading),
+                        (None, None) => {}
+                    }
+                }
+            }
+            Step::Chain { routes } => {
+                counted(routes.len())?;
+                for (route, reading) in routes.iter().zip(came) {
+                    self.put(route.reading, reading);
+                }
+            }
+            Step::Read { reading, .. } => {
+                counted(1)?;
+                self.put(*reading, came[0]);
+            }
+            _ => {}
+        }
+        // An answer of the mainframe comes when its relays have moved.
+        self.driven.settled = true;
+        Ok(())
+    }
+
+    fn put(&mut self, index: usize, reading: Reading) {
+        let place = &mut self.readings[index];
+        *place = match self.driven.turned {
+            true => half_difference(*place, reading),
+            false => reading,
+        };
+    }
+
+    fn put_beside(&mut self, drive: Dipole, sense: Dipole, reading: Reading) {
+        let question = Measurement { drive, sense };
+        if !self.driven.turned {
+            self.extra.push(Extra { question, reading });
+            return;
+        }
+        let forward = self.extra.iter_mut().find(|one| one.question == question);
+        if let Some(forward) = forward {
+            forward.reading = half_difference(forward.reading, reading);
+        }
+    }
+
+    /// Voids the injections at which the source was in compliance. What began since the last question and is over may
+    /// have come while the last injection was still being read: then that one is void, too; and also where it is not
+    /// certain that the relays had moved on from it.
+    pub(super) fn heed(&mut self, asked: Compliance, moved: bool) {
+        let here = self.driven.now.filter(|_| asked.ever());
+        let unwatched = self.driven.unwatched.take();
+        let before = unwatched.filter(|_| asked.ever() && !(moved && asked.now));
+        for drive in here.into_iter().chain(before) {
+            if !self.compliance.contains(&drive.plus) {
+                self.compliance.push(drive.plus);
+            }
+            let questions = self.plan.protocol.measurements().iter();
+            for (question, reading) in questions.zip(&mut self.readings) {
+                if question.drive == drive {
+                    *reading = Reading::NotMeasured;
+                }
+            }
+            for extra in &mut self.extra {
+                if extra.question.drive == drive {
+                    extra.reading = Reading::NotMeasured;
+                }
+            }
+        }
+    }
+}
+
+/// What turns with the current: half the difference of the two directions. What stays cancels.
+fn half_difference(forward: Reading, backward: Reading) -> Reading {
+    match (forward, backward) {
+        (Reading::Ok(forward), Reading::Ok(backward)) => Reading::Ok((forward - backward) * 0.5),
+        (Reading::Ok(_), lacking) => lacking,
+        (lacking, _) => lacking,
+    }
+}

@@ -1,0 +1,63 @@
+//! Waiting for something else while an exchange goes on.
+
+use std::pin::Pin;
+
+use tokio::sync::watch;
+
+use crate::Stop;
+
+/// Until a stop is asked for, or the caller has gone.
+pub(super) async fn over(mut stop: Stop, mut caller: watch::Receiver<()>) {
+    tokio::select! {
+        () = stop.asked() => {}
+        // nothing is ever sent: only the caller's going away is heard
+        _ = caller.changed() => {}
+    }
+}
+
+/// An exchange under way, and its answer once it has come.
+pub(super) struct Beside<'a, F: Future> {
+    exchange: Pin<&'a mut F>,
+    answer: Option<F::Output>,
+}
+
+impl<'a, F: Future> Beside<'a, F> {
+    pub(super) fn new(exchange: Pin<&'a mut F>) -> Self {
+        Self {
+            exchange,
+            answer: None,
+        }
+    }
+
+    /// Waits for something else while the exchange goes on.
+    pub(super) async fn wait_for<T>(&mut self, other: impl Future<Output = T>) -> T {
+        let mut other = std::pin::pin!(other);
+        loop {
+            tokio::select! {
+                biased;
+                done = &mut other => return done,
+                came = self.exchange.as_mut(), if self.answer.is_none() => self.answer = Some(came),
+            }
+        }
+    }
+
+    /// Waits for the answer, or for something else; nothing where that was first.
+    pub(super) async fn came_before(&mut self, other: impl Future<Output = ()>) -> Option<()> {
+        if self.answer.is_some() {
+            return Some(());
+        }
+        tokio::select! {
+            biased;
+            came = self.exchange.as_mut() => self.answer = Some(came),
+            () = other => return None,
+        }
+        Some(())
+    }
+
+    pub(super) async fn finish(self) -> F::Output {
+        match self.answer {
+            Some(answer) => answer,
+            None => self.exchange.await,
+        }
+    }
+}

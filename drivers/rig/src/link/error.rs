@@ -1,0 +1,108 @@
+//! Bad news from a wire.
+
+use std::time::Duration;
+
+/// Most of a text that an error message repeats, characters.
+const SHORTENED: usize = 60;
+
+/// Bad news from a wire.
+#[derive(Debug, thiserror::Error)]
+pub enum LinkError {
+    /// Nobody answers at the address, or the port cannot be opened.
+    #[error(
+        "{address} cannot be reached; check the address, the cable and that the instrument is on"
+    )]
+    Unreachable {
+        /// Host and port, or path of the serial port.
+        address: String,
+        /// What the operating system says.
+        #[source]
+        cause: std::io::Error,
+    },
+    /// No complete answer before the deadline. The link is out of step until it is reopened or resynchronised.
+    #[error("{instrument} did not answer{} within {deadline:?}", quoted(.message))]
+    Timeout {
+        /// Name and address.
+        instrument: String,
+        /// What was sent, shortened.
+        message: String,
+        /// How long it was waited for.
+        deadline: Duration,
+    },
+    /// The peer closed, or the connection broke.
+    #[error("the connection to {instrument} was lost{}", at(.message))]
+    Lost {
+        /// Name and address.
+        instrument: String,
+        /// What was being sent or awaited, shortened; empty when nothing was.
+        message: String,
+        /// What the operating system says, if anything.
+        #[source]
+        cause: Option<std::io::Error>,
+    },
+    /// The link is out of step after an earlier fault: a late reply could be taken for the next answer.
+    #[error(
+        "the link to {instrument} is out of step after an earlier fault; reconnect before asking again"
+    )]
+    OutOfStep {
+        /// Name and address.
+        instrument: String,
+    },
+    /// The peer sent something nobody asked for.
+    #[error("{instrument} sent '{text}' that was not asked for")]
+    Unsolicited {
+        /// Name and address.
+        instrument: String,
+        /// What came, shortened.
+        text: String,
+    },
+    /// A reply longer than any that was asked for.
+    #[error("{instrument} answered '{message}' with more than {most} bytes")]
+    TooLong {
+        /// Name and address.
+        instrument: String,
+        /// What was sent, shortened.
+        message: String,
+        /// The bound.
+        most: usize,
+    },
+    /// A reply that is not text.
+    #[error("{instrument} answered '{message}' with bytes that are not text")]
+    NotText {
+        /// Name and address.
+        instrument: String,
+        /// What was sent, shortened.
+        message: String,
+    },
+    /// A message with a line end inside would be two messages.
+    #[error("the message '{message}' to {instrument} holds a line end; send one message at a time")]
+    LineEnd {
+        /// Name and address.
+        instrument: String,
+        /// What was to be sent, shortened.
+        message: String,
+    },
+}
+
+fn quoted(message: &str) -> String {
+    match message {
+        "" => String::new(),
+        message => format!(" '{message}'"),
+    }
+}
+
+fn at(message: &str) -> String {
+    match message {
+        "" => String::new(),
+        message => format!(" at '{message}'"),
+    }
+}
+
+/// The beginning of a text, with `...` where more follows.
+pub(super) fn shorten(text: &str) -> String {
+    let mut shortened: String = text.chars().take(SHORTENED).collect();
+    if shortened.len() < text.len() {
+        shortened.push_str("...");
+    }
+    shortened
+}
