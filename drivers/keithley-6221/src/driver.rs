@@ -4,7 +4,7 @@ use rig::{Compliance, CurrentSource, Link, RigError, Stream};
 use scpi::{Common, ErrorEntry, parse_boolean, parse_integer, parse_reading};
 use survey::{Amps, Volts};
 
-use crate::command::{Ask, COMPLIANCE_BIT, Command, Message, Shield, StatusGroup};
+use crate::command::{Ask, COMPLIANCE_BIT, Command, INTERLOCK_BIT, Message, Shield, StatusGroup};
 use crate::range::{LARGEST_CURRENT, LARGEST_LIMIT, LIMIT_STEP, Range, SMALLEST_LIMIT};
 
 const MODEL: &str = "MODEL 6221";
@@ -180,12 +180,36 @@ impl<S: Stream> Keithley6221<S> {
         })
     }
 
+    /// Refuses a level that the prepared range does not hold.
+    fn check_level(&self, current: Amps) -> Result<(), RigError> {
+        // Written so that what is no number is refused as well.
+        if current == Amps(0.0) || self.range.is_some_and(|range| range.holds(current)) {
+            return Ok(());
+        }
+        let most = self.range.map_or(Amps(0.0), Range::most);
+        Err(self.out_of_range(current, most))
+    }
+
+    fn verify_level(&self, set: Amps, read: Amps) -> Result<(), RigError> {
+        let tolerance = match set == Amps(0.0) {
+            true => 0.0,
+            false => self.range.map_or(0.0, |range| range.step.0),
+        };
+        self.verify("level", set, read, read.0 - set.0, tolerance)
+    }
+
     fn garbled(&self, asked: &[Command], answer: &str, expected: &str) -> RigError {
         RigError::Garbled {
             instrument: self.link.instrument().to_owned(),
             command: Message(asked).to_string(),
             answer: answer.chars().take(80).collect(),
             expected: expected.to_owned(),
+        }
+    }
+
+    fn interlock(&self) -> RigError {
+        RigError::Interlock {
+            instrument: self.link.instrument().to_owned(),
         }
     }
 
@@ -214,8 +238,9 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
             });
         }
         self.range = None;
-        self.off().await?;
         let commands = [
+            Command::ClearSource,
+            Command::SetOutput(false),
             Command::SetAutorange(false),
             Command::SetRange(range.full_scale),
             Command::SetCompliance(compliance),
@@ -224,18 +249,38 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
             Command::Autorange,
             Command::Range(Ask::Now),
             Command::Compliance(Ask::Now),
+            // what had latched before this is not this survey's
+            Command::Events(StatusGroup::Measurement),
+            Command::Interlock,
+            Command::Level(Ask::Now),
+            Command::Output,
         ];
-        let answers = self.exchange(&commands).await?;
+        let answers = match self.exchange_unchecked(&commands).await {
+            Ok((answers, error)) if error.code == 0 => answers,
+            // Off comes first, whatever an earlier error or a link out of step is in the way of.
+            _ => {
+                self.off().await?;
+                self.exchange(&commands).await?
+            }
+        };
         let read = match answers.as_slice() {
-            [auto, full_scale, limit] => parse_boolean(auto)
+            [auto, full_scale, limit, _, interlock, level, output] => parse_boolean(auto)
                 .ok()
-                .zip(number(full_scale).zip(number(limit))),
+                .zip(number(full_scale).zip(number(limit)))
+                .zip(parse_boolean(interlock).ok())
+                .map(|read| (read, [level.clone(), output.clone()])),
             _ => None,
         };
-        let Some((auto, (full_scale, limit))) = read else {
-            let expected = "autorange, range and compliance";
+        let Some((((auto, (full_scale, limit)), interlock_closed), off)) = read else {
+            let expected = "autorange, range, compliance, events, interlock, level and output";
             return Err(self.garbled(&commands, &answers.join(";"), expected));
         };
+        if self.level_and_output(&off)? != (Amps(0.0), false) {
+            self.off().await?;
+        }
+        if !interlock_closed {
+            return Err(self.interlock());
+        }
         self.verify(
             "autorange",
             0,
@@ -265,22 +310,13 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
     }
 
     async fn set_current(&mut self, current: Amps) -> Result<(), RigError> {
-        let most = self.range.map_or(Amps(0.0), Range::most);
-        // Written so that what is no number is refused as well.
-        if current != Amps(0.0) && !self.range.is_some_and(|range| range.holds(current)) {
-            return Err(self.out_of_range(current, most));
-        }
+        self.check_level(current)?;
         let commands = [Command::SetLevel(current), Command::Level(Ask::Now)];
         let answers = self.exchange(&commands).await?;
         let Some(level) = answers.first().and_then(|level| number(level)) else {
             return Err(self.garbled(&commands, &answers.join(";"), "a level"));
         };
-        let tolerance = if current == Amps(0.0) {
-            0.0
-        } else {
-            self.range.map_or(0.0, |range| range.step.0)
-        };
-        self.verify("level", current, Amps(level), level - current.0, tolerance)
+        self.verify_level(current, Amps(level))
     }
 
     async fn set_output(&mut self, on: bool) -> Result<(), RigError> {
@@ -293,24 +329,41 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
         self.verify("output", u8::from(on), u8::from(read), difference, 0.0)
     }
 
+    async fn switch_on(&mut self, current: Amps) -> Result<(), RigError> {
+        self.check_level(current)?;
+        let commands = [
+            Command::SetOutput(true),
+            Command::SetLevel(current),
+            Command::Level(Ask::Now),
+            Command::Output,
+        ];
+        let answers = self.exchange(&commands).await?;
+        let (level, on) = self.level_and_output(&answers)?;
+        let off = f64::from(u8::from(!on));
+        self.verify("output", 1, u8::from(on), off, 0.0)?;
+        self.verify_level(current, level)
+    }
+
     async fn compliance(&mut self) -> Result<Compliance, RigError> {
         let commands = [
             Command::Events(StatusGroup::Measurement),
             Command::Conditions(StatusGroup::Measurement),
         ];
         let answers = self.exchange(&commands).await?;
-        let bit = |answer: &String| {
-            let bits = parse_integer(answer)
-                .map_err(|_| self.garbled(&commands, &answers.join(";"), "two integers"))?;
-            Ok::<bool, RigError>(bits & 1 << COMPLIANCE_BIT != 0)
+        let garbled = || self.garbled(&commands, &answers.join(";"), "two integers");
+        let [events, conditions] = answers.as_slice() else {
+            return Err(garbled());
         };
-        match answers.as_slice() {
-            [events, conditions] => Ok(Compliance {
-                now: bit(conditions)?,
-                since: bit(events)?,
-            }),
-            _ => Err(self.garbled(&commands, &answers.join(";"), "two integers")),
+        let events = parse_integer(events).map_err(|_| garbled())?;
+        let conditions = parse_integer(conditions).map_err(|_| garbled())?;
+        // without output the voltmeter reads numbers that look like any others
+        if (events | conditions) & 1 << INTERLOCK_BIT != 0 {
+            return Err(self.interlock());
         }
+        Ok(Compliance {
+            now: conditions & 1 << COMPLIANCE_BIT != 0,
+            since: events & 1 << COMPLIANCE_BIT != 0,
+        })
     }
 
     async fn off(&mut self) -> Result<(), RigError> {

@@ -153,6 +153,36 @@ async fn compliance_is_seen_now_and_after_the_fact() {
 }
 
 #[tokio::test]
+async fn an_interlock_that_opens_is_no_reading_of_nothing() {
+    let bench = bench(500.0);
+    let interlock = |closed| {
+        simulator(&bench, |b| {
+            b.simulator
+                .set_interlock(closed, Duration::ZERO, &mut b.load);
+        });
+    };
+    let mut source = connected(&bench).await;
+    source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
+    source.set_output(true).await.unwrap();
+    source.set_current(Amps(1e-3)).await.unwrap();
+    assert!(!source.in_compliance().await.unwrap());
+    for closed in [false, true] {
+        interlock(true);
+        interlock(false);
+        interlock(closed);
+        // also where it has been closed again: the output stays off
+        let open = source.compliance().await;
+        assert!(matches!(open, Err(RigError::Interlock { .. })), "{open:?}");
+    }
+    interlock(false);
+    let open = source.prepare(Amps(1e-3), Volts(5.0)).await;
+    assert!(matches!(open, Err(RigError::Interlock { .. })), "{open:?}");
+    interlock(true);
+    source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
+    assert!(!source.in_compliance().await.unwrap());
+}
+
+#[tokio::test]
 async fn what_cannot_be_set_is_refused_before_a_byte_is_sent() {
     let bench = bench(500.0);
     let mut source = connected(&bench).await;

@@ -93,7 +93,7 @@ check("an undefined query", source.next_error, [-113, '"Undefined header"'])
 # No 2182A is connected.
 check("delta_connected", source.delta_connected, False)
 source.delta_arm()
-check("delta mode", source.next_error[0], -221)
+check("delta mode", source.next_error[0], -241)
 source.write("SENS:DATA?")
 check("delta reading", source.next_error[0], -230)
 

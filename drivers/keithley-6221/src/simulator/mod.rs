@@ -58,6 +58,8 @@ pub struct Simulator6221 {
     interlock_closed: bool,
     /// When the opened interlock switches the output off.
     trips_at: Option<Duration>,
+    /// Pulses sent on each line of the trigger link.
+    pulses: [u64; 6],
     errors: ErrorQueue,
     status: StatusModel,
 }
@@ -88,6 +90,7 @@ impl Simulator6221 {
             told_range: level::RESET.range,
             interlock_closed: true,
             trips_at: None,
+            pulses: [0; 6],
             status: StatusModel::new(),
         };
         new.show();
@@ -177,6 +180,10 @@ impl Simulator6221 {
             other => other.text(),
         };
         self.status.raise_error(refusal.code());
+        if self.errors.len() >= self.settings.queue_depth {
+            // The entry that gives way makes an event of its own (section 6).
+            self.status.raise_error(ParseError::QueueOverflow.code());
+        }
         self.errors.push(refusal.code(), text);
     }
 
@@ -215,6 +222,27 @@ impl Simulator6221 {
     /// The current that flows.
     pub fn flowing(&self) -> Amps {
         self.flowing
+    }
+
+    /// Pulses sent on lines 1 to 6 of the trigger link since power on: those of the arm and trigger layers while a sweep
+    /// runs, and those of a wave's phase marker.
+    pub fn pulses(&self) -> [u64; 6] {
+        self.pulses
+    }
+
+    /// What alternates in the current of a wave under way, r.m.s. without its mean, and its frequency, Hz; clipped where
+    /// the voltage limit holds it back.
+    pub fn alternating(&self, load: &mut dyn Load) -> Option<(Amps, f64)> {
+        let Mode::Wave(wave) = &self.mode else {
+            return None;
+        };
+        if !self.panel.output || !wave.is_running() {
+            return None;
+        }
+        let most = (self.panel.compliance / load.resistance(self.now)).abs();
+        // What has no resistance to be told lets nothing through.
+        let most = if most.0.is_nan() { Amps(0.0) } else { most };
+        Some((wave.alternating(most), wave.hertz))
     }
 
     /// Full scale of the range.
@@ -296,7 +324,7 @@ impl Simulator6221 {
             Command::AbortWave => self.abort_wave(),
             Command::CopyWave(place) => self.copy_wave(*place)?,
             Command::DeltaPresent(_) | Command::DeltaArmed(_) => return Ok(bit(false)),
-            Command::ArmDelta(_) => return Err(ParseError::SettingsConflict),
+            Command::ArmDelta(_) => return Err(ParseError::HardwareMissing),
             Command::LatestReading | Command::FreshReading | Command::BufferData => {
                 return Err(ParseError::DataStale);
             }

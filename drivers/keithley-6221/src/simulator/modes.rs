@@ -57,6 +57,7 @@ impl Simulator6221 {
 
     /// Lets time go on to `at` (never back).
     pub(super) fn pass(&mut self, at: Duration, load: &mut dyn Load) {
+        let before = self.now;
         self.now = self.now.max(at);
         if self.trips_at.is_some_and(|trip| trip <= self.now) {
             self.trips_at = None;
@@ -77,6 +78,9 @@ impl Simulator6221 {
                     (panel.level, panel.range) = (point.level, point.range);
                     panel.compliance = point.limit.unwrap_or(limit);
                 }
+                for (line, told) in sweep.take_pulses() {
+                    self.pulses[usize::from(line) - 1] += told;
+                }
                 if progress.limited {
                     self.status.measurement.latch(COMPLIANCE_BIT);
                 }
@@ -89,6 +93,14 @@ impl Simulator6221 {
                 }
             }
             Mode::Wave(wave) if wave.is_running() => {
+                if self.values.is_on(Parameter::PhaseMarker) {
+                    let marked = (self.values.get(Parameter::MarkedPhase) / 360.0).rem_euclid(1.0);
+                    let marks = wave
+                        .marks(now, marked)
+                        .saturating_sub(wave.marks(before, marked));
+                    // Lines are 1 to 6.
+                    self.pulses[self.values.get(Parameter::MarkerLine) as usize - 1] += marks;
+                }
                 // Between two looks the wave has been at its peak.
                 if panel.output && wave.has_peaked(now) {
                     let resistance = load.resistance(now);
@@ -130,8 +142,7 @@ impl Simulator6221 {
     }
 
     /// # Errors
-    /// -221 for what a running sweep or wave holds on to, -222 for what would reach beyond the instrument, -224 for a
-    /// baud rate between those there are.
+    /// -221 for what a running sweep or wave holds on to, -224 for a baud rate between those there are.
     pub(super) fn set_parameter(
         &mut self,
         parameter: Parameter,
@@ -163,7 +174,8 @@ impl Simulator6221 {
             }
             *wave = changed;
         }
-        self.values.set(parameter, value)
+        self.values.set(parameter, value);
+        Ok(())
     }
 
     /// # Errors
@@ -203,7 +215,12 @@ impl Simulator6221 {
 
     fn planned_sweep(&self) -> Result<Sweep, ParseError> {
         let points = plan_sweep(&self.values, &self.lists, self.panel.range)?;
-        Ok(Sweep::new(points, &self.values))
+        let sweep = Sweep::new(points, &self.values);
+        // Nobody hears an answer on a line that is spoken on.
+        if sweep.hears_itself() {
+            return Err(ParseError::SettingsConflict);
+        }
+        Ok(sweep)
     }
 
     fn is_free_to_arm(&self) -> Result<(), ParseError> {

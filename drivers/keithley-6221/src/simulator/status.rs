@@ -103,7 +103,7 @@ impl Simulator6221 {
         self.reset();
         const SWAPPED: f64 = 1.0;
         // Only centre and span are ever refused.
-        let _ = self.values.set(Parameter::ByteOrder, SWAPPED);
+        self.values.set(Parameter::ByteOrder, SWAPPED);
     }
 
     pub(super) fn save(&mut self, place: u8) {

@@ -34,6 +34,27 @@ enum Arm {
     EitherEdge,
 }
 
+/// When the arm layer speaks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum ArmOutput {
+    /// A pass begins.
+    Entering,
+    /// It has ended.
+    Leaving,
+}
+
+/// When the trigger layer speaks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum TriggerOutput {
+    /// A point's level has been set.
+    Source,
+    /// Its delay is over.
+    Delay,
+}
+
+/// Pulses that a sweep has sent since it began: of the arm layer, of the trigger layer.
+type Told = [u64; 2];
+
 /// Nanoseconds since power on.
 type Nanos = u128;
 
@@ -69,11 +90,17 @@ pub(super) struct Sweep {
     /// The trigger line that each point waits for.
     line: Option<u8>,
     bypass_trigger: bool,
+    /// Lines that are spoken on, and when.
+    arm_output: Option<(u8, ArmOutput)>,
+    trigger_output: Option<(u8, TriggerOutput)>,
     phase: Phase,
     passes_done: u64,
     pass_since: Nanos,
     /// The first point of the pass that was not looked at yet.
     unseen: usize,
+    /// A point of the pass was looked at.
+    looked: bool,
+    counted: Told,
     now_at: Option<usize>,
     /// The point that was looked at last holds the source back.
     was_limited: bool,
@@ -112,10 +139,22 @@ impl Sweep {
                 .is_on(Parameter::TriggerSource)
                 .then(|| line(Parameter::TriggerInput)),
             bypass_trigger: values.is_on(Parameter::TriggerDirection),
+            arm_output: match values.get(Parameter::ArmOutput) as u8 {
+                1 => Some((line(Parameter::ArmOutputLine), ArmOutput::Entering)),
+                2 => Some((line(Parameter::ArmOutputLine), ArmOutput::Leaving)),
+                _ => None,
+            },
+            trigger_output: match values.get(Parameter::TriggerOutput) as u8 {
+                1 => Some((line(Parameter::TriggerOutputLine), TriggerOutput::Source)),
+                2 => Some((line(Parameter::TriggerOutputLine), TriggerOutput::Delay)),
+                _ => None,
+            },
             phase: Phase::Ready,
             passes_done: 0,
             pass_since: 0,
             unseen: 0,
+            looked: false,
+            counted: [0; 2],
             now_at: None,
             was_limited: false,
         }
@@ -123,6 +162,7 @@ impl Sweep {
 
     pub(super) fn start(&mut self, now: Duration) {
         self.passes_done = 0;
+        self.counted = [0; 2];
         self.now_at = None;
         self.was_limited = false;
         self.phase = Phase::AwaitArm;
@@ -148,6 +188,59 @@ impl Sweep {
 
     pub(super) fn awaits_trigger(&self) -> bool {
         matches!(self.phase, Phase::AwaitTrigger { .. })
+    }
+
+    /// Whether a layer waits for pulses on the line that it speaks on itself.
+    pub(super) fn hears_itself(&self) -> bool {
+        let arm = match self.arm {
+            Arm::Event(Trigger::Link(line)) => Some(line),
+            _ => None,
+        };
+        let arm_speaks = self.arm_output.map(|(line, _)| line);
+        let trigger_speaks = self.trigger_output.map(|(line, _)| line);
+        (arm.is_some() && arm == arm_speaks) || (self.line.is_some() && self.line == trigger_speaks)
+    }
+
+    /// How often each layer would have spoken by now.
+    fn told(&self) -> Told {
+        let whole = self.passes_done.saturating_mul(self.points.len() as u64);
+        let under_way = self.now_at.map_or(0, |at| at as u64 + 1);
+        // Of the pass under way: begun, points begun, points ended.
+        let (begun, points_begun, points_ended) = match self.phase {
+            Phase::Ready | Phase::AwaitArm | Phase::AwaitTimer { .. } => (0, 0, 0),
+            Phase::AwaitTrigger { point } => (1, point as u64, point as u64),
+            Phase::Point { point, .. } => (1, point as u64 + 1, point as u64),
+            Phase::Pass { .. } if !self.looked => (1, 0, 0),
+            Phase::Pass { .. } => (1, under_way, under_way - 1),
+            // Of one that compliance has ended, its last point.
+            Phase::Done if Some(self.passes_done) == self.passes => (0, 0, 0),
+            Phase::Done => (1, under_way, under_way.saturating_sub(1)),
+        };
+        let arm = match self.arm_output {
+            Some((_, ArmOutput::Entering)) => self.passes_done + begun,
+            Some((_, ArmOutput::Leaving)) => self.passes_done,
+            None => 0,
+        };
+        let trigger = match self.trigger_output {
+            Some((_, TriggerOutput::Source)) => whole.saturating_add(points_begun),
+            Some((_, TriggerOutput::Delay)) => whole.saturating_add(points_ended),
+            None => 0,
+        };
+        [arm, trigger]
+    }
+
+    /// Lines that were spoken on since this was last asked, and how often.
+    pub(super) fn take_pulses(&mut self) -> impl Iterator<Item = (u8, u64)> + use<> {
+        let (before, now) = (self.counted, self.told());
+        self.counted = now;
+        let lines = [
+            self.arm_output.map(|(line, _)| line),
+            self.trigger_output.map(|(line, _)| line),
+        ];
+        (0..2).filter_map(move |layer| {
+            let told = now[layer].saturating_sub(before[layer]);
+            Some((lines[layer]?, told))
+        })
     }
 
     /// The point that is made now, or was last.
@@ -193,6 +286,7 @@ impl Sweep {
     }
 
     fn begin_pass(&mut self, at: Nanos) {
+        self.looked = false;
         self.unseen = 0;
         self.pass_since = at;
         self.phase = match self.line {
@@ -275,6 +369,7 @@ impl Sweep {
     ) -> bool {
         for at in points {
             self.now_at = Some(at);
+            self.looked = true;
             let limited = is_limited(&self.points[at]);
             progress.limited |= limited && !self.was_limited;
             self.was_limited = limited;

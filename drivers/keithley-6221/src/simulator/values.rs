@@ -1,7 +1,5 @@
 //! The parameters as they are set, with those that hang on others.
 
-use scpi::ParseError;
-
 use crate::parameter::Subject;
 use crate::range::LARGEST_CURRENT;
 use crate::{Ask, Parameter};
@@ -81,14 +79,12 @@ impl Values {
         (span / self.held(Parameter::Step) * (1.0 + 1e-9)).floor() + 1.0
     }
 
-    /// Sets a value that its kind allows.
-    ///
-    /// # Errors
-    /// -222 when centre and span reach beyond the instrument's current.
-    pub(super) fn set(&mut self, parameter: Parameter, value: f64) -> Result<(), ParseError> {
+    /// Sets a value that its kind allows. Centre and span may reach beyond the instrument's current one after the other;
+    /// a sweep that still does so is refused when it is armed.
+    pub(super) fn set(&mut self, parameter: Parameter, value: f64) {
         match parameter {
-            Parameter::Center => self.sweep_over(value, self.get(Parameter::Span))?,
-            Parameter::Span => self.sweep_over(self.get(Parameter::Center), value)?,
+            Parameter::Center => self.sweep_over(value, self.get(Parameter::Span)),
+            Parameter::Span => self.sweep_over(self.get(Parameter::Center), value),
             Parameter::Points => self.points_lead = true,
             Parameter::Step => self.points_lead = false,
             Parameter::WaveTime => self.cycles_lead = false,
@@ -97,20 +93,22 @@ impl Values {
             _ => {}
         }
         self.held[parameter as usize] = value;
-        Ok(())
     }
 
-    fn sweep_over(&mut self, center: f64, span: f64) -> Result<(), ParseError> {
+    fn sweep_over(&mut self, center: f64, span: f64) {
+        let most = LARGEST_CURRENT.0;
         let ends = [center - span / 2.0, center + span / 2.0];
         // Halves of decimals may lie a hair beyond theirs.
-        let most = LARGEST_CURRENT.0 * (1.0 + 1e-12);
-        if ends.iter().any(|end| end.abs() > most) {
-            return Err(ParseError::OutOfRange);
-        }
-        let [start, stop] = ends.map(|end| end.clamp(-LARGEST_CURRENT.0, LARGEST_CURRENT.0));
+        let [start, stop] = ends.map(|end| {
+            let exact = end.clamp(-most, most);
+            if (end - exact).abs() <= 1e-12 * most {
+                exact
+            } else {
+                end
+            }
+        });
         self.held[Parameter::Start as usize] = start;
         self.held[Parameter::Stop as usize] = stop;
-        Ok(())
     }
 
     pub(super) fn cycles_lead(&self) -> bool {

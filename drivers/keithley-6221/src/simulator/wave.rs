@@ -89,6 +89,21 @@ impl Wave {
         }
     }
 
+    /// How often the marked part of a period has been passed so far.
+    pub(super) fn marks(&self, now: Duration, marked: f64) -> u64 {
+        let Phase::Running { began, .. } = self.phase else {
+            return 0;
+        };
+        let elapsed = now.saturating_sub(began).as_secs_f64();
+        let turns = match self.lasting {
+            Lasting::Cycles(whole) => self.turns(now).min(whole),
+            Lasting::Seconds(whole) if elapsed > whole => whole * self.hertz,
+            Lasting::Seconds(_) => self.turns(now),
+        };
+        let past = turns - marked;
+        if past < 0.0 { 0 } else { past as u64 + 1 }
+    }
+
     /// Changes the frequency without a jump of phase.
     pub(super) fn retune(&mut self, hertz: f64, now: Duration) {
         let so_far = self.turns(now);
@@ -140,7 +155,25 @@ impl Wave {
         if !self.is_running() {
             return Amps(0.0);
         }
-        let at = self.turns(now).fract();
+        self.at_phase(self.turns(now).fract())
+    }
+
+    /// R.m.s. over one period of what alternates, no value larger than `most`.
+    pub(super) fn alternating(&self, most: Amps) -> Amps {
+        const STEPS: u32 = 4000;
+        let (mut sum, mut squares) = (0.0, 0.0);
+        for step in 0..STEPS {
+            let Amps(value) = self.at_phase((f64::from(step) + 0.5) / f64::from(STEPS));
+            let value = value.clamp(-most.0, most.0);
+            sum += value;
+            squares += value * value;
+        }
+        let mean = sum / f64::from(STEPS);
+        Amps((squares / f64::from(STEPS) - mean * mean).max(0.0).sqrt())
+    }
+
+    /// The current at a part of a period.
+    fn at_phase(&self, at: f64) -> Amps {
         let unit = match &self.shape {
             Shape::Sine => (TAU * at).sin(),
             Shape::Square(high) => {

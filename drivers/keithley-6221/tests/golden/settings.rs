@@ -101,7 +101,7 @@ fn section_4_an_arbitrary_wave_of_more_than_100_points_is_too_much() {
 
 #[test]
 fn section_4_delta_modes_without_a_2182a() {
-    let conflict = "-221,\"Settings conflict\"";
+    let missing = "-241,\"Hardware missing\"";
     let stale = "-230,\"Data corrupt or stale\"";
     conversation(&[
         ("SOUR:DELT:NVPR?;:SOUR:DCON:NVPR?;:SOUR:PDEL:NVPR?", "0;0;0"),
@@ -120,11 +120,11 @@ fn section_4_delta_modes_without_a_2182a() {
             "9.900000E+37;1;1",
         ),
         ("SOUR:DELT:ARM;ARM?", "0"),
-        ("SYST:ERR?", conflict),
+        ("SYST:ERR?", missing),
         ("SOUR:DCON:STAR -1e-3;STAR?;ARM", "-1.000000E-03"),
-        ("SYST:ERR?", conflict),
+        ("SYST:ERR?", missing),
         ("SOUR:PDEL:WIDT 1e-3;WIDT?;ARM", "1.000000E-03"),
-        ("SYST:ERR?", conflict),
+        ("SYST:ERR?", missing),
         ("SENS:DATA?", "-"),
         ("SYST:ERR?", stale),
     ]);

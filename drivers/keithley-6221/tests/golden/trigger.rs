@@ -96,3 +96,57 @@ fn section_4_the_key_and_the_start_of_test_line_arm() {
         assert_eq!(talk.load.flowing, Amps(1e-3), "{layers}");
     }
 }
+
+#[test]
+fn section_4_the_layers_speak_on_their_lines() {
+    // two points three times: six levels set, six delays over, three passes begun and ended
+    for (layers, line, while_point_4_is_made, told) in [
+        ("TRIG:OUTP SOUR;OLIN 3", 3, 4, 6),
+        ("TRIG:OUTP DEL;OLIN 4", 4, 3, 6),
+        ("ARM:OUTP TENT;OLIN 5", 5, 2, 3),
+        ("ARM:OUTP TEX;OLIN 6", 6, 1, 3),
+        ("TRIG:OUTP NONE;OLIN 1", 1, 0, 0),
+    ] {
+        let mut talk = pairs(layers);
+        talk.at(3.5);
+        assert_eq!(
+            talk.source.pulses()[line - 1],
+            while_point_4_is_made,
+            "{layers}"
+        );
+        talk.at(60.0);
+        let pulses = talk.source.pulses();
+        assert_eq!(pulses[line - 1], told, "{layers}");
+        assert_eq!(pulses.iter().sum::<u64>(), told, "{layers}");
+    }
+    // a point that waits for its line has not been set
+    let mut talk = pairs("TRIG:SOUR TLIN;ILIN 2;OUTP SOUR;OLIN 1");
+    talk.at(10.0);
+    assert_eq!(talk.source.pulses()[0], 0);
+    let now = talk.now();
+    assert!(talk.source.trigger(Trigger::Link(2), now, &mut talk.load));
+    assert_eq!(talk.source.pulses()[0], 1);
+    // nobody can wait for what he says himself
+    let mut talk = Talk::new(100.0);
+    talk.hold(&[
+        ("TRIG:SOUR TLIN;ILIN 2;OLIN 2;OUTP SOUR", "-"),
+        ("SYST:ERR?", "0,\"No error\""),
+        ("SOUR:SWE:ARM;:SYST:ERR?", "-221,\"Settings conflict\""),
+        ("TRIG:OLIN 3;:SOUR:SWE:ARM;:SYST:ERR?", "0,\"No error\""),
+        (
+            "SOUR:SWE:ABOR;:ARM:SOUR TLIN;ILIN 4;OLIN 4;OUTP TENT;:SOUR:SWE:ARM",
+            "-",
+        ),
+        ("SYST:ERR?", "-221,\"Settings conflict\""),
+    ]);
+    // a wave marks its phase
+    talk.hold(&[(
+        "*RST;:SOUR:WAVE:FREQ 10;DUR:CYCL 5;:SOUR:WAVE:PMAR:STAT ON;OLIN 2;LEV 90;:SOUR:WAVE:ARM;INIT",
+        "-",
+    )]);
+    let began = talk.now().as_secs_f64();
+    talk.at(began + 0.23);
+    assert_eq!(talk.source.pulses()[1], 3);
+    talk.at(began + 9.0);
+    assert_eq!(talk.source.pulses()[1], 5);
+}
