@@ -4,6 +4,7 @@
 //! the mainframe and its status (1, 3, 7). Numbers are read into what the instrument makes of them: a range is the
 //! smallest that holds the value, an integration time the next that exists.
 
+mod function;
 mod grammar;
 mod measure;
 mod route;
@@ -17,6 +18,8 @@ use std::str::FromStr;
 
 use scpi::{Call, ChannelList, Common, ParseError};
 
+pub use function::{Detail, Function, Functions, Given, Wanted};
+pub(crate) use function::{FREQUENCIES, Takes, takes};
 pub use measure::{Field, Measure, TriggerSource};
 pub(crate) use measure::{LONGEST_TIMER, MOST_SWEEPS, time_word};
 pub use route::Route;
@@ -36,6 +39,8 @@ pub enum Command {
     Route(Route),
     /// How channels are measured.
     Sense(Sense),
+    /// What is measured besides DC volts.
+    Functions(Functions),
     /// Triggers, readings, memory, the form of readings.
     Measure(Measure),
     /// Modules, errors, clock, lock, status.
@@ -61,6 +66,7 @@ impl fmt::Display for Command {
             Self::Common(common) => write!(f, "{common}"),
             Self::Route(route) => write!(f, "{route}"),
             Self::Sense(sense) => write!(f, "{sense}"),
+            Self::Functions(functions) => write!(f, "{functions}"),
             Self::Measure(measure) => write!(f, "{measure}"),
             Self::System(system) => write!(f, "{system}"),
         }
@@ -89,7 +95,7 @@ macro_rules! chapters {
         }
     )* };
 }
-chapters!(Common Route Sense Measure System);
+chapters!(Common Route Sense Functions Measure System);
 
 /// Commands that go out in one segment.
 #[derive(Debug, Clone, PartialEq, Default)]

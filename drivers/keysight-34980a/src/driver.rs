@@ -276,7 +276,8 @@ impl<S: Stream> Keysight34980a<S> {
         let sample = |prepared: &Prepared| {
             let range = prepared.meter.range;
             let relays = prepared.scan.iter().copied();
-            relays.map(|relay| Sample { relay, range }).collect()
+            let wait = Duration::ZERO;
+            relays.map(|relay| Sample { relay, range, wait }).collect()
         };
         unit.prepared.as_ref().map(sample).unwrap_or_default()
     }
@@ -365,26 +366,18 @@ impl<S: Stream> Switch for Keysight34980a<S> {
         // On the way to safety nothing closes.
         unit.held
             .retain(|command| !matches!(command, Command::Route(Route::Close(_))));
-        if !relays.is_empty() {
-            unit.held.push(Route::Open(compact(relays)).into());
-        }
-        let closed = unit.read_closed(relays).await?;
-        let stuck: Vec<Relay> = relays
-            .iter()
-            .zip(closed)
-            .filter(|(_, closed)| *closed)
-            .map(|(relay, _)| *relay)
-            .collect();
-        if !stuck.is_empty() {
-            return Err(RigError::StillClosed {
-                instrument: self.about.instrument.clone(),
-                relays: stuck,
-            });
-        }
-        if std::mem::take(&mut unit.unchecked) {
-            unit.drain("a relay move since the last check").await?;
-        }
-        Ok(())
+        unit.open(relays).await
+    }
+
+    async fn closed_before_opening(
+        &mut self,
+        asked: &[Relay],
+        relays: &[Relay],
+    ) -> Result<Vec<bool>, RigError> {
+        self.check_exist(asked)?;
+        self.check_exist(relays)?;
+        let mut unit = self.unit.lock().await;
+        unit.closed_before_opening(asked, relays).await
     }
 }
 
@@ -440,6 +433,18 @@ impl<S: Stream> Voltmeter for Keysight34980a<S> {
             self.check_range(channel.range)?;
         }
         let mut unit = self.unit.lock().await;
+        let delay = unit
+            .prepared
+            .as_ref()
+            .map(|prepared| prepared.meter.channel_delay);
+        let longest = channels.iter().map(|channel| channel.wait).max();
+        if let Some(wait) = delay.zip(longest).map(|(delay, longest)| delay + longest)
+            && wait > LONGEST_DELAY
+        {
+            return Err(self.unable(format!(
+                "wait {wait:?} before a channel; 0 to {LONGEST_DELAY:?} can be, settling included"
+            )));
+        }
         let prepared = unit.prepared.as_ref().map(|prepared| &prepared.scan);
         let stranger = prepared.and_then(|scan| {
             let unknown = |channel: &&Sample| !scan.contains(&channel.relay);

@@ -35,11 +35,12 @@ mod modules;
 mod simulator;
 
 pub use command::{
-    Channels, Command, Field, INTEGRATION, Measure, Message, Protection, Quantity, RANGES, Range,
-    Route, Sense, Setting, StatusGroup, System, TriggerSource,
+    Channels, Command, Detail, Field, Function, Functions, Given, INTEGRATION, Measure, Message,
+    Protection, Quantity, RANGES, Range, Route, Sense, Setting, StatusGroup, System, TriggerSource,
+    Wanted,
 };
 pub use driver::Keysight34980a;
 pub use modules::{Contact, Model, Module, ModuleError, Terminal, join, split};
 pub use simulator::{
-    MeterRequest, Output, Response, Session, Settings34980a, Simulator34980a, Wires,
+    Alternating, MeterRequest, Output, Response, Session, Settings34980a, Simulator34980a, Wires,
 };

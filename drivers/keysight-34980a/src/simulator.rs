@@ -11,7 +11,9 @@
 //! meanwhile finds the relays as the scan leaves them.
 
 mod calendar;
+mod deferred;
 mod faults;
+mod functions;
 mod memory;
 mod meter;
 mod obey;
@@ -20,17 +22,19 @@ mod run;
 mod sequences;
 mod sessions;
 mod setup;
+mod temperature;
 mod trouble;
 
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use scpi::{ErrorEntry, ErrorQueue, StandardEvent, StatusModel};
-use survey::{Relay, Volts};
+use scpi::{ErrorEntry, ErrorQueue, ParseError, StandardEvent, StatusModel};
+use survey::{Amps, Relay, Volts};
 
 use crate::command::{Command, MEMORIES};
 use crate::modules::Module;
 use calendar::Calendar;
+use deferred::Deferred;
 use meter::{Meter, Settings};
 use obey::Turn;
 use relays::Relays;
@@ -47,6 +51,29 @@ pub trait Wires {
 
     /// Asked for the voltage between the voltmeter's terminals, before its range is looked at.
     fn measure(&mut self, at: Duration, request: MeterRequest) -> Volts;
+
+    /// Asked for what alternates between the voltmeter's terminals. Nothing, unless the wires know better.
+    fn alternating(&mut self, _at: Duration, _request: MeterRequest) -> Alternating {
+        Alternating::default()
+    }
+}
+
+/// An alternating voltage.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Alternating {
+    /// R.m.s. of the voltage without its mean.
+    pub rms: Volts,
+    /// Frequency, Hz; 0 of none.
+    pub hertz: f64,
+}
+
+impl Default for Alternating {
+    fn default() -> Self {
+        Self {
+            rms: Volts(0.0),
+            hertz: 0.0,
+        }
+    }
 }
 
 /// How a voltage is measured.
@@ -58,6 +85,24 @@ pub struct MeterRequest {
     pub range: Volts,
     /// Integration, power-line cycles.
     pub nplc: f64,
+    /// What the voltmeter itself sends from its HI terminal to its LO, to measure a resistance; else 0. Where it cannot
+    /// flow the voltage is infinite.
+    pub test_current: Amps,
+    /// The voltage is taken on analogue bus 2.
+    pub four_wire: bool,
+}
+
+impl MeterRequest {
+    /// A DC voltage, over one power-line cycle.
+    pub fn volts(channel: Option<Relay>, range: Volts) -> Self {
+        Self {
+            channel,
+            range,
+            nplc: 1.0,
+            test_current: Amps(0.0),
+            four_wire: false,
+        }
+    }
 }
 
 /// What a simulated mainframe is made of.
@@ -111,6 +156,9 @@ const ERRORS: usize = 20;
 
 /// Questionable bits (section 7).
 const VOLTAGE_OVERLOAD: u8 = 0;
+const CURRENT_OVERLOAD: u8 = 1;
+const RESISTANCE_OVERLOAD: u8 = 9;
+const TEMPERATURE_OVERLOAD: u8 = 10;
 const MEMORY_OVERFLOW: u8 = 12;
 /// Operation bits (section 7).
 const MEASURING: u8 = 4;
@@ -138,6 +186,9 @@ pub struct Simulator34980a {
     overlap: bool,
     /// `*OPC` waits for the end of what is going on.
     completion_awaited: bool,
+    /// The message that is heard now may be answered later.
+    deferring: bool,
+    deferred: Option<Deferred>,
 }
 
 impl Simulator34980a {
@@ -155,6 +206,8 @@ impl Simulator34980a {
             kept: Default::default(),
             overlap: false,
             completion_awaited: false,
+            deferring: false,
+            deferred: None,
             settings,
         }
     }
@@ -188,6 +241,7 @@ impl Simulator34980a {
             self.step(due, wires);
         }
         self.meter.advance(at, &mut self.relays, wires);
+        self.settle_deferred(false);
         self.notice(at);
     }
 
@@ -195,6 +249,7 @@ impl Simulator34980a {
     /// everything else is as new (sections 3 and 6).
     pub fn power_cycle(&mut self, at: Duration, wires: &mut dyn Wires) {
         self.relays.lose_power();
+        self.deferred = None;
         self.meter.as_new();
         self.sequences.abort();
         self.sessions = Sessions::default();
@@ -224,11 +279,15 @@ impl Simulator34980a {
             session,
             now: self.sessions.takes_up(session, at) + self.settings.message_time,
             replied: self.sessions.has_reply(session),
+            last: false,
             depth: 0,
             wires,
         };
         let mut replies = Vec::new();
-        for call in scpi::parse_message(line) {
+        let calls = scpi::parse_message(line);
+        let count = calls.len();
+        for (place, call) in calls.into_iter().enumerate() {
+            turn.last = place + 1 == count;
             self.pass(turn.now, turn.wires);
             let heard = call.and_then(|call| Ok((call.query, Command::of(&call)?)));
             let (query, command) = match heard {
@@ -264,6 +323,10 @@ impl Simulator34980a {
 
     fn fail(&mut self, trouble: Trouble) {
         self.status.raise_error(trouble.code);
+        if self.errors.len() >= ERRORS {
+            // The entry that gives way makes an event of its own.
+            self.status.raise_error(ParseError::QueueOverflow.code());
+        }
         self.errors.push(trouble.code, trouble.text);
     }
 
@@ -281,8 +344,8 @@ impl Simulator34980a {
         if noticed.threshold {
             operation.latch(MEMORY_THRESHOLD);
         }
-        if noticed.overload {
-            self.status.questionable.latch(VOLTAGE_OVERLOAD);
+        for bit in noticed.overload {
+            self.status.questionable.latch(bit);
         }
         let overflown = self.meter.memory().is_overflown();
         self.status.questionable.set(MEMORY_OVERFLOW, overflown);

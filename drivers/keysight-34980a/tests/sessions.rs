@@ -353,3 +353,44 @@ fn an_overflown_error_queue_ends_with_its_own_number() {
         Some("-350,\"Queue overflow\";+0,\"No error\"")
     );
 }
+
+#[test]
+fn a_trigger_may_come_before_a_busy_session_waits_for_it() {
+    let (mut unit, mut sheet) = (mainframe(&["34924A"]), Sheet::default());
+    let set = "CONF:VOLT 10,(@1001);:TRIG:SOUR BUS;:SYST:DEL 1;:INIT";
+    ask(&mut unit, &mut sheet, A, set, START);
+    // by A's clock the measurement has yet to begin
+    assert_eq!(
+        ask(&mut unit, &mut sheet, B, "*TRG;:SYST:ERR?", ms(500)),
+        "+0,\"No error\""
+    );
+    let readings = ask(&mut unit, &mut sheet, B, "DATA:POIN?", ms(1045));
+    assert_eq!(readings, "+1");
+}
+
+#[test]
+fn a_reading_that_is_waited_for_is_taken_when_it_is_due() {
+    let (mut unit, mut sheet) = (mainframe(&["34924A"]), Sheet::default());
+    ask(&mut unit, &mut sheet, A, "CONF:VOLT 10,(@1001:1002)", START);
+    sheet.volts = Some(1.0);
+    let (begun, later) = unit.begin_from(A, "*ESE?;:READ?", ms(0), &mut sheet);
+    assert!(later && begun.text.is_none(), "{begun:?}");
+    assert_eq!(begun.busy, Duration::from_micros(85_200));
+    unit.pass(ms(60), &mut sheet);
+    sheet.volts = Some(2.0);
+    // another question waits for nothing, another client's own answer is none of A's
+    let (other, later) = unit.begin_from(B, "*IDN?", ms(70), &mut sheet);
+    assert!(!later && other.text.is_some());
+    assert_eq!(unit.fetch(B, ms(70), &mut sheet), None);
+    let answer = unit.fetch(A, ms(86), &mut sheet);
+    assert_eq!(
+        answer.as_deref(),
+        Some("+0;+1.00000000E+00,+2.00000000E+00")
+    );
+    assert_eq!(unit.fetch(A, ms(90), &mut sheet), None);
+    // one whose client has gone is answered to nobody
+    assert!(unit.begin_from(A, "READ?", ms(100), &mut sheet).1);
+    unit.end_session(A);
+    assert_eq!(unit.fetch(A, ms(300), &mut sheet), None);
+    assert_eq!(ask(&mut unit, &mut sheet, B, "DATA:POIN?", ms(300)), "+2");
+}

@@ -51,6 +51,13 @@ fuzz_target!(|bytes: &[u8]| {
             let read = unit.read_by(session, at + busy);
             assert!(!matches!(read, Output::Later(_)));
             busy
+        } else if number % 5 == 3 {
+            let (response, later) = unit.begin_from(session, &line, at, &mut wires);
+            if later {
+                unit.pass(at + response.busy / 2, &mut wires);
+                unit.fetch(session, at + response.busy, &mut wires);
+            }
+            response.busy
         } else {
             let response = unit.hear_from(session, &line, at, &mut wires);
             assert!(response.text.is_none_or(|text| !text.is_empty()));

@@ -4,7 +4,7 @@ use std::sync::LazyLock;
 
 use scpi::{Argument, Call, ChannelList, Numeric, ParseError, Pattern, Unit};
 
-use super::{Channels, Command, measure, route, sense, system};
+use super::{Channels, Command, function, measure, route, sense, system};
 
 /// Makes a command of a call whose header is known.
 pub(super) type Hearer = Box<dyn Fn(&Call) -> Result<Command, ParseError> + Send + Sync>;
@@ -33,6 +33,7 @@ static GRAMMAR: LazyLock<Table> = LazyLock::new(|| {
     measure::rows(&mut table);
     sense::rows(&mut table);
     system::rows(&mut table);
+    function::rows(&mut table);
     table
 });
 

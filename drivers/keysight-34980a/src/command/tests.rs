@@ -100,6 +100,61 @@ fn every_sense(channels: &Channels) -> Vec<Sense> {
     said
 }
 
+fn every_function(channels: &Channels) -> Vec<Functions> {
+    use super::function::{Takes, details, takes};
+    use Functions as F;
+    let mut said = Vec::new();
+    for function in Function::ALL {
+        said.push(F::Select(function, channels.clone()));
+        for detail in details(function) {
+            let given = match takes(function, detail).unwrap() {
+                Takes::Switch => vec![Given::Switch(true), Given::Switch(false)],
+                Takes::Range => vec![
+                    Given::Range(Range::Auto),
+                    Given::Range(Range::Fixed(function.ranges()[1])),
+                ],
+                Takes::Resolution => vec![Given::Resolution(Numeric::Min)],
+                Takes::Number(_, limits) => limits.map(Given::Number).to_vec(),
+                Takes::Step(_, steps, _) | Takes::OneOf(steps, _) => {
+                    steps.iter().copied().map(Given::Number).collect()
+                }
+                Takes::Words(words, _) => words.iter().map(|(_, word)| Given::Word(word)).collect(),
+            };
+            for given in given {
+                said.push(F::Set(function, detail, given, channels.clone()));
+            }
+            for limit in [None, Some(Numeric::Min)] {
+                said.push(F::Ask(function, detail, limit, channels.clone()));
+            }
+        }
+        if function == Function::DcVolts {
+            continue;
+        }
+        let probes = match function {
+            Function::Temperature => vec![
+                Some(("TC", "K")),
+                Some(("FRTD", "91")),
+                Some(("THER", "10000")),
+            ],
+            _ => vec![None],
+        };
+        for probe in probes {
+            for resolution in [None, Some(Numeric::Max)] {
+                let wanted = Wanted {
+                    function,
+                    range: Range::Auto,
+                    resolution,
+                    probe,
+                };
+                said.push(F::Configure(wanted, channels.clone()));
+                said.push(F::Measure(wanted, channels.clone()));
+            }
+        }
+    }
+    said.push(F::Selected(channels.clone()));
+    said
+}
+
 fn every_measure(channels: &Channels) -> Vec<Measure> {
     use Measure as M;
     let mut said = vec![
@@ -217,6 +272,7 @@ fn every_command() -> Vec<Command> {
     said.extend(every_system(&list).into_iter().map(Command::from));
     for channels in [None, Some(ChannelList::default()), Some(list)] {
         said.extend(every_sense(&channels).into_iter().map(Command::from));
+        said.extend(every_function(&channels).into_iter().map(Command::from));
         said.extend(every_measure(&channels).into_iter().map(Command::from));
     }
     said

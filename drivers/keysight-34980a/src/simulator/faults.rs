@@ -35,7 +35,7 @@ impl Simulator34980a {
     pub fn set_voltmeter(&mut self, installed: bool, at: Duration, wires: &mut dyn Wires) {
         self.pass(at, wires);
         if !installed {
-            self.meter.abort(at, &mut self.relays, wires);
+            self.stop_measuring(at, wires);
         }
         self.meter.install(installed);
     }
@@ -49,7 +49,7 @@ impl Simulator34980a {
         wires: &mut dyn Wires,
     ) {
         self.pass(at, wires);
-        self.meter.abort(at, &mut self.relays, wires);
+        self.stop_measuring(at, wires);
         self.meter.forget_slot(slot);
         self.relays.replace(slot, module);
         self.relays.tell(at, wires);

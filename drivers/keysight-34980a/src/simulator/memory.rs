@@ -13,7 +13,9 @@ use crate::command::Field;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Stored {
     /// Infinite for an overload.
-    pub(super) volts: f64,
+    pub(super) value: f64,
+    /// Its unit.
+    pub(super) mark: &'static str,
     /// Since the start of the scan.
     pub(super) since: Duration,
     pub(super) at: Duration,
@@ -101,10 +103,13 @@ impl Form {
             if !text.is_empty() {
                 text.push(',');
             }
-            text.push_str(&format_nr3_signed(reading.volts, 8));
+            text.push_str(&format_nr3_signed(reading.value, 8));
             for field in &self.fields {
                 match field {
-                    Field::Unit => text.push_str(" VDC"),
+                    Field::Unit => {
+                        text.push(' ');
+                        text.push_str(reading.mark);
+                    }
                     Field::Time if self.absolute => {
                         text.push(',');
                         text.push_str(&calendar.stamp(reading.at));

@@ -1,6 +1,7 @@
 //! The internal voltmeter: settings of every channel, scan list, trigger, and the measurement at work (section 5).
 
 mod channels;
+mod functions;
 mod kept;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -12,12 +13,14 @@ use survey::Relay;
 pub(super) use kept::Settings;
 
 use super::Wires;
+use super::functions::Own;
 use super::memory::{Form, Memory};
 use super::relays::Relays;
 use super::run::{Noticed, Pace, Run, Stop};
 use super::setup::Setup;
 use super::trouble::Trouble;
-use crate::command::{LONGEST_TIMER, MOST_SWEEPS, TriggerSource};
+use crate::command::{Function, LONGEST_TIMER, MOST_SWEEPS, TriggerSource};
+use crate::modules::Contact;
 
 #[derive(Debug)]
 pub(super) struct Meter {
@@ -25,6 +28,8 @@ pub(super) struct Meter {
     installed: bool,
     bare: Setup,
     channels: BTreeMap<Relay, Setup>,
+    /// Settings of functions other than DC volts, where they were ever made.
+    others: BTreeMap<(Option<Relay>, Function), Own>,
     scan: Vec<Relay>,
     ordered: bool,
     source: TriggerSource,
@@ -50,6 +55,7 @@ impl Meter {
             installed: true,
             bare: Setup::default(),
             channels: BTreeMap::new(),
+            others: BTreeMap::new(),
             scan: Vec::new(),
             ordered: true,
             source: TriggerSource::Immediate,
@@ -178,7 +184,7 @@ impl Meter {
         self.begin(&self.scan.clone(), pace, self.count, now, relays, wires)
     }
 
-    /// Measures ahead of time, and says when that ends.
+    /// Begins to measure, and says when that ends.
     pub(super) fn read(
         &mut self,
         list: &[Relay],
@@ -218,10 +224,18 @@ impl Meter {
         }
         self.begin(list, pace, Some(count), now, relays, wires)?;
         // It has an end: its sweeps are counted and wait for nothing.
-        let end = self.ends_at().unwrap_or(now);
+        Ok(self.ends_at().unwrap_or(now))
+    }
+
+    /// Takes all readings of the measurement that has just begun, ahead of their time.
+    pub(super) fn take_ahead(&mut self, end: Duration, relays: &mut Relays, wires: &mut dyn Wires) {
         self.advance(end, relays, wires);
         self.ahead = end;
-        Ok(end)
+    }
+
+    /// Whether a measurement has begun that has not ended.
+    pub(super) fn is_at_work(&self) -> bool {
+        self.run.is_some()
     }
 
     fn pace(&self) -> Pace {
@@ -248,15 +262,16 @@ impl Meter {
             return Err(ParseError::InitIgnored.into());
         }
         let stop = |channel: Option<Relay>| {
-            let setup = self.setup(channel);
+            let setup = self.setup(relays, channel);
+            let (measured, timing, nplc) = self.plan(channel, &setup);
             let rate = channel
                 .and_then(|relay| relays.contact(relay).ok())
                 .and_then(|(module, _)| module.model().scan_rate());
             Stop {
                 channel,
-                period: setup.period(rate, self.line_hz),
-                nplc: setup.cycles(self.line_hz),
-                setup,
+                period: setup.period(timing, rate, self.line_hz),
+                nplc,
+                measured,
             }
         };
         let stops = if list.is_empty() {
@@ -265,7 +280,12 @@ impl Meter {
             list.iter().map(|relay| stop(Some(*relay))).collect()
         };
         if !list.is_empty() {
-            relays.clear_for_scan(list);
+            let sensing = stops
+                .iter()
+                .filter(|stop| stop.measured.four_wire())
+                .filter_map(|stop| relays.partner(stop.channel?));
+            let banks: Vec<Relay> = list.iter().copied().chain(sensing).collect();
+            relays.clear_for_scan(&banks);
             relays.tell(now, wires);
         }
         self.memory.clear();
@@ -319,7 +339,9 @@ impl Meter {
         if list.len() > LONGEST_SCAN {
             return Err(ParseError::TooMuchData.into());
         }
-        self.scan = self.arranged(relays, list)?;
+        let list = self.arranged(relays, list)?;
+        self.check_pairs(relays, &list)?;
+        self.scan = list;
         self.memory.clear();
         Ok(())
     }
@@ -333,6 +355,8 @@ impl Meter {
     pub(super) fn forget_slot(&mut self, slot: u32) {
         self.scan.retain(|relay| relay.0 / 1000 != slot);
         self.channels.retain(|relay, _| relay.0 / 1000 != slot);
+        self.others
+            .retain(|(relay, _), _| relay.is_none_or(|relay| relay.0 / 1000 != slot));
     }
 
     pub(super) fn source(&self) -> TriggerSource {
@@ -378,10 +402,24 @@ impl Meter {
         self.memory.clear();
     }
 
-    fn setup(&self, channel: Option<Relay>) -> Setup {
-        match channel {
-            Some(relay) => self.channels.get(&relay).copied().unwrap_or_default(),
-            None => self.bare,
+    fn setup(&self, relays: &Relays, channel: Option<Relay>) -> Setup {
+        let Some(relay) = channel else {
+            return self.bare;
+        };
+        self.channels.get(&relay).copied().unwrap_or_else(|| {
+            let contact = relays.contact(relay).map(|(_, contact)| contact);
+            let function = match contact {
+                Ok(Contact::Current { .. }) => Function::DcCurrent,
+                _ => Function::DcVolts,
+            };
+            Setup::default().measuring(function)
+        })
+    }
+
+    fn put(&mut self, target: Option<Relay>, setup: Setup) {
+        match target {
+            Some(relay) => drop(self.channels.insert(relay, setup)),
+            None => self.bare = setup,
         }
     }
 }

@@ -19,6 +19,8 @@ pub(super) struct Turn<'a> {
     pub(super) now: Duration,
     /// A reply of this session waits already.
     pub(super) replied: bool,
+    /// Nothing follows in its message.
+    pub(super) last: bool,
     /// How deep in sequences; 0 outside.
     pub(super) depth: u32,
     pub(super) wires: &'a mut dyn Wires,
@@ -38,6 +40,7 @@ impl Simulator34980a {
             Command::Common(common) => self.obey_common(common, turn),
             Command::Route(route) => self.obey_route(route, turn),
             Command::Sense(sense) => self.obey_sense(sense, turn),
+            Command::Functions(functions) => self.obey_functions(functions, turn),
             Command::Measure(measure) => self.obey_measure(measure, turn),
             Command::System(system) => self.obey_system(system, turn),
         }
@@ -83,7 +86,7 @@ impl Simulator34980a {
 
     pub(super) fn reset(&mut self, turn: &mut Turn<'_>) {
         self.sequences.abort();
-        self.meter.abort(turn.now, &mut self.relays, turn.wires);
+        self.stop_measuring(turn.now, turn.wires);
         self.meter.as_new();
         self.completion_awaited = false;
         self.overlap = false;
@@ -193,6 +196,12 @@ impl Simulator34980a {
             Route::SequenceAbort => self.sequences.abort(),
         }
         Ok(None)
+    }
+
+    /// Breaks the measurement at work off; an answer that waits for it has what is there.
+    pub(super) fn stop_measuring(&mut self, at: Duration, wires: &mut dyn Wires) {
+        self.meter.abort(at, &mut self.relays, wires);
+        self.settle_deferred(false);
     }
 
     fn check_slot(&self, slot: Option<u32>) -> Result<(), Trouble> {

@@ -14,6 +14,9 @@ use crate::modules::{Contact, Model, Module, Terminal, join, split};
 pub(super) use slots::Moves;
 use slots::Slot;
 
+/// What one reading closes: the channel and its relay to bus 1, the sensing channel and its relay to bus 2.
+pub(super) type Joined = [Option<Relay>; 4];
+
 #[derive(Debug)]
 pub(super) struct Relays {
     slots: [Slot; 8],
@@ -66,8 +69,12 @@ impl Relays {
 
     /// The relay that leads a channel to bus 1.
     fn bus_relay(&self, channel: Relay) -> Option<Relay> {
+        self.bus_relay_to(channel, 1)
+    }
+
+    fn bus_relay_to(&self, channel: Relay, bus: u32) -> Option<Relay> {
         let (module, contact) = self.contact(channel).ok()?;
-        let relay = module.bus_relay(contact.bank()?, 1)?;
+        let relay = module.bus_relay(contact.bank()?, bus)?;
         Some(join(channel.0 / 1000, relay))
     }
 
@@ -285,20 +292,37 @@ impl Relays {
         self.open(|relay| meant.contains(&relay));
     }
 
-    /// Joins one channel to bus 1 for its reading. What is closed for it is to be opened by [`Relays::unjoin`].
-    pub(super) fn join_to_bus(&mut self, channel: Relay) -> [Option<Relay>; 2] {
-        let bus = self.bus_relay(channel);
-        let joined = [Some(channel), bus];
+    /// Joins one channel to bus 1 for its reading, and its partner in the other bank to bus 2 for one by four wires.
+    /// What is closed for it is to be opened by [`Relays::unjoin`].
+    pub(super) fn join_to_bus(&mut self, channel: Relay, four_wire: bool) -> Joined {
+        let partner = self.partner(channel).filter(|_| four_wire);
+        let sense = partner.and_then(|partner| self.bus_relay_to(partner, 2));
+        let joined = [Some(channel), self.bus_relay(channel), partner, sense];
         let mut after = self.closed.clone();
         after.extend(joined.into_iter().flatten());
         self.become_closed(after);
         joined
     }
 
-    pub(super) fn unjoin(&mut self, joined: [Option<Relay>; 2]) {
+    pub(super) fn unjoin(&mut self, joined: Joined) {
         for relay in joined.into_iter().flatten() {
             self.closed.remove(&relay);
         }
+    }
+
+    /// The channel of bank 2 that senses what a channel of bank 1 drives: n + 20, or n + 35 on the larger modules.
+    pub(super) fn partner(&self, channel: Relay) -> Option<Relay> {
+        let (module, contact) = self.contact(channel).ok()?;
+        if contact != (Contact::Channel { bank: 1 }) {
+            return None;
+        }
+        let last = module
+            .channels()
+            .filter(|number| module.contact(*number) == Some(contact))
+            .last()?;
+        let partner = Relay(channel.0 + last);
+        let (_, sense) = self.contact(partner).ok()?;
+        (sense == Contact::Channel { bank: 2 }).then_some(partner)
     }
 
     /// Reeds and ABus relays fall open, latching relays stay (section 3).

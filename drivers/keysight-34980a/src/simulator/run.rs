@@ -1,25 +1,61 @@
 //! A measurement at work: sweeps through a list of channels, each reading at its own instant.
 
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 use survey::{Relay, Volts};
 
+use super::functions::{OVER_RANGE, Own, over};
 use super::memory::{Memory, Stored};
-use super::relays::Relays;
-use super::setup::Setup;
-use super::{MeterRequest, Wires};
-use crate::command::{RANGES, Range};
-
-/// A reading may exceed its range by a fifth (section 5).
-const OVER_RANGE: f64 = 1.2;
+use super::relays::{Joined, Relays};
+use super::{
+    CURRENT_OVERLOAD, MeterRequest, RESISTANCE_OVERLOAD, TEMPERATURE_OVERLOAD, VOLTAGE_OVERLOAD,
+    Wires,
+};
+use crate::command::{Function, RANGES, Range};
 
 /// One channel of a sweep; without a number the bare voltmeter.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Stop {
     pub(super) channel: Option<Relay>,
-    pub(super) setup: Setup,
+    pub(super) measured: Measured,
     pub(super) period: Duration,
     pub(super) nplc: f64,
+}
+
+/// What is measured there.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Measured {
+    /// DC volts on a range.
+    Volts(Range),
+    /// Anything else.
+    Other(Own),
+}
+
+impl Measured {
+    fn mark(&self) -> &'static str {
+        match self {
+            Self::Volts(_) => Function::DcVolts.mark(),
+            Self::Other(own) => own.mark(),
+        }
+    }
+
+    pub(super) fn four_wire(&self) -> bool {
+        matches!(self, Self::Other(own) if own.four_wire())
+    }
+
+    /// The questionable bit of an overload.
+    fn overload(&self) -> u8 {
+        match self {
+            Self::Volts(_) => VOLTAGE_OVERLOAD,
+            Self::Other(own) => match own.function {
+                Function::DcCurrent | Function::AcCurrent => CURRENT_OVERLOAD,
+                Function::Resistance | Function::FourWire => RESISTANCE_OVERLOAD,
+                Function::Temperature => TEMPERATURE_OVERLOAD,
+                _ => VOLTAGE_OVERLOAD,
+            },
+        }
+    }
 }
 
 /// What a sweep begins with.
@@ -38,16 +74,17 @@ enum Phase {
     /// The channel of this index is joined then.
     Due(usize, Duration),
     /// It was joined then, and its reading is being taken.
-    Measuring(usize, Duration, [Option<Relay>; 2]),
+    Measuring(usize, Duration, Joined),
     /// For a trigger.
     Waiting,
 }
 
 /// What happened that the status registers want to know.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Noticed {
     pub(super) measured: bool,
-    pub(super) overload: bool,
+    /// Bits of the questionable register.
+    pub(super) overload: BTreeSet<u8>,
     pub(super) threshold: bool,
 }
 
@@ -90,7 +127,8 @@ impl Run {
     pub(super) fn trigger(&mut self, now: Duration) -> bool {
         let waits = self.is_waiting();
         if waits {
-            self.phase = Phase::Due(0, now);
+            // Another session's trigger may come before a busy one has begun to wait by the instrument's clock.
+            self.phase = Phase::Due(0, now.max(self.start));
         }
         waits
     }
@@ -161,9 +199,10 @@ impl Run {
                         self.phase = Phase::Due(index, at);
                         return false;
                     }
-                    let joined = match self.stops[index].channel {
-                        Some(channel) => relays.join_to_bus(channel),
-                        None => [None, None],
+                    let stop = &self.stops[index];
+                    let joined = match stop.channel {
+                        Some(channel) => relays.join_to_bus(channel, stop.measured.four_wire()),
+                        None => Joined::default(),
                     };
                     if joined[0].is_some() {
                         relays.tell(at, wires);
@@ -176,11 +215,14 @@ impl Run {
                     if at > to {
                         return false;
                     }
-                    let volts = measure(&stop, at, wires);
-                    noticed.overload |= volts.is_infinite();
+                    let value = measure(&stop, at, wires);
+                    if value.is_infinite() {
+                        noticed.overload.insert(stop.measured.overload());
+                    }
                     memory.push(Stored {
-                        volts,
-                        since: at - self.start,
+                        value,
+                        mark: stop.measured.mark(),
+                        since: at.saturating_sub(self.start),
                         at,
                         channel: stop.channel,
                     });
@@ -243,25 +285,20 @@ impl Run {
     }
 }
 
-/// One reading; infinite for an overload.
+/// One reading; infinite, with its sign, for an overload.
 fn measure(stop: &Stop, at: Duration, wires: &mut dyn Wires) -> f64 {
     let mut measure = |range: f64| {
         let request = MeterRequest {
-            channel: stop.channel,
-            range: Volts(range),
             nplc: stop.nplc,
+            ..MeterRequest::volts(stop.channel, Volts(range))
         };
-        let Volts(volts) = wires.measure(at, request);
-        if volts.abs() <= range * OVER_RANGE {
-            volts
-        } else {
-            f64::INFINITY
-        }
+        over(wires.measure(at, request).0, range * OVER_RANGE)
     };
     let widest = RANGES[RANGES.len() - 1];
-    match stop.setup.range {
-        Range::Fixed(range) => measure(range),
-        Range::Auto => {
+    match stop.measured {
+        Measured::Other(own) => own.reading(stop.channel, stop.nplc, at, wires),
+        Measured::Volts(Range::Fixed(range)) => measure(range),
+        Measured::Volts(Range::Auto) => {
             let probe = measure(widest);
             let fits = RANGES
                 .into_iter()

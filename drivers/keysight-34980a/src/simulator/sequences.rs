@@ -126,6 +126,7 @@ impl Simulator34980a {
             session: Session::default(),
             now: due,
             replied: false,
+            last: false,
             depth,
             wires,
         };

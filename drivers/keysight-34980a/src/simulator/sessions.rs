@@ -6,7 +6,7 @@ use std::time::Duration;
 use scpi::{Common, ParseError};
 
 use super::{Simulator34980a, Wires};
-use crate::command::{Command, Measure, System};
+use crate::command::{Command, Functions, Measure, System};
 
 /// A client's connection, numbered by whoever serves it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Default)]
@@ -72,7 +72,10 @@ impl Sessions {
             }
             // It has nothing to give back.
             Command::System(System::ReleaseLock) => false,
-            Command::Route(_) | Command::Sense(_) | Command::System(_) => !query,
+            Command::Functions(Functions::Measure(..)) => true,
+            Command::Route(_) | Command::Sense(_) | Command::Functions(_) | Command::System(_) => {
+                !query
+            }
         }
     }
 
@@ -118,6 +121,7 @@ impl Simulator34980a {
         self.sessions.names.remove(&session);
         self.sessions.replies.remove(&session);
         self.sessions.busy.remove(&session);
+        self.forget_deferred(session);
         if self
             .sessions
             .lock
@@ -167,8 +171,9 @@ impl Simulator34980a {
     pub fn clear_session(&mut self, session: Session, at: Duration, wires: &mut dyn Wires) {
         self.sessions.replies.remove(&session);
         self.sessions.busy.remove(&session);
+        self.forget_deferred(session);
         self.pass(at, wires);
-        self.meter.abort(at, &mut self.relays, wires);
+        self.stop_measuring(at, wires);
         self.notice(at);
     }
 

@@ -5,15 +5,28 @@ use std::time::Duration;
 use scpi::{Numeric, ParseError, format_nr3_signed};
 
 use super::trouble::Trouble;
-use crate::command::{INTEGRATION, Quantity, RANGES, Range, Setting};
+use crate::command::{Function, INTEGRATION, Quantity, RANGES, Range, Setting};
 
 /// Readings a second that the voltmeter alone can take (section 5).
 const READINGS_PER_SECOND: f64 = 3000.0;
 const WIDEST: f64 = RANGES[RANGES.len() - 1];
 
+/// What a reading takes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Timing {
+    /// Integration, or gate, s.
+    pub(super) seconds: f64,
+    /// Autozero doubles that.
+    pub(super) zero_too: bool,
+    /// Automatic channel delay, s.
+    pub(super) delay: f64,
+}
+
 /// How one channel, or the bare voltmeter, is measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Setup {
+    pub(super) function: Function,
+    /// Of DC volts, as all that follows but delay and autozero.
     pub(super) range: Range,
     nplc: f64,
     /// s.
@@ -28,6 +41,7 @@ pub(super) struct Setup {
 impl Default for Setup {
     fn default() -> Self {
         Self {
+            function: Function::DcVolts,
             range: Range::Auto,
             nplc: 1.0,
             aperture: 1.0,
@@ -53,6 +67,11 @@ impl Setup {
         })
     }
 
+    /// The same for another function.
+    pub(super) fn measuring(self, function: Function) -> Self {
+        Self { function, ..self }
+    }
+
     /// Integration, power-line cycles.
     pub(super) fn cycles(&self, line_hz: f64) -> f64 {
         if self.aperture_enabled {
@@ -62,32 +81,42 @@ impl Setup {
         }
     }
 
-    /// Delay before a scanned reading, s: 1 ms up to 1 cycle, 2 ms above, unless it is set.
-    fn delay(&self, line_hz: f64) -> f64 {
-        let automatic = if self.cycles(line_hz) <= 1.0 {
-            1e-3
-        } else {
-            2e-3
-        };
-        self.delay.unwrap_or(automatic)
+    /// Of DC volts: 1 ms of delay up to 1 cycle, 2 ms above.
+    pub(super) fn timing(&self, line_hz: f64) -> Timing {
+        let cycles = self.cycles(line_hz);
+        Timing {
+            seconds: cycles / line_hz,
+            zero_too: true,
+            delay: if cycles <= 1.0 { 1e-3 } else { 2e-3 },
+        }
+    }
+
+    /// Delay before a scanned reading, s.
+    fn delay(&self, timing: Timing) -> f64 {
+        self.delay.unwrap_or(timing.delay)
     }
 
     /// Time of one reading: for a channel the larger of 1/rate and 1/rate - 0.02 PLC + integration, and its delay
     /// (section 9).
-    pub(super) fn period(&self, rate: Option<u32>, line_hz: f64) -> Duration {
-        let zero = if self.autozero { 2.0 } else { 1.0 };
-        let integration = zero * self.cycles(line_hz) / line_hz;
+    pub(super) fn period(&self, timing: Timing, rate: Option<u32>, line_hz: f64) -> Duration {
+        let zero = if self.autozero && timing.zero_too {
+            2.0
+        } else {
+            1.0
+        };
+        let integration = zero * timing.seconds;
         let seconds = match rate {
             Some(rate) => {
                 let shortest = 1.0 / f64::from(rate);
-                shortest.max(shortest - 0.02 / line_hz + integration) + self.delay(line_hz)
+                shortest.max(shortest - 0.02 / line_hz + integration) + self.delay(timing)
             }
             None => integration.max(1.0 / READINGS_PER_SECOND),
         };
         Duration::from_secs_f64(seconds)
     }
 
-    pub(super) fn change(&mut self, setting: Setting, line_hz: f64) -> Result<(), Trouble> {
+    /// `timing` is that of what the channel measures.
+    pub(super) fn change(&mut self, setting: Setting, timing: Timing) -> Result<(), Trouble> {
         match setting {
             Setting::Range(range) => self.range = range,
             Setting::RangeAuto(true) => self.range = Range::Auto,
@@ -110,7 +139,7 @@ impl Setup {
             Setting::InputAuto(on) => self.input_auto = on,
             Setting::Delay(delay) => self.delay = Some(delay),
             Setting::DelayAuto(true) => self.delay = None,
-            Setting::DelayAuto(false) => self.delay = Some(self.delay(line_hz)),
+            Setting::DelayAuto(false) => self.delay = Some(self.delay(timing)),
         }
         Ok(())
     }
@@ -123,14 +152,7 @@ impl Setup {
     }
 
     fn resolution(&self, line_hz: f64) -> f64 {
-        let cycles = self.cycles(line_hz);
-        // The resolution of a time between two is that of the shorter.
-        let fraction = INTEGRATION
-            .into_iter()
-            .rev()
-            .find(|(nplc, _)| *nplc <= cycles)
-            .map_or(1e-4, |(_, fraction)| fraction);
-        fraction * self.fixed_range()
+        resolution_of(self.cycles(line_hz), self.fixed_range())
     }
 
     /// Answers a query for one setting, or for a limit of it.
@@ -139,6 +161,7 @@ impl Setup {
         quantity: Quantity,
         limit: Option<Numeric>,
         line_hz: f64,
+        timing: Timing,
     ) -> Result<String, Trouble> {
         let range = self.fixed_range();
         let (value, [least, most, default]) = match quantity {
@@ -149,7 +172,7 @@ impl Setup {
                 self.resolution(line_hz),
                 [3e-7 * range, 1e-4 * range, 3e-6 * range],
             ),
-            Quantity::Delay => (self.delay(line_hz), [0.0, 60.0, 0.0]),
+            Quantity::Delay => (self.delay(timing), [0.0, 60.0, 0.0]),
             Quantity::RangeAuto => return yes_no(self.range == Range::Auto, limit),
             Quantity::ApertureEnabled => return yes_no(self.aperture_enabled, limit),
             Quantity::Autozero => return yes_no(self.autozero, limit),
@@ -185,8 +208,18 @@ fn yes_no(yes: bool, limit: Option<Numeric>) -> Result<String, Trouble> {
     }
 }
 
+/// Resolution of an integration of so many power-line cycles; of a time between two that of the shorter.
+pub(super) fn resolution_of(cycles: f64, range: f64) -> f64 {
+    let fraction = INTEGRATION
+        .into_iter()
+        .rev()
+        .find(|(nplc, _)| *nplc <= cycles)
+        .map_or(1e-4, |(_, fraction)| fraction);
+    fraction * range
+}
+
 /// The shortest integration whose resolution suffices.
-fn integration_for(range: Range, resolution: Numeric) -> Result<f64, Trouble> {
+pub(super) fn integration_for(range: Range, resolution: Numeric) -> Result<f64, Trouble> {
     let Range::Fixed(range) = range else {
         // A resolution in volts means nothing while the range is not fixed.
         return Err(ParseError::SettingsConflict.into());

@@ -17,6 +17,7 @@ impl Trouble {
     pub(super) const NOTHING_KEPT: Self = Self::new(291, "Not able to recall state: it is empty");
     pub(super) const COMMITTED: Self = Self::new(301, "Module currently committed to scan");
     pub(super) const UNABLE: Self = Self::new(305, "Not able to perform requested operation");
+    pub(super) const PART_OF_PAIR: Self = Self::new(306, "Part of a 4-wire pair");
     pub(super) const CHANNEL_UNABLE: Self =
         Self::new(308, "Channel not able to perform requested operation");
     pub(super) const LOCKED: Self = Self::new(-203, "Command protected");

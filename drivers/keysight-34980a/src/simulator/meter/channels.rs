@@ -4,9 +4,10 @@ use scpi::Numeric;
 use survey::Relay;
 
 use super::Meter;
-use crate::command::{Channels, Quantity, Range, Setting};
+use crate::command::{Channels, Function, Quantity, Range, Setting};
+use crate::modules::Contact;
 use crate::simulator::relays::Relays;
-use crate::simulator::setup::Setup;
+use crate::simulator::setup::{Setup, Timing};
 use crate::simulator::trouble::Trouble;
 
 impl Meter {
@@ -21,11 +22,20 @@ impl Meter {
         self.need_voltmeter()?;
         let setup = Setup::configured(range, resolution)?;
         if let Some(list) = channels {
-            let list = relays.expand(list)?;
+            let list = self.arranged(relays, relays.expand(list)?)?;
+            for relay in &list {
+                if let (_, Contact::Current { .. }) = relays.contact(*relay)? {
+                    return Err(Trouble::CHANNEL_UNABLE);
+                }
+            }
+            // What senses for another is said of what the channels were, not of what they become.
+            for relay in &list {
+                self.channels.remove(relay);
+            }
             self.set_scan(relays, list)?;
         }
         self.form.fields.clear();
-        self.change(relays, &None, |target| {
+        self.change(relays, &None, |target, _| {
             *target = setup;
             Ok(())
         })
@@ -38,8 +48,9 @@ impl Meter {
         setting: Setting,
         channels: &Channels,
     ) -> Result<usize, Trouble> {
-        let line_hz = self.line_hz;
-        self.change(relays, channels, |setup| setup.change(setting, line_hz))
+        self.change(relays, channels, |setup, timing| {
+            setup.change(setting, timing)
+        })
     }
 
     /// All of the channels are changed, or none.
@@ -47,21 +58,19 @@ impl Meter {
         &mut self,
         relays: &Relays,
         channels: &Channels,
-        change: impl Fn(&mut Setup) -> Result<(), Trouble>,
+        change: impl Fn(&mut Setup, Timing) -> Result<(), Trouble>,
     ) -> Result<usize, Trouble> {
         self.need_voltmeter()?;
         let mut changed = Vec::new();
         for target in self.targets(relays, channels)? {
-            let mut setup = self.setup(target);
-            change(&mut setup)?;
+            let mut setup = self.setup(relays, target);
+            let (_, timing, _) = self.plan(target, &setup);
+            change(&mut setup, timing)?;
             changed.push((target, setup));
         }
         let count = changed.len();
         for (target, setup) in changed {
-            match target {
-                Some(relay) => drop(self.channels.insert(relay, setup)),
-                None => self.bare = setup,
-            }
+            self.put(target, setup);
         }
         self.memory.clear();
         Ok(count)
@@ -75,8 +84,9 @@ impl Meter {
         limit: Option<Numeric>,
         channels: &Channels,
     ) -> Result<String, Trouble> {
-        self.answers(relays, channels, |setup| {
-            setup.answer(quantity, limit, self.line_hz)
+        self.answers(relays, channels, |target, setup| {
+            let (_, timing, _) = self.plan(target, &setup);
+            setup.answer(quantity, limit, self.line_hz, timing)
         })
     }
 
@@ -86,28 +96,35 @@ impl Meter {
         relays: &Relays,
         channels: &Channels,
     ) -> Result<String, Trouble> {
-        self.answers(relays, channels, |setup| {
-            Ok(setup.configuration(self.line_hz))
+        self.answers(relays, channels, |target, setup| {
+            Ok(match setup.function {
+                Function::DcVolts => setup.configuration(self.line_hz),
+                function => self.own(target, function).configuration(self.line_hz),
+            })
         })
     }
 
-    fn answers(
+    pub(super) fn answers(
         &self,
         relays: &Relays,
         channels: &Channels,
-        answer: impl Fn(Setup) -> Result<String, Trouble>,
+        answer: impl Fn(Option<Relay>, Setup) -> Result<String, Trouble>,
     ) -> Result<String, Trouble> {
         self.need_voltmeter()?;
         let targets = self.targets(relays, channels)?;
         let answers: Result<Vec<String>, Trouble> = targets
             .into_iter()
-            .map(|target| answer(self.setup(target)))
+            .map(|target| answer(target, self.setup(relays, target)))
             .collect();
         Ok(answers?.join(","))
     }
 
-    /// The channels that a setting is for; `None` stands for the bare voltmeter.
-    fn targets(&self, relays: &Relays, channels: &Channels) -> Result<Vec<Option<Relay>>, Trouble> {
+    /// The channels that a setting is for: without a list those of the scan list. `None` stands for the bare voltmeter.
+    pub(super) fn targets(
+        &self,
+        relays: &Relays,
+        channels: &Channels,
+    ) -> Result<Vec<Option<Relay>>, Trouble> {
         let list = match channels {
             Some(list) => {
                 // Queries answer in the list's own order, once all of it can be scanned.

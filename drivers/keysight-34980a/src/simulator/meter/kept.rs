@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use survey::Relay;
 
 use super::Meter;
-use crate::command::TriggerSource;
+use crate::command::{Function, TriggerSource};
+use crate::simulator::functions::Own;
 use crate::simulator::memory::Form;
 use crate::simulator::relays::Relays;
 use crate::simulator::setup::Setup;
@@ -15,6 +16,7 @@ use crate::simulator::setup::Setup;
 pub(in crate::simulator) struct Settings {
     bare: Setup,
     channels: BTreeMap<Relay, Setup>,
+    others: BTreeMap<(Option<Relay>, Function), Own>,
     scan: Vec<Relay>,
     ordered: bool,
     source: TriggerSource,
@@ -29,6 +31,7 @@ impl Meter {
         Settings {
             bare: self.bare,
             channels: self.channels.clone(),
+            others: self.others.clone(),
             scan: self.scan.clone(),
             ordered: self.ordered,
             source: self.source,
@@ -44,6 +47,7 @@ impl Meter {
         let Settings {
             bare,
             channels,
+            others,
             scan,
             ordered,
             source,
@@ -58,6 +62,9 @@ impl Meter {
         self.form = form;
         self.channels = channels;
         self.channels.retain(|relay, _| is_there(relay));
+        self.others = others;
+        self.others
+            .retain(|(relay, _), _| relay.as_ref().is_none_or(is_there));
         self.scan = scan;
         self.scan.retain(is_there);
         self.memory.clear();

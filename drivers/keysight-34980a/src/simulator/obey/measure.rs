@@ -6,7 +6,7 @@ use scpi::ParseError;
 use survey::Relay;
 
 use super::{Reply, Turn, block, yes_no};
-use crate::command::{Measure, Sense, time_word};
+use crate::command::{Functions, Measure, Sense, time_word};
 use crate::simulator::{CONFIGURATION_CHANGED, Simulator34980a};
 
 impl Simulator34980a {
@@ -69,10 +69,7 @@ impl Simulator34980a {
                     .meter
                     .configure(&self.relays, range, resolution, &channels)?;
                 self.configured(set_up, turn);
-                let end = self
-                    .meter
-                    .read_once(turn.now, &mut self.relays, turn.wires)?;
-                return self.answer_readings(end, turn);
+                return self.read_once(turn);
             }
             Measure::Initiate => self
                 .meter
@@ -106,7 +103,7 @@ impl Simulator34980a {
             }
             Measure::SetThreshold(count) => self.meter.set_threshold(count),
             Measure::Threshold => return Ok(Some(format!("{:+}", self.meter.threshold()))),
-            Measure::Abort => self.meter.abort(turn.now, &mut self.relays, turn.wires),
+            Measure::Abort => self.stop_measuring(turn.now, turn.wires),
             Measure::SetSource(source) => {
                 self.wait_for_measurement(turn)?;
                 self.meter.set_source(source);
@@ -137,6 +134,51 @@ impl Simulator34980a {
         Ok(None)
     }
 
+    pub(super) fn obey_functions(&mut self, functions: Functions, turn: &mut Turn<'_>) -> Reply {
+        match functions {
+            Functions::Configure(wanted, channels) => {
+                self.wait_for_measurement(turn)?;
+                let meter = &mut self.meter;
+                let channels = meter.configure_function(&self.relays, wanted, &channels)?;
+                self.configured(channels, turn);
+            }
+            Functions::Measure(wanted, channels) => {
+                self.wait_for_measurement(turn)?;
+                let meter = &mut self.meter;
+                let set_up = meter.configure_function(&self.relays, wanted, &channels)?;
+                self.configured(set_up, turn);
+                return self.read_once(turn);
+            }
+            Functions::Select(function, channels) => {
+                self.wait_for_measurement(turn)?;
+                let channels = self.meter.select(&self.relays, function, &channels)?;
+                self.configured(channels, turn);
+            }
+            Functions::Selected(channels) => {
+                return self.meter.selected(&self.relays, &channels).map(Some);
+            }
+            Functions::Set(function, detail, given, channels) => {
+                self.wait_for_measurement(turn)?;
+                let of = (function, detail);
+                let channels = self.meter.set_detail(&self.relays, of, given, &channels)?;
+                self.configured(channels, turn);
+            }
+            Functions::Ask(function, detail, limit, channels) => {
+                let of = (function, detail);
+                let answer = self.meter.detail(&self.relays, of, limit, &channels);
+                return answer.map(Some);
+            }
+        }
+        Ok(None)
+    }
+
+    /// What MEAS? reads.
+    fn read_once(&mut self, turn: &mut Turn<'_>) -> Reply {
+        let meter = &mut self.meter;
+        let end = meter.read_once(turn.now, &mut self.relays, turn.wires)?;
+        self.answer_readings(end, turn)
+    }
+
     fn read(&mut self, list: &[Relay], turn: &mut Turn<'_>) -> Reply {
         let end = self
             .meter
@@ -144,8 +186,13 @@ impl Simulator34980a {
         self.answer_readings(end, turn)
     }
 
-    fn answer_readings(&self, end: Duration, turn: &mut Turn<'_>) -> Reply {
+    fn answer_readings(&mut self, end: Duration, turn: &mut Turn<'_>) -> Reply {
         turn.now = end;
+        if self.deferring && turn.last {
+            self.defer(turn.session, end);
+            return Ok(None);
+        }
+        self.meter.take_ahead(end, &mut self.relays, turn.wires);
         let readings = self.meter.memory().read(end);
         Ok(Some(self.meter.form.write(readings, &self.calendar)))
     }

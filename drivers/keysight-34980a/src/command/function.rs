@@ -1,0 +1,401 @@
+//! What the voltmeter measures besides DC volts: the rest of the manual's CONFigure, MEASure and SENSe pages.
+//!
+//! Each function keeps its own settings on every channel; 2-wire and 4-wire resistance share theirs, as the manual
+//! says. A setting for one function does not choose that function: `CONF`, `MEAS?` and `FUNC` do.
+
+mod details;
+
+use std::fmt;
+
+use scpi::{Call, Numeric, ParseError, Unit};
+
+use super::grammar::{Table, before_channels, limit, only_channels, value_and_channels};
+#[cfg(test)]
+pub(super) use details::details;
+use details::{PROBES, ROWS, given, kind_of, range, row_of};
+pub(crate) use details::{Takes, takes};
+
+use super::{Asked, Behind, Channels, On, Range};
+
+/// What the voltmeter measures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Function {
+    /// DC volts; its settings are in [`super::Sense`].
+    DcVolts,
+    /// AC volts, r.m.s. of what alternates.
+    AcVolts,
+    /// Resistance between the terminals.
+    Resistance,
+    /// Resistance, sensed on analogue bus 2.
+    FourWire,
+    /// Direct current.
+    DcCurrent,
+    /// Alternating current, r.m.s.
+    AcCurrent,
+    /// Frequency of a voltage.
+    Frequency,
+    /// Period of a voltage.
+    Period,
+    /// Temperature by a thermocouple, an RTD or a thermistor.
+    Temperature,
+}
+
+/// A setting of a function.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Detail {
+    /// The range; of a frequency or period that of its voltage.
+    Range,
+    /// Let the instrument choose the range.
+    RangeAuto,
+    /// Integration time, power-line cycles.
+    Nplc,
+    /// Integration time, s; of a frequency or period the gate time.
+    Aperture,
+    /// Integrate over the aperture, or over power-line cycles.
+    ApertureEnabled,
+    /// Resolution in the function's unit.
+    Resolution,
+    /// Lowest frequency expected, Hz: 3, 20 or 200.
+    Bandwidth,
+    /// Measure a second time without the test current.
+    Compensated,
+    /// Measure zero after each reading.
+    Autozero,
+    /// Kind of transducer.
+    Probe,
+    /// Kind of thermocouple.
+    Couple,
+    /// Where the reference junction's temperature comes from.
+    JunctionSource,
+    /// Temperature of a fixed reference junction, degrees Celsius.
+    Junction,
+    /// Whether a thermocouple is looked at for an open circuit first.
+    CoupleCheck,
+    /// Temperature coefficient of a 2-wire RTD: 85 for 0.00385, 91 for 0.00391.
+    Rtd,
+    /// Its resistance at 0 degrees Celsius, ohm.
+    RtdOhms,
+    /// Measure it a second time without the test current.
+    RtdCompensated,
+    /// Kind of thermistor, ohm at 25 degrees Celsius.
+    Thermistor,
+    /// Unit of temperatures.
+    Degrees,
+}
+
+/// The value of a setting.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Given {
+    /// A number in the setting's unit.
+    Number(f64),
+    /// On or off.
+    Switch(bool),
+    /// One of its words, in short form.
+    Word(&'static str),
+    /// A range.
+    Range(Range),
+    /// A resolution.
+    Resolution(Numeric),
+}
+
+/// What CONF and MEAS? ask for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wanted {
+    /// What is measured; never DC volts.
+    pub function: Function,
+    /// Its range; [`Range::Auto`] for frequency, period and temperature, which have none to be set here.
+    pub range: Range,
+    /// Its resolution in the function's unit.
+    pub resolution: Option<Numeric>,
+    /// Transducer and its kind, of a temperature.
+    pub probe: Option<(&'static str, &'static str)>,
+}
+
+/// Setting up and measuring anything; without a list what the scan list holds, or the bare voltmeter.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Functions {
+    /// Choose a function, set it to its defaults, and make the list the scan list.
+    Configure(Wanted, Channels),
+    /// Do so, measure and answer all readings.
+    Measure(Wanted, Channels),
+    /// Choose a function; its settings stay.
+    Select(Function, Channels),
+    /// Read which function is chosen.
+    Selected(Channels),
+    /// Change a setting.
+    Set(Function, Detail, Given, Channels),
+    /// Read a setting, or a limit of it.
+    Ask(Function, Detail, Option<Numeric>, Channels),
+}
+
+/// Notation, short form, the word of `FUNC?` and `CONF?`, ranges, unit of numbers, mark behind readings.
+type Nature = (
+    &'static str,
+    &'static str,
+    &'static str,
+    &'static [f64],
+    Unit,
+    &'static str,
+);
+
+/// DC voltage ranges are [`super::RANGES`].
+const VOLTS: &[f64] = &super::RANGES;
+const OHMS: &[f64] = &[1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8];
+const AMPS: &[f64] = &[0.01, 0.1, 1.0];
+
+/// Frequencies that can be measured, Hz.
+pub(crate) const FREQUENCIES: [f64; 2] = [3.0, 300e3];
+
+impl Function {
+    /// All of them.
+    pub const ALL: [Self; 9] = [
+        Self::DcVolts,
+        Self::AcVolts,
+        Self::Resistance,
+        Self::FourWire,
+        Self::DcCurrent,
+        Self::AcCurrent,
+        Self::Frequency,
+        Self::Period,
+        Self::Temperature,
+    ];
+
+    fn nature(self) -> Nature {
+        match self {
+            Self::DcVolts => ("VOLTage[:DC]", "VOLT:DC", "VOLT", VOLTS, Unit::Volt, "VDC"),
+            Self::AcVolts => ("VOLTage:AC", "VOLT:AC", "VOLT:AC", VOLTS, Unit::Volt, "VAC"),
+            Self::Resistance => ("RESistance", "RES", "RES", OHMS, Unit::Ohm, "OHM"),
+            Self::FourWire => ("FRESistance", "FRES", "FRES", OHMS, Unit::Ohm, "OHM"),
+            Self::DcCurrent => ("CURRent[:DC]", "CURR:DC", "CURR", AMPS, Unit::Ampere, "ADC"),
+            Self::AcCurrent => (
+                "CURRent:AC",
+                "CURR:AC",
+                "CURR:AC",
+                AMPS,
+                Unit::Ampere,
+                "AAC",
+            ),
+            Self::Frequency => ("FREQuency", "FREQ", "FREQ", VOLTS, Unit::Hertz, "HZ"),
+            Self::Period => ("PERiod", "PER", "PER", VOLTS, Unit::Second, "SEC"),
+            Self::Temperature => ("TEMPerature", "TEMP", "TEMP", &[], Unit::None, "C"),
+        }
+    }
+
+    fn short(self) -> &'static str {
+        self.nature().1
+    }
+
+    /// As `FUNC?` and `CONF?` name it.
+    pub fn word(self) -> &'static str {
+        self.nature().2
+    }
+
+    /// Its ranges, in its unit; volts for frequency and period, none for temperature.
+    pub fn ranges(self) -> &'static [f64] {
+        self.nature().3
+    }
+
+    /// The unit that a reading carries when `FORM:READ:UNIT` is on.
+    pub fn mark(self) -> &'static str {
+        self.nature().5
+    }
+
+    /// Its readings integrate a direct voltage or current.
+    pub(crate) fn integrates(self) -> bool {
+        use Function::{DcCurrent, DcVolts, FourWire, Resistance, Temperature};
+        matches!(
+            self,
+            DcVolts | Resistance | FourWire | DcCurrent | Temperature
+        )
+    }
+
+    fn is_ohms(self) -> bool {
+        matches!(self, Self::Resistance | Self::FourWire)
+    }
+
+    fn counts(self) -> bool {
+        matches!(self, Self::Frequency | Self::Period)
+    }
+
+    fn alternates(self) -> bool {
+        matches!(self, Self::AcVolts | Self::AcCurrent)
+    }
+}
+
+pub(super) fn rows(table: &mut Table) {
+    for function in Function::ALL {
+        let (node, ..) = function.nature();
+        for (detail, tail, _, whose, takes) in ROWS {
+            if !whose(function) {
+                continue;
+            }
+            let (detail, takes) = (*detail, *takes);
+            let notation = match detail {
+                Detail::Degrees => "UNIT:TEMPerature".to_owned(),
+                _ => format!("[SENSe]:{node}:{tail}"),
+            };
+            table.hear(&notation, move |call| {
+                let (value, channels) = value_and_channels(call)?;
+                let value = given(function, takes, value)?;
+                Ok(Functions::Set(function, detail, value, channels))
+            });
+            table.hear(&format!("{notation}?"), move |call| {
+                let (values, channels) = before_channels(call)?;
+                if values.len() > 1 {
+                    return Err(ParseError::ParameterNotAllowed);
+                }
+                let asked = limit(values.first())?;
+                Ok(Functions::Ask(function, detail, asked, channels))
+            });
+        }
+        if function != Function::DcVolts {
+            table.hear(&format!("CONFigure:{node}"), move |call| {
+                let (wanted, channels) = wanted(function, call)?;
+                Ok(Functions::Configure(wanted, channels))
+            });
+            table.hear(&format!("MEASure:{node}?"), move |call| {
+                let (wanted, channels) = wanted(function, call)?;
+                Ok(Functions::Measure(wanted, channels))
+            });
+        }
+    }
+    table.hear("[SENSe]:FUNCtion", |call| {
+        let (value, channels) = value_and_channels(call)?;
+        Ok(Functions::Select(named(value.string()?)?, channels))
+    });
+    table.hear("[SENSe]:FUNCtion?", |call| {
+        only_channels(call).map(Functions::Selected)
+    });
+}
+
+/// The function of a string such as `"VOLT:AC"`, long or short.
+fn named(text: &str) -> Result<Function, ParseError> {
+    let text = text.strip_prefix("SENS:").unwrap_or(text);
+    let call = scpi::parse_message(text).into_iter().next();
+    let call = call.ok_or(ParseError::IllegalParameter)??;
+    Function::ALL
+        .into_iter()
+        .find(|function| scpi::Pattern::new(function.nature().0).matches(&call))
+        .ok_or(ParseError::IllegalParameter)
+}
+
+/// `[<range>[,<resolution>]][,(@list)]`; of a temperature `<probe>,<kind>[,1[,<resolution>]][,(@list)]`.
+fn wanted(function: Function, call: &Call) -> Result<(Wanted, Channels), ParseError> {
+    let (values, channels) = before_channels(call)?;
+    let mut wanted = Wanted {
+        function,
+        range: Range::Auto,
+        resolution: None,
+        probe: None,
+    };
+    let values = if function == Function::Temperature {
+        let [probe, kind, rest @ ..] = values else {
+            return Err(ParseError::MissingParameter);
+        };
+        let Given::Word(probe) = given(function, Takes::Words(PROBES, "TC"), probe)? else {
+            return Err(ParseError::IllegalParameter);
+        };
+        wanted.probe = Some((probe, kind_of(probe, kind)?));
+        rest
+    } else {
+        values
+    };
+    let (expected, resolution) = match values {
+        [] => (None, None),
+        [expected] => (Some(expected), None),
+        [expected, resolution] => (Some(expected), Some(resolution)),
+        _ => return Err(ParseError::ParameterNotAllowed),
+    };
+    if let Some(expected) = expected {
+        match function {
+            // The instrument chooses; a 1 holds the place.
+            Function::Temperature => drop(expected.number(Unit::None)?),
+            Function::Frequency => {
+                let [least, most] = FREQUENCIES;
+                expected.number(Unit::Hertz)?.within(least, most, 20.0)?;
+            }
+            Function::Period => {
+                let [lowest, highest] = FREQUENCIES;
+                let period = expected.number(Unit::Second)?;
+                period.within(1.0 / highest, 1.0 / lowest, 0.05)?;
+            }
+            _ => wanted.range = range(function, expected)?,
+        }
+    }
+    if let Some(resolution) = resolution {
+        let resolution = resolution.number(function.nature().4)?;
+        wanted.resolution = (resolution != Numeric::Def).then_some(resolution);
+    }
+    Ok((wanted, channels))
+}
+
+impl fmt::Display for Given {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Number(value) => write!(f, "{value}"),
+            Self::Switch(on) => write!(f, "{}", On(*on)),
+            Self::Word(word) => f.write_str(word),
+            Self::Range(range) => write!(f, "{range}"),
+            Self::Resolution(resolution) => write!(f, "{resolution}"),
+        }
+    }
+}
+
+impl fmt::Display for Wanted {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let with_range = match (self.function, self.probe) {
+            (_, Some((probe, kind))) => {
+                write!(f, "{probe},{kind}")?;
+                self.resolution.map(|_| ",1".to_owned())
+            }
+            (Function::Frequency | Function::Period, None) => Some("DEF".to_owned()),
+            _ => Some(self.range.to_string()),
+        };
+        f.write_str(&with_range.unwrap_or_default())?;
+        if let Some(resolution) = self.resolution {
+            write!(f, ",{resolution}")?;
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for Functions {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let header = |function: Function, detail| match row_of(function, detail) {
+            Some((Detail::Degrees, _, short, ..)) => (*short).to_owned(),
+            Some((_, _, short, ..)) => format!("{}:{short}", function.short()),
+            None => function.short().to_owned(),
+        };
+        match self {
+            Self::Configure(wanted, list) => {
+                write!(
+                    f,
+                    "CONF:{} {wanted}{}",
+                    wanted.function.short(),
+                    Behind(list)
+                )
+            }
+            Self::Measure(wanted, list) => {
+                write!(
+                    f,
+                    "MEAS:{}? {wanted}{}",
+                    wanted.function.short(),
+                    Behind(list)
+                )
+            }
+            Self::Select(function, list) => {
+                write!(f, "FUNC \"{}\"{}", function.word(), Behind(list))
+            }
+            Self::Selected(list) => write!(f, "FUNC?{}", Asked(list)),
+            Self::Set(function, detail, value, list) => {
+                write!(f, "{} {value}{}", header(*function, *detail), Behind(list))
+            }
+            Self::Ask(function, detail, None, list) => {
+                write!(f, "{}?{}", header(*function, *detail), Asked(list))
+            }
+            Self::Ask(function, detail, Some(limit), list) => {
+                write!(f, "{}? {limit}{}", header(*function, *detail), Behind(list))
+            }
+        }
+    }
+}

@@ -1,0 +1,193 @@
+//! Which settings each function has, and what they take.
+
+use scpi::{Argument, Numeric, ParseError, Unit};
+
+use super::{Detail, Function, Given};
+use crate::command::Range;
+
+pub(super) const PROBES: &[(&str, &str)] = &[
+    ("TCouple", "TC"),
+    ("TC", "TC"),
+    ("RTD", "RTD"),
+    ("FRTD", "FRTD"),
+    ("THERmistor", "THER"),
+];
+const COUPLES: &[(&str, &str)] = &[
+    ("B", "B"),
+    ("E", "E"),
+    ("J", "J"),
+    ("K", "K"),
+    ("N", "N"),
+    ("R", "R"),
+    ("S", "S"),
+    ("T", "T"),
+];
+const JUNCTIONS: &[(&str, &str)] = &[("INTernal", "INT"), ("EXTernal", "EXT"), ("FIXed", "FIX")];
+const DEGREES: &[(&str, &str)] = &[("C", "C"), ("F", "F"), ("K", "K")];
+const RTDS: &[f64] = &[85.0, 91.0];
+const THERMISTORS: &[f64] = &[2252.0, 5000.0, 10_000.0];
+
+/// What a setting takes.
+#[derive(Clone, Copy)]
+pub(crate) enum Takes {
+    Switch,
+    Range,
+    Resolution,
+    /// Least, most, default.
+    Number(Unit, [f64; 3]),
+    /// The next of these that is not smaller; the default.
+    Step(Unit, &'static [f64], f64),
+    /// Exactly one of these; the default.
+    OneOf(&'static [f64], f64),
+    Words(&'static [(&'static str, &'static str)], &'static str),
+}
+
+/// Notation behind the function's, short form, whose it is, what it takes.
+pub(super) type Row = (
+    Detail,
+    &'static str,
+    &'static str,
+    fn(Function) -> bool,
+    Takes,
+);
+
+const GATES: &[f64] = &[0.01, 0.1, 1.0];
+const LOWEST: &[f64] = &[3.0, 20.0, 200.0];
+
+#[rustfmt::skip]
+pub(super) const ROWS: &[Row] = &[
+    (Detail::Range, "RANGe", "RANG", |f| f.alternates() || f.is_ohms() || f == Function::DcCurrent, Takes::Range),
+    (Detail::RangeAuto, "RANGe:AUTO", "RANG:AUTO", |f| f.alternates() || f.is_ohms() || f == Function::DcCurrent, Takes::Switch),
+    (Detail::Range, "VOLTage:RANGe", "VOLT:RANG", Function::counts, Takes::Range),
+    (Detail::RangeAuto, "VOLTage:RANGe:AUTO", "VOLT:RANG:AUTO", Function::counts, Takes::Switch),
+    (Detail::Nplc, "NPLC", "NPLC", integrates_too, Takes::Step(Unit::PowerLineCycle, &[0.02, 0.2, 1.0, 2.0, 10.0, 20.0, 100.0, 200.0], 1.0)),
+    (Detail::Aperture, "APERture", "APER", integrates_too, Takes::Number(Unit::Second, [300e-6, 1.0, 1.0])),
+    (Detail::Aperture, "APERture", "APER", Function::counts, Takes::Step(Unit::Second, GATES, 0.1)),
+    (Detail::ApertureEnabled, "APERture:ENABled", "APER:ENAB", integrates_too, Takes::Switch),
+    (Detail::Resolution, "RESolution", "RES", |f| f.is_ohms() || f == Function::DcCurrent, Takes::Resolution),
+    (Detail::Bandwidth, "BANDwidth", "BAND", Function::alternates, Takes::Step(Unit::Hertz, LOWEST, 20.0)),
+    (Detail::Bandwidth, "RANGe:LOWer", "RANG:LOW", Function::counts, Takes::Step(Unit::Hertz, LOWEST, 20.0)),
+    (Detail::Compensated, "OCOMpensated", "OCOM", Function::is_ohms, Takes::Switch),
+    (Detail::Autozero, "ZERO:AUTO", "ZERO:AUTO", integrates_too, Takes::Switch),
+    (Detail::Probe, "TRANsducer:TYPE", "TRAN:TYPE", is_temperature, Takes::Words(PROBES, "TC")),
+    (Detail::Couple, "TRANsducer:TCouple:TYPE", "TRAN:TC:TYPE", is_temperature, Takes::Words(COUPLES, "J")),
+    (Detail::JunctionSource, "TRANsducer:TCouple:RJUNction:TYPE", "TRAN:TC:RJUN:TYPE", is_temperature, Takes::Words(JUNCTIONS, "FIX")),
+    (Detail::Junction, "TRANsducer:TCouple:RJUNction", "TRAN:TC:RJUN", is_temperature, Takes::Number(Unit::None, [-20.0, 80.0, 0.0])),
+    (Detail::CoupleCheck, "TRANsducer:TCouple:CHECk", "TRAN:TC:CHEC", is_temperature, Takes::Switch),
+    (Detail::Rtd, "TRANsducer:RTD:TYPE", "TRAN:RTD:TYPE", is_temperature, Takes::OneOf(RTDS, 85.0)),
+    (Detail::Rtd, "TRANsducer:FRTD:TYPE", "TRAN:FRTD:TYPE", is_temperature, Takes::OneOf(RTDS, 85.0)),
+    (Detail::RtdOhms, "TRANsducer:RTD:RESistance", "TRAN:RTD:RES", is_temperature, Takes::Number(Unit::Ohm, [49.0, 2100.0, 100.0])),
+    (Detail::RtdOhms, "TRANsducer:FRTD:RESistance", "TRAN:FRTD:RES", is_temperature, Takes::Number(Unit::Ohm, [49.0, 2100.0, 100.0])),
+    (Detail::RtdCompensated, "TRANsducer:RTD:OCOMpensated", "TRAN:RTD:OCOM", is_temperature, Takes::Switch),
+    (Detail::RtdCompensated, "TRANsducer:FRTD:OCOMpensated", "TRAN:FRTD:OCOM", is_temperature, Takes::Switch),
+    (Detail::Thermistor, "TRANsducer:THERmistor:TYPE", "TRAN:THER:TYPE", is_temperature, Takes::OneOf(THERMISTORS, 5000.0)),
+    (Detail::Degrees, "", "UNIT:TEMP", is_temperature, Takes::Words(DEGREES, "C")),
+];
+
+/// DC volts have their own rows.
+fn integrates_too(function: Function) -> bool {
+    function.integrates() && function != Function::DcVolts
+}
+
+fn is_temperature(function: Function) -> bool {
+    function == Function::Temperature
+}
+
+pub(super) fn row_of(function: Function, detail: Detail) -> Option<&'static Row> {
+    ROWS.iter()
+        .find(|(of, _, _, whose, _)| *of == detail && whose(function))
+}
+
+/// What a function's setting takes; `None` where the function has no such setting.
+pub(crate) fn takes(function: Function, detail: Detail) -> Option<Takes> {
+    row_of(function, detail).map(|(.., takes)| *takes)
+}
+
+/// Every setting of a function, once.
+#[cfg(test)]
+pub(in crate::command) fn details(function: Function) -> Vec<Detail> {
+    let mut all: Vec<Detail> = ROWS
+        .iter()
+        .filter(|(.., whose, _)| whose(function))
+        .map(|(detail, ..)| *detail)
+        .collect();
+    all.sort_unstable();
+    all.dedup();
+    all
+}
+
+/// The smallest of a function's ranges that holds a value.
+pub(super) fn range(function: Function, value: &Argument) -> Result<Range, ParseError> {
+    if let Argument::Word(word) = value
+        && word.eq_ignore_ascii_case("AUTO")
+    {
+        return Ok(Range::Auto);
+    }
+    let ranges = function.ranges();
+    let unit = match function {
+        Function::Frequency | Function::Period => Unit::Volt,
+        _ => function.nature().4,
+    };
+    let fixed = match value.number(unit)? {
+        Numeric::Def => return Ok(Range::Auto),
+        Numeric::Min => ranges.first().copied(),
+        Numeric::Max => ranges.last().copied(),
+        Numeric::Value(value) => ranges.iter().copied().find(|range| value.abs() <= *range),
+        _ => None,
+    };
+    fixed.map(Range::Fixed).ok_or(ParseError::OutOfRange)
+}
+
+pub(super) fn given(
+    function: Function,
+    takes: Takes,
+    value: &Argument,
+) -> Result<Given, ParseError> {
+    Ok(match takes {
+        Takes::Switch => Given::Switch(value.boolean()?),
+        Takes::Range => Given::Range(range(function, value)?),
+        Takes::Resolution => Given::Resolution(value.number(function.nature().4)?),
+        Takes::Number(unit, [least, most, default]) => {
+            Given::Number(value.number(unit)?.within(least, most, default)?)
+        }
+        Takes::Step(unit, steps, default) => {
+            let [least, most] = [steps[0], steps[steps.len() - 1]];
+            let asked = value.number(unit)?.within(least, most, default)?;
+            // Of frequencies the lowest expected is said: the filter must reach down to it.
+            let found = match unit {
+                Unit::Hertz => steps.iter().rev().find(|step| **step <= asked),
+                _ => steps.iter().find(|step| asked <= **step),
+            };
+            Given::Number(found.copied().unwrap_or(most))
+        }
+        Takes::OneOf(values, default) => {
+            let asked = value.number(Unit::None)?;
+            let asked = asked.within(values[0], values[values.len() - 1], default)?;
+            match values.contains(&asked) {
+                true => Given::Number(asked),
+                false => return Err(ParseError::IllegalParameter),
+            }
+        }
+        Takes::Words(words, default) => match value {
+            Argument::Word(word) if word.eq_ignore_ascii_case("DEF") => Given::Word(default),
+            value => Given::Word(value.choice(words)?),
+        },
+    })
+}
+
+/// The kind of a transducer: a letter, or a number of those that it has.
+pub(super) fn kind_of(probe: &str, kind: &Argument) -> Result<&'static str, ParseError> {
+    let takes = match probe {
+        "TC" => Takes::Words(COUPLES, "J"),
+        "THER" => Takes::OneOf(THERMISTORS, 5000.0),
+        _ => Takes::OneOf(RTDS, 85.0),
+    };
+    match given(Function::Temperature, takes, kind)? {
+        Given::Word(word) => Ok(word),
+        Given::Number(85.0) => Ok("85"),
+        Given::Number(91.0) => Ok("91"),
+        Given::Number(2252.0) => Ok("2252"),
+        Given::Number(5000.0) => Ok("5000"),
+        _ => Ok("10000"),
+    }
+}

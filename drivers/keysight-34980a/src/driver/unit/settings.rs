@@ -1,0 +1,236 @@
+//! What a voltmeter has been set to: set where it differs, read back every frame.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use rig::{RigError, Sample, Stream};
+use scpi::{Answer, ChannelList, Common};
+use survey::{Relay, Volts};
+
+use super::{Prepared, Unit, compact, garbled};
+use crate::command::{
+    Command, Field, Measure, Quantity, Range, Route, Sense, Setting, TriggerSource,
+};
+
+impl<S: Stream> Unit<S> {
+    /// Sets up what is wanted, or only what the last frame has left otherwise.
+    pub(in crate::driver) async fn bring_to(
+        &mut self,
+        wanted: &Prepared,
+        before: Option<Prepared>,
+    ) -> Result<(), RigError> {
+        let same = before.is_some_and(|before| before.is_set_as(wanted));
+        if !same || std::mem::take(&mut self.doubted) {
+            self.doubted = false;
+            return self.set_up(wanted).await;
+        }
+        if self.listed != wanted.ascending() {
+            self.tell(vec![Route::SetScan(wanted.list()).into()])
+                .await?;
+            self.listed = wanted.ascending();
+        }
+        // said again in the message that reads them back, so that what is said for one frame can be played by itself
+        let all = wanted.meter.channel_delay;
+        let own = self.delays.iter().filter(|(_, delay)| **delay != all);
+        let again = delays(own.map(|(relay, delay)| (*relay, *delay)));
+        self.held.extend(again);
+        Ok(())
+    }
+
+    pub(super) async fn set_up(&mut self, wanted: &Prepared) -> Result<(), RigError> {
+        if !self.reset {
+            self.tell(vec![Common::Reset.into(), Common::ClearStatus.into()])
+                .await?;
+            self.reset = true;
+        }
+        let list = || Some(wanted.list());
+        let set = |setting: Setting| Command::from(Sense::Set(setting, list()));
+        let mut settings = vec![
+            Command::from(Sense::Configure {
+                range: Range::Fixed(wanted.meter.range.0),
+                resolution: None,
+                channels: list(),
+            }),
+            set(Setting::Nplc(wanted.meter.nplc)),
+            set(Setting::Autozero(wanted.meter.autozero)),
+            set(Setting::InputAuto(true)),
+            Measure::SetSource(TriggerSource::Immediate).into(),
+            Measure::SetCount(Some(wanted.meter.averages)).into(),
+        ];
+        if !wanted.scan.is_empty() {
+            settings.push(set(Setting::Delay(
+                wanted.meter.channel_delay.as_secs_f64(),
+            )));
+        }
+        let fields = [Field::Unit, Field::Time, Field::Channel, Field::Alarm];
+        settings.extend(fields.map(|field| Measure::SetField(field, false).into()));
+        for setting in settings {
+            self.tell(vec![setting]).await?;
+        }
+        let range = wanted.meter.range.0;
+        self.listed = wanted.ascending();
+        self.delays.clear();
+        self.ranges = match wanted.scan.is_empty() {
+            true => BTreeMap::from([(None, range)]),
+            false => wanted.scan.iter().map(|one| (Some(*one), range)).collect(),
+        };
+        Ok(())
+    }
+
+    /// Reads every setting back that a reading depends on, in one message.
+    pub(in crate::driver) async fn verify(&mut self, wanted: &Prepared) -> Result<(), RigError> {
+        let ask = |quantity| Command::from(Sense::Ask(quantity, None, Some(wanted.list())));
+        let channels = wanted.scan.len().max(1);
+        let number = |value: f64| vec![value; channels];
+        let mut settings = vec![
+            ("range", ask(Quantity::Range), self.ranges_of(wanted)),
+            (
+                "integration",
+                ask(Quantity::Nplc),
+                number(wanted.meter.nplc),
+            ),
+            (
+                "autozero",
+                ask(Quantity::Autozero),
+                number(f64::from(u8::from(wanted.meter.autozero))),
+            ),
+            ("input impedance", ask(Quantity::InputAuto), number(1.0)),
+            (
+                "trigger count",
+                Measure::Count(None).into(),
+                vec![f64::from(wanted.meter.averages)],
+            ),
+            (
+                "scan size",
+                Route::ScanSize.into(),
+                vec![wanted.scan.len() as f64],
+            ),
+        ];
+        if !wanted.scan.is_empty() {
+            settings.push((
+                "channel delay",
+                ask(Quantity::Delay),
+                self.delays_of(wanted),
+            ));
+        }
+        let mut questions: Vec<Command> = settings
+            .iter()
+            .map(|(_, question, _)| question.clone())
+            .collect();
+        questions.push(Route::Scan.into());
+        let (asked, answers) = self.ask_all(questions).await?;
+        for ((setting, _, set), answer) in settings.into_iter().zip(&answers) {
+            let read = self.numbers(&asked, answer, set.len())?;
+            let differs = |(read, set): (&Answer, &f64)| {
+                !read
+                    .value()
+                    .is_some_and(|read| (read - set).abs() <= 1e-6 * set.abs())
+            };
+            if let Some(place) = read.iter().zip(&set).position(differs) {
+                return Err(self.mismatch(setting, set[place].to_string(), answer.clone()));
+            }
+        }
+        // One answer for each question.
+        let answer = answers.last().map_or("", String::as_str);
+        let meant = ChannelList::of(wanted.ascending().iter().map(|relay| relay.0));
+        let read = scpi::parse_block(answer.as_bytes())
+            .ok()
+            .and_then(|block| std::str::from_utf8(block).ok())
+            .and_then(|text| text.parse::<ChannelList>().ok())
+            .ok_or_else(|| {
+                garbled(
+                    self.link.instrument(),
+                    &asked,
+                    answer,
+                    "a channel list in a block",
+                )
+            })?;
+        if read != meant && read != wanted.list() {
+            return Err(self.mismatch("scan list", meant.to_string(), read.to_string()));
+        }
+        Ok(())
+    }
+
+    /// The ranges as last set, in the order in which the instrument tells them.
+    pub(super) fn ranges_of(&self, wanted: &Prepared) -> Vec<f64> {
+        let set = |place| self.ranges.get(&place).copied();
+        let otherwise = wanted.meter.range.0;
+        match wanted.scan.is_empty() {
+            true => vec![set(None).unwrap_or(otherwise)],
+            false => wanted
+                .ascending()
+                .into_iter()
+                .map(|relay| set(Some(relay)).unwrap_or(otherwise))
+                .collect(),
+        }
+    }
+
+    /// The delays as last set, ascending, s.
+    pub(super) fn delays_of(&self, wanted: &Prepared) -> Vec<f64> {
+        let of = |relay| {
+            *self
+                .delays
+                .get(&relay)
+                .unwrap_or(&wanted.meter.channel_delay)
+        };
+        let relays = wanted.ascending().into_iter();
+        relays.map(|relay| of(relay).as_secs_f64()).collect()
+    }
+
+    /// The commands that give channels other delays than they have: that of all and their own wait, whole milliseconds
+    /// (section 5).
+    pub(super) fn change_delays(&mut self, samples: &[Sample], all: Duration) -> Vec<Command> {
+        let mut changed = Vec::new();
+        for sample in samples {
+            let wanted = whole_milliseconds(all + sample.wait);
+            if self.delays.insert(sample.relay, wanted).unwrap_or(all) != wanted {
+                changed.push((sample.relay, wanted));
+            }
+        }
+        delays(changed)
+    }
+
+    /// The commands that give channels other ranges than they have.
+    pub(super) fn change_ranges(&mut self, wanted: &[(Option<Relay>, Volts)]) -> Vec<Command> {
+        let mut groups: Vec<(f64, Vec<Relay>)> = Vec::new();
+        for (place, Volts(range)) in wanted.iter().copied() {
+            if self.ranges.insert(place, range) == Some(range) {
+                continue;
+            }
+            let relays = place.into_iter();
+            match groups.iter_mut().find(|(known, _)| *known == range) {
+                Some((_, group)) => group.extend(relays),
+                None => groups.push((range, relays.collect())),
+            }
+        }
+        groups
+            .into_iter()
+            .map(|(range, mut relays)| {
+                relays.sort_unstable();
+                let range = Setting::Range(Range::Fixed(range));
+                Sense::Set(range, Some(compact(&relays))).into()
+            })
+            .collect()
+    }
+}
+
+/// Rounded up: a wait is never shorter than asked for.
+fn whole_milliseconds(wait: Duration) -> Duration {
+    Duration::from_millis(wait.as_nanos().div_ceil(1_000_000) as u64)
+}
+
+/// The commands that set delays: one for all relays that have the same.
+fn delays(wanted: impl IntoIterator<Item = (Relay, Duration)>) -> Vec<Command> {
+    let mut groups: BTreeMap<Duration, Vec<Relay>> = BTreeMap::new();
+    for (relay, delay) in wanted {
+        groups.entry(delay).or_default().push(relay);
+    }
+    groups
+        .into_iter()
+        .map(|(delay, mut relays)| {
+            relays.sort_unstable();
+            let delay = Setting::Delay(delay.as_secs_f64());
+            Sense::Set(delay, Some(compact(&relays))).into()
+        })
+        .collect()
+}

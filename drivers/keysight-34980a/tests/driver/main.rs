@@ -1,0 +1,142 @@
+//! The driver against the simulator over a pipe: the same bytes as over TCP, in a time that a test's clock makes short.
+
+mod frames;
+mod moves;
+mod ranges;
+#[path = "../stand_in/mod.rs"]
+mod stand_in;
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use keysight_34980a::{Keysight34980a, Settings34980a, Simulator34980a};
+use rig::{Hop, Link, LinkError, MeterSettings, Move, RigError, Sample, Switch, Voltmeter};
+use scpi::Framer;
+use stand_in::{Sheet, mainframe};
+use survey::{Reading, Relay, Volts, Wiring};
+use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
+use tokio::time::Instant;
+
+/// A mainframe, its sheet, and what it has heard.
+struct Bench {
+    unit: Simulator34980a,
+    sheet: Sheet,
+    heard: Vec<String>,
+    /// What is answered to a message with this end, or to a question among others, instead of the truth. An empty text
+    /// stands for silence.
+    lies: Vec<(&'static str, &'static str)>,
+}
+
+/// The answer to a message of several questions, with the lies about single ones in it.
+fn bend(line: &str, answer: String, lies: &[(&str, &str)]) -> String {
+    let questions: Vec<&str> = line.split(";").filter(|one| one.contains('?')).collect();
+    let mut answers: Vec<&str> = answer.split(';').collect();
+    if questions.len() == answers.len() {
+        for (question, answer) in questions.iter().zip(&mut answers) {
+            let lie = lies.iter().find(|(end, _)| question.ends_with(end));
+            *answer = lie.map_or(*answer, |(_, lie)| lie);
+        }
+    }
+    answers.join(";")
+}
+
+#[derive(Clone)]
+struct Shared(Arc<Mutex<Bench>>);
+
+impl Shared {
+    fn of(unit: Simulator34980a) -> Self {
+        Self(Arc::new(Mutex::new(Bench {
+            unit,
+            sheet: Sheet::default(),
+            heard: Vec::new(),
+            lies: Vec::new(),
+        })))
+    }
+
+    fn lie(&self, end: &'static str, answer: &'static str) {
+        self.0.lock().unwrap().lies.push((end, answer));
+    }
+
+    fn truth(&self) {
+        self.0.lock().unwrap().lies.clear();
+    }
+
+    /// What was heard since the last time.
+    fn heard(&self) -> Vec<String> {
+        std::mem::take(&mut self.0.lock().unwrap().heard)
+    }
+
+    /// Does something to the mainframe behind the driver's back.
+    fn say(&self, message: &str) {
+        let bench = &mut *self.0.lock().unwrap();
+        bench.unit.hear(message, Duration::ZERO, &mut bench.sheet);
+    }
+
+    fn closed(&self) -> Vec<u32> {
+        let bench = self.0.lock().unwrap();
+        bench.unit.closed().iter().map(|relay| relay.0).collect()
+    }
+
+    fn plug(&self) -> Link<DuplexStream> {
+        let (here, mut there) = tokio::io::duplex(4096);
+        let shared = self.clone();
+        let start = Instant::now();
+        tokio::spawn(async move {
+            let mut framer = Framer::new(65536);
+            let mut bytes = [0; 512];
+            while let Ok(count @ 1..) = there.read(&mut bytes).await {
+                framer.push(&bytes[..count]);
+                for line in framer.by_ref() {
+                    let line = String::from_utf8(line.unwrap()).unwrap();
+                    let (text, busy) = {
+                        let bench = &mut *shared.0.lock().unwrap();
+                        bench.heard.push(line.clone());
+                        let answer = bench.unit.hear(&line, start.elapsed(), &mut bench.sheet);
+                        let lie = bench.lies.iter().find(|(end, _)| line.ends_with(end));
+                        match lie {
+                            Some((_, "")) => (None, answer.busy),
+                            Some((_, text)) => (Some((*text).to_owned()), answer.busy),
+                            None => {
+                                let among = |text| bend(&line, text, &bench.lies);
+                                (answer.text.map(among), answer.busy)
+                            }
+                        }
+                    };
+                    // The instrument's own time; the test's clock does not wait.
+                    tokio::time::sleep(busy).await;
+                    if let Some(text) = text {
+                        there
+                            .write_all(format!("{text}\n").as_bytes())
+                            .await
+                            .unwrap_or(());
+                    }
+                }
+            }
+        });
+        Link::new(here, "34980A in a test", Duration::from_secs(2))
+    }
+}
+
+/// The end of every message that measures.
+const READ: &str = "READ?;:SYST:ERR?";
+
+const METER: MeterSettings = MeterSettings::new(Volts(100.0), 1.0);
+
+fn relays(numbers: impl IntoIterator<Item = u32>) -> Vec<Relay> {
+    numbers.into_iter().map(Relay).collect()
+}
+
+fn close(numbers: &[u32]) -> Move {
+    Move::Close(relays(numbers.iter().copied()))
+}
+
+fn open(numbers: &[u32]) -> Move {
+    Move::Open(relays(numbers.iter().copied()))
+}
+
+async fn connected(modules: &[&str]) -> (Shared, Keysight34980a<DuplexStream>) {
+    let shared = Shared::of(mainframe(modules));
+    let unit = Keysight34980a::connect(shared.plug()).await.unwrap();
+    shared.heard();
+    (shared, unit)
+}
