@@ -189,13 +189,43 @@ impl Flow {
         self.across(z, Point::Source(true), Point::Source(false))
     }
 
+    /// Solves it for an ampere from the one point to the other. The source and these two have changed places then:
+    /// `resistance` is what that ampere meets.
+    pub(crate) fn solve_between(
+        mut resistors: Vec<Resistor>,
+        [from, to]: [Point; 2],
+        z: &DMatrix<f64>,
+    ) -> Self {
+        let place = |point: Point| match point {
+            Point::Source(true) => from,
+            Point::Source(false) => to,
+            _ if point == from => Point::Source(true),
+            _ if point == to => Point::Source(false),
+            other => other,
+        };
+        for resistor in &mut resistors {
+            resistor.from = place(resistor.from);
+            resistor.to = place(resistor.to);
+        }
+        Self::solve(resistors, z)
+    }
+
+    /// Whether anything joins two points.
+    pub(crate) fn joins(&self, one: Point, other: Point) -> bool {
+        let component = |point| match point {
+            Point::Electrode(_) => Some(self.tree.component[0]),
+            point => Some(self.tree.component[*self.tree.number.get(&point)?]),
+        };
+        component(one).is_some_and(|found| component(other) == Some(found))
+    }
+
     /// Voltage between two points per ampere, V. Two points that nothing joins have none: the voltmeter's own input
     /// resistance, however large, pulls an open input to zero.
     pub(crate) fn across(&self, z: &DMatrix<f64>, hi: Point, lo: Point) -> f64 {
-        let (from, to) = (self.tree.node(hi), self.tree.node(lo));
-        if self.tree.component[from] != self.tree.component[to] {
+        if !self.joins(hi, lo) {
             return 0.0;
         }
+        let (from, to) = (self.tree.node(hi), self.tree.node(lo));
         let way = self.tree.way(&self.resistors, from, to);
         let drops = |&(index, forward): &(usize, bool)| {
             let drop = self.resistors[index].ohms * self.currents[index];
@@ -282,18 +312,18 @@ fn close_loops(
     z: &DMatrix<f64>,
     currents: &mut [f64],
 ) {
-    // The voltage round a loop for currents in all resistors.
-    let around = |way: &[(usize, bool)], currents: &[f64]| -> f64 {
-        let entering = entering(resistors, currents);
-        let wires: f64 = way
-            .iter()
-            .map(|(index, forward)| {
-                let drop = resistors[*index].ohms * currents[*index];
-                if *forward { drop } else { -drop }
-            })
-            .sum();
-        wires + potential_along(way, resistors, z, &entering)
-    };
+    // The voltage round a loop for currents in all resistors, and into the sheet.
+    let around =
+        |way: &[(usize, bool)], currents: &[f64], entering: &BTreeMap<usize, f64>| -> f64 {
+            let wires: f64 = way
+                .iter()
+                .map(|(index, forward)| {
+                    let drop = resistors[*index].ohms * currents[*index];
+                    if *forward { drop } else { -drop }
+                })
+                .sum();
+            wires + potential_along(way, resistors, z, entering)
+        };
     let count = loops.len();
     let mut matrix = DMatrix::zeros(count, count);
     for (column, way) in loops.iter().enumerate() {
@@ -301,11 +331,14 @@ fn close_loops(
         for (index, forward) in way {
             unit[*index] += if *forward { 1.0 } else { -1.0 };
         }
+        let entering = entering(resistors, &unit);
         for (row, other) in loops.iter().enumerate() {
-            matrix[(row, column)] = around(other, &unit);
+            matrix[(row, column)] = around(other, &unit, &entering);
         }
     }
-    let driven = DVector::from_iterator(count, loops.iter().map(|way| -around(way, currents)));
+    let entering = entering(resistors, currents);
+    let driven = loops.iter().map(|way| -around(way, currents, &entering));
+    let driven = DVector::from_iterator(count, driven);
     // Every loop holds a relay, and every relay a resistance: the matrix is positive definite.
     let Some(flows) = matrix.lu().solve(&driven) else {
         return;

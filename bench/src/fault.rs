@@ -30,6 +30,8 @@ voltmeter missing|present           the mainframe has no internal voltmeter (wit
 overload on|off                     whatever is measured is over range
 interlock open|closed               of the 6221
 terminal-block N open|shut          of the module in slot N
+pulse 6221 LINE                     on line 1 to 6 of its trigger link
+pulse 34980a                        at its external trigger
 serial unplug|plug                  the board's port is gone, or back
 none                                everything is mended
 INSTRUMENT is 6221, 34980a or board; RELAY is 1003, or on a board pole x 100 + electrode.";
@@ -88,6 +90,8 @@ pub enum Fault {
     Interlock(bool),
     /// Whether the terminal block of a slot, 1 to 8, is shut.
     TerminalBlock(u32, bool),
+    /// A pulse on a line of the source's trigger link (1 to 6), or at the mainframe's external trigger.
+    Pulse(Option<u8>),
     /// Whether the board's port is there.
     Serial(bool),
     /// Everything is mended.
@@ -170,6 +174,8 @@ impl fmt::Display for Fault {
             Self::TerminalBlock(slot, shut) => {
                 write!(f, "terminal-block {slot} {}", which(*shut, "shut", "open"))
             }
+            Self::Pulse(Some(line)) => write!(f, "pulse 6221 {line}"),
+            Self::Pulse(None) => f.write_str("pulse 34980a"),
             Self::Serial(plugged) => write!(f, "serial {}", which(*plugged, "plug", "unplug")),
             Self::None => f.write_str("none"),
         }
@@ -276,6 +282,13 @@ impl FromStr for Fault {
             ["voltmeter", state] => either(state, "present", "missing").map(Self::Voltmeter),
             ["overload", state] => either(state, "on", "off").map(Self::Overload),
             ["interlock", state] => either(state, "closed", "open").map(Self::Interlock),
+            ["pulse", "34980a"] => Ok(Self::Pulse(None)),
+            ["pulse", "6221", line] => line
+                .parse()
+                .ok()
+                .filter(|line| (1..=6).contains(line))
+                .map(|line| Self::Pulse(Some(line)))
+                .ok_or_else(|| format!("there is no line '{line}', lines are 1 to 6")),
             ["serial", state] => either(state, "plug", "unplug").map(Self::Serial),
             ["none"] => Ok(Self::None),
             [] => Err("it has no words".to_owned()),
@@ -359,6 +372,8 @@ mod tests {
             "overload on",
             "interlock open",
             "terminal-block 2 open",
+            "pulse 6221 6",
+            "pulse 34980a",
             "serial unplug",
             "none",
         ] {
@@ -390,6 +405,7 @@ mod tests {
             ("lost 6221 0", "'0' is not a count"),
             ("slot 9 empty", "slots are 1 to 8"),
             ("stuck-open K3", "'K3' is not the number of a relay"),
+            ("pulse 6221 7", "lines are 1 to 6"),
             ("overload maybe", "'maybe' is not off or on"),
         ] {
             let refusal = words.parse::<Fault>().unwrap_err().to_string();

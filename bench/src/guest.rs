@@ -11,12 +11,17 @@ use tokio::time::Instant;
 
 use crate::fault::Mischief;
 use crate::simulated::{Instrument, Line, SimulatedRig, Wire};
+use crate::workbench::{Heard, When};
 
 /// Longest message an instrument takes, bytes; a longer one is dropped and queues -363.
 pub(crate) const LONGEST_MESSAGE: usize = 64 * 1024;
 
 /// How long an answer is waited for on behalf of a client that has closed its side.
 const GRACE: Duration = Duration::from_secs(10);
+
+/// How often readings that are waited for are brought up to date.
+const SHORTEST_STEP: Duration = Duration::from_millis(5);
+const LONGEST_STEP: Duration = Duration::from_millis(100);
 
 /// A client connected to an instrument; it is entered in the rig's list until it is dropped.
 #[derive(Debug)]
@@ -26,13 +31,6 @@ pub(crate) struct Guest {
     session: u32,
     line: watch::Receiver<Line>,
     cuts: u64,
-}
-
-/// What an instrument has heard, and will say.
-#[derive(Debug)]
-pub(crate) struct Heard {
-    text: Option<String>,
-    wait: Duration,
 }
 
 /// What is to be sent for one message.
@@ -82,18 +80,37 @@ impl Guest {
         let heard = String::from_utf8_lossy(&message).into_owned();
         let (rig, instrument, session) = (self.rig.clone(), self.instrument, self.session);
         // A load that has moved costs a solution of the sheet, too long for a thread that others wait on.
-        let reply =
-            tokio::task::spawn_blocking(move || rig.hear_from(instrument, session, &heard)).await;
-        let (text, wait) = reply.map_err(io::Error::other)?;
-        let wait = wait + self.rig.slowness(self.instrument);
-        Ok(Heard { text, wait })
+        let reply = tokio::task::spawn_blocking(move || {
+            rig.hear_from(instrument, session, &heard, When::InTime)
+        })
+        .await;
+        let mut heard = reply.map_err(io::Error::other)?;
+        heard.wait += self.rig.slowness(self.instrument);
+        Ok(heard)
     }
 
     /// Waits as long as the instrument needs, and gives what is to be sent.
-    pub(crate) async fn finish(&self, Heard { text, wait }: Heard) -> Delivery {
-        if !wait.is_zero() {
-            tokio::time::sleep(wait).await;
+    pub(crate) async fn finish(&self, heard: Heard) -> Delivery {
+        let end = Instant::now() + heard.wait;
+        // Readings cost a solution of the sheet each: they are taken while they are waited for, not at the end.
+        let step = (heard.wait / 8).clamp(SHORTEST_STEP, LONGEST_STEP);
+        while heard.later && end.saturating_duration_since(Instant::now()) > 2 * step {
+            tokio::time::sleep(step).await;
+            let rig = self.rig.clone();
+            tokio::task::spawn_blocking(move || rig.catch_up())
+                .await
+                .ok();
         }
+        if !heard.wait.is_zero() {
+            tokio::time::sleep_until(end).await;
+        }
+        let text = if heard.later {
+            let (rig, session) = (self.rig.clone(), self.session);
+            let fetched = tokio::task::spawn_blocking(move || rig.fetch(session)).await;
+            fetched.ok().flatten()
+        } else {
+            heard.text
+        };
         let Some(text) = text else {
             return Delivery::default();
         };

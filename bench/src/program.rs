@@ -386,7 +386,13 @@ mod tests {
         assert!(commands > 10);
         for profile in chapter.split("```toml\n").skip(1) {
             let text = profile.split("```").next().unwrap_or_default();
-            Profile::parse("README.md", text).unwrap();
+            // a profile, or a piece of a scene
+            if let Err(fault) = Profile::parse("README.md", text) {
+                assert!(
+                    crate::Scene::parse("README.md", text).is_ok(),
+                    "{fault}: {text}"
+                );
+            }
         }
     }
 }

@@ -14,6 +14,18 @@ use crate::hanging::Hanging;
 /// Relays of the mainframe are numbered slot x 1000 + channel, those of the board pole x 100 + electrode.
 const FIRST_OF_MAINFRAME: u32 = 1000;
 
+/// How the voltmeter takes a reading.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Taken {
+    pub(crate) relay: Option<Relay>,
+    pub(crate) range: Volts,
+    pub(crate) nplc: f64,
+    /// What the voltmeter itself sends from HI to LO.
+    pub(crate) test: Amps,
+    /// The bus that it looks at.
+    pub(crate) bus: u32,
+}
+
 /// A phantom behind a fixture: what the source sees, and what the voltmeter sees.
 #[derive(Debug)]
 pub(crate) struct Sheet {
@@ -31,12 +43,17 @@ pub(crate) struct Sheet {
     /// Whatever is measured is over range.
     pub(crate) overload: bool,
     flowing: Amps,
+    source_range: Amps,
+    /// Of the mains, which integration is counted in.
+    line_hz: f64,
+    /// When current or relays last changed.
+    changed: Duration,
     /// What the phantom could not compute; the source then sees an open circuit and readings are over range.
     fault: Option<PhantomError>,
 }
 
 impl Sheet {
-    pub(crate) fn new(phantom: Phantom, fixture: Fixture, hanging: &Hanging) -> Self {
+    pub(crate) fn new(phantom: Phantom, fixture: Fixture, hanging: &Hanging, line_hz: f64) -> Self {
         Self {
             hanging: hanging.resistors(phantom.electrodes()),
             no_sheet: DMatrix::zeros(0, 0),
@@ -48,16 +65,21 @@ impl Sheet {
             stuck: BTreeMap::new(),
             overload: false,
             flowing: Amps(0.0),
+            source_range: Amps(0.0),
+            line_hz,
+            changed: Duration::ZERO,
             fault: None,
         }
     }
 
-    pub(crate) fn set_closed(&mut self, closed: &BTreeSet<Relay>) {
+    pub(crate) fn set_closed(&mut self, closed: &BTreeSet<Relay>, at: Duration) {
         self.closed.clone_from(closed);
+        self.changed = at;
     }
 
-    pub(crate) fn set_poles(&mut self, poles: [Option<Electrode>; 4]) {
+    pub(crate) fn set_poles(&mut self, poles: [Option<Electrode>; 4], at: Duration) {
         self.poles = poles;
+        self.changed = at;
     }
 
     /// Says which channel a scan reads; `None` when it reads none.
@@ -110,15 +132,36 @@ impl Sheet {
 
     /// What an ideal voltmeter has at its terminals.
     pub(crate) fn voltage(&mut self, at: Duration) -> Volts {
+        self.voltage_with(at, Amps(0.0), 1)
+    }
+
+    /// What it has on that bus while it sends a current of its own through its terminals; infinite where that current
+    /// finds no way. The source goes on as it is: what the test current does to its compliance is left out.
+    fn voltage_with(&mut self, at: Duration, test: Amps, bus: u32) -> Volts {
         let flowing = self.flowing.0;
-        if flowing == 0.0 {
+        if flowing == 0.0 && test.0 == 0.0 {
             return Volts(0.0);
         }
         let resistors = self.resistors();
+        let [hi, lo] = [Point::Bus(bus, true), Point::Bus(bus, false)];
         match self.impedance(at) {
             Ok(z) => {
-                let flow = Flow::solve(resistors, z);
-                Volts(flowing * flow.across(z, METER_HI, METER_LO))
+                let own = match flowing {
+                    0.0 => 0.0,
+                    _ => flowing * Flow::solve(resistors.clone(), z).across(z, hi, lo),
+                };
+                if test.0 == 0.0 {
+                    return Volts(own);
+                }
+                let flow = Flow::solve_between(resistors, [METER_HI, METER_LO], z);
+                let seen = match bus {
+                    1 => flow.resistance(z),
+                    _ if flow.resistance(z).is_finite() && flow.joins(hi, lo) => {
+                        flow.across(z, hi, lo)
+                    }
+                    _ => f64::INFINITY,
+                };
+                Volts(own + test.0 * seen)
             }
             Err(fault) => {
                 self.fault = Some(fault);
@@ -128,15 +171,59 @@ impl Sheet {
     }
 
     /// What the voltmeter is given to measure: the ideal voltage, bent by the scene's effects.
-    pub(crate) fn measured(&mut self, context: ReadingContext) -> Volts {
+    pub(crate) fn measured(&mut self, at: Duration, taken: Taken) -> Volts {
         if self.overload {
             return Volts(f64::INFINITY);
         }
-        let exact = self.voltage(context.at);
-        if exact.0.is_finite() {
-            self.phantom.reading(exact, context)
-        } else {
-            exact
+        let exact = self.voltage_with(at, taken.test, taken.bus);
+        if !exact.0.is_finite() {
+            return exact;
+        }
+        let needs = self.phantom.needs();
+        let mut seen = |needed: bool, from: [Point; 2]| {
+            let resistance = needed.then(|| self.resistance_between(from, at));
+            Ohms(resistance.unwrap_or(0.0))
+        };
+        let context = ReadingContext {
+            source_resistance: seen(needs.source_resistance, [METER_HI, METER_LO]),
+            load_resistance: seen(
+                needs.load_resistance,
+                [Point::Source(true), Point::Source(false)],
+            ),
+            at,
+            integration: Duration::from_secs_f64(taken.nplc / self.line_hz),
+            range: taken.range,
+            nplc: taken.nplc,
+            relay: taken.relay,
+            flowing: self.flowing,
+            source_range: self.source_range,
+            since_change: at.saturating_sub(self.changed),
+        };
+        self.phantom.reading(exact, context)
+    }
+
+    /// What a current from the one point to the other meets, ohm; infinite where nothing joins them or the phantom
+    /// cannot be solved.
+    fn resistance_between(&mut self, [from, to]: [Point; 2], at: Duration) -> f64 {
+        let resistors = self.resistors();
+        match self.impedance(at) {
+            Ok(z) => Flow::solve_between(resistors, [from, to], z).resistance(z),
+            Err(fault) => {
+                self.fault = Some(fault);
+                f64::INFINITY
+            }
+        }
+    }
+
+    /// Voltage at the voltmeter for each ampere of the source.
+    pub(crate) fn transfer(&mut self, at: Duration) -> Ohms {
+        let resistors = self.resistors();
+        match self.impedance(at) {
+            Ok(z) => Ohms(Flow::solve(resistors, z).across(z, METER_HI, METER_LO)),
+            Err(fault) => {
+                self.fault = Some(fault);
+                Ohms(0.0)
+            }
         }
     }
 
@@ -180,17 +267,12 @@ impl Sheet {
 
 impl keithley_6221::Load for Sheet {
     fn resistance(&mut self, at: Duration) -> Ohms {
-        let resistors = self.resistors();
-        match self.impedance(at) {
-            Ok(z) => Ohms(Flow::solve(resistors, z).resistance(z)),
-            Err(fault) => {
-                self.fault = Some(fault);
-                Ohms(f64::INFINITY)
-            }
-        }
+        Ohms(self.resistance_between([Point::Source(true), Point::Source(false)], at))
     }
 
-    fn drive(&mut self, flowing: Amps, _range: Amps, _at: Duration) {
+    fn drive(&mut self, flowing: Amps, range: Amps, at: Duration) {
         self.flowing = flowing;
+        self.source_range = range;
+        self.changed = at;
     }
 }

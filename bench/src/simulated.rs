@@ -380,6 +380,7 @@ impl SimulatedRig {
                 flowing_a: bench.sheet.flowing().0,
                 range_a: bench.source.range().0,
                 in_compliance: bench.source.in_compliance(),
+                pulses: bench.source.pulses(),
             },
             closed: bench.sheet.closed().iter().map(|relay| relay.0).collect(),
             poles: bench.sheet.poles().map(|pole| pole.map(Electrode::number)),

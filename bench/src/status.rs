@@ -43,13 +43,16 @@ pub struct SourceStatus {
     pub range_a: f64,
     /// Whether the voltage limit holds the current back.
     pub in_compliance: bool,
+    /// Pulses sent on lines 1 to 6 of its trigger link.
+    #[serde(default)]
+    pub pulses: [u64; 6],
 }
 
 /// Most relays named in a line.
 const NAMED: usize = 12;
 
 impl fmt::Display for Status {
-    /// Four lines: clients, source, relays, last error.
+    /// Four lines: clients, source, relays, last error; a fifth once the source has sent pulses.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let clients: Vec<String> = self
             .clients
@@ -61,9 +64,9 @@ impl fmt::Display for Status {
         let output = if source.output { "on" } else { "off" };
         write!(
             f,
-            "6221     output {output}, {:.4} mA set, {:.4} mA flowing",
-            source.level_a * 1e3,
-            source.flowing_a * 1e3
+            "6221     output {output}, {} set, {} flowing",
+            amperes(source.level_a),
+            amperes(source.flowing_a)
         )?;
         writeln!(
             f,
@@ -74,6 +77,13 @@ impl fmt::Display for Status {
                 ""
             }
         )?;
+        let lines = (1..).zip(source.pulses).filter(|(_, sent)| *sent > 0);
+        let lines: Vec<String> = lines
+            .map(|(line, sent)| format!("line {line}: {sent}"))
+            .collect();
+        if !lines.is_empty() {
+            writeln!(f, "pulses   {}", lines.join(", "))?;
+        }
         let named: Vec<String> = self.closed.iter().take(NAMED).map(u32::to_string).collect();
         write!(f, "closed   {}", or_none(&named.join(", ")))?;
         if self.closed.len() > NAMED {
@@ -92,6 +102,18 @@ impl fmt::Display for Status {
             self.last_error.as_deref().unwrap_or("none")
         )
     }
+}
+
+/// Five digits with a prefix, as on the instrument's display.
+fn amperes(value: f64) -> String {
+    let prefixes = [(1e-3, "mA"), (1e-6, "uA"), (1e-9, "nA")];
+    let fits = prefixes.iter().find(|(unit, _)| value.abs() >= *unit);
+    let (unit, name) = match fits {
+        _ if value == 0.0 => (1e-3, "mA"),
+        Some(fits) => *fits,
+        None => (1e-12, "pA"),
+    };
+    format!("{:.4} {name}", value / unit)
 }
 
 fn or_none(text: &str) -> &str {
@@ -116,11 +138,18 @@ mod tests {
                 flowing_a: 0.0,
                 range_a: 2e-3,
                 in_compliance: true,
+                pulses: [0; 6],
             },
             closed: (1001..1015).collect(),
             poles: [Some(3), None, None, None],
             last_error: None,
         };
+        let mut told = status.clone();
+        told.source.pulses[2] = 11;
+        told.source.flowing_a = -2.5e-6;
+        let told = told.to_string();
+        assert!(told.contains("-2.5000 uA flowing"), "{told}");
+        assert_eq!(told.lines().nth(2), Some("pulses   line 3: 11"));
         let text = status.to_string();
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines[0], "clients  34980a from 127.0.0.1:4711");

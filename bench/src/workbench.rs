@@ -5,8 +5,10 @@ use std::time::Duration;
 
 use gpio_mux::{Poles, SimulatorGpioMux};
 use keithley_6221::{Load, Settings6221, Simulator6221};
-use keysight_34980a::{MeterRequest, Module, Session, Settings34980a, Simulator34980a, Wires};
-use phantom::{Phantom, ReadingContext};
+use keysight_34980a::{
+    Alternating, MeterRequest, Module, Session, Settings34980a, Simulator34980a, Wires,
+};
+use phantom::Phantom;
 use rig::transcript::TranscriptWriter;
 use scpi::{ErrorEntry, ParseError};
 use survey::{Amps, Electrode, Relay, Volts};
@@ -15,7 +17,7 @@ use tokio::time::Instant;
 use crate::fault::TimedFault;
 use crate::fixture::Fixture;
 use crate::profile::{Pace, Profile, milliseconds};
-use crate::sheet::Sheet;
+use crate::sheet::{Sheet, Taken};
 use crate::simulated::{Instrument, Messages, Said};
 
 mod faults;
@@ -36,6 +38,8 @@ pub(crate) struct Bench {
     elapsed: Duration,
     messages: [Messages; 3],
     pub(crate) transcript: Option<Vec<Said>>,
+    /// Where in it a reply is still missing.
+    unanswered: Option<usize>,
     /// Where everything said is written.
     pub(crate) recorder: Option<TranscriptWriter>,
     /// What is still to happen, earliest first.
@@ -49,8 +53,26 @@ pub(crate) struct Bench {
     identities: [String; 3],
 }
 
-/// A reply with the time it takes, and the error queued on the way, if one was.
-pub(crate) type Heard = ((Option<String>, Duration), Option<String>);
+/// What an instrument made of a message.
+#[derive(Debug)]
+pub(crate) struct Heard {
+    pub(crate) text: Option<String>,
+    /// How long that takes by the clock on the wall.
+    pub(crate) wait: Duration,
+    /// The reply is to be fetched when that is over.
+    pub(crate) later: bool,
+    /// The error queued on the way, if one was.
+    pub(crate) refused: Option<String>,
+}
+
+/// When a reply is made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum When {
+    /// At once, whatever time it takes by the instrument's clock.
+    AtOnce,
+    /// When its time has come: readings are taken at their own instants, and [`Bench::fetch`] gives the reply.
+    InTime,
+}
 
 impl Bench {
     /// Instruments just switched on.
@@ -92,16 +114,19 @@ impl Bench {
                 phantom,
                 Fixture::new(&profile.slots, electrodes),
                 &profile.load,
+                profile.line_hz,
             ),
             pace: profile.pace,
             start: Instant::now(),
             elapsed: Duration::ZERO,
             messages: Default::default(),
             transcript: None,
+            unanswered: None,
             recorder: None,
         };
         new.identities = [Instrument::Source, Instrument::Mainframe, Instrument::Board]
-            .map(|instrument| new.hear(instrument, 0, "*IDN?").0.0.unwrap_or_default());
+            .map(|instrument| new.hear(instrument, 0, "*IDN?", When::AtOnce))
+            .map(|heard| heard.text.unwrap_or_default());
         // Nobody has been heard yet, and no time has passed.
         new.messages = Default::default();
         new.elapsed = Duration::ZERO;
@@ -152,8 +177,14 @@ impl Bench {
         ends.source.load_changed(at, ends.sheet);
     }
 
-    /// Lets an instrument hear one message: what it answers, and how long that takes by the clock on the wall.
-    pub(crate) fn hear(&mut self, instrument: Instrument, session: u32, line: &str) -> Heard {
+    /// Lets an instrument hear one message.
+    pub(crate) fn hear(
+        &mut self,
+        instrument: Instrument,
+        session: u32,
+        line: &str,
+        when: When,
+    ) -> Heard {
         self.catch_up();
         let at = self.now();
         let errors = self.latest_error(instrument).0;
@@ -162,15 +193,21 @@ impl Bench {
             sheet: &mut self.sheet,
             readings: 0,
         };
+        let mut later = false;
         let (text, busy) = match instrument {
             Instrument::Source => {
                 let reply = ends.source.hear(line, at, ends.sheet);
                 (reply.text, reply.busy)
             }
             Instrument::Mainframe => {
-                let reply = self
-                    .mainframe
-                    .hear_from(Session(session), line, at, &mut ends);
+                let (session, mainframe) = (Session(session), &mut self.mainframe);
+                let reply = if when == When::InTime && self.pace != Pace::Instant {
+                    let begun = mainframe.begin_from(session, line, at, &mut ends);
+                    later = begun.1;
+                    begun.0
+                } else {
+                    mainframe.hear_from(session, line, at, &mut ends)
+                };
                 (reply.text, reply.busy)
             }
             Instrument::Board => {
@@ -182,7 +219,7 @@ impl Bench {
         count.heard += 1;
         count.answered += u64::from(text.is_some());
         count.readings += ends.readings;
-        count.reading += u64::from(ends.readings > 0);
+        count.reading += u64::from(later || ends.readings > 0);
         if let Some(transcript) = &mut self.transcript {
             transcript.push(Said {
                 at,
@@ -190,6 +227,9 @@ impl Bench {
                 heard: line.to_owned(),
                 answered: text.clone(),
             });
+            if later {
+                self.unanswered = Some(transcript.len() - 1);
+            }
         }
         let wait = match self.pace {
             Pace::Real => busy,
@@ -203,7 +243,28 @@ impl Bench {
             (added, Some(latest)) if added != errors => Some(latest.to_string()),
             _ => None,
         };
-        ((text, wait), refused)
+        Heard {
+            text,
+            wait,
+            later,
+            refused,
+        }
+    }
+
+    /// The reply that was to be made later, now that its time is over.
+    pub(crate) fn fetch(&mut self, session: u32) -> Option<String> {
+        self.catch_up();
+        let at = self.now();
+        let mut text = None;
+        self.on_mainframe(|mainframe, ends| text = mainframe.fetch(Session(session), at, ends));
+        self.messages[Instrument::Mainframe.index()].answered += u64::from(text.is_some());
+        let place = self.unanswered.take();
+        if let (Some(transcript), Some(place)) = (&mut self.transcript, place)
+            && let Some(said) = transcript.get_mut(place)
+        {
+            said.answered.clone_from(&text);
+        }
+        text
     }
 
     /// How many errors an instrument ever queued, and the last of them.
@@ -292,7 +353,7 @@ struct Ends<'a> {
 
 impl Wires for Ends<'_> {
     fn relays(&mut self, closed: &BTreeSet<Relay>, at: Duration) {
-        self.sheet.set_closed(closed);
+        self.sheet.set_closed(closed, at);
         self.source.load_changed(at, self.sheet);
     }
 
@@ -301,20 +362,38 @@ impl Wires for Ends<'_> {
         self.sheet.set_scanned(request.channel);
         // The sheet may have been pressed since the relays moved.
         self.source.load_changed(at, self.sheet);
-        let volts = self.sheet.measured(ReadingContext {
-            at,
+        let taken = Taken {
+            relay: request.channel,
             range: request.range,
             nplc: request.nplc,
-            relay: request.channel,
-        });
+            test: request.test_current,
+            bus: if request.four_wire { 2 } else { 1 },
+        };
+        let volts = self.sheet.measured(at, taken);
         self.sheet.set_scanned(None);
         volts
+    }
+
+    fn alternating(&mut self, at: Duration, request: MeterRequest) -> Alternating {
+        self.readings += 1;
+        self.sheet.set_scanned(request.channel);
+        self.source.load_changed(at, self.sheet);
+        let wave = self.source.alternating(self.sheet);
+        let heard = match wave {
+            Some((rms, hertz)) => Alternating {
+                rms: rms * self.sheet.transfer(at).abs(),
+                hertz,
+            },
+            None => Alternating::default(),
+        };
+        self.sheet.set_scanned(None);
+        heard
     }
 }
 
 impl Poles for Ends<'_> {
     fn poles(&mut self, joined: [Option<Electrode>; 4], at: Duration) {
-        self.sheet.set_poles(joined);
+        self.sheet.set_poles(joined, at);
         self.source.load_changed(at, self.sheet);
     }
 }

@@ -3,39 +3,17 @@
 
 #![no_main]
 
-use std::cell::OnceCell;
+mod empty_bench;
+
 use std::time::Duration;
 
-use bench::{CoreChannel, Hanging, Pace, Profile, Scene, SimulatedRig};
+use bench::{CoreChannel, SimulatedRig};
+use empty_bench::{BENCH, Bench, bench};
 use libfuzzer_sys::fuzz_target;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::runtime::Runtime;
 
 const LAST_FRAGMENT: u32 = 1 << 31;
 const CORE: u32 = 0x0006_07AF;
-
-struct Bench {
-    runtime: Runtime,
-    rig: SimulatedRig,
-}
-
-thread_local! {
-    static BENCH: OnceCell<Bench> = const { OnceCell::new() };
-}
-
-fn bench() -> Bench {
-    let mut builder = tokio::runtime::Builder::new_current_thread();
-    let runtime = builder.enable_time().start_paused(true).build().expect("a runtime");
-    let profile = Profile {
-        load: Hanging::Nothing,
-        ..Profile::default().at_pace(Pace::Instant)
-    };
-    let rig = {
-        let _inside = runtime.enter();
-        SimulatedRig::new(&profile, Scene::quiet()).expect("an empty bench")
-    };
-    Bench { runtime, rig }
-}
 
 /// The input itself, or one call a piece: procedure, link, data.
 fn records(bytes: &[u8]) -> Vec<u8> {

@@ -3,36 +3,14 @@
 
 #![no_main]
 
-use std::cell::OnceCell;
+mod empty_bench;
+
 use std::time::Duration;
 
-use bench::{Hanging, Pace, Profile, Scene, SimulatedRig};
+use bench::SimulatedRig;
+use empty_bench::{BENCH, Bench, bench};
 use libfuzzer_sys::fuzz_target;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::runtime::Runtime;
-
-struct Bench {
-    runtime: Runtime,
-    rig: SimulatedRig,
-}
-
-thread_local! {
-    static BENCH: OnceCell<Bench> = const { OnceCell::new() };
-}
-
-fn bench() -> Bench {
-    let mut builder = tokio::runtime::Builder::new_current_thread();
-    let runtime = builder.enable_time().start_paused(true).build().expect("a runtime");
-    let profile = Profile {
-        load: Hanging::Nothing,
-        ..Profile::default().at_pace(Pace::Instant)
-    };
-    let rig = {
-        let _inside = runtime.enter();
-        SimulatedRig::new(&profile, Scene::quiet()).expect("an empty bench")
-    };
-    Bench { runtime, rig }
-}
 
 async fn ask(rig: &SimulatedRig, request: &[u8]) {
     let (mut from, mut to) = tokio::io::split(rig.connect_web());

@@ -119,7 +119,7 @@ pub(super) fn told_making(
 /// Whether the reply to a message depends on what cannot be the same twice: the specimen, the clock, the unit's age.
 pub(super) fn varies(instrument: Instrument, message: &str) -> bool {
     use keithley_6221::Command as Source;
-    use keysight_34980a::{Command as Mainframe, Measure, System};
+    use keysight_34980a::{Command as Mainframe, Functions, Measure, System};
     if instrument == Instrument::Board {
         let command = message.parse();
         return matches!(
@@ -148,6 +148,7 @@ pub(super) fn varies(instrument: Instrument, message: &str) -> bool {
                             | Measure::ReadAndErase(_)
                             | Measure::Remove(_)
                     )
+                    | Mainframe::Functions(Functions::Measure(..))
                     | Mainframe::System(
                         System::CardType(_)
                             | System::Date

@@ -67,7 +67,8 @@ impl SimulatedRig {
             | Fault::Free(_)
             | Fault::Overload(_)
             | Fault::Interlock(_)
-            | Fault::TerminalBlock(..) => self.bench().fault(fault),
+            | Fault::TerminalBlock(..)
+            | Fault::Pulse(_) => self.bench().fault(fault),
         }
         self.shared.changed.notify_waiters();
         Ok(())

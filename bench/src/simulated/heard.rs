@@ -6,11 +6,13 @@ use rig::transcript::Said;
 use scpi::ParseError;
 
 use super::{Instrument, SimulatedRig};
+use crate::workbench::{Heard, When};
 
 impl SimulatedRig {
     /// Lets an instrument hear one message, and says what it answers and how long that takes in the caller's time.
     pub fn hear(&self, instrument: Instrument, line: &str) -> (Option<String>, Duration) {
-        self.hear_from(instrument, 0, line)
+        let heard = self.hear_from(instrument, 0, line, When::AtOnce);
+        (heard.text, heard.wait)
     }
 
     /// As [`SimulatedRig::hear`], from a session with an output queue of its own.
@@ -19,13 +21,13 @@ impl SimulatedRig {
         instrument: Instrument,
         session: u32,
         line: &str,
-    ) -> (Option<String>, Duration) {
+        when: When,
+    ) -> Heard {
         self.apply_due_faults();
-        let (heard, refused) = {
+        let mut heard = {
             let mut bench = self.bench();
             let at = bench.now();
-            let heard = bench.hear(instrument, session, line);
-            let (reply, busy) = &heard.0;
+            let heard = bench.hear(instrument, session, line, when);
             self.record_line(
                 &mut bench,
                 instrument,
@@ -33,17 +35,39 @@ impl SimulatedRig {
                 at,
                 Said::Sent(line.to_owned()),
             );
-            if let Some(reply) = reply {
+            if let Some(reply) = &heard.text {
                 let said = Said::Received(reply.clone());
-                self.record_line(&mut bench, instrument, session, at + *busy, said);
+                self.record_line(&mut bench, instrument, session, at + heard.wait, said);
             }
             heard
         };
-        if let Some(refused) = refused {
+        if let Some(refused) = heard.refused.take() {
             self.tell_refused(instrument, session, line, refused);
         }
         self.shared.changed.notify_waiters();
         heard
+    }
+
+    /// Lets happen what was due by now.
+    pub(crate) fn catch_up(&self) {
+        self.apply_due_faults();
+        self.bench().catch_up();
+    }
+
+    /// The mainframe's reply that was to be made later, now that its time is over.
+    pub(crate) fn fetch(&self, session: u32) -> Option<String> {
+        self.apply_due_faults();
+        let text = {
+            let mut bench = self.bench();
+            let text = bench.fetch(session);
+            if let Some(reply) = &text {
+                let (at, said) = (bench.now(), Said::Received(reply.clone()));
+                self.record_line(&mut bench, Instrument::Mainframe, session, at, said);
+            }
+            text
+        };
+        self.shared.changed.notify_waiters();
+        text
     }
 
     /// Queues an error that arose outside of any message of a session.

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::Bench;
+use super::{Bench, When};
 use crate::fault::Fault;
 use crate::profile::Pace;
 use crate::simulated::Instrument;
@@ -44,7 +44,7 @@ impl Bench {
             Fault::QueueOverflow(Instrument::Mainframe) => self.mainframe.overflow_errors(),
             Fault::QueueOverflow(instrument) => {
                 for _ in 0..OVERFLOWING {
-                    self.hear(*instrument, 0, "TACTUS:FAULT");
+                    self.hear(*instrument, 0, "TACTUS:FAULT", When::AtOnce);
                 }
             }
             Fault::StuckOpen(relay) => self.sheet.stick(*relay, false),
@@ -57,6 +57,11 @@ impl Bench {
                     mainframe.set_interlock(*slot, !shut, at, ends);
                 });
             }
+            Fault::Pulse(Some(line)) => {
+                let event = keithley_6221::Trigger::Link(*line);
+                self.source.trigger(event, at, &mut self.sheet);
+            }
+            Fault::Pulse(None) => self.on_mainframe(|mainframe, ends| mainframe.pulse(at, ends)),
             Fault::Slot(slot, filled) => self.set_slot(*slot, *filled),
             Fault::Voltmeter(present) => self.set_voltmeter(*present),
             Fault::None => {
