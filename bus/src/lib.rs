@@ -37,12 +37,14 @@ pub use address::{Address, AddressError, ConnectError, connect, search_order};
 pub use fault::Fault;
 pub use instrument1::Instrument1Proxy;
 pub use manager1::{
-    BaselineReport, Discovery, Geometry, Happened, HappenedStream, Manager1Proxy, PlanReport,
-    RelayWear, SESSION_OPTIONS, SeenInstrument, SessionSummary, TestLine, TestProgress,
-    TestProgressStream, TestReport,
+    BaselineReport, Discovery, Geometry, Happened, HappenedStream, MEASURING_OPTIONS,
+    Manager1Proxy, PlanReport, RelayWear, SESSION_OPTIONS, SeenInstrument, SessionSummary,
+    TestLine, TestProgress, TestProgressStream, TestReport,
 };
 pub use options::Options;
-pub use session1::{FrameDone, FrameDoneStream, LatestFrame, LatestMap, Session1Proxy};
+pub use session1::{
+    FrameDone, FrameDoneStream, LatestFrame, LatestMap, LatestPressure, Session1Proxy,
+};
 pub use simulation1::Simulation1Proxy;
 
 /// The well-known name; the version is in it.

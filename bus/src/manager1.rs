@@ -15,6 +15,20 @@ pub const SESSION_OPTIONS: [&str; 8] = [
     "every_s", "count", "for_s", "baseline", "model", "speed", "step", "note",
 ];
 
+/// Options of `StartSession` and `RecordBaseline` that say how a session measures, where that is not as configured:
+/// `nplc` (d), `averages` (t), `autozero` (b), `settle_ms` (d), `channel_delay_ms` (d), `reversal` (b), `zero_every` (t,
+/// 0 never), `ranges` (s, `fixed` or `planned`).
+pub const MEASURING_OPTIONS: [&str; 8] = [
+    "nplc",
+    "averages",
+    "autozero",
+    "settle_ms",
+    "channel_delay_ms",
+    "reversal",
+    "zero_every",
+    "ranges",
+];
+
 /// `org.tactus.Tactus1.Manager1` on the root object.
 #[zbus::proxy(
     interface = "org.tactus.Tactus1.Manager1",
@@ -22,17 +36,17 @@ pub const SESSION_OPTIONS: [&str; 8] = [
     default_path = "/org/tactus/Tactus1"
 )]
 pub trait Manager1 {
-    /// Starts a measurement; see [`SESSION_OPTIONS`]. Returns its object at once.
+    /// Starts a measurement; see [`SESSION_OPTIONS`] and [`MEASURING_OPTIONS`]. Returns its object at once.
     fn start_session(&self, options: &Options) -> Result<OwnedObjectPath, Fault>;
 
-    /// Records a baseline: options `frames` (t, default 10), `note` (s). Returns its session at once; it ends by itself
-    /// and is then the current baseline.
+    /// Records a baseline: options `frames` (t, default 10), `note` (s), and [`MEASURING_OPTIONS`]. Returns its session at
+    /// once; it ends by itself and is then the current baseline.
     fn record_baseline(&self, options: &Options) -> Result<OwnedObjectPath, Fault>;
 
     /// What the logbook holds, newest first: option `count` (t).
     fn list_sessions(&self, options: &Options) -> Result<Vec<SessionSummary>, Fault>;
 
-    /// The plan of a frame, without moving anything.
+    /// The plan of a frame, without moving anything: that of the running session, else the configured one.
     fn plan(&self) -> Result<PlanReport, Fault>;
 
     /// The region of interest, for drawing maps.
@@ -243,7 +257,10 @@ pub struct PlanReport {
     pub compliance_v: f64,
     /// One line a step.
     pub lines: Vec<String>,
-    /// `wiring` (s), `source_current_max_a`, `relay_current_max_a`, `relay_voltage_max_v` (d).
+    /// `wiring` (s), `source_current_max_a`, `relay_current_max_a`, `relay_voltage_max_v` (d); how each reading is taken:
+    /// `nplc`, `settle_s`, `channel_delay_s`, `range_v` (d), `averages`, `zero_every`, `range_changes` (t), `autozero`,
+    /// `reversal`, `planned_ranges` (b); `range_time_s`, `noise_fixed_v`, `noise_v`, `noise_median_v` (d): what ranges of
+    /// their own cost a frame, and the noise without and with them.
     pub more: Options,
 }
 

@@ -33,6 +33,9 @@ pub trait Session1 {
     /// The map of the last durable frame that has one.
     fn latest_map(&self) -> Result<LatestMap, Fault>;
 
+    /// The same map as pressure; an error where the configured method is not calibrated.
+    fn latest_pressure(&self) -> Result<LatestPressure, Fault>;
+
     /// A descriptor from which every frame and map can be read (see `bus::stream`): options `frames` (b), `maps` (b),
     /// both true by default, `ring` (t, records held for a slow reader, default 64).
     fn open_stream(&self, options: &Options) -> Result<OwnedFd, Fault>;
@@ -115,6 +118,21 @@ pub struct LatestFrame {
     pub quality: Options,
 }
 
+/// One map as pressure (`(txaddb)`).
+#[derive(Debug, Serialize, Deserialize, Type)]
+pub struct LatestPressure {
+    /// Sequence of the frame it is of.
+    pub sequence: u64,
+    /// Wall time of that frame, ns since 1970 UTC.
+    pub wall_ns: i64,
+    /// Pressure on each triangle of the region, kPa.
+    pub kpa: Vec<f64>,
+    /// Total load, N.
+    pub newtons: f64,
+    /// Whether the voltages are simulated.
+    pub simulated: bool,
+}
+
 /// One map (`(txadsssba{sv})`).
 #[derive(Debug, Serialize, Deserialize, Type)]
 pub struct LatestMap {
@@ -132,6 +150,7 @@ pub struct LatestMap {
     pub method: String,
     /// Whether the voltages are simulated.
     pub simulated: bool,
-    /// `masked` (t), and where conductance is lost: `largest_loss` (d), `found_x_m`, `found_y_m` (d).
+    /// `masked` (t), and where conductance is lost: `largest_loss` (d), `found_x_m`, `found_y_m` (d); of a calibrated
+    /// method `newtons`, `largest_kpa` (d).
     pub more: Options,
 }
