@@ -155,6 +155,27 @@ pub(crate) struct SurveySection {
     pub nplc: f64,
     pub autozero: bool,
     pub line_hz: f64,
+    pub averages: u32,
+    pub channel_delay_ms: f64,
+    pub reversal: bool,
+    pub skip: usize,
+    pub half: bool,
+    pub ranges: RangesName,
+    pub range_margin: f64,
+    pub chained: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub zero_every: Option<u64>,
+}
+
+/// Where the voltmeter's ranges come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum RangesName {
+    /// One for every reading.
+    #[default]
+    Fixed,
+    /// Each its own: from the baseline, or from the model of the sheet before there is one.
+    Planned,
 }
 
 impl Default for SurveySection {
@@ -168,6 +189,15 @@ impl Default for SurveySection {
             nplc: 1.0,
             autozero: false,
             line_hz: 50.0,
+            averages: 1,
+            channel_delay_ms: 0.0,
+            reversal: false,
+            skip: 0,
+            half: false,
+            ranges: RangesName::default(),
+            range_margin: 1.5,
+            chained: false,
+            zero_every: None,
         }
     }
 }
@@ -208,6 +238,7 @@ pub(crate) enum PriorName {
     #[default]
     Noser,
     Laplace,
+    Gaussian,
 }
 
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -222,13 +253,21 @@ pub(crate) struct ModelSection {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exponent: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
+    pub length_mm: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_uv: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lambda: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise_figure: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub map_error: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub loss_only: Option<bool>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gap: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -298,6 +337,7 @@ impl Config {
             &mut self.wiring.file,
             &mut self.geometry.case,
             &mut self.model.file,
+            &mut self.model.calibration,
             &mut self.record.directory,
             &mut self.bus.peer_path,
         ];

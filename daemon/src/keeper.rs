@@ -23,10 +23,11 @@ use survey::{Baseline, Settings};
 use tokio::sync::Notify;
 
 use crate::herald::{Herald, Notice};
+use crate::known::Known;
 use crate::live::Live;
 use crate::model::chain;
 use crate::prepare::{FramesFrom, Prepared, RigPlan, Setup};
-use crate::rig_assembly::{Assembled, Bench, Found};
+use crate::rig_assembly::{Assembled, Bench};
 use crate::session::{Event, State};
 use crate::watch::FrameSource;
 
@@ -42,15 +43,6 @@ pub(crate) struct House {
     pub build: String,
     /// The file it was read from.
     pub config: PathBuf,
-}
-
-/// Which instruments and modules there are: those that were there at the start, or that a person has agreed to.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub(crate) struct Known {
-    pub instruments: Vec<Found>,
-    pub modules: Vec<String>,
-    /// Modules with their serial numbers.
-    pub cards: Vec<String>,
 }
 
 /// The daemon's one head.
@@ -69,6 +61,8 @@ struct Inner {
     state: State,
     baseline: Option<Arc<Baseline>>,
     active: Option<Arc<Live>>,
+    /// How the running session measures.
+    session_plan: Option<Arc<RigPlan>>,
     recent: VecDeque<Arc<Live>>,
     /// Why the rig cannot be used, until it is found again.
     rig_fault: Option<String>,
@@ -123,7 +117,7 @@ impl Keeper {
         } = prepared;
         let (source, settings, plan, baseline) = match frames {
             FramesFrom::Rig(plan) => {
-                let settings = rig::settings(&plan.plan, plan.meter);
+                let settings = plan.settings();
                 let source = FrameSource::Rig {
                     rig,
                     plan: Arc::clone(&plan),
@@ -171,6 +165,7 @@ impl Keeper {
                 },
                 baseline: baseline.map(Arc::new),
                 active: None,
+                session_plan: None,
                 recent: VecDeque::new(),
                 rig_fault: closed.clone(),
                 closed,
@@ -231,6 +226,12 @@ impl Keeper {
     pub(crate) fn sessions(&self) -> Vec<Arc<Live>> {
         let inner = self.inner();
         inner.recent.iter().chain(&inner.active).cloned().collect()
+    }
+
+    /// How the running session measures, else how one would; `None` for a recording.
+    pub(crate) fn plan(&self) -> Option<Arc<RigPlan>> {
+        let of_session = self.inner().session_plan.clone();
+        of_session.or_else(|| self.house().plan.clone())
     }
 
     /// Whether frames come from a recording.
@@ -299,27 +300,6 @@ impl Keeper {
             }
             FrameSource::Recording(_) => Ok(()),
         }
-    }
-}
-
-impl Known {
-    /// What differs in `other`, for a person; `None` for the same instruments. Firmware may change.
-    pub(crate) fn differs(&self, other: &Self) -> Option<String> {
-        let mut told = Vec::new();
-        for (known, found) in self.instruments.iter().zip(&other.instruments) {
-            if !known.is_same(found) {
-                told.push(format!(
-                    "the {} at {} is another: {} was known, {} is there",
-                    found.role, found.address, known.identity, found.identity
-                ));
-            }
-        }
-        for (known, found) in self.cards.iter().zip(&other.cards) {
-            if known != found {
-                told.push(format!("{known} was known, {found} is there"));
-            }
-        }
-        (!told.is_empty()).then(|| told.join("; "))
     }
 }
 

@@ -6,6 +6,7 @@
 //!
 //! - **configuration**: what was written; **prepared**: what it means, found out without touching an instrument
 //! - **keeper**: the one head of a running daemon; **session state**: what it is doing, as a pure state machine
+//! - **known**: which instruments the rig has, kept over a restart
 //! - **watch**: acquisition of one session; **recorder**: reconstruction and the sinks, the logbook first
 //! - **care**: self-test and wear of relays; **discovery**: what is there, proposed and never used
 //! - **herald**: carries news to every connection; **ring**: what a reader of the full-rate stream has not read yet
@@ -23,7 +24,9 @@ mod discovery;
 mod guard;
 mod herald;
 mod keeper;
+mod known;
 mod live;
+mod measuring;
 mod mishap;
 mod model;
 mod multiplexer;
@@ -55,10 +58,11 @@ use tokio::signal::unix::{SignalKind, signal};
 
 use crate::args::Args;
 use crate::keeper::Keeper;
+use crate::known::Known;
 use crate::model::chain;
 use crate::prepare::{FramesFrom, Prepared, prepare};
 use crate::problems::Problem;
-use crate::rig_assembly::{Bench, Closed, assemble, make_safe_each};
+use crate::rig_assembly::{AssemblyError, Bench, Closed, assemble, make_safe_each};
 use crate::service::Offer;
 
 /// `EX_CONFIG`: systemd does not start a broken configuration again.
@@ -166,12 +170,21 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     let _lock = logbook::lock(&prepared.setup.record_directory).map_err(|error| chain(&error))?;
     let clock = SystemClock::new();
     let bench = bench_of(&prepared)?;
+    let known = Known::recall(&prepared.setup.record_directory).map_err(|error| chain(&error))?;
+    let mut others = None;
     let assembled = match &prepared.frames {
-        FramesFrom::Rig(plan) => Some(
-            assemble(plan, &bench, &tape, Closed::Refuse, None)
-                .await
-                .map_err(|error| chain(&error))?,
-        ),
+        FramesFrom::Rig(plan) => {
+            match assemble(plan, &bench, &tape, Closed::Refuse, known.as_ref()).await {
+                Ok(assembled) => Some(assembled),
+                Err(AssemblyError::Others {
+                    text, source_off, ..
+                }) => {
+                    others = Some((text, source_off));
+                    None
+                }
+                Err(error) => return Err(chain(&error)),
+            }
+        }
         FramesFrom::Recording { .. } => None,
     };
     let closed = assembled.as_ref().and_then(|rig| rig.closed.clone());
@@ -182,6 +195,12 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     let offer = Offer::open(&section, &keeper)
         .await
         .map_err(|error| chain(&error))?;
+    match (others, known) {
+        (Some((found, source_off)), Some(known)) => {
+            keeper.wait_for_the_known(known, &found, source_off).await;
+        }
+        _ => keeper.keep_known().await,
+    }
     tracing::info!("ready on {}", offer.ways.join(", "));
     if let Some(closed) = closed {
         let text = format!("the source is off, verified; nothing is measured: {closed}");

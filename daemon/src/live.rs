@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use eit::Pressure;
 use logbook::SessionKind;
 use rig::{Stop, StopButton};
 use survey::{Frame, Map, Quality};
@@ -48,6 +49,8 @@ pub(crate) struct Published {
     pub map: Option<Map>,
     /// Where the load was found, m.
     pub found: Option<[f64; 2]>,
+    /// The map as pressure, where the method is calibrated.
+    pub pressure: Option<Pressure>,
 }
 
 /// The last frame, and the last one that has a map.

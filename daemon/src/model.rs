@@ -3,8 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use eit::network::{OnnxError, is_onnx, load_onnx};
 use eit::{
-    Case, Hyper, Mesh, OneStep, OneStepOptions, Preset, Prior, Reconstructor, Tv, TvOptions,
+    Calibration, Case, Hyper, Mesh, OneStep, OneStepOptions, Preset, Prior, Reconstructor,
+    SMOOTH_LENGTH_M, Tv, TvOptions,
 };
 use survey::{Amps, Protocol};
 
@@ -35,6 +37,8 @@ pub(crate) struct Model {
     pub reconstructor: Arc<dyn Reconstructor>,
     /// Of the model file; `None` for a method without one.
     pub hash: Option<String>,
+    /// From its maps to pressure; `None` where nobody has calibrated it.
+    pub calibration: Option<Arc<Calibration>>,
 }
 
 /// Why there is no model.
@@ -69,10 +73,14 @@ pub(crate) enum ModelFault {
         rig_hash: String,
         geometry: String,
     },
+    #[error(transparent)]
+    Onnx(#[from] OnnxError),
     #[error("the one-step method: {0}")]
     OneStep(#[from] eit::OneStepError),
     #[error("total variation: {0}")]
     Tv(#[from] eit::TvError),
+    #[error("calibration {}: {why}; fit one with tactus-lab calibrate", .path.display())]
+    Calibration { path: PathBuf, why: String },
     #[error("{0}")]
     Setting(String),
 }
@@ -80,7 +88,12 @@ pub(crate) enum ModelFault {
 impl ModelFault {
     /// Whether the file is sound and only made for something else.
     pub(crate) fn is_mismatch(&self) -> bool {
-        matches!(self, Self::Survey { .. } | Self::Geometry { .. })
+        matches!(
+            self,
+            Self::Survey { .. }
+                | Self::Geometry { .. }
+                | Self::Onnx(OnnxError::Shape { .. } | OnnxError::Other { .. })
+        )
     }
 }
 
@@ -133,13 +146,47 @@ pub(crate) fn model(
     geometry: &Geometry,
     protocol: &Protocol,
 ) -> Result<Model, ModelFault> {
-    match &section.file {
-        Some(path) => from_file(path, geometry, protocol),
+    let mut model = match &section.file {
+        Some(path) => from_file(path, geometry, protocol)?,
         None => match section.method.unwrap_or_default() {
-            MethodName::OneStep => one_step(section, current, geometry, protocol),
-            MethodName::Tv => total_variation(section, current, geometry, protocol),
+            MethodName::OneStep => one_step(section, current, geometry, protocol)?,
+            MethodName::Tv => total_variation(section, current, geometry, protocol)?,
         },
+    };
+    if let Some(path) = &section.calibration {
+        model.calibration = Some(Arc::new(calibration(path, geometry, &model)?));
     }
+    Ok(model)
+}
+
+/// Reads a calibration and checks that it was fitted to this method's maps on this geometry.
+fn calibration(path: &Path, geometry: &Geometry, model: &Model) -> Result<Calibration, ModelFault> {
+    let refused = |why: String| ModelFault::Calibration {
+        path: path.to_owned(),
+        why,
+    };
+    let text = std::fs::read_to_string(path).map_err(|cause| refused(cause.to_string()))?;
+    let calibration: Calibration =
+        toml::from_str(&text).map_err(|fault| refused(fault.to_string()))?;
+    calibration
+        .check()
+        .map_err(|fault| refused(fault.to_string()))?;
+    if calibration.mesh != geometry.mesh.hash() {
+        return Err(refused(format!(
+            "it was fitted on mesh {}, this rig has {} ({})",
+            short(&calibration.mesh),
+            short(geometry.mesh.hash()),
+            geometry.name
+        )));
+    }
+    if calibration.method != model.reconstructor.method() {
+        return Err(refused(format!(
+            "it was fitted to maps of '{}', the configured method is '{}'",
+            calibration.method,
+            model.reconstructor.method()
+        )));
+    }
+    Ok(calibration)
 }
 
 /// Loads a model file and checks that it was made for this survey and this geometry.
@@ -148,6 +195,9 @@ pub(crate) fn from_file(
     geometry: &Geometry,
     protocol: &Protocol,
 ) -> Result<Model, ModelFault> {
+    if is_onnx(path) {
+        return onnx(path, geometry, protocol);
+    }
     let loaded = eit::model::load(path).map_err(|cause| ModelFault::File {
         path: path.to_owned(),
         cause,
@@ -158,6 +208,24 @@ pub(crate) fn from_file(
     Ok(Model {
         reconstructor,
         hash,
+        calibration: None,
+    })
+}
+
+/// A network trained elsewhere; its file says nothing of sheet and survey, so both are this rig's.
+fn onnx(path: &Path, geometry: &Geometry, protocol: &Protocol) -> Result<Model, ModelFault> {
+    let network = load_onnx(path, Arc::clone(&geometry.mesh), protocol)?;
+    let bytes = std::fs::read(path).map_err(|cause| ModelFault::File {
+        path: path.to_owned(),
+        cause: eit::ModelError::Io {
+            path: path.to_owned(),
+            cause,
+        },
+    })?;
+    Ok(Model {
+        reconstructor: Arc::from(network),
+        hash: Some(eit::model::fingerprint(&bytes)),
+        calibration: None,
     })
 }
 
@@ -201,15 +269,19 @@ pub(crate) fn one_step(
         PriorName::Tikhonov => Prior::Tikhonov,
         PriorName::Noser => Prior::noser(section.prior.is_some(), section.exponent),
         PriorName::Laplace => Prior::Laplace,
+        PriorName::Gaussian => Prior::Gaussian {
+            length_m: section.length_mm.map_or(SMOOTH_LENGTH_M, |mm| 1e-3 * mm),
+        },
     };
-    let hyper = match (section.lambda, section.noise_uv) {
-        (Some(_), Some(_)) => {
+    let hyper = match (section.lambda, section.noise_figure, section.noise_uv) {
+        (Some(_), Some(_), _) | (Some(_), _, Some(_)) | (_, Some(_), Some(_)) => {
             return Err(ModelFault::Setting(
-                "give lambda or noise_uv, not both".to_owned(),
+                "give one of lambda, noise_figure and noise_uv".to_owned(),
             ));
         }
-        (Some(lambda), None) => Hyper::Lambda(lambda),
-        (None, noise) => Hyper::Noise {
+        (Some(lambda), None, None) => Hyper::Lambda(lambda),
+        (None, Some(figure), None) => Hyper::NoiseFigure(figure),
+        (None, None, noise) => Hyper::Noise {
             volts: noise.unwrap_or(DEFAULT_NOISE_UV) * 1e-6,
             current: current.0,
         },
@@ -218,6 +290,7 @@ pub(crate) fn one_step(
         prior,
         hyper,
         loss_only: section.loss_only.unwrap_or(false),
+        map_error: section.map_error,
         ..OneStepOptions::default()
     };
     let one_step = OneStep::new(
@@ -230,6 +303,7 @@ pub(crate) fn one_step(
     Ok(Model {
         reconstructor: Arc::new(one_step),
         hash: None,
+        calibration: None,
     })
 }
 
@@ -258,6 +332,7 @@ fn total_variation(
     Ok(Model {
         reconstructor: Arc::new(tv),
         hash: None,
+        calibration: None,
     })
 }
 

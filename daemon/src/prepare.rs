@@ -12,9 +12,11 @@ use std::time::Duration;
 
 use rig::MeterSettings;
 use sha2::{Digest, Sha256};
-use survey::{Amps, Limits, Plan, Protocol, Relay, Step, Timing};
+use survey::{
+    Amps, Limits, Plan, Protocol, ProtocolError, RangeRule, Relay, Settings, Step, Timing,
+};
 
-use crate::config::{Config, EnableName, RigKind};
+use crate::config::{Config, EnableName, RigKind, SurveySection};
 use crate::model::{Geometry, Model, chain, geometry, model};
 use crate::place::Place;
 use crate::problems::{Problem, Source};
@@ -56,11 +58,16 @@ pub(crate) enum FramesFrom {
 }
 
 /// What a rig is to do, and on which instruments.
+#[derive(Clone)]
 pub(crate) struct RigPlan {
     pub plan: Plan,
     pub limits: Limits,
     pub timing: Timing,
     pub meter: MeterSettings,
+    /// Where each reading has a range of its own.
+    pub ranges: Option<RangeRule>,
+    /// Frames that one zero-current frame serves.
+    pub zero_every: Option<u64>,
     /// What the slots must hold; none where a multiplexer board switches.
     pub modules: BTreeMap<u32, keysight_34980a::Module>,
     pub instruments: Places,
@@ -68,6 +75,13 @@ pub(crate) struct RigPlan {
 }
 
 impl RigPlan {
+    /// The settings that its frames carry.
+    pub(crate) fn settings(&self) -> Settings {
+        let mut settings = rig::settings(&self.plan, self.meter);
+        settings.precautions.zeroed = self.zero_every.is_some();
+        settings
+    }
+
     /// How often a frame closes each relay of the wiring; of those that a scan closes by itself, the channels.
     pub(crate) fn closures(&self) -> Vec<(Relay, f64)> {
         let wiring = &self.plan.wiring;
@@ -147,6 +161,33 @@ pub(crate) fn prepare(path: &Path) -> Result<Prepared, Vec<Problem>> {
     }
 }
 
+/// The plan of a session that measures otherwise than the configuration says; the questions stay.
+///
+/// # Errors
+/// What cannot be, in sentences.
+pub(crate) fn adjusted(setup: &Setup, survey: SurveySection) -> Result<RigPlan, Vec<String>> {
+    let config = Config {
+        survey,
+        ..setup.config.clone()
+    };
+    let source = Source::new(Path::new("the session's options"), String::new());
+    let mut findings = Findings {
+        source: &source,
+        found: Vec::new(),
+    };
+    numbers::check(&config, &mut findings);
+    let plan = rig_plan::rig_plan(
+        &config,
+        &setup.protocol,
+        Some(&setup.geometry),
+        &mut findings,
+    );
+    match plan {
+        Some(plan) if findings.found.is_empty() => Ok(plan),
+        _ => Err(findings.found.into_iter().map(|found| found.text).collect()),
+    }
+}
+
 /// Reads a file into its effective configuration, paths resolved.
 ///
 /// # Errors
@@ -191,7 +232,7 @@ fn understand(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepare
         }
         _ => {
             let protocol = asked(&config, geometry.as_ref(), findings)?;
-            let plan = rig_plan::rig_plan(&config, &protocol, findings);
+            let plan = rig_plan::rig_plan(&config, &protocol, geometry.as_ref(), findings);
             (protocol, plan.map(|plan| FramesFrom::Rig(Arc::new(plan))))
         }
     };
@@ -276,8 +317,21 @@ fn asked(
     }
     findings.taken(
         "survey.electrodes",
-        Protocol::sheffield(electrodes).map_err(|cause| chain(&cause)),
+        protocol(electrodes, &config.survey).map_err(|cause| chain(&cause)),
     )
+}
+
+fn protocol(electrodes: usize, survey: &SurveySection) -> Result<Protocol, ProtocolError> {
+    // a pair that left out so many would be the same pair the other way round, or none
+    if survey.skip + 2 > electrodes {
+        return Err(ProtocolError::Empty);
+    }
+    let pattern = survey::skip(electrodes, survey.skip);
+    let questions = match survey.half {
+        true => survey::half(pattern).collect(),
+        false => pattern.collect(),
+    };
+    Protocol::new(electrodes, questions)
 }
 
 /// Largest ring: its 64,768 readings are far beyond any switch.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use bus::stream::{Body, Record};
 use chrono::{DateTime, Utc};
+use eit::Pressure;
 use logbook::{LogbookError, MapRecord, SessionWriter};
 use rig::{Clock, SystemClock};
 use survey::{Baseline, Checks, Frame, Map};
@@ -90,6 +91,7 @@ impl Recorder {
     fn frame(&mut self, mut frame: Frame) -> Result<(), LogbookError> {
         let quality = self.checks.of(&frame);
         let (map, found, record) = self.reconstruct(&frame);
+        let pressure = map.as_ref().and_then(|map| self.pressure(map));
         frame.sequence = self.writer.append(&frame, record.as_ref())?;
         let taken = frame.monotonic + frame.duration;
         tracing::debug!(
@@ -117,6 +119,7 @@ impl Recorder {
             quality,
             map,
             found,
+            pressure,
         });
         Ok(())
     }
@@ -150,6 +153,21 @@ impl Recorder {
             Err(error) => {
                 self.live.set_last_error(&chain(&error));
                 (None, None, None)
+            }
+        }
+    }
+
+    /// Of a method that is calibrated; a map that the calibration refuses stays a map, and the session says why.
+    fn pressure(&self, map: &Map) -> Option<Pressure> {
+        let Task::Maps { model, .. } = &self.task else {
+            return None;
+        };
+        let calibration = model.calibration.as_ref()?;
+        match calibration.pressure(model.reconstructor.mesh(), map) {
+            Ok(pressure) => Some(pressure),
+            Err(error) => {
+                self.live.set_last_error(&chain(&error));
+                None
             }
         }
     }

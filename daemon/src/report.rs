@@ -16,10 +16,37 @@ use crate::recorder::{nanoseconds, volts};
 /// The plan of a frame.
 pub(crate) fn plan(rig: &RigPlan) -> PlanReport {
     let counts = rig.plan.counts();
+    let fraction = keysight_34980a::INTEGRATION
+        .iter()
+        .find(|(nplc, _)| *nplc == rig.meter.nplc)
+        .map_or(0.0, |(_, fraction)| *fraction);
+    let planned = rig
+        .plan
+        .resolution(fraction, rig.meter.range, rig.meter.averages);
+    let both_ways = if rig.plan.reversal { 2.0 } else { 1.0 };
+    let readings = f64::from(rig.meter.averages) * both_ways;
+    let fixed = fraction * rig.meter.range.0 / readings.sqrt();
     let more = Options::new()
         .with("wiring", rig.plan.wiring.name.as_str())
         .with("electrodes", rig.plan.protocol.electrodes() as u64)
         .with("extra_readings", counts.extra_readings as u64)
+        .with("nplc", rig.meter.nplc)
+        .with("autozero", rig.meter.autozero)
+        .with("averages", u64::from(rig.meter.averages))
+        .with("channel_delay_s", rig.meter.channel_delay.as_secs_f64())
+        .with("settle_s", rig.plan.settle.as_secs_f64())
+        .with("reversal", rig.plan.reversal)
+        .with("zero_every", rig.zero_every.unwrap_or(0))
+        .with("range_v", rig.meter.range.0)
+        .with("planned_ranges", rig.plan.has_ranges())
+        .with("range_changes", counts.range_changes as u64)
+        .with(
+            "range_time_s",
+            counts.range_changes as f64 * rig.timing.range_command.as_secs_f64(),
+        )
+        .with("noise_fixed_v", fixed)
+        .with("noise_v", planned.rms.0)
+        .with("noise_median_v", planned.median.0)
         .with("source_current_max_a", rig.limits.source_current.0)
         .with("relay_current_max_a", rig.limits.relay_current.0)
         .with("relay_voltage_max_v", rig.limits.relay_voltage.0);

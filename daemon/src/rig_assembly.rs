@@ -13,7 +13,7 @@ use rig::{
 use survey::{Frame, Plan, Relay, Sensing, Wiring};
 
 use crate::care::{Asked, ProbeError, Raw, probe};
-use crate::keeper::Known;
+use crate::known::Known;
 use crate::multiplexer::Multiplexer;
 use crate::place::Place;
 use crate::prepare::RigPlan;
@@ -209,10 +209,7 @@ pub(crate) async fn assemble(
         simulated: *place == Place::Simulated,
     };
     let mut instruments = vec![found("source", source.identity(), &places.source.0)];
-    let source_off = known.is_none_or(|known| {
-        let known = known.instruments.first();
-        known.is_none_or(|known| known.is_same(&instruments[0]))
-    });
+    let source_off = known.is_none_or(|known| known.has(&instruments[0]));
     if source_off {
         source
             .off()

@@ -11,6 +11,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use bus::{Options, ROOT_PATH};
+use eit::Pressure;
 use zbus::connection::Builder;
 use zbus::object_server::{InterfaceRef, ObjectServer};
 use zbus::{Connection, fdo::ObjectManager};
@@ -229,4 +230,9 @@ fn more_of_map(options: Options, published: &Published) -> Options {
         .with_some("largest_loss", map.largest_loss().map(|(_, loss)| loss))
         .with_some("found_x_m", published.found.map(|[x, _]| x))
         .with_some("found_y_m", published.found.map(|[_, y]| y))
+        .with_some("newtons", published.pressure.as_ref().map(|p| p.newtons))
+        .with_some(
+            "largest_kpa",
+            published.pressure.as_ref().map(Pressure::largest_kpa),
+        )
 }

@@ -8,7 +8,9 @@ use rig::{AcquireError, Clock, Stop, SystemClock, Tape};
 use survey::Frame;
 use tokio::sync::{mpsc, watch};
 
+use crate::keeper::Happening;
 use crate::live::Live;
+use crate::measuring::Measuring;
 use crate::model::chain;
 use crate::prepare::RigPlan;
 use crate::recorder::Order;
@@ -61,6 +63,9 @@ pub(crate) struct Watch {
     /// What is said over the wires.
     pub tape: Tape,
     pub course: Course,
+    pub measuring: Measuring,
+    /// Tells everybody what has been done about ranges and offsets, and how the session measures from then on.
+    pub said: Box<dyn Fn(Happening, Option<Arc<RigPlan>>) + Send + Sync>,
 }
 
 /// How far a session has come; it survives the loss of the rig.
@@ -145,17 +150,32 @@ impl Watch {
         }
     }
 
-    async fn take(&self, source: &mut FrameSource, stop: &Stop) -> Result<Option<Frame>, Ended> {
+    async fn take(
+        &mut self,
+        source: &mut FrameSource,
+        stop: &Stop,
+    ) -> Result<Option<Frame>, Ended> {
         match source {
             FrameSource::Rig {
                 rig: Some(rig),
                 plan,
             } => {
                 self.tape.next_reel();
-                rig.acquire(&plan.plan, plan.meter, self.clock, stop)
-                    .await
-                    .map(Some)
-                    .map_err(|error| Ended::Rig(Box::new(error)))
+                let frame = self.measuring.frame(rig, plan, self.clock, stop).await;
+                for (kind, text) in self.measuring.said() {
+                    let at = self.clock.wall();
+                    let happening = Happening {
+                        at,
+                        kind,
+                        text: text.clone(),
+                        session: None,
+                    };
+                    (self.said)(happening, self.measuring.now());
+                    let order = Order::Event { at, kind, text };
+                    // a recorder that has gone is noticed at the frame
+                    let _ = self.recorder.send(order).await;
+                }
+                frame.map(Some).map_err(|error| Ended::Rig(Box::new(error)))
             }
             FrameSource::Rig { rig: None, .. } => Ok(None),
             FrameSource::Recording(recording) => recording

@@ -95,7 +95,22 @@ fn each_bad_input_is_named_at_its_place() {
             more("[model]\nnoise_uv = -2.0\n"),
             "must be a positive number",
         ),
-        (more("[model]\nnoise_uv = 2.0\nlambda = 1.0\n"), "not both"),
+        (
+            more("[model]\nnoise_uv = 2.0\nlambda = 1.0\n"),
+            "one of lambda, noise_figure and noise_uv",
+        ),
+        (
+            more("[model]\nmethod = \"tv\"\nmap_error = 1e-3\n"),
+            "model.map_error: map_error belongs to method = \"one-step\"",
+        ),
+        (
+            more("[model]\nprior = \"gaussian\"\nloss_only = true\n"),
+            "loss_only is not there for the gaussian prior",
+        ),
+        (
+            more("[model]\nmap_error = 2.0\n"),
+            "must be above 0 and below 1",
+        ),
         (with("[record]", "current_ua = 200000.0\n[record]"), "over"),
         (
             with("[record]", "nplc = 3.0\n[record]"),

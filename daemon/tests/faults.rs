@@ -2,10 +2,10 @@
 
 mod stage;
 
-use bench::{Instrument, Pace, Profile, Scene, ServeOptions, SimulatedRig, Wire};
+use bench::{Instrument, Wire};
 use bus::{Fault, Options};
 use logbook::SessionReader;
-use stage::{SMALL, Stage, within};
+use stage::{Measuring, SMALL, Stage, on_tcp, within};
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_overload_is_a_flag_and_not_a_number() {
@@ -62,42 +62,22 @@ async fn a_disk_that_refuses_ends_the_session_and_says_so() {
     );
 }
 
-/// A rig on TCP that a test can break, and a configuration for it.
-async fn on_tcp() -> (SimulatedRig, bench::Server, String) {
-    let scene = Scene::parse("scene", "[disc-tank]\nelectrodes = 16\n").unwrap();
-    let rig = SimulatedRig::new(&Profile::default().at_pace(Pace::Instant), scene).unwrap();
-    let options = ServeOptions {
-        port_6221: 0,
-        port_34980a: 0,
-        ..ServeOptions::default()
-    };
-    let server = bench::serve(rig.clone(), &options).await.unwrap();
-    let (source, mainframe) = (&server.ready().source, &server.ready().mainframe);
-    let config = format!(
-        "{}\n[source]\naddress = \"tcp:{source}\"\ndeadline_ms = 2000\n[switch]\naddress = \"tcp:{mainframe}\"\n\
-         [voltmeter]\naddress = \"tcp:{mainframe}\"\n",
-        SMALL
-            .replace("\"simulated\"", "\"instruments\"")
-            .replace("profile = \"PROFILE\"\nscene = \"scene.toml\"\n", "")
-    );
-    (rig, server, config)
-}
-
 #[tokio::test(flavor = "multi_thread")]
 async fn a_lost_source_suspends_the_session_and_is_verified_off_before_it_goes_on() {
-    let (rig, _server, config) = on_tcp().await;
-    let stage = Stage::new(&config);
-    let daemon = stage.start().await;
+    let Measuring {
+        rig,
+        daemon,
+        session,
+        mut happened,
+        mut frames,
+        server: _server,
+        stage: _stage,
+    } = Measuring::begin().await;
     assert!(!daemon.manager.simulated().await.unwrap());
     let instruments = daemon.manager.instruments().await.unwrap();
     let source = daemon.instrument(&instruments[0]).await;
     assert!(source.address().await.unwrap().starts_with("tcp:"));
     assert!(source.identity().await.unwrap().contains("6221"));
-    daemon.baseline(1).await;
-    let mut happened = daemon.manager.receive_happened().await.unwrap();
-    let session = daemon.start(Options::new()).await;
-    let mut frames = session.receive_frame_done().await.unwrap();
-    within(bus::next(&mut frames)).await.unwrap();
 
     rig.set_wire(Instrument::Source, Wire::Cut);
     let mut kinds = Vec::new();
@@ -176,14 +156,15 @@ async fn a_lost_source_suspends_the_session_and_is_verified_off_before_it_goes_o
 
 #[tokio::test(flavor = "multi_thread")]
 async fn both_links_lost_is_an_alarm_and_whichever_comes_back_first_is_made_safe() {
-    let (rig, _server, config) = on_tcp().await;
-    let stage = Stage::new(&config);
-    let daemon = stage.start().await;
-    daemon.baseline(1).await;
-    let mut happened = daemon.manager.receive_happened().await.unwrap();
-    let session = daemon.start(Options::new()).await;
-    let mut frames = session.receive_frame_done().await.unwrap();
-    within(bus::next(&mut frames)).await.unwrap();
+    let Measuring {
+        rig,
+        mut happened,
+        // kept to the end
+        daemon: _daemon,
+        server: _server,
+        stage: _stage,
+        ..
+    } = Measuring::begin().await;
     rig.set_wire(Instrument::Source, Wire::Cut);
     rig.set_wire(Instrument::Mainframe, Wire::Cut);
     let mut kinds = Vec::new();
@@ -214,14 +195,16 @@ async fn both_links_lost_is_an_alarm_and_whichever_comes_back_first_is_made_safe
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_stop_ends_a_session_that_waits_for_its_rig() {
-    let (rig, _server, config) = on_tcp().await;
-    let stage = Stage::new(&config);
-    let daemon = stage.start().await;
-    daemon.baseline(1).await;
-    let mut happened = daemon.manager.receive_happened().await.unwrap();
-    let session = daemon.start(Options::new()).await;
-    let mut frames = session.receive_frame_done().await.unwrap();
-    within(bus::next(&mut frames)).await.unwrap();
+    let Measuring {
+        rig,
+        session,
+        mut happened,
+        // kept to the end
+        daemon: _daemon,
+        server: _server,
+        stage: _stage,
+        ..
+    } = Measuring::begin().await;
     rig.set_wire(Instrument::Mainframe, Wire::Cut);
     while within(bus::next(&mut happened))
         .await
@@ -234,90 +217,6 @@ async fn a_stop_ends_a_session_that_waits_for_its_rig() {
     within(session.stop()).await.unwrap();
     assert!(!rig.source_output().0);
     assert_eq!(session.end_reason().await.unwrap(), "stopped on request");
-}
-
-#[tokio::test(flavor = "multi_thread")]
-async fn another_serial_number_waits_for_a_person() {
-    let (rig, server, config) = on_tcp().await;
-    // a source of the same model with another number, on the port that the first one had
-    let port: u16 = server
-        .ready()
-        .source
-        .rsplit(':')
-        .next()
-        .unwrap()
-        .parse()
-        .unwrap();
-    let stage = Stage::new(&config);
-    let daemon = stage.start().await;
-    daemon.baseline(1).await;
-    let mut happened = daemon.manager.receive_happened().await.unwrap();
-    let session = daemon.start(Options::new()).await;
-    let mut frames = session.receive_frame_done().await.unwrap();
-    within(bus::next(&mut frames)).await.unwrap();
-    server.stop().await;
-    let mut profile = Profile::default().at_pace(Pace::Instant);
-    profile.source.serial = "7654321".to_owned();
-    let scene = Scene::parse("scene", "[disc-tank]\nelectrodes = 16\n").unwrap();
-    let other = SimulatedRig::new(&profile, scene).unwrap();
-    let mainframe: u16 = config
-        .split("[voltmeter]\naddress = \"tcp:127.0.0.1:")
-        .nth(1)
-        .unwrap()
-        .split('"')
-        .next()
-        .unwrap()
-        .parse()
-        .unwrap();
-    let options = ServeOptions {
-        port_6221: port,
-        port_34980a: mainframe,
-        ..ServeOptions::default()
-    };
-    other.keep_transcript();
-    let _other = bench::serve(other.clone(), &options).await.unwrap();
-    loop {
-        let signal = within(bus::next(&mut happened)).await.unwrap();
-        let told = signal.args().unwrap();
-        if told.kind == "others-found" {
-            assert!(told.text.contains("7654321"), "{}", told.text);
-            break;
-        }
-    }
-    assert_eq!(session.state().await.unwrap(), "suspended");
-    let to_source: Vec<String> = other
-        .transcript()
-        .into_iter()
-        .filter(|said| said.instrument == Instrument::Source && said.heard.contains("OUTP"))
-        .map(|said| said.heard)
-        .collect();
-    assert!(
-        to_source.is_empty(),
-        "a stranger is told nothing: {to_source:?}"
-    );
-    while Options(daemon.manager.recovery().await.unwrap())
-        .flag("person")
-        .unwrap()
-        != Some(true)
-    {
-        within(bus::next(&mut happened)).await.unwrap();
-    }
-    let agreed = daemon.manager.accept_instruments().await.unwrap();
-    assert!(agreed.contains("7654321"), "{agreed}");
-    while within(bus::next(&mut happened))
-        .await
-        .unwrap()
-        .args()
-        .unwrap()
-        .kind
-        != "resumed"
-    {}
-    let instruments = daemon.manager.instruments().await.unwrap();
-    let source = daemon.instrument(&instruments[0]).await;
-    assert!(source.identity().await.unwrap().contains("7654321"));
-    let refused = daemon.manager.accept_instruments().await.unwrap_err();
-    assert!(matches!(refused, Fault::Unsupported(_)), "{refused:?}");
-    drop(rig);
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -372,13 +271,13 @@ async fn a_client_that_goes_away_ends_nothing() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn sigterm_in_the_middle_of_a_frame_leaves_the_source_off() {
-    let (rig, _server, config) = on_tcp().await;
-    let stage = Stage::new(&config);
-    let daemon = stage.start().await;
-    daemon.baseline(1).await;
-    let session = daemon.start(Options::new()).await;
-    let mut frames = session.receive_frame_done().await.unwrap();
-    within(bus::next(&mut frames)).await.unwrap();
+    let Measuring {
+        rig,
+        daemon,
+        server: _server,
+        stage: _stage,
+        ..
+    } = Measuring::begin().await;
     let (status, log) = daemon.terminate().await;
     assert!(status.success(), "{log}");
     assert!(!rig.source_output().0 && rig.closed().is_empty(), "{log}");
@@ -386,12 +285,15 @@ async fn sigterm_in_the_middle_of_a_frame_leaves_the_source_off() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_daemon_that_is_killed_leaves_what_was_acknowledged_and_the_next_makes_the_rig_safe() {
-    let (rig, _server, config) = on_tcp().await;
-    let stage = Stage::new(&config);
-    let daemon = stage.start().await;
-    daemon.baseline(1).await;
-    let session = daemon.start(Options::new()).await;
-    let mut frames = session.receive_frame_done().await.unwrap();
+    let Measuring {
+        rig,
+        daemon,
+        session,
+        stage,
+        server: _server,
+        mut frames,
+        ..
+    } = Measuring::begin().await;
     let signal = within(bus::next(&mut frames)).await.unwrap();
     let acknowledged = signal.args().unwrap().sequence;
     let path = session.path().await.unwrap();

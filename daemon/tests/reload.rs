@@ -5,18 +5,7 @@ mod stage;
 use bench::{Against, Closeness, Pace, Profile, Scene, SimulatedRig, replay};
 use bus::{Fault, Options};
 use rig::transcript::{parse_transcript, read_transcript};
-use stage::{Running, SMALL, Stage, within};
-
-/// Waits for something that is told, and gives its text.
-async fn told(happened: &mut bus::HappenedStream, kind: &str) -> String {
-    loop {
-        let signal = within(bus::next(happened)).await.unwrap();
-        let told = signal.args().unwrap();
-        if told.kind == kind {
-            return told.text.to_string();
-        }
-    }
-}
+use stage::{Running, SMALL, Stage, told, within};
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_bad_configuration_changes_nothing_and_says_where_it_is_bad() {

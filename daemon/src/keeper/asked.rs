@@ -5,12 +5,13 @@ use std::sync::Arc;
 
 use bus::{Fault, Options};
 use logbook::LogbookError;
-use survey::Baseline;
+use survey::{Baseline, Settings};
 
 use super::Keeper;
+use crate::config::RangesName;
 use crate::live::Live;
 use crate::model::{self, Model, ModelFault, chain};
-use crate::prepare::{Setup, seconds};
+use crate::prepare::{self, RigPlan, Setup, seconds};
 use crate::schedule::Schedule;
 use crate::session::Work;
 
@@ -35,6 +36,13 @@ pub(super) struct Assignment {
     pub frames: u64,
     pub baseline: Option<Arc<Baseline>>,
     pub model: Option<Model>,
+    /// How it measures, where not as configured.
+    pub plan: Option<Arc<RigPlan>>,
+}
+
+/// The options known, those that say how a session measures among them.
+fn known(of_its_own: &[&'static str]) -> Vec<&'static str> {
+    [of_its_own, &bus::MEASURING_OPTIONS].concat()
 }
 
 impl Keeper {
@@ -47,7 +55,7 @@ impl Keeper {
         self: &Arc<Self>,
         options: &Options,
     ) -> Result<Arc<Live>, Fault> {
-        options.only(&bus::SESSION_OPTIONS)?;
+        options.only(&known(&bus::SESSION_OPTIONS))?;
         let not_negative = |key: &str| match options.number(key)? {
             Some(value) if value < 0.0 => Err(Fault::InvalidOption(format!(
                 "option '{key}' is {value}; it must be 0 or more"
@@ -74,7 +82,12 @@ impl Keeper {
         }
         let note = options.text("note")?.unwrap_or_default().to_owned();
         let baseline = self.chosen_baseline(options.text("baseline")?)?;
-        self.check_baseline(&baseline)?;
+        let plan = self.own_plan(options).await?;
+        let settings = match &plan {
+            Some(plan) => Some(plan.settings()),
+            None => self.house().settings.clone(),
+        };
+        self.check_baseline(&baseline, settings.as_ref())?;
         let model = self.chosen_model(options.text("model")?).await?;
         self.begin(Assignment {
             work: Work::Measurement,
@@ -85,6 +98,7 @@ impl Keeper {
             frames: 0,
             baseline: Some(baseline),
             model: Some(model),
+            plan,
         })
         .await
     }
@@ -97,7 +111,7 @@ impl Keeper {
         self: &Arc<Self>,
         options: &Options,
     ) -> Result<Arc<Live>, Fault> {
-        options.only(&["frames", "note"])?;
+        options.only(&known(&["frames", "note"]))?;
         let frames = options.whole("frames")?.unwrap_or(BASELINE_FRAMES);
         if frames == 0 {
             return Err(Fault::InvalidOption(
@@ -117,6 +131,7 @@ impl Keeper {
             frames,
             baseline: None,
             model: None,
+            plan: self.own_plan(options).await?,
         })
         .await
     }
@@ -148,9 +163,57 @@ impl Keeper {
         }
     }
 
-    fn check_baseline(&self, baseline: &Baseline) -> Result<(), Fault> {
+    /// The plan of a session that says how it measures; `None` where it measures as configured.
+    async fn own_plan(&self, options: &Options) -> Result<Option<Arc<RigPlan>>, Fault> {
         let house = self.house();
-        let Some(settings) = &house.settings else {
+        let mut survey = house.setup.config.survey.clone();
+        let configured = survey.clone();
+        let (number, flag) = (|key| options.number(key), |key| options.flag(key));
+        survey.nplc = number("nplc")?.unwrap_or(survey.nplc);
+        survey.settle_ms = number("settle_ms")?.unwrap_or(survey.settle_ms);
+        survey.channel_delay_ms = number("channel_delay_ms")?.unwrap_or(survey.channel_delay_ms);
+        survey.autozero = flag("autozero")?.unwrap_or(survey.autozero);
+        survey.reversal = flag("reversal")?.unwrap_or(survey.reversal);
+        if let Some(averages) = options.whole("averages")? {
+            survey.averages = u32::try_from(averages).unwrap_or(u32::MAX);
+        }
+        if let Some(every) = options.whole("zero_every")? {
+            survey.zero_every = Some(every).filter(|every| *every > 0);
+        }
+        survey.ranges = match options.text("ranges")? {
+            None => survey.ranges,
+            Some("fixed") => RangesName::Fixed,
+            Some("planned") => RangesName::Planned,
+            Some(other) => {
+                return Err(Fault::InvalidOption(format!(
+                    "option 'ranges' is '{other}'; it is 'fixed' or 'planned'"
+                )));
+            }
+        };
+        if survey == configured {
+            return Ok(None);
+        }
+        if self.is_recording() {
+            return Err(Fault::InvalidOption(
+                "a recording was measured as it was; leave out how to measure".into(),
+            ));
+        }
+        let adjusted =
+            tokio::task::spawn_blocking(move || prepare::adjusted(&house.setup, survey)).await;
+        match adjusted {
+            Ok(Ok(plan)) => Ok(Some(Arc::new(plan))),
+            Ok(Err(problems)) => Err(Fault::InvalidOption(problems.join("; "))),
+            Err(_) => Err(Fault::Failed("the plan could not be made".into())),
+        }
+    }
+
+    fn check_baseline(
+        &self,
+        baseline: &Baseline,
+        settings: Option<&Settings>,
+    ) -> Result<(), Fault> {
+        let house = self.house();
+        let Some(settings) = settings else {
             return Ok(());
         };
         baseline
@@ -192,7 +255,9 @@ impl Keeper {
         match loaded.await {
             Ok(Ok(model)) => Ok(model),
             Ok(Err(fault)) if fault.is_mismatch() => Err(Fault::ModelMismatch(chain(&fault))),
-            Ok(Err(fault @ ModelFault::File { .. })) => Err(Fault::ModelFile(chain(&fault))),
+            Ok(Err(fault @ (ModelFault::File { .. } | ModelFault::Onnx(_)))) => {
+                Err(Fault::ModelFile(chain(&fault)))
+            }
             Ok(Err(fault)) => Err(Fault::Failed(chain(&fault))),
             Err(_) => Err(Fault::Failed("the model could not be prepared".into())),
         }

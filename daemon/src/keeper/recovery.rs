@@ -10,6 +10,7 @@ use tokio::time::Instant;
 use super::told::Concerned;
 use super::{Keeper, Recovery};
 use crate::herald::Notice;
+use crate::known::UNTIL_AGREED;
 use crate::mishap;
 use crate::model::chain;
 use crate::prepare::RigPlan;
@@ -189,12 +190,11 @@ impl Keeper {
                 let mut inner = self.inner();
                 inner.relays_unknown = false;
                 inner.others = None;
+                inner.known.modules = assembled.known.modules.clone();
                 Ok(assembled)
             }
             Err(AssemblyError::Others { text, found, .. }) => {
-                let text = format!(
-                    "{text}; nothing is measured with it until a person runs `tactus instruments accept`"
-                );
+                let text = format!("{text}; {UNTIL_AGREED}");
                 let new = self.inner().others.replace(*found.clone()) != Some(*found);
                 if new {
                     self.tell(whom, "others-found", &text).await;

@@ -4,9 +4,10 @@ use std::sync::{Arc, PoisonError};
 
 use bus::Fault;
 
-use super::{House, Keeper, Known};
+use super::{House, Keeper};
 use crate::config::Config;
 use crate::herald::Notice;
+use crate::known::Known;
 use crate::model::chain;
 use crate::prepare::{FramesFrom, Prepared, prepare};
 use crate::rig_assembly::{Closed, assemble};
@@ -90,7 +91,7 @@ impl Keeper {
                     ),
                     (None, None) => None,
                 };
-                let settings = rig::settings(&plan.plan, plan.meter);
+                let settings = plan.settings();
                 (bench, Some(Arc::clone(plan)), Some(settings))
             }
             FramesFrom::Recording { recording, .. } => (None, None, recording.settings()),
@@ -138,12 +139,14 @@ impl Keeper {
         drop(source);
         let text = match outcome {
             Ok(known) => {
-                let mut inner = self.inner();
-                inner.known = known;
-                inner.rig_fault = None;
-                inner.recovery = None;
-                inner.closed = None;
-                drop(inner);
+                {
+                    let mut inner = self.inner();
+                    inner.known = known;
+                    inner.rig_fault = None;
+                    inner.recovery = None;
+                    inner.closed = None;
+                }
+                self.keep_known().await;
                 let _ = self.happened(Event::Recovered);
                 format!("{file} is in force")
             }

@@ -9,6 +9,7 @@ use rig::Clock;
 use super::recovery::LOOK_AGAIN;
 use super::{Keeper, Recovery};
 use crate::herald::Notice;
+use crate::known::{Known, UNTIL_AGREED};
 use crate::rig_assembly::{Closed, assemble};
 use crate::session::Event;
 use crate::watch::FrameSource;
@@ -47,6 +48,36 @@ impl Keeper {
                 }
             }
         }
+    }
+
+    /// The instruments that are known wait for the next daemon, too.
+    pub(crate) async fn keep_known(&self) {
+        let (known, house) = (self.known(), self.house());
+        let kept =
+            tokio::task::spawn_blocking(move || known.keep(&house.setup.record_directory)).await;
+        if let Ok(Err(error)) = kept {
+            self.tell(None, "fault", &crate::model::chain(&error)).await;
+        }
+    }
+
+    /// Other instruments than those of the last daemon were found at the start: nothing is measured until a person
+    /// agrees, or the known ones are back.
+    pub(crate) async fn wait_for_the_known(
+        self: &Arc<Self>,
+        known: Known,
+        found: &str,
+        source_off: bool,
+    ) {
+        let text = format!("{found}; {UNTIL_AGREED}");
+        {
+            let mut inner = self.inner();
+            inner.known = known;
+            inner.rig_fault = Some(text.clone());
+            inner.source_unknown = !source_off;
+        }
+        let _ = self.happened(Event::Fault(text));
+        self.herald.say(&Notice::Instruments);
+        tokio::spawn(Arc::clone(self).look_for_rig());
     }
 
     /// Puts the rig together anew; it is verified off afterwards.
@@ -132,6 +163,7 @@ impl Keeper {
                 "no other instruments wait to be accepted; `tactus instruments` shows those that are known".into(),
             ));
         };
+        self.keep_known().await;
         let text = format!("a person agreed: {text}");
         self.tell(None, "accepted", &text).await;
         self.herald.say(&Notice::Instruments);

@@ -12,10 +12,11 @@ use tokio::sync::mpsc;
 
 use super::asked::Assignment;
 use super::recovery::{MOST_FAILED, may_pass};
-use super::told::Concerned;
+use super::told::{Concerned, Happening};
 use super::{Keeper, disk_fault};
 use crate::herald::Notice;
 use crate::live::{Ending, Facts, Live};
+use crate::measuring::Measuring;
 use crate::model::chain;
 use crate::prepare::Setup;
 use crate::recorder::{Order, QUEUE, Recorder, Task};
@@ -172,6 +173,9 @@ impl Keeper {
             Some(baseline) => checks.against(&baseline.readings),
             None => checks,
         };
+        let asked = order.plan.clone().or_else(|| house.plan.clone());
+        let measuring = Measuring::of(asked, order.baseline.as_deref());
+        self.inner().session_plan = measuring.now();
         let recorder = Recorder {
             live: Arc::clone(&live),
             writer,
@@ -193,6 +197,7 @@ impl Keeper {
         };
         let recording = tokio::task::spawn_blocking(move || recorder.run(queue));
         let keeper = Arc::clone(&self);
+        let (speaker, whose) = (Arc::clone(&self), live.facts.id.clone());
         let mut watch = Watch {
             live: Arc::clone(&live),
             schedule: order.schedule,
@@ -209,6 +214,14 @@ impl Keeper {
             }),
             tape: self.tape.clone(),
             course: Course::default(),
+            said: Box::new(move |said, plan| {
+                speaker.inner().session_plan = plan;
+                speaker.herald.say(&Notice::Happened(Happening {
+                    session: Some(whose.clone()),
+                    ..said
+                }));
+            }),
+            measuring,
         };
         let ended = self.run_and_recover(&mut watch, &orders).await;
         let reason = ended.text();
@@ -317,6 +330,7 @@ impl Keeper {
                 inner.baseline = Some(Arc::new(baseline));
             }
             inner.active = None;
+            inner.session_plan = None;
             inner.recent.push_back(Arc::clone(live));
             while inner.recent.len() > REMEMBERED {
                 if let Some(old) = inner.recent.pop_front() {

@@ -18,6 +18,7 @@ pub(super) fn check(config: &Config, findings: &mut Findings<'_>) {
     }
     let not_negative = [
         ("survey.settle_ms", Some(survey.settle_ms)),
+        ("survey.channel_delay_ms", Some(survey.channel_delay_ms)),
         ("schedule.every_s", config.schedule.every_s),
         ("schedule.for_s", config.schedule.for_s),
         (
@@ -35,6 +36,11 @@ pub(super) fn check(config: &Config, findings: &mut Findings<'_>) {
     let longest = [
         ("survey.settle_ms", Some(survey.settle_ms), 60e3),
         (
+            "survey.channel_delay_ms",
+            Some(survey.channel_delay_ms),
+            60e3,
+        ),
+        (
             "schedule.every_s",
             config.schedule.every_s,
             super::LONGEST_S,
@@ -45,6 +51,33 @@ pub(super) fn check(config: &Config, findings: &mut Findings<'_>) {
         if let Some(value) = value.filter(|value| *value > most) {
             findings.add(key, format!("{value} is too long, {most} is the most"));
         }
+    }
+    if !(1..=1000).contains(&survey.averages) {
+        findings.add(
+            "survey.averages",
+            format!("{} is not from 1 to 1000", survey.averages),
+        );
+    }
+    if survey.channel_delay_ms.fract() != 0.0 {
+        findings.add("survey.channel_delay_ms", "whole milliseconds only");
+    }
+    if !(1.0..=100.0).contains(&survey.range_margin) {
+        findings.add(
+            "survey.range_margin",
+            format!("{} is not from 1 to 100", survey.range_margin),
+        );
+    }
+    if survey.zero_every == Some(0) {
+        findings.add(
+            "survey.zero_every",
+            "0 frames; 1 or more, or delete this key",
+        );
+    }
+    if survey.zero_every.is_some() && survey.reversal {
+        findings.add(
+            "survey.zero_every",
+            "current reversal cancels offsets already; delete this key, or set reversal = false",
+        );
     }
     if config.schedule.count == Some(0) {
         findings.add("schedule.count", "0 frames are no session; 1 or more");
@@ -97,6 +130,9 @@ fn of_the_method(config: &Config, findings: &mut Findings<'_>) {
         ("method", model.method.is_some()),
         ("prior", model.prior.is_some()),
         ("exponent", model.exponent.is_some()),
+        ("length_mm", model.length_mm.is_some()),
+        ("noise_figure", model.noise_figure.is_some()),
+        ("map_error", model.map_error.is_some()),
         ("noise_uv", model.noise_uv.is_some()),
         ("lambda", model.lambda.is_some()),
         ("loss_only", model.loss_only.is_some()),
@@ -124,6 +160,13 @@ fn of_total_variation(config: &Config, findings: &mut Findings<'_>) {
         ("prior", tv && model.prior.is_some(), "one-step"),
         ("exponent", tv && model.exponent.is_some(), "one-step"),
         ("lambda", tv && model.lambda.is_some(), "one-step"),
+        ("length_mm", tv && model.length_mm.is_some(), "one-step"),
+        (
+            "noise_figure",
+            tv && model.noise_figure.is_some(),
+            "one-step",
+        ),
+        ("map_error", tv && model.map_error.is_some(), "one-step"),
         ("gap", !tv && model.gap.is_some(), "tv"),
     ] {
         if given {

@@ -1,22 +1,26 @@
 //! From configuration to the plan of a frame, its limits, and where the instruments are.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Duration;
 
 use keysight_34980a::Module;
 use rig::MeterSettings;
-use survey::{Amps, Plan, PlanError, Protocol, Timing, Volts, WiringError};
+use survey::{
+    Amps, Injection, Measurement, Plan, PlanError, Protocol, RangeRule, Timing, Volts, WiringError,
+};
 
 use super::wired::{self, Wired};
 use super::{Findings, Places, RigPlan, seconds};
-use crate::config::{Config, EnableName, RigKind, WiringKind};
-use crate::model::chain;
+use crate::config::{Config, EnableName, RangesName, RigKind, WiringKind};
+use crate::model::{Geometry, chain};
 use crate::place::Place;
 
 /// What the rig is to do; checked against its limits.
 pub(super) fn rig_plan(
     config: &Config,
     protocol: &Protocol,
+    geometry: Option<&Geometry>,
     findings: &mut Findings<'_>,
 ) -> Option<RigPlan> {
     let survey = &config.survey;
@@ -46,15 +50,24 @@ pub(super) fn rig_plan(
             None
         }
     };
-    let wired = wired?;
-    let plan = Plan::new(
-        protocol,
-        &wired.wiring,
-        Amps(survey.current_ua * 1e-6),
-        Volts(survey.compliance_v),
-        seconds(survey.settle_ms * 1e-3),
-    )
-    .map_err(|cause| match cause {
+    let mut wired = wired?;
+    wired.wiring = wired.wiring.joining(protocol);
+    if survey.chained {
+        if config.wiring.kind == WiringKind::GpioBoard {
+            findings.add(
+                "survey.chained",
+                "the board and the voltmeter are two instruments; no message can reach both",
+            );
+        }
+        wired.wiring = wired.wiring.chained();
+    }
+    let injection = Injection {
+        current: Amps(survey.current_ua * 1e-6),
+        compliance: Volts(survey.compliance_v),
+        settle: seconds(survey.settle_ms * 1e-3),
+        reversal: survey.reversal,
+    };
+    let plan = Plan::injecting(protocol, &wired.wiring, injection).map_err(|cause| match cause {
         PlanError::Wiring(WiringError::Electrodes {
             wiring,
             wired,
@@ -75,6 +88,8 @@ pub(super) fn rig_plan(
     let (limits, timing) = (wired.limits, wired.timing(survey.nplc, survey.line_hz));
     let timing = Timing {
         autozero: survey.autozero,
+        averages: survey.averages,
+        channel_delay: seconds(survey.channel_delay_ms * 1e-3),
         ..timing
     };
     if let Err(faults) = plan.check(&limits) {
@@ -92,6 +107,18 @@ pub(super) fn rig_plan(
         }
         return None;
     }
+    let ranges = (survey.ranges == RangesName::Planned).then(|| RangeRule {
+        available: keysight_34980a::RANGES.map(Volts).to_vec(),
+        margin: survey.range_margin,
+    });
+    let plan = match (&ranges, geometry) {
+        (Some(rule), Some(geometry)) => {
+            let expected = expected(&plan, geometry);
+            let expected = findings.taken("survey.ranges", expected)?;
+            plan.with_ranges(rule, |question| expected.get(&question).copied())
+        }
+        _ => plan,
+    };
     let deadline_of_scan = plan.longest_answer(&timing);
     let bench = match bench {
         Some(bench) => Some(bench?),
@@ -103,13 +130,42 @@ pub(super) fn rig_plan(
         timing,
         meter: MeterSettings {
             autozero: survey.autozero,
+            averages: survey.averages,
+            channel_delay: timing.channel_delay,
             deadline: Some(deadline_of_scan),
             ..MeterSettings::new(Volts(survey.range_v), survey.nplc)
         },
+        ranges,
+        zero_every: survey.zero_every,
         modules: wired.modules,
         instruments: places?,
         bench,
     })
+}
+
+/// What every pair that is read would read on the sheet as configured, at the plan's current.
+fn expected(plan: &Plan, geometry: &Geometry) -> Result<BTreeMap<Measurement, Volts>, String> {
+    let drives = plan.protocol.drives();
+    let senses = plan.wiring.measure.iter().map(|(sense, _)| *sense);
+    let questions: Vec<Measurement> = drives
+        .into_iter()
+        .flat_map(|drive| {
+            senses
+                .clone()
+                .map(move |sense| Measurement { drive, sense })
+        })
+        .collect();
+    let all =
+        Protocol::new(plan.protocol.electrodes(), questions).map_err(|cause| chain(&cause))?;
+    let forward = eit::Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m)
+        .map_err(|cause| chain(&cause))?;
+    let at_one_amp = forward
+        .readings(&geometry.sigma0, &all)
+        .map_err(|cause| chain(&cause))?;
+    let questions = all.measurements().iter().copied();
+    Ok(questions
+        .zip(at_one_amp.iter().map(|volts| Volts(volts * plan.current.0)))
+        .collect())
 }
 
 fn simulated(

@@ -20,7 +20,9 @@ impl Manager1 {
     /// Starts a measurement and returns its object at once. Options: `every_s` (d, from start to start of frames; 0 back
     /// to back), `count` (t), `for_s` (d), `baseline` (s, id; else the current one), `model` (s, absolute path, or
     /// `one-step`), `speed` (d, recordings: 1 own rate, 0 as fast as possible), `step` (b, a frame only when
-    /// Session1.Step asks), `note` (s).
+    /// Session1.Step asks), `note` (s). How it measures, where not as configured: `nplc` (d), `averages` (t), `autozero`
+    /// (b), `settle_ms` (d), `channel_delay_ms` (d), `reversal` (b), `zero_every` (t, 0 never), `ranges` (s, `fixed` or
+    /// `planned`); the baseline must have been measured alike.
     #[zbus(out_args("session"))]
     async fn start_session(
         &self,
@@ -32,7 +34,7 @@ impl Manager1 {
     }
 
     /// Records a baseline and returns its session at once; when it has ended it is the current baseline. Options:
-    /// `frames` (t, default 10), `note` (s).
+    /// `frames` (t, default 10), `note` (s), and those of StartSession that say how it measures.
     #[zbus(out_args("session"))]
     async fn record_baseline(
         &self,
@@ -84,8 +86,7 @@ impl Manager1 {
     async fn plan(
         &self,
     ) -> Result<(u64, u64, u64, u64, u64, f64, f64, f64, Vec<String>, Options), Fault> {
-        let house = self.0.house();
-        let plan = house.plan.as_deref().map(report::plan).ok_or_else(|| {
+        let plan = self.0.plan().as_deref().map(report::plan).ok_or_else(|| {
             Fault::Unsupported("a recording has no plan: nothing is measured".into())
         })?;
         Ok((

@@ -137,6 +137,27 @@ impl Session1 {
         ))
     }
 
+    /// The same map as pressure (kPa) and total load (N); an error where the configured method is not calibrated.
+    #[zbus(out_args("sequence", "wall_ns", "kpa", "newtons", "simulated"))]
+    async fn latest_pressure(&self) -> Result<(u64, i64, Vec<f64>, f64, bool), Fault> {
+        let nothing = || Fault::NoFrame("the session has no map yet".into());
+        let latest = self.0.latest_map().ok_or_else(nothing)?;
+        let pressure = latest.pressure.as_ref().ok_or_else(|| {
+            Fault::Failed(
+                "no pressure: the method is not calibrated; fit a calibration with tactus-lab calibrate and name its file \
+                 in [model] calibration"
+                    .into(),
+            )
+        })?;
+        Ok((
+            latest.frame.sequence,
+            nanoseconds(latest.frame.wall),
+            pressure.kpa.clone(),
+            pressure.newtons,
+            latest.frame.simulated,
+        ))
+    }
+
     /// A descriptor from which every frame and map can be read. Options: `frames` (b), `maps` (b), both true by
     /// default; `ring` (t), records held for a slow reader, 64 by default.
     #[zbus(out_args("stream"))]

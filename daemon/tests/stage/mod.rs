@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
+use bench::{Pace, Profile, Scene, ServeOptions, SimulatedRig};
 use bus::{Address, Instrument1Proxy, Manager1Proxy, Options, Session1Proxy, Simulation1Proxy};
 use tokio::io::{AsyncBufReadExt, BufReader};
 use zbus::{Connection, OwnedObjectPath};
@@ -213,4 +214,79 @@ pub async fn within<T>(future: impl Future<Output = T>) -> T {
     tokio::time::timeout(DEADLINE, future)
         .await
         .expect("nothing takes that long")
+}
+
+/// A rig on TCP that a test can break, and a configuration for it.
+pub async fn on_tcp() -> (SimulatedRig, bench::Server, String) {
+    let rig = instant(&Profile::default());
+    let server = serve(&rig, (0, 0)).await;
+    let (source, mainframe) = (&server.ready().source, &server.ready().mainframe);
+    let config = format!(
+        "{}\n[source]\naddress = \"tcp:{source}\"\ndeadline_ms = 2000\n[switch]\naddress = \"tcp:{mainframe}\"\n\
+         [voltmeter]\naddress = \"tcp:{mainframe}\"\n",
+        SMALL
+            .replace("\"simulated\"", "\"instruments\"")
+            .replace("profile = \"PROFILE\"\nscene = \"scene.toml\"\n", "")
+    );
+    (rig, server, config)
+}
+
+/// The rig of a profile on a small tank, in instant time.
+pub fn instant(profile: &Profile) -> SimulatedRig {
+    let scene = Scene::parse("scene", "[disc-tank]\nelectrodes = 16\n").unwrap();
+    SimulatedRig::new(&profile.clone().at_pace(Pace::Instant), scene).unwrap()
+}
+
+/// Serves a rig on these ports: the source's and the mainframe's.
+pub async fn serve(rig: &SimulatedRig, ports: (u16, u16)) -> bench::Server {
+    let options = ServeOptions {
+        port_6221: ports.0,
+        port_34980a: ports.1,
+        ..ServeOptions::default()
+    };
+    bench::serve(rig.clone(), &options).await.unwrap()
+}
+
+/// A session that has its first frame, on a rig on TCP.
+pub struct Measuring {
+    pub rig: SimulatedRig,
+    pub server: bench::Server,
+    pub stage: Stage,
+    pub daemon: Running,
+    pub session: Session1Proxy<'static>,
+    pub happened: bus::HappenedStream,
+    pub frames: bus::FrameDoneStream,
+}
+
+impl Measuring {
+    pub async fn begin() -> Self {
+        let (rig, server, config) = on_tcp().await;
+        let stage = Stage::new(&config);
+        let daemon = stage.start().await;
+        daemon.baseline(1).await;
+        let happened = daemon.manager.receive_happened().await.unwrap();
+        let session = daemon.start(Options::new()).await;
+        let mut frames = session.receive_frame_done().await.unwrap();
+        within(bus::next(&mut frames)).await.unwrap();
+        Self {
+            rig,
+            server,
+            stage,
+            daemon,
+            session,
+            happened,
+            frames,
+        }
+    }
+}
+
+/// Waits for something that is told, and gives its text.
+pub async fn told(happened: &mut bus::HappenedStream, kind: &str) -> String {
+    loop {
+        let signal = within(bus::next(happened)).await.unwrap();
+        let told = signal.args().unwrap();
+        if told.kind == kind {
+            return told.text.to_string();
+        }
+    }
 }

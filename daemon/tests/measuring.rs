@@ -1,0 +1,185 @@
+//! How a session measures is its own affair, is seen in the plan, and is told where it changes on the way.
+
+mod stage;
+
+use bus::{Fault, Options};
+use stage::{SMALL, Stage, within};
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_session_measures_as_it_is_asked_to_and_the_plan_shows_it() {
+    let stage = Stage::new(SMALL);
+    let daemon = stage.start().await;
+    let manager = &daemon.manager;
+    let configured = manager.plan().await.unwrap();
+    assert_eq!(configured.more.flag("reversal").unwrap(), Some(false));
+    let how = || {
+        Options::new()
+            .with("reversal", true)
+            .with("averages", 4_u64)
+    };
+    let path = manager
+        .record_baseline(&how().with("frames", 2_u64))
+        .await
+        .unwrap();
+    within(daemon.session(&path).await.wait()).await.unwrap();
+
+    let refused = manager.start_session(&Options::new()).await.unwrap_err();
+    assert!(
+        matches!(&refused, Fault::BaselineMismatch(text) if text.contains("current reversal")),
+        "{refused:?}"
+    );
+    for (options, says) in [
+        (how().with("averages", 0_u64), "0 is not from 1 to 1000"),
+        (how().with("ranges", "wide"), "'fixed' or 'planned'"),
+        (how().with("zero_every", 5_u64), "cancels offsets already"),
+        (how().with("nplc", 3.0), "3 is none of"),
+        (how().with("averages", "many"), "'averages' must be"),
+    ] {
+        let refused = manager.start_session(&options).await.unwrap_err();
+        assert!(
+            matches!(&refused, Fault::InvalidOption(text) if text.contains(says)),
+            "{says}: {refused:?}"
+        );
+    }
+
+    let session = daemon.start(how().with("step", true)).await;
+    assert_eq!(within(session.step(1)).await.unwrap(), 1);
+    let plan = manager.plan().await.unwrap();
+    assert_eq!(plan.more.flag("reversal").unwrap(), Some(true));
+    assert_eq!(plan.more.whole("averages").unwrap(), Some(4));
+    assert!(plan.duration_s > 4.0 * configured.duration_s);
+    let frame = session.latest_frame().await.unwrap();
+    assert!(frame.flags.iter().all(|flag| *flag == 0));
+    within(session.stop()).await.unwrap();
+    let after = manager.plan().await.unwrap();
+    assert_eq!(after.duration_s, configured.duration_s);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_zero_current_frame_is_taken_and_told_and_the_next_session_knows_its_baseline() {
+    let stage = Stage::new(&SMALL.replace("[survey]\n", "[survey]\nzero_every = 2\n"));
+    let daemon = stage.start().await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    daemon.baseline(3).await;
+    let session = daemon.start(Options::new().with("count", 1_u64)).await;
+    within(session.wait()).await.unwrap();
+    // one before the first frame of each session, one after the second
+    for _ in 0..3 {
+        let signal = within(bus::next(&mut happened)).await.unwrap();
+        let told = signal.args().unwrap();
+        assert_eq!(told.kind, "zero", "{}", told.text);
+        assert!(told.text.contains("208 of 208 readings"), "{}", told.text);
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_overload_has_the_next_larger_range_from_the_next_frame_on_and_everybody_is_told() {
+    // first, how large readings are; then a current at which the largest just fits the smallest range
+    let stage = Stage::new(SMALL);
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let volts = daemon.manager.baseline().await.unwrap().volts;
+    let largest = volts
+        .iter()
+        .fold(0.0_f64, |most, volts| most.max(volts.abs()));
+    within(daemon.terminate()).await;
+    let current = 1000.0 * 0.098 / largest;
+    let survey =
+        format!("[survey]\ncurrent_ua = {current:.1}\nranges = \"planned\"\nrange_margin = 1.0\n");
+    stage.configure(&SMALL.replace("[survey]\n", &survey));
+    let daemon = stage.start().await;
+    let manager = &daemon.manager;
+    let mut happened = manager.receive_happened().await.unwrap();
+    daemon.baseline(2).await;
+    let before = manager.plan().await.unwrap();
+    assert_eq!(before.more.flag("planned_ranges").unwrap(), Some(true));
+    let noise = |plan: &bus::PlanReport, key| plan.more.number(key).unwrap().unwrap();
+    assert!(noise(&before, "noise_v") < 0.2 * noise(&before, "noise_fixed_v"));
+
+    let session = daemon.start(Options::new().with("step", true)).await;
+    assert_eq!(within(session.step(1)).await.unwrap(), 1);
+    let hand = daemon.simulation().await;
+    hand.press("disc", 0.11, 0.0, 0.035, 0.9).await.unwrap();
+    assert_eq!(within(session.step(1)).await.unwrap(), 2);
+    let frame = session.latest_frame().await.unwrap();
+    let overloads = frame.quality.whole("overloads").unwrap().unwrap();
+    assert!((1..104).contains(&overloads), "{overloads} overloads");
+    let signal = within(bus::next(&mut happened)).await.unwrap();
+    let told = signal.args().unwrap();
+    assert_eq!(told.kind, "ranges");
+    let says = format!("{overloads} of {overloads} overloaded readings have the next larger range");
+    assert!(told.text.contains(&says), "{}", told.text);
+    let session_id = told.details.text("session").unwrap();
+    assert_eq!(session_id, Some(session.id().await.unwrap().as_str()));
+    let after = manager.plan().await.unwrap();
+    assert!(noise(&after, "noise_v") > noise(&before, "noise_v"));
+
+    assert_eq!(within(session.step(1)).await.unwrap(), 3);
+    let frame = session.latest_frame().await.unwrap();
+    assert_eq!(frame.quality.whole("overloads").unwrap(), Some(0));
+    within(session.stop()).await.unwrap();
+    let record = logbook::SessionReader::open(session.path().await.unwrap()).unwrap();
+    let events = record.events().unwrap();
+    assert!(
+        events.iter().any(|event| event.kind == "ranges"),
+        "{events:?}"
+    );
+}
+
+/// Electrodes of the wired ring.
+const RING: usize = 16;
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_wiring_file_over_rs232_and_tcp_takes_a_frame_and_is_compared_with_the_modules_found() {
+    let scene = bench::Scene::parse("scene", "[disc-tank]\nelectrodes = 16\n").unwrap();
+    let profile = bench::Profile::load("pairs-34924a").unwrap();
+    let rig = bench::SimulatedRig::new(&profile.at_pace(bench::Pace::Instant), scene).unwrap();
+    let options = bench::ServeOptions {
+        port_6221: 0,
+        port_34980a: 0,
+        serial_6221: true,
+        ..bench::ServeOptions::default()
+    };
+    let server = bench::serve(rig.clone(), &options).await.unwrap();
+    let ready = server.ready();
+    let relays = |from: usize| {
+        let each: Vec<String> = (0..RING).map(|pair| format!("[{}]", from + pair)).collect();
+        each.join(", ")
+    };
+    let wired = |module: &str| {
+        format!(
+            "name = \"by hand\"\nsensing = \"scan\"\ntransition = \"overlap\"\nmodules = {{ 1 = \"{module}\" }}\n\
+             inject = [{}]\nmeasure = [{}]\nbus = []\n",
+            relays(1036),
+            relays(1001)
+        )
+    };
+    let config = format!(
+        "[rig]\nkind = \"instruments\"\n[source]\naddress = \"serial:{}@115200\"\n[switch]\naddress = \"tcp:{}\"\n\
+         [wiring]\nkind = \"file\"\nfile = \"wiring.toml\"\n[survey]\nelectrodes = {RING}\nnplc = 0.02\n\
+         [geometry]\npreset = \"disc-tank\"\n[geometry.disc-tank]\nelectrodes = {RING}\n\
+         [record]\ndirectory = \"state\"\n[bus]\npeer_path = \"run/peer\"\n",
+        ready.source_serial.as_deref().unwrap(),
+        ready.mainframe
+    );
+    let stage = Stage::new(&config);
+    std::fs::write(stage.path().join("wiring.toml"), wired("34922A")).unwrap();
+    let refused = tokio::task::spawn_blocking(move || (stage.run(&[]), stage));
+    let (refused, stage) = within(refused).await.unwrap();
+    let told = String::from_utf8_lossy(&refused.stderr);
+    assert!(!refused.status.success());
+    assert!(
+        told.contains("slot 1 holds a 34924A, the wiring needs a 34922A"),
+        "{told}"
+    );
+
+    std::fs::write(stage.path().join("wiring.toml"), wired("34924A")).unwrap();
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let report = daemon.manager.baseline().await.unwrap();
+    assert_eq!(report.volts.len(), RING * (RING - 3));
+    assert!(report.flags.iter().all(|flag| *flag == 0) && !report.simulated);
+    assert!(report.volts.iter().all(|volts| volts.abs() > 1e-6));
+    let (off, _) = rig.source_output();
+    assert!(!off && rig.closed().is_empty());
+}
