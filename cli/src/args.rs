@@ -7,6 +7,7 @@ use clap::{Args, Parser, Subcommand};
 
 use crate::choices::{BaselineChoice, Format, Geometry, MethodChoice, Scale};
 use crate::duration::{SpanError, parse_span};
+use crate::measuring::Measuring;
 use crate::output::Colour;
 
 fn span(text: &str) -> Result<Duration, SpanError> {
@@ -196,6 +197,9 @@ pub struct BaselineRecord {
     /// Return at once instead of waiting for the last frame
     #[arg(long)]
     pub no_wait: bool,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub measuring: Measuring,
 }
 
 /// Options of `start`.
@@ -231,6 +235,9 @@ pub struct Start {
     /// With --wait: give up after this long; the session itself goes on
     #[arg(long, value_name = "SPAN", value_parser = span, requires = "wait")]
     pub within: Option<Duration>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub measuring: Measuring,
 }
 
 /// Options of `stop`.

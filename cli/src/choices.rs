@@ -99,6 +99,8 @@ pub enum Prior {
     Noser,
     /// Smooth changes.
     Laplace,
+    /// Smooth changes of a stated correlation length: 10 mm unless the session used another.
+    Gaussian,
 }
 
 /// Built-in geometries.

@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use eit::network::{is_onnx, load_onnx};
 use eit::{
     DiscTank, Forward, Hyper, Mesh, OneStep, OneStepOptions, PaperSheet, Preset, Reconstructor, Tv,
     TvOptions,
@@ -61,6 +62,14 @@ impl Eye {
     ) -> Result<Self, Failure> {
         let recipe = Recipe::choose(method, home)?;
         match &recipe.model {
+            Some(model) if is_onnx(model) => {
+                // such a file brings no mesh
+                let mesh = ground(geometry, home, scene.protocol)?.mesh;
+                let network = load_onnx(model, mesh, scene.protocol).map_err(|error| {
+                    Failure::configuration("the network cannot be used", &error)
+                })?;
+                Ok(Self::new(network, Vec::new()))
+            }
             Some(model) => Self::from_model(model, scene.protocol),
             None => Self::one_step(recipe, ground(geometry, home, scene.protocol)?, scene),
         }
@@ -120,6 +129,9 @@ impl Eye {
             .filter(|noise| *noise > SMALLEST_NOISE * rms(scene.baseline));
         let hyper = match (recipe.lambda, recipe.noise_v, measured) {
             (Some(lambda), _, _) => Hyper::Lambda(lambda),
+            _ if recipe.noise_figure.is_some() && recipe.method == Method::OneStep => {
+                Hyper::NoiseFigure(recipe.noise_figure.unwrap_or_default())
+            }
             (None, Some(volts), _) => Hyper::Noise { volts, current },
             (None, None, Some(volts)) => {
                 remarks.push(format!(
@@ -165,11 +177,17 @@ impl Eye {
             Some(Prior::Tikhonov) => eit::Prior::Tikhonov,
             Some(Prior::Noser) | None => eit::Prior::noser(recipe.prior.is_some(), recipe.exponent),
             Some(Prior::Laplace) => eit::Prior::Laplace,
+            Some(Prior::Gaussian) => eit::Prior::Gaussian {
+                length_m: recipe
+                    .length_mm
+                    .map_or(eit::SMOOTH_LENGTH_M, |mm| 1e-3 * mm),
+            },
         };
         let options = OneStepOptions {
             prior,
             hyper,
             loss_only: recipe.loss_only,
+            map_error: recipe.map_error,
             ..OneStepOptions::default()
         };
         let reconstructor = OneStep::new(mesh, &contact_ohm_m, &sigma, scene.protocol, options)

@@ -28,6 +28,7 @@ mod export;
 mod eye;
 mod failure;
 mod instruments;
+mod measuring;
 mod output;
 mod plan;
 mod recipe;

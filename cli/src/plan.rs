@@ -4,7 +4,7 @@
 use std::io::Write;
 use std::time::Duration;
 
-use bus::PlanReport;
+use bus::{Options, PlanReport};
 use serde::Serialize;
 use survey::{Amps, Volts};
 
@@ -28,7 +28,28 @@ struct Plan {
     source_current_max_a: Option<f64>,
     relay_current_max_a: Option<f64>,
     relay_voltage_max_v: Option<f64>,
+    #[serde(flatten)]
+    measuring: Option<Measuring>,
     lines: Vec<String>,
+}
+
+/// How each reading is taken; an older daemon does not say.
+#[derive(Debug, Serialize)]
+struct Measuring {
+    nplc: f64,
+    averages: u64,
+    autozero: bool,
+    settle_s: f64,
+    channel_delay_s: f64,
+    reversal: bool,
+    zero_every: u64,
+    range_v: f64,
+    planned_ranges: bool,
+    range_changes: u64,
+    range_time_s: f64,
+    noise_fixed_v: f64,
+    noise_v: f64,
+    noise_median_v: f64,
 }
 
 pub(crate) async fn run(
@@ -65,8 +86,83 @@ fn from_report(report: PlanReport) -> Result<Plan, Failure> {
         source_current_max_a: number("source_current_max_a")?,
         relay_current_max_a: number("relay_current_max_a")?,
         relay_voltage_max_v: number("relay_voltage_max_v")?,
+        measuring: measuring(&report.more).map_err(|error| fault("the plan", &error))?,
         lines: report.lines,
     })
+}
+
+fn measuring(more: &Options) -> Result<Option<Measuring>, bus::Fault> {
+    let Some(nplc) = more.number("nplc")? else {
+        return Ok(None);
+    };
+    let number = |key| Ok::<f64, bus::Fault>(more.number(key)?.unwrap_or(0.0));
+    let whole = |key| Ok::<u64, bus::Fault>(more.whole(key)?.unwrap_or(0));
+    let flag = |key| Ok::<bool, bus::Fault>(more.flag(key)?.unwrap_or(false));
+    Ok(Some(Measuring {
+        nplc,
+        averages: whole("averages")?,
+        autozero: flag("autozero")?,
+        settle_s: number("settle_s")?,
+        channel_delay_s: number("channel_delay_s")?,
+        reversal: flag("reversal")?,
+        zero_every: whole("zero_every")?,
+        range_v: number("range_v")?,
+        planned_ranges: flag("planned_ranges")?,
+        range_changes: whole("range_changes")?,
+        range_time_s: number("range_time_s")?,
+        noise_fixed_v: number("noise_fixed_v")?,
+        noise_v: number("noise_v")?,
+        noise_median_v: number("noise_median_v")?,
+    }))
+}
+
+/// How each reading is taken, and what its range costs and gains.
+fn told(measuring: &Measuring) -> String {
+    let seconds =
+        |seconds: f64| display_span(Duration::try_from_secs_f64(seconds).unwrap_or_default());
+    let mut words = vec![format!("{} PLC", measuring.nplc)];
+    if measuring.averages > 1 {
+        words.push(format!("{} readings averaged", measuring.averages));
+    }
+    words.push(format!(
+        "autozero {}",
+        if measuring.autozero { "on" } else { "off" }
+    ));
+    if measuring.settle_s > 0.0 {
+        words.push(format!("{} settling", seconds(measuring.settle_s)));
+    }
+    if measuring.channel_delay_s > 0.0 {
+        words.push(format!(
+            "{} before each channel",
+            seconds(measuring.channel_delay_s)
+        ));
+    }
+    if measuring.reversal {
+        words.push("current both ways".to_owned());
+    }
+    if measuring.zero_every > 0 {
+        words.push(format!(
+            "a zero-current frame every {} frames",
+            measuring.zero_every
+        ));
+    }
+    let ranges = if measuring.planned_ranges {
+        format!(
+            "one for each reading: {} set on the way, {} in all; noise {} rms ({} median) instead of {}",
+            measuring.range_changes,
+            seconds(measuring.range_time_s),
+            Volts(measuring.noise_v),
+            Volts(measuring.noise_median_v),
+            Volts(measuring.noise_fixed_v)
+        )
+    } else {
+        format!(
+            "{} for every reading, noise {}",
+            Volts(measuring.range_v),
+            Volts(measuring.noise_fixed_v)
+        )
+    };
+    format!("measuring   {}\nranges      {ranges}\n", words.join(", "))
 }
 
 fn for_a_person(plan: &Plan, steps: bool) -> String {
@@ -102,6 +198,7 @@ fn for_a_person(plan: &Plan, steps: bool) -> String {
                 .map(|volts| Volts(volts).to_string())
         ),
     );
+    text.push_str(&plan.measuring.as_ref().map(told).unwrap_or_default());
     if steps {
         for line in &plan.lines {
             text.push_str(line);
@@ -115,8 +212,6 @@ fn for_a_person(plan: &Plan, steps: bool) -> String {
 
 #[cfg(test)]
 mod tests {
-    use bus::Options;
-
     use super::*;
 
     #[test]

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use eit::network::is_onnx;
+
 use crate::choices::{Method, MethodChoice, Prior};
 use crate::eye::short;
 use crate::failure::Failure;
@@ -17,6 +19,11 @@ pub(crate) struct Recipe {
     pub(crate) prior_asked: bool,
     pub(crate) prior: Option<Prior>,
     pub(crate) exponent: Option<f64>,
+    /// Correlation length of the gaussian prior, mm.
+    pub(crate) length_mm: Option<f64>,
+    pub(crate) noise_figure: Option<f64>,
+    /// Error that a quicker frame may have.
+    pub(crate) map_error: Option<f64>,
     pub(crate) lambda: Option<f64>,
     pub(crate) noise_v: Option<f64>,
     /// Whether the session kept how its daemon made the maps: noise is then told at the current of its frames.
@@ -92,6 +99,9 @@ impl Recipe {
             prior_asked: asked.prior.is_some() || asked.exponent.is_some(),
             prior: asked.prior.or(kept.prior),
             exponent: asked.exponent.or(kept.exponent),
+            length_mm: kept.length_mm,
+            noise_figure: kept.noise_figure.filter(|_| !told),
+            map_error: kept.map_error,
             lambda: asked.lambda.or(kept.lambda.filter(|_| !told)),
             noise_v: asked.noise_v.or(session_noise.filter(|_| !told)),
             as_the_daemon,
@@ -119,7 +129,7 @@ fn in_folder(folder: &Path, hash: &str) -> Option<PathBuf> {
     let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
         .ok()?
         .filter_map(|entry| Some(entry.ok()?.path()))
-        .filter(|path| path.extension().is_some_and(|name| name == "safetensors"))
+        .filter(|path| is_onnx(path) || path.extension().is_some_and(|name| name == "safetensors"))
         .collect();
     files.sort();
     files.into_iter().find(|file| is_model(file, hash))

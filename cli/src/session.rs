@@ -86,6 +86,7 @@ fn start_options(start: &Start) -> Result<Options, Failure> {
         .with_some("model", model)
         .with_some("speed", start.speed)
         .with_some("note", start.note.clone());
+    let options = start.measuring.with(options);
     Ok(if start.step {
         options.with("step", true)
     } else {
@@ -333,9 +334,23 @@ mod tests {
             "one-step",
             "--note",
             "n",
+            "--averages",
+            "4",
+            "--reversal",
+            "--autozero=false",
+            "--settle",
+            "2ms",
+            "--ranges",
+            "planned",
         ])
         .unwrap();
-        options.only(&bus::SESSION_OPTIONS).unwrap();
+        let known = [&bus::SESSION_OPTIONS[..], &bus::MEASURING_OPTIONS].concat();
+        options.only(&known).unwrap();
+        assert_eq!(options.whole("averages").unwrap(), Some(4));
+        assert_eq!(options.flag("reversal").unwrap(), Some(true));
+        assert_eq!(options.flag("autozero").unwrap(), Some(false));
+        assert_eq!(options.number("settle_ms").unwrap(), Some(2.0));
+        assert_eq!(options.text("ranges").unwrap(), Some("planned"));
         assert_eq!(options.number("every_s").unwrap(), Some(10.0));
         assert_eq!(options.whole("count").unwrap(), Some(3));
         assert_eq!(options.number("for_s").unwrap(), Some(60.0));

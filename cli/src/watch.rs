@@ -60,6 +60,25 @@ pub(crate) async fn run(
     let stream = tokio::net::UnixStream::from_std(stream).map_err(unreadable)?;
     let listening = async { Ok(daemon.manager.receive_happened().await?) };
     let mut news = daemon.ask("the news", listening).await?;
+    let listening = async { session.receive_frame_done().await.map_err(Into::into) };
+    let mut frames = daemon.ask("the frames", listening).await?;
+    let judged = async {
+        let mut before = String::new();
+        while let Some(signal) = bus::next(&mut frames).await {
+            let Ok(done) = signal.args() else { continue };
+            let flags = done
+                .summary
+                .text("flags")
+                .ok()
+                .flatten()
+                .unwrap_or_default();
+            if flags != before {
+                eprintln!("{}", quality(done.sequence, flags));
+                flags.clone_into(&mut before);
+            }
+        }
+        std::future::pending().await
+    };
     // a suspended session sends no frames: why, and which try this is, is told beside the maps
     let told = async {
         while let Some(signal) = bus::next(&mut news).await {
@@ -73,10 +92,22 @@ pub(crate) async fn run(
     let ended = tokio::select! {
         ended = viewer.follow(stream, deadline) => ended?,
         ended = told => ended,
+        ended = judged => ended,
     };
     match ended {
         Some(reason) => viewer.end(daemon, &session, reason).await,
         None => Ok(()),
+    }
+}
+
+/// What a frame's checks say, told when it changes.
+fn quality(frame: u64, flags: &str) -> String {
+    match flags {
+        "" => format!("quality: from frame {frame} on nothing is the matter"),
+        flags => format!(
+            "quality: frame {frame} raises {}",
+            flags.replace(',', ", ").replace('_', " ")
+        ),
     }
 }
 
@@ -99,5 +130,19 @@ async fn first(
             told = true;
         }
         tokio::time::sleep(LOOK_AGAIN).await;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn flags_are_told_in_words() {
+        assert_eq!(
+            quality(7, "reciprocity,loop_sum"),
+            "quality: frame 7 raises reciprocity, loop sum"
+        );
+        assert!(quality(8, "").contains("nothing"));
     }
 }
