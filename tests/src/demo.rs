@@ -12,7 +12,7 @@ use std::time::Instant;
 
 use bus::{Address, Manager1Proxy, Session1Proxy, Simulation1Proxy};
 use eit::{Mesh, Preset, Reconstructor};
-use picture::{Scale, Sheet, Style, TerminalColour, TerminalStyle, TruePlace};
+use picture::{Grid, Scale, Scales, Sheet, Style, TerminalColour, TerminalStyle, TruePlace};
 use stories::{Stage, act_as};
 use survey::{Baseline, Frame, Map};
 
@@ -369,6 +369,7 @@ fn grid(
                     radius: DIAMETER_M / 2.0,
                 }),
                 found: press.found[index],
+                ..Style::default()
             };
             (map.clone(), style)
         })
@@ -376,8 +377,11 @@ fn grid(
     Ok(picture::png_grid(
         sheet,
         &panels,
-        4,
-        &format!("Test #1, S1 at 16 places: {}", method.name),
+        &Grid {
+            columns: 4,
+            title: &format!("Test #1, S1 at 16 places: {}", method.name),
+            scales: Scales::Common,
+        },
     )?)
 }
 

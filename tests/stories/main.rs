@@ -7,9 +7,12 @@
 mod scenery;
 
 mod a_baseline_repeats;
+mod a_conversation_is_played_again;
 mod a_frame_travels_as_text;
 mod a_lost_source_opens_the_relays_and_is_verified_off_on_return;
+mod a_network_keeps_watch;
 mod a_night_of_logging;
+mod a_pattern_is_a_setting;
 mod a_recording_is_a_rig;
 mod an_overload_is_a_gap_not_a_number;
 mod anyone_can_listen;

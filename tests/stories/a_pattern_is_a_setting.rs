@@ -1,0 +1,86 @@
+//! Another pattern is a line of the configuration: the linearised method follows, a model trained for another refuses.
+
+use bus::{Address, Simulation1Proxy};
+
+use crate::scenery::{self, Needs, ask, baseline, measure, number};
+
+const BOARD: &str = "time = \"instant\"\n[board]\n";
+
+/// A press of 30 mm is found on a rig with this change of its configuration; gives the number of readings of a frame.
+fn found_with(change: impl FnOnce(&str) -> String) -> Option<usize> {
+    let stage = scenery::set_with(Needs::SIMULATED, scenery::NOISY, change)?;
+    std::fs::write(stage.path().join("board.toml"), BOARD).expect("the story's folder");
+    let _keeper = scenery::start(&stage);
+    baseline(&stage, 4);
+    let truth = [0.0847, 0.1387];
+    scenery::runtime().block_on(async {
+        let (connection, _) = bus::connect(Some(&Address::Unix(stage.peer_path())))
+            .await
+            .expect("the daemon listens");
+        let hand = Simulation1Proxy::new(&connection)
+            .await
+            .expect("a simulated rig has a hand");
+        hand.press("disc", truth[0], truth[1], 0.015, 0.5)
+            .await
+            .expect("the place is on the sheet");
+    });
+    let id = measure(&stage, 1);
+    let found = &ask(&stage, &["replay", &id, "--no-map"])[0];
+    assert_eq!(found["verified"], true, "{found}");
+    let place = &found["found_mm"];
+    let off = (place[0].as_f64().expect("x") - truth[0] * 1e3)
+        .hypot(place[1].as_f64().expect("y") - truth[1] * 1e3);
+    assert!(off < 10.0, "{off} mm off: {found}");
+    Some(number(&ask(&stage, &["plan"])[0], "readings") as usize)
+}
+
+#[test]
+fn a_press_is_found_with_pairs_that_leave_out_two_electrodes() {
+    let change = |config: &str| {
+        config
+            .replace("kind = \"pairs-34924a\"\nslot = 1", "kind = \"gpio-board\"")
+            .replace("STAGE/profile.toml", "STAGE/board.toml")
+            .replace("compliance_v = 10.0", "compliance_v = 4.0")
+            .replace("nplc = 1.0", "nplc = 1.0\nskip = 2")
+    };
+    if let Some(readings) = found_with(change) {
+        // each pair leaves out itself and the two that share an electrode with it
+        assert_eq!(readings, 26 * 23);
+    }
+}
+
+#[test]
+fn a_press_is_found_with_half_a_frame() {
+    let change = |config: &str| config.replace("nplc = 1.0", "nplc = 1.0\nhalf = true");
+    if let Some(readings) = found_with(change) {
+        assert_eq!(readings, 299);
+    }
+}
+
+#[test]
+fn a_model_trained_for_another_pattern_is_refused_naming_both() {
+    let model = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../models/rbf-matched.safetensors"
+    );
+    let change = |config: &str| {
+        config
+            .replace("nplc = 1.0", "nplc = 1.0\nhalf = true")
+            .replace(
+                "method = \"one-step\"\nnoise_uv = 2.0",
+                &format!("file = \"{model}\""),
+            )
+    };
+    let Some(stage) = scenery::set_with(Needs::SIMULATED, scenery::NOISY, change) else {
+        return;
+    };
+    let path = stage.config_path().display().to_string();
+    let said = stage
+        .run("tactusd", &["--config", &path, "--check"])
+        .unwrap_or_else(|fault| panic!("{fault}"));
+    assert_eq!(said.code, Some(78), "{}{}", said.stdout, said.stderr);
+    let text = format!("{}{}", said.stdout, said.stderr);
+    for word in ["survey", "598", "299", "trained for this rig"] {
+        assert!(text.contains(word), "'{word}' is not in: {text}");
+    }
+}
