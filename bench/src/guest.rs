@@ -134,9 +134,9 @@ impl Guest {
         Delivery { bytes }
     }
 
-    /// Queues an error that arose outside of any message: -363, -410, -420.
-    pub(crate) fn refuse(&self, refusal: ParseError) {
-        self.rig.refuse(self.instrument, self.session, refusal);
+    /// Queues an error that arose outside of any message: -363, -410, -420. The board answers even so.
+    pub(crate) fn refuse(&self, refusal: ParseError) -> Option<String> {
+        self.rig.refuse(self.instrument, self.session, refusal)
     }
 
     /// A device clear: what the instrument does for this client ends.
@@ -170,7 +170,9 @@ impl Guest {
                 let message = match message {
                     Ok(message) => message,
                     Err(scpi::FramingError::Oversized { .. }) => {
-                        self.refuse(ParseError::InputOverrun);
+                        if let Some(reply) = self.refuse(ParseError::InputOverrun) {
+                            stream.write_all(format!("{reply}\n").as_bytes()).await?;
+                        }
                         continue;
                     }
                 };

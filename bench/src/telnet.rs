@@ -91,7 +91,7 @@ async fn answer(guest: &Guest, stream: &mut impl Stream) -> io::Result<()> {
                         }
                     }
                 }
-                Err(_) => guest.refuse(ParseError::InputOverrun),
+                Err(_) => drop(guest.refuse(ParseError::InputOverrun)),
             }
             said.extend_from_slice(PROMPT.as_bytes());
         }

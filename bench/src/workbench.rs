@@ -10,7 +10,7 @@ use keysight_34980a::{
 };
 use phantom::Phantom;
 use rig::transcript::TranscriptWriter;
-use scpi::{ErrorEntry, ParseError};
+use scpi::ErrorEntry;
 use survey::{Amps, Electrode, Relay, Volts};
 use tokio::time::Instant;
 
@@ -273,16 +273,6 @@ impl Bench {
             Instrument::Source => self.source.latest_error(),
             Instrument::Mainframe => self.mainframe.latest_error(),
             Instrument::Board => self.board.latest_error(),
-        }
-    }
-
-    /// Queues an error that arose outside of any message.
-    pub(crate) fn refuse(&mut self, instrument: Instrument, session: u32, refusal: ParseError) {
-        match instrument {
-            Instrument::Source => self.source.refuse(refusal),
-            Instrument::Mainframe => self.mainframe.fault_of_session(Session(session), refusal),
-            // Its firmware drops what does not fit, and says so of nothing.
-            Instrument::Board => {}
         }
     }
 

@@ -309,3 +309,16 @@ async fn a_board_that_is_reset_says_its_banner() {
     assert!(banner.ends_with(" ready\n"), "{banner}");
     assert_eq!(rig.poles(), [None; 4]);
 }
+
+#[tokio::test]
+async fn a_line_too_long_for_the_board_has_its_reply() {
+    let rig = simulated("gpio-board", Hanging::Sheet);
+    let mut board = Link::new(rig.connect_gpio(), "board", DEADLINE);
+    let too_long = board.ask(&"A".repeat(100_000)).await.unwrap();
+    assert_eq!(too_long, "ERR -363,\"Input buffer overrun\"");
+    assert_eq!(
+        board.ask("SYST:ERR?").await.unwrap(),
+        "-363,\"Input buffer overrun\""
+    );
+    assert_eq!(board.ask("STAT?").await.unwrap(), "OFF,OFF,OFF,OFF");
+}

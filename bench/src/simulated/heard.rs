@@ -70,10 +70,16 @@ impl SimulatedRig {
         text
     }
 
-    /// Queues an error that arose outside of any message of a session.
-    pub(crate) fn refuse(&self, instrument: Instrument, session: u32, refusal: ParseError) {
-        self.bench().refuse(instrument, session, refusal);
+    /// Queues an error that arose outside of any message of a session. The board answers even so.
+    pub(crate) fn refuse(
+        &self,
+        instrument: Instrument,
+        session: u32,
+        refusal: ParseError,
+    ) -> Option<String> {
+        let reply = self.bench().refuse(instrument, session, refusal);
         self.tell_refused(instrument, session, "", refusal.to_string());
+        reply
     }
 
     fn tell_refused(&self, instrument: Instrument, session: u32, line: &str, refused: String) {

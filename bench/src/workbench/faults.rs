@@ -2,7 +2,10 @@
 
 use std::time::Duration;
 
-use super::{Bench, When};
+use keysight_34980a::Session;
+use scpi::ParseError;
+
+use super::{Bench, Ends, When};
 use crate::fault::Fault;
 use crate::profile::Pace;
 use crate::simulated::Instrument;
@@ -11,6 +14,30 @@ use crate::simulated::Instrument;
 const OVERFLOWING: usize = 64;
 
 impl Bench {
+    /// Queues an error that arose outside of any message; what the instrument says to it, if it says anything.
+    pub(crate) fn refuse(
+        &mut self,
+        instrument: Instrument,
+        session: u32,
+        refusal: ParseError,
+    ) -> Option<String> {
+        match instrument {
+            Instrument::Source => self.source.refuse(refusal),
+            Instrument::Mainframe => self.mainframe.fault_of_session(Session(session), refusal),
+            Instrument::Board => {
+                self.catch_up();
+                let at = self.now();
+                let mut ends = Ends {
+                    source: &mut self.source,
+                    sheet: &mut self.sheet,
+                    readings: 0,
+                };
+                return self.board.hear_too_much(at, &mut ends).text;
+            }
+        }
+        None
+    }
+
     /// What the time line holds until now.
     pub(crate) fn take_due_faults(&mut self) -> Vec<Fault> {
         let now = self.now();

@@ -189,17 +189,17 @@ impl FromStr for Command {
             ["OFF"] => Ok(Self::Off),
             ["STAT?"] => Ok(Self::AskState),
             ["LAST?"] => Ok(Self::AskLastEdge),
-            ["SYST:ERR?" | "SYSTEM:ERROR?"] => Ok(Self::NextError),
-            ["WDOG", milliseconds] => milliseconds
-                .parse()
-                .map(Self::Watchdog)
-                .map_err(|_| Refusal::new(-104, "Data type error; milliseconds")),
+            [header] if asks_next_error(header) => Ok(Self::NextError),
+            ["WDOG", milliseconds] => whole(milliseconds, "milliseconds").map(Self::Watchdog),
             ["SET" | "PAIR" | "WDOG", rest @ ..] => Err(if rest.len() < 2 {
                 Refusal::new(-109, "Missing parameter")
             } else {
                 Refusal::new(-108, "Parameter not allowed")
             }),
-            ["*IDN?" | "OFF" | "STAT?" | "LAST?" | "SYST:ERR?", ..] => {
+            ["*IDN?" | "OFF" | "STAT?" | "LAST?", ..] => {
+                Err(Refusal::new(-108, "Parameter not allowed"))
+            }
+            [header, ..] if asks_next_error(header) => {
                 Err(Refusal::new(-108, "Parameter not allowed"))
             }
             _ => Err(Refusal::new(-113, "Undefined header")),
@@ -215,11 +215,29 @@ fn pole_named(word: &str) -> Result<Pole, Refusal> {
 }
 
 fn electrode_numbered(word: &str) -> Result<Electrode, Refusal> {
-    let number = word
-        .parse()
-        .map_err(|_| Refusal::new(-104, "Data type error; an electrode's number or OFF"))?;
+    let number = whole(word, "an electrode's number or OFF")?;
     Electrode::from_number(number)
         .ok_or_else(|| Refusal::new(-222, "Data out of range; electrodes count from 1"))
+}
+
+/// A whole number; one that is none, and one that is too large or below 0, have numbers of their own.
+fn whole<N: FromStr>(word: &str, meant: &str) -> Result<N, Refusal> {
+    let digits = word.strip_prefix(['+', '-']).unwrap_or(word);
+    if digits.is_empty() || !digits.bytes().all(|byte| byte.is_ascii_digit()) {
+        return Err(Refusal::new(-104, format!("Data type error; {meant}")));
+    }
+    word.parse()
+        .map_err(|_| Refusal::new(-222, format!("Data out of range; {meant}")))
+}
+
+/// `SYST:ERR?` as SCPI spells it: each word long or short, `NEXT` and the leading colon may be left out.
+fn asks_next_error(header: &str) -> bool {
+    let path = header.strip_prefix(':').unwrap_or(header);
+    let words: Option<Vec<&str>> = path.strip_suffix('?').map(|path| path.split(':').collect());
+    matches!(
+        words.as_deref(),
+        Some(["SYST" | "SYSTEM", "ERR" | "ERROR"] | ["SYST" | "SYSTEM", "ERR" | "ERROR", "NEXT"])
+    )
 }
 
 /// What the board answers.

@@ -68,7 +68,7 @@ pub enum Edge {
 /// An edge with its place and time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EdgeRecord {
-    /// Since the board's start.
+    /// Since the board was first switched on: a reset does not set it back.
     pub at: Duration,
     /// On which pole.
     pub pole: Pole,
@@ -93,6 +93,9 @@ pub struct SimulatorGpioMux {
     /// Replies that are still to be lost.
     lost: u32,
     edges: VecDeque<EdgeRecord>,
+    /// Power on, or the last reset: the firmware's clock began.
+    started: Duration,
+    /// By the firmware's clock.
     last_edge: Duration,
     watchdog: Duration,
     heard: Duration,
@@ -109,6 +112,7 @@ impl SimulatorGpioMux {
             stuck_at: Levels::default(),
             lost: 0,
             edges: VecDeque::new(),
+            started: Duration::ZERO,
             last_edge: Duration::ZERO,
             watchdog: WATCHDOG,
             heard: Duration::ZERO,
@@ -178,6 +182,8 @@ impl SimulatorGpioMux {
         self.all_off(at, poles);
         self.watchdog = WATCHDOG;
         self.heard = at;
+        self.started = at;
+        self.last_edge = Duration::ZERO;
         self.errors.clear();
         self.banner()
     }
@@ -199,14 +205,25 @@ impl SimulatorGpioMux {
                 busy: Duration::ZERO,
             };
         }
-        self.heard = at;
-        let reply = line
-            .parse()
-            .and_then(|command| self.obey(command, at, poles))
-            .unwrap_or_else(|refusal| {
-                self.errors.push(refusal.code, refusal.text.as_str());
-                Reply::Refused(refusal)
-            });
+        let answer = line.parse().and_then(|command| {
+            // Noise on the line is no command: it does not keep the watchdog quiet.
+            self.heard = at;
+            self.obey(command, at, poles)
+        });
+        self.answer(answer)
+    }
+
+    /// Hears a line that is longer than its buffer. It has one reply too, so that its loss is noticed.
+    pub fn hear_too_much(&mut self, at: Duration, poles: &mut dyn Poles) -> Response {
+        self.pass(at, poles);
+        self.answer(Err(Refusal::new(-363, "Input buffer overrun")))
+    }
+
+    fn answer(&mut self, answer: Result<Reply, Refusal>) -> Response {
+        let reply = answer.unwrap_or_else(|refusal| {
+            self.errors.push(refusal.code, refusal.text.as_str());
+            Reply::Refused(refusal)
+        });
         let lost = self.lost > 0;
         self.lost = self.lost.saturating_sub(1);
         Response {
@@ -321,7 +338,7 @@ impl SimulatorGpioMux {
             pole,
             edge,
         });
-        self.last_edge = *clock;
+        self.last_edge = clock.saturating_sub(self.started);
         // An address that moves under an enable that is stuck joins another electrode.
         if matches!(edge, Edge::Enable(..)) || self.stuck != Levels::default() {
             self.tell(*clock, poles);

@@ -91,3 +91,33 @@ fn section_3_illegal_requests_are_refused_before_a_line_is_touched() {
          < 1,2,1,1",
     );
 }
+
+#[test]
+fn section_5_numbers_that_cannot_be_and_the_queue_as_in_scpi() {
+    holds(
+        "> SET V- -1
+         < ERR -222,\"Data out of range; an electrode's number or OFF\"
+         > SET V- 99999999999999999999999
+         < ERR -222,\"Data out of range; an electrode's number or OFF\"
+         > SET V- 1.5
+         < ERR -104,\"Data type error; an electrode's number or OFF\"
+         > SET V- +
+         < ERR -104,\"Data type error; an electrode's number or OFF\"
+         > WDOG -1
+         < ERR -222,\"Data out of range; milliseconds\"
+         > WDOG 4294967296
+         < ERR -222,\"Data out of range; milliseconds\"
+         > WDOG OFF
+         < ERR -104,\"Data type error; milliseconds\"
+         > PAIR I 27
+         < ERR -222,\"Data out of range; electrode 27 of 26\"
+         > :SYST:ERR:NEXT?
+         < -222,\"Data out of range; an electrode's number or OFF\"
+         > System:Err?
+         < -222,\"Data out of range; an electrode's number or OFF\"
+         > SYST:ERR? 1
+         < ERR -108,\"Parameter not allowed\"
+         > SYSTE:ERR?
+         < ERR -113,\"Undefined header\"",
+    );
+}

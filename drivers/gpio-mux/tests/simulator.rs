@@ -101,11 +101,45 @@ fn the_watchdog_opens_at_its_own_time() {
 #[test]
 fn a_reset_is_all_off_and_a_new_banner() {
     let (mut board, mut sheet) = board();
+    let second = Duration::from_secs(1);
     board.hear("PAIR I 5", Duration::ZERO, &mut sheet);
-    let banner = board.reset(Duration::from_secs(1), &mut sheet);
+    board.hear("BLAH", Duration::ZERO, &mut sheet);
+    let banner = board.reset(second, &mut sheet);
     assert_eq!(banner, "Tactus,GPIO-MUX,0001,1.0 ready");
     assert_eq!(board.state(), State::default());
     assert_eq!(sheet.joined, [None; 4]);
+    // Its clock and its queue begin anew, and so does the watchdog's time.
+    let mut say = |line: &str, at| board.hear(line, at, &mut sheet).text.unwrap();
+    assert_eq!(say("LAST?", second), "0");
+    assert_eq!(say("SYST:ERR?", second), "+0,\"No error\"");
+    assert_eq!(say("SET I+ 1", second * 2), "1,OFF,OFF,OFF");
+    assert_eq!(say("LAST?", second * 2), "1000002");
+    assert_eq!(say("STAT?", second * 4), "OFF,OFF,OFF,OFF");
+}
+
+#[test]
+fn noise_does_not_keep_the_watchdog_quiet_and_too_long_a_line_has_its_reply() {
+    let (mut board, mut sheet) = board();
+    let ms = Duration::from_millis;
+    board.hear("PAIR I 5", ms(0), &mut sheet);
+    // Refused, but a command: the host is there.
+    let refused = board.hear("SET I- 5", ms(1500), &mut sheet).text;
+    assert!(refused.unwrap().starts_with("ERR -221,"));
+    board.hear("\u{fffd}\u{fffd}", ms(3000), &mut sheet);
+    board.hear("", ms(3200), &mut sheet);
+    let too_long = board.hear_too_much(ms(3400), &mut sheet);
+    assert_eq!(
+        too_long.text.as_deref(),
+        Some("ERR -363,\"Input buffer overrun\"")
+    );
+    assert_eq!(sheet.joined[0], Some(Electrode(4)));
+    board.pass(ms(3500), &mut sheet);
+    assert_eq!(sheet.joined, [None; 4]);
+    let errors = (0..4).map(|_| board.hear("SYST:ERR?", ms(3500), &mut sheet).text.unwrap());
+    let codes: Vec<String> = errors
+        .map(|text| text.split(',').next().unwrap().to_owned())
+        .collect();
+    assert_eq!(codes, ["-221", "-113", "-363", "+0"]);
 }
 
 proptest! {

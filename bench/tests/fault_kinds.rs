@@ -1,0 +1,373 @@
+//! Every kind of fault, as a person says it while the program runs and as a scene says it beforehand: it is not there,
+//! it happens, it is seen by a client, and it is over.
+
+#[allow(dead_code)]
+mod served;
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use rig::{BoxStream, connect_tcp, open_serial};
+use served::Served;
+use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
+
+/// Generous: whatever is waited for comes, or the test has failed.
+const DEADLINE: Duration = Duration::from_secs(120);
+
+/// How much later replies come that are late or slow.
+const LATE: Duration = Duration::from_millis(300);
+
+/// What goes wrong; `true` where it lasts until it is mended, `false` where it passes by itself.
+const ON_THE_PAIRS: [(&str, bool); 24] = [
+    ("stuck-open 1036", true),
+    ("stuck-closed 1036", true),
+    ("lost 6221", false),
+    ("lost 34980a", false),
+    ("late 6221 0.3", false),
+    ("late 34980a 0.3", false),
+    ("doubled 6221", false),
+    ("doubled 34980a", false),
+    ("half-line 6221", false),
+    ("half-line 34980a", false),
+    ("drop 6221", false),
+    ("drop 34980a", false),
+    ("wire 6221 cut", true),
+    ("wire 34980a cut", true),
+    ("reset 6221", false),
+    ("reset 34980a", false),
+    ("slot 1 empty", true),
+    ("voltmeter missing", true),
+    ("overload on", true),
+    ("slow 6221 0.3", true),
+    ("queue-overflow 6221", false),
+    ("queue-overflow 34980a", false),
+    ("interlock open", true),
+    ("terminal-block 1 open", true),
+];
+
+const ON_THE_BOARD: [(&str, bool); 10] = [
+    ("stuck-open 101", true),
+    ("lost board", false),
+    ("doubled board", false),
+    ("half-line board", false),
+    ("late board 0.3", false),
+    ("slow board 0.3", true),
+    ("reset board", false),
+    ("queue-overflow board", false),
+    ("serial unplug", true),
+    ("pulse 34980a", false),
+];
+
+/// One instrument's wire.
+struct Wire {
+    address: String,
+    baud: Option<u32>,
+    stream: Option<BufReader<BoxStream>>,
+}
+
+impl Wire {
+    fn of(served: &Served, key: &str) -> Self {
+        Self {
+            address: served.ready[key].as_str().unwrap_or_default().to_owned(),
+            baud: (key == "serial").then_some(115_200),
+            stream: None,
+        }
+    }
+
+    async fn connect(&mut self) {
+        // The old one first: a source has one place.
+        self.stream = None;
+        let stream = match self.baud {
+            Some(baud) => open_serial(&self.address, baud).ok(),
+            None => connect_tcp(&self.address, DEADLINE).await.ok(),
+        };
+        self.stream = stream.map(BufReader::new);
+    }
+
+    async fn say(&mut self, text: &str) {
+        if self.stream.is_none() {
+            self.connect().await;
+        }
+        if let Some(stream) = &mut self.stream {
+            // One that is gone is found when its reply is read.
+            stream.write_all(text.as_bytes()).await.ok();
+        }
+    }
+
+    /// The next line; `None` where the other side is gone.
+    async fn line(&mut self) -> Option<String> {
+        let mut line = String::new();
+        let read = self.stream.as_mut()?.read_line(&mut line);
+        let read = tokio::time::timeout(DEADLINE, read).await;
+        let count = read.expect("the deadline is over").unwrap_or(0);
+        (count > 0).then(|| line.trim_end().to_owned())
+    }
+
+    async fn ask(&mut self, question: &str) -> Option<String> {
+        self.say(&format!("{question}\n")).await;
+        let line = self.line().await;
+        if line.is_none() {
+            self.stream = None;
+        }
+        line
+    }
+
+    /// Asks again over a new connection where the old one has broken.
+    async fn insist(&mut self, question: &str) -> String {
+        let begun = Instant::now();
+        loop {
+            if let Some(line) = self.ask(question).await {
+                return line;
+            }
+            assert!(begun.elapsed() < DEADLINE, "{question} at {}", self.address);
+            tokio::task::yield_now().await;
+        }
+    }
+}
+
+struct Bench {
+    served: Served,
+    source: Wire,
+    mainframe: Wire,
+    board: Wire,
+}
+
+impl Bench {
+    fn start(profile: &str, scene: Option<&Path>) -> Self {
+        let mut arguments = vec!["--profile", profile, "--load", "resistor 1 2 470"];
+        arguments.extend(
+            scene
+                .into_iter()
+                .flat_map(|path| ["--scene", path.to_str().unwrap()]),
+        );
+        let served = Served::start(&arguments);
+        Self {
+            source: Wire::of(&served, "6221"),
+            mainframe: Wire::of(&served, "34980a"),
+            board: Wire::of(&served, "serial"),
+            served,
+        }
+    }
+
+    /// The wire that a fault names, a question with a short answer, and that answer.
+    fn named(&mut self, words: &str) -> (&mut Wire, &'static str, &'static str) {
+        match words.split(' ').nth(1) {
+            Some("6221") => (&mut self.source, "*ESE?", "0"),
+            Some("board") => (&mut self.board, "STAT?", "OFF,OFF,OFF,OFF"),
+            _ => (&mut self.mainframe, "*ESE?", "+0"),
+        }
+    }
+
+    /// What must stand before the fault can show itself.
+    async fn prepare(&mut self, words: &str) {
+        self.source.insist("*RST;*CLS;*OPC?").await;
+        self.mainframe.insist("*RST;*CLS;*OPC?").await;
+        self.board.insist_if_there("OFF").await;
+        match words.split(' ').next().unwrap() {
+            "stuck-open" | "stuck-closed" => {
+                self.mainframe.insist("ROUT:CLOS (@1036);*OPC?").await;
+                self.source.insist("SOUR:CURR 1e-3;:OUTP ON;*OPC?").await;
+            }
+            "reset" => {
+                self.source.insist("SOUR:CURR:COMP 5;*OPC?").await;
+                self.mainframe.insist("ROUT:CLOS (@1036);*OPC?").await;
+                // Its watchdog would open it too.
+                self.board.insist_if_there("WDOG 0").await;
+                self.board.insist_if_there("PAIR I 3").await;
+            }
+            "terminal-block" => drop(self.mainframe.insist("ROUT:CLOS (@1911);*OPC?").await),
+            "serial" => drop(self.board.insist("STAT?").await),
+            "pulse" => {
+                let waits = "ABOR;:CONF:VOLT:DC 10,(@);:TRIG:SOUR EXT;:INIT;*ESE?";
+                self.mainframe.insist(waits).await;
+            }
+            _ => {}
+        }
+    }
+
+    /// Whether a client sees the fault.
+    async fn shows(&mut self, words: &str) -> bool {
+        let compliance = "STAT:MEAS:COND?";
+        match words.split(' ').next().unwrap() {
+            "stuck-open" if words.ends_with(" 101") => {
+                let reads = self.board.insist("PAIR I 1").await;
+                self.source.insist(compliance).await == "8" && reads == "1,2,OFF,OFF"
+            }
+            "stuck-open" => {
+                let reads = self.mainframe.insist("ROUT:CLOS? (@1036)").await;
+                self.source.insist(compliance).await == "8" && reads == "1"
+            }
+            "stuck-closed" => {
+                let opened = "ROUT:OPEN (@1036);:ROUT:CLOS? (@1036)";
+                let reads = self.mainframe.insist(opened).await;
+                self.source.insist(compliance).await == "0" && reads == "0"
+            }
+            kind @ ("lost" | "doubled" | "half-line") => {
+                let (wire, question, answer) = self.named(words);
+                let replies = wire.replies_to(&["*IDN?", question]).await;
+                let replies: Vec<&str> = replies.iter().map(String::as_str).collect();
+                match (kind, replies.as_slice()) {
+                    ("lost", [only]) => *only == answer,
+                    ("doubled", [one, two, _]) => one == two,
+                    // Half the identity, without its end, and what was answered next.
+                    ("half-line", [only]) => *only != answer && only.ends_with(answer),
+                    (_, [_, last]) if *last == answer => false,
+                    other => panic!("{words}: {other:?}"),
+                }
+            }
+            "late" | "slow" => {
+                let (wire, question, _) = self.named(words);
+                let begun = Instant::now();
+                wire.insist(question).await;
+                begun.elapsed() >= LATE
+            }
+            "drop" => {
+                let (wire, question, _) = self.named(words);
+                wire.ask(question).await.is_none()
+            }
+            "wire" => {
+                let (wire, question, _) = self.named(words);
+                wire.connect().await;
+                wire.ask(question).await.is_none()
+            }
+            "reset" if words.ends_with("6221") => {
+                self.source.insist("SOUR:CURR:COMP?").await == "1.000000E+01"
+            }
+            "reset" if words.ends_with("34980a") => {
+                self.mainframe.insist("ROUT:CLOS? (@1036)").await == "0"
+            }
+            "reset" => {
+                let mut lines = vec![self.board.insist("STAT?").await];
+                if lines[0] != "3,4,OFF,OFF" {
+                    // The banner came unasked, before the reply or after it.
+                    lines.extend(self.board.line().await);
+                }
+                lines.sort();
+                lines == ["OFF,OFF,OFF,OFF", "Tactus,GPIO-MUX,0001,1.0 ready"]
+            }
+            "queue-overflow" => {
+                let (wire, _, _) = self.named(words);
+                let mut overflown = false;
+                loop {
+                    let error = wire.insist("SYST:ERR?").await;
+                    overflown |= error.starts_with("-350,");
+                    if error.trim_start_matches('+').starts_with("0,") {
+                        return overflown;
+                    }
+                }
+            }
+            "slot" => self
+                .mainframe
+                .insist("SYST:CTYP? 1")
+                .await
+                .contains(",0,0,0"),
+            "voltmeter" => self.mainframe.insist("INST:DMM:INST?").await == "0",
+            "overload" => {
+                let reading = self.mainframe.insist("MEAS:VOLT:DC? 10,(@1001)").await;
+                reading == "+9.90000000E+37"
+            }
+            "interlock" => self.source.insist("OUTP:INT:TRIP?").await == "0",
+            "terminal-block" => self.mainframe.insist("ROUT:CLOS? (@1911)").await == "0",
+            "serial" => self.board.ask("STAT?").await.is_none(),
+            "pulse" => self.mainframe.insist("SYST:DEL 1;:DATA:POIN?").await == "+1",
+            other => panic!("how does '{other}' show itself?"),
+        }
+    }
+
+    /// Lets the instruments' time go on by 25 s, and lets happen what is due: at the next message to any of them, here
+    /// to one that the fault does not mean.
+    async fn time_passes(&mut self, words: &str) {
+        if words.starts_with("wire 34980a") {
+            let sweep = "SOUR:DEL 25;:SOUR:SWE:POIN 1;ARM;:INIT;*OPC?";
+            self.source.insist(sweep).await;
+        } else {
+            self.mainframe.insist("SYST:DEL 25;*OPC?").await;
+        }
+        let bystander = match words.contains("34980a") {
+            true => &mut self.source,
+            false => &mut self.mainframe,
+        };
+        // One of its own kind may break: it has been heard all the same.
+        bystander.ask("*OPC?").await;
+    }
+}
+
+impl Wire {
+    async fn insist_if_there(&mut self, question: &str) {
+        if !self.address.is_empty() {
+            self.insist(question).await;
+        }
+    }
+
+    /// Everything that comes between some questions and the answer to a last one, which is about errors.
+    async fn replies_to(&mut self, questions: &[&str]) -> Vec<String> {
+        self.say(&format!("{}\nSYST:ERR?\n", questions.join("\n")))
+            .await;
+        let mut replies = Vec::new();
+        loop {
+            let line = self.line().await.unwrap();
+            if line.ends_with("0,\"No error\"") {
+                return replies;
+            }
+            replies.push(line);
+        }
+    }
+}
+
+/// How a fault comes about.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Way {
+    Live,
+    TimeLine,
+}
+
+async fn holds(bench: &mut Bench, (words, lasts): (&str, bool), way: Way) {
+    let timed = words.starts_with("late") || words.starts_with("slow");
+    bench.prepare(words).await;
+    // A machine that is busy may be slow without any fault.
+    assert!(
+        timed || !bench.shows(words).await,
+        "{words}, {way:?}: before"
+    );
+    bench.prepare(words).await;
+    match way {
+        Way::TimeLine => bench.time_passes(words).await,
+        Way::Live => bench.served.fault(words),
+    }
+    assert!(bench.shows(words).await, "{words}, {way:?}: not seen");
+    if lasts {
+        match way {
+            Way::TimeLine => bench.time_passes(words).await,
+            Way::Live => bench.served.fault("none"),
+        }
+    }
+    bench.prepare(words).await;
+    assert!(
+        timed || !bench.shows(words).await,
+        "{words}, {way:?}: not over"
+    );
+}
+
+async fn all_hold(profile: &str, faults: &[(&str, bool)]) {
+    let mut live = Bench::start(profile, None);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.toml");
+    for (words, lasts) in faults {
+        holds(&mut live, (words, *lasts), Way::Live).await;
+        let until = if *lasts { "for_s = 25\n" } else { "" };
+        let scene = format!("[[fault]]\nat_s = 25\n{until}what = \"{words}\"\n");
+        std::fs::write(&path, scene).unwrap();
+        let mut played = Bench::start(profile, Some(&path));
+        holds(&mut played, (words, *lasts), Way::TimeLine).await;
+    }
+}
+
+#[tokio::test]
+async fn every_fault_of_source_and_mainframe_is_seen_live_and_on_the_time_line() {
+    all_hold("pairs-34924a", &ON_THE_PAIRS).await;
+}
+
+#[tokio::test]
+async fn every_fault_of_the_board_is_seen_live_and_on_the_time_line() {
+    all_hold("gpio-board", &ON_THE_BOARD).await;
+}
