@@ -109,6 +109,14 @@ fn every_limit_is_told_and_can_be_set() {
                 let here = list.trim_start_matches(',');
                 let told = client.ask(&format!("{header} {limit}{list};:{header}? {here}"));
                 assert_eq!(number(&told), value, "{header} {limit}");
+                // As it is told it can be set, too.
+                let again = client.ask(&format!("{header} {told}{list};:{header}? {here}"));
+                assert_eq!(again, told, "{header} {told}");
+                let error = client.error();
+                assert!(
+                    error.trim_start_matches('+').starts_with("0,"),
+                    "{header} {told}: {error}"
+                );
             }
             client.send(format!("{header} DEF{list}\n").as_bytes());
             assert!(

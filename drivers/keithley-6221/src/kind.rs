@@ -49,7 +49,12 @@ impl Kind {
                 unit,
                 limits,
                 endless,
-            } => number(unit, limits, endless),
+            } => match argument.number(unit)? {
+                // A limit is told with six decimals: as it is told it can be set.
+                Numeric::Value(value) if is_told(limits[1], value) => Ok(limits[1]),
+                Numeric::Value(value) if is_told(limits[0], value) => Ok(limits[0]),
+                _ => number(unit, limits, endless),
+            },
             Kind::Whole { limits, endless } => number(Unit::None, limits, endless).map(f64::round),
             Kind::Switch(_) => argument.boolean().map(|on| f64::from(u8::from(on))),
             Kind::Choice(words) => {
@@ -131,6 +136,11 @@ impl Kind {
     pub(crate) fn is_number(self) -> bool {
         matches!(self, Kind::Real { .. } | Kind::Whole { .. })
     }
+}
+
+/// Whether a value is a limit as it is read back.
+fn is_told(limit: f64, value: f64) -> bool {
+    format_nr3(limit, DECIMALS).parse() == Ok(value)
 }
 
 /// A notation in short form from the root: `[SOURce]:WAVE:DURation:TIME` gives `SOUR:WAVE:DUR:TIME`. Optional nodes are
