@@ -8,6 +8,7 @@
 mod autozero_off;
 mod bias_current;
 mod bounds;
+mod channel_noise;
 mod charge_injection;
 mod common_mode;
 mod contact_drift;
@@ -46,6 +47,7 @@ use survey::{Amps, Ohms, Relay, Volts};
 pub use autozero_off::AutozeroOffSettings;
 pub use bias_current::BiasCurrentSettings;
 pub use bounds::Fault as ParameterFault;
+pub use channel_noise::ChannelNoiseSettings;
 pub use charge_injection::ChargeInjectionSettings;
 pub use common_mode::CommonModeSettings;
 pub use contact_drift::ContactDriftSettings;
@@ -163,6 +165,9 @@ pub struct EffectSettings {
     /// Thermal voltages of the relays.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub thermal_emf: Option<ThermalEmfSettings>,
+    /// Channels noisier than the others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub channel_noise: Option<ChannelNoiseSettings>,
     /// Leakage of a FET multiplexer.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub leakage: Option<LeakageSettings>,
@@ -253,6 +258,9 @@ impl EffectSettings {
         }
         if let Some(settings) = &self.thermal_emf {
             settings.check().map_err(|fault| ("thermal-emf", fault))?;
+        }
+        if let Some(settings) = &self.channel_noise {
+            settings.check().map_err(|fault| ("channel-noise", fault))?;
         }
         if let Some(settings) = &self.leakage {
             settings.check().map_err(|fault| ("leakage", fault))?;
@@ -440,6 +448,9 @@ impl Effects {
         }
         if let Some(named) = &settings.thermal_emf {
             readings.push(Box::new(thermal_emf::ThermalEmf::new(named, seed)));
+        }
+        if let Some(named) = &settings.channel_noise {
+            readings.push(Box::new(channel_noise::ChannelNoise::new(named, seed)));
         }
         if let Some(named) = &settings.leakage {
             readings.push(Box::new(leakage::Leakage(named.clone())));

@@ -28,13 +28,13 @@ mod scene;
 mod sheet;
 
 pub use effects::{
-    AutozeroOffSettings, BiasCurrentSettings, ChargeInjectionSettings, CommonModeSettings,
-    ContactDriftSettings, ContactSpreadSettings, CrackSettings, CurrentErrorSettings,
-    CurrentNoiseSettings, DetachmentSettings, EffectSettings, HumiditySettings,
-    InputResistanceSettings, IsolationSettings, LeakageSettings, LongDriftSettings,
-    MainsPickupSettings, Needs, OutputResistanceSettings, ParameterFault, QuantisationSettings,
-    ReadingContext, ShortSettings, SourceSettlingSettings, SpraySettings, TemperatureSettings,
-    ThermalEmfSettings, VoltmeterGainSettings, VoltmeterNoiseSettings,
+    AutozeroOffSettings, BiasCurrentSettings, ChannelNoiseSettings, ChargeInjectionSettings,
+    CommonModeSettings, ContactDriftSettings, ContactSpreadSettings, CrackSettings,
+    CurrentErrorSettings, CurrentNoiseSettings, DetachmentSettings, EffectSettings,
+    HumiditySettings, InputResistanceSettings, IsolationSettings, LeakageSettings,
+    LongDriftSettings, MainsPickupSettings, Needs, OutputResistanceSettings, ParameterFault,
+    QuantisationSettings, ReadingContext, ShortSettings, SourceSettlingSettings, SpraySettings,
+    TemperatureSettings, ThermalEmfSettings, VoltmeterGainSettings, VoltmeterNoiseSettings,
 };
 pub use load::{GRAVITY, Load, LoadError, Shape, loss_of_pressure, pressure_kpa};
 pub use scene::{FINER, Scene, SceneError, SceneFault, TimedLoad};

@@ -7,7 +7,7 @@ use survey::{Amps, Ohms, Relay, Volts};
 
 /// Each effect twice: so that something is seen of it, and with a size of nothing, so that it is there, and draws, and
 /// changes nothing.
-const EFFECTS: [(&str, &str, &str); 25] = [
+const EFFECTS: [(&str, &str, &str); 26] = [
     ("spray", "std = 0.2", "std = 0.0"),
     ("temperature", "", "percent_per_c = 0.0"),
     ("humidity", "", "percent_per_10_rh = 0.0"),
@@ -40,6 +40,11 @@ const EFFECTS: [(&str, &str, &str); 25] = [
     ("source-settling", "", ""),
     ("charge-injection", "", "pc = 0.0"),
     ("thermal-emf", "", "uv = 0.0"),
+    (
+        "channel-noise",
+        "channels = [1003]",
+        "channels = [1003]\nuv = 0.0",
+    ),
     ("leakage", "", "na = 0.0"),
     ("mains-pickup", "", "mv = 0.0"),
     ("common-mode", "", ""),
@@ -102,13 +107,14 @@ fn every_effect_changes_something_and_a_size_of_nothing_changes_no_bit() {
 }
 
 /// Those that draw numbers.
-const DRAWING: [&str; 8] = [
+const DRAWING: [&str; 9] = [
     "spray",
     "long-drift",
     "contact-spread",
     "contact-drift",
     "current-noise",
     "thermal-emf",
+    "channel-noise",
     "autozero-off",
     "voltmeter-noise",
 ];

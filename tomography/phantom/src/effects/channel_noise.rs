@@ -1,0 +1,70 @@
+//! Channels noisier than the others: a loose terminal, a worn contact, an electrode's wire that picks something up.
+//!
+//! n ~ N(0, s²) on each reading through a named channel, beside the voltmeter's own noise; a noisy wire is the two
+//! channels that share its electrode. A fault, absent from a healthy rig; its size is anybody's.
+
+use std::collections::BTreeMap;
+
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use serde::{Deserialize, Serialize};
+use survey::{Relay, Volts};
+
+use super::bounds::{Bounds, Fault};
+use super::{OnReading, ReadingContext, stream};
+
+/// Which channels are noisy, and how much.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ChannelNoiseSettings {
+    /// The channels, as the mainframe numbers them.
+    pub channels: Vec<u32>,
+    /// Rms of one reading, uV.
+    #[serde(default = "uv")]
+    pub uv: f64,
+}
+
+fn uv() -> f64 {
+    50.0
+}
+
+impl ChannelNoiseSettings {
+    pub(super) fn check(&self) -> Result<(), Fault> {
+        Bounds::new().within("uv", self.uv, [0.0, 1e6], "uV").end()
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct ChannelNoise {
+    volts: f64,
+    /// A stream for each channel: the order in which they are read changes no number.
+    channels: BTreeMap<Relay, ChaCha8Rng>,
+}
+
+impl ChannelNoise {
+    pub(super) fn new(settings: &ChannelNoiseSettings, seed: u64) -> Self {
+        let channels = settings.channels.iter().map(|channel| {
+            let own = stream(seed, &format!("channel-noise {channel}"));
+            (Relay(*channel), own)
+        });
+        Self {
+            volts: settings.uv * 1e-6,
+            channels: channels.collect(),
+        }
+    }
+}
+
+impl OnReading for ChannelNoise {
+    fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
+        let own = context
+            .relay
+            .and_then(|relay| self.channels.get_mut(&relay));
+        match own {
+            None => volts,
+            Some(own) => {
+                let draw: f64 = StandardNormal.sample(own);
+                Volts(volts.0 + self.volts * draw)
+            }
+        }
+    }
+}
