@@ -9,10 +9,15 @@ const QUIET: &str = "[disc-tank]\nelectrodes = 16\n[effects.voltmeter-noise]\nuv
 
 /// Tests a rig with this wiring and module, on a scene that ends so; what it reports.
 async fn tested(wiring: &str, slots: &str, scene: &str) -> TestReport {
+    of_scene(wiring, slots, &format!("{QUIET}{scene}")).await
+}
+
+/// The same on this scene.
+async fn of_scene(wiring: &str, slots: &str, scene: &str) -> TestReport {
     let stage = Stage::new(&format!("{SMALL}[wiring]\nkind = \"{wiring}\"\n"));
     let profile = format!("time = \"instant\"\n{slots}\n");
     std::fs::write(stage.path().join("profile.toml"), profile).unwrap();
-    std::fs::write(stage.path().join("scene.toml"), format!("{QUIET}{scene}")).unwrap();
+    std::fs::write(stage.path().join("scene.toml"), scene).unwrap();
     let daemon = stage.start().await;
     let report = within(daemon.manager.test_instruments(&Options::new()))
         .await
@@ -37,7 +42,7 @@ async fn a_sound_rig_passes_and_its_sheet_is_measured_two_ways() {
     ] {
         let report = tested(wiring, slots, "").await;
         assert!(report.passed, "{wiring}: {:?}", report.findings);
-        assert_eq!(report.lines.len(), 16 + 16 + 16 + 5, "{wiring}");
+        assert_eq!(report.lines.len(), 16 + 16 + 16 + 16 + 5, "{wiring}");
         assert!(
             report.lines.iter().all(|line| line.verdict == "ok"),
             "{wiring}"
@@ -66,6 +71,51 @@ async fn a_sound_rig_passes_and_its_sheet_is_measured_two_ways() {
             "{}",
             number("noise_v")
         );
+    }
+}
+
+/// A sheet of another resistance than the configuration has, with contacts that differ: what is measured is the sheet in
+/// front of it, not what was written down.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_sheet_that_is_not_as_configured_is_measured_as_it_is() {
+    for truth in [310.0, 2400.0] {
+        let sheet = format!("[disc-tank]\nelectrodes = 16\nsheet_ohm = {truth}\n");
+        let scene = QUIET.replace("[disc-tank]\nelectrodes = 16\n", &sheet)
+            + "[effects.contact-spread]\nstd = 0.2\n";
+        let report = of_scene("pairs-34924a", "[slots]\n1 = \"34924A\"", &scene).await;
+        assert!(report.passed, "{:?}", report.findings);
+        for key in ["sheet_ohm", "pauw_ohm"] {
+            let measured = report.more.number(key).unwrap().unwrap();
+            println!("a sheet of {truth} ohm: {key} {measured:.2}");
+            assert!((measured / truth - 1.0).abs() < 0.015, "{key}: {measured}");
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_noisy_channel_is_named_and_a_noisy_electrode_by_its_two_channels() {
+    let noisy =
+        |channels: &str| format!("[effects.channel-noise]\nchannels = {channels}\nuv = 60.0\n");
+    for (channels, finding) in [
+        ("[1005]", "relay 1005: noisy, "),
+        ("[1016]", "relay 1016: noisy, "),
+        ("[1005, 1006]", "electrode 6: noisy, "),
+        ("[1016, 1001]", "electrode 1: noisy, "),
+    ] {
+        let report = tested("pairs-34924a", "[slots]\n1 = \"34924A\"", &noisy(channels)).await;
+        println!("{channels}: {:?}", report.findings);
+        assert_eq!(report.findings.len(), 1, "{:?}", report.findings);
+        assert!(
+            report.findings[0].starts_with(finding),
+            "{:?}",
+            report.findings
+        );
+        let lines = report.lines.iter().filter(|line| line.check == "noise");
+        let failed = lines.filter(|line| line.verdict == "failed");
+        assert_eq!(failed.count(), channels.split(',').count(), "{channels}");
+        // the voltmeter is not blamed for it
+        let noise = report.more.number("noise_v").unwrap().unwrap();
+        assert!((0.5e-6..6e-6).contains(&noise), "{noise}");
     }
 }
 

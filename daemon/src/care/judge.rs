@@ -6,6 +6,7 @@
 
 mod closed;
 mod contacts;
+mod noise;
 mod pairs;
 mod readings;
 
@@ -29,6 +30,9 @@ const CONTACT_TIMES: f64 = 5.0;
 const CONTACT_MORE: f64 = 100.0;
 /// Noise is called high from so many times the configured value.
 const NOISE_TIMES: f64 = 10.0;
+/// A channel is noisy from so many times what the others have, and what the configuration expects; of eight readings the
+/// deviation of a sound one is less than three times.
+const NOISY_TIMES: f64 = 5.0;
 /// Likeness of patterns from which a relay is named.
 const ALIKE: f64 = 0.8;
 
@@ -104,6 +108,7 @@ impl<'a> Judge<'a> {
         self.injecting(sound, nothing_flows || closed, &mut findings, &mut lines);
         self.measuring(sound, &mut findings, &mut lines);
         self.contacts(sound, nothing_flows || closed, &mut findings, &mut lines);
+        self.channels(noise_v, &mut findings, &mut lines);
         let mut number = |subject: &str,
                           check: &'static str,
                           measured: Option<f64>,
@@ -173,7 +178,7 @@ impl<'a> Judge<'a> {
                 None => String::new(),
             },
         );
-        let noise = self.noise();
+        let noise = self.noise(noise_v);
         number(
             "voltmeter",
             "noise",
@@ -186,7 +191,7 @@ impl<'a> Judge<'a> {
                 None => String::new(),
             },
         );
-        let zero: Vec<f64> = self.raw.zero.iter().flatten().copied().collect();
+        let zero: Vec<f64> = self.raw.zero.iter().flatten().flatten().copied().collect();
         let offset = (!zero.is_empty()).then(|| zero.iter().sum::<f64>() / zero.len() as f64);
         number(
             "voltmeter",

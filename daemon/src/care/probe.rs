@@ -69,8 +69,8 @@ pub(crate) struct Raw {
     pub meter_retries: Vec<Retry>,
     /// A row each: the same readings again and again.
     pub repeats: Vec<Vec<Option<f64>>>,
-    /// At 0 A.
-    pub zero: Vec<Option<f64>>,
+    /// At 0 A: every measuring pair, again and again. Noise of the current and of its path is not in it.
+    pub zero: Vec<Vec<Option<f64>>>,
 }
 
 /// Reads everything that a judgement needs. The caller makes the rig safe afterwards, however this ends.
@@ -90,7 +90,7 @@ where
         wide: wide(asked),
         on: false,
         done: 0,
-        steps: 4 * pairs,
+        steps: 4 * pairs + REPEATS as u64,
     };
     probe.run().await
 }
@@ -133,8 +133,13 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
             let row = self.inject(relays, None).await?;
             raw.rows.push(row);
         }
-        raw.repeats = self.repeat().await?;
-        raw.zero = self.read_pairs(None).await?;
+        if let Some(flows) = raw.rows.iter().position(|row| !row.compliance) {
+            raw.repeats = self.repeat(flows).await?;
+        }
+        for scan in 0..REPEATS {
+            self.tell(&format!("noise at 0 A, {} of {REPEATS}", scan + 1))?;
+            raw.zero.push(self.read_pairs(None).await?);
+        }
         self.prepare(self.wide).await?;
         for (pair, (_, relays)) in wiring.inject.iter().enumerate() {
             self.tell(&format!("pair {} on the wide range", pair + 1))?;
@@ -282,16 +287,16 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
         }
     }
 
-    /// The same readings several times over, of the first pair that carries current.
-    async fn repeat(&mut self) -> Result<Vec<Vec<Option<f64>>>, ProbeError> {
+    /// The same readings several times over, with the current through this pair.
+    async fn repeat(&mut self, pair: usize) -> Result<Vec<Vec<Option<f64>>>, ProbeError> {
         let wiring = &self.asked.plan.wiring;
-        let (_, relays) = &wiring.inject[0];
+        let (_, relays) = &wiring.inject[pair];
         self.close(relays).await?;
         self.drive(self.asked.plan.current).await?;
         tokio::time::sleep(self.asked.settle).await;
         // far from the driven pair, where no range overflows
         let mut only = vec![false; wiring.measure.len()];
-        let far = only.len() / 2;
+        let far = (pair + only.len() / 2) % only.len();
         only[far] = true;
         let mut repeats = Vec::new();
         for _ in 0..REPEATS {

@@ -136,7 +136,7 @@ fn stays_open(wiring: &Wiring, relays: &[Relay]) -> String {
     each.join(", or ")
 }
 
-fn named(relays: &[Relay]) -> String {
+pub(super) fn named(relays: &[Relay]) -> String {
     let numbers: Vec<String> = relays.iter().map(Relay::to_string).collect();
     let word = if relays.len() == 1 { "relay" } else { "relays" };
     format!("{word} {}", numbers.join(" and "))

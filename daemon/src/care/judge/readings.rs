@@ -1,4 +1,4 @@
-//! What follows from the readings alone: how much of the sheet's pattern is in them, reciprocity, van der Pauw, noise.
+//! What follows from the readings alone: how much of the sheet's pattern is in them, reciprocity, van der Pauw.
 
 use super::super::pauw::sheet_resistance;
 use super::Judge;
@@ -102,29 +102,5 @@ impl Judge<'_> {
             let correction = self.sheet.sheet_ohm / formula(&model, shift)?;
             Some((raw, raw * correction))
         })
-    }
-
-    /// Standard deviation of one reading, pooled over the places that were read again and again.
-    pub(super) fn noise(&self) -> Option<f64> {
-        let places = self.raw.repeats.first()?.len();
-        let (mut squares, mut freedom) = (0.0, 0.0);
-        for place in 0..places {
-            let read: Vec<f64> = self
-                .raw
-                .repeats
-                .iter()
-                .filter_map(|row| row[place])
-                .collect();
-            if read.len() < 2 {
-                continue;
-            }
-            let mean = read.iter().sum::<f64>() / read.len() as f64;
-            squares += read
-                .iter()
-                .map(|volts| (volts - mean) * (volts - mean))
-                .sum::<f64>();
-            freedom += read.len() as f64 - 1.0;
-        }
-        (freedom > 0.0).then(|| (squares / freedom).sqrt())
     }
 }
