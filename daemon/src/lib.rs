@@ -48,9 +48,7 @@ mod watch;
 
 use std::ffi::OsString;
 use std::io::{IsTerminal, Write};
-use std::panic::AssertUnwindSafe;
 use std::process::ExitCode;
-use std::time::Duration;
 
 use clap::Parser;
 use rig::SystemClock;
@@ -116,25 +114,16 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
         Ok(runtime) => runtime,
         Err(cause) => return fail(&format!("no threads to run on: {cause}")),
     };
-    let life = AssertUnwindSafe(|| {
-        runtime.block_on(async {
-            if args.safe_off {
-                safe_off(&prepared).await
-            } else {
-                serve(prepared).await.map_err(|text| (FAILED, text))
-            }
-        })
-    });
-    let outcome = match std::panic::catch_unwind(life) {
-        Ok(outcome) => outcome,
-        Err(_) => {
-            // its connections go with it, so that the instruments can be reached anew
-            runtime.shutdown_timeout(Duration::from_secs(1));
-            return last_resort(rig.as_deref());
+    let life = async {
+        if args.safe_off {
+            safe_off(&prepared).await
+        } else {
+            serve(prepared).await.map_err(|text| (FAILED, text))
         }
     };
-    // a reader that never reads must not keep the process
-    runtime.shutdown_timeout(Duration::from_secs(2));
+    let Some(outcome) = guard::lived(runtime, rig.as_deref(), life) else {
+        return fail("the daemon's own code failed; its log says where, please report it");
+    };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err((code, text)) => {
@@ -142,22 +131,6 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
             ExitCode::from(code)
         }
     }
-}
-
-/// The daemon's own head has failed: the source is switched off over fresh connections.
-fn last_resort(rig: Option<&prepare::RigPlan>) -> ExitCode {
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build();
-    if let (Some(rig), Ok(runtime)) = (rig, runtime) {
-        for outcome in runtime.block_on(make_safe_each(rig, &None)) {
-            match outcome {
-                Ok(line) => say(&line),
-                Err(error) => drop(fail(&chain(&error))),
-            }
-        }
-    }
-    fail("the daemon's own code failed; its log says where, please report it")
 }
 
 /// The daemon's life.
@@ -342,6 +315,7 @@ fn print_plan(prepared: &Prepared, json: bool) -> ExitCode {
                 "relay_voltage_v": rig.limits.relay_voltage.0,
             },
             "simulated": prepared.is_simulated(),
+            "measuring": report::measuring(&plan.more),
             "lines": plan.lines,
         });
         say(&object.to_string());
@@ -357,6 +331,11 @@ fn print_plan(prepared: &Prepared, json: bool) -> ExitCode {
         plan.reading_messages,
         plan.duration_s
     ));
+    let words: Vec<String> = report::measuring(&plan.more)
+        .iter()
+        .map(|(key, value)| format!("{key} {value}"))
+        .collect();
+    say(&words.join(", "));
     say(&format!(
         "{} through {}, at most {}; limits: source {}, relays {} and {}; checked, nothing moved",
         rig.plan.current,

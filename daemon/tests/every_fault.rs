@@ -153,8 +153,16 @@ impl Play {
         let back = said.iter().position(|said| {
             said.instrument == Instrument::Source && said.heard.starts_with("*IDN?")
         });
-        let said =
-            &said[back.unwrap_or_else(|| panic!("{words}: the source was not asked who it is"))..];
+        let back = back.unwrap_or_else(|| panic!("{words}: the source was not asked who it is"));
+        let (until_then, said) = said.split_at(back);
+        // whatever could still be said to the switch when the fault was noticed: open
+        let moved = until_then
+            .iter()
+            .rev()
+            .find(|said| said.instrument != Instrument::Source && moves_relays(&said.heard));
+        if let Some(moved) = moved.filter(|_| words.contains("6221")) {
+            assert!(opens_relays(&moved.heard), "{words}: {}", moved.heard);
+        }
         let of_source = |word: &str| {
             said.iter()
                 .position(|said| said.instrument == Instrument::Source && said.heard.contains(word))
@@ -185,6 +193,8 @@ impl Play {
                 let gone_through = tokio::time::timeout(DEADLINE, async {
                     loop {
                         let signal = tokio::select! {
+                            // what has been told comes before a frame that came after it
+                            biased;
                             signal = bus::next(&mut happened) => signal.expect("the daemon runs"),
                             // what passes by itself may have passed while the source was switched off, which is said
                             // twice where need be, or between two frames: once more
@@ -200,7 +210,8 @@ impl Play {
                                 let verified = "the source is off, verified";
                                 assert!(signal.text.contains(verified), "{}", signal.text);
                             }
-                            "source-unknown" => {
+                            // where the fault passes by itself the source may be back by now
+                            "source-unknown" if !mended => {
                                 assert!(
                                     self.rig.poles().iter().take(2).all(Option::is_none),
                                     "{words}"
@@ -312,6 +323,14 @@ impl Play {
         let (status, log) = self.daemon.terminate().await;
         assert!(status.success(), "{log}");
     }
+}
+
+fn moves_relays(heard: &str) -> bool {
+    heard.contains("CLOS (") || heard.contains("OPEN (")
+}
+
+fn opens_relays(heard: &str) -> bool {
+    heard.contains("OPEN (") && !heard.contains("CLOS (")
 }
 
 async fn within<T>(what: &str, future: impl Future<Output = T>) -> T {

@@ -2,10 +2,10 @@
 
 mod stage;
 
-use bench::{Instrument, Wire};
+use bench::{Instrument, Pace, Profile, Said, Scene, SimulatedRig, Wire};
 use bus::{Fault, Options};
 use logbook::SessionReader;
-use stage::{Measuring, SMALL, Stage, on_tcp, within};
+use stage::{Measuring, SMALL, Stage, on_tcp, on_tcp_with, within};
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_overload_is_a_flag_and_not_a_number() {
@@ -62,6 +62,22 @@ async fn a_disk_that_refuses_ends_the_session_and_says_so() {
     );
 }
 
+/// When the source was found again it was switched off and asked whether it is, before anybody else was spoken to.
+fn assert_off_before_anything_else(said: &[Said]) {
+    let place = |from: usize, what: &dyn Fn(&Said) -> bool| {
+        let found = said[from..].iter().position(what);
+        from + found.unwrap_or_else(|| panic!("it is not in {said:#?}"))
+    };
+    let of_source = |said: &Said, word: &str| {
+        said.instrument == Instrument::Source && said.heard.contains(word)
+    };
+    let back = place(0, &|said| of_source(said, "*IDN?"));
+    let off = place(back, &|said| of_source(said, "CLE"));
+    let asked = place(off, &|said| of_source(said, "OUTP?"));
+    let other = place(back, &|said| said.instrument != Instrument::Source);
+    assert!(asked < other, "{off}, {asked}, {other}: {said:#?}");
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn a_lost_source_suspends_the_session_and_is_verified_off_before_it_goes_on() {
     let Measuring {
@@ -79,12 +95,17 @@ async fn a_lost_source_suspends_the_session_and_is_verified_off_before_it_goes_o
     assert!(source.address().await.unwrap().starts_with("tcp:"));
     assert!(source.identity().await.unwrap().contains("6221"));
 
+    rig.keep_transcript();
     rig.set_wire(Instrument::Source, Wire::Cut);
-    let mut kinds = Vec::new();
+    let mut kinds: Vec<String> = Vec::new();
     loop {
         let signal = within(bus::next(&mut happened)).await.unwrap();
         let told = signal.args().unwrap();
-        kinds.push(told.kind.to_string());
+        let again = kinds.last().is_some_and(|last| last == told.kind);
+        // how many tries it takes until this test has mended the wire is the machine's affair
+        if !(again && told.kind == "reconnecting") {
+            kinds.push(told.kind.to_string());
+        }
         match told.kind {
             "frame-failed" => {
                 let first = told.text.split(". ").next().unwrap();
@@ -105,18 +126,18 @@ async fn a_lost_source_suspends_the_session_and_is_verified_off_before_it_goes_o
             "source-unknown" => {
                 assert_eq!(daemon.manager.source_state().await.unwrap(), "unknown");
             }
-            "reconnecting" if kinds.iter().filter(|kind| *kind == "reconnecting").count() == 2 => {
+            "reconnecting" if again => {
                 assert_eq!(daemon.manager.state().await.unwrap(), "suspended");
                 assert!(source.state().await.unwrap().starts_with("fault"));
                 let recovery = Options(daemon.manager.recovery().await.unwrap());
-                assert_eq!(recovery.whole("tries").unwrap(), Some(2));
+                assert!(recovery.whole("tries").unwrap() >= Some(2), "{recovery:?}");
                 rig.set_wire(Instrument::Source, Wire::Sound);
             }
-            "source-off" => assert!(!rig.source_output().0),
             "resumed" => break,
             _ => {}
         }
     }
+    assert_off_before_anything_else(&rig.transcript());
     assert_eq!(
         kinds,
         [
@@ -124,7 +145,6 @@ async fn a_lost_source_suspends_the_session_and_is_verified_off_before_it_goes_o
             "source-unknown",
             "transcript",
             "suspended",
-            "reconnecting",
             "reconnecting",
             "source-off",
             "reconnected",
@@ -146,7 +166,9 @@ async fn a_lost_source_suspends_the_session_and_is_verified_off_before_it_goes_o
         .into_iter()
         .map(|event| event.kind)
         .collect();
-    assert_eq!(events, kinds, "every step is an event of the record");
+    let mut steps = events.clone();
+    steps.dedup();
+    assert_eq!(steps, kinds, "every step is an event of the record");
     assert_eq!(
         record.len().unwrap(),
         session.frames_acquired().await.unwrap()
@@ -156,17 +178,18 @@ async fn a_lost_source_suspends_the_session_and_is_verified_off_before_it_goes_o
 
 #[tokio::test(flavor = "multi_thread")]
 async fn both_links_lost_is_an_alarm_and_whichever_comes_back_first_is_made_safe() {
-    let Measuring {
-        rig,
-        mut happened,
-        // kept to the end
-        daemon: _daemon,
-        server: _server,
-        stage: _stage,
-        ..
-    } = Measuring::begin().await;
+    let (rig, _server, config) = on_tcp().await;
+    let stage = Stage::new(&config);
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    let session = daemon.start(Options::new().with("step", true)).await;
+    within(session.step(1)).await.unwrap();
+    // between two frames, so that the next one misses both at once
     rig.set_wire(Instrument::Source, Wire::Cut);
     rig.set_wire(Instrument::Mainframe, Wire::Cut);
+    let stepped = session.clone();
+    let step = tokio::spawn(async move { stepped.step(1).await });
     let mut kinds = Vec::new();
     loop {
         let signal = within(bus::next(&mut happened)).await.unwrap();
@@ -184,13 +207,17 @@ async fn both_links_lost_is_an_alarm_and_whichever_comes_back_first_is_made_safe
             _ => {}
         }
     }
-    for kind in ["alarm", "relays-open", "source-off"] {
-        // a frame may have ended between the two cuts: then only one of them was lost in the next
-        if !kinds.contains(&"alarm".to_owned()) {
-            break;
-        }
-        assert!(kinds.contains(&kind.to_owned()), "{kind}: {kinds:?}");
-    }
+    let place = |wanted: &str| kinds.iter().position(|kind| kind == wanted);
+    let steps = ["alarm", "relays-open", "source-off", "resumed"].map(place);
+    assert!(
+        steps.iter().all(Option::is_some) && steps.is_sorted(),
+        "{kinds:?}"
+    );
+    assert_eq!(
+        within(step).await.unwrap().unwrap(),
+        2,
+        "the frame is taken after all"
+    );
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -270,17 +297,56 @@ async fn a_client_that_goes_away_ends_nothing() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn sigterm_in_the_middle_of_a_frame_leaves_the_source_off() {
-    let Measuring {
-        rig,
-        daemon,
-        server: _server,
-        stage: _stage,
-        ..
-    } = Measuring::begin().await;
-    let (status, log) = daemon.terminate().await;
+async fn sigterm_while_a_scan_is_under_way_switches_off_at_once_and_verifies() {
+    let profile = Profile::default().at_pace(Pace::Real);
+    let scene = Scene::parse("scene", "[disc-tank]\nelectrodes = 16\n").unwrap();
+    let rig = SimulatedRig::new(&profile, scene).unwrap();
+    let (_server, config) = on_tcp_with(&rig).await;
+    // a scan of sixteen readings takes six seconds
+    let stage = Stage::new(&config.replace("[survey]\n", "[survey]\nnplc = 20\n"));
+    let daemon = stage.start().await;
+    let frames = Options::new().with("frames", 100_u64);
+    daemon.manager.record_baseline(&frames).await.unwrap();
+    within(async {
+        while !rig.source_output().0 || rig.source_output().1.0 == 0.0 {
+            tokio::task::yield_now().await;
+        }
+    })
+    .await;
+    rig.keep_transcript();
+    let asked = std::time::Instant::now();
+    let ended = tokio::spawn(daemon.terminate());
+    within(async {
+        while rig.source_output().0 {
+            tokio::task::yield_now().await;
+        }
+    })
+    .await;
+    println!("source off {:?} after SIGTERM", asked.elapsed());
+    let (status, log) = within(ended).await.unwrap();
     assert!(status.success(), "{log}");
     assert!(!rig.source_output().0 && rig.closed().is_empty(), "{log}");
+    let said = rig.transcript();
+    let is_off = |said: &&Said| said.instrument == Instrument::Source && said.heard.contains("CLE");
+    let off = said
+        .iter()
+        .find(is_off)
+        .unwrap_or_else(|| panic!("{said:#?}"));
+    let states = off.answered.as_deref().unwrap_or_default();
+    assert!(
+        off.heard.contains("OUTP?"),
+        "asked in the same message: {off:?}"
+    );
+    assert!(states.starts_with("0.000000E+00;0"), "{off:?}");
+    let opened = said
+        .iter()
+        .rev()
+        .find(|said| said.instrument == Instrument::Mainframe);
+    let opened = opened.unwrap_or_else(|| panic!("{said:#?}"));
+    assert!(
+        opened.heard.contains("OPEN (") && opened.heard.contains("CLOS? ("),
+        "{opened:?}"
+    );
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -136,13 +136,15 @@ async fn a_schedule_ends_by_itself_and_summaries_reach_the_last_frame() {
     daemon.baseline(2).await;
     let path = daemon
         .manager
-        .start_session(&Options::new().with("count", 40_u64))
+        .start_session(&Options::new().with("count", 40_u64).with("step", true))
         .await
         .unwrap();
     let session = daemon.session(&path).await;
     let mut summaries = session.receive_frame_done().await.unwrap();
     let mut told = Vec::new();
+    // the first frame waits until somebody listens
     let begun = std::time::Instant::now();
+    assert_eq!(within(session.step(40)).await.unwrap(), 40);
     loop {
         let signal = within(bus::next(&mut summaries)).await.unwrap();
         let arguments = signal.args().unwrap();

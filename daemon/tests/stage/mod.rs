@@ -219,7 +219,13 @@ pub async fn within<T>(future: impl Future<Output = T>) -> T {
 /// A rig on TCP that a test can break, and a configuration for it.
 pub async fn on_tcp() -> (SimulatedRig, bench::Server, String) {
     let rig = instant(&Profile::default());
-    let server = serve(&rig, (0, 0)).await;
+    let (server, config) = on_tcp_with(&rig).await;
+    (rig, server, config)
+}
+
+/// The same for a rig that there is.
+pub async fn on_tcp_with(rig: &SimulatedRig) -> (bench::Server, String) {
+    let server = serve(rig, (0, 0)).await;
     let (source, mainframe) = (&server.ready().source, &server.ready().mainframe);
     let config = format!(
         "{}\n[source]\naddress = \"tcp:{source}\"\ndeadline_ms = 2000\n[switch]\naddress = \"tcp:{mainframe}\"\n\
@@ -228,7 +234,7 @@ pub async fn on_tcp() -> (SimulatedRig, bench::Server, String) {
             .replace("\"simulated\"", "\"instruments\"")
             .replace("profile = \"PROFILE\"\nscene = \"scene.toml\"\n", "")
     );
-    (rig, server, config)
+    (server, config)
 }
 
 /// The rig of a profile on a small tank, in instant time.
