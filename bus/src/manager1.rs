@@ -49,6 +49,9 @@ pub trait Manager1 {
     /// The plan of a frame, without moving anything: that of the running session, else the configured one.
     fn plan(&self) -> Result<PlanReport, Fault>;
 
+    /// The plan of a frame of a session that would be started with these [`MEASURING_OPTIONS`], without moving anything.
+    fn plan_with(&self, options: &Options) -> Result<PlanReport, Fault>;
+
     /// The region of interest, for drawing maps.
     fn geometry(&self) -> Result<Geometry, Fault>;
 
@@ -260,7 +263,9 @@ pub struct PlanReport {
     /// `wiring` (s), `source_current_max_a`, `relay_current_max_a`, `relay_voltage_max_v` (d); how each reading is taken:
     /// `nplc`, `settle_s`, `channel_delay_s`, `range_v` (d), `averages`, `zero_every`, `range_changes` (t), `autozero`,
     /// `reversal`, `planned_ranges` (b); `range_time_s`, `noise_fixed_v`, `noise_v`, `noise_median_v` (d): what ranges of
-    /// their own cost a frame, and the noise without and with them.
+    /// their own cost a frame, and the noise without and with them; the pattern: `skip` (t), `half` (b). Of each setting
+    /// that is not left out: `cost_..._s`, what it costs a frame, s, and `gain_...`, noise without it over noise with it
+    /// (d; `nplc`, `averages`, `autozero`, `settle`, `channel_delay`, `reversal`, `zero_every`, `ranges`, `half`).
     pub more: Options,
 }
 

@@ -356,6 +356,9 @@ pub struct Plan {
     /// List every step
     #[arg(long)]
     pub steps: bool,
+    /// As a session would measure
+    #[command(flatten)]
+    pub measuring: Measuring,
 }
 
 #[cfg(test)]

@@ -127,7 +127,7 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                     Command::Stop(stop) => session::stop(&daemon, &stop, printer).await,
                     Command::Step(step) => session::step(&daemon, &step, printer).await,
                     Command::Watch(watch) => watch::run(&daemon, &watch, printer).await,
-                    Command::Plan(asked) => plan::run(&daemon, asked.steps, printer).await,
+                    Command::Plan(asked) => plan::run(&daemon, &asked, printer).await,
                     Command::Sessions
                     | Command::Events { .. }
                     | Command::Export(_)

@@ -50,16 +50,47 @@ struct Measuring {
     noise_fixed_v: f64,
     noise_v: f64,
     noise_median_v: f64,
+    skip: u64,
+    half: bool,
+    costs: Vec<Cost>,
 }
+
+/// What a setting costs a frame, and what it gains, against leaving it out.
+#[derive(Debug, Serialize)]
+struct Cost {
+    setting: &'static str,
+    seconds: f64,
+    /// Noise of a reading without it over noise with it.
+    gain: f64,
+}
+
+/// Settings that may cost a frame something.
+const COSTING: [&str; 9] = [
+    "nplc",
+    "averages",
+    "autozero",
+    "settle",
+    "channel_delay",
+    "reversal",
+    "zero_every",
+    "ranges",
+    "half",
+];
 
 pub(crate) async fn run(
     daemon: &Daemon,
-    steps: bool,
+    asked: &crate::args::Plan,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let report = daemon.ask("the plan", daemon.manager.plan()).await?;
+    let options = asked.measuring.with(Options::new());
+    let report = if options.0.is_empty() {
+        daemon.ask("the plan", daemon.manager.plan()).await?
+    } else {
+        let plan = daemon.manager.plan_with(&options);
+        daemon.ask("the plan", plan).await?
+    };
     let plan = from_report(report)?;
-    printer.record(&plan, |plan| for_a_person(plan, steps))
+    printer.record(&plan, |plan| for_a_person(plan, asked.steps))
 }
 
 fn from_report(report: PlanReport) -> Result<Plan, Failure> {
@@ -113,7 +144,45 @@ fn measuring(more: &Options) -> Result<Option<Measuring>, bus::Fault> {
         noise_fixed_v: number("noise_fixed_v")?,
         noise_v: number("noise_v")?,
         noise_median_v: number("noise_median_v")?,
+        skip: whole("skip")?,
+        half: flag("half")?,
+        costs: costs(more)?,
     }))
+}
+
+fn costs(more: &Options) -> Result<Vec<Cost>, bus::Fault> {
+    let mut costs = Vec::new();
+    for setting in COSTING {
+        let seconds = more.number(&format!("cost_{setting}_s"))?;
+        let gain = more.number(&format!("gain_{setting}"))?;
+        costs.extend(seconds.zip(gain).map(|(seconds, gain)| Cost {
+            setting,
+            seconds,
+            gain,
+        }));
+    }
+    Ok(costs)
+}
+
+/// What the settings cost a frame and gain in noise, the dearest first.
+fn costs_told(costs: &[Cost]) -> String {
+    let mut costs: Vec<&Cost> = costs.iter().collect();
+    costs.sort_by(|a, b| b.seconds.total_cmp(&a.seconds));
+    let each = costs.into_iter().map(|cost| {
+        let seconds = Duration::try_from_secs_f64(cost.seconds.abs()).unwrap_or_default();
+        let saves = if cost.seconds < 0.0 { "saves " } else { "" };
+        let noise = match cost.gain {
+            gain if (gain - 1.0).abs() < 1e-9 => String::new(),
+            gain if gain > 1.0 => format!(" (noise / {gain:.3})"),
+            gain => format!(" (noise x {:.3})", 1.0 / gain),
+        };
+        format!(
+            "{} {saves}{}{noise}",
+            cost.setting.replace('_', " "),
+            display_span(seconds)
+        )
+    });
+    each.collect::<Vec<_>>().join(", ")
 }
 
 /// How each reading is taken, and what its range costs and gains.
@@ -162,7 +231,21 @@ fn told(measuring: &Measuring) -> String {
             Volts(measuring.noise_fixed_v)
         )
     };
-    format!("measuring   {}\nranges      {ranges}\n", words.join(", "))
+    let mut pattern = match measuring.skip {
+        0 => "neighbouring pairs".to_owned(),
+        skip => format!("pairs that leave out {skip} electrodes"),
+    };
+    if measuring.half {
+        pattern.push_str(", of two readings that reciprocity makes equal one");
+    }
+    let costs = match measuring.costs.as_slice() {
+        [] => String::new(),
+        costs => format!("cost        {}\n", costs_told(costs)),
+    };
+    format!(
+        "pattern     {pattern}\nmeasuring   {}\nranges      {ranges}\n{costs}",
+        words.join(", ")
+    )
 }
 
 fn for_a_person(plan: &Plan, steps: bool) -> String {
@@ -249,6 +332,29 @@ mod tests {
              \"reading_messages\":26,\"duration_s\":12.5,\"current_a\":0.001,\"compliance_v\":10.0,\
              \"source_current_max_a\":0.1,\"relay_current_max_a\":0.01,\"relay_voltage_max_v\":null,\
              \"lines\":[\"1: source to 0 A\"]}"
+        );
+    }
+
+    #[test]
+    fn what_each_setting_costs_is_told_the_dearest_first() {
+        let more = Options::new()
+            .with("nplc", 1.0)
+            .with("averages", 4_u64)
+            .with("half", true)
+            .with("cost_half_s", -2.5)
+            .with("gain_half", 0.5_f64.sqrt())
+            .with("cost_averages_s", 9.0)
+            .with("gain_averages", 2.0)
+            .with("cost_settle_s", 0.05)
+            .with("gain_settle", 1.0);
+        let told = told(&measuring(&more).unwrap().unwrap());
+        assert!(
+            told.contains("cost        averages 9.0 s (noise / 2.000), settle 50 ms, half saves 2.5 s (noise x 1.414)"),
+            "{told}"
+        );
+        assert!(
+            told.contains("neighbouring pairs, of two readings"),
+            "{told}"
         );
     }
 }

@@ -8,7 +8,7 @@ mod rig_again;
 mod run;
 mod told;
 
-pub(crate) use asked::no_baseline;
+pub(crate) use asked::{no_baseline, no_plan};
 pub(crate) use told::Happening;
 
 use std::collections::VecDeque;

@@ -8,7 +8,7 @@ use eit::{
     Calibration, Case, Hyper, Mesh, OneStep, OneStepOptions, Preset, Prior, Reconstructor,
     SMOOTH_LENGTH_M, Tv, TvOptions,
 };
-use survey::{Amps, Protocol};
+use survey::{Amps, Protocol, Reading};
 
 use crate::config::{GeometrySection, MethodName, ModelSection, PresetName, PriorName};
 
@@ -41,6 +41,10 @@ pub(crate) struct Model {
     pub calibration: Option<Arc<Calibration>>,
 }
 
+/// A half frame is not doubled for a model of whole ones: both readings of a pair would have the same noise, which a model
+/// trained on independent noise takes for a change of the sheet.
+const HALF: &str = ", or set survey.half = false (a whole frame), or take method = \"one-step\", which maps a half frame as it is";
+
 /// Why there is no model.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ModelFault {
@@ -52,7 +56,8 @@ pub(crate) enum ModelFault {
     },
     #[error(
         "model {model} asks {asks} readings of {model_electrodes} electrodes (survey {model_hash}), this rig asks {rig} \
-         of {rig_electrodes} (survey {rig_hash}); use a model trained for this rig"
+         of {rig_electrodes} (survey {rig_hash}); use a model trained for this rig{}",
+        if *.half { HALF } else { "" }
     )]
     Survey {
         model: String,
@@ -62,6 +67,8 @@ pub(crate) enum ModelFault {
         rig: usize,
         rig_electrodes: usize,
         rig_hash: String,
+        /// Whether the rig reads half of what the model asks, and the other half is equal by reciprocity.
+        half: bool,
     },
     #[error(
         "model {model} was made for geometry {model_hash}, this rig has {rig_hash} ({geometry}); use a model trained \
@@ -245,6 +252,10 @@ fn check(
             rig: protocol.len(),
             rig_electrodes: protocol.electrodes(),
             rig_hash: short(&protocol.hash()),
+            half: model
+                .protocol()
+                .answered_by(protocol, &vec![Reading::NotMeasured; protocol.len()])
+                .is_some(),
         });
     }
     if model.mesh().hash() != geometry.mesh.hash() {

@@ -1,5 +1,6 @@
 //! What a configuration means: everything found out that can be found out without touching an instrument.
 
+mod costs;
 mod numbers;
 mod played;
 mod rig_plan;
@@ -15,6 +16,8 @@ use sha2::{Digest, Sha256};
 use survey::{
     Amps, Limits, Plan, Protocol, ProtocolError, RangeRule, Relay, Settings, Step, Timing,
 };
+
+pub(crate) use costs::{costs, resolution};
 
 use crate::config::{Config, EnableName, RigKind, SurveySection};
 use crate::model::{Geometry, Model, chain, geometry, model};
@@ -68,6 +71,10 @@ pub(crate) struct RigPlan {
     pub ranges: Option<RangeRule>,
     /// Frames that one zero-current frame serves.
     pub zero_every: Option<u64>,
+    /// Electrodes that a pair leaves out between its two.
+    pub skip: usize,
+    /// Whether each two readings that reciprocity makes equal are read once.
+    pub half: bool,
     /// What the slots must hold; none where a multiplexer board switches.
     pub modules: BTreeMap<u32, keysight_34980a::Module>,
     pub instruments: Places,

@@ -1,5 +1,7 @@
 //! What the daemon knows, in the plain types of the bus.
 
+use std::collections::BTreeMap;
+
 use bus::{
     BaselineReport, Options, PlanReport, RelayWear, SeenInstrument, SessionSummary, TestLine,
     TestReport,
@@ -10,16 +12,13 @@ use crate::care::{Line, Report, Wear};
 use crate::discovery::{Found, Seen};
 use crate::keeper::Recovery;
 use crate::model::Geometry;
-use crate::prepare::RigPlan;
+use crate::prepare::{RigPlan, costs, resolution};
 use crate::recorder::{nanoseconds, volts};
 
 /// The plan of a frame.
 pub(crate) fn plan(rig: &RigPlan) -> PlanReport {
     let counts = rig.plan.counts();
-    let fraction = keysight_34980a::INTEGRATION
-        .iter()
-        .find(|(nplc, _)| *nplc == rig.meter.nplc)
-        .map_or(0.0, |(_, fraction)| *fraction);
+    let fraction = resolution(rig.meter.nplc);
     let planned = rig
         .plan
         .resolution(fraction, rig.meter.range, rig.meter.averages);
@@ -47,9 +46,15 @@ pub(crate) fn plan(rig: &RigPlan) -> PlanReport {
         .with("noise_fixed_v", fixed)
         .with("noise_v", planned.rms.0)
         .with("noise_median_v", planned.median.0)
+        .with("skip", rig.skip as u64)
+        .with("half", rig.half)
         .with("source_current_max_a", rig.limits.source_current.0)
         .with("relay_current_max_a", rig.limits.relay_current.0)
         .with("relay_voltage_max_v", rig.limits.relay_voltage.0);
+    let more = costs(rig).into_iter().fold(more, |more, cost| {
+        more.with(&format!("cost_{}_s", cost.setting), cost.seconds)
+            .with(&format!("gain_{}", cost.setting), cost.gain)
+    });
     PlanReport {
         steps: counts.steps as u64,
         injections: counts.injections as u64,
@@ -62,6 +67,22 @@ pub(crate) fn plan(rig: &RigPlan) -> PlanReport {
         lines: rig.plan.steps.iter().map(ToString::to_string).collect(),
         more,
     }
+}
+
+/// How each reading of a plan is taken, what each setting costs and gains, as `tactus plan --json` names them.
+pub(crate) fn measuring(more: &Options) -> BTreeMap<String, serde_json::Value> {
+    let of_the_rig = ["wiring", "electrodes", "extra_readings"];
+    let keys = more.0.keys().filter(|key| {
+        !of_the_rig.contains(&key.as_str()) && !key.ends_with("_max_a") && !key.ends_with("_max_v")
+    });
+    keys.filter_map(|key| {
+        let whole = || Some(more.whole(key).ok()??.into());
+        let flag = || Some(more.flag(key).ok()??.into());
+        let number = || Some(more.number(key).ok()??.into());
+        let value: serde_json::Value = flag().or_else(whole).or_else(number)?;
+        Some((key.clone(), value))
+    })
+    .collect()
 }
 
 /// What is needed to draw a map.

@@ -55,6 +55,108 @@ async fn a_session_measures_as_it_is_asked_to_and_the_plan_shows_it() {
     assert_eq!(after.duration_s, configured.duration_s);
 }
 
+/// Before anything runs: what a setting would cost and gain is what the plan with it takes longer than the one without.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_plan_says_what_each_setting_would_cost_before_a_session_runs() {
+    let stage = Stage::new(&SMALL.replace("[survey]\n", "[survey]\nnplc = 0.02\nsettle_ms = 0\n"));
+    let daemon = stage.start().await;
+    let manager = &daemon.manager;
+    let plainest = manager.plan().await.unwrap();
+    let costs = |plan: &bus::PlanReport| {
+        plan.more
+            .0
+            .keys()
+            .filter(|key| key.starts_with("cost_"))
+            .count()
+    };
+    assert_eq!(costs(&plainest), 0, "{:?}", plainest.more);
+    let root = 2.0_f64.sqrt();
+    for (option, setting, gain) in [
+        (Options::new().with("nplc", 1.0), "nplc", 100.0 / 3.0),
+        (Options::new().with("averages", 9_u64), "averages", 3.0),
+        (Options::new().with("autozero", true), "autozero", 1.0),
+        (Options::new().with("settle_ms", 7.0), "settle", 1.0),
+        (
+            Options::new().with("channel_delay_ms", 3.0),
+            "channel_delay",
+            1.0,
+        ),
+        (Options::new().with("reversal", true), "reversal", root),
+    ] {
+        let with = manager.plan_with(&option).await.unwrap();
+        let number = |key: String| with.more.number(&key).unwrap().unwrap();
+        let cost = number(format!("cost_{setting}_s"));
+        let longer = with.duration_s - plainest.duration_s;
+        println!(
+            "{setting}: {cost:.3} s a frame, noise / {:.2}",
+            number(format!("gain_{setting}"))
+        );
+        assert!(
+            cost > 0.0 && (cost - longer).abs() < 1e-9,
+            "{setting}: {cost}, {longer}"
+        );
+        let gained = number(format!("gain_{setting}"));
+        let noise = |plan: &bus::PlanReport| plan.more.number("noise_v").unwrap().unwrap();
+        assert!((gained / gain - 1.0).abs() < 1e-9, "{setting}: {gained}");
+        assert!(
+            (noise(&plainest) / noise(&with) / gain - 1.0).abs() < 1e-9,
+            "{setting}"
+        );
+        assert_eq!(costs(&with), 1, "{setting}: {:?}", with.more);
+    }
+    let every_fifth = Options::new().with("zero_every", 5_u64);
+    let with = manager.plan_with(&every_fifth).await.unwrap();
+    let cost = with.more.number("cost_zero_every_s").unwrap().unwrap();
+    assert!((cost - plainest.duration_s / 5.0).abs() < 1e-9, "{cost}");
+    let refused = manager
+        .plan_with(&Options::new().with("count", 3_u64))
+        .await
+        .unwrap_err();
+    assert!(
+        matches!(&refused, Fault::InvalidOption(text) if text.contains("'count'")),
+        "{refused:?}"
+    );
+    assert_eq!(
+        manager.plan().await.unwrap().duration_s,
+        plainest.duration_s
+    );
+    within(daemon.terminate()).await;
+
+    // half a frame, on a wiring that reads one by one
+    let half = SMALL.replace("[survey]\n", "[survey]\nhalf = true\n")
+        + "[wiring]\nkind = \"matrix-34932a\"\n";
+    stage.configure(&half);
+    std::fs::write(
+        stage.path().join("profile.toml"),
+        "time = \"instant\"\n[slots]\n1 = \"34932A\"\n",
+    )
+    .unwrap();
+    let planned = |stage: &Stage| {
+        let said = stage.run(&["--plan", "--json"]);
+        assert!(said.status.success(), "{said:?}");
+        serde_json::from_slice::<serde_json::Value>(&said.stdout).unwrap()
+    };
+    let of_half = planned(&stage);
+    stage.configure(&half.replace("half = true\n", ""));
+    let of_whole = planned(&stage);
+    let saved = of_whole["duration_s"].as_f64().unwrap() - of_half["duration_s"].as_f64().unwrap();
+    let measuring = &of_half["measuring"];
+    assert_eq!(
+        (&measuring["half"], &measuring["skip"]),
+        (&true.into(), &0.into()),
+        "{measuring}"
+    );
+    let cost = measuring["cost_half_s"].as_f64().unwrap();
+    assert!(
+        saved > 0.0 && (saved + cost).abs() < 1e-9,
+        "{saved}, {cost}"
+    );
+    assert_eq!(
+        2 * of_half["readings"].as_u64().unwrap(),
+        of_whole["readings"].as_u64().unwrap()
+    );
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn a_zero_current_frame_is_taken_and_told_and_the_next_session_knows_its_baseline() {
     let stage = Stage::new(&SMALL.replace("[survey]\n", "[survey]\nzero_every = 2\n"));

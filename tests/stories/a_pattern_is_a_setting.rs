@@ -80,7 +80,14 @@ fn a_model_trained_for_another_pattern_is_refused_naming_both() {
         .unwrap_or_else(|fault| panic!("{fault}"));
     assert_eq!(said.code, Some(78), "{}{}", said.stdout, said.stderr);
     let text = format!("{}{}", said.stdout, said.stderr);
-    for word in ["survey", "598", "299", "trained for this rig"] {
+    for word in [
+        "survey",
+        "598",
+        "299",
+        "trained for this rig",
+        "set survey.half = false",
+        "method = \"one-step\"",
+    ] {
         assert!(text.contains(word), "'{word}' is not in: {text}");
     }
 }

@@ -1,6 +1,6 @@
 //! Every command that prints data prints one object a line, and says no with the exit code that design promises.
 
-use crate::scenery::{self, Needs, ask, baseline, measure};
+use crate::scenery::{self, Needs, ask, baseline, measure, number};
 
 #[test]
 fn every_command_speaks_json() {
@@ -11,7 +11,7 @@ fn every_command_speaks_json() {
     baseline(&stage, 2);
     let id = measure(&stage, 2);
     let picture = stage.path().join("map.png").display().to_string();
-    let fields: [(&[&str], &[&str]); 7] = [
+    let fields: [(&[&str], &[&str]); 11] = [
         (
             &["status"],
             &[
@@ -28,6 +28,28 @@ fn every_command_speaks_json() {
         (
             &["instruments"],
             &["id", "role", "state", "identity", "address", "simulated"],
+        ),
+        (&["instruments", "test"], &["event"]),
+        (
+            &["instruments", "relays"],
+            &["relay", "purpose", "cycles", "rated", "used", "left_s"],
+        ),
+        (
+            &["instruments", "discover", "--no-mdns", "--no-broadcast"],
+            &[
+                "event", "address", "identity", "found_by", "name", "in_use", "proposal", "remark",
+            ],
+        ),
+        (
+            &["plan", "--reversal", "--averages", "4"],
+            &[
+                "duration_s",
+                "reversal",
+                "averages",
+                "skip",
+                "half",
+                "costs",
+            ],
         ),
         (
             &["baseline", "show"],
@@ -77,6 +99,24 @@ fn every_command_speaks_json() {
     let plan = &ask(&stage, &["plan"])[0];
     assert_eq!(plan["reading_messages"], 26);
     assert_eq!(plan["readings"], 598);
+    let dearer = &ask(&stage, &["plan", "--reversal", "--averages", "4"])[0];
+    assert!(
+        number(dearer, "duration_s") > 6.0 * number(plan, "duration_s"),
+        "{dearer}"
+    );
+    let tested = ask(&stage, &["instruments", "test"]);
+    let (report, lines) = tested.split_last().expect("a report");
+    assert_eq!(
+        (&report["event"], &report["passed"]),
+        (&"report".into(), &true.into()),
+        "{report}"
+    );
+    assert!(
+        lines
+            .iter()
+            .all(|line| line["event"] == "line" && line["verdict"] == "ok"),
+        "{lines:?}"
+    );
     let instruments = ask(&stage, &["instruments"]);
     assert!(instruments.iter().any(|line| {
         line["identity"]

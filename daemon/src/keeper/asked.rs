@@ -10,6 +10,7 @@ use survey::{Baseline, Settings};
 use super::Keeper;
 use crate::config::RangesName;
 use crate::live::Live;
+use crate::measuring::Measuring;
 use crate::model::{self, Model, ModelFault, chain};
 use crate::prepare::{self, RigPlan, Setup, seconds};
 use crate::schedule::Schedule;
@@ -24,6 +25,11 @@ pub(crate) fn no_baseline() -> Fault {
         "no baseline has been recorded; take all loads off the sheet and run `tactus baseline record`"
             .into(),
     )
+}
+
+/// What is said to whoever wants to see the plan of a recording.
+pub(crate) fn no_plan() -> Fault {
+    Fault::Unsupported("a recording has no plan: nothing is measured".into())
 }
 
 /// What a session is to be.
@@ -134,6 +140,19 @@ impl Keeper {
             plan: self.own_plan(options).await?,
         })
         .await
+    }
+
+    /// The plan of a session that would be started with these options, its ranges from the current baseline.
+    ///
+    /// # Errors
+    /// An option that cannot be; a recording.
+    pub(crate) async fn plan_with(&self, options: &Options) -> Result<Arc<RigPlan>, Fault> {
+        options.only(&bus::MEASURING_OPTIONS)?;
+        let own = self.own_plan(options).await?;
+        let plan = own.or_else(|| self.house().plan.clone());
+        let plan = plan.ok_or_else(no_plan)?;
+        let measuring = Measuring::of(Some(Arc::clone(&plan)), self.baseline().as_deref());
+        Ok(measuring.now().unwrap_or(plan))
     }
 
     fn chosen_baseline(&self, id: Option<&str>) -> Result<Arc<Baseline>, Fault> {

@@ -137,6 +137,8 @@ pub(super) fn rig_plan(
         },
         ranges,
         zero_every: survey.zero_every,
+        skip: survey.skip,
+        half: survey.half,
         modules: wired.modules,
         instruments: places?,
         bench,

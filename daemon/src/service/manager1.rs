@@ -6,7 +6,7 @@ use bus::{Fault, Options, ROOT_PATH, RelayWear, SeenInstrument, SessionSummary, 
 use zbus::object_server::{ObjectServer, SignalEmitter};
 use zbus::{ObjectPath, OwnedVariant, interface};
 
-use crate::keeper::{Keeper, disk_fault, no_baseline};
+use crate::keeper::{Keeper, disk_fault, no_baseline, no_plan};
 use crate::live::Live;
 use crate::model::chain;
 use crate::report;
@@ -86,21 +86,31 @@ impl Manager1 {
     async fn plan(
         &self,
     ) -> Result<(u64, u64, u64, u64, u64, f64, f64, f64, Vec<String>, Options), Fault> {
-        let plan = self.0.plan().as_deref().map(report::plan).ok_or_else(|| {
-            Fault::Unsupported("a recording has no plan: nothing is measured".into())
-        })?;
-        Ok((
-            plan.steps,
-            plan.injections,
-            plan.readings,
-            plan.relay_moves,
-            plan.reading_messages,
-            plan.duration_s,
-            plan.current_a,
-            plan.compliance_v,
-            plan.lines,
-            plan.more,
-        ))
+        let plan = self.0.plan().ok_or_else(no_plan)?;
+        Ok(planned(report::plan(&plan)))
+    }
+
+    /// The plan of a frame of a session that would be started with these options (those that say how it measures),
+    /// without moving anything.
+    #[allow(clippy::type_complexity)]
+    #[zbus(out_args(
+        "steps",
+        "injections",
+        "readings",
+        "relay_moves",
+        "reading_messages",
+        "duration_s",
+        "current_a",
+        "compliance_v",
+        "lines",
+        "more"
+    ))]
+    async fn plan_with(
+        &self,
+        options: Options,
+    ) -> Result<(u64, u64, u64, u64, u64, f64, f64, f64, Vec<String>, Options), Fault> {
+        let plan = self.0.plan_with(&options).await?;
+        Ok(planned(report::plan(&plan)))
     }
 
     /// What is needed to draw a map, in metres: mesh hash, corners (x, y, ...), triangles of the region in the order of a
@@ -363,4 +373,22 @@ async fn shown(server: &ObjectServer, live: &Arc<Live>) -> Result<ObjectPath<'st
     bus::session_path(&live.facts.id)
         .or_else(|_| ObjectPath::try_from(ROOT_PATH))
         .map_err(|error| Fault::Failed(error.to_string()))
+}
+
+/// A plan as its method returns it.
+type Planned = (u64, u64, u64, u64, u64, f64, f64, f64, Vec<String>, Options);
+
+fn planned(plan: bus::PlanReport) -> Planned {
+    (
+        plan.steps,
+        plan.injections,
+        plan.readings,
+        plan.relay_moves,
+        plan.reading_messages,
+        plan.duration_s,
+        plan.current_a,
+        plan.compliance_v,
+        plan.lines,
+        plan.more,
+    )
 }
