@@ -232,8 +232,8 @@ mod tests {
         assert!(!sheet.source_output().0 && sheet.closed().is_empty());
         let said = sheet.transcript();
         let last = |instrument: Instrument| {
-            let heard = said.iter().filter(|said| said.instrument == instrument);
-            heard.last().unwrap_or_else(|| panic!("{said:#?}"))
+            let mut heard = said.iter().filter(|said| said.instrument == instrument);
+            heard.next_back().unwrap_or_else(|| panic!("{said:#?}"))
         };
         // what it was told last it was asked in the same message, and said itself
         let off = last(Instrument::Source);
