@@ -31,6 +31,8 @@ pub(crate) struct Guest {
     session: u32,
     line: watch::Receiver<Line>,
     cuts: u64,
+    /// Whether the source's serial port is spoken to, whose lines end as its settings say.
+    serial: bool,
 }
 
 /// What is to be sent for one message.
@@ -56,7 +58,32 @@ impl Guest {
             session,
             line,
             cuts,
+            serial: false,
         }
+    }
+
+    /// Bytes as they are heard: a carriage return ends a message where the serial port is set so. Beside a line feed it
+    /// is white space.
+    fn heard_as(&self, bytes: &mut [u8]) {
+        if self.serial && self.rig.serial_terminator() == "\r" {
+            for byte in bytes.iter_mut().filter(|byte| **byte == b'\r') {
+                *byte = b'\n';
+            }
+        }
+    }
+
+    /// Replies as they are sent.
+    fn sent_as(&self, bytes: Vec<u8>) -> Vec<u8> {
+        let terminator = self.rig.serial_terminator();
+        if !self.serial || terminator == "\n" {
+            return bytes;
+        }
+        // No reply has a line feed inside.
+        let ended = |byte: u8| match byte {
+            b'\n' => terminator.as_bytes().to_vec(),
+            other => vec![other],
+        };
+        bytes.into_iter().flat_map(ended).collect()
     }
 
     /// Waits until the wire is cut.
@@ -182,10 +209,11 @@ impl Guest {
                     attended(hearing, stream, &mut ahead, &mut half_closed).await?
                 };
                 if !self.is_silent() {
+                    self.heard_as(&mut ahead);
                     framer.push(&ahead);
                 }
                 if !delivery.bytes.is_empty() {
-                    stream.write_all(&delivery.bytes).await?;
+                    stream.write_all(&self.sent_as(delivery.bytes)).await?;
                     stream.flush().await?;
                 }
             }
@@ -207,6 +235,7 @@ impl Guest {
                 return Ok(());
             }
             if !self.is_silent() {
+                self.heard_as(&mut chunk[..count]);
                 framer.push(&chunk[..count]);
             }
         }
@@ -288,28 +317,45 @@ impl SimulatedRig {
     }
 
     /// Serves one connection until its client leaves or the wire is cut.
-    pub(crate) async fn converse<S>(
-        self,
-        instrument: Instrument,
-        address: String,
-        mut stream: S,
-    ) -> End
+    pub(crate) async fn converse<S>(self, instrument: Instrument, address: String, stream: S) -> End
     where
         S: AsyncRead + AsyncWrite + Unpin + Send,
     {
         let guest = Guest::enter(&self, instrument, &address);
-        tokio::select! {
-            biased;
-            () = guest.cut() => End::Abnormal,
-            ended = guest.answer(&mut stream) => match ended {
-                Ok(()) => {
-                    stream.shutdown().await.ok();
-                    End::Clean
-                }
-                Err(fault) => {
-                    tracing::debug!("{address} left the {instrument}: {fault}");
-                    End::Abnormal
-                }
+        entertain(guest, address, stream).await
+    }
+
+    /// Serves a serial port until it is pulled.
+    pub(crate) async fn converse_by_serial<S>(
+        self,
+        instrument: Instrument,
+        address: String,
+        stream: S,
+    ) -> End
+    where
+        S: AsyncRead + AsyncWrite + Unpin + Send,
+    {
+        let mut guest = Guest::enter(&self, instrument, &address);
+        guest.serial = instrument == Instrument::Source;
+        entertain(guest, address, stream).await
+    }
+}
+
+async fn entertain<S>(guest: Guest, address: String, mut stream: S) -> End
+where
+    S: AsyncRead + AsyncWrite + Unpin + Send,
+{
+    tokio::select! {
+        biased;
+        () = guest.cut() => End::Abnormal,
+        ended = guest.answer(&mut stream) => match ended {
+            Ok(()) => {
+                stream.shutdown().await.ok();
+                End::Clean
+            }
+            Err(fault) => {
+                tracing::debug!("{address} left the {}: {fault}", guest.instrument);
+                End::Abnormal
             }
         }
     }

@@ -342,7 +342,8 @@ async fn serial_port(rig: SimulatedRig, instrument: Instrument, path: PathBuf, f
     let mut pty = first;
     loop {
         let address = path.display().to_string();
-        rig.clone().converse(instrument, address, pty).await;
+        let served = rig.clone().converse_by_serial(instrument, address, pty);
+        served.await;
         std::fs::remove_file(&path).ok();
         rig.until_connected(instrument).await;
         match plug(&path) {

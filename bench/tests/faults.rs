@@ -295,6 +295,42 @@ async fn a_serial_port_is_pulled_and_plugged() {
 }
 
 #[tokio::test]
+async fn the_serial_port_of_the_source_ends_its_lines_as_it_is_set() {
+    use tokio::io::{AsyncReadExt, AsyncWriteExt};
+    let served = Served::start(&["--serial-6221"]);
+    let mut port = open_serial(served.address("6221-serial"), 9600).unwrap();
+    let mut before = "\n";
+    for (word, end) in [
+        ("CR", "\r"),
+        ("CRLF", "\r\n"),
+        ("LFCR", "\n\r"),
+        ("LF", "\n"),
+    ] {
+        // The reply to the question behind the setting ends in the new way already.
+        for (said, told) in [
+            (format!("SYST:COMM:SER:TERM {word};TERM?{before}"), word),
+            (format!("*ESE?{end}"), "0"),
+        ] {
+            port.write_all(said.as_bytes()).await.unwrap();
+            let expected = format!("{told}{end}");
+            let mut heard = vec![0; expected.len()];
+            let read = tokio::time::timeout(DEADLINE, port.read_exact(&mut heard));
+            read.await.unwrap().unwrap();
+            assert_eq!(String::from_utf8_lossy(&heard), expected);
+        }
+        before = end;
+    }
+    // The network's lines end in a line feed all the same.
+    let said = b"SYST:COMM:SER:TERM CR;TERM?\n";
+    port.write_all(said).await.unwrap();
+    let mut heard = [0; 3];
+    let read = tokio::time::timeout(DEADLINE, port.read_exact(&mut heard));
+    read.await.unwrap().unwrap();
+    assert_eq!(&heard, b"CR\r");
+    assert_eq!(link(&served, "6221").await.ask("*ESE?").await.unwrap(), "0");
+}
+
+#[tokio::test]
 async fn a_board_that_is_reset_says_its_banner() {
     let rig = simulated("gpio-board", Hanging::Sheet);
     let mut wire = rig.connect_gpio();

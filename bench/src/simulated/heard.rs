@@ -109,6 +109,11 @@ impl SimulatedRig {
         self.shared.changed.notify_waiters();
     }
 
+    /// What ends a line on the source's serial port.
+    pub(crate) fn serial_terminator(&self) -> &'static str {
+        self.bench().source.serial_terminator()
+    }
+
     pub(crate) fn status_byte(&self) -> u8 {
         self.bench().status_byte()
     }

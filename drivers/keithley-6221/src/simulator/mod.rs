@@ -255,6 +255,17 @@ impl Simulator6221 {
         self.status.measurement.condition() & 1 << COMPLIANCE_BIT != 0
     }
 
+    /// What ends a line on the serial port, as it is set (section 1): whoever serves the port sends it.
+    pub fn serial_terminator(&self) -> &'static str {
+        // In the order of the words.
+        match self.values.get(crate::Parameter::Terminator) as u8 {
+            1 => "\r",
+            2 => "\r\n",
+            3 => "\n\r",
+            _ => "\n",
+        }
+    }
+
     /// How many errors wait in the queue.
     pub fn errors(&self) -> usize {
         self.errors.len()
