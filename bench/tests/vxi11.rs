@@ -357,6 +357,9 @@ fn what_is_no_call_is_refused_as_rpc_says() {
     let mut next = Client::of(&served);
     let link = next.create(b"inst0").unwrap();
     assert!(next.ask(link, "*IDN?").contains("34980A"));
+    // A long message in one call, longer than a write is said to be.
+    let long = "*ESE 1;".repeat(3000);
+    assert_eq!(next.ask(link, &format!("{long}*ESE?")), "+1");
 }
 
 #[test]

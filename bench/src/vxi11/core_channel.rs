@@ -25,8 +25,8 @@ const VERSION: u32 = 1;
 const LARGEST_WRITE: usize = 16 * 1024;
 /// Most data in one answer to device_read, bytes.
 const LARGEST_READ: usize = 1024 * 1024;
-/// Head and arguments of a call beside its data, bytes: credentials of 400 bytes each at most, and some.
-const HEAD: usize = 2048;
+/// Longest record: clients in use write a long message at once, whatever they were told.
+const LARGEST_RECORD: usize = 256 * 1024;
 /// Most links of a connection.
 const LINKS: usize = 16;
 /// The instrument's name.
@@ -116,7 +116,7 @@ impl Drop for Links {
 
 impl Links {
     async fn answer(&mut self, stream: &mut impl Stream) -> io::Result<()> {
-        while let Some(record) = read_record(stream, LARGEST_WRITE + HEAD).await? {
+        while let Some(record) = read_record(stream, LARGEST_RECORD).await? {
             let mut reader = Reader::new(&record);
             let Ok(call) = Call::read(&mut reader) else {
                 return Err(io::Error::new(io::ErrorKind::InvalidData, "no RPC call"));
@@ -184,7 +184,7 @@ impl Links {
                 let flags = arguments.word()?;
                 let data = arguments.opaque()?;
                 let done = self.write(link, data, flags, deadline, lock).await;
-                // LARGEST_WRITE and the record's bound keep the count small.
+                // The record's bound keeps the count small.
                 let taken = done.map_or(0, |()| u32::try_from(data.len()).unwrap_or(u32::MAX));
                 Writer::default().word(status(done)).word(taken).bytes()
             }
