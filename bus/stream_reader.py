@@ -20,6 +20,9 @@ def records(stream):
                                 mesh_hash=body[at + 2:hash_end].decode(), method=body[hash_end + 2:].decode())
         elif kind == 3:
             yield record | dict(kind="end", reason=body[36:].decode())
+        elif kind == 4:
+            *kpa, newtons = struct.unpack_from(f"<{n + 1}d", body, 36)
+            yield record | dict(kind="pressure", kpa=kpa, newtons=newtons)
 
 
 if __name__ == "__main__":

@@ -37,7 +37,7 @@ pub trait Session1 {
     fn latest_pressure(&self) -> Result<LatestPressure, Fault>;
 
     /// A descriptor from which every frame and map can be read (see `bus::stream`): options `frames` (b), `maps` (b),
-    /// both true by default, `ring` (t, records held for a slow reader, default 64).
+    /// both true by default, `pressure` (b, false by default), `ring` (t, records held for a slow reader, default 64).
     fn open_stream(&self, options: &Options) -> Result<OwnedFd, Fault>;
 
     /// At most five a second, and one for the last frame.
@@ -150,7 +150,8 @@ pub struct LatestMap {
     pub method: String,
     /// Whether the voltages are simulated.
     pub simulated: bool,
-    /// `masked` (t), and where conductance is lost: `largest_loss` (d), `found_x_m`, `found_y_m` (d); of a calibrated
+    /// `masked` (t), `reconstruction_s` (d, what the map took), `durable_s` (d, from the last reading until the frame was
+    /// on disk), and where conductance is lost: `largest_loss` (d), `found_x_m`, `found_y_m` (d); of a calibrated
     /// method `newtons`, `largest_kpa` (d).
     pub more: Options,
 }

@@ -6,7 +6,7 @@
 //! |---|---|---|
 //! | 0 to 3 | u32 | length of what follows |
 //! | 4, 5 | u16 | version, 1 |
-//! | 6, 7 | u16 | kind: 1 frame, 2 map, 3 end |
+//! | 6, 7 | u16 | kind: 1 frame, 2 map, 3 end, 4 pressure |
 //! | 8 to 15 | u64 | sequence of the frame, from 1 in its session |
 //! | 16 to 23 | i64 | wall time of the frame, ns since 1970 UTC |
 //! | 24 to 31 | u64 | gap: records that this reader lost just before this one, because it read too slowly |
@@ -15,8 +15,9 @@
 //!
 //! and then, for a **frame**, n voltages (f64, V; NaN where the flag is not 0) and n flags (u8: 0 ok, 1 overload,
 //! 2 timeout, 3 not measured); for a **map**, n values (f64, relative change of conductance, a triangle of the region
-//! each), u16 and so many bytes of mesh hash, u16 and so many bytes of method (UTF-8); for the **end**, n bytes of
-//! reason (UTF-8), after which the descriptor is closed. A reader skips kinds it does not know, by their length, and
+//! each), u16 and so many bytes of mesh hash, u16 and so many bytes of method (UTF-8); for **pressure**, n values (f64, kPa, a
+//! triangle of the region each) and the total load (f64, N), just before the map it was made from; for the **end**, n bytes
+//! of reason (UTF-8), after which the descriptor is closed. A reader skips kinds it does not know, by their length, and
 //! refuses other versions. `bus/stream_reader.py` reads it in some twenty lines.
 //!
 //! ```
@@ -74,6 +75,13 @@ pub enum Body {
         /// How it was made.
         method: String,
     },
+    /// The map of the same sequence, which follows, as pressure.
+    Pressure {
+        /// kPa.
+        kpa: Vec<f64>,
+        /// Total load, N.
+        newtons: f64,
+    },
     /// The session has ended.
     End {
         /// Why.
@@ -109,6 +117,7 @@ impl Record {
             Body::Frame { volts, .. } => (1_u16, volts.len()),
             Body::Map { values, .. } => (2, values.len()),
             Body::End { reason } => (3, reason.len()),
+            Body::Pressure { kpa, .. } => (4, kpa.len()),
         };
         let mut bytes = vec![0; 4];
         bytes.extend(VERSION.to_le_bytes());
@@ -136,6 +145,10 @@ impl Record {
                 }
             }
             Body::End { reason } => bytes.extend(reason.as_bytes()),
+            Body::Pressure { kpa, newtons } => {
+                bytes.extend(kpa.iter().flat_map(|kpa| kpa.to_le_bytes()));
+                bytes.extend(newtons.to_le_bytes());
+            }
         }
         let length = (bytes.len() - 4) as u32;
         bytes[..4].copy_from_slice(&length.to_le_bytes());
@@ -249,6 +262,14 @@ fn decode(record: &[u8]) -> Result<Option<Record>, StreamError> {
                 reason: String::from_utf8(body.to_vec()).map_err(|_| malformed("the reason"))?,
             }
         }
+        4 => {
+            if body.len() != (count + 1) * 8 {
+                return Err(malformed("the count does not fit the length"));
+            }
+            let mut kpa = floats(body);
+            let newtons = kpa.pop().unwrap_or(f64::NAN);
+            Body::Pressure { kpa, newtons }
+        }
         _ => return Ok(None),
     };
     Ok(Some(Record {
@@ -306,6 +327,13 @@ mod tests {
                 },
             ),
             record(
+                2,
+                Body::Pressure {
+                    kpa: vec![0.0, 12.5],
+                    newtons: 19.6,
+                },
+            ),
+            record(
                 3,
                 Body::End {
                     reason: "stopped".into(),
@@ -341,7 +369,7 @@ mod tests {
 
     #[test]
     fn an_unknown_kind_is_skipped_and_a_foreign_version_refused() {
-        let mut strange = records()[2].encode();
+        let mut strange = records()[3].encode();
         strange[6] = 200;
         let mut decoder = Decoder::new();
         decoder.push(&strange);

@@ -146,7 +146,7 @@ fn introduce(
 
 fn sentence(line: &Line<'_>) -> String {
     let mut text = format!(
-        "frame {}{}: found {}, largest loss {:.3}",
+        "frame {}{}: found {}, largest relative loss of conductance {:.3}",
         line.frame,
         if line.label.parse::<u64>().is_ok() {
             String::new()

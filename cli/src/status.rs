@@ -2,12 +2,14 @@
 
 use std::io::Write;
 
-use bus::{Fault, Options};
+use bus::{Fault, Options, Session1Proxy};
 use serde::Serialize;
+use survey::MapUnit;
 
 use crate::connection::{Daemon, fault};
 use crate::failure::Failure;
 use crate::output::Printer;
+use crate::viewer::burden;
 
 /// The line of `status --json`; see `cli/JSON.md`.
 #[derive(Debug, Serialize)]
@@ -73,6 +75,57 @@ struct Running {
     frames_dropped: u64,
     frames_failed: u64,
     last_error: Option<String>,
+    map: Option<Shown>,
+}
+
+/// The last map, and what it took to make.
+#[derive(Debug, Serialize)]
+struct Shown {
+    sequence: u64,
+    /// `kPa` with a calibration; without one never.
+    unit: &'static str,
+    largest_loss: Option<f64>,
+    newtons: Option<f64>,
+    largest_kpa: Option<f64>,
+    reconstruction_s: Option<f64>,
+    durable_s: Option<f64>,
+}
+
+impl Shown {
+    /// `None` before the first map, and of a baseline session.
+    async fn of(session: &Session1Proxy<'_>) -> Result<Option<Self>, Fault> {
+        let map = match session.latest_map().await {
+            Ok(map) => map,
+            Err(Fault::NoFrame(_)) => return Ok(None),
+            Err(fault) => return Err(fault),
+        };
+        let newtons = map.more.number("newtons")?;
+        Ok(Some(Self {
+            sequence: map.sequence,
+            unit: match newtons {
+                Some(_) => MapUnit::Pressure.label(),
+                None => MapUnit::RelativeConductance.caption(),
+            },
+            largest_loss: map.more.number("largest_loss")?,
+            newtons,
+            largest_kpa: map.more.number("largest_kpa")?,
+            reconstruction_s: map.more.number("reconstruction_s")?,
+            durable_s: map.more.number("durable_s")?,
+        }))
+    }
+
+    fn for_a_person(&self) -> String {
+        let pressed = self.newtons.zip(self.largest_kpa);
+        let mut text = format!(
+            "frame {}: {}",
+            self.sequence,
+            burden(self.largest_loss.unwrap_or(0.0), pressed)
+        );
+        if let Some(seconds) = self.reconstruction_s {
+            text.push_str(&format!(", made in {:.3} ms", 1e3 * seconds));
+        }
+        text
+    }
 }
 
 pub(crate) async fn run(daemon: &Daemon, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
@@ -88,6 +141,7 @@ pub(crate) async fn run(daemon: &Daemon, printer: &mut Printer<impl Write>) -> R
             frames_dropped: daemon.ask("the session", session.frames_dropped()).await?,
             frames_failed: daemon.ask("the session", session.frames_failed()).await?,
             last_error: said(daemon.ask("the session", session.last_error()).await?),
+            map: daemon.ask("the last map", Shown::of(&session)).await?,
         }),
     };
     let status = Status {
@@ -153,6 +207,9 @@ fn for_a_person(status: &Status) -> String {
                     failed => format!(", {failed} failed"),
                 }
             ));
+            if let Some(map) = &session.map {
+                lines.push(format!("map        {}", map.for_a_person()));
+            }
             if let Some(error) = &session.last_error {
                 lines.push(format!("           {error}"));
             }
@@ -197,6 +254,15 @@ mod tests {
                 frames_dropped: 0,
                 frames_failed: 0,
                 last_error: None,
+                map: Some(Shown {
+                    sequence: 7,
+                    unit: "relative loss of conductance",
+                    largest_loss: Some(0.25),
+                    newtons: None,
+                    largest_kpa: None,
+                    reconstruction_s: Some(0.00125),
+                    durable_s: Some(0.005),
+                }),
             }),
             source_state: "in use".into(),
             recovery: None,
@@ -215,7 +281,9 @@ mod tests {
             String::from_utf8(printer.sink()).unwrap(),
             "{\"state\":\"acquiring\",\"simulated\":true,\"source\":\"rig\",\"method\":\"one-step noser\",\"baseline\":null,\
              \"session\":{\"id\":\"m1\",\"kind\":\"measurement\",\"state\":\"running\",\"frames_acquired\":8,\
-             \"frames_durable\":7,\"frames_dropped\":0,\"frames_failed\":0,\"last_error\":null},\"source_state\":\"in use\",\"recovery\":null,\
+             \"frames_durable\":7,\"frames_dropped\":0,\"frames_failed\":0,\"last_error\":null,\"map\":{\"sequence\":7,\
+             \"unit\":\"relative loss of conductance\",\"largest_loss\":0.25,\"newtons\":null,\"largest_kpa\":null,\
+             \"reconstruction_s\":0.00125,\"durable_s\":0.005}},\"source_state\":\"in use\",\"recovery\":null,\
              \"record_directory\":\"/r\",\
              \"last_error\":null,\"version\":\"0.1.0\",\"bus\":\"unix:/p\"}\n"
         );
@@ -232,6 +300,24 @@ mod tests {
             text.contains("m1 (measurement, running): 7 frames recorded"),
             "{text}"
         );
+    }
+
+    #[test]
+    fn a_map_is_in_newtons_with_a_calibration_and_never_without() {
+        let mut status = status();
+        let text = for_a_person(&status);
+        let loss =
+            "map        frame 7: largest relative loss of conductance 0.250, made in 1.250 ms";
+        assert!(text.contains(loss), "{text}");
+        assert!(!text.contains("kPa") && !text.contains(" N,"), "{text}");
+        let map = status.session.as_mut().unwrap().map.as_mut().unwrap();
+        (map.newtons, map.largest_kpa) = (Some(19.61), Some(15.6));
+        let text = for_a_person(&status);
+        assert!(
+            text.contains("frame 7: 19.6 N, largest pressure 15.6 kPa"),
+            "{text}"
+        );
+        assert!(!text.contains("loss"), "{text}");
     }
 
     #[test]

@@ -12,6 +12,7 @@ use tokio::io::AsyncReadExt;
 use tokio::time::Instant;
 
 use crate::args::Watch;
+use crate::choices::Scale;
 use crate::connection::Daemon;
 use crate::drawing::{self, Field};
 use crate::failure::Failure;
@@ -47,6 +48,18 @@ struct Seen {
     method: Option<String>,
     largest_loss: Option<f64>,
     found_mm: Option<[f64; 2]>,
+    /// What the map shown is in; `None` where no map was made.
+    unit: Option<&'static str>,
+    /// Of a calibrated method.
+    newtons: Option<f64>,
+    largest_kpa: Option<f64>,
+}
+
+/// A map as a calibration reads it, and the frame it is of.
+struct Pressed {
+    sequence: u64,
+    kpa: Vec<f64>,
+    newtons: f64,
 }
 
 /// Shows records as they come: a line a frame, its map below.
@@ -59,6 +72,8 @@ pub(crate) struct Viewer<'a, W> {
     last: Option<u64>,
     /// A frame whose map may still come, and until when it is waited for.
     waiting: Option<(Record, Instant)>,
+    /// Comes before its map.
+    pressed: Option<Pressed>,
     printer: &'a mut Printer<W>,
 }
 
@@ -76,6 +91,7 @@ impl<'a, W: Write> Viewer<'a, W> {
             shown: 0,
             last: None,
             waiting: None,
+            pressed: None,
             printer,
         }
     }
@@ -180,6 +196,14 @@ impl<'a, W: Write> Viewer<'a, W> {
                 }
                 Ok(None)
             }
+            Body::Pressure { kpa, newtons } => {
+                self.pressed = Some(Pressed {
+                    sequence: record.sequence,
+                    kpa: kpa.clone(),
+                    newtons: *newtons,
+                });
+                Ok(None)
+            }
             Body::End { reason } => {
                 self.flush()?;
                 Ok(Some(reason.clone()))
@@ -203,13 +227,22 @@ impl<'a, W: Write> Viewer<'a, W> {
         self.last = Some(frame.sequence);
         let flags: &[u8] = match &frame.body {
             Body::Frame { flags, .. } => flags,
-            Body::Map { .. } | Body::End { .. } => &[],
+            Body::Map { .. } | Body::Pressure { .. } | Body::End { .. } => &[],
         };
         let count = |wanted: u8| flags.iter().filter(|&&flag| flag == wanted).count();
         let fits = map
             .zip(self.field.as_ref())
             .filter(|(map, field)| field.fits(map));
         let found = fits.and_then(|(map, field)| field.found(map));
+        let pressed = self
+            .pressed
+            .take()
+            .filter(|pressed| pressed.sequence == frame.sequence);
+        let pressure = map.zip(pressed.as_ref()).map(|(map, pressed)| Map {
+            values: pressed.kpa.clone(),
+            unit: MapUnit::Pressure,
+            ..map.clone()
+        });
         let wall = DateTime::from_timestamp_nanos(frame.wall_ns);
         let line = Line::Frame(Seen {
             session: self.id.clone(),
@@ -224,6 +257,11 @@ impl<'a, W: Write> Viewer<'a, W> {
             method: map.map(|map| map.method.clone()),
             largest_loss: map.map(|map| map.largest_loss().map_or(0.0, |(_, loss)| loss)),
             found_mm: drawing::millimetres(found),
+            unit: map.map(|map| unit(pressure.as_ref().unwrap_or(map))),
+            newtons: pressed.as_ref().map(|pressed| pressed.newtons),
+            largest_kpa: pressure
+                .as_ref()
+                .map(|map| map.largest_loss().map_or(0.0, |(_, kpa)| kpa)),
         });
         if self.printer.is_terminal() && fits.is_some() && !self.watch.no_map {
             self.printer.clear()?;
@@ -233,9 +271,16 @@ impl<'a, W: Write> Viewer<'a, W> {
             && !self.watch.no_map
         {
             let title = format!("{}, frame {}", self.id, frame.sequence);
-            let style = drawing::style(title, self.watch.scale, frame.simulated, found);
+            // a scale that was asked for is one of conductance
+            let scale = match pressure {
+                Some(_) => Scale::Own,
+                None => self.watch.scale,
+            };
+            let style = drawing::style(title, scale, frame.simulated, found);
             let style = drawing::terminal_style(self.printer, style);
-            self.printer.text(&drawing::terminal(field, map, &style)?)?;
+            let shown = pressure.as_ref().unwrap_or(map);
+            self.printer
+                .text(&drawing::terminal(field, shown, &style)?)?;
         }
         Ok(())
     }
@@ -257,6 +302,22 @@ impl<'a, W: Write> Viewer<'a, W> {
     }
 }
 
+/// What a map's values are in.
+fn unit(map: &Map) -> &'static str {
+    match map.unit {
+        MapUnit::Pressure => map.unit.label(),
+        MapUnit::RelativeConductance | MapUnit::Conductance => map.unit.caption(),
+    }
+}
+
+/// What a map says in all: newtons and kPa where there is a calibration, never without one.
+pub(crate) fn burden(largest_loss: f64, pressed: Option<(f64, f64)>) -> String {
+    match pressed {
+        Some((newtons, kpa)) => format!("{newtons:.1} N, largest pressure {kpa:.1} kPa"),
+        None => format!("largest relative loss of conductance {largest_loss:.3}"),
+    }
+}
+
 fn sentence(line: &Line, wall: DateTime<chrono::Utc>) -> String {
     match line {
         Line::Ended { session, reason } => format!("{session} ended: {reason}"),
@@ -275,10 +336,10 @@ fn sentence(line: &Line, wall: DateTime<chrono::Utc>) -> String {
                 wall.with_timezone(&Local).format("%H:%M:%S%.3f")
             ));
             match seen.largest_loss {
-                Some(loss) => text.push_str(&format!(
-                    "  found {}  largest loss {loss:.3}",
-                    drawing::place(seen.found_mm)
-                )),
+                Some(loss) => {
+                    text.push_str(&format!("  found {}  ", drawing::place(seen.found_mm)));
+                    text.push_str(&burden(loss, seen.newtons.zip(seen.largest_kpa)));
+                }
                 None => text.push_str("  no map"),
             }
             for (count, what) in [

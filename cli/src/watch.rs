@@ -50,7 +50,10 @@ pub(crate) async fn run(
     } else {
         None
     };
-    let options = Options::new().with("frames", true).with("maps", maps);
+    let options = Options::new()
+        .with("frames", true)
+        .with("maps", maps)
+        .with("pressure", maps);
     let descriptor = daemon
         .ask("the stream", session.open_stream(&options))
         .await?;

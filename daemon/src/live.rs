@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use eit::Pressure;
 use logbook::SessionKind;
@@ -51,6 +52,10 @@ pub(crate) struct Published {
     pub found: Option<[f64; 2]>,
     /// The map as pressure, where the method is calibrated.
     pub pressure: Option<Pressure>,
+    /// What the map took.
+    pub reconstruction: Duration,
+    /// From the last reading until the frame was on disk, the map included.
+    pub durable: Duration,
 }
 
 /// The last frame, and the last one that has a map.

@@ -90,18 +90,21 @@ impl Recorder {
 
     fn frame(&mut self, mut frame: Frame) -> Result<(), LogbookError> {
         let quality = self.checks.of(&frame);
+        let begun = self.clock.monotonic();
         let (map, found, record) = self.reconstruct(&frame);
+        let reconstruction = self.clock.monotonic().saturating_sub(begun);
         let pressure = map.as_ref().and_then(|map| self.pressure(map));
         frame.sequence = self.writer.append(&frame, record.as_ref())?;
         let taken = frame.monotonic + frame.duration;
+        let durable = self.clock.monotonic().saturating_sub(taken);
         tracing::debug!(
             session = self.live.facts.id,
             frame = frame.sequence,
-            us = self.clock.monotonic().saturating_sub(taken).as_micros() as u64,
+            us = durable.as_micros() as u64,
             "durable"
         );
         if !self.live.readers.is_empty() {
-            for body in bodies(&frame, map.as_ref()) {
+            for body in bodies(&frame, map.as_ref(), pressure.as_ref()) {
                 self.live.readers.publish(&Record {
                     sequence: frame.sequence,
                     wall_ns: nanoseconds(frame.wall),
@@ -120,6 +123,8 @@ impl Recorder {
             map,
             found,
             pressure,
+            reconstruction,
+            durable,
         });
         Ok(())
     }
@@ -190,7 +195,7 @@ impl Recorder {
     }
 }
 
-fn bodies(frame: &Frame, map: Option<&Map>) -> Vec<Body> {
+fn bodies(frame: &Frame, map: Option<&Map>, pressure: Option<&Pressure>) -> Vec<Body> {
     let frame = Body::Frame {
         volts: volts(&frame.readings),
         flags: frame
@@ -204,7 +209,11 @@ fn bodies(frame: &Frame, map: Option<&Map>) -> Vec<Body> {
         mesh_hash: map.mesh_hash.clone(),
         method: map.method.clone(),
     });
-    std::iter::once(frame).chain(map).collect()
+    let pressure = pressure.map(|pressure| Body::Pressure {
+        kpa: pressure.kpa.clone(),
+        newtons: pressure.newtons,
+    });
+    std::iter::once(frame).chain(pressure).chain(map).collect()
 }
 
 /// Voltages as numbers for the bus; NaN, which its flag explains, where there is none.

@@ -227,6 +227,8 @@ fn more_of_map(options: Options, published: &Published) -> Options {
     };
     options
         .with("masked", map.masked as u64)
+        .with("reconstruction_s", published.reconstruction.as_secs_f64())
+        .with("durable_s", published.durable.as_secs_f64())
         .with_some("largest_loss", map.largest_loss().map(|(_, loss)| loss))
         .with_some("found_x_m", published.found.map(|[x, _]| x))
         .with_some("found_y_m", published.found.map(|[_, y]| y))

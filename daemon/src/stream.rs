@@ -19,6 +19,8 @@ const LAST_WORDS: Duration = Duration::from_secs(30);
 pub(crate) struct Wanted {
     pub frames: bool,
     pub maps: bool,
+    /// Only if asked for: who knows nothing of it is not sent it.
+    pub pressure: bool,
     /// Records held for it.
     pub ring: usize,
 }
@@ -87,6 +89,7 @@ impl Readers {
             let wants = match record.body {
                 Body::Frame { .. } => reader.wanted.frames,
                 Body::Map { .. } => reader.wanted.maps,
+                Body::Pressure { .. } => reader.wanted.pressure,
                 Body::End { .. } => true,
             };
             if wants {
@@ -160,6 +163,7 @@ mod tests {
         let wanted = Wanted {
             frames: true,
             maps: false,
+            pressure: false,
             ring: 4,
         };
         let fd = readers.add(wanted).unwrap();

@@ -2,8 +2,10 @@
 
 mod stage;
 
-use bus::{Fault, Options};
+use bus::stream::{Body, Decoder};
+use bus::{Fault, Options, Session1Proxy};
 use stage::{SMALL, Stage, within};
+use tokio::io::AsyncReadExt;
 
 fn calibration(mesh: &str, method: &str) -> String {
     format!(
@@ -54,6 +56,8 @@ async fn a_calibrated_method_says_newtons() {
     let press = daemon.simulation().await;
     press.press("disc", 0.06, 0.02, 0.05, 0.8).await.unwrap();
     let session = daemon.start(Options::new().with("step", true)).await;
+    let mut stream = opened(&session, Options::new().with("pressure", true)).await;
+    let mut plain = opened(&session, Options::new()).await;
     within(session.step(1)).await.unwrap();
     let (map, pressure) = (
         session.latest_map().await.unwrap(),
@@ -73,5 +77,35 @@ async fn a_calibrated_method_says_newtons() {
     }
     assert!(pressure.newtons > 1.0, "{} N", pressure.newtons);
     assert_eq!(map.more.number("newtons").unwrap(), Some(pressure.newtons));
+    let took = map.more.number("reconstruction_s").unwrap().unwrap();
+    let whole = map.more.number("durable_s").unwrap().unwrap();
+    assert!(0.0 < took && took < whole, "{took} of {whole} s");
     within(session.stop()).await.unwrap();
+    // the stream has it just before its map, for who asked
+    let told = within(kinds(&mut stream)).await;
+    assert_eq!(told, ["frame", "pressure", "map", "end"]);
+    let told = within(kinds(&mut plain)).await;
+    assert_eq!(told, ["frame", "map", "end"]);
+}
+
+async fn opened(session: &Session1Proxy<'_>, options: Options) -> tokio::net::UnixStream {
+    let descriptor = session.open_stream(&options).await.unwrap();
+    let stream = std::os::unix::net::UnixStream::from(std::os::fd::OwnedFd::from(descriptor));
+    stream.set_nonblocking(true).unwrap();
+    tokio::net::UnixStream::from_std(stream).unwrap()
+}
+
+async fn kinds(stream: &mut tokio::net::UnixStream) -> Vec<&'static str> {
+    let (mut bytes, mut decoder, mut kinds) = (Vec::new(), Decoder::new(), Vec::new());
+    stream.read_to_end(&mut bytes).await.unwrap();
+    decoder.push(&bytes);
+    while let Some(record) = decoder.next_record().unwrap() {
+        kinds.push(match record.body {
+            Body::Frame { .. } => "frame",
+            Body::Map { .. } => "map",
+            Body::Pressure { .. } => "pressure",
+            Body::End { .. } => "end",
+        });
+    }
+    kinds
 }

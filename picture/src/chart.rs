@@ -3,12 +3,12 @@
 use plotters::prelude::*;
 use survey::{Electrode, Map};
 
+use crate::canvas::PALE;
 use crate::fitting::{shortened, two_lines};
 use crate::pen::{Anchor, INK, Pen};
 use crate::scale::step;
 use crate::{Extent, PictureError, Range, Sheet, Style};
 
-const PALE: RGBColor = RGBColor(120, 120, 126);
 const PAPER: RGBColor = RGBColor(236, 236, 238);
 const ALARM: RGBColor = RGBColor(176, 64, 0);
 /// Between the sheet's edge and the axes: room for the electrodes' numbers, in points.
@@ -245,14 +245,10 @@ pub(crate) fn bar<DB: DrawingBackend>(
         pen.line([[left + width, y], [left + width + 4.0, y]], PALE, 0.6)?;
         pen.text(&number, [left + width + 7.0, y], words, INK, Anchor::Left)?;
     }
+    let [below, above] = range.beyond();
     for (beyond, value, y, sign) in [
-        (range.above, range.high, top - words * 0.9, "\u{2265}"),
-        (
-            range.below,
-            range.low,
-            top + height + words * 0.9,
-            "\u{2264}",
-        ),
+        (range.above, range.high, top - words * 0.9, above),
+        (range.below, range.low, top + height + words * 0.9, below),
     ] {
         if beyond {
             let end = format!("{sign} {}", range.words(value));
@@ -263,7 +259,7 @@ pub(crate) fn bar<DB: DrawingBackend>(
         return Ok(());
     }
     let place = [left + width + 16.0 + words * 2.6, top + height / 2.0];
-    let (label, (_, unit)) = (range.unit.label(), range.unit.shown());
+    let (label, (_, unit)) = (range.unit.caption(), range.unit.shown());
     pen.upright(&format!("{label}, {unit}"), place, words)
 }
 

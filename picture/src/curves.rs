@@ -1,10 +1,9 @@
 //! Curves: what happens to a figure when something is varied; a line a method, bars where there is a spread.
 
-use plotters::coord::Shift;
 use plotters::prelude::*;
 
 use crate::PictureError;
-use crate::image::{encoded, failed, inside};
+use crate::canvas::{COLOURS, Drawing, GRID, PALE};
 use crate::pen::{Anchor, INK, Pen};
 use crate::scale::step;
 
@@ -13,22 +12,6 @@ const LEFT: f64 = 66.0;
 const TOP: f64 = 52.0;
 const RIGHT: f64 = 200.0;
 const BOTTOM: f64 = 52.0;
-const FINER: f64 = 2.0;
-const GRAIN: f64 = 4.0;
-/// plotters writes words of a bitmap too high by this part of their size.
-const SINK: f64 = 0.1;
-const PALE: RGBColor = RGBColor(205, 205, 210);
-/// Told apart without red and green by their dashes as well.
-const COLOURS: [RGBColor; 8] = [
-    RGBColor(0, 90, 160),
-    RGBColor(200, 80, 0),
-    RGBColor(0, 130, 80),
-    RGBColor(150, 40, 120),
-    RGBColor(110, 110, 0),
-    RGBColor(190, 30, 50),
-    RGBColor(70, 70, 150),
-    RGBColor(90, 60, 40),
-];
 
 /// One line of a chart.
 #[derive(Debug, Clone, PartialEq)]
@@ -70,16 +53,7 @@ pub struct Curves<'a> {
 /// # Errors
 /// No point; a value that is not finite, or not positive on an axis that counts factors.
 pub fn curves_png(curves: &Curves<'_>) -> Result<Vec<u8>, PictureError> {
-    let plot = Plot::new(curves)?;
-    let size = SIZE.map(|points| (points * FINER) as u32);
-    let mut pixels = vec![255; (size[0] * size[1] * 3) as usize];
-    {
-        let area = BitMapBackend::with_buffer(&mut pixels, (size[0], size[1])).into_drawing_area();
-        area.fill(&WHITE).map_err(failed)?;
-        plot.draw(&area, FINER, SINK)?;
-        area.present().map_err(failed)?;
-    }
-    encoded(&pixels, size[0] as usize, size[1] as usize)
+    Plot::new(curves)?.png()
 }
 
 /// A chart as an SVG.
@@ -87,22 +61,7 @@ pub fn curves_png(curves: &Curves<'_>) -> Result<Vec<u8>, PictureError> {
 /// # Errors
 /// As [`curves_png`].
 pub fn curves_svg(curves: &Curves<'_>) -> Result<String, PictureError> {
-    let plot = Plot::new(curves)?;
-    let [width, height] = SIZE;
-    let size = SIZE.map(|points| (points * GRAIN) as u32);
-    let mut drawn = String::new();
-    {
-        let area = SVGBackend::with_string(&mut drawn, (size[0], size[1])).into_drawing_area();
-        area.fill(&WHITE).map_err(failed)?;
-        plot.draw(&area, GRAIN, 0.0)?;
-        area.present().map_err(failed)?;
-    }
-    Ok(format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {} {}\">\n{}</svg>\n",
-        size[0],
-        size[1],
-        inside(&drawn)
-    ))
+    Plot::new(curves)?.svg()
 }
 
 /// Ends of the axes, as the axes count.
@@ -196,24 +155,32 @@ impl<'a> Plot<'a> {
         }
     }
 
-    fn draw<DB: DrawingBackend>(
-        &self,
-        area: &DrawingArea<DB, Shift>,
-        scale: f64,
-        sink: f64,
-    ) -> Result<(), PictureError> {
-        let pen = Pen::new(area, scale, sink);
+    /// The lower end as values are.
+    fn shown_low(&self, axis: usize) -> f64 {
+        match self.curves.axes[axis] {
+            Axis::Linear => self.low[axis],
+            Axis::Log => 10.0_f64.powf(self.low[axis]),
+        }
+    }
+}
+
+impl Drawing for Plot<'_> {
+    fn size(&self) -> [f64; 2] {
+        SIZE
+    }
+
+    fn draw<DB: DrawingBackend>(&self, pen: &Pen<'_, DB>) -> Result<(), PictureError> {
         let curves = self.curves;
         let [right, bottom] = [SIZE[0] - RIGHT, SIZE[1] - BOTTOM];
         pen.bold(curves.title, [16.0, 22.0], 16.0, INK, Anchor::Left)?;
         for (value, words) in self.ticks(0) {
             let [x, _] = self.place([value, self.shown_low(1)]);
-            pen.line([[x, TOP], [x, bottom]], PALE, 0.6)?;
+            pen.line([[x, TOP], [x, bottom]], GRID, 0.6)?;
             pen.text(&words, [x, bottom + 13.0], 12.0, INK, Anchor::Centre)?;
         }
         for (value, words) in self.ticks(1) {
             let [_, y] = self.place([self.shown_low(0), value]);
-            pen.line([[LEFT, y], [right, y]], PALE, 0.6)?;
+            pen.line([[LEFT, y], [right, y]], GRID, 0.6)?;
             pen.text(&words, [LEFT - 7.0, y], 12.0, INK, Anchor::Right)?;
         }
         let middle = [(LEFT + right) / 2.0, (TOP + bottom) / 2.0];
@@ -227,7 +194,7 @@ impl<'a> Plot<'a> {
         pen.upright(curves.up, [16.0, middle[1]], 13.0)?;
         for (value, words) in &curves.marks {
             let [x, _] = self.place([*value, self.shown_low(1)]);
-            pen.line([[x, TOP], [x, bottom]], RGBColor(120, 120, 126), 1.4)?;
+            pen.line([[x, TOP], [x, bottom]], PALE, 1.4)?;
             pen.text(words, [x, TOP - 9.0], 11.0, INK, Anchor::Centre)?;
         }
         for (k, curve) in curves.curves.iter().enumerate() {
@@ -251,22 +218,14 @@ impl<'a> Plot<'a> {
                         1.0,
                     )?;
                 }
-                mark(&pen, k, *at, colour)?;
+                mark(pen, k, *at, colour)?;
             }
             let y = TOP + 10.0 + 18.0 * k as f64;
             pen.line([[right + 14.0, y], [right + 36.0, y]], colour, 1.6)?;
-            mark(&pen, k, [right + 25.0, y], colour)?;
+            mark(pen, k, [right + 25.0, y], colour)?;
             pen.text(&curve.name, [right + 42.0, y], 12.0, INK, Anchor::Left)?;
         }
         Ok(())
-    }
-
-    /// The lower end as values are.
-    fn shown_low(&self, axis: usize) -> f64 {
-        match self.curves.axes[axis] {
-            Axis::Linear => self.low[axis],
-            Axis::Log => 10.0_f64.powf(self.low[axis]),
-        }
     }
 }
 

@@ -1,4 +1,4 @@
-//! Patches where the most is lost.
+//! Patches where the most is lost, or pressed.
 
 use std::collections::VecDeque;
 
@@ -11,7 +11,7 @@ use crate::{PictureError, Sheet, raster};
 pub struct HotSpot {
     /// Its centroid, weighted by loss, m.
     pub place: [f64; 2],
-    /// Its largest loss, a positive number in the map's unit.
+    /// Its largest loss (of a map of pressure: its largest pressure), a positive number in the map's unit.
     pub loss: f64,
     /// Its area, m2.
     pub area: f64,
@@ -36,7 +36,7 @@ pub fn hot_spots(sheet: &Sheet, map: &Map) -> Result<Vec<HotSpot>, PictureError>
     let largest = values
         .iter()
         .flatten()
-        .fold(0.0_f64, |most, value| most.max(-value));
+        .fold(0.0_f64, |most, value| most.max(map.unit.load(*value)));
     if largest <= 0.0 {
         return Ok(Vec::new());
     }
@@ -46,7 +46,7 @@ pub fn hot_spots(sheet: &Sheet, map: &Map) -> Result<Vec<HotSpot>, PictureError>
     ];
     let mut open: Vec<bool> = values
         .iter()
-        .map(|value| value.is_some_and(|value| -value >= 0.5 * largest))
+        .map(|value| value.is_some_and(|value| map.unit.load(value) >= 0.5 * largest))
         .collect();
     let mut spots: Vec<HotSpot> = Vec::new();
     for seed in 0..open.len() {
@@ -57,7 +57,7 @@ pub fn hot_spots(sheet: &Sheet, map: &Map) -> Result<Vec<HotSpot>, PictureError>
         let mut waiting = VecDeque::from([seed]);
         while let Some(at) = waiting.pop_front() {
             let (column, row) = (at % width, at / width);
-            let loss = -values[at].unwrap_or(0.0);
+            let loss = map.unit.load(values[at].unwrap_or(0.0));
             weight += loss;
             sum[0] += loss * (extent.low[0] + (column as f64 + 0.5) * step[0]);
             sum[1] += loss * (extent.high[1] - (row as f64 + 0.5) * step[1]);

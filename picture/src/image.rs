@@ -7,17 +7,11 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use survey::Map;
 
+use crate::canvas::{FINER, GRAIN, SINK, encoded, failed, inside, opening};
 use crate::chart::{Panel, RING, bar, caption, heading, legend, small_title};
 use crate::pen::Pen;
 use crate::raster::{check_size, fill};
 use crate::{Grid, PictureError, Range, Rgb, Scales, Sheet, Style};
-
-/// Each pixel of a PNG is the mean of so many by so many.
-const FINER: usize = 2;
-/// plotters writes words of a bitmap too high by this part of their size, those of an SVG right.
-const SINK: f64 = 0.1;
-/// Lines and words of an SVG lie on a grid of so many to the point (plotters knows whole numbers only).
-const GRAIN: f64 = 4.0;
 
 /// A map as a PNG, 720 pixels wide.
 ///
@@ -243,7 +237,7 @@ impl<'a> Page<'a> {
             let (_, unit) = common.unit.shown();
             below.push(format!(
                 "a colour bar for each map: {}, {unit}",
-                common.unit.label()
+                common.unit.caption()
             ));
         }
         let page = Self {
@@ -372,10 +366,7 @@ impl<'a> Page<'a> {
         )?;
         let [beneath, above] = drawn.each_ref().map(|svg| inside(svg));
         let [width, height] = self.pixels(1.0);
-        let mut svg = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {} {}\">\n",
-            size[0], size[1]
-        );
+        let mut svg = opening([width, height], [whole.0, whole.1]);
         svg += beneath;
         for drawn in &self.panels {
             svg += &self.triangles(drawn);
@@ -420,16 +411,6 @@ impl<'a> Page<'a> {
     }
 }
 
-/// What stands between the first and the last tag of an SVG.
-pub(crate) fn inside(svg: &str) -> &str {
-    let after_head = svg
-        .find("<svg")
-        .and_then(|at| svg[at..].find('>').map(|end| at + end + 1));
-    let from = after_head.unwrap_or(0);
-    let to = svg.rfind("</svg>").unwrap_or(svg.len());
-    svg.get(from..to).unwrap_or("")
-}
-
 fn average(fine: &[u8], width: usize, height: usize) -> Vec<u8> {
     let mut coarse = Vec::with_capacity(width * height * 3);
     for row in 0..height {
@@ -446,19 +427,4 @@ fn average(fine: &[u8], width: usize, height: usize) -> Vec<u8> {
         }
     }
     coarse
-}
-
-pub(crate) fn encoded(pixels: &[u8], width: usize, height: usize) -> Result<Vec<u8>, PictureError> {
-    let mut bytes = Vec::new();
-    let mut encoder = png::Encoder::new(&mut bytes, width as u32, height as u32);
-    encoder.set_color(png::ColorType::Rgb);
-    encoder.set_depth(png::BitDepth::Eight);
-    let mut writer = encoder.write_header().map_err(failed)?;
-    writer.write_image_data(pixels).map_err(failed)?;
-    writer.finish().map_err(failed)?;
-    Ok(bytes)
-}
-
-pub(crate) fn failed(cause: impl std::fmt::Display) -> PictureError {
-    PictureError::Draw(cause.to_string())
 }

@@ -27,6 +27,7 @@
 //! # Ok::<(), picture::PictureError>(())
 //! ```
 
+mod canvas;
 mod chart;
 mod colour;
 mod curves;
@@ -164,7 +165,7 @@ pub enum PictureError {
         up: f64,
     },
     /// Maps on one scale whose values do not mean the same.
-    #[error("maps in per cent and in siemens cannot share one colour scale")]
+    #[error("maps in per cent, in siemens and in kPa cannot share one colour scale")]
     Units,
     /// A grid without maps.
     #[error("a grid needs at least one map and one column")]

@@ -1,20 +1,14 @@
 //! A mesh: every triangle's edges, the region shaded, electrodes numbered.
 
-use plotters::coord::Shift;
 use plotters::prelude::*;
 
+use crate::canvas::{Drawing, PALE};
 use crate::chart::{Panel, RING, heading};
-use crate::image::{encoded, failed, inside};
 use crate::pen::Pen;
 use crate::{PictureError, Sheet, Style};
 
-const FINER: f64 = 2.0;
-const GRAIN: f64 = 4.0;
-/// plotters writes words of a bitmap too high by this part of their size.
-const SINK: f64 = 0.1;
 const WIDTH: f64 = 640.0;
 const REGION: RGBColor = RGBColor(206, 224, 240);
-const EDGE: RGBColor = RGBColor(120, 120, 126);
 
 /// A mesh as a PNG: `all` its triangles (m), of which the sheet's are the region.
 ///
@@ -25,15 +19,7 @@ pub fn mesh_png(
     all: &[[[f64; 2]; 3]],
     title: &str,
 ) -> Result<Vec<u8>, PictureError> {
-    let plot = Plot::new(sheet, all, title)?;
-    let size = plot.size.map(|points| (points * FINER) as u32);
-    let mut pixels = vec![255; (size[0] * size[1] * 3) as usize];
-    {
-        let area = BitMapBackend::with_buffer(&mut pixels, (size[0], size[1])).into_drawing_area();
-        plot.draw(&area, FINER, SINK)?;
-        area.present().map_err(failed)?;
-    }
-    encoded(&pixels, size[0] as usize, size[1] as usize)
+    Plot::new(sheet, all, title)?.png()
 }
 
 /// A mesh as an SVG, as [`mesh_png`].
@@ -41,21 +27,7 @@ pub fn mesh_png(
 /// # Errors
 /// As [`mesh_png`].
 pub fn mesh_svg(sheet: &Sheet, all: &[[[f64; 2]; 3]], title: &str) -> Result<String, PictureError> {
-    let plot = Plot::new(sheet, all, title)?;
-    let size = plot.size.map(|points| (points * GRAIN) as u32);
-    let mut drawn = String::new();
-    {
-        let area = SVGBackend::with_string(&mut drawn, (size[0], size[1])).into_drawing_area();
-        plot.draw(&area, GRAIN, 0.0)?;
-        area.present().map_err(failed)?;
-    }
-    let [width, height] = plot.size;
-    Ok(format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.0}\" height=\"{height:.0}\" viewBox=\"0 0 {} {}\">\n{}</svg>\n",
-        size[0],
-        size[1],
-        inside(&drawn)
-    ))
+    Plot::new(sheet, all, title)?.svg()
 }
 
 struct Plot<'a> {
@@ -91,30 +63,29 @@ impl<'a> Plot<'a> {
             size,
         })
     }
+}
 
-    fn draw<DB: DrawingBackend>(
-        &self,
-        area: &DrawingArea<DB, Shift>,
-        scale: f64,
-        sink: f64,
-    ) -> Result<(), PictureError> {
-        area.fill(&WHITE).map_err(failed)?;
-        let pen = Pen::new(area, scale, sink);
-        self.panel.ground(&pen, self.sheet)?;
+impl Drawing for Plot<'_> {
+    fn size(&self) -> [f64; 2] {
+        self.size
+    }
+
+    fn draw<DB: DrawingBackend>(&self, pen: &Pen<'_, DB>) -> Result<(), PictureError> {
+        self.panel.ground(pen, self.sheet)?;
         for triangle in &self.sheet.triangles {
             pen.area(&triangle.map(|p| self.panel.place(p)), REGION)?;
         }
         for [a, b, c] in self.all {
             let corners = [a, b, c, a].map(|p| self.panel.place(*p));
-            pen.line(corners, EDGE, 0.4)?;
+            pen.line(corners, PALE, 0.4)?;
         }
-        self.panel.furniture(&pen, self.sheet, &Style::default())?;
+        self.panel.furniture(pen, self.sheet, &Style::default())?;
         let below = format!(
             "{} triangles, {} of them in the region of interest (shaded), {} electrodes",
             self.all.len(),
             self.sheet.triangles.len(),
             self.sheet.electrodes.len()
         );
-        heading(&pen, self.title, &below, false, self.size[0])
+        heading(pen, self.title, &below, false, self.size[0])
     }
 }

@@ -49,7 +49,11 @@ impl Range {
         }
         let unit = unit.unwrap_or(MapUnit::RelativeConductance);
         if low == 0.0 && high == 0.0 {
-            low = -1.0 / unit.shown().0;
+            let one = 1.0 / unit.shown().0.abs();
+            match unit {
+                MapUnit::Pressure => high = one,
+                MapUnit::RelativeConductance | MapUnit::Conductance => low = -one,
+            }
         }
         Ok(Self {
             low,
@@ -60,29 +64,43 @@ impl Range {
         })
     }
 
-    /// The colour of a value.
-    pub fn colour(&self, value: f64) -> Option<Rgb> {
-        colour(value / self.low.abs().max(self.high))
+    /// A value as a part of the larger end: negative where it is a load.
+    pub(crate) fn share(&self, value: f64) -> f64 {
+        -self.unit.load(value) / self.low.abs().max(self.high)
     }
 
-    /// Places of the ticks with what is written there (as the unit is shown, without it), ascending.
+    /// The colour of a value: loads have the colours of losses, whether they are shown as such or as pressure.
+    pub fn colour(&self, value: f64) -> Option<Rgb> {
+        colour(self.share(value))
+    }
+
+    /// Places of the ticks, ascending, with what is written there: as the unit is shown, without it.
     pub(crate) fn ticks(&self, most: usize) -> Vec<(f64, String)> {
         let (per, _) = self.unit.shown();
-        let (step, decimals) = step(per * (self.high - self.low), most);
-        let first = (per * self.low / step - 1e-9).ceil() as i64;
-        let last = (per * self.high / step + 1e-9).floor() as i64;
+        let (step, decimals) = step(per.abs() * (self.high - self.low), most);
+        let first = (per.abs() * self.low / step - 1e-9).ceil() as i64;
+        let last = (per.abs() * self.high / step + 1e-9).floor() as i64;
         (first..=last)
             .map(|k| {
-                let shown = k as f64 * step;
-                (shown / per, signed(shown, decimals))
+                let value = k as f64 * step / per.abs();
+                (value, signed(per * value, decimals))
             })
             .collect()
+    }
+
+    /// Signs before an end that values lie beyond: below the lower one, above the upper one. Losses are shown positive.
+    pub(crate) fn beyond(&self) -> [&'static str; 2] {
+        let signs = ["\u{2264}", "\u{2265}"];
+        match self.unit.shown().0 < 0.0 {
+            true => [signs[1], signs[0]],
+            false => signs,
+        }
     }
 
     /// A value as the unit is shown, with as many decimals as the range deserves.
     pub(crate) fn words(&self, value: f64) -> String {
         let (per, unit) = self.unit.shown();
-        let (_, decimals) = step(per * (self.high - self.low), 20);
+        let (_, decimals) = step(per.abs() * (self.high - self.low), 20);
         format!("{} {unit}", signed(per * value, decimals))
     }
 }
@@ -131,7 +149,8 @@ mod tests {
         let written: Vec<String> = range.ticks(6).into_iter().map(|(_, text)| text).collect();
         assert_eq!(
             written,
-            ["\u{2212}40", "\u{2212}30", "\u{2212}20", "\u{2212}10", "0"]
+            ["40", "30", "20", "10", "0"],
+            "losses are positive numbers"
         );
         assert_eq!(range.colour(0.0), colour(0.0));
     }
@@ -167,6 +186,26 @@ mod tests {
         ] {
             assert!(Range::of([(&map(vec![0.0]), Scale::Fixed(low, high))]).is_err());
         }
+    }
+
+    #[test]
+    fn pressure_is_in_kilopascals_and_coloured_as_a_loss_is() {
+        let pressure = Map {
+            unit: MapUnit::Pressure,
+            ..map(vec![0.0, 30.0])
+        };
+        let range = Range::of([(&pressure, Scale::Own)]).unwrap();
+        assert_eq!((range.low, range.high), (0.0, 30.0));
+        assert_eq!(range.words(30.0), "30 kPa");
+        assert_eq!(range.ticks(3).last().unwrap().1, "30");
+        let loss = Range::of([(&map(vec![-0.5]), Scale::Own)]).unwrap();
+        assert_eq!(range.colour(30.0), loss.colour(-0.5));
+        let nothing = Map {
+            values: vec![0.0; 2],
+            ..pressure
+        };
+        let range = Range::of([(&nothing, Scale::Own)]).unwrap();
+        assert_eq!((range.low, range.high), (0.0, 1.0));
     }
 
     #[test]

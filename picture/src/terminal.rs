@@ -128,9 +128,14 @@ fn scale(text: &mut String, map: &Map, range: &Range, columns: usize, ink: Ink) 
     line(text, &bar);
     let (low, high) = (range.words(range.low), range.words(range.high));
     let sign = |beyond: bool, sign: &'static str| if beyond { sign } else { "" };
+    // as programs without the signs of mathematics write them
+    let [below, above] = range.beyond().map(|sign| match sign {
+        "\u{2264}" => "<= ",
+        _ => ">= ",
+    });
     let (low, high) = (
-        format!("{}{low}", sign(range.below, "<= ")),
-        format!("{}{high}", sign(range.above, ">= ")),
+        format!("{}{low}", sign(range.below, below)),
+        format!("{}{high}", sign(range.above, above)),
     );
     let gap = width
         .saturating_sub(low.chars().count() + high.chars().count())
@@ -139,13 +144,16 @@ fn scale(text: &mut String, map: &Map, range: &Range, columns: usize, ink: Ink) 
         text,
         &format!("{}{low}{}{high}", " ".repeat(MARGIN), " ".repeat(gap)),
     );
-    line(text, &format!("{}{}", " ".repeat(MARGIN), map.unit.label()));
+    line(
+        text,
+        &format!("{}{}", " ".repeat(MARGIN), map.unit.caption()),
+    );
 }
 
 fn places(text: &mut String, spots: &[HotSpot], style: &Style, range: &Range) {
     let at = |[x, y]: [f64; 2]| format!("x {:.1} y {:.1} mm", 1e3 * x, 1e3 * y);
     for (index, spot) in spots.iter().enumerate() {
-        let loss = range.words(-spot.loss);
+        let loss = range.words(range.unit.load(spot.loss));
         let area = spot.area * 1e4;
         line(
             text,
@@ -370,7 +378,7 @@ fn mean(pixels: [Option<f64>; 2]) -> Option<f64> {
 
 fn plain_sign(value: Option<f64>, range: &Range) -> char {
     let Some(value) = value else { return ' ' };
-    let share = value / range.low.abs().max(range.high);
+    let share = range.share(value);
     let signs = if share <= 0.0 { LOSS_SIGNS } else { GAIN_SIGNS };
     let place = share.abs().min(1.0) * (signs.len() - 1) as f64;
     char::from(signs[place.round() as usize])

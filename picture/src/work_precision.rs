@@ -3,6 +3,7 @@
 use plotters::prelude::*;
 
 use crate::PictureError;
+use crate::canvas::{COLOURS, Drawing, FINER, GRID, PALE};
 use crate::pen::{Anchor, INK, Pen};
 
 /// One method on one set.
@@ -22,19 +23,6 @@ pub struct WorkPoint {
 
 const WIDTH: f64 = 460.0;
 const HEIGHT: f64 = 330.0;
-const SCALE: f64 = 2.0;
-/// plotters writes words of a bitmap too high by this part of their size.
-const SINK: f64 = 0.1;
-const COLOURS: [RGBColor; 8] = [
-    RGBColor(0, 90, 160),
-    RGBColor(200, 80, 0),
-    RGBColor(0, 130, 80),
-    RGBColor(150, 40, 120),
-    RGBColor(110, 110, 0),
-    RGBColor(190, 30, 50),
-    RGBColor(70, 70, 150),
-    RGBColor(90, 60, 40),
-];
 
 /// A PNG with two panels a row; `marks` are times (ms) drawn as upright lines with their names.
 ///
@@ -58,36 +46,48 @@ pub fn work_precision_png(
     let times = points.iter().map(|p| p.ms).chain(marks.iter().map(|m| m.1));
     let low = times.clone().fold(f64::INFINITY, f64::min).log10().floor();
     let high = times.fold(0.0, f64::max).log10().ceil().max(low + 1.0);
-    let columns = panels.len().min(2);
-    let rows = panels.len().div_ceil(columns);
-    let size = [WIDTH * columns as f64 + 20.0, HEIGHT * rows as f64 + 44.0];
-    let pixels = size.map(|points| (points * SCALE).round() as u32);
-    let mut buffer = vec![255; (pixels[0] * pixels[1] * 3) as usize];
-    {
-        let area =
-            BitMapBackend::with_buffer(&mut buffer, (pixels[0], pixels[1])).into_drawing_area();
-        let drawn = |fault: String| PictureError::Draw(fault);
-        area.fill(&WHITE)
-            .map_err(|fault| drawn(fault.to_string()))?;
-        let pen = Pen::new(&area, SCALE, SINK);
-        pen.bold(title, [size[0] / 2.0, 22.0], 15.0, INK, Anchor::Centre)?;
-        for (k, name) in panels.iter().enumerate() {
-            let corner = [
-                WIDTH * (k % columns) as f64 + 10.0,
-                HEIGHT * (k / columns) as f64 + 40.0,
-            ];
-            panel(&pen, corner, name, points, marks, [low, high])?;
-        }
-        area.present().map_err(|fault| drawn(fault.to_string()))?;
+    let plot = Plot {
+        title,
+        points,
+        marks,
+        panels,
+        ends: [low, high],
+    };
+    plot.png()
+}
+
+/// Panels row by row, and the ends of their axis in powers of ten.
+struct Plot<'a> {
+    title: &'a str,
+    points: &'a [WorkPoint],
+    marks: &'a [(&'a str, f64)],
+    panels: Vec<&'a str>,
+    ends: [f64; 2],
+}
+
+impl Plot<'_> {
+    fn columns(&self) -> usize {
+        self.panels.len().min(2)
     }
-    let mut bytes = Vec::new();
-    let mut encoder = png::Encoder::new(&mut bytes, pixels[0], pixels[1]);
-    encoder.set_color(png::ColorType::Rgb);
-    let failed = |fault: png::EncodingError| PictureError::Draw(fault.to_string());
-    let mut writer = encoder.write_header().map_err(failed)?;
-    writer.write_image_data(&buffer).map_err(failed)?;
-    writer.finish().map_err(failed)?;
-    Ok(bytes)
+}
+
+impl Drawing for Plot<'_> {
+    fn size(&self) -> [f64; 2] {
+        let columns = self.columns();
+        let rows = self.panels.len().div_ceil(columns);
+        [WIDTH * columns as f64 + 20.0, HEIGHT * rows as f64 + 44.0]
+    }
+
+    fn draw<DB: DrawingBackend>(&self, pen: &Pen<'_, DB>) -> Result<(), PictureError> {
+        let middle = self.size()[0] / 2.0;
+        pen.bold(self.title, [middle, 22.0], 15.0, INK, Anchor::Centre)?;
+        for (k, name) in self.panels.iter().enumerate() {
+            let (row, column) = (k / self.columns(), k % self.columns());
+            let corner = [WIDTH * column as f64 + 10.0, HEIGHT * row as f64 + 40.0];
+            panel(pen, corner, name, self.points, self.marks, self.ends)?;
+        }
+        Ok(())
+    }
 }
 
 fn panel<DB: DrawingBackend>(
@@ -98,7 +98,6 @@ fn panel<DB: DrawingBackend>(
     marks: &[(&str, f64)],
     [low, high]: [f64; 2],
 ) -> Result<(), PictureError> {
-    const PALE: RGBColor = RGBColor(205, 205, 210);
     let (left, top) = (corner[0] + 44.0, corner[1] + 26.0);
     let (wide, tall) = (WIDTH - 70.0, HEIGHT - 80.0);
     let x = |ms: f64| left + (ms.log10() - low) / (high - low) * wide;
@@ -112,7 +111,7 @@ fn panel<DB: DrawingBackend>(
     )?;
     for decade in low as i32..=high as i32 {
         let at = left + (f64::from(decade) - low) / (high - low) * wide;
-        pen.line([[at, top], [at, top + tall]], PALE, 0.5)?;
+        pen.line([[at, top], [at, top + tall]], GRID, 0.5)?;
         let words = if decade < 0 {
             format!("{:.*}", decade.unsigned_abs() as usize, 10_f64.powi(decade))
         } else {
@@ -122,7 +121,7 @@ fn panel<DB: DrawingBackend>(
     }
     for k in 0..=5 {
         let value = f64::from(k) / 5.0;
-        pen.line([[left, y(value)], [left + wide, y(value)]], PALE, 0.5)?;
+        pen.line([[left, y(value)], [left + wide, y(value)]], GRID, 0.5)?;
         pen.text(
             &format!("{value:.1}"),
             [left - 6.0, y(value)],
@@ -139,11 +138,7 @@ fn panel<DB: DrawingBackend>(
         Anchor::Centre,
     )?;
     for (k, (words, ms)) in marks.iter().enumerate() {
-        pen.line(
-            [[x(*ms), top], [x(*ms), top + tall]],
-            RGBColor(120, 120, 126),
-            1.5,
-        )?;
+        pen.line([[x(*ms), top], [x(*ms), top + tall]], PALE, 1.5)?;
         let at = [x(*ms) + 3.0, top + tall - 8.0 - 12.0 * k as f64];
         pen.text(words, at, 9.0, RGBColor(90, 90, 96), Anchor::Left)?;
     }
@@ -155,7 +150,7 @@ fn panel<DB: DrawingBackend>(
         let at = [x(point.ms), y(point.value)];
         pen.draw(Circle::new(
             pen.pixel(at),
-            (4.0 * SCALE) as i32,
+            (4.0 * FINER as f64) as i32,
             colour.filled(),
         ))?;
         let right = at[0] < left + 0.62 * wide;

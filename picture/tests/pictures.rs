@@ -85,12 +85,12 @@ fn an_svg_says_title_units_numbers_marks_and_simulated() {
         "a press",
         "by hand, 2 readings left out",
         "SIMULATED",
-        "relative change of conductance, %",
+        "relative loss of conductance, %",
         "x, mm",
         "y, mm",
         "true place",
         "found",
-        "\u{2212}50",
+        "\n50\n",
     ] {
         assert!(svg.contains(words), "{words}");
     }
@@ -106,6 +106,43 @@ fn an_svg_says_title_units_numbers_marks_and_simulated() {
             .unwrap()
             .contains("SIMULATED")
     );
+}
+
+#[test]
+fn pressure_is_in_kilopascals_and_a_loss_never_is() {
+    let (sheet, relative) = scene();
+    let pressure = Map {
+        values: relative.values.iter().map(|value| -60.0 * value).collect(),
+        unit: MapUnit::Pressure,
+        ..relative.clone()
+    };
+    let terminal = TerminalStyle {
+        width: 50,
+        colour: TerminalColour::Plain,
+        style: style(),
+    };
+    for (map, says, never) in [
+        (&pressure, ["pressure", "kPa"], ["conductance", " %"]),
+        (
+            &relative,
+            ["relative loss of conductance", "%"],
+            ["pressure", "kPa"],
+        ),
+    ] {
+        for text in [
+            picture::svg(&sheet, map, &style()).unwrap(),
+            picture::terminal(&sheet, map, &terminal).unwrap(),
+        ] {
+            for words in says {
+                assert!(text.contains(words), "{words}\n{text}");
+            }
+            for words in never {
+                assert!(!text.contains(words), "{words}\n{text}");
+            }
+        }
+    }
+    let spots = picture::hot_spots(&sheet, &pressure).unwrap();
+    assert_eq!(spots[0].loss, 30.0, "kPa");
 }
 
 #[test]
@@ -181,9 +218,9 @@ fn a_plain_terminal_gets_ascii_with_scale_numbers_and_marks() {
     assert!(text.lines().all(|line| line.len() <= 50), "{text}");
     for words in [
         "a press  [SIMULATED]",
-        "-50 %",
-        "relative change of conductance",
-        "1 hot spot  x 30.0 y 70.0 mm, -50 %, 4.0 cm2",
+        "50 %",
+        "relative loss of conductance",
+        "1 hot spot  x 30.0 y 70.0 mm, 50 %, 4.0 cm2",
         "o true      x 30.0 y 70.0 mm, 1.0 mm from found",
     ] {
         assert!(text.contains(words), "{words}\n{text}");

@@ -11,22 +11,43 @@ pub enum MapUnit {
     RelativeConductance,
     /// Change of sheet conductance, siemens per square.
     Conductance,
+    /// Pressure, kPa: what a calibration makes of a relative change.
+    Pressure,
 }
 
 impl MapUnit {
-    /// What stands beside a scale.
+    /// What the values are, as a program reads them: losses are negative changes.
     pub fn label(self) -> &'static str {
         match self {
             Self::RelativeConductance => "relative change of conductance",
             Self::Conductance => "change of conductance",
+            Self::Pressure => "kPa",
+        }
+    }
+
+    /// What stands beside a scale, for a person: of the values as [`MapUnit::shown`] turns them.
+    pub fn caption(self) -> &'static str {
+        match self {
+            Self::RelativeConductance => "relative loss of conductance",
+            Self::Conductance => "change of conductance",
+            Self::Pressure => "pressure",
         }
     }
 
     /// What a value is multiplied with before it is shown to a person, and the unit of the result.
     pub fn shown(self) -> (f64, &'static str) {
         match self {
-            Self::RelativeConductance => (1e2, "%"),
+            Self::RelativeConductance => (-1e2, "%"),
             Self::Conductance => (1e6, "\u{b5}S per square"),
+            Self::Pressure => (1.0, "kPa"),
+        }
+    }
+
+    /// How much load a value tells of, in its own unit: lost conductance, or pressure.
+    pub fn load(self, value: f64) -> f64 {
+        match self {
+            Self::RelativeConductance | Self::Conductance => -value,
+            Self::Pressure => value,
         }
     }
 }
@@ -57,12 +78,13 @@ impl Map {
         crate::pattern::hex(&hasher.finalize())
     }
 
-    /// The largest loss, as a positive number, and its index; `None` where nothing is lost.
+    /// The largest loss (of a map of pressure: the largest pressure), as a positive number, and its index; `None` where
+    /// nothing is lost.
     pub fn largest_loss(&self) -> Option<(usize, f64)> {
         self.values
             .iter()
             .enumerate()
-            .map(|(triangle, value)| (triangle, -value))
+            .map(|(triangle, value)| (triangle, self.unit.load(*value)))
             .filter(|(_, loss)| *loss > 0.0)
             .max_by(|a, b| a.1.total_cmp(&b.1))
     }
@@ -76,7 +98,7 @@ impl Map {
         let mut weight = 0.0;
         let mut sum = [0.0; 2];
         for ((value, centroid), area) in self.values.iter().zip(centroids).zip(areas) {
-            let loss = -value;
+            let loss = self.unit.load(*value);
             if loss >= 0.5 * largest {
                 weight += loss * area;
                 sum[0] += loss * area * centroid[0];
@@ -107,6 +129,17 @@ mod tests {
         let found = map(vec![-0.5, -1.0, -0.5, -0.1]).found(&centroids, &[1.0; 4]);
         assert_eq!(found, Some([1.0, 0.0]));
         assert_eq!(map(vec![0.0, 0.2]).found(&centroids, &[1.0; 4]), None);
+    }
+
+    #[test]
+    fn pressure_is_found_where_it_is_largest() {
+        let pressure = Map {
+            unit: MapUnit::Pressure,
+            ..map(vec![5.0, 10.0, 0.0])
+        };
+        assert_eq!(pressure.largest_loss(), Some((1, 10.0)));
+        let centroids = [[0.0, 0.0], [3.0, 0.0], [9.0, 9.0]];
+        assert_eq!(pressure.found(&centroids, &[1.0; 3]), Some([2.0, 0.0]));
     }
 
     #[test]

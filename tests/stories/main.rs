@@ -24,5 +24,6 @@ mod kill_nine_loses_nothing_acknowledged;
 mod test_one_is_found;
 mod the_contract_is_what_we_say;
 mod the_house;
+mod the_paper_is_run_over_scpi;
 mod the_rig_tests_itself;
 mod two_wirings_one_frame;

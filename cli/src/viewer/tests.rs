@@ -59,8 +59,17 @@ async fn shown(
     field: Option<Field>,
     records: &[Record],
 ) -> (String, Result<Option<String>, Failure>) {
+    said(true, words, field, records).await
+}
+
+async fn said(
+    json: bool,
+    words: &[&str],
+    field: Option<Field>,
+    records: &[Record],
+) -> (String, Result<Option<String>, Failure>) {
     let watch = watch(words);
-    let mut printer = Printer::into(true, Vec::new());
+    let mut printer = Printer::into(json, Vec::new());
     let bytes: Vec<u8> = records.iter().flat_map(Record::encode).collect();
     let ended = Viewer::new("m1".into(), &watch, field, &mut printer)
         .follow(bytes.as_slice(), None)
@@ -80,9 +89,49 @@ async fn a_frame_and_its_map_are_one_line() {
         text,
         "{\"event\":\"frame\",\"session\":\"m1\",\"sequence\":1,\"wall\":\"1970-01-01T00:00:01.000000000Z\",\
          \"simulated\":true,\"gap\":0,\"readings\":2,\"overloads\":1,\"timeouts\":0,\"not_measured\":0,\
-         \"method\":\"one-step\",\"largest_loss\":0.5,\"found_mm\":[10.0,10.0]}\n"
+         \"method\":\"one-step\",\"largest_loss\":0.5,\"found_mm\":[10.0,10.0],\
+         \"unit\":\"relative loss of conductance\",\"newtons\":null,\"largest_kpa\":null}\n"
     );
     assert_eq!(ended.unwrap().as_deref(), Some("count reached"));
+}
+
+fn pressure(sequence: u64) -> Record {
+    let body = Body::Pressure {
+        kpa: vec![12.5, 0.0],
+        newtons: 5.625,
+    };
+    record(sequence, 0, body)
+}
+
+#[tokio::test]
+async fn with_a_calibration_everything_is_in_kilopascals_and_newtons() {
+    let records = [frame(1, 0), pressure(1), map(1), end()];
+    let (text, _) = said(false, &[], Some(field()), &records).await;
+    assert!(
+        text.contains("5.6 N, largest pressure 12.5 kPa") && text.contains("pressure\n"),
+        "{text}"
+    );
+    assert!(!text.contains("loss") && !text.contains(" %"), "{text}");
+    let (text, _) = shown(&[], Some(field()), &records).await;
+    assert!(
+        text.contains("\"unit\":\"kPa\",\"newtons\":5.625,\"largest_kpa\":12.5}"),
+        "{text}"
+    );
+    // a pressure of another frame is none of this one's
+    let records = [pressure(1), frame(2, 0), map(2), end()];
+    let (text, _) = shown(&[], Some(field()), &records).await;
+    assert!(text.contains("\"newtons\":null"), "{text}");
+}
+
+#[tokio::test]
+async fn without_a_calibration_nothing_is_in_kilopascals() {
+    let (text, _) = said(false, &[], Some(field()), &[frame(1, 0), map(1), end()]).await;
+    assert!(
+        text.contains("largest relative loss of conductance 0.500")
+            && text.contains("relative loss of conductance\n"),
+        "{text}"
+    );
+    assert!(!text.contains("kPa") && !text.contains(" N,"), "{text}");
 }
 
 #[tokio::test]

@@ -159,10 +159,10 @@ impl Session1 {
     }
 
     /// A descriptor from which every frame and map can be read. Options: `frames` (b), `maps` (b), both true by
-    /// default; `ring` (t), records held for a slow reader, 64 by default.
+    /// default; `pressure` (b), false by default; `ring` (t), records held for a slow reader, 64 by default.
     #[zbus(out_args("stream"))]
     async fn open_stream(&self, options: Options) -> Result<OwnedFd, Fault> {
-        options.only(&["frames", "maps", "ring"])?;
+        options.only(&["frames", "maps", "pressure", "ring"])?;
         self.running()?;
         let ring = options.whole("ring")?.unwrap_or(RING.0);
         if !(1..=RING.1).contains(&ring) {
@@ -174,6 +174,7 @@ impl Session1 {
         let wanted = Wanted {
             frames: options.flag("frames")?.unwrap_or(true),
             maps: options.flag("maps")?.unwrap_or(true),
+            pressure: options.flag("pressure")?.unwrap_or(false),
             ring: ring as usize,
         };
         let descriptor = self

@@ -22,6 +22,9 @@ use steps::Workplace;
 
 /// Makes what is missing, draws, writes the page.
 pub(crate) fn paper(options: &PaperOptions) -> Result<(), Failure> {
+    if let Some(file) = &options.resident {
+        return plan::print_resident(file);
+    }
     let plan = Plan::new(options.full, options.seed);
     let folder = options
         .out

@@ -50,8 +50,29 @@ fn a_set_is_the_same_however_it_is_cut_stopped_and_read() {
     let model = folder.path().join("a.safetensors");
     let train = "train linear --profile matched --dataset {} --case {} --out {}";
     let said = refused(train, &[&parts, &case, &model]);
-    assert!(said.contains("75 of 150 cases"), "{said}");
+    assert!(
+        said.contains("75 of 150 cases") && said.contains("shard-1-of-2.tset"),
+        "the missing shard is named: {said}"
+    );
     make("1/2", &parts);
+    // the last third without the middle one: the gap has a name too
+    let thirds = folder.path().join("thirds");
+    make("0/3", &thirds);
+    make("2/3", &thirds);
+    let said = refused(train, &[&thirds, &case, &model]);
+    assert!(said.contains("shard-1-of-3.tset"), "{said}");
+    // a shard of another seed among them
+    let other = folder.path().join("other");
+    let line = "dataset --shard 1/3 --seed 4 --cases 150 --case {} --out {}";
+    done(&words(line, &[&case, &other]));
+    for name in ["shard-1-of-3.tset", "shard-1-of-3.json"] {
+        std::fs::copy(other.join(name), thirds.join(name)).unwrap();
+    }
+    let said = refused(train, &[&thirds, &case, &model]);
+    assert!(
+        said.contains("shard-1-of-3.json") && said.contains("another set"),
+        "{said}"
+    );
     // the same cases, so the same weights
     let other = folder.path().join("b.safetensors");
     done(&words(train, &[&parts, &case, &model]));

@@ -1,7 +1,12 @@
 //! `tactus-lab paper`: what is made once is not made again, and what others made is named.
 
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::time::{Duration, Instant, SystemTime};
+
+/// What the first network is waited for at most.
+const DEADLINE: Duration = Duration::from_secs(120);
 
 fn figure(number: &str, out: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_tactus-lab"))
@@ -46,6 +51,101 @@ fn the_mesh_is_drawn_once_and_made_again_only_by_other_words() {
         String::from_utf8_lossy(&again.stderr)
     );
     assert_eq!(std::fs::read_to_string(&nodes).unwrap(), whole);
+}
+
+/// What was made when.
+fn stamps(folder: &Path) -> BTreeMap<PathBuf, SystemTime> {
+    let mut found = BTreeMap::new();
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        if path.is_dir() {
+            found.append(&mut stamps(&path));
+        } else if let Ok(at) = entry.metadata().and_then(|about| about.modified()) {
+            found.insert(path, at);
+        }
+    }
+    found
+}
+
+#[test]
+fn a_run_that_is_killed_goes_on_with_what_is_missing_and_damage_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("paper");
+    let mut killed = Command::new(env!("CARGO_BIN_EXE_tactus-lab"))
+        .args(["paper", "--quick", "--figure", "6", "--out"])
+        .arg(&out)
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    // kill -9 once the first two networks are there
+    let there = out.join("models/rbf-paper.safetensors.command");
+    let begun = Instant::now();
+    while !there.exists() {
+        assert!(begun.elapsed() < DEADLINE, "no RBF network was trained");
+        assert!(killed.try_wait().unwrap().is_none(), "it ended by itself");
+        std::thread::park_timeout(Duration::from_millis(5));
+    }
+    killed.kill().unwrap();
+    killed.wait().unwrap();
+    let finished = |path: &Path| {
+        let name = path
+            .strip_prefix(&out)
+            .unwrap()
+            .to_string_lossy()
+            .into_owned();
+        name.starts_with("case") || name.contains("dnn-paper") || name.contains("rbf-paper")
+    };
+    let before: BTreeMap<_, _> = stamps(&out)
+        .into_iter()
+        .filter(|(path, _)| finished(path))
+        .collect();
+    assert!(before.len() > 6, "{before:?}");
+    assert!(!out.join("figure-6.png").exists());
+    let second = figure("6", &out);
+    let said = String::from_utf8_lossy(&second.stderr).into_owned();
+    assert!(second.status.success(), "{said}");
+    assert!(out.join("figure-6.png").is_file());
+    assert!(
+        !said.contains("train dnn") && said.contains("judge --set test-1"),
+        "{said}"
+    );
+    let after = stamps(&out);
+    for (path, at) in &before {
+        assert_eq!(
+            after.get(path),
+            Some(at),
+            "{} was made again",
+            path.display()
+        );
+    }
+    // once more: nothing is made again at all
+    let third = figure("6", &out);
+    let said = String::from_utf8_lossy(&third.stderr).into_owned();
+    assert!(third.status.success() && !said.contains("--out"), "{said}");
+
+    let named = |file: &str, bytes: &[u8], words: &[&str]| {
+        let path = out.join(file);
+        let whole = std::fs::read(&path).unwrap();
+        std::fs::write(&path, bytes).unwrap();
+        let refused = figure("6", &out);
+        let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert_eq!(refused.status.code(), Some(1), "{said}");
+        for word in words.iter().chain([&file]) {
+            assert!(said.contains(word), "{word}: {said}");
+        }
+        std::fs::write(&path, whole).unwrap();
+    };
+    let command = "models/rbf-paper.safetensors.command";
+    named(
+        command,
+        b"train rbf --profile pap",
+        &["damaged", "delete it"],
+    );
+    named(command, &[0xff, 0xfe, 0], &["damaged", "no text"]);
+    let model = "models/rbf-paper.safetensors";
+    let whole = std::fs::read(out.join(model)).unwrap();
+    named(model, &whole[..whole.len() / 2], &["truncated"]);
+    named("sets/test-1-2uV/frames.csv", b"1,2,3\n", &[]);
 }
 
 #[test]

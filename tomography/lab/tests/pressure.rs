@@ -180,4 +180,40 @@ fn presses_that_say_nothing_are_refused_by_line() {
     assert!(said.contains("mass_kg"), "{said}");
     let said = tried(whole.replacen("\n2,", "\n99,", 1));
     assert!(said.contains("frame 99"), "{said}");
+    // every second mass in grams, as if it were in kilograms: the worst line is named with both forces
+    let contradictory: String = whole
+        .lines()
+        .enumerate()
+        .map(|(k, line)| match line.rsplit_once(',') {
+            Some((before, kg)) if k > 0 && k % 2 == 0 => {
+                format!("{before},{}\n", 1e3 * kg.parse::<f64>().unwrap())
+            }
+            _ => format!("{line}\n"),
+        })
+        .collect();
+    let said = tried(contradictory);
+    for word in [
+        "contradict each other",
+        "the worst is 'line ",
+        "N by its mass",
+    ] {
+        assert!(said.contains(word), "{said}");
+    }
+    let alike: String = whole
+        .lines()
+        .enumerate()
+        .map(|(k, line)| {
+            let mut fields: Vec<&str> = line.split(',').collect();
+            if k > 0 {
+                (fields[3], fields[5]) = ("0.03", "1");
+            }
+            format!("{}\n", fields.join(","))
+        })
+        .collect();
+    let said = tried(alike);
+    assert!(said.contains("1 different pressures"), "{said}");
+    assert!(
+        !at.join("sheet.toml").exists(),
+        "no file where there is no calibration"
+    );
 }

@@ -24,4 +24,7 @@ pub(crate) struct PaperOptions {
     /// Print the table of claims as one JSON object a line
     #[arg(long)]
     pub(crate) json: bool,
+    /// Only print by how many bytes loading this model makes a process larger; what the table of claims asks
+    #[arg(long, value_name = "MODEL", hide = true)]
+    pub(crate) resident: Option<PathBuf>,
 }

@@ -81,14 +81,21 @@ impl DataSet {
             let mut same = manifest["header"].clone();
             same["shard"] = head["shard"].clone();
             if same != head || manifest["header"]["shard"][1] != head["shard"][1] {
-                return Err(wrong(path, "a shard of another set lies among the others"));
+                return Err(wrong(
+                    path,
+                    &format!(
+                        "a shard of another set than {}: take one of them away",
+                        manifests[0].0.display()
+                    ),
+                ));
             }
             if number(&manifest["first"])? != set.cases {
                 return Err(wrong(
                     path,
                     &format!(
-                        "case {} and those after it are missing: a shard before this one is not there",
-                        set.cases
+                        "case {} and those after it are missing before this shard: make {} with tactus-lab dataset",
+                        set.cases,
+                        missing(&manifests)
                     ),
                 ));
             }
@@ -112,8 +119,10 @@ impl DataSet {
             return Err(wrong(
                 folder,
                 &format!(
-                    "{} of {} cases are there; the other shards are missing",
-                    set.cases, set.settings.cases
+                    "{} of {} cases are there: make {} with tactus-lab dataset",
+                    set.cases,
+                    set.settings.cases,
+                    missing(&manifests)
                 ),
             ));
         }
@@ -203,6 +212,21 @@ impl Samples for DataSet {
         }
         Ok(sample)
     }
+}
+
+/// Names of the shards that are not there, of so many as the manifests say.
+fn missing(manifests: &[(PathBuf, serde_json::Value)]) -> String {
+    let shard = |manifest: &serde_json::Value, part: usize| {
+        manifest["header"]["shard"][part].as_u64().unwrap_or(0)
+    };
+    let of = manifests
+        .first()
+        .map_or(0, |(_, manifest)| shard(manifest, 1));
+    let absent: Vec<String> = (0..of)
+        .filter(|k| manifests.iter().all(|(_, there)| shard(there, 0) != *k))
+        .map(|k| format!("shard-{k}-of-{of}.tset"))
+        .collect();
+    absent.join(", ")
 }
 
 /// The content of a manifest, `None` where there is none.

@@ -36,7 +36,8 @@ pub(super) fn mesh(place: &Workplace, case: &Case) -> Result<Figure, Failure> {
         title: title.to_owned(),
         words: format!(
             "Our mesh has {} triangles, {} of them in the region; the paper's has 9,716 and 3,690. Electrodes are voids with \
-             the complete electrode model on their rims, as the paper says; their places are read from its figure.",
+             the complete electrode model on their rims, as the paper says; their places are read from its figure. Axes: mm from \
+             the sheet's lower left corner; numbers at the rim are electrodes.",
             mesh.triangles().len(),
             mesh.region().len()
         ),
@@ -153,7 +154,13 @@ pub(super) fn sweeps(place: &Workplace, sweeps: &[Sweep]) -> Result<Vec<Figure>,
             Ok(Figure {
                 file: format!("{}.png", sweep.file),
                 title: sweep.title.to_owned(),
-                words: sweep.words.to_owned(),
+                words: format!(
+                    "{} Across: {}{}; up: {}.",
+                    sweep.words,
+                    sweep.across,
+                    if sweep.log { " (logarithmic)" } else { "" },
+                    sweep.up
+                ),
             })
         })
         .collect()
@@ -196,7 +203,12 @@ fn both(
         figures.push(Figure {
             file: format!("{stem}.png"),
             title: title.to_owned(),
-            words: format!("{words} Dashed: the true place and size."),
+            words: format!(
+                "{words} Axes: mm from the sheet's lower left corner; numbers at the rim are electrodes. Colours: change of \
+                 conductance in \u{b5}S per square, the sheet's own being {:.0}; blue is lost, red is gained. Dashed: the true \
+                 place and size.",
+                1e6 * mean(&crate::geometry::sigma0(case))
+            ),
         });
     }
     Ok(figures)
@@ -227,6 +239,10 @@ fn in_siemens(map: &Map, case: &Case) -> Map {
         unit: MapUnit::Conductance,
         ..map.clone()
     }
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
 }
 
 /// What maps of a case are drawn on.

@@ -7,7 +7,7 @@ use super::experiments::Experiments;
 use super::figures::Figure;
 use super::plan::{Method, Plan};
 
-const STYLE: &str = "body{font:16px/1.5 sans-serif;max-width:60em;margin:2em auto;padding:0 1em;color:#222226}\
+const STYLE: &str = "body{font:16px/1.5 sans-serif;max-width:68em;margin:2em auto;padding:0 1em;color:#222226}\
 img{width:100%;height:auto}figure{margin:2em 0}figcaption{color:#555}\
 table{border-collapse:collapse;margin:1em 0;font-size:14px}th,td{border-bottom:1px solid #ddd;padding:.3em .7em;text-align:right}\
 th:first-child,td:first-child,.words td,.words th{text-align:left}.words td{vertical-align:top}code{font-size:13px}";

@@ -1,6 +1,6 @@
 //! How much is done: the paper's own sizes, or little of everything.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use eit::{Model, Report, model};
 
@@ -181,12 +181,9 @@ impl Plan {
             |name: &'static str, file: &str, words: &[String]| -> Result<Method, Failure> {
                 let words: Vec<&str> = words.iter().map(String::as_str).collect();
                 let file = place.made(file, &words)?;
-                let before = resident();
                 let loaded = model::load(&file)
                     .map_err(|fault| Failure::of("cannot use a trained model", &fault))?;
-                let resident = resident()
-                    .zip(before)
-                    .map(|(after, before)| after.saturating_sub(before));
+                let resident = resident_of(&file);
                 let bytes = std::fs::metadata(&file)
                     .map_err(|cause| Failure::of(&format!("{}", file.display()), &cause))?
                     .len();
@@ -235,6 +232,34 @@ fn weights(loaded: &Model) -> usize {
         Report::Deep(report) => report.parameters,
         Report::Rbf(_) => loaded.metadata().training.neurons * loaded.mesh().region().len(),
     }
+}
+
+/// By how much loading a model makes a process larger. A process of its own: in this one it would move into memory that
+/// training has left behind.
+fn resident_of(file: &Path) -> Option<u64> {
+    let program = std::env::current_exe().ok()?;
+    let mut command = std::process::Command::new(&program);
+    if program.file_stem()? != "tactus-lab" {
+        command.arg("tactus-lab");
+    }
+    let said = command
+        .args(["paper", "--resident"])
+        .arg(file)
+        .output()
+        .ok()?;
+    String::from_utf8(said.stdout).ok()?.trim().parse().ok()
+}
+
+/// Loads a model and prints by how many bytes that made this process larger; nothing where the system does not say.
+pub(super) fn print_resident(file: &Path) -> Result<(), Failure> {
+    let before = resident();
+    let loaded =
+        model::load(file).map_err(|fault| Failure::of("cannot use a trained model", &fault))?;
+    if let (Some(before), Some(after)) = (before, resident()) {
+        println!("{}", after.saturating_sub(before));
+    }
+    drop(loaded);
+    Ok(())
 }
 
 /// Resident memory of this process, bytes, as Linux says.

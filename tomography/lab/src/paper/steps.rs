@@ -49,22 +49,51 @@ impl Workplace {
         let path = self.path(name);
         let said = words.join(" ");
         let beside = beside(&path);
-        let same = std::fs::read_to_string(&beside).is_ok_and(|text| text.trim_end() == said);
-        if same && path.exists() {
+        if path.exists() && made_by(&beside, &path)?.is_some_and(|text| text == said) {
             return Ok(path);
         }
         eprintln!("tactus-lab {said} --out {}", path.display());
-        let out = path.display().to_string();
-        let line = ["tactus-lab"]
-            .into_iter()
-            .chain(words.iter().copied())
-            .chain(["--out", &out]);
-        let parsed = Arguments::try_parse_from(line)
-            .map_err(|fault| Failure::because(format!("{said}: {fault}")))?;
+        let parsed =
+            parsed(&said, &path).map_err(|fault| Failure::because(format!("{said}: {fault}")))?;
         crate::perform(&parsed.command)?;
-        write(&beside, format!("{said}\n"))?;
+        // whole or not at all: who is stopped here finds no half of a command
+        let part = beside.with_extension("part");
+        write(&part, format!("{said}\n"))?;
+        std::fs::rename(&part, &beside)
+            .map_err(|cause| Failure::of(&format!("cannot write {}", beside.display()), &cause))?;
         Ok(path)
     }
+}
+
+/// The words of a file `.command`; `None` where it is absent.
+fn made_by(beside: &Path, path: &Path) -> Result<Option<String>, Failure> {
+    let damaged = |why: &str| {
+        Failure::because(format!(
+            "{} is damaged ({why}): delete it, and {} is made again",
+            beside.display(),
+            path.display()
+        ))
+    };
+    let bytes = match std::fs::read(beside) {
+        Ok(bytes) => bytes,
+        Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        Err(cause) => return Err(Failure::of(&format!("{}", beside.display()), &cause)),
+    };
+    let text = String::from_utf8(bytes).map_err(|_| damaged("it is no text"))?;
+    let said = text.trim_end();
+    if parsed(said, path).is_err() {
+        return Err(damaged("its words are no command of tactus-lab"));
+    }
+    Ok(Some(said.to_owned()))
+}
+
+fn parsed(said: &str, path: &Path) -> Result<Arguments, clap::Error> {
+    let words = ["tactus-lab"].into_iter().chain(said.split(' '));
+    Arguments::try_parse_from(
+        words
+            .map(std::ffi::OsString::from)
+            .chain(["--out".into(), path.into()]),
+    )
 }
 
 /// `models/dnn.safetensors` is told about in `models/dnn.safetensors.command`.
