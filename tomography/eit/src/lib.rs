@@ -70,7 +70,7 @@ pub use one_step::{
     CLIPPED, EXPECTED_CHANGE, Hyper, MODEL_SHARE, OneStep, OneStepError, OneStepOptions, Scale,
     UNEXPLAINED,
 };
-pub use preset::{DiscTank, PaperSheet, Preset};
+pub use preset::{DiscTank, PaperSheet, Preset, SheetElectrode};
 pub use prior::{Prior, SMOOTH_LENGTH_M};
 pub use rbf::{NOVELTY_LIMIT, RbfNetwork, RbfReconstructor};
 pub use reconstructor::{MOST_MISSING, Novelty, ReconstructError, Reconstructor};

@@ -4,7 +4,7 @@ mod disc;
 mod sheet;
 
 pub use disc::DiscTank;
-pub use sheet::PaperSheet;
+pub use sheet::{PaperSheet, SheetElectrode};
 
 use serde::{Deserialize, Serialize};
 

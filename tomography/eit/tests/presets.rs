@@ -1,6 +1,6 @@
 //! The ready-made geometries are what they claim to be.
 
-use eit::{DiscTank, Mesh, MeshError, PaperSheet, Preset};
+use eit::{DiscTank, Mesh, MeshError, PaperSheet, Preset, SheetElectrode};
 
 fn show(name: &str, mesh: &Mesh) {
     let q = mesh.quality();
@@ -83,6 +83,38 @@ fn sheets_of_other_shapes() {
         assert_eq!(mesh.electrodes(), sheet.electrodes());
         assert!(mesh.quality().coarse_electrodes.is_empty());
         assert!(mesh.quality().smallest_angle > 20.0);
+    }
+}
+
+/// Electrodes as lengths of the edge: nothing is cut out, and each touches its own length of it.
+#[test]
+fn a_sheet_with_electrodes_on_its_edge() {
+    for (nx, ny) in [(6, 7), (5, 4), (3, 3)] {
+        let sheet = PaperSheet {
+            electrode: SheetElectrode::Edge,
+            electrodes_per_width: nx,
+            electrodes_per_height: ny,
+            ..PaperSheet::default()
+        };
+        let mesh = sheet.mesh().unwrap();
+        show(&format!("{nx} x {ny} on the edge"), &mesh);
+        let quality = mesh.quality();
+        assert_eq!(mesh.electrodes(), 2 * (nx + ny));
+        assert!((quality.area / (0.214 * 0.230) - 1.0).abs() < 1e-12);
+        assert!(quality.smallest_angle > 25.0);
+        assert_eq!(quality.fewest_electrode_edges, 4);
+        assert_eq!(mesh.outline().len(), 1);
+        for (k, centre) in mesh.electrode_centres().into_iter().enumerate() {
+            let wanted = sheet.centres_mm()[k];
+            for axis in 0..2 {
+                assert!((centre[axis] * 1e3 - wanted[axis]).abs() < 1e-9, "{k}");
+            }
+            let length = mesh.electrode_length(k);
+            assert!((length * 1e3 - sheet.void_mm).abs() < 1e-9, "{k}: {length}");
+        }
+        // the ohms of a contact are those of the void's
+        let lengths = sheet.contact_ohm_m()[0] / (sheet.void_mm * 1e-3);
+        assert!((lengths - sheet.contact_ohm).abs() < 1e-9);
     }
 }
 

@@ -1,4 +1,4 @@
-//! The paper's sheet: a rectangle with square voids as electrodes along its edge.
+//! The paper's sheet: a rectangle with electrodes along its edge, as square voids or as parts of the edge itself.
 
 use std::collections::BTreeMap;
 
@@ -10,13 +10,15 @@ use crate::{Mesh, MeshError};
 
 const PRESET: &str = "paper-sheet";
 
-/// A rectangle with its origin at the lower left corner, electrodes as square voids, counter-clockwise from the lower
+/// A rectangle with its origin at the lower left corner, electrodes counter-clockwise from the lower
 /// left along the bottom, the right, the top and the left side, evenly spaced on each; symmetric in both axes.
 ///
 /// The paper gives neither size nor inset of the electrodes, nor sheet and contact resistance: all are configuration.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PaperSheet {
+    /// What an electrode touches.
+    pub electrode: SheetElectrode,
     /// Extent along x, mm.
     pub width_mm: f64,
     /// Extent along y, mm.
@@ -25,9 +27,9 @@ pub struct PaperSheet {
     pub electrodes_per_width: usize,
     /// Electrodes along the right, and as many along the left.
     pub electrodes_per_height: usize,
-    /// Side of a square void, mm.
+    /// Side of a square void, or length of an electrode on the edge, mm.
     pub void_mm: f64,
-    /// From the sheet's edge to the centre of a void, mm.
+    /// From the sheet's edge to the centre of a void, mm; electrodes on the edge have none.
     pub inset_mm: f64,
     /// The region of interest reaches this far from the centre along x, mm.
     pub region_half_width_mm: f64,
@@ -36,11 +38,11 @@ pub struct PaperSheet {
     /// Divides every edge length: 2 gives about four times the triangles. 1 gives 9,612 triangles, 3,684 of them in
     /// the region, with angles from 31 to 105 degrees.
     pub fineness: f64,
-    /// Edge length at a void at fineness 1, mm.
+    /// Edge length at an electrode at fineness 1, mm.
     pub edge_mm: f64,
-    /// Edge length far from every void at fineness 1, mm.
+    /// Edge length far from every electrode at fineness 1, mm.
     pub largest_mm: f64,
-    /// Growth of the edge length with the distance from the nearest void at fineness 1.
+    /// Growth of the edge length with the distance from the nearest electrode at fineness 1.
     pub growth: f64,
     /// Another number gives another mesh of the same sizes.
     pub seeding: u32,
@@ -50,9 +52,21 @@ pub struct PaperSheet {
     pub contact_ohm: f64,
 }
 
+/// What an electrode of a [`PaperSheet`] touches.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SheetElectrode {
+    /// The rim of a square hole within the sheet, as in the paper's Figure 3A.
+    #[default]
+    Void,
+    /// A length of the sheet's own edge.
+    Edge,
+}
+
 impl Default for PaperSheet {
     fn default() -> Self {
         Self {
+            electrode: SheetElectrode::default(),
             width_mm: 214.0,
             height_mm: 230.0,
             electrodes_per_width: 6,
@@ -78,19 +92,20 @@ impl PaperSheet {
         2 * (self.electrodes_per_width + self.electrodes_per_height)
     }
 
-    /// Centres of the voids in order, mm.
+    /// Centres of the electrodes in order, mm.
     pub fn centres_mm(&self) -> Vec<[f64; 2]> {
         let (nx, ny) = (self.electrodes_per_width, self.electrodes_per_height);
         let x = |k: usize| (k as f64 + 0.5) / nx as f64 * self.width_mm;
         let y = |k: usize| (k as f64 + 0.5) / ny as f64 * self.height_mm;
-        let (right, top) = (
-            self.width_mm - self.inset_mm,
-            self.height_mm - self.inset_mm,
-        );
-        let bottom = (0..nx).map(|k| [x(k), self.inset_mm]);
+        let inset = match self.electrode {
+            SheetElectrode::Void => self.inset_mm,
+            SheetElectrode::Edge => 0.0,
+        };
+        let (right, top) = (self.width_mm - inset, self.height_mm - inset);
+        let bottom = (0..nx).map(|k| [x(k), inset]);
         let right = (0..ny).map(|k| [right, y(k)]);
         let top = (0..nx).rev().map(|k| [x(k), top]);
-        let left = (0..ny).rev().map(|k| [self.inset_mm, y(k)]);
+        let left = (0..ny).rev().map(|k| [inset, y(k)]);
         bottom.chain(right).chain(top).chain(left).collect()
     }
 
@@ -99,9 +114,13 @@ impl PaperSheet {
         1.0 / self.sheet_ohm
     }
 
-    /// Contact impedance of each electrode, ohm m: contact resistance times the length of the void's rim.
+    /// Contact impedance of each electrode, ohm m: contact resistance times the length that is touched.
     pub fn contact_ohm_m(&self) -> Vec<f64> {
-        vec![self.contact_ohm * 4.0 * self.void_mm * 1e-3; self.electrodes()]
+        let sides = match self.electrode {
+            SheetElectrode::Void => 4.0,
+            SheetElectrode::Edge => 1.0,
+        };
+        vec![self.contact_ohm * sides * self.void_mm * 1e-3; self.electrodes()]
     }
 
     /// The mesh: one quarter filled, and mirrored twice.
@@ -165,7 +184,7 @@ impl PaperSheet {
             self.largest_mm,
             [0.005 * side, 0.5 * side],
         )?;
-        if self.inset_mm <= 0.5 * self.void_mm {
+        if self.electrode == SheetElectrode::Void && self.inset_mm <= 0.5 * self.void_mm {
             return refuse(
                 "inset_mm must exceed half of void_mm, or the voids reach the edge".into(),
             );
@@ -174,7 +193,7 @@ impl PaperSheet {
         for (k, a) in centres.iter().enumerate() {
             for b in &centres[..k] {
                 if (a[0] - b[0]).abs().max((a[1] - b[1]).abs()) <= self.void_mm {
-                    return refuse(format!("void_mm {} lets two voids meet", self.void_mm));
+                    return refuse(format!("void_mm {} lets two electrodes meet", self.void_mm));
                 }
             }
         }
@@ -190,6 +209,13 @@ impl PaperSheet {
     fn quarter(&self) -> Result<crate::mesher::Filled, MeshError> {
         let high = [0.5 * self.width_mm, 0.5 * self.height_mm];
         let half = 0.5 * self.void_mm;
+        let on_edge = self.electrode == SheetElectrode::Edge;
+        // how far an electrode reaches along x and y
+        let reach = |c: &[f64; 2]| match on_edge {
+            false => [half, half],
+            true if c[1] == 0.0 => [half, 0.0],
+            true => [0.0, half],
+        };
         let voids: Vec<[f64; 2]> = self
             .centres_mm()
             .into_iter()
@@ -199,7 +225,8 @@ impl PaperSheet {
             voids
                 .iter()
                 .map(|c| {
-                    let outside = |axis: usize| ((p[axis] - c[axis]).abs() - half).max(0.0);
+                    let reach = reach(c);
+                    let outside = |axis: usize| ((p[axis] - c[axis]).abs() - reach[axis]).max(0.0);
                     length(outside(0), outside(1))
                 })
                 .fold(f64::INFINITY, f64::min)
@@ -212,14 +239,22 @@ impl PaperSheet {
         };
         let mut rim = Rim::default();
         for c in &voids {
-            let [x0, x1] = [c[0] - half, c[0] + half];
-            let [y0, y1] = [c[1] - half, c[1] + half];
-            for [a, b] in [
+            let [rx, ry] = reach(c);
+            let [x0, x1] = [c[0] - rx, c[0] + rx];
+            let [y0, y1] = [c[1] - ry, c[1] + ry];
+            let sides = [
                 [[x0, y0], [x1, y0]],
                 [[x1, y0], [x1, y1]],
                 [[x1, y1], [x0, y1]],
                 [[x0, y1], [x0, y0]],
-            ] {
+            ];
+            // of a rectangle without width one side is all there is: the bottom, or the right which is the left
+            let sides = match (on_edge, c[1] == 0.0) {
+                (false, _) => &sides[..],
+                (true, true) => &sides[..1],
+                (true, false) => &sides[1..2],
+            };
+            for &[a, b] in sides {
                 let edges = 2 * self.half_side_edges();
                 let at = |k: usize| [0, 1].map(|i| clip(a[i], b[i], k, edges, high[i]));
                 for k in 0..edges {
@@ -238,7 +273,7 @@ impl PaperSheet {
             [high, [0.0, high[1]]],
             [[0.0, high[1]], [0.0, 0.0]],
         ] {
-            for [p, q] in uncovered(a, b, &voids, half) {
+            for [p, q] in uncovered(a, b, &voids, &reach) {
                 let mut last = p;
                 for next in cut(p, q, &size).into_iter().chain([q]) {
                     rim.edge(last, next);
@@ -344,15 +379,24 @@ fn clip(a: f64, b: f64, k: usize, edges: usize, border: f64) -> f64 {
     }
 }
 
-/// The parts of a quarter's side that no void covers.
-fn uncovered(a: [f64; 2], b: [f64; 2], voids: &[[f64; 2]], half: f64) -> Vec<[[f64; 2]; 2]> {
+/// The parts of a quarter's side that no electrode covers.
+fn uncovered(
+    a: [f64; 2],
+    b: [f64; 2],
+    electrodes: &[[f64; 2]],
+    reach: &dyn Fn(&[f64; 2]) -> [f64; 2],
+) -> Vec<[[f64; 2]; 2]> {
     let axis = usize::from(a[0] == b[0]);
     let across = 1 - axis;
     let (low, high) = (a[axis].min(b[axis]), a[axis].max(b[axis]));
-    let mut covered: Vec<[f64; 2]> = voids
+    let mut covered: Vec<[f64; 2]> = electrodes
         .iter()
-        .filter(|c| (c[across] - a[across]).abs() < half)
-        .map(|c| [c[axis] - half, c[axis] + half])
+        .map(|c| (c, reach(c)))
+        .filter(|(c, reach)| {
+            let away = (c[across] - a[across]).abs();
+            away < reach[across] || away == 0.0
+        })
+        .map(|(c, reach)| [c[axis] - reach[axis], c[axis] + reach[axis]])
         .collect();
     covered.sort_by(|p, q| p[0].total_cmp(&q[0]));
     let point = |at: f64| {
