@@ -24,7 +24,7 @@ pub fn bench() -> Bench {
     let rig = {
         let _inside = runtime.enter();
         // the sheet is not joined to anything here: a coarse one is made sooner
-        let scene = Scene::parse("coarse", "[mesh]\nfineness = 0.2\n").expect("a scene");
+        let scene = Scene::parse("coarse", "[mesh]\nfineness = 0.25\n").expect("a scene");
         SimulatedRig::new(&profile, scene).expect("an empty bench")
     };
     Bench { runtime, rig }
