@@ -89,7 +89,8 @@ fuzz_target!(|bytes: &[u8]| {
     BENCH.with(|cell| {
         let Bench { runtime, rig } = cell.get_or_init(bench);
         let sent = records(bytes);
-        let talk = tokio::time::timeout(Duration::from_secs(86_400 * 365), converse(rig, sent));
+        let limit = Duration::from_secs(86_400 * 365);
+        let talk = async { tokio::time::timeout(limit, converse(rig, sent)).await };
         runtime.block_on(talk).expect("no conversation hangs");
     });
 });

@@ -34,7 +34,8 @@ async fn ask(rig: &SimulatedRig, request: &[u8]) {
 fuzz_target!(|bytes: &[u8]| {
     BENCH.with(|cell| {
         let Bench { runtime, rig } = cell.get_or_init(bench);
-        let talk = tokio::time::timeout(Duration::from_secs(60), ask(rig, bytes));
+        let limit = Duration::from_secs(60);
+        let talk = async { tokio::time::timeout(limit, ask(rig, bytes)).await };
         runtime.block_on(talk).expect("no request hangs");
     });
 });

@@ -71,14 +71,15 @@ impl Plan {
                 sprays: &[0.0, 0.05, 0.1, 0.3],
                 alphas: &[-10, -9, -8, -7, -6, -5, -4, -3, -2],
                 spreads: &[0.25, 0.5, 1.0, 2.0, 4.0],
+                // on a smaller sheet the electrodes next to a corner would meet
                 sheets: &[
-                    (0.5, 6, 7),
+                    (0.85, 6, 7),
                     (1.0, 4, 4),
                     (1.0, 5, 5),
                     (1.0, 6, 7),
                     (1.0, 8, 8),
+                    (1.5, 6, 7),
                     (2.0, 6, 7),
-                    (2.0, 8, 8),
                 ],
                 cases: 15_000,
                 repeats: 5,
