@@ -118,6 +118,8 @@ mod tests {
     use crate::rig_assembly::{Closed, assemble};
 
     const DEADLINE: Duration = Duration::from_secs(120);
+    /// A process has one hook: the panic of one test must not be heard by the other's keeper.
+    static ALONE: tokio::sync::Mutex<()> = tokio::sync::Mutex::const_new(());
 
     async fn current_flows(sheet: &SimulatedRig) {
         let flows = async {
@@ -136,6 +138,7 @@ mod tests {
 
     #[tokio::test(flavor = "multi_thread")]
     async fn a_panic_on_any_thread_ends_the_session_and_the_source_is_off() {
+        let _alone = ALONE.lock().await;
         install();
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("config.toml");
@@ -179,6 +182,7 @@ mod tests {
     /// A frame is under way on instruments behind TCP, and the task that has everything in its hands panics.
     #[test]
     fn where_the_daemons_head_fails_the_source_is_switched_off_over_fresh_connections() {
+        let _alone = ALONE.blocking_lock();
         let folder = tempfile::tempdir().unwrap();
         let others = Builder::new_multi_thread().enable_all().build().unwrap();
         let profile = Profile::load("pairs-34924a").unwrap();
