@@ -44,33 +44,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use survey::{Amps, Ohms, Relay, Volts};
 
-pub use autozero_off::AutozeroOffSettings;
-pub use bias_current::BiasCurrentSettings;
 pub use bounds::Fault as ParameterFault;
-pub use channel_noise::ChannelNoiseSettings;
-pub use charge_injection::ChargeInjectionSettings;
-pub use common_mode::CommonModeSettings;
-pub use contact_drift::ContactDriftSettings;
-pub use contact_spread::ContactSpreadSettings;
-pub use crack::CrackSettings;
-pub use current_error::CurrentErrorSettings;
-pub use current_noise::CurrentNoiseSettings;
-pub use detachment::DetachmentSettings;
-pub use humidity::HumiditySettings;
-pub use input_resistance::InputResistanceSettings;
-pub use isolation::IsolationSettings;
-pub use leakage::LeakageSettings;
-pub use long_drift::LongDriftSettings;
-pub use mains_pickup::MainsPickupSettings;
-pub use output_resistance::OutputResistanceSettings;
-pub use quantisation::QuantisationSettings;
-pub use short::ShortSettings;
-pub use source_settling::SourceSettlingSettings;
-pub use spray::SpraySettings;
-pub use temperature::TemperatureSettings;
-pub use thermal_emf::ThermalEmfSettings;
-pub use voltmeter_gain::VoltmeterGainSettings;
-pub use voltmeter_noise::VoltmeterNoiseSettings;
 
 /// How a reading is taken, as far as an effect may depend on it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -113,88 +87,107 @@ pub struct Needs {
     pub load_resistance: bool,
 }
 
-/// The effects that a scene names; the order of the fields is the order in which they act.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
-pub struct EffectSettings {
+/// An effect as a scene names it: its parameters, what they may be, what is done by it.
+pub(crate) trait Effect: fmt::Debug {
+    /// The first parameter that is out of its physical range.
+    fn check(&self) -> Result<(), ParameterFault>;
+
+    /// What does not fit a sheet of so many electrodes.
+    fn check_on(&self, _electrodes: usize) -> Result<(), ParameterFault> {
+        Ok(())
+    }
+
+    /// Puts itself among the effects that act, with its own random stream where it draws.
+    fn add(&self, seed: u64, effects: &mut Effects);
+}
+
+/// Everything that follows from the list of effects: what a scene may name, in the order in which they act.
+macro_rules! effects {
+    ($(#[doc = $what:literal] $field:ident: $settings:ident = $name:literal;)+) => {
+        /// The parameters of each effect.
+        pub mod settings {
+            $(pub use super::$field::$settings;)+
+        }
+
+        /// The effects that a scene names; the order of the fields is the order in which they act.
+        #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+        #[serde(default, deny_unknown_fields)]
+        pub struct EffectSettings {
+            $(
+                #[doc = $what]
+                #[serde(rename = $name, skip_serializing_if = "Option::is_none")]
+                pub $field: Option<settings::$settings>,
+            )+
+        }
+
+        impl EffectSettings {
+            /// The name of every effect, as scenes write it, and what it is.
+            pub const ALL: &[(&str, &str)] = &[$(($name, $what)),+];
+
+            /// Those that are named, in order.
+            fn named(&self) -> impl Iterator<Item = (&'static str, &dyn Effect)> {
+                let all = [$(
+                    ($name, self.$field.as_ref().map(|named| named as &dyn Effect)),
+                )+];
+                all.into_iter().filter_map(|(name, named)| Some((name, named?)))
+            }
+        }
+    };
+}
+
+effects! {
     /// Uneven spraying of the sheet.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub spray: Option<SpraySettings>,
+    spray: SpraySettings = "spray";
     /// Temperature of the sheet.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub temperature: Option<TemperatureSettings>,
+    temperature: TemperatureSettings = "temperature";
     /// Humidity of the foam.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub humidity: Option<HumiditySettings>,
+    humidity: HumiditySettings = "humidity";
     /// Drift over hours to months.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub long_drift: Option<LongDriftSettings>,
+    long_drift: LongDriftSettings = "long-drift";
     /// A crack in the sheet.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub crack: Option<CrackSettings>,
+    crack: CrackSettings = "crack";
     /// Contacts that differ.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub contact_spread: Option<ContactSpreadSettings>,
+    contact_spread: ContactSpreadSettings = "contact-spread";
     /// Contacts that wander.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub contact_drift: Option<ContactDriftSettings>,
+    contact_drift: ContactDriftSettings = "contact-drift";
     /// An electrode that comes off.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub detachment: Option<DetachmentSettings>,
+    detachment: DetachmentSettings = "detachment";
     /// A short between two electrodes.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub short: Option<ShortSettings>,
+    short: ShortSettings = "short";
     /// Leakage between wires.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub isolation: Option<IsolationSettings>,
+    isolation: IsolationSettings = "isolation";
     /// Gain and offset of the source.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub current_error: Option<CurrentErrorSettings>,
+    current_error: CurrentErrorSettings = "current-error";
     /// Noise of the source.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub current_noise: Option<CurrentNoiseSettings>,
+    current_noise: CurrentNoiseSettings = "current-noise";
     /// The source's own resistance.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub output_resistance: Option<OutputResistanceSettings>,
+    output_resistance: OutputResistanceSettings = "output-resistance";
     /// The time that the current takes.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub source_settling: Option<SourceSettlingSettings>,
+    source_settling: SourceSettlingSettings = "source-settling";
     /// Charge that a switching relay leaves behind.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub charge_injection: Option<ChargeInjectionSettings>,
+    charge_injection: ChargeInjectionSettings = "charge-injection";
     /// Thermal voltages of the relays.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub thermal_emf: Option<ThermalEmfSettings>,
+    thermal_emf: ThermalEmfSettings = "thermal-emf";
     /// Channels noisier than the others.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub channel_noise: Option<ChannelNoiseSettings>,
+    channel_noise: ChannelNoiseSettings = "channel-noise";
     /// Leakage of a FET multiplexer.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub leakage: Option<LeakageSettings>,
+    leakage: LeakageSettings = "leakage";
     /// Mains in the leads.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub mains_pickup: Option<MainsPickupSettings>,
+    mains_pickup: MainsPickupSettings = "mains-pickup";
     /// What both leads have in common.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub common_mode: Option<CommonModeSettings>,
+    common_mode: CommonModeSettings = "common-mode";
     /// The share that the voltmeter's input takes.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub input_resistance: Option<InputResistanceSettings>,
+    input_resistance: InputResistanceSettings = "input-resistance";
     /// The current out of the voltmeter's input.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub bias_current: Option<BiasCurrentSettings>,
+    bias_current: BiasCurrentSettings = "bias-current";
     /// Gain and offset of the voltmeter.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub voltmeter_gain: Option<VoltmeterGainSettings>,
+    voltmeter_gain: VoltmeterGainSettings = "voltmeter-gain";
     /// The zero of a voltmeter that does not look at it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub autozero_off: Option<AutozeroOffSettings>,
+    autozero_off: AutozeroOffSettings = "autozero-off";
     /// Noise of the voltmeter.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub voltmeter_noise: Option<VoltmeterNoiseSettings>,
+    voltmeter_noise: VoltmeterNoiseSettings = "voltmeter-noise";
     /// Steps of the voltmeter's converter.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub quantisation: Option<QuantisationSettings>,
+    quantisation: QuantisationSettings = "quantisation";
 }
 
 impl EffectSettings {
@@ -203,103 +196,10 @@ impl EffectSettings {
     /// # Errors
     /// The name of the effect as scenes write it, the key, and what is allowed.
     pub fn check(&self) -> Result<(), (&'static str, ParameterFault)> {
-        if let Some(settings) = &self.spray {
-            settings.check().map_err(|fault| ("spray", fault))?;
-        }
-        if let Some(settings) = &self.temperature {
-            settings.check().map_err(|fault| ("temperature", fault))?;
-        }
-        if let Some(settings) = &self.humidity {
-            settings.check().map_err(|fault| ("humidity", fault))?;
-        }
-        if let Some(settings) = &self.long_drift {
-            settings.check().map_err(|fault| ("long-drift", fault))?;
-        }
-        if let Some(settings) = &self.crack {
-            settings.check().map_err(|fault| ("crack", fault))?;
-        }
-        if let Some(settings) = &self.contact_spread {
-            settings
-                .check()
-                .map_err(|fault| ("contact-spread", fault))?;
-        }
-        if let Some(settings) = &self.contact_drift {
-            settings.check().map_err(|fault| ("contact-drift", fault))?;
-        }
-        if let Some(settings) = &self.detachment {
-            settings.check().map_err(|fault| ("detachment", fault))?;
-        }
-        if let Some(settings) = &self.short {
-            settings.check().map_err(|fault| ("short", fault))?;
-        }
-        if let Some(settings) = &self.isolation {
-            settings.check().map_err(|fault| ("isolation", fault))?;
-        }
-        if let Some(settings) = &self.current_error {
-            settings.check().map_err(|fault| ("current-error", fault))?;
-        }
-        if let Some(settings) = &self.current_noise {
-            settings.check().map_err(|fault| ("current-noise", fault))?;
-        }
-        if let Some(settings) = &self.output_resistance {
-            settings
-                .check()
-                .map_err(|fault| ("output-resistance", fault))?;
-        }
-        if let Some(settings) = &self.source_settling {
-            settings
-                .check()
-                .map_err(|fault| ("source-settling", fault))?;
-        }
-        if let Some(settings) = &self.charge_injection {
-            settings
-                .check()
-                .map_err(|fault| ("charge-injection", fault))?;
-        }
-        if let Some(settings) = &self.thermal_emf {
-            settings.check().map_err(|fault| ("thermal-emf", fault))?;
-        }
-        if let Some(settings) = &self.channel_noise {
-            settings.check().map_err(|fault| ("channel-noise", fault))?;
-        }
-        if let Some(settings) = &self.leakage {
-            settings.check().map_err(|fault| ("leakage", fault))?;
-        }
-        if let Some(settings) = &self.mains_pickup {
-            settings.check().map_err(|fault| ("mains-pickup", fault))?;
-        }
-        if let Some(settings) = &self.common_mode {
-            settings.check().map_err(|fault| ("common-mode", fault))?;
-        }
-        if let Some(settings) = &self.input_resistance {
-            settings
-                .check()
-                .map_err(|fault| ("input-resistance", fault))?;
-        }
-        if let Some(settings) = &self.bias_current {
-            settings.check().map_err(|fault| ("bias-current", fault))?;
-        }
-        if let Some(settings) = &self.voltmeter_gain {
-            settings
-                .check()
-                .map_err(|fault| ("voltmeter-gain", fault))?;
-        }
-        if let Some(settings) = &self.autozero_off {
-            settings.check().map_err(|fault| ("autozero-off", fault))?;
-        }
-        if let Some(settings) = &self.voltmeter_noise {
-            settings
-                .check()
-                .map_err(|fault| ("voltmeter-noise", fault))?;
-        }
-        if let Some(settings) = &self.quantisation {
-            settings.check().map_err(|fault| ("quantisation", fault))?;
-        }
-        Ok(())
+        self.named()
+            .try_for_each(|(name, effect)| effect.check().map_err(|fault| (name, fault)))
     }
-}
 
-impl EffectSettings {
     /// Effects that name an electrode which the sheet has not.
     ///
     /// # Errors
@@ -308,32 +208,9 @@ impl EffectSettings {
         &self,
         electrodes: usize,
     ) -> Result<(), (&'static str, ParameterFault)> {
-        let named = [
-            (
-                "detachment",
-                "electrode",
-                self.detachment.as_ref().map(|off| off.electrode),
-            ),
-            (
-                "short",
-                "electrodes",
-                self.short.as_ref().map(|short| short.electrodes[0]),
-            ),
-            (
-                "short",
-                "electrodes",
-                self.short.as_ref().map(|short| short.electrodes[1]),
-            ),
-        ];
-        for (effect, key, number) in named {
-            if let Some(number) = number
-                && number > electrodes
-            {
-                let why = format!("names electrode {number}, the sheet has {electrodes}");
-                return Err((effect, ParameterFault { key, why }));
-            }
-        }
-        Ok(())
+        self.named().try_for_each(|(name, effect)| {
+            effect.check_on(electrodes).map_err(|fault| (name, fault))
+        })
     }
 }
 
@@ -381,7 +258,7 @@ pub(crate) trait OnReading: fmt::Debug + Send {
 }
 
 /// The effects that a scene named, in order.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Effects {
     pub(crate) sheet: Vec<Box<dyn OnSheet>>,
     pub(crate) contacts: Vec<Box<dyn OnContacts>>,
@@ -391,106 +268,11 @@ pub(crate) struct Effects {
 
 impl Effects {
     pub(crate) fn new(settings: &EffectSettings, seed: u64) -> Self {
-        let mut sheet: Vec<Box<dyn OnSheet>> = Vec::new();
-        let mut contacts: Vec<Box<dyn OnContacts>> = Vec::new();
-        let mut network: Vec<Box<dyn OnNetwork>> = Vec::new();
-        let mut readings: Vec<Box<dyn OnReading>> = Vec::new();
-        if let Some(named) = &settings.spray {
-            sheet.push(Box::new(spray::Spray::new(named, stream(seed, "spray"))));
+        let mut effects = Self::default();
+        for (_, named) in settings.named() {
+            named.add(seed, &mut effects);
         }
-        if let Some(named) = &settings.temperature {
-            sheet.push(Box::new(temperature::Temperature(named.clone())));
-        }
-        if let Some(named) = &settings.humidity {
-            sheet.push(Box::new(humidity::Humidity(named.clone())));
-        }
-        if let Some(named) = &settings.long_drift {
-            sheet.push(Box::new(long_drift::LongDrift::new(named, seed)));
-        }
-        if let Some(named) = &settings.crack {
-            sheet.push(Box::new(crack::Crack(named.clone())));
-        }
-        if let Some(named) = &settings.contact_spread {
-            contacts.push(Box::new(contact_spread::ContactSpread::new(
-                named,
-                stream(seed, "contact-spread"),
-            )));
-        }
-        if let Some(named) = &settings.contact_drift {
-            contacts.push(Box::new(contact_drift::ContactDrift::new(named, seed)));
-        }
-        if let Some(named) = &settings.detachment {
-            contacts.push(Box::new(detachment::Detachment(named.clone())));
-        }
-        if let Some(named) = &settings.short {
-            network.push(Box::new(short::Short(named.clone())));
-        }
-        if let Some(named) = &settings.isolation {
-            network.push(Box::new(isolation::Isolation(named.clone())));
-        }
-        if let Some(named) = &settings.current_error {
-            readings.push(Box::new(current_error::CurrentError(named.clone())));
-        }
-        if let Some(named) = &settings.current_noise {
-            readings.push(Box::new(current_noise::CurrentNoise::new(
-                named,
-                stream(seed, "current-noise"),
-            )));
-        }
-        if let Some(named) = &settings.output_resistance {
-            readings.push(Box::new(output_resistance::OutputResistance(named.clone())));
-        }
-        if let Some(named) = &settings.source_settling {
-            readings.push(Box::new(source_settling::SourceSettling(named.clone())));
-        }
-        if let Some(named) = &settings.charge_injection {
-            readings.push(Box::new(charge_injection::ChargeInjection(named.clone())));
-        }
-        if let Some(named) = &settings.thermal_emf {
-            readings.push(Box::new(thermal_emf::ThermalEmf::new(named, seed)));
-        }
-        if let Some(named) = &settings.channel_noise {
-            readings.push(Box::new(channel_noise::ChannelNoise::new(named, seed)));
-        }
-        if let Some(named) = &settings.leakage {
-            readings.push(Box::new(leakage::Leakage(named.clone())));
-        }
-        if let Some(named) = &settings.mains_pickup {
-            readings.push(Box::new(mains_pickup::MainsPickup(named.clone())));
-        }
-        if let Some(named) = &settings.common_mode {
-            readings.push(Box::new(common_mode::CommonMode(named.clone())));
-        }
-        if let Some(named) = &settings.input_resistance {
-            readings.push(Box::new(input_resistance::InputResistance(named.clone())));
-        }
-        if let Some(named) = &settings.bias_current {
-            readings.push(Box::new(bias_current::BiasCurrent(named.clone())));
-        }
-        if let Some(named) = &settings.voltmeter_gain {
-            readings.push(Box::new(voltmeter_gain::VoltmeterGain(named.clone())));
-        }
-        if let Some(named) = &settings.autozero_off {
-            readings.push(Box::new(autozero_off::AutozeroOff::new(
-                named,
-                stream(seed, "autozero-off"),
-            )));
-        }
-        if let Some(named) = &settings.voltmeter_noise {
-            readings.push(Box::new(voltmeter_noise::VoltmeterNoise::new(
-                named,
-                stream(seed, "voltmeter-noise"),
-            )));
-        }
-        if let Some(named) = &settings.quantisation {
-            readings.push(Box::new(quantisation::Quantisation::new(named)));
-        }
-        Self {
-            sheet,
-            contacts,
-            network,
-            readings,
-        }
+        effects
     }
 
     pub(crate) fn needs(&self) -> Needs {
@@ -554,6 +336,7 @@ fn resolution(nplc: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::settings::{QuantisationSettings, VoltmeterNoiseSettings};
     use super::*;
 
     pub(super) fn context(range: f64, nplc: f64) -> ReadingContext {

@@ -27,15 +27,8 @@ pub mod paper;
 mod scene;
 mod sheet;
 
-pub use effects::{
-    AutozeroOffSettings, BiasCurrentSettings, ChannelNoiseSettings, ChargeInjectionSettings,
-    CommonModeSettings, ContactDriftSettings, ContactSpreadSettings, CrackSettings,
-    CurrentErrorSettings, CurrentNoiseSettings, DetachmentSettings, EffectSettings,
-    HumiditySettings, InputResistanceSettings, IsolationSettings, LeakageSettings,
-    LongDriftSettings, MainsPickupSettings, Needs, OutputResistanceSettings, ParameterFault,
-    QuantisationSettings, ReadingContext, ShortSettings, SourceSettlingSettings, SpraySettings,
-    TemperatureSettings, ThermalEmfSettings, VoltmeterGainSettings, VoltmeterNoiseSettings,
-};
+pub use effects::settings::*;
+pub use effects::{EffectSettings, Needs, ParameterFault, ReadingContext};
 pub use load::{GRAVITY, Load, LoadError, Shape, loss_of_pressure, pressure_kpa};
 pub use scene::{FINER, Scene, SceneError, SceneFault, TimedLoad};
 pub use sheet::{Phantom, PhantomError};

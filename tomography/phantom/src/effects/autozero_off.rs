@@ -12,7 +12,7 @@ use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
 use super::wander::Wander;
-use super::{OnReading, ReadingContext};
+use super::{Effect, Effects, OnReading, ReadingContext, stream};
 
 /// How far the zero wanders.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -36,13 +36,20 @@ impl Default for AutozeroOffSettings {
     }
 }
 
-impl AutozeroOffSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for AutozeroOffSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("range_ppm", self.range_ppm, [0.0, 1e3], "ppm")
             .within("uv", self.uv, [0.0, 1e3], "uV")
             .within("tau_s", self.tau_s, [1.0, 1e6], "s")
             .end()
+    }
+
+    fn add(&self, seed: u64, effects: &mut Effects) {
+        effects.readings.push(Box::new(AutozeroOff::new(
+            self,
+            stream(seed, "autozero-off"),
+        )));
     }
 }
 
@@ -53,7 +60,7 @@ pub(super) struct AutozeroOff {
 }
 
 impl AutozeroOff {
-    pub(super) fn new(settings: &AutozeroOffSettings, stream: ChaCha8Rng) -> Self {
+    fn new(settings: &AutozeroOffSettings, stream: ChaCha8Rng) -> Self {
         Self {
             settings: settings.clone(),
             zero: Wander::new(Duration::from_secs_f64(settings.tau_s), stream),

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{OnReading, ReadingContext};
+use super::{Effect, Effects, OnReading, ReadingContext};
 
 /// How much flows out of the input.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -23,14 +23,18 @@ impl Default for BiasCurrentSettings {
     }
 }
 
-impl BiasCurrentSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for BiasCurrentSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new().within("pa", self.pa, [-1e6, 1e6], "pA").end()
+    }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects.readings.push(Box::new(BiasCurrent(self.clone())));
     }
 }
 
 #[derive(Debug)]
-pub(super) struct BiasCurrent(pub(super) BiasCurrentSettings);
+pub(super) struct BiasCurrent(BiasCurrentSettings);
 
 impl OnReading for BiasCurrent {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {

@@ -9,6 +9,17 @@ pub struct Fault {
     pub why: String,
 }
 
+impl Fault {
+    /// An electrode, from 1, that a sheet of so many does not have.
+    pub(super) fn beyond(key: &'static str, number: usize, electrodes: usize) -> Result<(), Self> {
+        if number <= electrodes {
+            return Ok(());
+        }
+        let why = format!("names electrode {number}, the sheet has {electrodes}");
+        Err(Self { key, why })
+    }
+}
+
 /// Checks parameters one after the other.
 pub(super) struct Bounds(Result<(), Fault>);
 

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use survey::{Relay, Volts};
 
 use super::bounds::{Bounds, Fault};
-use super::{OnReading, ReadingContext, stream};
+use super::{Effect, Effects, OnReading, ReadingContext, stream};
 
 /// Which channels are noisy, and how much.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -28,9 +28,15 @@ fn uv() -> f64 {
     50.0
 }
 
-impl ChannelNoiseSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for ChannelNoiseSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new().within("uv", self.uv, [0.0, 1e6], "uV").end()
+    }
+
+    fn add(&self, seed: u64, effects: &mut Effects) {
+        effects
+            .readings
+            .push(Box::new(ChannelNoise::new(self, seed)));
     }
 }
 
@@ -42,7 +48,7 @@ pub(super) struct ChannelNoise {
 }
 
 impl ChannelNoise {
-    pub(super) fn new(settings: &ChannelNoiseSettings, seed: u64) -> Self {
+    fn new(settings: &ChannelNoiseSettings, seed: u64) -> Self {
         let channels = settings.channels.iter().map(|channel| {
             let own = stream(seed, &format!("channel-noise {channel}"));
             (Relay(*channel), own)

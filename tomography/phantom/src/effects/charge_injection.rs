@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{OnReading, ReadingContext};
+use super::{Effect, Effects, OnReading, ReadingContext};
 
 /// How much charge, into what.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -25,17 +25,23 @@ impl Default for ChargeInjectionSettings {
     }
 }
 
-impl ChargeInjectionSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for ChargeInjectionSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("pc", self.pc, [-1e3, 1e3], "pC")
             .within("pf", self.pf, [1.0, 1e6], "pF")
             .end()
     }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects
+            .readings
+            .push(Box::new(ChargeInjection(self.clone())));
+    }
 }
 
 #[derive(Debug)]
-pub(super) struct ChargeInjection(pub(super) ChargeInjectionSettings);
+pub(super) struct ChargeInjection(ChargeInjectionSettings);
 
 impl OnReading for ChargeInjection {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {

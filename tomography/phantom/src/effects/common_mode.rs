@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{OnReading, ReadingContext};
+use super::{Effect, Effects, OnReading, ReadingContext};
 
 /// How well the voltmeter tells a difference from what is common.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -28,17 +28,21 @@ impl Default for CommonModeSettings {
     }
 }
 
-impl CommonModeSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for CommonModeSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("db", self.db, [20.0, 200.0], "dB")
             .within("kohm", self.kohm, [0.0, 1e3], "kohm")
             .end()
     }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects.readings.push(Box::new(CommonMode(self.clone())));
+    }
 }
 
 #[derive(Debug)]
-pub(super) struct CommonMode(pub(super) CommonModeSettings);
+pub(super) struct CommonMode(CommonModeSettings);
 
 impl OnReading for CommonMode {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
 use super::wander::Wander;
-use super::{OnContacts, stream};
+use super::{Effect, Effects, OnContacts, stream};
 
 /// How contacts wander.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -32,13 +32,19 @@ impl Default for ContactDriftSettings {
     }
 }
 
-impl ContactDriftSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for ContactDriftSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("percent", self.percent, [0.0, 300.0], "%")
             .within("tau_h", self.tau_h, [0.001, 10_000.0], "h")
             .within("every_s", self.every_s, [0.001, 86_400.0], "s")
             .end()
+    }
+
+    fn add(&self, seed: u64, effects: &mut Effects) {
+        effects
+            .contacts
+            .push(Box::new(ContactDrift::new(self, seed)));
     }
 }
 
@@ -50,7 +56,7 @@ pub(super) struct ContactDrift {
 }
 
 impl ContactDrift {
-    pub(super) fn new(settings: &ContactDriftSettings, seed: u64) -> Self {
+    fn new(settings: &ContactDriftSettings, seed: u64) -> Self {
         Self {
             settings: settings.clone(),
             seed,

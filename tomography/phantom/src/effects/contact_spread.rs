@@ -9,8 +9,8 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-use super::OnContacts;
 use super::bounds::{Bounds, Fault};
+use super::{Effect, Effects, OnContacts, stream};
 
 /// How much contacts differ.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -26,9 +26,16 @@ impl Default for ContactSpreadSettings {
     }
 }
 
-impl ContactSpreadSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for ContactSpreadSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new().within("std", self.std, [0.0, 3.0], "").end()
+    }
+
+    fn add(&self, seed: u64, effects: &mut Effects) {
+        effects.contacts.push(Box::new(ContactSpread::new(
+            self,
+            stream(seed, "contact-spread"),
+        )));
     }
 }
 
@@ -40,7 +47,7 @@ pub(super) struct ContactSpread {
 }
 
 impl ContactSpread {
-    pub(super) fn new(settings: &ContactSpreadSettings, stream: ChaCha8Rng) -> Self {
+    fn new(settings: &ContactSpreadSettings, stream: ChaCha8Rng) -> Self {
         Self {
             std: settings.std,
             stream,

@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::OnSheet;
 use super::bounds::{Bounds, Fault};
+use super::{Effect, Effects, OnSheet};
 
 /// Where the crack runs and how it grows.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -41,8 +41,8 @@ fn days() -> f64 {
     7.0
 }
 
-impl CrackSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for CrackSettings {
+    fn check(&self) -> Result<(), Fault> {
         let bounds = Bounds::new();
         let from = self.from_mm.iter().map(|mm| ("from_mm", *mm));
         let to = self.to_mm.iter().map(|mm| ("to_mm", *mm));
@@ -55,10 +55,14 @@ impl CrackSettings {
             .within("days", self.days, [1e-6, 1e4], "d")
             .end()
     }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects.sheet.push(Box::new(Crack(self.clone())));
+    }
 }
 
 #[derive(Debug)]
-pub(super) struct Crack(pub(super) CrackSettings);
+pub(super) struct Crack(CrackSettings);
 
 /// Steps that the growth is computed in.
 const STEPS: f64 = 1000.0;

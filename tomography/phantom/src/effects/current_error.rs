@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{OnReading, ReadingContext};
+use super::{Effect, Effects, OnReading, ReadingContext};
 
 /// How far the current is off.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -28,17 +28,21 @@ impl Default for CurrentErrorSettings {
     }
 }
 
-impl CurrentErrorSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for CurrentErrorSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("gain_percent", self.gain_percent, [-5.0, 5.0], "%")
             .within("offset_percent", self.offset_percent, [-5.0, 5.0], "%")
             .end()
     }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects.readings.push(Box::new(CurrentError(self.clone())));
+    }
 }
 
 #[derive(Debug)]
-pub(super) struct CurrentError(pub(super) CurrentErrorSettings);
+pub(super) struct CurrentError(CurrentErrorSettings);
 
 impl OnReading for CurrentError {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {

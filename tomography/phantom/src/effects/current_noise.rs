@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{OnReading, ReadingContext};
+use super::{Effect, Effects, OnReading, ReadingContext, stream};
 
 /// How much the current trembles.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -25,11 +25,18 @@ impl Default for CurrentNoiseSettings {
     }
 }
 
-impl CurrentNoiseSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for CurrentNoiseSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("range_ppm", self.range_ppm, [0.0, 1e5], "ppm")
             .end()
+    }
+
+    fn add(&self, seed: u64, effects: &mut Effects) {
+        effects.readings.push(Box::new(CurrentNoise::new(
+            self,
+            stream(seed, "current-noise"),
+        )));
     }
 }
 
@@ -40,7 +47,7 @@ pub(super) struct CurrentNoise {
 }
 
 impl CurrentNoise {
-    pub(super) fn new(settings: &CurrentNoiseSettings, stream: ChaCha8Rng) -> Self {
+    fn new(settings: &CurrentNoiseSettings, stream: ChaCha8Rng) -> Self {
         Self {
             share: settings.range_ppm * 1e-6,
             stream,

@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::OnContacts;
 use super::bounds::{Bounds, Fault};
+use super::{Effect, Effects, OnContacts};
 
 /// Which electrode comes off, and when.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -31,8 +31,8 @@ fn times() -> f64 {
     1e7
 }
 
-impl DetachmentSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for DetachmentSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("electrode", self.electrode as f64, [1.0, 256.0], "")
             .within("from_s", self.from_s, [0.0, 1e9], "s")
@@ -40,10 +40,18 @@ impl DetachmentSettings {
             .within("times", self.times, [1.0, 1e12], "")
             .end()
     }
+
+    fn check_on(&self, electrodes: usize) -> Result<(), Fault> {
+        Fault::beyond("electrode", self.electrode, electrodes)
+    }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects.contacts.push(Box::new(Detachment(self.clone())));
+    }
 }
 
 #[derive(Debug)]
-pub(super) struct Detachment(pub(super) DetachmentSettings);
+pub(super) struct Detachment(DetachmentSettings);
 
 /// Steps that the way is computed in.
 const STEPS: f64 = 200.0;

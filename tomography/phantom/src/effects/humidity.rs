@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::OnSheet;
 use super::bounds::{Bounds, Fault};
+use super::{Effect, Effects, OnSheet};
 
 /// The room's humidity, and what the sheet makes of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -39,8 +39,8 @@ impl Default for HumiditySettings {
     }
 }
 
-impl HumiditySettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for HumiditySettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within(
                 "percent_per_10_rh",
@@ -54,10 +54,14 @@ impl HumiditySettings {
             .within("every_s", self.every_s, [0.001, 86_400.0], "s")
             .end()
     }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects.sheet.push(Box::new(Humidity(self.clone())));
+    }
 }
 
 #[derive(Debug)]
-pub(super) struct Humidity(pub(super) HumiditySettings);
+pub(super) struct Humidity(HumiditySettings);
 
 impl OnSheet for Humidity {
     fn act(&mut self, at: Duration, _places: &[[f64; 2]], sigma: &mut [f64]) {

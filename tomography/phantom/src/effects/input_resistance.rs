@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{OnReading, ReadingContext};
+use super::{Effect, Effects, OnReading, ReadingContext};
 
 /// How much the voltmeter loads what it measures.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -23,16 +23,22 @@ impl Default for InputResistanceSettings {
     }
 }
 
-impl InputResistanceSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for InputResistanceSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("mohm", self.mohm, [0.01, 1e7], "Mohm")
             .end()
     }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects
+            .readings
+            .push(Box::new(InputResistance(self.clone())));
+    }
 }
 
 #[derive(Debug)]
-pub(super) struct InputResistance(pub(super) InputResistanceSettings);
+pub(super) struct InputResistance(InputResistanceSettings);
 
 impl OnReading for InputResistance {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {

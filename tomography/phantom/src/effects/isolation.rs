@@ -9,8 +9,8 @@ use std::time::Duration;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use super::OnNetwork;
 use super::bounds::{Bounds, Fault};
+use super::{Effect, Effects, OnNetwork};
 
 /// How well wires are insulated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -26,16 +26,20 @@ impl Default for IsolationSettings {
     }
 }
 
-impl IsolationSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for IsolationSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("mohm", self.mohm, [0.001, 1e7], "Mohm")
             .end()
     }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects.network.push(Box::new(Isolation(self.clone())));
+    }
 }
 
 #[derive(Debug)]
-pub(super) struct Isolation(pub(super) IsolationSettings);
+pub(super) struct Isolation(IsolationSettings);
 
 impl OnNetwork for Isolation {
     fn act(&mut self, _at: Duration, z: &mut DMatrix<f64>) {

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{OnReading, ReadingContext};
+use super::{Effect, Effects, OnReading, ReadingContext};
 
 /// How much leaks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -28,17 +28,21 @@ impl Default for LeakageSettings {
     }
 }
 
-impl LeakageSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for LeakageSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("na", self.na, [-1e4, 1e4], "nA")
             .within("celsius", self.celsius, [0.0, 70.0], "degC")
             .end()
     }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects.readings.push(Box::new(Leakage(self.clone())));
+    }
 }
 
 #[derive(Debug)]
-pub(super) struct Leakage(pub(super) LeakageSettings);
+pub(super) struct Leakage(LeakageSettings);
 
 impl OnReading for Leakage {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
 use super::wander::Wander;
-use super::{OnSheet, stream};
+use super::{Effect, Effects, OnSheet, stream};
 
 /// Time constants, h.
 const HOURS: [f64; 7] = [1.0, 3.0, 9.0, 27.0, 81.0, 243.0, 720.0];
@@ -45,8 +45,8 @@ impl Default for LongDriftSettings {
     }
 }
 
-impl LongDriftSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for LongDriftSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("wander_percent", self.wander_percent, [0.0, 10.0], "%")
             .within("walk_percent", self.walk_percent, [0.0, 5.0], "%")
@@ -59,6 +59,10 @@ impl LongDriftSettings {
             .within("running_in_days", self.running_in_days, [0.01, 100.0], "d")
             .within("every_s", self.every_s, [0.001, 86_400.0], "s")
             .end()
+    }
+
+    fn add(&self, seed: u64, effects: &mut Effects) {
+        effects.sheet.push(Box::new(LongDrift::new(self, seed)));
     }
 }
 
@@ -78,7 +82,7 @@ struct Walk {
 }
 
 impl LongDrift {
-    pub(super) fn new(settings: &LongDriftSettings, seed: u64) -> Self {
+    fn new(settings: &LongDriftSettings, seed: u64) -> Self {
         let wander = HOURS.map(|hours| {
             let tau = Duration::from_secs_f64(hours * 3600.0);
             Wander::new(tau, stream(seed, &format!("long-drift {hours} h")))

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{OnReading, ReadingContext};
+use super::{Effect, Effects, OnReading, ReadingContext};
 
 /// The mains as they reach the voltmeter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -37,8 +37,8 @@ impl Default for MainsPickupSettings {
     }
 }
 
-impl MainsPickupSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for MainsPickupSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("mv", self.mv, [0.0, 1e3], "mV")
             .within("third", self.third, [0.0, 1.0], "")
@@ -46,10 +46,14 @@ impl MainsPickupSettings {
             .within("off_percent", self.off_percent, [-5.0, 5.0], "%")
             .end()
     }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects.readings.push(Box::new(MainsPickup(self.clone())));
+    }
 }
 
 #[derive(Debug)]
-pub(super) struct MainsPickup(pub(super) MainsPickupSettings);
+pub(super) struct MainsPickup(MainsPickupSettings);
 
 impl OnReading for MainsPickup {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {

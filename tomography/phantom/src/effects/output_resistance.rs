@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{OnReading, ReadingContext};
+use super::{Effect, Effects, OnReading, ReadingContext};
 
 /// How stiff the source is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -23,16 +23,22 @@ impl Default for OutputResistanceSettings {
     }
 }
 
-impl OutputResistanceSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for OutputResistanceSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("mohm", self.mohm, [0.01, 1e9], "Mohm")
             .end()
     }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects
+            .readings
+            .push(Box::new(OutputResistance(self.clone())));
+    }
 }
 
 #[derive(Debug)]
-pub(super) struct OutputResistance(pub(super) OutputResistanceSettings);
+pub(super) struct OutputResistance(OutputResistanceSettings);
 
 impl OnReading for OutputResistance {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{OnReading, ReadingContext, resolution};
+use super::{Effect, Effects, OnReading, ReadingContext, resolution};
 
 /// How large a step is.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -17,11 +17,15 @@ pub struct QuantisationSettings {
     pub step_uv: Option<f64>,
 }
 
-impl QuantisationSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for QuantisationSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("step_uv", self.step_uv.unwrap_or(0.0), [0.0, 1e6], "uV")
             .end()
+    }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects.readings.push(Box::new(Quantisation::new(self)));
     }
 }
 
@@ -31,7 +35,7 @@ pub(super) struct Quantisation {
 }
 
 impl Quantisation {
-    pub(super) fn new(settings: &QuantisationSettings) -> Self {
+    fn new(settings: &QuantisationSettings) -> Self {
         Self {
             fixed: settings.step_uv.map(|uv| uv * 1e-6),
         }

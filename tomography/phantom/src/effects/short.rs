@@ -8,8 +8,8 @@ use std::time::Duration;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use super::OnNetwork;
 use super::bounds::{Bounds, Fault};
+use super::{Effect, Effects, OnNetwork};
 
 /// Which electrodes are shorted, and when.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -31,8 +31,8 @@ fn ohm() -> f64 {
     1.0
 }
 
-impl ShortSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for ShortSettings {
+    fn check(&self) -> Result<(), Fault> {
         let [a, b] = self.electrodes;
         if a == b {
             return Err(Fault {
@@ -48,10 +48,20 @@ impl ShortSettings {
             .within("to_s", self.to_s.unwrap_or(1e9), [self.from_s, 1e9], "s")
             .end()
     }
+
+    fn check_on(&self, electrodes: usize) -> Result<(), Fault> {
+        self.electrodes
+            .into_iter()
+            .try_for_each(|number| Fault::beyond("electrodes", number, electrodes))
+    }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects.network.push(Box::new(Short(self.clone())));
+    }
 }
 
 #[derive(Debug)]
-pub(super) struct Short(pub(super) ShortSettings);
+pub(super) struct Short(ShortSettings);
 
 impl OnNetwork for Short {
     fn act(&mut self, at: Duration, z: &mut DMatrix<f64>) {

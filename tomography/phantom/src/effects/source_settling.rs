@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{OnReading, ReadingContext};
+use super::{Effect, Effects, OnReading, ReadingContext};
 
 /// How fast the current settles.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -24,16 +24,22 @@ impl Default for SourceSettlingSettings {
     }
 }
 
-impl SourceSettlingSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for SourceSettlingSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("tau_us", self.tau_us, [0.01, 1e6], "us")
             .end()
     }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects
+            .readings
+            .push(Box::new(SourceSettling(self.clone())));
+    }
 }
 
 #[derive(Debug)]
-pub(super) struct SourceSettling(pub(super) SourceSettlingSettings);
+pub(super) struct SourceSettling(SourceSettlingSettings);
 
 impl OnReading for SourceSettling {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {

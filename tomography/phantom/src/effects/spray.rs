@@ -12,8 +12,8 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::OnSheet;
 use super::bounds::{Bounds, Fault};
+use super::{Effect, Effects, OnSheet, stream};
 
 /// Waves that make up the field: its covariance is met within 1 / sqrt(waves).
 const WAVES: usize = 512;
@@ -40,13 +40,19 @@ impl Default for SpraySettings {
     }
 }
 
-impl SpraySettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for SpraySettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("std", self.std, [0.0, 1.0], "")
             .within("correlation_mm", self.correlation_mm, [1.0, 1000.0], "mm")
             .within("nu", self.nu, [0.5, 4.0], "")
             .end()
+    }
+
+    fn add(&self, seed: u64, effects: &mut Effects) {
+        effects
+            .sheet
+            .push(Box::new(Spray::new(self, stream(seed, "spray"))));
     }
 }
 
@@ -59,7 +65,7 @@ pub(super) struct Spray {
 }
 
 impl Spray {
-    pub(super) fn new(settings: &SpraySettings, mut stream: ChaCha8Rng) -> Self {
+    fn new(settings: &SpraySettings, mut stream: ChaCha8Rng) -> Self {
         let length = settings.correlation_mm * 1e-3;
         let waves = (0..WAVES)
             .map(|_| {

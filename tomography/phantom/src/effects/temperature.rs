@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::OnSheet;
 use super::bounds::{Bounds, Fault};
+use super::{Effect, Effects, OnSheet};
 
 /// The room, and what the sheet makes of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -36,8 +36,8 @@ impl Default for TemperatureSettings {
     }
 }
 
-impl TemperatureSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for TemperatureSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within(
                 "percent_per_c",
@@ -50,10 +50,14 @@ impl TemperatureSettings {
             .within("every_s", self.every_s, [0.001, 86_400.0], "s")
             .end()
     }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects.sheet.push(Box::new(Temperature(self.clone())));
+    }
 }
 
 #[derive(Debug)]
-pub(super) struct Temperature(pub(super) TemperatureSettings);
+pub(super) struct Temperature(TemperatureSettings);
 
 impl OnSheet for Temperature {
     fn act(&mut self, at: Duration, _places: &[[f64; 2]], sigma: &mut [f64]) {

@@ -12,7 +12,7 @@ use survey::{Relay, Volts};
 
 use super::bounds::{Bounds, Fault};
 use super::wander::Wander;
-use super::{OnReading, ReadingContext, stream};
+use super::{Effect, Effects, OnReading, ReadingContext, stream};
 
 /// How large the thermal voltages are.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -33,12 +33,16 @@ impl Default for ThermalEmfSettings {
     }
 }
 
-impl ThermalEmfSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for ThermalEmfSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("uv", self.uv, [0.0, 200.0], "uV")
             .within("tau_s", self.tau_s, [1.0, 1e6], "s")
             .end()
+    }
+
+    fn add(&self, seed: u64, effects: &mut Effects) {
+        effects.readings.push(Box::new(ThermalEmf::new(self, seed)));
     }
 }
 
@@ -51,7 +55,7 @@ pub(super) struct ThermalEmf {
 }
 
 impl ThermalEmf {
-    pub(super) fn new(settings: &ThermalEmfSettings, seed: u64) -> Self {
+    fn new(settings: &ThermalEmfSettings, seed: u64) -> Self {
         Self {
             settings: settings.clone(),
             seed,

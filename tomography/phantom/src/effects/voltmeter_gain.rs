@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{OnReading, ReadingContext};
+use super::{Effect, Effects, OnReading, ReadingContext};
 
 /// How far the voltmeter is off.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -28,17 +28,21 @@ impl Default for VoltmeterGainSettings {
     }
 }
 
-impl VoltmeterGainSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for VoltmeterGainSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("gain_ppm", self.gain_ppm, [-1e4, 1e4], "ppm")
             .within("offset_ppm", self.offset_ppm, [-1e4, 1e4], "ppm")
             .end()
     }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects.readings.push(Box::new(VoltmeterGain(self.clone())));
+    }
 }
 
 #[derive(Debug)]
-pub(super) struct VoltmeterGain(pub(super) VoltmeterGainSettings);
+pub(super) struct VoltmeterGain(VoltmeterGainSettings);
 
 impl OnReading for VoltmeterGain {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{OnReading, ReadingContext, resolution};
+use super::{Effect, Effects, OnReading, ReadingContext, resolution, stream};
 
 /// How strong the noise is.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -20,11 +20,18 @@ pub struct VoltmeterNoiseSettings {
     pub uv: Option<f64>,
 }
 
-impl VoltmeterNoiseSettings {
-    pub(super) fn check(&self) -> Result<(), Fault> {
+impl Effect for VoltmeterNoiseSettings {
+    fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("uv", self.uv.unwrap_or(0.0), [0.0, 1e6], "uV")
             .end()
+    }
+
+    fn add(&self, seed: u64, effects: &mut Effects) {
+        effects.readings.push(Box::new(VoltmeterNoise::new(
+            self,
+            stream(seed, "voltmeter-noise"),
+        )));
     }
 }
 
@@ -35,7 +42,7 @@ pub(super) struct VoltmeterNoise {
 }
 
 impl VoltmeterNoise {
-    pub(super) fn new(settings: &VoltmeterNoiseSettings, stream: ChaCha8Rng) -> Self {
+    fn new(settings: &VoltmeterNoiseSettings, stream: ChaCha8Rng) -> Self {
         Self {
             fixed: settings.uv.map(|uv| uv * 1e-6),
             stream,
