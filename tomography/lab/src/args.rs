@@ -4,6 +4,7 @@ mod calibrate;
 mod paper;
 mod reconstruct;
 mod solve;
+mod stability;
 
 use std::path::PathBuf;
 
@@ -13,6 +14,7 @@ pub(crate) use calibrate::CalibrateOptions;
 pub(crate) use paper::PaperOptions;
 pub(crate) use reconstruct::{Choose, ReconstructOptions};
 pub(crate) use solve::{ForwardOptions, JacobianOptions, Of, TransferOptions};
+pub(crate) use stability::StabilityOptions;
 
 /// Meshes, forward solutions, sensitivities, training and reconstruction, offline.
 #[derive(Debug, Parser)]
@@ -51,6 +53,8 @@ pub(crate) enum Command {
     Merit(MeritOptions),
     /// Make maps of recorded frames
     Reconstruct(ReconstructOptions),
+    /// The hard cases: what naive code does, what ours does, and the bound that it keeps
+    Stability(StabilityOptions),
     /// Print the completions of a shell
     Completions {
         /// Which shell

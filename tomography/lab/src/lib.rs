@@ -35,6 +35,7 @@ mod reconstruct;
 mod recording;
 mod shapes;
 mod solve;
+mod stability;
 mod symmetry;
 mod train;
 
@@ -79,6 +80,7 @@ fn perform(command: &Command) -> Result<(), Failure> {
         Command::Calibrate(options) => calibrate::calibrate(options),
         Command::Merit(options) => merit::merit(options),
         Command::Reconstruct(options) => reconstruct::reconstruct(options),
+        Command::Stability(options) => stability::stability(options),
         Command::Completions { shell } => {
             let mut command = Arguments::command();
             clap_complete::generate(*shell, &mut command, "tactus-lab", &mut std::io::stdout());

@@ -1,0 +1,18 @@
+//! Options of `tactus-lab stability`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+#[derive(Debug, Args)]
+pub(crate) struct StabilityOptions {
+    /// Only this hard case, 1 to 40 (repeatable)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=40))]
+    pub(crate) only: Vec<u8>,
+    /// Write the table (table.txt, table.json) and the plots of contrast, contact impedance and sliver angle (PNG, SVG)
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Print one JSON object a line of the table
+    #[arg(long)]
+    pub(crate) json: bool,
+}

@@ -1,0 +1,185 @@
+//! `tactus-lab stability`: the hard cases of the fact sheet, each with the naive form that breaks, ours, and a bound.
+//!
+//! A case is a function that returns what it found; one that waits for a feature is said to be not built. The numbers are
+//! those of the fact sheet `physics-and-hard-cases.md`, section 4. Every bound has been seen to fail.
+
+mod bordered;
+mod conjugate;
+mod contacts;
+mod contrast;
+mod meshes;
+mod outcome;
+mod tank;
+
+use crate::args::StabilityOptions;
+use crate::failure::Failure;
+use crate::progress;
+use outcome::{Case, Check, Naive, Outcome, Side};
+
+/// Every case, in the order of the fact sheet.
+const CASES: &[Case] = &[
+    case(1, "conductivity exactly 0", contrast::no_conductance),
+    case(2, "insulating contrast", contrast::insulator),
+    case(3, "conductive contrast", contrast::metal),
+    case(4, "f32 solve", contrast::single_precision),
+    case(5, "contact z -> 0", contacts::vanishing_contact),
+    case(6, "contact z -> infinity", contacts::open_contact),
+    case(7, "floating potential", contacts::floating),
+    case(8, "units", contacts::units),
+    case(9, "slivers, tiny angles", meshes::sliver),
+    case(10, "narrow electrode", contacts::narrow_electrode),
+    case(11, "electrode-edge singularity", contacts::singular_ends),
+    case(12, "absolute and difference mesh error", meshes::mesh_error),
+    case(13, "sensitivity", meshes::sensitivity),
+];
+
+const fn case(number: u8, name: &'static str, run: fn() -> Result<Outcome, Failure>) -> Case {
+    Case {
+        number,
+        name,
+        run: Some(run),
+    }
+}
+
+/// Runs the cases, prints the table; a broken bound is a failure.
+pub(crate) fn stability(options: &StabilityOptions) -> Result<(), Failure> {
+    let wanted: Vec<&Case> = CASES
+        .iter()
+        .filter(|case| options.only.is_empty() || options.only.contains(&case.number))
+        .collect();
+    let bar = progress::bar(wanted.len(), "hard cases");
+    let mut found = Vec::new();
+    for case in wanted {
+        let outcome = case.run.map(|run| run()).transpose()?;
+        bar.inc(1);
+        found.push((case, outcome));
+    }
+    bar.finish_and_clear();
+    let table = table(&found);
+    if options.json {
+        for line in lines(&found) {
+            println!("{line}");
+        }
+    } else {
+        print!("{table}");
+    }
+    let broken: Vec<String> = found
+        .iter()
+        .filter(|(_, outcome)| outcome.as_ref().is_some_and(|outcome| !sound(outcome)))
+        .map(|(case, _)| case.number.to_string())
+        .collect();
+    if broken.is_empty() {
+        Ok(())
+    } else {
+        Err(Failure::because(format!(
+            "the bound of case {} is broken",
+            broken.join(", ")
+        )))
+    }
+}
+
+fn sound(outcome: &Outcome) -> bool {
+    let checks = &outcome.checks;
+    checks
+        .iter()
+        .all(|check| check.holds() && check.naive_is_as_said())
+}
+
+fn verdict(check: &Check) -> &'static str {
+    match (check.holds(), check.naive_is_as_said()) {
+        (true, true) => "holds",
+        (false, _) => "BROKEN",
+        (true, false) => "NAIVE HOLDS",
+    }
+}
+
+fn figure(value: f64) -> String {
+    let size = value.abs();
+    if value == 0.0 || (0.01..1e4).contains(&size) {
+        let text = format!("{value:.4}");
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        format!("{value:.1e}")
+    }
+}
+
+fn table(found: &[(&Case, Option<Outcome>)]) -> String {
+    let mut text = format!(
+        "{:>4}  {:<34} {:<58} {:>9} {:>9} {:>11}  {}\n",
+        "case", "name", "what is measured", "naive", "ours", "bound", "verdict"
+    );
+    let mut notes = String::new();
+    for (case, outcome) in found {
+        let Some(outcome) = outcome else {
+            text += &format!("{:>4}  {:<34} not built\n", case.number, case.name);
+            continue;
+        };
+        for (row, check) in outcome.checks.iter().enumerate() {
+            let (number, name) = match row {
+                0 => (case.number.to_string(), case.name),
+                _ => (String::new(), ""),
+            };
+            let naive = match &check.naive {
+                Naive::Error(error) => figure(*error),
+                Naive::Fails(_) => "fails".to_owned(),
+                Naive::Sound(error) => format!("{} *", figure(*error)),
+            };
+            let side = match check.side {
+                Side::AtMost => "<=",
+                Side::AtLeast => ">=",
+            };
+            text += &format!(
+                "{number:>4}  {name:<34} {:<58} {naive:>9} {:>9} {:>11}  {}\n",
+                check.what,
+                figure(check.ours),
+                format!("{side} {}", figure(check.bound)),
+                verdict(check)
+            );
+        }
+        for check in &outcome.checks {
+            if let Naive::Fails(instead) = check.naive {
+                notes += &format!("{:>4}  naive: {instead}\n", case.number);
+            }
+        }
+        if !outcome.note.is_empty() {
+            notes += &format!("{:>4}  {}\n", case.number, outcome.note);
+        }
+    }
+    if !notes.is_empty() {
+        text += &format!("\n{notes}");
+    }
+    text
+}
+
+/// The table as JSON, an object a line.
+fn lines(found: &[(&Case, Option<Outcome>)]) -> Vec<serde_json::Value> {
+    let mut lines = Vec::new();
+    for (case, outcome) in found {
+        let Some(outcome) = outcome else {
+            lines.push(serde_json::json!({
+                "case": case.number, "name": case.name, "verdict": "not built",
+            }));
+            continue;
+        };
+        for check in &outcome.checks {
+            let (naive, breaks) = match check.naive {
+                Naive::Error(error) => (serde_json::json!(error), true),
+                Naive::Fails(instead) => (serde_json::json!(instead), true),
+                Naive::Sound(error) => (serde_json::json!(error), false),
+            };
+            lines.push(serde_json::json!({
+                "case": case.number,
+                "name": case.name,
+                "measured": check.what,
+                "naive": naive,
+                "naive_breaks": breaks,
+                "ours": check.ours,
+                "side": match check.side { Side::AtMost => "at most", Side::AtLeast => "at least" },
+                "bound": check.bound,
+                "verdict": verdict(check),
+                "note": outcome.note,
+            }));
+        }
+    }
+    lines
+}

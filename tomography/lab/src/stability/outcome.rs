@@ -1,0 +1,132 @@
+//! What a hard case finds: the error of the naive form, ours, the bound, and whether it holds.
+
+use crate::failure::Failure;
+
+/// What straightforward code does.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Naive {
+    /// Its error, in the measure of the check.
+    Error(f64),
+    /// It has no answer, or one that says nothing: what it does instead.
+    Fails(&'static str),
+    /// No naive form breaks here; the note of the case says why.
+    Sound(f64),
+}
+
+/// On which side of its bound a figure must be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Side {
+    AtMost,
+    AtLeast,
+}
+
+/// One line of the table.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Check {
+    /// What is measured.
+    pub(super) what: &'static str,
+    pub(super) naive: Naive,
+    pub(super) ours: f64,
+    pub(super) side: Side,
+    pub(super) bound: f64,
+}
+
+impl Check {
+    /// An error that may be at most `bound`.
+    pub(super) fn at_most(what: &'static str, naive: Naive, ours: f64, bound: f64) -> Self {
+        Self {
+            what,
+            naive,
+            ours,
+            side: Side::AtMost,
+            bound,
+        }
+    }
+
+    /// A figure that must be at least `bound`.
+    pub(super) fn at_least(what: &'static str, naive: Naive, ours: f64, bound: f64) -> Self {
+        Self {
+            side: Side::AtLeast,
+            ..Self::at_most(what, naive, ours, bound)
+        }
+    }
+
+    fn within(&self, figure: f64) -> bool {
+        match self.side {
+            Side::AtMost => figure <= self.bound,
+            Side::AtLeast => figure >= self.bound,
+        }
+    }
+
+    /// Whether our figure keeps the bound; what is not a number does not.
+    pub(super) fn holds(&self) -> bool {
+        self.within(self.ours)
+    }
+
+    /// Whether the naive form breaks the bound, or is said not to.
+    pub(super) fn naive_is_as_said(&self) -> bool {
+        match self.naive {
+            Naive::Error(figure) => !self.within(figure),
+            Naive::Fails(_) => true,
+            Naive::Sound(figure) => self.within(figure),
+        }
+    }
+}
+
+/// What a case found.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Outcome {
+    pub(super) checks: Vec<Check>,
+    /// What was found where a bound is not the one asked for, or a naive form does not break; empty where all is as asked.
+    pub(super) note: String,
+}
+
+impl Outcome {
+    pub(super) fn of(checks: impl Into<Vec<Check>>) -> Self {
+        Self {
+            checks: checks.into(),
+            note: String::new(),
+        }
+    }
+
+    pub(super) fn noted(mut self, note: impl Into<String>) -> Self {
+        self.note = note.into();
+        self
+    }
+}
+
+/// A hard case by its number in the fact sheet.
+pub(super) struct Case {
+    pub(super) number: u8,
+    pub(super) name: &'static str,
+    /// `None`: what it tries does not exist yet.
+    pub(super) run: Option<fn() -> Result<Outcome, Failure>>,
+}
+
+/// Largest difference of two lists over the largest of the second; infinite where one is not a number.
+pub(super) fn apart(found: &[f64], exact: &[f64]) -> f64 {
+    let largest = exact.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
+    found
+        .iter()
+        .zip(exact)
+        .map(|(a, b)| (a - b).abs() / largest)
+        .fold(0.0, worst)
+}
+
+/// The larger; infinite where one is not a number.
+pub(super) fn worst(a: f64, b: f64) -> f64 {
+    if a.is_nan() || b.is_nan() {
+        f64::INFINITY
+    } else {
+        a.max(b)
+    }
+}
+
+/// An error, or a failure where it is not finite.
+pub(super) fn naive(error: f64, instead: &'static str) -> Naive {
+    if error.is_finite() {
+        Naive::Error(error)
+    } else {
+        Naive::Fails(instead)
+    }
+}
