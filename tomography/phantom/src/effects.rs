@@ -46,6 +46,8 @@ use survey::{Amps, Ohms, Relay, Volts};
 
 pub use bounds::Fault as ParameterFault;
 
+use crate::preview::Preview;
+
 /// How a reading is taken, as far as an effect may depend on it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReadingContext {
@@ -76,6 +78,18 @@ impl ReadingContext {
     fn settled(&self) -> Duration {
         self.since_change.saturating_sub(self.integration)
     }
+
+    /// Mean of exp(-t / tau) over the integration, t since the last change; tau in s.
+    fn mean_left_after(&self, tau: f64) -> f64 {
+        let begin = self.settled().as_secs_f64() / tau;
+        let length = self.integration.as_secs_f64() / tau;
+        let mean = if length > 0.0 {
+            -(-length).exp_m1() / length
+        } else {
+            1.0
+        };
+        (-begin).exp() * mean
+    }
 }
 
 /// What a scene's effects must be told beside what is at hand.
@@ -97,9 +111,21 @@ pub(crate) trait Effect: fmt::Debug {
         Ok(())
     }
 
+    /// How large it will be: rms over the readings and frames of a scan, V, from formulas, without running it. Effects that
+    /// draw are predicted by what they are on average over seeds.
+    fn predict(&self, about: &Preview) -> f64;
+
+    /// What is assumed of a fault: absent from a healthy rig, it is not missed where a scene leaves it out.
+    fn assumes(&self) -> Option<String> {
+        None
+    }
+
     /// Puts itself among the effects that act, with its own random stream where it draws.
     fn add(&self, seed: u64, effects: &mut Effects);
 }
+
+/// Name, words, whether it is named, and the effect.
+pub(crate) type Usual = (&'static str, &'static str, bool, Box<dyn Effect>);
 
 /// Everything that follows from the list of effects: what a scene may name, in the order in which they act.
 macro_rules! effects {
@@ -123,6 +149,16 @@ macro_rules! effects {
         impl EffectSettings {
             /// The name of every effect, as scenes write it, and what it is.
             pub const ALL: &[(&str, &str)] = &[$(($name, $what)),+];
+
+            /// Every effect, its words, whether it is named, and itself: with its usual parameters where it is not.
+            pub(crate) fn with_usual(&self) -> Vec<Usual> {
+                vec![$((
+                    $name,
+                    $what.trim_ascii(),
+                    self.$field.is_some(),
+                    Box::new(self.$field.clone().unwrap_or_default()),
+                )),+]
+            }
 
             /// Those that are named, in order.
             fn named(&self) -> impl Iterator<Item = (&'static str, &dyn Effect)> {

@@ -24,11 +24,15 @@
 mod effects;
 mod load;
 pub mod paper;
+mod preview;
+mod scan;
 mod scene;
 mod sheet;
 
 pub use effects::settings::*;
 pub use effects::{EffectSettings, Needs, ParameterFault, ReadingContext};
 pub use load::{GRAVITY, Load, LoadError, Shape, loss_of_pressure, pressure_kpa};
+pub use preview::{Prediction, Preview};
+pub use scan::Scan;
 pub use scene::{FINER, Scene, SceneError, SceneFault, TimedLoad};
 pub use sheet::{Phantom, PhantomError};

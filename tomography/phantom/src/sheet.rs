@@ -119,6 +119,10 @@ impl Phantom {
         self.forward.mesh()
     }
 
+    pub(crate) fn forward(&self) -> &Forward {
+        &self.forward
+    }
+
     /// The loads on the sheet at a moment: those of the time line, then those pressed by hand.
     pub fn loads(&self, at: Duration) -> impl Iterator<Item = &Load> {
         self.scene

@@ -13,6 +13,7 @@ use survey::Volts;
 use super::bounds::{Bounds, Fault};
 use super::wander::Wander;
 use super::{Effect, Effects, OnReading, ReadingContext, stream};
+use crate::preview::Preview;
 
 /// How far the zero wanders.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -36,6 +37,13 @@ impl Default for AutozeroOffSettings {
     }
 }
 
+impl AutozeroOffSettings {
+    /// Rms of the zero.
+    fn volts(&self, context: &ReadingContext) -> f64 {
+        self.range_ppm * 1e-6 * context.range.0 + self.uv * 1e-6
+    }
+}
+
 impl Effect for AutozeroOffSettings {
     fn check(&self) -> Result<(), Fault> {
         Bounds::new()
@@ -43,6 +51,10 @@ impl Effect for AutozeroOffSettings {
             .within("uv", self.uv, [0.0, 1e3], "uV")
             .within("tau_s", self.tau_s, [1.0, 1e6], "s")
             .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.rms(|sight| self.volts(&sight.context))
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {
@@ -70,7 +82,7 @@ impl AutozeroOff {
 
 impl OnReading for AutozeroOff {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        let rms = self.settings.range_ppm * 1e-6 * context.range.0 + self.settings.uv * 1e-6;
+        let rms = self.settings.volts(context);
         Volts(volts.0 + rms * self.zero.at(context.at))
     }
 }

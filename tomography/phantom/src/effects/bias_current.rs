@@ -8,6 +8,7 @@ use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, ReadingContext};
+use crate::preview::Preview;
 
 /// How much flows out of the input.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -26,6 +27,10 @@ impl Default for BiasCurrentSettings {
 impl Effect for BiasCurrentSettings {
     fn check(&self) -> Result<(), Fault> {
         Bounds::new().within("pa", self.pa, [-1e6, 1e6], "pA").end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.rms(|sight| self.pa * 1e-12 * sight.context.source_resistance.0)
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {

@@ -12,6 +12,7 @@ use survey::{Relay, Volts};
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, ReadingContext, stream};
+use crate::preview::Preview;
 
 /// Which channels are noisy, and how much.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -28,9 +29,30 @@ fn uv() -> f64 {
     50.0
 }
 
+impl Default for ChannelNoiseSettings {
+    /// The first channel of the first slot.
+    fn default() -> Self {
+        Self {
+            channels: vec![1001],
+            uv: uv(),
+        }
+    }
+}
+
 impl Effect for ChannelNoiseSettings {
     fn check(&self) -> Result<(), Fault> {
         Bounds::new().within("uv", self.uv, [0.0, 1e6], "uV").end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.rms(|sight| {
+            let noisy = (sight.context.relay).is_some_and(|relay| self.channels.contains(&relay.0));
+            if noisy { self.uv * 1e-6 } else { 0.0 }
+        })
+    }
+
+    fn assumes(&self) -> Option<String> {
+        Some(format!("channels {:?}", self.channels))
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {

@@ -8,6 +8,7 @@ use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, ReadingContext};
+use crate::preview::Preview;
 
 /// How much charge, into what.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -25,12 +26,28 @@ impl Default for ChargeInjectionSettings {
     }
 }
 
+impl ChargeInjectionSettings {
+    /// What is left of it in a reading, V.
+    fn left(&self, context: &ReadingContext) -> f64 {
+        let farad = self.pf * 1e-12;
+        let tau = context.source_resistance.0 * farad;
+        if !(tau > 0.0 && tau.is_finite()) {
+            return 0.0;
+        }
+        self.pc * 1e-12 / farad * context.mean_left_after(tau)
+    }
+}
+
 impl Effect for ChargeInjectionSettings {
     fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("pc", self.pc, [-1e3, 1e3], "pC")
             .within("pf", self.pf, [1.0, 1e6], "pF")
             .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.rms(|sight| self.left(&sight.context))
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
@@ -45,20 +62,7 @@ pub(super) struct ChargeInjection(ChargeInjectionSettings);
 
 impl OnReading for ChargeInjection {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        let farad = self.0.pf * 1e-12;
-        let tau = context.source_resistance.0 * farad;
-        if !(tau > 0.0 && tau.is_finite()) {
-            return volts;
-        }
-        let begin = context.settled().as_secs_f64() / tau;
-        let length = context.integration.as_secs_f64() / tau;
-        let share = if length > 0.0 {
-            -(-length).exp_m1() / length
-        } else {
-            1.0
-        };
-        let mean = (-begin).exp() * share;
-        Volts(volts.0 + self.0.pc * 1e-12 / farad * mean)
+        Volts(volts.0 + self.0.left(context))
     }
 
     fn needs_source_resistance(&self) -> bool {

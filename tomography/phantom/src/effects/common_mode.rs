@@ -8,6 +8,7 @@ use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, ReadingContext};
+use crate::preview::Preview;
 
 /// How well the voltmeter tells a difference from what is common.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -28,12 +29,23 @@ impl Default for CommonModeSettings {
     }
 }
 
+impl CommonModeSettings {
+    fn volts(&self, context: &ReadingContext) -> f64 {
+        let common = context.flowing.0 * self.kohm * 1e3;
+        common * 10_f64.powf(-self.db / 20.0)
+    }
+}
+
 impl Effect for CommonModeSettings {
     fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("db", self.db, [20.0, 200.0], "dB")
             .within("kohm", self.kohm, [0.0, 1e3], "kohm")
             .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.rms(|sight| self.volts(&sight.context))
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
@@ -46,7 +58,6 @@ pub(super) struct CommonMode(CommonModeSettings);
 
 impl OnReading for CommonMode {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        let common = context.flowing.0 * self.0.kohm * 1e3;
-        Volts(volts.0 + common * 10_f64.powf(-self.0.db / 20.0))
+        Volts(volts.0 + self.0.volts(context))
     }
 }

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::bounds::{Bounds, Fault};
 use super::wander::Wander;
 use super::{Effect, Effects, OnContacts, stream};
+use crate::preview::Preview;
 
 /// How contacts wander.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -39,6 +40,10 @@ impl Effect for ContactDriftSettings {
             .within("tau_h", self.tau_h, [0.001, 10_000.0], "h")
             .within("every_s", self.every_s, [0.001, 86_400.0], "s")
             .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.contacts() * self.percent / 100.0
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnContacts, stream};
+use crate::preview::Preview;
 
 /// How much contacts differ.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -29,6 +30,10 @@ impl Default for ContactSpreadSettings {
 impl Effect for ContactSpreadSettings {
     fn check(&self) -> Result<(), Fault> {
         Bounds::new().within("std", self.std, [0.0, 3.0], "").end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.contacts() * self.std
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnSheet};
+use crate::preview::Preview;
 
 /// Where the crack runs and how it grows.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -41,6 +42,41 @@ fn days() -> f64 {
     7.0
 }
 
+impl Default for CrackSettings {
+    /// Across the middle of the paper's sheet.
+    fn default() -> Self {
+        Self {
+            from_mm: [60.0, 60.0],
+            to_mm: [150.0, 160.0],
+            width_mm: width(),
+            loss_percent: loss(),
+            days: days(),
+        }
+    }
+}
+
+impl CrackSettings {
+    /// Takes this share of what is lost in the end away within the line's width.
+    fn cut(&self, share: f64, places: &[[f64; 2]], sigma: &mut [f64]) {
+        let lost = self.loss_percent / 100.0 * share;
+        let [from, to] = [self.from_mm, self.to_mm].map(|end| end.map(|mm| mm * 1e-3));
+        let along = [to[0] - from[0], to[1] - from[1]];
+        let length = along[0] * along[0] + along[1] * along[1];
+        for (sigma, place) in sigma.iter_mut().zip(places) {
+            let away = [place[0] - from[0], place[1] - from[1]];
+            let share = if length > 0.0 {
+                ((away[0] * along[0] + away[1] * along[1]) / length).clamp(0.0, 1.0)
+            } else {
+                0.0
+            };
+            let distance = (away[0] - share * along[0]).hypot(away[1] - share * along[1]);
+            if distance <= 0.5e-3 * self.width_mm {
+                *sigma *= 1.0 - lost;
+            }
+        }
+    }
+}
+
 impl Effect for CrackSettings {
     fn check(&self) -> Result<(), Fault> {
         let bounds = Bounds::new();
@@ -56,6 +92,15 @@ impl Effect for CrackSettings {
             .end()
     }
 
+    fn predict(&self, about: &Preview) -> f64 {
+        let lost = about.over_time(|at| -(-at / 86_400.0 / self.days).exp_m1());
+        about.solved(|places, sigma, _| self.cut(lost, places, sigma))
+    }
+
+    fn assumes(&self) -> Option<String> {
+        Some("it grows from the first frame".to_owned())
+    }
+
     fn add(&self, _seed: u64, effects: &mut Effects) {
         effects.sheet.push(Box::new(Crack(self.clone())));
     }
@@ -69,22 +114,7 @@ const STEPS: f64 = 1000.0;
 
 impl OnSheet for Crack {
     fn act(&mut self, at: Duration, places: &[[f64; 2]], sigma: &mut [f64]) {
-        let lost = self.0.loss_percent / 100.0 * (self.epoch(at) as f64 / STEPS);
-        let [from, to] = [self.0.from_mm, self.0.to_mm].map(|end| end.map(|mm| mm * 1e-3));
-        let along = [to[0] - from[0], to[1] - from[1]];
-        let length = along[0] * along[0] + along[1] * along[1];
-        for (sigma, place) in sigma.iter_mut().zip(places) {
-            let away = [place[0] - from[0], place[1] - from[1]];
-            let share = if length > 0.0 {
-                ((away[0] * along[0] + away[1] * along[1]) / length).clamp(0.0, 1.0)
-            } else {
-                0.0
-            };
-            let distance = (away[0] - share * along[0]).hypot(away[1] - share * along[1]);
-            if distance <= 0.5e-3 * self.0.width_mm {
-                *sigma *= 1.0 - lost;
-            }
-        }
+        self.0.cut(self.epoch(at) as f64 / STEPS, places, sigma);
     }
 
     fn epoch(&self, at: Duration) -> u64 {

@@ -8,6 +8,7 @@ use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, ReadingContext};
+use crate::preview::Preview;
 
 /// How far the current is off.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -28,12 +29,28 @@ impl Default for CurrentErrorSettings {
     }
 }
 
+impl CurrentErrorSettings {
+    /// What flows, as a multiple of what was asked; sheet and wires are linear.
+    fn times(&self, context: &ReadingContext) -> f64 {
+        let (asked, range) = (context.flowing.0, context.source_range.0);
+        if asked == 0.0 {
+            return 1.0;
+        }
+        let flows = asked * (1.0 + self.gain_percent / 100.0) + range * self.offset_percent / 100.0;
+        flows / asked
+    }
+}
+
 impl Effect for CurrentErrorSettings {
     fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("gain_percent", self.gain_percent, [-5.0, 5.0], "%")
             .within("offset_percent", self.offset_percent, [-5.0, 5.0], "%")
             .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.rms(|sight| sight.exact * (self.times(&sight.context) - 1.0))
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
@@ -46,13 +63,6 @@ pub(super) struct CurrentError(CurrentErrorSettings);
 
 impl OnReading for CurrentError {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        let (asked, range) = (context.flowing.0, context.source_range.0);
-        if asked == 0.0 {
-            return volts;
-        }
-        let flows =
-            asked * (1.0 + self.0.gain_percent / 100.0) + range * self.0.offset_percent / 100.0;
-        // Sheet and wires are linear.
-        Volts(volts.0 * (flows / asked))
+        Volts(volts.0 * self.0.times(context))
     }
 }

@@ -10,6 +10,7 @@ use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, ReadingContext, stream};
+use crate::preview::Preview;
 
 /// How much the current trembles.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -30,6 +31,13 @@ impl Effect for CurrentNoiseSettings {
         Bounds::new()
             .within("range_ppm", self.range_ppm, [0.0, 1e5], "ppm")
             .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        let share = self.range_ppm * 1e-6;
+        about.rms(|sight| {
+            sight.exact * share * sight.context.source_range.0 / sight.context.flowing.0
+        })
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {

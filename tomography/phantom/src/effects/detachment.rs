@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnContacts};
+use crate::preview::Preview;
 
 /// Which electrode comes off, and when.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -31,6 +32,38 @@ fn times() -> f64 {
     1e7
 }
 
+impl Default for DetachmentSettings {
+    /// The first electrode, at once.
+    fn default() -> Self {
+        Self {
+            electrode: 1,
+            from_s: 0.0,
+            over_s: 0.0,
+            times: times(),
+        }
+    }
+}
+
+impl DetachmentSettings {
+    /// How far it has come off at a moment, s: 0 to 1.
+    fn share(&self, at: f64) -> f64 {
+        let gone = at - self.from_s;
+        match gone {
+            ..0.0 => 0.0,
+            _ if gone >= self.over_s => 1.0,
+            _ => gone / self.over_s,
+        }
+    }
+
+    /// Raises the contact (ohm m) to where it is by this share of the way.
+    fn lift(&self, share: f64, contacts: &mut [f64]) {
+        let index = self.electrode.checked_sub(1);
+        if let Some(contact) = index.and_then(|index| contacts.get_mut(index)) {
+            *contact *= self.times.powf(share);
+        }
+    }
+}
+
 impl Effect for DetachmentSettings {
     fn check(&self) -> Result<(), Fault> {
         Bounds::new()
@@ -43,6 +76,19 @@ impl Effect for DetachmentSettings {
 
     fn check_on(&self, electrodes: usize) -> Result<(), Fault> {
         Fault::beyond("electrode", self.electrode, electrodes)
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        let off = about.solved(|_, _, contacts| self.lift(1.0, contacts));
+        // Of what becomes of it in the end that much is there: the contact's conductance goes, not its logarithm.
+        off * about.over_time(|at| 1.0 - self.times.powf(-self.share(at)))
+    }
+
+    fn assumes(&self) -> Option<String> {
+        Some(format!(
+            "electrode {} comes off at {} s",
+            self.electrode, self.from_s
+        ))
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
@@ -58,23 +104,10 @@ const STEPS: f64 = 200.0;
 
 impl OnContacts for Detachment {
     fn act(&mut self, at: Duration, contacts: &mut [f64]) {
-        let share = self.epoch(at) as f64 / STEPS;
-        if let Some(contact) = self
-            .0
-            .electrode
-            .checked_sub(1)
-            .and_then(|index| contacts.get_mut(index))
-        {
-            *contact *= self.0.times.powf(share);
-        }
+        self.0.lift(self.epoch(at) as f64 / STEPS, contacts);
     }
 
     fn epoch(&self, at: Duration) -> u64 {
-        let gone = at.as_secs_f64() - self.0.from_s;
-        match gone {
-            ..0.0 => 0,
-            _ if gone >= self.0.over_s => STEPS as u64,
-            _ => (STEPS * gone / self.0.over_s) as u64,
-        }
+        (STEPS * self.0.share(at.as_secs_f64())) as u64
     }
 }

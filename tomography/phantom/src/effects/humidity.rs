@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnSheet};
+use crate::preview::Preview;
 
 /// The room's humidity, and what the sheet makes of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -53,6 +54,13 @@ impl Effect for HumiditySettings {
             .within("tau_h", self.tau_h, [0.0, 1000.0], "h")
             .within("every_s", self.every_s, [0.001, 86_400.0], "s")
             .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        let turn = TAU / (self.period_h * 3600.0);
+        let slow = turn * self.tau_h * 3600.0;
+        let size = self.percent_per_10_rh / 1000.0 * self.room_rh / slow.hypot(1.0);
+        about.uniform() * about.over_time(|at| size * (turn * at - slow.atan()).sin())
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {

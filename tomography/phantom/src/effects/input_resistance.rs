@@ -8,6 +8,7 @@ use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, ReadingContext};
+use crate::preview::Preview;
 
 /// How much the voltmeter loads what it measures.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -28,6 +29,13 @@ impl Effect for InputResistanceSettings {
         Bounds::new()
             .within("mohm", self.mohm, [0.01, 1e7], "Mohm")
             .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.rms(|sight| {
+            let source = sight.context.source_resistance.0;
+            sight.exact * source / (self.mohm * 1e6 + source)
+        })
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {

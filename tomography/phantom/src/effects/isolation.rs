@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnNetwork};
+use crate::preview::Preview;
 
 /// How well wires are insulated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -26,11 +27,27 @@ impl Default for IsolationSettings {
     }
 }
 
+impl IsolationSettings {
+    fn leak(&self, z: &mut DMatrix<f64>) {
+        let leak = 1.0 / (self.mohm * 1e6);
+        let size = z.nrows();
+        let both = DMatrix::identity(size, size) + &*z * leak;
+        // Z is positive on mean-free currents and zero on the rest: 1 + G Z always has an inverse.
+        if let Some(solved) = both.lu().solve(&*z) {
+            *z = (&solved + solved.transpose()) * 0.5;
+        }
+    }
+}
+
 impl Effect for IsolationSettings {
     fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("mohm", self.mohm, [0.001, 1e7], "Mohm")
             .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.network(|z| self.leak(z))
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
@@ -43,13 +60,7 @@ pub(super) struct Isolation(IsolationSettings);
 
 impl OnNetwork for Isolation {
     fn act(&mut self, _at: Duration, z: &mut DMatrix<f64>) {
-        let leak = 1.0 / (self.0.mohm * 1e6);
-        let size = z.nrows();
-        let both = DMatrix::identity(size, size) + &*z * leak;
-        // Z is positive on mean-free currents and zero on the rest: 1 + G Z always has an inverse.
-        if let Some(solved) = both.lu().solve(&*z) {
-            *z = (&solved + solved.transpose()) * 0.5;
-        }
+        self.0.leak(z);
     }
 
     fn epoch(&self, _at: Duration) -> u64 {

@@ -8,6 +8,7 @@ use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, ReadingContext};
+use crate::preview::Preview;
 
 /// How much leaks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -28,12 +29,22 @@ impl Default for LeakageSettings {
     }
 }
 
+impl LeakageSettings {
+    fn amps(&self) -> f64 {
+        self.na * 1e-9 * 2_f64.powf((self.celsius - 30.0).max(0.0) / 10.0)
+    }
+}
+
 impl Effect for LeakageSettings {
     fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("na", self.na, [-1e4, 1e4], "nA")
             .within("celsius", self.celsius, [0.0, 70.0], "degC")
             .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.rms(|sight| self.amps() * sight.context.source_resistance.0)
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
@@ -46,8 +57,7 @@ pub(super) struct Leakage(LeakageSettings);
 
 impl OnReading for Leakage {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        let warmer = 2_f64.powf((self.0.celsius - 30.0).max(0.0) / 10.0);
-        Volts(volts.0 + self.0.na * 1e-9 * warmer * context.source_resistance.0)
+        Volts(volts.0 + self.0.amps() * context.source_resistance.0)
     }
 
     fn needs_source_resistance(&self) -> bool {

@@ -4,13 +4,14 @@
 //! only as far as the mains keep their frequency. 60 dB are left at +-0.1 %, 40 dB at +-1 %, none below one cycle (fact
 //! sheet, section 2.1). The phase follows from the reading's own time.
 
-use std::f64::consts::PI;
+use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
 use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, ReadingContext};
+use crate::preview::Preview;
 
 /// The mains as they reach the voltmeter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -47,9 +48,23 @@ impl Effect for MainsPickupSettings {
             .end()
     }
 
+    fn predict(&self, about: &Preview) -> f64 {
+        // Every phase is as likely: a sine's rms is its amplitude by the root of two.
+        let time = about.scan().integration().as_secs_f64();
+        let mains = self.line_hz * (1.0 + self.off_percent / 100.0);
+        let both = kept(mains, time).hypot(self.third * kept(3.0 * mains, time));
+        self.mv * 1e-3 * both * FRAC_1_SQRT_2
+    }
+
     fn add(&self, _seed: u64, effects: &mut Effects) {
         effects.readings.push(Box::new(MainsPickup(self.clone())));
     }
+}
+
+/// What the mean over a time (s) keeps of a sine's amplitude.
+fn kept(hz: f64, time: f64) -> f64 {
+    let half = PI * hz * time;
+    if half == 0.0 { 1.0 } else { half.sin() / half }
 }
 
 #[derive(Debug)]
@@ -66,10 +81,7 @@ impl OnReading for MainsPickup {
         let time = context.integration.as_secs_f64();
         let mains = line_hz * (1.0 + off_percent / 100.0);
         let middle = context.at.as_secs_f64() - 0.5 * time;
-        let mean = |hz: f64| {
-            let half = PI * hz * time;
-            (2.0 * PI * hz * middle).sin() * if half == 0.0 { 1.0 } else { half.sin() / half }
-        };
+        let mean = |hz: f64| (2.0 * PI * hz * middle).sin() * kept(hz, time);
         Volts(volts.0 + mv * 1e-3 * (mean(mains) + third * mean(3.0 * mains)))
     }
 }

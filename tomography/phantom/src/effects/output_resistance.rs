@@ -8,6 +8,7 @@ use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, ReadingContext};
+use crate::preview::Preview;
 
 /// How stiff the source is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -28,6 +29,10 @@ impl Effect for OutputResistanceSettings {
         Bounds::new()
             .within("mohm", self.mohm, [0.01, 1e9], "Mohm")
             .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.rms(|sight| sight.exact * sight.context.load_resistance.0 / (self.mohm * 1e6))
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {

@@ -7,6 +7,7 @@ use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, ReadingContext, resolution};
+use crate::preview::Preview;
 
 /// How large a step is.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -17,6 +18,16 @@ pub struct QuantisationSettings {
     pub step_uv: Option<f64>,
 }
 
+impl QuantisationSettings {
+    /// V
+    fn step(&self, context: &ReadingContext) -> f64 {
+        self.step_uv.map_or_else(
+            || resolution(context.nplc) * context.range.0,
+            |uv| uv * 1e-6,
+        )
+    }
+}
+
 impl Effect for QuantisationSettings {
     fn check(&self) -> Result<(), Fault> {
         Bounds::new()
@@ -24,29 +35,25 @@ impl Effect for QuantisationSettings {
             .end()
     }
 
+    fn predict(&self, about: &Preview) -> f64 {
+        // Uniform between two steps, but what is less than half a step is lost as a whole.
+        about.rms(|sight| match self.step(&sight.context) {
+            step if sight.exact.abs() < 0.5 * step => sight.exact,
+            step => step / 12_f64.sqrt(),
+        })
+    }
+
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.readings.push(Box::new(Quantisation::new(self)));
+        effects.readings.push(Box::new(Quantisation(self.clone())));
     }
 }
 
 #[derive(Debug)]
-pub(super) struct Quantisation {
-    fixed: Option<f64>,
-}
-
-impl Quantisation {
-    fn new(settings: &QuantisationSettings) -> Self {
-        Self {
-            fixed: settings.step_uv.map(|uv| uv * 1e-6),
-        }
-    }
-}
+pub(super) struct Quantisation(QuantisationSettings);
 
 impl OnReading for Quantisation {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        let step = self
-            .fixed
-            .unwrap_or_else(|| resolution(context.nplc) * context.range.0);
+        let step = self.0.step(context);
         if step > 0.0 {
             Volts((volts.0 / step).round_ties_even() * step)
         } else {
@@ -62,12 +69,12 @@ mod tests {
 
     #[test]
     fn a_reading_falls_on_a_step() {
-        let mut fixed = Quantisation::new(&QuantisationSettings {
+        let mut fixed = Quantisation(QuantisationSettings {
             step_uv: Some(10.0),
         });
         let got = fixed.bend(Volts(1.234_56e-3), &context(1.0, 1.0));
         assert!((got.0 - 1.23e-3).abs() < 1e-18);
-        let mut by_range = Quantisation::new(&QuantisationSettings::default());
+        let mut by_range = Quantisation(QuantisationSettings::default());
         let got = by_range.bend(Volts(1.2345e-3), &context(10.0, 1.0));
         assert!((got.0 - 1.23e-3).abs() < 1e-18, "{got:?}");
     }

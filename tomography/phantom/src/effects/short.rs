@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnNetwork};
+use crate::preview::Preview;
 
 /// Which electrodes are shorted, and when.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -29,6 +30,35 @@ pub struct ShortSettings {
 
 fn ohm() -> f64 {
     1.0
+}
+
+impl Default for ShortSettings {
+    /// The first two electrodes, for good.
+    fn default() -> Self {
+        Self {
+            electrodes: [1, 2],
+            ohm: ohm(),
+            from_s: 0.0,
+            to_s: None,
+        }
+    }
+}
+
+impl ShortSettings {
+    /// Whether there is a short at a moment, s.
+    fn is_on(&self, at: f64) -> bool {
+        at >= self.from_s && self.to_s.is_none_or(|to| at < to)
+    }
+
+    fn bridge(&self, z: &mut DMatrix<f64>) {
+        let [a, b] = self.electrodes.map(|number| number.wrapping_sub(1));
+        if a >= z.nrows() || b >= z.nrows() {
+            return;
+        }
+        let across = z.column(a) - z.column(b);
+        let own = across[a] - across[b];
+        z.ger(-1.0 / (self.ohm + own), &across, &across, 1.0);
+    }
 }
 
 impl Effect for ShortSettings {
@@ -55,6 +85,16 @@ impl Effect for ShortSettings {
             .try_for_each(|number| Fault::beyond("electrodes", number, electrodes))
     }
 
+    fn predict(&self, about: &Preview) -> f64 {
+        let shorted = about.network(|z| self.bridge(z));
+        shorted * about.over_time(|at| f64::from(u8::from(self.is_on(at))))
+    }
+
+    fn assumes(&self) -> Option<String> {
+        let [a, b] = self.electrodes;
+        Some(format!("electrodes {a} and {b} from {} s", self.from_s))
+    }
+
     fn add(&self, _seed: u64, effects: &mut Effects) {
         effects.network.push(Box::new(Short(self.clone())));
     }
@@ -65,21 +105,13 @@ pub(super) struct Short(ShortSettings);
 
 impl OnNetwork for Short {
     fn act(&mut self, at: Duration, z: &mut DMatrix<f64>) {
-        if self.epoch(at) == 0 {
-            return;
+        if self.epoch(at) == 1 {
+            self.0.bridge(z);
         }
-        let [a, b] = self.0.electrodes.map(|number| number.wrapping_sub(1));
-        if a >= z.nrows() || b >= z.nrows() {
-            return;
-        }
-        let across = z.column(a) - z.column(b);
-        let own = across[a] - across[b];
-        z.ger(-1.0 / (self.0.ohm + own), &across, &across, 1.0);
     }
 
     fn epoch(&self, at: Duration) -> u64 {
-        let at = at.as_secs_f64();
-        u64::from(at >= self.0.from_s && self.0.to_s.is_none_or(|to| at < to))
+        u64::from(self.0.is_on(at.as_secs_f64()))
     }
 }
 

@@ -9,6 +9,7 @@ use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, ReadingContext};
+use crate::preview::Preview;
 
 /// How fast the current settles.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -24,11 +25,22 @@ impl Default for SourceSettlingSettings {
     }
 }
 
+impl SourceSettlingSettings {
+    /// Mean of exp(-t / tau) over the integration.
+    fn missing(&self, context: &ReadingContext) -> f64 {
+        context.mean_left_after(self.tau_us * 1e-6)
+    }
+}
+
 impl Effect for SourceSettlingSettings {
     fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("tau_us", self.tau_us, [0.01, 1e6], "us")
             .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.rms(|sight| sight.exact * self.missing(&sight.context))
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
@@ -43,17 +55,7 @@ pub(super) struct SourceSettling(SourceSettlingSettings);
 
 impl OnReading for SourceSettling {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        let tau = self.0.tau_us * 1e-6;
-        let begin = context.settled().as_secs_f64() / tau;
-        let length = context.integration.as_secs_f64() / tau;
-        // Mean of exp(-x) from begin to begin + length.
-        let missing = (-begin).exp()
-            * if length > 0.0 {
-                -(-length).exp_m1() / length
-            } else {
-                1.0
-            };
-        Volts(volts.0 * (1.0 - missing))
+        Volts(volts.0 * (1.0 - self.0.missing(context)))
     }
 }
 

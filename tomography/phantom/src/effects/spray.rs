@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnSheet, stream};
+use crate::preview::Preview;
 
 /// Waves that make up the field: its covariance is met within 1 / sqrt(waves).
 const WAVES: usize = 512;
@@ -49,10 +50,51 @@ impl Effect for SpraySettings {
             .end()
     }
 
+    fn predict(&self, about: &Preview) -> f64 {
+        about.random_field(spectrum(self))
+    }
+
     fn add(&self, seed: u64, effects: &mut Effects) {
         effects
             .sheet
             .push(Box::new(Spray::new(self, stream(seed, "spray"))));
+    }
+}
+
+/// The covariance by distance (m): the mean of cos(k x) over the spectrum's waves, by the middles of equal shares.
+fn spectrum(settings: &SpraySettings) -> impl Fn(f64) -> f64 {
+    const SHARES: usize = 64;
+    const TURNS: usize = 16;
+    let length = settings.correlation_mm * 1e-3;
+    let (std, nu) = (settings.std, settings.nu);
+    let numbers: Vec<f64> = (0..SHARES)
+        .map(|k| {
+            let share = (k as f64 + 0.5) / SHARES as f64;
+            (2.0 * nu).sqrt() / length * (share.powf(-1.0 / nu) - 1.0).sqrt()
+        })
+        .collect();
+    let exact = move |distance: f64| {
+        let sum: f64 = numbers
+            .iter()
+            .flat_map(|number| {
+                (0..TURNS).map(move |turn| {
+                    let turn = 0.25 * TAU * (turn as f64 + 0.5) / TURNS as f64;
+                    (number * distance * turn.cos()).cos()
+                })
+            })
+            .sum();
+        std * std * sum / (SHARES * TURNS) as f64
+    };
+    // Steps of a twentieth of the length, as far as anything is left.
+    let step = 0.05 * length;
+    let table: Vec<f64> = (0..400).map(|k| exact(k as f64 * step)).collect();
+    move |distance| {
+        let place = distance / step;
+        let (below, share) = (place.floor() as usize, place.fract());
+        match table.get(below..below + 2) {
+            Some(&[near, far]) => near + share * (far - near),
+            _ => 0.0,
+        }
     }
 }
 

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnSheet};
+use crate::preview::Preview;
 
 /// The room, and what the sheet makes of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -49,6 +50,18 @@ impl Effect for TemperatureSettings {
             .within("period_h", self.period_h, [0.1, 10_000.0], "h")
             .within("every_s", self.every_s, [0.001, 86_400.0], "s")
             .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        // First order in the whole sheet's conductance.
+        let Self {
+            percent_per_c,
+            room_c,
+            period_h,
+            ..
+        } = self;
+        let turn = TAU / (period_h * 3600.0);
+        about.uniform() * about.over_time(|at| percent_per_c / 100.0 * room_c * (turn * at).sin())
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {

@@ -13,6 +13,7 @@ use survey::{Relay, Volts};
 use super::bounds::{Bounds, Fault};
 use super::wander::Wander;
 use super::{Effect, Effects, OnReading, ReadingContext, stream};
+use crate::preview::Preview;
 
 /// How large the thermal voltages are.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -39,6 +40,10 @@ impl Effect for ThermalEmfSettings {
             .within("uv", self.uv, [0.0, 200.0], "uV")
             .within("tau_s", self.tau_s, [1.0, 1e6], "s")
             .end()
+    }
+
+    fn predict(&self, _about: &Preview) -> f64 {
+        self.uv * 1e-6
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {

@@ -8,6 +8,7 @@ use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, ReadingContext};
+use crate::preview::Preview;
 
 /// How far the voltmeter is off.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -34,6 +35,12 @@ impl Effect for VoltmeterGainSettings {
             .within("gain_ppm", self.gain_ppm, [-1e4, 1e4], "ppm")
             .within("offset_ppm", self.offset_ppm, [-1e4, 1e4], "ppm")
             .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.rms(|sight| {
+            sight.exact * self.gain_ppm * 1e-6 + self.offset_ppm * 1e-6 * sight.context.range.0
+        })
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {

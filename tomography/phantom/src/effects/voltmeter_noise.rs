@@ -10,6 +10,7 @@ use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, ReadingContext, resolution, stream};
+use crate::preview::Preview;
 
 /// How strong the noise is.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -20,11 +21,25 @@ pub struct VoltmeterNoiseSettings {
     pub uv: Option<f64>,
 }
 
+impl VoltmeterNoiseSettings {
+    /// Rms of one reading.
+    pub(crate) fn volts(&self, context: &ReadingContext) -> f64 {
+        self.uv.map_or_else(
+            || resolution(context.nplc) * context.range.0,
+            |uv| uv * 1e-6,
+        )
+    }
+}
+
 impl Effect for VoltmeterNoiseSettings {
     fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("uv", self.uv.unwrap_or(0.0), [0.0, 1e6], "uV")
             .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.rms(|sight| self.volts(&sight.context))
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {
@@ -37,14 +52,14 @@ impl Effect for VoltmeterNoiseSettings {
 
 #[derive(Debug)]
 pub(super) struct VoltmeterNoise {
-    fixed: Option<f64>,
+    settings: VoltmeterNoiseSettings,
     stream: ChaCha8Rng,
 }
 
 impl VoltmeterNoise {
     fn new(settings: &VoltmeterNoiseSettings, stream: ChaCha8Rng) -> Self {
         Self {
-            fixed: settings.uv.map(|uv| uv * 1e-6),
+            settings: settings.clone(),
             stream,
         }
     }
@@ -52,9 +67,7 @@ impl VoltmeterNoise {
 
 impl OnReading for VoltmeterNoise {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        let rms = self
-            .fixed
-            .unwrap_or_else(|| resolution(context.nplc) * context.range.0);
+        let rms = self.settings.volts(context);
         let draw: f64 = StandardNormal.sample(&mut self.stream);
         Volts(volts.0 + rms * draw)
     }

@@ -1,0 +1,301 @@
+//! How large each effect will be, before it is switched on: rms over the readings and frames of a scan, in volts.
+//!
+//! What predictions rest on is cheap and exact: the readings of the unloaded sheet, their sensitivities to contacts and
+//! conductance (first order), resistances between electrodes, and how the readings are taken. An effect that is beyond
+//! first order (a crack, an electrode that has come off) asks for one solution of the changed sheet.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use eit::{Forward, Parameters, Preset};
+use nalgebra::DMatrix;
+
+use crate::effects::{EffectSettings, ReadingContext};
+use crate::scan::{Scan, across};
+use crate::scene::Scene;
+use crate::sheet::{Phantom, PhantomError};
+
+/// Squares that the sheet is cut into for the sensitivity, m.
+const CELL: f64 = 8e-3;
+/// No finer than this is the mesh of the sensitivity.
+const FINENESS: f64 = 0.6;
+/// Frames at which something that changes with time is looked at.
+const MOMENTS: usize = 240;
+/// Frames at which loads are looked at.
+const LOADED: usize = 24;
+
+/// One reading of the unloaded sheet.
+#[derive(Debug, Clone)]
+pub(crate) struct Sight {
+    /// V
+    pub(crate) exact: f64,
+    /// How it is taken in the first frame.
+    pub(crate) context: ReadingContext,
+}
+
+/// What a prediction may know of a scene and its scan.
+#[derive(Debug)]
+pub struct Preview {
+    scan: Scan,
+    sights: Vec<Sight>,
+    effects: EffectSettings,
+    phantom: Phantom,
+    z: DMatrix<f64>,
+    signal: Option<f64>,
+    /// Change of each reading (row) with ln(contact impedance) of each electrode, V.
+    contacts: DMatrix<f64>,
+    /// Change of each reading (row) with ln(conductance) of each cell, V, and the cells' centres, m.
+    cells: DMatrix<f64>,
+    centres: Vec<[f64; 2]>,
+}
+
+/// How large one effect will be.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Prediction {
+    /// As scenes write it.
+    pub name: &'static str,
+    /// What it is.
+    pub what: &'static str,
+    /// Whether the scene names it; one that is not is predicted with its usual parameters.
+    pub named: bool,
+    /// Rms over readings and frames, V.
+    pub volts: f64,
+    /// What is assumed of an event: a fault, absent from a healthy rig.
+    pub assumes: Option<String>,
+}
+
+impl Preview {
+    /// Looks at a scene.
+    ///
+    /// # Errors
+    /// A sheet that cannot be had or solved.
+    pub fn new(scene: &Scene, scan: Scan) -> Result<Self, PhantomError> {
+        let untouched = Scene {
+            effects: EffectSettings::default(),
+            loads: Vec::new(),
+            ..scene.clone()
+        };
+        let mut phantom = Phantom::new(untouched.clone())?;
+        let z = phantom.transfer_impedance(Duration::ZERO)?.clone();
+        let sights: Vec<Sight> = scan
+            .protocol
+            .measurements()
+            .iter()
+            .zip(scan.contexts(Duration::ZERO))
+            .map(|(asked, context)| Sight {
+                exact: scan.current.0 * across(&z, asked.sense, asked.drive),
+                context: ReadingContext {
+                    source_resistance: survey::Ohms(across(&z, asked.sense, asked.sense)),
+                    load_resistance: survey::Ohms(across(&z, asked.drive, asked.drive)),
+                    ..context
+                },
+            })
+            .collect();
+        let sigma = phantom.conductance(Duration::ZERO);
+        let forward = phantom.forward();
+        let mut contacts = forward.contact_jacobian(&sigma, &scan.protocol)?;
+        for (mut column, z) in contacts.column_iter_mut().zip(forward.contact_ohm_m()) {
+            column *= scan.current.0 * z;
+        }
+        let (cells, centres) = cells(&untouched, &scan)?;
+        let mut preview = Self {
+            sights,
+            effects: scene.effects.clone(),
+            phantom,
+            z,
+            signal: None,
+            contacts,
+            cells,
+            centres,
+            scan,
+        };
+        preview.signal = preview.load_signal(scene)?;
+        Ok(preview)
+    }
+
+    /// Rms over the readings of what the loads change, in the frame in which it is most.
+    fn load_signal(&self, scene: &Scene) -> Result<Option<f64>, PhantomError> {
+        if scene.loads.is_empty() {
+            return Ok(None);
+        }
+        let mut loaded = Phantom::new(Scene {
+            effects: EffectSettings::default(),
+            ..scene.clone()
+        })?;
+        let mut largest: Option<f64> = None;
+        for at in self.moments(LOADED) {
+            let z = loaded.transfer_impedance(at)?.clone();
+            let changed = self.changed_by(&z);
+            if changed > 0.0 {
+                largest = Some(largest.map_or(changed, |most| most.max(changed)));
+            }
+        }
+        Ok(largest)
+    }
+
+    /// How readings are taken.
+    pub fn scan(&self) -> &Scan {
+        &self.scan
+    }
+
+    /// Noise of one reading, V: the scene's voltmeter noise where it is named, else the voltmeter's by its table.
+    pub fn noise(&self) -> f64 {
+        self.effects
+            .voltmeter_noise
+            .clone()
+            .unwrap_or_default()
+            .volts(&self.sights[0].context)
+    }
+
+    /// Rms over the readings of what the loads change, where they change something, V.
+    pub fn signal(&self) -> Option<f64> {
+        self.signal
+    }
+
+    /// Every effect, named or not, in the order in which they act.
+    pub fn predictions(&self) -> Vec<Prediction> {
+        self.effects
+            .with_usual()
+            .into_iter()
+            .map(|(name, what, named, effect)| Prediction {
+                name,
+                what,
+                named,
+                volts: effect.predict(self),
+                assumes: effect.assumes(),
+            })
+            .collect()
+    }
+
+    /// Rms of something over the readings of a frame.
+    pub(crate) fn rms(&self, of: impl Fn(&Sight) -> f64) -> f64 {
+        let sum: f64 = self.sights.iter().map(|sight| of(sight).powi(2)).sum();
+        (sum / self.sights.len() as f64).sqrt()
+    }
+
+    /// The middles of so many frames from the first to the last.
+    fn moments(&self, most: usize) -> impl Iterator<Item = Duration> {
+        let frames = self.scan.frames.max(1);
+        let half = self.scan.frame_time() / 2;
+        let count = frames.min(most);
+        (0..count).map(move |k| {
+            let frame = if count == 1 {
+                0
+            } else {
+                k * (frames - 1) / (count - 1)
+            };
+            self.scan.begin(frame) + half
+        })
+    }
+
+    /// Rms over the frames of something that changes with time, s.
+    pub(crate) fn over_time(&self, of: impl Fn(f64) -> f64) -> f64 {
+        let (sum, count) = self
+            .moments(MOMENTS)
+            .map(|at| of(at.as_secs_f64()).powi(2))
+            .fold((0.0, 0_u32), |(sum, count), square| {
+                (sum + square, count + 1)
+            });
+        (sum / f64::from(count)).sqrt()
+    }
+
+    /// What readings change by for each unit of ln(conductance) of the whole sheet, V. By Euler's identity (fact sheet,
+    /// section 1) -V plus what the contacts take: sum(sigma dV/dsigma) = -V + sum(z dV/dz).
+    pub(crate) fn uniform(&self) -> f64 {
+        let sum: f64 = (self.sights.iter().zip(self.contacts.row_iter()))
+            .map(|(sight, contacts)| (contacts.sum() - sight.exact).powi(2))
+            .sum();
+        (sum / self.sights.len() as f64).sqrt()
+    }
+
+    /// What readings change by when each contact's ln(impedance) has a standard deviation of one, each its own, V.
+    pub(crate) fn contacts(&self) -> f64 {
+        (self.contacts.norm_squared() / self.sights.len() as f64).sqrt()
+    }
+
+    /// What a random field of ln(conductance) changes readings by, its covariance given by distance (m), V.
+    pub(crate) fn random_field(&self, covariance: impl Fn(f64) -> f64) -> f64 {
+        let together = self.cells.tr_mul(&self.cells);
+        let mut sum = 0.0;
+        for (i, a) in self.centres.iter().enumerate() {
+            for (j, b) in self.centres.iter().enumerate() {
+                sum += together[(i, j)] * covariance((a[0] - b[0]).hypot(a[1] - b[1]));
+            }
+        }
+        (sum / self.sights.len() as f64).sqrt()
+    }
+
+    /// Rms of what readings change by when the network between the electrodes (ohm) is changed, V.
+    pub(crate) fn network(&self, change: impl FnOnce(&mut DMatrix<f64>)) -> f64 {
+        let mut z = self.z.clone();
+        change(&mut z);
+        self.changed_by(&z)
+    }
+
+    /// The same for a change of conductances (S, at centroids in m) and contacts (ohm m), by one solution; infinite where
+    /// there is none.
+    pub(crate) fn solved(&self, change: impl FnOnce(&[[f64; 2]], &mut [f64], &mut [f64])) -> f64 {
+        let mesh = self.phantom.mesh();
+        let places: Vec<[f64; 2]> = (0..mesh.triangles().len())
+            .map(|t| mesh.centroid(t))
+            .collect();
+        let mut sigma = vec![self.phantom.scene().sheet.conductance(); places.len()];
+        let mut contacts = self.phantom.forward().contact_ohm_m().to_vec();
+        change(&places, &mut sigma, &mut contacts);
+        Forward::new(Arc::clone(mesh), &contacts)
+            .and_then(|forward| forward.transfer_impedance(&sigma))
+            .map_or(f64::INFINITY, |z| self.changed_by(&z))
+    }
+
+    fn changed_by(&self, z: &DMatrix<f64>) -> f64 {
+        let asked = self.scan.protocol.measurements().iter();
+        let sum: f64 = asked
+            .zip(&self.sights)
+            .map(|(asked, sight)| {
+                (self.scan.current.0 * across(z, asked.sense, asked.drive) - sight.exact).powi(2)
+            })
+            .sum();
+        (sum / self.sights.len() as f64).sqrt()
+    }
+}
+
+/// The sensitivity of readings (V) to ln(conductance) of squares of the whole sheet, and the squares' centres (m). On a
+/// mesh of its own: first order needs no fine one.
+fn cells(scene: &Scene, scan: &Scan) -> Result<(DMatrix<f64>, Vec<[f64; 2]>), PhantomError> {
+    let fineness = match &scene.sheet {
+        Preset::PaperSheet(sheet) => sheet.fineness,
+        Preset::DiscTank(tank) => tank.fineness,
+    };
+    let coarse = Phantom::new(Scene {
+        sheet: scene
+            .sheet
+            .clone()
+            .remeshed((FINENESS / fineness).min(1.0), 0),
+        ..scene.clone()
+    })?;
+    let mesh = coarse.mesh();
+    let sigma = vec![scene.sheet.conductance(); mesh.triangles().len()];
+    let asked = Parameters::elements().logarithmic();
+    let elements = coarse
+        .forward()
+        .sensitivity(&sigma, &scan.protocol, &asked)?;
+    let mut squares = BTreeMap::<[i64; 2], Vec<usize>>::new();
+    for t in 0..mesh.triangles().len() {
+        let square = mesh.centroid(t).map(|m| (m / CELL).floor() as i64);
+        squares.entry(square).or_default().push(t);
+    }
+    let mut cells = DMatrix::zeros(elements.nrows(), squares.len());
+    for (k, triangles) in squares.values().enumerate() {
+        for t in triangles {
+            cells
+                .column_mut(k)
+                .axpy(scan.current.0, &elements.column(*t), 1.0);
+        }
+    }
+    let centres = squares
+        .keys()
+        .map(|square| square.map(|k| (k as f64 + 0.5) * CELL))
+        .collect();
+    Ok((cells, centres))
+}

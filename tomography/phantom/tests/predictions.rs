@@ -1,0 +1,140 @@
+//! What is predicted of each effect against the rms seen when it is switched on.
+
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+use phantom::{EffectSettings, Phantom, Prediction, Preview, Scan, Scene};
+use survey::Volts;
+
+/// How frames are taken, so that something is seen of an effect.
+#[derive(Clone, Copy)]
+enum Taken {
+    /// Some frames of a day.
+    Day,
+    /// One frame, at once after the relays, by a thousandth of a cycle.
+    Hurried,
+}
+
+use Taken::{Day, Hurried};
+
+/// Each effect with its parameters, how it is looked at, and over how many seeds: those whose number is one for a whole
+/// frame need many.
+const EFFECTS: [(&str, &str, Taken, u64); 26] = [
+    ("spray", "std = 0.2", Day, 12),
+    ("temperature", "", Day, 1),
+    ("humidity", "", Day, 1),
+    ("long-drift", "", Day, 12),
+    (
+        "crack",
+        "from_mm = [60, 60]\nto_mm = [150, 160]\nwidth_mm = 12.0\ndays = 0.2",
+        Day,
+        1,
+    ),
+    ("contact-spread", "", Day, 6),
+    ("contact-drift", "", Day, 6),
+    ("detachment", "electrode = 3\nfrom_s = 30000.0", Day, 1),
+    ("short", "electrodes = [4, 5]\nto_s = 40000.0", Day, 1),
+    ("isolation", "", Day, 1),
+    ("current-error", "", Day, 1),
+    ("current-noise", "", Day, 1),
+    ("output-resistance", "", Day, 1),
+    ("source-settling", "", Hurried, 1),
+    ("charge-injection", "", Hurried, 1),
+    ("thermal-emf", "", Day, 2),
+    ("channel-noise", "channels = [1003, 1017]", Day, 1),
+    ("leakage", "", Day, 1),
+    ("mains-pickup", "", Day, 1),
+    ("common-mode", "", Day, 1),
+    ("input-resistance", "", Day, 1),
+    ("bias-current", "", Day, 1),
+    ("voltmeter-gain", "", Day, 1),
+    ("autozero-off", "", Day, 12),
+    ("voltmeter-noise", "", Day, 1),
+    ("quantisation", "", Day, 1),
+];
+
+fn scan(taken: Taken) -> Scan {
+    let usual = Scan::usual(26).unwrap();
+    match taken {
+        Day => Scan {
+            frames: 12,
+            every: Duration::from_secs(2 * 3600),
+            ..usual
+        },
+        Hurried => Scan {
+            nplc: 0.001,
+            settle: Duration::from_nanos(100),
+            switching: Duration::ZERO,
+            ..usual
+        },
+    }
+}
+
+fn scene(seed: u64, effect: Option<(&str, &str)>) -> Scene {
+    let effect = effect.map_or(String::new(), |(name, parameters)| {
+        format!("[effects.{name}]\n{parameters}\n")
+    });
+    let text = format!("seed = {seed}\n[mesh]\nfineness = 0.3\n{effect}");
+    Scene::parse("test.toml", &text).unwrap_or_else(|fault| panic!("{text}: {fault}"))
+}
+
+fn frames(scene: Scene, scan: &Scan) -> Vec<Volts> {
+    let mut phantom = Phantom::new(scene).unwrap();
+    (0..scan.frames)
+        .flat_map(|frame| scan.frame(&mut phantom, scan.begin(frame)).unwrap())
+        .collect()
+}
+
+fn predicted(scene: &Scene, scan: &Scan, name: &str) -> Prediction {
+    let all = Preview::new(scene, scan.clone()).unwrap().predictions();
+    all.into_iter().find(|one| one.name == name).unwrap()
+}
+
+#[test]
+fn every_effect_is_as_large_as_predicted_within_a_factor_of_two() {
+    let listed: BTreeSet<&str> = EffectSettings::ALL.iter().map(|(name, _)| *name).collect();
+    let tested: BTreeSet<&str> = EFFECTS.iter().map(|(name, ..)| *name).collect();
+    assert_eq!(listed, tested);
+    let bare = [Day, Hurried].map(|taken| frames(scene(0, None), &scan(taken)));
+    let mut wrong = Vec::new();
+    for (name, parameters, taken, seeds) in EFFECTS {
+        let scan = scan(taken);
+        let bare = &bare[taken as usize];
+        let mut sum = 0.0;
+        for seed in 0..seeds {
+            let seen = frames(scene(seed, Some((name, parameters))), &scan);
+            let apart = seen.iter().zip(bare).map(|(one, other)| one.0 - other.0);
+            sum += apart.map(|volts| volts * volts).sum::<f64>();
+        }
+        let seen = (sum / (seeds as f64 * bare.len() as f64)).sqrt();
+        let told = predicted(&scene(0, Some((name, parameters))), &scan, name);
+        assert!(told.named);
+        let ratio = told.volts / seen;
+        println!(
+            "{name:20} {seen:.2e} V seen, {:.2e} V predicted: {ratio:.2}",
+            told.volts
+        );
+        if !(0.5..=2.0).contains(&ratio) {
+            wrong.push(format!("{name}: {ratio:.3}"));
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:?}");
+}
+
+#[test]
+fn those_that_are_not_named_are_predicted_too_and_faults_say_what_they_assume() {
+    let preview = Preview::new(&scene(0, None), scan(Day)).unwrap();
+    let all = preview.predictions();
+    assert_eq!(all.len(), EffectSettings::ALL.len());
+    for told in &all {
+        assert!(
+            !told.named && told.volts.is_finite() && told.volts >= 0.0,
+            "{told:?}"
+        );
+    }
+    let off = all.iter().find(|told| told.name == "detachment").unwrap();
+    assert_eq!(off.assumes.as_deref(), Some("electrode 1 comes off at 0 s"));
+    // 3e-6 of the range of 1 V at 1 PLC.
+    assert!((preview.noise() - 3e-6).abs() < 1e-12);
+    assert_eq!(preview.signal(), None);
+}
