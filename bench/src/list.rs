@@ -61,8 +61,8 @@ pub(crate) fn json() -> Value {
         })
         .collect();
     let scenes: Vec<Value> = Scene::shipped()
-        .into_iter()
-        .map(|(file, text)| json!({ "name": file.trim_end_matches(".toml"), "what": first_comment(text) }))
+        .iter()
+        .map(|(name, text)| json!({ "name": name, "what": Scene::what(text) }))
         .collect();
     let loads: Vec<Value> = crate::Hanging::GRAMMAR
         .lines()

@@ -85,7 +85,7 @@ struct Serve {
     /// The instruments: a file, or a name of `tactus-bench list`.
     #[arg(long, value_name = "FILE|NAME")]
     profile: Option<String>,
-    /// The sheet, its loads and effects: a file, or quiet, paper-test1, paper-test2. Without one an unloaded sheet.
+    /// The sheet, its loads and effects: a file, or a name of `tactus-bench list`. Without one an unloaded sheet.
     #[arg(long, value_name = "FILE|NAME")]
     scene: Option<String>,
     /// Port of the 6221; 0 takes a free one.
@@ -240,18 +240,7 @@ fn prepare(asked: &Serve) -> Result<(Profile, Scene), Fault> {
 
 /// A shipped scene, or one in a file; without a name the quiet one.
 fn scene_named(name: Option<&str>) -> Result<Scene, Fault> {
-    let Some(name) = name else {
-        return Ok(Scene::quiet());
-    };
-    let shipped = Scene::shipped()
-        .into_iter()
-        .find(|(known, _)| known.trim_end_matches(".toml") == name);
-    let text = match shipped {
-        Some((_, text)) => text.to_owned(),
-        None => std::fs::read_to_string(name)
-            .map_err(|fault| format!("scene {name} cannot be read: {fault}"))?,
-    };
-    Ok(Scene::parse(name, &text)?)
+    Ok(name.map_or_else(|| Ok(Scene::quiet()), Scene::open)?)
 }
 
 /// Sends one line to a served rig.

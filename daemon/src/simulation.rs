@@ -4,23 +4,7 @@ use bench::{Load, Scene, Shape, SimulatedRig};
 
 /// A scene that ships with the bench, by name, or a file, by path.
 pub(crate) fn load_scene(name_or_path: &str) -> Result<Scene, String> {
-    let shipped = Scene::shipped()
-        .into_iter()
-        .find(|(file, _)| file.trim_end_matches(".toml") == name_or_path);
-    let text = match shipped {
-        Some((_, text)) => text.to_owned(),
-        None => std::fs::read_to_string(name_or_path).map_err(|cause| {
-            let names: Vec<&str> = Scene::shipped()
-                .into_iter()
-                .map(|(file, _)| file.trim_end_matches(".toml"))
-                .collect();
-            format!(
-                "scene {name_or_path} cannot be read ({cause}); shipped ones are {}",
-                names.join(", ")
-            )
-        })?,
-    };
-    Scene::parse(name_or_path, &text).map_err(|error| error.to_string())
+    Scene::open(name_or_path).map_err(|error| error.to_string())
 }
 
 /// The seed of its scene.

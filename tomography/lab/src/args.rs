@@ -3,6 +3,7 @@
 mod calibrate;
 mod paper;
 mod reconstruct;
+mod scene;
 mod solve;
 mod stability;
 
@@ -13,6 +14,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 pub(crate) use calibrate::CalibrateOptions;
 pub(crate) use paper::PaperOptions;
 pub(crate) use reconstruct::{Choose, ReconstructOptions};
+pub(crate) use scene::{ExplainOptions, RunOptions, SceneCommand, SessionOptions};
 pub(crate) use solve::{ForwardOptions, JacobianOptions, Of, TransferOptions};
 pub(crate) use stability::StabilityOptions;
 
@@ -43,6 +45,11 @@ pub(crate) enum Command {
     },
     /// Make judging data: a case folder with frames of the simulated sheet on a finer, different mesh, and the truth
     Judge(JudgeOptions),
+    /// Scenes, with only the effects they call for: explain, check, run, list
+    Scene {
+        #[command(subcommand)]
+        command: SceneCommand,
+    },
     /// Compare methods and models on judging data: errors, likeness, GREIT's figures, time
     Evaluate(EvaluateOptions),
     /// Every experiment, figure and claim of the paper, run again from seeds: one page to read

@@ -21,7 +21,7 @@ use crate::failure::{Failure, write};
 use crate::{geometry, progress};
 
 /// What a judged folder says about itself.
-const SAID: &str = "judged.json";
+pub(crate) const SAID: &str = "judged.json";
 /// Current of every reading, A.
 const CURRENT: f64 = 1e-3;
 /// Loss of conductance under a press.
@@ -231,7 +231,7 @@ fn put(
 }
 
 /// Relative change of every triangle of the case's region: covered shares, overlaps multiply.
-fn true_map(case: &Case, loads: &[Load]) -> Result<Vec<f64>, Failure> {
+pub(crate) fn true_map(case: &Case, loads: &[Load]) -> Result<Vec<f64>, Failure> {
     let mut kept = vec![1.0; case.mesh.triangles().len()];
     for load in loads {
         let covered = load

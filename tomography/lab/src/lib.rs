@@ -33,6 +33,7 @@ mod paper;
 mod progress;
 mod reconstruct;
 mod recording;
+mod scene;
 mod shapes;
 mod solve;
 mod stability;
@@ -73,6 +74,7 @@ fn perform(command: &Command) -> Result<(), Failure> {
         Command::Jacobian(options) => solve::jacobian(options),
         Command::Transfer(options) => solve::transfer(options),
         Command::Train { network } => train::train(network),
+        Command::Scene { command } => scene::scene(command),
         Command::Judge(options) => judge::judge(options),
         Command::Dataset(options) => dataset::dataset(options),
         Command::Evaluate(options) => evaluate::evaluate(options),

@@ -227,6 +227,11 @@ effects! {
 }
 
 impl EffectSettings {
+    /// The names of those that a scene names, in order.
+    pub fn names(&self) -> impl Iterator<Item = &'static str> {
+        self.named().map(|(name, _)| name)
+    }
+
     /// The first parameter that is out of its range, and the effect that it belongs to.
     ///
     /// # Errors

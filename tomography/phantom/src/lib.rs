@@ -28,6 +28,7 @@ mod preview;
 mod scan;
 mod scene;
 mod sheet;
+mod shipped;
 
 pub use effects::settings::*;
 pub use effects::{EffectSettings, Needs, ParameterFault, ReadingContext};
@@ -36,3 +37,4 @@ pub use preview::{Prediction, Preview};
 pub use scan::Scan;
 pub use scene::{FINER, Scene, SceneError, SceneFault, TimedLoad};
 pub use sheet::{Phantom, PhantomError};
+pub use shipped::OpenError;

@@ -1,5 +1,7 @@
 //! Scenes: sheet, loads on a time line, effects, seed; written in TOML, refused as file:line:column.
 
+mod unknown;
+
 use std::ops::Range;
 use std::time::Duration;
 
@@ -197,6 +199,9 @@ impl Scene {
         let scene: Result<Text, _> = toml::from_str(text);
         scene
             .map_err(|fault| {
+                if let Some((span, why)) = unknown::unknown_effect(text) {
+                    return Fault(span, why);
+                }
                 Fault(
                     fault.span().unwrap_or(0..0),
                     fault.message().trim().replace('\n', ", "),
@@ -245,21 +250,6 @@ impl Scene {
             }],
             ..Self::quiet()
         })
-    }
-
-    /// The scenes that come with the project: their file names and texts.
-    pub fn shipped() -> [(&'static str, &'static str); 3] {
-        [
-            ("quiet.toml", include_str!("../scenes/quiet.toml")),
-            (
-                "paper-test1.toml",
-                include_str!("../scenes/paper-test1.toml"),
-            ),
-            (
-                "paper-test2.toml",
-                include_str!("../scenes/paper-test2.toml"),
-            ),
-        ]
     }
 }
 
@@ -531,8 +521,8 @@ mod tests {
 
     #[test]
     fn the_shipped_scenes_are_the_papers_tests() {
-        let scenes = Scene::shipped().map(|(file, text)| Scene::parse(file, text).unwrap());
-        let [quiet, test1, test2] = scenes;
+        let [quiet, test1, test2] =
+            ["quiet", "paper-test1", "paper-test2"].map(|name| Scene::open(name).unwrap());
         assert_eq!(quiet, Scene::quiet());
         assert_eq!(test1.loads.len(), 16);
         for (timed, centre) in test1.loads.iter().zip(paper::test1_positions()) {
@@ -563,7 +553,10 @@ mod tests {
         let text = format!("{text}diameter_mm = 10\nside_mm = 3\n");
         assert!(refuse(&text).starts_with("scene.toml:7:11: key `side_mm` does not belong"));
         assert!(refuse("\n[paper-sheet]\nwidth_cm = 2").starts_with("scene.toml:3:1:"));
-        assert!(refuse("[effects]\nnoise = 2").starts_with("scene.toml:2:1: unknown field"));
+        assert!(
+            refuse("[effects]\nnoise = 2")
+                .starts_with("scene.toml:2:1: there is no effect `noise`")
+        );
         assert_eq!(
             refuse("[effects.voltmeter-noise]\nuv = -2"),
             "scene.toml:2:6: effects.voltmeter-noise.uv is -2 uV, it must be 0 to 1000000 uV"

@@ -149,7 +149,13 @@ fn a_parameter_out_of_range_is_refused_where_it_stands() {
     );
     assert!(refuse("[effects.short]\nelectrodes = [3, 3]").contains("electrode 3 twice"));
     assert!(refuse("[effects.spray]\nstd = nan").contains("must be 0 to 1"));
-    assert!(refuse("[effects.thermal]\n").contains("unknown field `thermal`, expected one of"));
+    let unknown = refuse("[effects.thermal]\n");
+    let wanted = "s.toml:1:10: there is no effect `thermal`, perhaps `thermal-emf`? There are ";
+    assert!(unknown.starts_with(wanted), "{unknown}");
+    assert!(
+        unknown.contains("spray, ") && unknown.ends_with("quantisation"),
+        "{unknown}"
+    );
     assert!(refuse("[effects.crack]\nto_mm = [1, 2]").contains("missing field `from_mm`"));
 }
 

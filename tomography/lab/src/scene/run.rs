@@ -1,0 +1,136 @@
+//! `tactus-lab scene run`: frames of a scene in a case folder, as `judge` writes them.
+//!
+//! The readings come straight from the phantom, in virtual time; through instruments and their text they come from
+//! `tactus-bench` or the daemon's simulated rig, which take the same scenes.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+use eit::{Preset, frames_text, matrix_text};
+use nalgebra::DMatrix;
+use phantom::{Load, Phantom, Preview};
+
+use crate::args::RunOptions;
+use crate::failure::{Failure, write};
+use crate::{geometry, judge, progress};
+
+/// Takes the frames and writes them as they come.
+pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
+    let scene = super::open(&options.scene)?;
+    let scan = super::scan(&scene, &options.session)?;
+    let sheet = preset(&scene.sheet);
+    let case = geometry::case(&sheet, scan.current.0)?;
+    let name = scene.name.clone();
+    let seed = scene.seed;
+    let failed = |fault| Failure::of(&format!("scene {name}"), &fault);
+    let noise = Preview::new(&scene, scan.clone()).map_err(failed)?.noise();
+    let mut phantom = Phantom::new(scene).map_err(failed)?;
+    if phantom.mesh().hash() == case.mesh.hash() {
+        return Err(Failure::because(
+            "the scene's mesh is the one to reconstruct on: give its [mesh] another fineness or seeding",
+        ));
+    }
+    case.write(&options.out)
+        .map_err(|fault| Failure::of("cannot write the case", &fault))?;
+    let mut frames = Rows::create(&options.out.join("frames.csv"))?;
+    let mut truth = Rows::create(&options.out.join("truth.csv"))?;
+    // The truth is computed when the loads change, and written again while they do not.
+    let mut known: Option<(Vec<Load>, String)> = None;
+    let bar = progress::bar(scan.frames, "frames");
+    for frame in 0..scan.frames {
+        let begin = scan.begin(frame);
+        let middle = begin + scan.frame_time() / 2;
+        let loads: Vec<Load> = phantom.loads(middle).cloned().collect();
+        if frame == 0 && !loads.is_empty() {
+            bar.suspend(|| {
+                eprintln!(
+                    "tactus-lab: the baseline is loaded: {} is on the sheet in the first frame",
+                    loads[0].name
+                );
+            });
+        }
+        let readings = scan.frame(&mut phantom, begin).map_err(failed)?;
+        let readings = readings.iter().map(|volts| Some(volts.0)).collect();
+        let text = frames_text(&[readings]);
+        let row = text.split_once('\n').map_or("", |(_, row)| row);
+        frames.put(if frame == 0 { &text } else { row })?;
+        if frame > 0 {
+            let row = match &known {
+                Some((same, row)) if *same == loads => row,
+                _ => {
+                    let changes = judge::true_map(&case, &loads)?;
+                    let row = matrix_text(&DMatrix::from_row_slice(1, changes.len(), &changes));
+                    &known.insert((loads, row)).1
+                }
+            };
+            truth.put(row)?;
+        }
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    frames.end()?;
+    truth.end()?;
+    let said = serde_json::json!({
+        "set": name,
+        "noise_v": noise,
+        "seed": seed,
+        "frames": scan.frames - 1,
+        "every_s": scan.begin(1).as_secs_f64(),
+    });
+    write(&options.out.join(judge::SAID), format!("{said}\n"))?;
+    println!(
+        "{}: baseline and {} frames of {name}; {}",
+        options.out.display(),
+        scan.frames - 1,
+        super::in_words(&scan)
+    );
+    Ok(())
+}
+
+/// The sheet on the mesh that one reconstructs on: never the phantom's own.
+fn preset(sheet: &Preset) -> Preset {
+    match sheet.clone() {
+        Preset::PaperSheet(sheet) => Preset::PaperSheet(eit::PaperSheet {
+            fineness: 1.0,
+            seeding: 0,
+            ..sheet
+        }),
+        Preset::DiscTank(tank) => Preset::DiscTank(eit::DiscTank {
+            fineness: 1.0,
+            seeding: 0,
+            ..tank
+        }),
+    }
+}
+
+/// A file of rows, written as they come: a month of them is more than one wants in memory.
+struct Rows {
+    file: BufWriter<File>,
+    name: String,
+}
+
+impl Rows {
+    fn create(path: &Path) -> Result<Self, Failure> {
+        let name = path.display().to_string();
+        match File::create(path) {
+            Ok(file) => Ok(Self {
+                file: BufWriter::new(file),
+                name,
+            }),
+            Err(cause) => Err(Failure::of(&format!("cannot write {name}"), &cause)),
+        }
+    }
+
+    fn put(&mut self, text: &str) -> Result<(), Failure> {
+        self.file
+            .write_all(text.as_bytes())
+            .map_err(|cause| Failure::of(&format!("cannot write {}", self.name), &cause))
+    }
+
+    fn end(mut self) -> Result<(), Failure> {
+        self.file
+            .flush()
+            .map_err(|cause| Failure::of(&format!("cannot write {}", self.name), &cause))
+    }
+}

@@ -1,0 +1,71 @@
+//! An effect that there is not: what was perhaps meant, and what there is.
+
+use std::ops::Range;
+
+use crate::effects::EffectSettings;
+
+/// The first effect that a scene's text names and that there is not: where, and what to say.
+pub(super) fn unknown_effect(text: &str) -> Option<(Range<usize>, String)> {
+    let whole = toml::de::DeTable::parse(text).ok()?;
+    let effects = whole.get_ref().get("effects")?.get_ref().as_table()?;
+    let names: Vec<&str> = EffectSettings::ALL.iter().map(|(name, _)| *name).collect();
+    let (key, name) = effects
+        .keys()
+        .map(|key| (key, key.get_ref().as_ref()))
+        .filter(|(_, name)| !names.contains(name))
+        .min_by_key(|(key, _)| key.span().start)?;
+    let perhaps = near(name, &names).map_or(".".to_owned(), |near| format!(", perhaps `{near}`?"));
+    let all = names.join(", ");
+    Some((
+        key.span(),
+        format!("there is no effect `{name}`{perhaps} There are {all}"),
+    ))
+}
+
+/// The name that is fewest letters away, or that has the other in it.
+fn near<'a>(asked: &str, names: &[&'a str]) -> Option<&'a str> {
+    let asked = asked.to_lowercase().replace('_', "-");
+    let away = |name: &str| match name.contains(&asked) || asked.contains(name) {
+        true if asked.len() > 2 => 1,
+        _ => letters_apart(&asked, name),
+    };
+    let nearest = names.iter().min_by_key(|name| away(name))?;
+    (away(nearest) <= (asked.len() / 3).max(1)).then_some(*nearest)
+}
+
+/// Letters to add, take away or change (Levenshtein).
+fn letters_apart(one: &str, other: &str) -> usize {
+    let other: Vec<char> = other.chars().collect();
+    let mut row: Vec<usize> = (0..=other.len()).collect();
+    for (i, a) in one.chars().enumerate() {
+        let mut corner = row[0];
+        row[0] = i + 1;
+        for (j, b) in other.iter().enumerate() {
+            let changed = corner + usize::from(a != *b);
+            corner = row[j + 1];
+            row[j + 1] = changed.min(corner + 1).min(row[j] + 1);
+        }
+    }
+    row[other.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_meant_is_found() {
+        let names: Vec<&str> = EffectSettings::ALL.iter().map(|(name, _)| *name).collect();
+        assert_eq!(letters_apart("kitten", "sitting"), 3);
+        assert_eq!(near("temprature", &names), Some("temperature"));
+        assert_eq!(near("thermal_emf", &names), Some("thermal-emf"));
+        assert_eq!(
+            near("drift", &names).map(|name| name.contains("drift")),
+            Some(true)
+        );
+        assert_eq!(near("zzzzzz", &names), None);
+        let (at, why) = unknown_effect("[effects.noise]\n[effects.sprai]\nstd = 1").unwrap();
+        assert_eq!(at, 9..14);
+        assert!(why.contains("`noise`"), "{why}");
+    }
+}

@@ -1,0 +1,70 @@
+//! The scenes that come with the project, and how any scene is called: by a shipped one's name, or by its file.
+
+use crate::scene::{Scene, SceneError};
+
+/// File names without their ending, and texts.
+macro_rules! scenes {
+    ($($name:literal)+) => {
+        &[$(($name, include_str!(concat!("../scenes/", $name, ".toml")))),+]
+    };
+}
+
+/// Why a name gives no scene.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenError {
+    /// Neither a shipped scene nor a file that can be read.
+    #[error(
+        "scene {name} cannot be read ({cause}); shipped ones are {}",
+        shipped()
+    )]
+    Read {
+        /// What was asked.
+        name: String,
+        /// Why the file cannot be read.
+        cause: std::io::Error,
+    },
+    /// Not a scene.
+    #[error(transparent)]
+    Text(#[from] SceneError),
+}
+
+fn shipped() -> String {
+    let names: Vec<&str> = Scene::shipped().iter().map(|(name, _)| *name).collect();
+    names.join(", ")
+}
+
+impl Scene {
+    /// The scenes that come with the project: names and texts.
+    pub fn shipped() -> &'static [(&'static str, &'static str)] {
+        scenes! {
+            "quiet" "paper-test1" "paper-test2"
+        }
+    }
+
+    /// What a scene's text says of itself: its first comment's first sentence.
+    pub fn what(text: &str) -> &str {
+        let first = text.lines().next().unwrap_or_default();
+        first.trim_start_matches(['#', ' '])
+    }
+
+    /// A shipped scene, by name, or one in a file, by path.
+    ///
+    /// # Errors
+    /// No such file, or a text that is not a scene.
+    pub fn open(name_or_path: &str) -> Result<Self, OpenError> {
+        let shipped = Self::shipped()
+            .iter()
+            .find(|(name, _)| *name == name_or_path);
+        match shipped {
+            Some((name, text)) => Ok(Self::parse(&format!("{name}.toml"), text)?),
+            None => {
+                let text =
+                    std::fs::read_to_string(name_or_path).map_err(|cause| OpenError::Read {
+                        name: name_or_path.to_owned(),
+                        cause,
+                    })?;
+                Ok(Self::parse(name_or_path, &text)?)
+            }
+        }
+    }
+}
