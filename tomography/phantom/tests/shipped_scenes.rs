@@ -1,0 +1,79 @@
+//! The scenes that come with the project: all read, all start, one for each effect.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::time::Duration;
+
+use eit::Preset;
+use phantom::{EffectSettings, Phantom, Preview, Scan, Scene};
+
+/// On a coarse mesh, which is enough to start.
+fn coarse(name: &str) -> Scene {
+    let scene = Scene::open(name).unwrap_or_else(|fault| panic!("{fault}"));
+    Scene {
+        sheet: Preset::default().remeshed(0.3, 1),
+        ..scene
+    }
+}
+
+#[test]
+fn every_shipped_scene_reads_says_what_it_is_and_starts() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+    let files: BTreeSet<String> = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|file| file.unwrap().file_name().into_string().unwrap())
+        .collect();
+    let listed: BTreeSet<String> = Scene::shipped()
+        .iter()
+        .map(|(name, _)| format!("{name}.toml"))
+        .collect();
+    assert_eq!(listed, files);
+    for (name, text) in Scene::shipped() {
+        assert!(Scene::what(text).len() > 10, "{name}");
+        let scan = Scan::usual(26).unwrap();
+        let mut phantom = Phantom::new(coarse(name)).unwrap();
+        let frame = scan.frame(&mut phantom, Duration::ZERO).unwrap();
+        assert!(frame.iter().all(|volts| volts.0.is_finite()), "{name}");
+        // The baseline is free.
+        assert_eq!(phantom.loads(scan.frame_time()).count(), 0, "{name}");
+    }
+}
+
+#[test]
+fn every_effect_has_a_scene_with_it_alone() {
+    for (effect, _) in EffectSettings::ALL {
+        let scene = coarse(&format!("effect-{effect}"));
+        assert_eq!(scene.effects.names().collect::<Vec<_>>(), [*effect]);
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bits() {
+    let scan = Scan {
+        every: Duration::from_secs(600),
+        ..Scan::usual(26).unwrap()
+    };
+    let bits = || -> Vec<u64> {
+        let mut phantom = Phantom::new(coarse("month")).unwrap();
+        (0..6)
+            .flat_map(|frame| scan.frame(&mut phantom, scan.begin(frame)).unwrap())
+            .map(|volts| volts.0.to_bits())
+            .collect()
+    };
+    assert_eq!(bits(), bits());
+}
+
+#[test]
+fn a_clean_bench_names_nothing_that_is_negligible() {
+    let scene = Scene::open("clean-bench").unwrap();
+    let scan = Scan {
+        frames: 40,
+        ..Scan::usual(26).unwrap()
+    };
+    let preview = Preview::new(&scene, scan).unwrap();
+    let (noise, signal) = (preview.noise(), preview.signal().unwrap());
+    for told in preview.predictions().iter().filter(|told| told.named) {
+        let small = told.volts < 0.1 * noise && told.volts < 1e-3 * signal;
+        assert!(!small, "{told:?}, noise {noise:e}, signal {signal:e}");
+    }
+}
