@@ -33,7 +33,7 @@ pub enum PhantomError {
 pub struct Phantom {
     scene: Scene,
     forward: Forward,
-    /// The contact impedances that `forward` was made for, ohm m.
+    /// The contact impedances without effects, ohm m.
     contacts: Vec<f64>,
     /// Centroids of the triangles, m.
     places: Vec<[f64; 2]>,
@@ -206,13 +206,12 @@ impl Phantom {
     fn solve(&mut self, at: Duration) -> Result<DMatrix<f64>, PhantomError> {
         let sigma = self.conductance(at);
         if !self.effects.contacts.is_empty() {
-            let mut contacts = self.scene.sheet.contact_ohm_m();
+            let mut contacts = self.contacts.clone();
             for effect in &mut self.effects.contacts {
                 effect.act(at, &mut contacts);
             }
-            if contacts != self.contacts {
-                self.forward = Forward::new(Arc::clone(self.forward.mesh()), &contacts)?;
-                self.contacts = contacts;
+            if contacts != self.forward.contact_ohm_m() {
+                self.forward.set_contact_ohm_m(&contacts)?;
             }
         }
         let mut solved = self.forward.transfer_impedance(&sigma)?;

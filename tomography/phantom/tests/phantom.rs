@@ -136,3 +136,16 @@ fn all_lost_and_beside_the_sheet() {
     let cause = std::error::Error::source(&refusal).unwrap().to_string();
     assert!(cause.contains("covers no part of the sheet"), "{cause}");
 }
+
+#[test]
+fn an_effect_on_contacts_keeps_what_the_scene_says_of_one() {
+    let first = |effect: &str| {
+        let text =
+            format!("[mesh]\nfineness = 0.3\n[[contact]]\nelectrode = 3\nohm = 1e6\n{effect}");
+        let mut phantom = Phantom::new(Scene::parse("contact.toml", &text).unwrap()).unwrap();
+        phantom.transfer_impedance(Duration::ZERO).unwrap()[(2, 2)]
+    };
+    let (alone, beside) = (first(""), first("[effects.contact-spread]\nstd = 0.0\n"));
+    assert!(alone > 1e5);
+    assert_eq!(alone.to_bits(), beside.to_bits());
+}
