@@ -36,7 +36,7 @@ fn explain_lists_every_effect_and_says_what_matters() {
     let text = printed("scene explain effect-output-resistance --nplc 0.02");
     let row = text
         .lines()
-        .find(|row| row.starts_with("bias-current"))
+        .find(|row| row.starts_with("output-resistance"))
         .unwrap();
     assert!(row.contains("yes") && row.ends_with("negligible"), "{row}");
     // 1e-4 of the range of 1 V.

@@ -404,6 +404,36 @@ mod tests {
         }
     }
 
+    /// All that a reading or a solution goes through is these lists, each by one loop: what is not in them is not asked
+    /// whether it is there, so that its absence is the same compiled call as if nobody had written it.
+    #[test]
+    fn a_scene_calls_the_effects_that_it_names_and_nothing_else() {
+        let calls = |settings: &EffectSettings| {
+            let Effects {
+                sheet,
+                contacts,
+                network,
+                readings,
+            } = Effects::new(settings, 1);
+            let lists = [
+                (sheet.len(), sheet.capacity()),
+                (contacts.len(), contacts.capacity()),
+                (network.len(), network.capacity()),
+                (readings.len(), readings.capacity()),
+            ];
+            assert!(lists.iter().all(|(len, room)| *len > 0 || *room == 0));
+            lists.map(|(len, _)| len).iter().sum::<usize>()
+        };
+        let none = EffectSettings::default();
+        assert_eq!(calls(&none), 0);
+        for (name, _) in EffectSettings::ALL {
+            let scene = crate::Scene::open(&format!("effect-{name}")).unwrap();
+            assert_eq!(calls(&scene.effects), 1, "{name}");
+        }
+        let torture = crate::Scene::open("torture").unwrap().effects;
+        assert_eq!(calls(&torture), torture.names().count());
+    }
+
     #[test]
     fn another_effect_does_not_shift_the_noise() {
         let noise = VoltmeterNoiseSettings { uv: Some(2.0) };

@@ -1,0 +1,56 @@
+//! What effects cost that a scene does not name: `cargo run --release -p phantom --example absent_effects`.
+//!
+//! Frames of a scene without effects, against the same readings from the forward solution with no effect's code in
+//! between, in turns. Printed are the median of each and its spread, from the first to the third quarter, in ns a reading.
+
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+use phantom::{Phantom, Scan, Scene};
+
+const TURNS: usize = 41;
+const FRAMES: usize = 100;
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let scan = Scan::usual(26)?;
+    let coarse = "[mesh]\nfineness = 0.3\n";
+    let named = format!("{coarse}[effects.voltmeter-noise]\n");
+    let mut bare = Phantom::new(Scene::parse("bare.toml", coarse)?)?;
+    let mut noisy = Phantom::new(Scene::parse("noisy.toml", &named)?)?;
+    let asked = scan.protocol.measurements().to_vec();
+    let mut times: [Vec<f64>; 3] = Default::default();
+    let per_reading = 1e9 / (FRAMES * asked.len()) as f64;
+    for _ in 0..TURNS {
+        let start = Instant::now();
+        for _ in 0..FRAMES {
+            let frame: Result<Vec<f64>, phantom::PhantomError> = asked
+                .iter()
+                .map(|asked| {
+                    let z = bare.transfer_impedance(Duration::ZERO)?;
+                    let seen = |k: usize| z[(asked.sense.plus.0, k)] - z[(asked.sense.minus.0, k)];
+                    Ok(scan.current.0 * (seen(asked.drive.plus.0) - seen(asked.drive.minus.0)))
+                })
+                .collect();
+            black_box(frame?);
+        }
+        times[0].push(start.elapsed().as_secs_f64() * per_reading);
+        for (phantom, times) in [&mut bare, &mut noisy].into_iter().zip(&mut times[1..]) {
+            let start = Instant::now();
+            for _ in 0..FRAMES {
+                black_box(scan.frame(phantom, Duration::ZERO)?);
+            }
+            times.push(start.elapsed().as_secs_f64() * per_reading);
+        }
+    }
+    let names = [
+        "forward solution alone",
+        "a scene without effects",
+        "with voltmeter noise",
+    ];
+    for (name, times) in names.iter().zip(&mut times) {
+        times.sort_by(f64::total_cmp);
+        let [low, middle, high] = [TURNS / 4, TURNS / 2, 3 * TURNS / 4].map(|k| times[k]);
+        println!("{name:26} {middle:7.1} ns a reading ({low:.1} to {high:.1})");
+    }
+    Ok(())
+}
