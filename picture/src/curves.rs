@@ -142,6 +142,7 @@ impl<'a> Plot<'a> {
                     .collect()
             }
             Axis::Log => (self.low[axis] as i32..=self.high[axis] as i32)
+                .step_by(self.decades_a_tick(axis))
                 .map(|decade| {
                     let decimals = decade.min(0).unsigned_abs() as usize;
                     let value = 10.0_f64.powi(decade);
@@ -153,6 +154,12 @@ impl<'a> Plot<'a> {
                 })
                 .collect(),
         }
+    }
+
+    /// Every how many decades there is room for words.
+    fn decades_a_tick(&self, axis: usize) -> usize {
+        let room = [9.0, 18.0][axis];
+        ((self.high[axis] - self.low[axis]) / room).ceil().max(1.0) as usize
     }
 
     /// The lower end as values are.
