@@ -18,6 +18,8 @@ pub(crate) struct Linear {
     model: Vec<f64>,
     /// Distance round the ring between driving and sensing pair of each reading.
     distances: Vec<usize>,
+    /// The reading that reciprocity makes equal to each.
+    twins: Vec<Option<usize>>,
     /// 1 over the deviation of each reading, root mean square 1.
     weights: Option<Vec<f64>>,
     /// Reciprocal twins as one row.
@@ -59,6 +61,7 @@ impl Linear {
                 Some(weights(deviations)?)
             }
         };
+        let twins = equal_twins(protocol, &factors);
         for (factor, weight) in factors.iter_mut().zip(weights.iter().flatten()) {
             *factor *= weight;
         }
@@ -79,6 +82,7 @@ impl Linear {
             scale: options.scale.clone(),
             model: model.as_slice().to_vec(),
             distances: distances(protocol),
+            twins,
             weights,
             fold,
         };
@@ -105,7 +109,8 @@ impl Linear {
         frame: &[Reading],
         method: &str,
     ) -> Result<(Vec<f64>, Vec<usize>), ReconstructError> {
-        let mut difference = Difference::new(baseline, frame, self.model.len(), method)?;
+        let mut difference =
+            Difference::new(baseline, frame, &self.twins, Some(&self.model), method)?;
         match self.scale {
             Scale::Currents(_) => {}
             Scale::Uniform => difference.scale(&self.model, None)?,
@@ -117,6 +122,15 @@ impl Linear {
             }
         }
         Ok((difference.change, difference.missing))
+    }
+}
+
+/// Twins, where all readings are at one current: at several they are not comparable as they are.
+fn equal_twins(protocol: &Protocol, currents: &[f64]) -> Vec<Option<usize>> {
+    if currents.iter().all(|current| *current == currents[0]) {
+        protocol.reciprocal_twins()
+    } else {
+        vec![None; currents.len()]
     }
 }
 

@@ -364,7 +364,7 @@ impl Trained {
         baseline: &[Reading],
         frame: &[Reading],
     ) -> Result<(Vec<f64>, Vec<usize>, usize), ReconstructError> {
-        let difference = Difference::new(baseline, frame, self.protocol.len(), &self.method)?;
+        let difference = Difference::new(baseline, frame, &self.twins, None, &self.method)?;
         let masked = difference.missing.len();
         let (change, left) = difference.normalised(&self.twins);
         Ok((change, left, masked))

@@ -10,6 +10,9 @@ use crate::one_step::UNEXPLAINED;
 /// Share of the readings that may be missing before a map is refused.
 pub const MOST_MISSING: f64 = 0.25;
 
+/// Reciprocal twins that differ by more than this share of the larger cannot both be right, whatever noise and loads do.
+const CONTRADICTED: f64 = 0.9;
+
 /// Turns a baseline and a frame into a map of the relative change of conductance.
 pub trait Reconstructor: Send + Sync {
     /// The method as a person would name it.
@@ -134,13 +137,17 @@ pub(crate) struct Difference {
 }
 
 impl Difference {
-    /// Checks the counts, and masks what is not valid in both.
+    /// Checks the counts, and masks what is not valid in both, or what reciprocity says cannot be: of two twins that
+    /// differ by more than [`CONTRADICTED`] of the larger, where that is no small reading, the one farther from the model's
+    /// (both, where there is no model). One channel that shouts would else rule the scale of all.
     pub(crate) fn new(
         baseline: &[Reading],
         frame: &[Reading],
-        wants: usize,
+        twins: &[Option<usize>],
+        model: Option<&[f64]>,
         method: &str,
     ) -> Result<Self, ReconstructError> {
+        let wants = twins.len();
         for (what, has) in [("baseline", baseline.len()), ("frame", frame.len())] {
             if has != wants {
                 return Err(ReconstructError::Length {
@@ -171,6 +178,7 @@ impl Difference {
                 _ => difference.missing.push(reading),
             }
         }
+        difference.mask_contradictions(twins, model);
         if difference.missing.len() as f64 > MOST_MISSING * wants as f64 {
             return Err(ReconstructError::TooManyMissing {
                 missing: difference.missing.len(),
@@ -181,6 +189,24 @@ impl Difference {
             return Err(ReconstructError::DeadBaseline);
         }
         Ok(difference)
+    }
+
+    fn mask_contradictions(&mut self, twins: &[Option<usize>], model: Option<&[f64]>) {
+        let after: Vec<f64> = self
+            .baseline
+            .iter()
+            .zip(&self.change)
+            .map(|(before, change)| before + change)
+            .collect();
+        let mut wrong = contradictions(&self.baseline, &self.missing, twins, model);
+        wrong.extend(contradictions(&after, &self.missing, twins, model));
+        for &reading in &wrong {
+            self.baseline[reading] = 0.0;
+            self.change[reading] = 0.0;
+        }
+        self.missing.append(&mut wrong);
+        self.missing.sort_unstable();
+        self.missing.dedup();
     }
 
     /// Eq. 6: the change over the largest reading of the baseline. A missing reading is its reciprocal twin's where that one
@@ -241,5 +267,89 @@ impl Difference {
             *change /= own.unwrap_or(uniform);
         }
         Ok(())
+    }
+}
+
+/// Readings that contradict their twins.
+fn contradictions(
+    volts: &[f64],
+    missing: &[usize],
+    twins: &[Option<usize>],
+    model: Option<&[f64]>,
+) -> Vec<usize> {
+    let valid = |reading: usize| missing.binary_search(&reading).is_err();
+    let mut sizes: Vec<f64> = (0..volts.len())
+        .filter(|&reading| valid(reading))
+        .map(|reading| volts[reading].abs())
+        .collect();
+    let usual = median(&mut sizes);
+    let doubtful: Vec<[usize; 2]> = twins
+        .iter()
+        .enumerate()
+        .filter_map(|(reading, twin)| Some([(*twin)?, reading]))
+        .filter(|&[twin, reading]| {
+            let top = volts[twin].abs().max(volts[reading].abs());
+            twin < reading
+                && valid(twin)
+                && valid(reading)
+                && top > usual
+                && (volts[twin] - volts[reading]).abs() > CONTRADICTED * top
+        })
+        .collect();
+    let Some(model) = model.filter(|_| !doubtful.is_empty()) else {
+        return doubtful.into_flattened();
+    };
+    let mut ratios: Vec<f64> = (0..volts.len())
+        .filter(|&reading| valid(reading) && model[reading] != 0.0)
+        .map(|reading| volts[reading] / model[reading])
+        .collect();
+    let scale = median(&mut ratios);
+    let far = |reading: usize| (volts[reading] - scale * model[reading]).abs();
+    doubtful
+        .into_iter()
+        .map(|[twin, reading]| {
+            if far(twin) > far(reading) {
+                twin
+            } else {
+                reading
+            }
+        })
+        .collect()
+}
+
+/// The upper median; 0 of nothing.
+fn median(values: &mut [f64]) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MODEL: [f64; 6] = [1.0, 1.0, 0.5, 0.5, 0.1, 0.1];
+    const TWINS: [Option<usize>; 6] = [Some(1), Some(0), Some(3), Some(2), Some(5), Some(4)];
+
+    fn wrong(change: impl Fn(&mut [f64]), model: Option<&[f64]>) -> Vec<usize> {
+        let mut volts = MODEL.map(|v| 2e-3 * v);
+        change(&mut volts);
+        contradictions(&volts, &[], &TWINS, model)
+    }
+
+    #[test]
+    fn of_twins_that_contradict_each_other_the_model_tells_the_wrong_one() {
+        assert!(wrong(|_| (), Some(&MODEL)).is_empty());
+        assert_eq!(wrong(|v| v[3] *= 100.0, Some(&MODEL)), [3]);
+        assert_eq!(wrong(|v| v[1] = 0.0, Some(&MODEL)), [1]);
+        assert_eq!(wrong(|v| v[0] *= -1.0, Some(&MODEL)), [0]);
+        assert_eq!(wrong(|v| v[3] *= 100.0, None), [2, 3]);
+    }
+
+    #[test]
+    fn loads_noise_and_small_readings_are_no_contradiction() {
+        assert!(wrong(|v| v[0] *= 5.0, Some(&MODEL)).is_empty());
+        assert!(wrong(|v| v[4] = 0.0, Some(&MODEL)).is_empty());
+        let lonely = contradictions(&[1.0, 100.0], &[], &[None, None], Some(&[1.0, 1.0]));
+        assert!(lonely.is_empty());
     }
 }
