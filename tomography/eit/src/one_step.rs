@@ -187,6 +187,7 @@ pub struct OneStep {
     amplitude: f64,
     raised: bool,
     deviation: Option<f64>,
+    degrees: f64,
     noise_figure: f64,
     sensitivity: DMatrix<f64>,
     /// Directions of the data that maps move; found when novelty is first asked for.
@@ -250,6 +251,17 @@ impl OneStep {
         }
         .map(|noise| std::f64::consts::SQRT_2 * noise);
         let noise_figure = noise_figure::of(&mesh, &linear.fold, &sensitivity, solution.matrix());
+        // the trace of what the map makes of its own readings
+        let degrees = sensitivity
+            .row_iter()
+            .zip(solution.matrix().column_iter())
+            .map(|(row, column)| {
+                row.iter()
+                    .zip(column.iter())
+                    .map(|(j, m)| j * m)
+                    .sum::<f64>()
+            })
+            .sum();
         let quick = match options.map_error {
             Some(error) if !(error > 0.0 && error < 1.0) => {
                 return Err(OneStepError::MapError { error });
@@ -281,6 +293,7 @@ impl OneStep {
             amplitude,
             raised,
             deviation,
+            degrees,
             noise_figure,
             sensitivity: kept,
             directions: OnceLock::new(),
@@ -299,6 +312,12 @@ impl OneStep {
     /// [`Scale::Currents`], else V at 1 A.
     pub fn noise(&self) -> f64 {
         self.lambda * self.amplitude / std::f64::consts::SQRT_2
+    }
+
+    /// Effective degrees of freedom: how many independent things of the readings the map follows, of the linear map. Reciprocal
+    /// twins count once.
+    pub fn degrees_of_freedom(&self) -> f64 {
+        self.degrees
     }
 
     /// Whether the noise asked for a smaller lambda than [`MODEL_SHARE`] allows.
@@ -343,6 +362,16 @@ impl Reconstructor for OneStep {
                 None => "the hyper-parameter was given; what the noise is was not said".to_owned(),
             },
         ];
+        told.push(format!(
+            "{:.1} degrees of freedom of {} different readings",
+            self.degrees,
+            self.sensitivity.nrows()
+        ));
+        if self.degrees < 1.0 {
+            told.push(
+                "less than one degree of freedom: the hyper-parameter leaves a map of nothing, whatever is pressed".to_owned(),
+            );
+        }
         if self.raised {
             told.push(format!(
                 "the noise asked for less: a linear model is not exact to more than {MODEL_SHARE:e} of its size"

@@ -18,3 +18,4 @@ mod product;
 mod training;
 
 pub(crate) use command::train_deep;
+pub(crate) use training::{DeepFault, Recipe, train};

@@ -53,7 +53,7 @@ pub trait Samples: Sync {
     fn outputs(&self) -> usize;
     /// The unloaded readings at 1 A, V.
     fn baseline(&self) -> &[f64];
-    /// Case `case`, below [`Self::len`], checked to be finite.
+    /// Case `case`, below [`Self::len`]; whoever trains on it checks that it is finite ([`Sample::check`]).
     ///
     /// # Errors
     /// See [`SampleError`].

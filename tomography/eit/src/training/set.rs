@@ -55,6 +55,7 @@ impl TrainingSet {
             .into_par_iter()
             .map(|case| {
                 let sample = samples.sample(case)?;
+                sample.check("the training set", case)?;
                 let done = done.fetch_add(1, Ordering::Relaxed) + 1;
                 progress(Stage::Cases, done, samples.len());
                 Ok(sample)

@@ -43,6 +43,8 @@ impl Feed<'_> {
     /// Case `case` with the jitter of one copy.
     fn jittered(self, copy: usize, case: usize) -> Result<Sample, SampleError> {
         let mut sample = self.samples.sample(case)?;
+        // a set need not look itself over, and one such number poisons every weight
+        sample.check("the training set", case)?;
         self.noise
             .add(&mut sample.input, copy, case, self.samples.len());
         Ok(sample)
