@@ -7,12 +7,18 @@ mod bordered;
 mod conjugate;
 mod contacts;
 mod contrast;
+mod inverse;
+mod layers;
 mod meshes;
+mod order;
 mod outcome;
+mod plots;
+mod radial;
+mod readings;
 mod tank;
 
 use crate::args::StabilityOptions;
-use crate::failure::Failure;
+use crate::failure::{Failure, write};
 use crate::progress;
 use outcome::{Case, Check, Naive, Outcome, Side};
 
@@ -31,6 +37,33 @@ const CASES: &[Case] = &[
     case(11, "electrode-edge singularity", contacts::singular_ends),
     case(12, "absolute and difference mesh error", meshes::mesh_error),
     case(13, "sensitivity", meshes::sensitivity),
+    case(14, "rank-deficient sensitivity", inverse::without_rank),
+    case(15, "lambda -> 0, infinity", inverse::ends_of_lambda),
+    case(16, "total variation, beta -> 0", inverse::total_variation),
+    case(17, "TV on unequal triangles", inverse::unequal_triangles),
+    case(18, "step too long", inverse::long_step),
+    case(19, "RBF flat limit", radial::flat_limit),
+    case(20, "duplicate centres, empty clusters", radial::duplicates),
+    case(21, "spread ruled by heavy tails", radial::heavy_tails),
+    case(22, "pairwise distances", radial::many_pairs),
+    case(23, "near duplicates", radial::near_duplicates),
+    case(24, "exp underflow", radial::far_input),
+    case(25, "constant channel", layers::constant_channel),
+    case(26, "relative scales 2100 : 1", layers::scales),
+    case(27, "dead and saturated neurons", layers::saturation),
+    case(28, "training divergence", layers::divergence),
+    case(29, "f32, f16, int8 inference", layers::precision),
+    case(30, "NaN, infinity, 9.9e37", readings::no_reading),
+    not_built(31, "electrode open"),
+    case(32, "tiny v0", readings::tiny_baseline),
+    case(33, "sign of v0", readings::reversed_leads),
+    case(34, "one bad channel", readings::one_spike),
+    case(35, "summation order, threads", order::threads),
+    not_built(36, "hotspot segmentation"),
+    not_built(37, "dose over months"),
+    case(38, "degenerate polygons", order::polygons),
+    not_built(39, "baseline equals load"),
+    not_built(40, "viscoelastic step"),
 ];
 
 const fn case(number: u8, name: &'static str, run: fn() -> Result<Outcome, Failure>) -> Case {
@@ -38,6 +71,14 @@ const fn case(number: u8, name: &'static str, run: fn() -> Result<Outcome, Failu
         number,
         name,
         run: Some(run),
+    }
+}
+
+const fn not_built(number: u8, name: &'static str) -> Case {
+    Case {
+        number,
+        name,
+        run: None,
     }
 }
 
@@ -62,6 +103,14 @@ pub(crate) fn stability(options: &StabilityOptions) -> Result<(), Failure> {
         }
     } else {
         print!("{table}");
+    }
+    if let Some(folder) = &options.out {
+        std::fs::create_dir_all(folder)
+            .map_err(|cause| Failure::of(&format!("cannot make {}", folder.display()), &cause))?;
+        write(&folder.join("table.txt"), table)?;
+        let lines = serde_json::Value::Array(lines(&found));
+        write(&folder.join("table.json"), format!("{lines:#}\n"))?;
+        plots::draw(folder)?;
     }
     let broken: Vec<String> = found
         .iter()

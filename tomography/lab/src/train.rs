@@ -15,7 +15,7 @@ use crate::noise_figure::with_noise_figure;
 use crate::{choice, deep, geometry, linear, progress};
 
 /// Above this ratio of spread to median distance a few samples rule the spread of Eq. 13.
-const SPREAD_RULED: f64 = 10.0;
+pub(crate) const SPREAD_RULED: f64 = 10.0;
 
 /// Trains and writes the model file.
 pub(crate) fn train(network: &args::Network) -> Result<(), Failure> {

@@ -69,4 +69,56 @@ cases! {
     case_11_electrode_edge_singularity 11
     case_12_absolute_and_difference_error 12
     case_13_sensitivity 13
+    case_14_rank_deficient_sensitivity 14
+    case_15_ends_of_lambda 15
+    case_16_total_variation_without_beta 16
+    case_17_unequal_triangles 17
+    case_18_step_too_long 18
+    case_19_flat_limit 19
+    case_20_duplicate_centres 20
+    case_21_heavy_tails 21
+    case_22_pairwise_distances 22
+    case_23_near_duplicates 23
+    case_24_exp_underflow 24
+    case_25_constant_channel 25
+    case_26_relative_scales 26
+    case_27_saturated_neurons 27
+    case_28_training_divergence 28
+    case_29_precision_of_weights 29
+    case_30_no_number 30
+    case_32_tiny_baseline 32
+    case_33_sign_of_readings 33
+    case_34_one_bad_channel 34
+    case_35_threads 35
+    case_38_degenerate_polygons 38
+}
+
+#[test]
+fn what_waits_for_a_feature_is_said_not_to_be_built() {
+    for number in [31, 36, 37, 39] {
+        let lines = found(number);
+        assert_eq!(lines.len(), 1);
+        assert_eq!(lines[0]["verdict"], "not built");
+    }
+    let refused = lab(&words("stability --only 41", &[]));
+    assert_eq!(refused.status.code(), Some(2));
+}
+
+#[test]
+fn the_table_and_the_plots_are_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("stability");
+    let output = lab(&words("stability --only 27 --only 31 --out {}", &[&out]));
+    assert!(output.status.success());
+    let table = std::fs::read_to_string(out.join("table.txt")).unwrap();
+    assert_eq!(table, String::from_utf8_lossy(&output.stdout));
+    assert!(
+        table.contains("holds") && table.contains("not built"),
+        "{table}"
+    );
+    for name in ["contrast", "contact", "sliver"] {
+        for ending in ["png", "svg"] {
+            assert!(out.join(format!("{name}.{ending}")).is_file());
+        }
+    }
 }

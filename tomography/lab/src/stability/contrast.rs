@@ -13,8 +13,8 @@ use super::tank::{Tank, refused};
 use crate::failure::Failure;
 
 /// Where the load lies, in radii: away from electrodes and from the ground node.
-const CENTRE: [f64; 2] = [0.45, 0.1];
-const RADIUS: f64 = 0.3;
+pub(super) const CENTRE: [f64; 2] = [0.45, 0.1];
+pub(super) const RADIUS: f64 = 0.3;
 
 /// 1: a hole is meshed out, or left in the mesh with no conductance.
 pub(super) fn no_conductance() -> Result<Outcome, Failure> {

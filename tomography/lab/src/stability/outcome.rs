@@ -130,3 +130,30 @@ pub(super) fn naive(error: f64, instead: &'static str) -> Naive {
         Naive::Fails(instead)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bound_breaks_on_its_side_and_by_what_is_no_number() {
+        let at_most = |ours| Check::at_most("x", Naive::Error(2.0), ours, 1.0).holds();
+        assert!(at_most(1.0) && !at_most(1.1) && !at_most(f64::NAN));
+        let at_least = |ours| Check::at_least("x", Naive::Error(0.0), ours, 1.0).holds();
+        assert!(at_least(1.0) && !at_least(0.9) && !at_least(f64::NAN));
+    }
+
+    #[test]
+    fn a_naive_form_must_do_what_is_said_of_it() {
+        let said = |naive| Check::at_most("x", naive, 0.5, 1.0).naive_is_as_said();
+        assert!(said(Naive::Error(2.0)) && !said(Naive::Error(0.5)));
+        assert!(said(Naive::Sound(0.5)) && !said(Naive::Sound(2.0)));
+        assert_eq!(naive(f64::NAN, "fails"), Naive::Fails("fails"));
+    }
+
+    #[test]
+    fn what_is_no_number_is_infinitely_far() {
+        assert_eq!(apart(&[1.0, f64::NAN], &[1.0, 2.0]), f64::INFINITY);
+        assert_eq!(apart(&[1.0, 1.0], &[1.0, 2.0]), 0.5);
+    }
+}

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use eit::{DiscTank, Forward, Mesh};
+use eit::{DiscTank, Forward, Mesh, PaperSheet};
 use qd::Quad;
-use survey::Protocol;
+use survey::{Protocol, Reading, Volts};
 
 use super::bordered::{Bordered, Ground, Number};
 use crate::failure::Failure;
@@ -28,6 +28,32 @@ impl Tank {
             arc_deg: 12.0,
             fineness: 0.5,
             ..DiscTank::default()
+        })
+    }
+
+    /// Sixteen electrodes, for reconstructions.
+    pub(super) fn sixteen(fineness: f64) -> Result<Self, Failure> {
+        Self::of(DiscTank {
+            fineness,
+            ..DiscTank::default()
+        })
+    }
+
+    /// The paper's sheet, coarse.
+    pub(super) fn paper() -> Result<Self, Failure> {
+        let sheet = PaperSheet {
+            fineness: 0.4,
+            ..PaperSheet::default()
+        };
+        let mesh = sheet
+            .mesh()
+            .map_err(|fault| Failure::of("the paper's sheet", &fault))?;
+        Ok(Self {
+            sigma: vec![sheet.conductance(); mesh.triangles().len()],
+            contact: sheet.contact_ohm_m(),
+            protocol: protocol(sheet.electrodes())?,
+            mesh: Arc::new(mesh),
+            preset: DiscTank::default(),
         })
     }
 
@@ -104,4 +130,9 @@ pub(super) fn protocol(electrodes: usize) -> Result<Protocol, Failure> {
 
 pub(super) fn refused(fault: eit::ForwardError) -> Failure {
     Failure::of("the forward model", &fault)
+}
+
+/// Volts as a rig gives them.
+pub(super) fn measured(volts: &[f64]) -> Vec<Reading> {
+    volts.iter().map(|v| Reading::Ok(Volts(*v))).collect()
 }
