@@ -14,6 +14,17 @@ use crate::hanging::Hanging;
 /// Relays of the mainframe are numbered slot x 1000 + channel, those of the board pole x 100 + electrode.
 const FIRST_OF_MAINFRAME: u32 = 1000;
 
+/// The source's terminals.
+const SOURCE: [Point; 2] = [Point::Source(true), Point::Source(false)];
+
+/// The board's chips that join poles to electrodes.
+fn chips(poles: [Option<Electrode>; 4]) -> impl Iterator<Item = Relay> {
+    (1..).zip(poles).filter_map(|(pole, electrode)| {
+        let number = u32::try_from(electrode?.number()).ok()?;
+        Some(Relay(pole * 100 + number))
+    })
+}
+
 /// How the voltmeter takes a reading.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Taken {
@@ -40,6 +51,11 @@ pub(crate) struct Sheet {
     poles: [Option<Electrode>; 4],
     /// Relays that stay as they are, whatever their instrument believes: closed or open.
     stuck: BTreeMap<Relay, bool>,
+    /// The same, of those whose life is over; and the ones that have been replaced since, which are not worn.
+    worn: BTreeMap<Relay, bool>,
+    replaced: BTreeSet<Relay>,
+    /// How often each has closed, where an effect of the scene must know it.
+    closures: BTreeMap<Relay, u64>,
     /// Whatever is measured is over range.
     pub(crate) overload: bool,
     flowing: Amps,
@@ -63,6 +79,9 @@ impl Sheet {
             scanned: Vec::new(),
             poles: [None; 4],
             stuck: BTreeMap::new(),
+            worn: BTreeMap::new(),
+            replaced: BTreeSet::new(),
+            closures: BTreeMap::new(),
             overload: false,
             flowing: Amps(0.0),
             source_range: Amps(0.0),
@@ -73,13 +92,36 @@ impl Sheet {
     }
 
     pub(crate) fn set_closed(&mut self, closed: &BTreeSet<Relay>, at: Duration) {
+        if self.phantom.bends_wires() {
+            let new: Vec<Relay> = closed.difference(&self.closed).copied().collect();
+            self.count(new, at);
+        }
         self.closed.clone_from(closed);
         self.changed = at;
     }
 
     pub(crate) fn set_poles(&mut self, poles: [Option<Electrode>; 4], at: Duration) {
+        if self.phantom.bends_wires() {
+            let before: Vec<Relay> = chips(self.poles).collect();
+            let new = chips(poles).filter(|relay| !before.contains(relay));
+            self.count(new.collect(), at);
+        }
         self.poles = poles;
         self.changed = at;
+    }
+
+    /// Relays have closed once more; some for the last time.
+    fn count(&mut self, relays: Vec<Relay>, at: Duration) {
+        for relay in relays {
+            let closures = self.closures.entry(relay).or_default();
+            *closures += 1;
+            let contact = self.phantom.relay_contact(relay, *closures, at);
+            if let Some(closed) = contact.stuck
+                && !self.replaced.contains(&relay)
+            {
+                self.worn.entry(relay).or_insert(closed);
+            }
+        }
     }
 
     /// Says which channel a scan reads; `None` when it reads none.
@@ -96,12 +138,18 @@ impl Sheet {
         self.stuck.insert(relay, closed);
     }
 
+    /// A relay moves again; a worn one has been replaced.
     pub(crate) fn free(&mut self, relay: Relay) {
         self.stuck.remove(&relay);
+        if self.worn.remove(&relay).is_some() {
+            self.replaced.insert(relay);
+        }
     }
 
     pub(crate) fn free_all(&mut self) {
         self.stuck.clear();
+        self.replaced
+            .extend(std::mem::take(&mut self.worn).into_keys());
     }
 
     /// The mainframe's relays that are really closed, outside of a scan.
@@ -113,9 +161,14 @@ impl Sheet {
 
     /// Of relays that should be closed those that are, and with them the ones that are stuck closed.
     fn really(&self, asked: impl Iterator<Item = Relay>) -> impl Iterator<Item = Relay> {
-        let stuck = self.stuck.iter().filter(|(_, closed)| **closed);
-        let asked = asked.filter(|relay| !self.stuck.contains_key(relay));
-        asked.chain(stuck.map(|(relay, _)| *relay))
+        // What a person has stuck stays so, whatever wear would make of it.
+        let worn = self.worn.iter();
+        let worn = worn.filter(|(relay, _)| !self.stuck.contains_key(relay));
+        let stuck = self.stuck.iter().chain(worn);
+        let stuck = stuck.filter(|(_, closed)| **closed);
+        let moves =
+            |relay: &Relay| !(self.stuck.contains_key(relay) || self.worn.contains_key(relay));
+        asked.filter(moves).chain(stuck.map(|(relay, _)| *relay))
     }
 
     pub(crate) fn poles(&self) -> [Option<Electrode>; 4] {
@@ -142,7 +195,7 @@ impl Sheet {
         if flowing == 0.0 && test.0 == 0.0 {
             return Volts(0.0);
         }
-        let resistors = self.resistors();
+        let resistors = self.resistors(at);
         let [hi, lo] = [Point::Bus(bus, true), Point::Bus(bus, false)];
         match self.impedance(at) {
             Ok(z) => {
@@ -180,16 +233,14 @@ impl Sheet {
             return exact;
         }
         let needs = self.phantom.needs();
+        let leads = self.phantom.loop_resistance().0;
         let mut seen = |needed: bool, from: [Point; 2]| {
             let resistance = needed.then(|| self.resistance_between(from, at));
             Ohms(resistance.unwrap_or(0.0))
         };
         let context = ReadingContext {
             source_resistance: seen(needs.source_resistance, [METER_HI, METER_LO]),
-            load_resistance: seen(
-                needs.load_resistance,
-                [Point::Source(true), Point::Source(false)],
-            ),
+            load_resistance: Ohms(seen(needs.load_resistance, SOURCE).0 + leads),
             at,
             integration: Duration::from_secs_f64(taken.nplc / self.line_hz),
             range: taken.range,
@@ -205,7 +256,7 @@ impl Sheet {
     /// What a current from the one point to the other meets, ohm; infinite where nothing joins them or the phantom
     /// cannot be solved.
     fn resistance_between(&mut self, [from, to]: [Point; 2], at: Duration) -> f64 {
-        let resistors = self.resistors();
+        let resistors = self.resistors(at);
         match self.impedance(at) {
             Ok(z) => Flow::solve_between(resistors, [from, to], z).resistance(z),
             Err(fault) => {
@@ -217,7 +268,7 @@ impl Sheet {
 
     /// Voltage at the voltmeter for each ampere of the source.
     pub(crate) fn transfer(&mut self, at: Duration) -> Ohms {
-        let resistors = self.resistors();
+        let resistors = self.resistors(at);
         match self.impedance(at) {
             Ok(z) => Ohms(Flow::solve(resistors, z).across(z, METER_HI, METER_LO)),
             Err(fault) => {
@@ -227,26 +278,39 @@ impl Sheet {
         }
     }
 
-    fn resistors(&self) -> Vec<Resistor> {
+    fn resistors(&mut self, at: Duration) -> Vec<Resistor> {
         let scanned = self
             .scanned
             .iter()
             .filter(|relay| !self.closed.contains(relay));
         let asked = self.closed.iter().chain(scanned).copied();
-        let poles = (1..).zip(self.poles).filter_map(|(pole, electrode)| {
-            Some(Relay(pole * 100 + u32::try_from(electrode?.number()).ok()?))
-        });
-        let wires = self
-            .really(asked.chain(poles))
-            .flat_map(|relay| self.fixture.joined(relay));
+        let closed = self.really(asked.chain(chips(self.poles)));
+        let wires: Vec<Resistor> = if self.phantom.bends_wires() {
+            let closed: Vec<Relay> = closed.collect();
+            let mut wires = Vec::new();
+            for relay in closed {
+                let closures = self.closures.get(&relay).copied().unwrap_or(0);
+                let more = self.phantom.relay_contact(relay, closures, at).ohms.0;
+                wires.extend(self.fixture.joined(relay).map(|wire| Resistor {
+                    ohms: wire.ohms + more,
+                    ..wire
+                }));
+            }
+            wires
+        } else {
+            closed
+                .flat_map(|relay| self.fixture.joined(relay))
+                .collect()
+        };
         let Some(hanging) = &self.hanging else {
-            return wires.collect();
+            return wires;
         };
         let lead = |point| match point {
             Point::Electrode(index) => Point::Terminal(index),
             other => other,
         };
         wires
+            .into_iter()
             .map(|wire| Resistor {
                 from: lead(wire.from),
                 to: lead(wire.to),
@@ -267,7 +331,8 @@ impl Sheet {
 
 impl keithley_6221::Load for Sheet {
     fn resistance(&mut self, at: Duration) -> Ohms {
-        Ohms(self.resistance_between([Point::Source(true), Point::Source(false)], at))
+        let leads = self.phantom.loop_resistance().0;
+        Ohms(self.resistance_between(SOURCE, at) + leads)
     }
 
     fn drive(&mut self, flowing: Amps, range: Amps, at: Duration) {

@@ -1,50 +1,75 @@
 //! Imperfections: none, until a scene asks. Each is one file with its physics, formula and source.
 //!
-//! An effect acts on the sheet's conductance, on the contacts, on the network between the electrodes, or on a reading;
-//! a scene's effects are lists of those four kinds, so that one that is not named is not there to be asked. Each draws
-//! from a stream of its own. What acts on sheet, contacts or network says by its **epoch** when it changes: between, the
-//! same solution serves.
+//! An effect acts on where the electrodes are, on what a pressure takes from the conductance, on what the loads have taken,
+//! on the sheet's conductance, on the contacts, on the network between the electrodes, on the wires to the instruments, or
+//! on a reading; a scene's effects are lists of those kinds, so that one that is not named is not there to be asked. Each
+//! draws from a stream of its own. What acts on sheet, contacts or network says by its **epoch** when it changes: between,
+//! the same solution serves.
+//!
+//! Compliance is no effect: the simulated 6221 clamps by itself, at its own voltage limit.
 
+mod acts;
 mod autozero_off;
 mod bias_current;
 mod bounds;
 mod channel_noise;
+mod channel_resistance;
 mod charge_injection;
 mod common_mode;
 mod contact_drift;
 mod contact_spread;
 mod crack;
+mod creep;
+mod crosstalk;
 mod current_error;
 mod current_noise;
 mod detachment;
+mod electrode_placement;
+mod exponential_law;
+mod foam;
+mod gauge_law;
 mod humidity;
+mod hysteresis;
 mod input_resistance;
 mod isolation;
+mod lead_resistance;
 mod leakage;
+mod log_law;
 mod long_drift;
 mod mains_pickup;
 mod output_resistance;
 mod quantisation;
+mod relay_bounce;
+mod self_heating;
+mod set;
 mod short;
 mod source_settling;
 mod spray;
+mod stretch;
 mod temperature;
 mod thermal_emf;
 mod voltmeter_gain;
 mod voltmeter_noise;
 mod wander;
+mod wear;
 
 use std::fmt;
 use std::time::Duration;
 
-use nalgebra::DMatrix;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use survey::{Amps, Ohms, Relay, Volts};
 
+pub use acts::RelayContact;
+pub(crate) use acts::{
+    OnContacts, OnLoss, OnMesh, OnNetwork, OnReading, OnSheet, OnWires, Places,
+};
 pub use bounds::Fault as ParameterFault;
+pub(crate) use foam::Foam;
+
+use crate::law::{Conduction, Law, Pressure};
 
 use crate::preview::Preview;
 
@@ -172,6 +197,24 @@ macro_rules! effects {
 }
 
 effects! {
+    /// Electrodes beside their places, and of other widths.
+    electrode_placement: ElectrodePlacementSettings = "electrode-placement";
+    /// Stress and strain of the foam.
+    foam: FoamSettings = "foam";
+    /// Conductance of small strains.
+    gauge_law: GaugeLawSettings = "gauge-law";
+    /// Conductance of large strains.
+    exponential_law: ExponentialLawSettings = "exponential-law";
+    /// Conductance of a force-sensing film.
+    log_law: LogLawSettings = "log-law";
+    /// More loss on the way back than on the way there.
+    hysteresis: HysteresisSettings = "hysteresis";
+    /// A loss that goes on growing under a load.
+    creep: CreepSettings = "creep";
+    /// What stays after many loads.
+    set: SetSettings = "set";
+    /// Foam that widens under a load.
+    stretch: StretchSettings = "stretch";
     /// Uneven spraying of the sheet.
     spray: SpraySettings = "spray";
     /// Temperature of the sheet.
@@ -192,6 +235,14 @@ effects! {
     short: ShortSettings = "short";
     /// Leakage between wires.
     isolation: IsolationSettings = "isolation";
+    /// What relays add to the resistance of their paths.
+    channel_resistance: ChannelResistanceSettings = "channel-resistance";
+    /// The source's wires.
+    lead_resistance: LeadResistanceSettings = "lead-resistance";
+    /// Relays that stick when their life is over.
+    wear: WearSettings = "wear";
+    /// The current that warms the sheet.
+    self_heating: SelfHeatingSettings = "self-heating";
     /// Gain and offset of the source.
     current_error: CurrentErrorSettings = "current-error";
     /// Noise of the source.
@@ -202,12 +253,16 @@ effects! {
     source_settling: SourceSettlingSettings = "source-settling";
     /// Charge that a switching relay leaves behind.
     charge_injection: ChargeInjectionSettings = "charge-injection";
+    /// Steps of the driven wires in the measuring ones.
+    crosstalk: CrosstalkSettings = "crosstalk";
     /// Thermal voltages of the relays.
     thermal_emf: ThermalEmfSettings = "thermal-emf";
     /// Channels noisier than the others.
     channel_noise: ChannelNoiseSettings = "channel-noise";
     /// Leakage of a FET multiplexer.
     leakage: LeakageSettings = "leakage";
+    /// Relays that are not there yet.
+    relay_bounce: RelayBounceSettings = "relay-bounce";
     /// Mains in the leads.
     mains_pickup: MainsPickupSettings = "mains-pickup";
     /// What both leads have in common.
@@ -255,55 +310,60 @@ impl EffectSettings {
     }
 }
 
-/// Acts on the sheet.
-pub(crate) trait OnSheet: fmt::Debug + Send {
-    /// Changes the conductance of triangles (S per square) whose centroids are `places` (m).
-    fn act(&mut self, at: Duration, places: &[[f64; 2]], sigma: &mut [f64]);
+/// Effects that say different things about the same, and why a scene cannot have both.
+const CONTRADICTING: [(&str, &str, &str); 4] = [
+    (
+        "gauge-law",
+        "exponential-law",
+        "both say what a strain does to the conductance",
+    ),
+    (
+        "gauge-law",
+        "log-law",
+        "both say what a load does to the conductance",
+    ),
+    (
+        "exponential-law",
+        "log-law",
+        "both say what a load does to the conductance",
+    ),
+    (
+        "foam",
+        "log-law",
+        "the film takes the pressure itself, no strain",
+    ),
+];
 
-    /// Changes whenever [`OnSheet::act`] would give something else.
-    fn epoch(&self, at: Duration) -> u64;
-}
-
-/// Acts on the contacts.
-pub(crate) trait OnContacts: fmt::Debug + Send {
-    /// Changes the contact impedances, ohm m, one an electrode.
-    fn act(&mut self, at: Duration, contacts: &mut [f64]);
-
-    /// Changes whenever [`OnContacts::act`] would give something else.
-    fn epoch(&self, at: Duration) -> u64;
-}
-
-/// Acts on what lies between the electrodes beside the sheet.
-pub(crate) trait OnNetwork: fmt::Debug + Send {
-    /// Changes the transfer impedance, ohm.
-    fn act(&mut self, at: Duration, z: &mut DMatrix<f64>);
-
-    /// Changes whenever [`OnNetwork::act`] would give something else.
-    fn epoch(&self, at: Duration) -> u64;
-}
-
-/// Acts on a reading.
-pub(crate) trait OnReading: fmt::Debug + Send {
-    /// The voltage as it leaves the effect.
-    fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts;
-
-    /// Whether it must be told [`ReadingContext::source_resistance`].
-    fn needs_source_resistance(&self) -> bool {
-        false
+impl EffectSettings {
+    /// Whether one of the effects takes the place of the loss p / (p + p_half), and which.
+    pub(crate) fn own_law(&self) -> Option<&'static str> {
+        let laws = ["gauge-law", "exponential-law", "log-law"];
+        self.named()
+            .map(|(name, _)| name)
+            .find(|name| laws.contains(name))
     }
 
-    /// Whether it must be told [`ReadingContext::load_resistance`].
-    fn needs_load_resistance(&self) -> bool {
-        false
+    /// Two effects that contradict each other: the later one in the list, the other, and why.
+    pub(crate) fn contradiction(&self) -> Option<(&'static str, &'static str, &'static str)> {
+        let named: Vec<&str> = self.named().map(|(name, _)| name).collect();
+        CONTRADICTING
+            .into_iter()
+            .find(|(one, other, _)| named.contains(one) && named.contains(other))
+            .map(|(one, other, why)| (other, one, why))
     }
 }
 
 /// The effects that a scene named, in order.
 #[derive(Debug, Default)]
 pub(crate) struct Effects {
+    pub(crate) mesh: Vec<Box<dyn OnMesh>>,
+    foam: Option<Foam>,
+    conduction: Option<Box<dyn Conduction>>,
+    pub(crate) losses: Vec<Box<dyn OnLoss>>,
     pub(crate) sheet: Vec<Box<dyn OnSheet>>,
     pub(crate) contacts: Vec<Box<dyn OnContacts>>,
     pub(crate) network: Vec<Box<dyn OnNetwork>>,
+    pub(crate) wires: Vec<Box<dyn OnWires>>,
     readings: Vec<Box<dyn OnReading>>,
 }
 
@@ -314,6 +374,15 @@ impl Effects {
             named.add(seed, &mut effects);
         }
         effects
+    }
+
+    /// What a pressure does to the conductance.
+    pub(crate) fn law(&mut self, pressure: Pressure) -> Law {
+        Law {
+            pressure,
+            foam: self.foam.take(),
+            conduction: self.conduction.take(),
+        }
     }
 
     pub(crate) fn needs(&self) -> Needs {

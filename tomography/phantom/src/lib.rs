@@ -22,8 +22,11 @@
 //! ```
 
 mod effects;
+mod history;
+mod law;
 mod load;
 pub mod paper;
+mod press;
 mod preview;
 mod scan;
 mod scene;
@@ -31,10 +34,12 @@ mod sheet;
 mod shipped;
 
 pub use effects::settings::*;
-pub use effects::{EffectSettings, Needs, ParameterFault, ReadingContext};
+pub use effects::{EffectSettings, Needs, ParameterFault, ReadingContext, RelayContact};
+pub use law::Pressure;
 pub use load::{GRAVITY, Load, LoadError, Shape, loss_of_pressure, pressure_kpa};
+pub use press::{Amount, Contact, TimedLoad, Waypoint};
 pub use preview::{Prediction, Preview};
 pub use scan::Scan;
-pub use scene::{FINER, Scene, SceneError, SceneFault, TimedLoad};
+pub use scene::{FINER, Scene, SceneError, SceneFault};
 pub use sheet::{Phantom, PhantomError};
 pub use shipped::OpenError;

@@ -149,21 +149,29 @@ impl Load {
     /// # Errors
     /// The first fault, naming load and measure.
     pub fn check(&self) -> Result<(), LoadError> {
-        let load = || self.name.clone();
+        self.check_outline()?;
+        if !(0.0..=1.0).contains(&self.loss) {
+            return Err(LoadError::Loss {
+                load: self.name.clone(),
+                loss: self.loss,
+            });
+        }
+        Ok(())
+    }
+
+    /// The same without the loss: a law may give a negative one.
+    pub(crate) fn check_outline(&self) -> Result<(), LoadError> {
         for (key, value) in [
             ("x_mm", self.centre_mm[0]),
             ("y_mm", self.centre_mm[1]),
             ("turn_deg", self.turn_deg),
         ] {
             if !value.is_finite() {
-                return Err(LoadError::Place { load: load(), key });
+                return Err(LoadError::Place {
+                    load: self.name.clone(),
+                    key,
+                });
             }
-        }
-        if !(0.0..=1.0).contains(&self.loss) {
-            return Err(LoadError::Loss {
-                load: load(),
-                loss: self.loss,
-            });
         }
         self.shape.check(&self.name)
     }
@@ -190,6 +198,12 @@ impl Load {
     /// A load from which nothing follows, or beside the mesh.
     pub fn coverage(&self, mesh: &Mesh) -> Result<Vec<(usize, f64)>, LoadError> {
         self.check()?;
+        self.covered(mesh)
+    }
+
+    /// The same whatever the loss is.
+    pub(crate) fn covered(&self, mesh: &Mesh) -> Result<Vec<(usize, f64)>, LoadError> {
+        self.check_outline()?;
         let outline = self.outline();
         let [low, high] = bounds(&outline);
         let covered: Vec<(usize, f64)> = (0..mesh.triangles().len())

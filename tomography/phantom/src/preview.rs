@@ -24,6 +24,8 @@ const FINENESS: f64 = 0.6;
 const MOMENTS: usize = 240;
 /// Frames at which loads are looked at.
 const LOADED: usize = 24;
+/// Frames at which the loads are solved with and without an effect on them.
+const PRESSED: usize = 12;
 
 /// One reading of the unloaded sheet.
 #[derive(Debug, Clone)]
@@ -40,6 +42,8 @@ pub struct Preview {
     scan: Scan,
     sights: Vec<Sight>,
     effects: EffectSettings,
+    /// With its loads, without effects, on a coarse mesh.
+    pressed: Scene,
     phantom: Phantom,
     z: DMatrix<f64>,
     signal: Option<f64>,
@@ -102,6 +106,11 @@ impl Preview {
         let mut preview = Self {
             sights,
             effects: scene.effects.clone(),
+            pressed: Scene {
+                sheet: coarse(&scene.sheet),
+                effects: EffectSettings::default(),
+                ..scene.clone()
+            },
             phantom,
             z,
             signal: None,
@@ -120,7 +129,7 @@ impl Preview {
             return Ok(None);
         }
         let mut loaded = Phantom::new(Scene {
-            effects: EffectSettings::default(),
+            effects: self.laws(),
             ..scene.clone()
         })?;
         let mut largest: Option<f64> = None;
@@ -248,6 +257,82 @@ impl Preview {
             .map_or(f64::INFINITY, |z| self.changed_by(&z))
     }
 
+    /// The effects of the scene that say what a pressure does.
+    fn laws(&self) -> EffectSettings {
+        EffectSettings {
+            foam: self.effects.foam.clone(),
+            gauge_law: self.effects.gauge_law.clone(),
+            exponential_law: self.effects.exponential_law.clone(),
+            log_law: self.effects.log_law.clone(),
+            ..EffectSettings::default()
+        }
+    }
+
+    /// What an effect on the loads changes readings by: rms over some frames of the scene's loads, solved with it and
+    /// without. Nothing without loads.
+    pub(crate) fn on_loads(&self, set: impl Fn(&mut EffectSettings, bool)) -> f64 {
+        if self.pressed.loads.is_empty() {
+            return 0.0;
+        }
+        let both = [true, false].map(|on| {
+            let mut effects = self.laws();
+            set(&mut effects, on);
+            Phantom::new(Scene {
+                effects,
+                ..self.pressed.clone()
+            })
+        });
+        let [Ok(mut with), Ok(mut without)] = both else {
+            return f64::INFINITY;
+        };
+        let mut squares = Vec::new();
+        for at in self.moments(PRESSED) {
+            let (Ok(one), Ok(other)) =
+                (with.transfer_impedance(at), without.transfer_impedance(at))
+            else {
+                return f64::INFINITY;
+            };
+            squares.push(self.apart(one, other).powi(2));
+        }
+        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+    }
+
+    /// What an effect on the unloaded sheet's mesh changes readings by, with the scene's own draws.
+    pub(crate) fn misplaced(&self, set: impl FnOnce(&mut EffectSettings)) -> f64 {
+        let mut scene = Scene {
+            loads: Vec::new(),
+            ..self.pressed.clone()
+        };
+        let drawn = Phantom::new(scene.clone());
+        set(&mut scene.effects);
+        match (Phantom::new(scene), drawn) {
+            (Ok(mut one), Ok(mut other)) => {
+                let at = Duration::ZERO;
+                match (one.transfer_impedance(at), other.transfer_impedance(at)) {
+                    (Ok(one), Ok(other)) => self.apart(one, other),
+                    _ => f64::INFINITY,
+                }
+            }
+            _ => f64::INFINITY,
+        }
+    }
+
+    /// What the voltmeter's input has, ohm; without bound where the scene does not say.
+    pub(crate) fn input_ohm(&self) -> f64 {
+        let named = self.effects.input_resistance.as_ref();
+        named.map_or(f64::INFINITY, |input| input.mohm * 1e6)
+    }
+
+    /// Rms of what readings differ by between two networks (ohm), V.
+    fn apart(&self, one: &DMatrix<f64>, other: &DMatrix<f64>) -> f64 {
+        let asked = self.scan.protocol.measurements().iter();
+        let differ = one - other;
+        let sum: f64 = asked
+            .map(|asked| (self.scan.current.0 * across(&differ, asked.sense, asked.drive)).powi(2))
+            .sum();
+        (sum / self.sights.len() as f64).sqrt()
+    }
+
     fn changed_by(&self, z: &DMatrix<f64>) -> f64 {
         let asked = self.scan.protocol.measurements().iter();
         let sum: f64 = asked
@@ -260,18 +345,20 @@ impl Preview {
     }
 }
 
-/// The sensitivity of readings (V) to ln(conductance) of squares of the whole sheet, and the squares' centres (m). On a
-/// mesh of its own: first order needs no fine one.
-fn cells(scene: &Scene, scan: &Scan) -> Result<(DMatrix<f64>, Vec<[f64; 2]>), PhantomError> {
-    let fineness = match &scene.sheet {
+/// The sheet on a mesh that is fine enough for first order.
+fn coarse(sheet: &Preset) -> Preset {
+    let fineness = match sheet {
         Preset::PaperSheet(sheet) => sheet.fineness,
         Preset::DiscTank(tank) => tank.fineness,
     };
+    sheet.clone().remeshed((FINENESS / fineness).min(1.0), 0)
+}
+
+/// The sensitivity of readings (V) to ln(conductance) of squares of the whole sheet, and the squares' centres (m). On a
+/// mesh of its own: first order needs no fine one.
+fn cells(scene: &Scene, scan: &Scan) -> Result<(DMatrix<f64>, Vec<[f64; 2]>), PhantomError> {
     let coarse = Phantom::new(Scene {
-        sheet: scene
-            .sheet
-            .clone()
-            .remeshed((FINENESS / fineness).min(1.0), 0),
+        sheet: coarse(&scene.sheet),
         ..scene.clone()
     })?;
     let mesh = coarse.mesh();

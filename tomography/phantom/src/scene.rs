@@ -1,5 +1,6 @@
 //! Scenes: sheet, loads on a time line, effects, seed; written in TOML, refused as file:line:column.
 
+mod load_text;
 mod unknown;
 
 use std::ops::Range;
@@ -10,30 +11,14 @@ use serde::Deserialize;
 use survey::Electrode;
 use toml::Spanned;
 
-use crate::effects::EffectSettings;
-use crate::load::{Load, Shape, loss_of_pressure, pressure_kpa};
+use crate::effects::{EffectSettings, Effects};
+use crate::law::{Law, Pressure};
+use crate::load::{Load, LoadError, Shape};
 use crate::paper;
+use crate::press::{Amount, Contact, TimedLoad, Waypoint, hertz_radius_mm};
 
 /// How much finer than its preset the phantom's mesh is, unless the scene says.
 pub const FINER: f64 = 1.5;
-
-/// A load and when it is on the sheet.
-#[derive(Debug, Clone, PartialEq)]
-pub struct TimedLoad {
-    /// What is pressed.
-    pub load: Load,
-    /// From this moment.
-    pub from: Duration,
-    /// Until this moment, excluded; `None` for good.
-    pub to: Option<Duration>,
-}
-
-impl TimedLoad {
-    /// Whether the load is on the sheet.
-    pub fn is_on(&self, at: Duration) -> bool {
-        at >= self.from && self.to.is_none_or(|to| at < to)
-    }
-}
 
 /// Something that goes wrong with the instruments, and when. Its words are those of whoever has the instruments.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,6 +42,8 @@ pub struct Scene {
     pub seed: u64,
     /// The sheet with its resistance and contacts, at the fineness of the phantom's own mesh.
     pub sheet: Preset,
+    /// What foam is made of.
+    pub pressure: Pressure,
     /// The time line.
     pub loads: Vec<TimedLoad>,
     /// The effects, none unless named.
@@ -135,49 +122,11 @@ impl Default for MeshText {
     }
 }
 
-#[derive(Deserialize)]
+#[derive(Deserialize, Default)]
 #[serde(default, deny_unknown_fields)]
 struct PressureText {
-    half_kpa: f64,
-}
-
-impl Default for PressureText {
-    fn default() -> Self {
-        Self {
-            half_kpa: paper::HALF_KPA,
-        }
-    }
-}
-
-#[derive(Deserialize, Clone, Copy, PartialEq, Debug)]
-#[serde(rename_all = "kebab-case")]
-enum ShapeName {
-    Disc,
-    Rectangle,
-    Triangle,
-    FigureEight,
-    Polygon,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct LoadText {
-    name: Option<String>,
-    shape: ShapeName,
-    x_mm: f64,
-    y_mm: f64,
-    #[serde(default)]
-    turn_deg: f64,
-    diameter_mm: Option<Spanned<f64>>,
-    distance_mm: Option<Spanned<f64>>,
-    width_mm: Option<Spanned<f64>>,
-    height_mm: Option<Spanned<f64>>,
-    side_mm: Option<Spanned<f64>>,
-    points_mm: Option<Spanned<Vec<[f64; 2]>>>,
-    loss_percent: Option<Spanned<f64>>,
-    mass_g: Option<Spanned<f64>>,
-    from_s: Option<Spanned<f64>>,
-    to_s: Option<Spanned<f64>>,
+    half_kpa: Option<Spanned<f64>>,
+    modulus_kpa: Option<Spanned<f64>>,
 }
 
 /// A fault at a place of the text.
@@ -202,10 +151,10 @@ impl Scene {
                 if let Some((span, why)) = unknown::unknown_effect(text) {
                     return Fault(span, why);
                 }
-                Fault(
-                    fault.span().unwrap_or(0..0),
-                    fault.message().trim().replace('\n', ", "),
-                )
+                let message = fault.message().trim().replace('
+', ", ");
+                let hint = unknown::with_unit(&message);
+                Fault(fault.span().unwrap_or(0..0), message + &hint)
             })
             .and_then(|scene| {
                 scene.scene(text, |span| {
@@ -230,6 +179,7 @@ impl Scene {
             name: "quiet".to_owned(),
             seed: 0,
             sheet: Preset::default().remeshed(FINER, 1),
+            pressure: Pressure::default(),
             loads: Vec::new(),
             effects: EffectSettings::default(),
             faults: Vec::new(),
@@ -243,11 +193,7 @@ impl Scene {
         let centre = *paper::test1_positions().get(position)?;
         Some(Self {
             name: format!("paper test 1, position {}", position + 1),
-            loads: vec![TimedLoad {
-                load: paper::s1(centre),
-                from: Duration::ZERO,
-                to: None,
-            }],
+            loads: vec![TimedLoad::still(paper::s1(centre), Duration::ZERO, None)],
             ..Self::quiet()
         })
     }
@@ -272,14 +218,8 @@ impl Text {
                 format!("mesh.fineness is {fineness}, it must be a positive number"),
             ));
         }
-        let (pressure_span, PressureText { half_kpa }) = spanned(self.pressure);
-        if !(half_kpa > 0.0 && half_kpa.is_finite()) {
-            return Err(Fault(
-                pressure_span,
-                format!("pressure.half_kpa is {half_kpa}, it must be a positive number"),
-            ));
-        }
         let (effects_span, effects) = spanned(self.effects);
+        let pressure = pressure(self.pressure, &effects)?;
         let checked = effects
             .check()
             .and_then(|()| effects.check_electrodes(sheet.electrodes()));
@@ -288,13 +228,19 @@ impl Text {
             let why = format!("effects.{effect}.{} {}", fault.key, fault.why);
             return Err(Fault(span, why));
         }
+        if let Some((effect, other, why)) = effects.contradiction() {
+            let span = key_span(text, &["effects", effect]).unwrap_or(effects_span);
+            let why = format!("effects.{effect} contradicts effects.{other}: {why}");
+            return Err(Fault(span, why));
+        }
+        let law = Effects::new(&effects, self.seed).law(pressure);
         let loads = self
             .load
             .into_iter()
             .enumerate()
             .map(|(index, load)| {
                 let span = load.span();
-                load.into_inner().load(index, span, half_kpa)
+                load.into_inner().load(index, span, &law, &sheet)
             })
             .collect::<Result<_, _>>()?;
         let faults = self
@@ -334,6 +280,7 @@ impl Text {
             name: self.name.unwrap_or_else(|| "unnamed".to_owned()),
             seed: self.seed,
             sheet: sheet.remeshed(fineness, seeding),
+            pressure,
             loads,
             effects,
             faults,
@@ -342,126 +289,34 @@ impl Text {
     }
 }
 
-impl LoadText {
-    fn load(self, index: usize, span: Range<usize>, half_kpa: f64) -> Result<TimedLoad, Fault> {
-        let missing = |key: &str| {
-            Fault(
-                span.clone(),
-                format!("a load of this shape needs the key `{key}`"),
-            )
-        };
-        let (used, shape) = {
-            let need = |value: &Option<Spanned<f64>>, key: &str| {
-                value
-                    .as_ref()
-                    .map(|value| *value.get_ref())
-                    .ok_or_else(|| missing(key))
-            };
-            match self.shape {
-                ShapeName::Disc => (
-                    &["diameter_mm"][..],
-                    Shape::Disc {
-                        diameter_mm: need(&self.diameter_mm, "diameter_mm")?,
-                    },
-                ),
-                ShapeName::Rectangle => (
-                    &["width_mm", "height_mm"][..],
-                    Shape::Rectangle {
-                        width_mm: need(&self.width_mm, "width_mm")?,
-                        height_mm: need(&self.height_mm, "height_mm")?,
-                    },
-                ),
-                ShapeName::Triangle => (
-                    &["side_mm"][..],
-                    Shape::Triangle {
-                        side_mm: need(&self.side_mm, "side_mm")?,
-                    },
-                ),
-                ShapeName::FigureEight => (
-                    &["diameter_mm", "distance_mm"][..],
-                    Shape::FigureEight {
-                        diameter_mm: need(&self.diameter_mm, "diameter_mm")?,
-                        distance_mm: need(&self.distance_mm, "distance_mm")?,
-                    },
-                ),
-                ShapeName::Polygon => (
-                    &["points_mm"][..],
-                    Shape::Polygon {
-                        points_mm: self
-                            .points_mm
-                            .as_ref()
-                            .map(|points| points.get_ref().clone())
-                            .ok_or_else(|| missing("points_mm"))?,
-                    },
-                ),
-            }
-        };
-        let measures = [
-            ("diameter_mm", self.diameter_mm.as_ref().map(Spanned::span)),
-            ("distance_mm", self.distance_mm.as_ref().map(Spanned::span)),
-            ("width_mm", self.width_mm.as_ref().map(Spanned::span)),
-            ("height_mm", self.height_mm.as_ref().map(Spanned::span)),
-            ("side_mm", self.side_mm.as_ref().map(Spanned::span)),
-            ("points_mm", self.points_mm.as_ref().map(Spanned::span)),
-        ];
-        for (key, at) in measures {
-            if let Some(at) = at
-                && !used.contains(&key)
-            {
-                return Err(Fault(
-                    at,
-                    format!(
-                        "key `{key}` does not belong to this shape ({})",
-                        used.join(", ")
-                    ),
-                ));
-            }
-        }
-        let loss = match (&self.loss_percent, &self.mass_g) {
-            (Some(percent), None) => percent.get_ref() / 100.0,
-            (None, Some(mass)) => {
-                let grams = *mass.get_ref();
-                if !(grams > 0.0 && grams.is_finite()) {
-                    return Err(Fault(
-                        mass.span(),
-                        format!("mass_g is {grams}, it must be a positive number"),
-                    ));
-                }
-                loss_of_pressure(pressure_kpa(grams, shape.area()), half_kpa)
-            }
-            (Some(_), Some(mass)) => {
-                return Err(Fault(
-                    mass.span(),
-                    "a load has either loss_percent or mass_g, not both".to_owned(),
-                ));
-            }
-            (None, None) => return Err(missing("loss_percent` or `mass_g")),
-        };
-        let load = Load {
-            name: self.name.unwrap_or_else(|| format!("load {}", index + 1)),
-            shape,
-            centre_mm: [self.x_mm, self.y_mm],
-            turn_deg: self.turn_deg,
-            loss,
-        };
-        load.check()
-            .map_err(|fault| Fault(span.clone(), fault.to_string()))?;
-        let from = moment(self.from_s.as_ref(), "from_s")?;
-        let to = moment(self.to_s.as_ref(), "to_s")?;
-        if let (Some(to), Some(at)) = (to, &self.to_s)
-            && to <= from.unwrap_or_default()
-        {
-            return Err(Fault(
-                at.span(),
-                "to_s must be later than from_s".to_owned(),
-            ));
-        }
-        Ok(TimedLoad {
-            load,
-            from: from.unwrap_or_default(),
-            to,
-        })
+/// The table `[pressure]`, or its default.
+fn pressure(
+    text: Option<Spanned<PressureText>>,
+    effects: &EffectSettings,
+) -> Result<Pressure, Fault> {
+    let (_, text) = spanned(text);
+    let default = Pressure::default();
+    let positive = |given: &Option<Spanned<f64>>, key: &str, default: f64| match given {
+        Some(value) if !(*value.get_ref() > 0.0 && value.get_ref().is_finite()) => Err(Fault(
+            value.span(),
+            format!(
+                "pressure.{key} is {}, it must be a positive number",
+                value.get_ref()
+            ),
+        )),
+        Some(value) => Ok(*value.get_ref()),
+        None => Ok(default),
+    };
+    if let (Some(half), Some(law)) = (&text.half_kpa, effects.own_law()) {
+        let why = format!(
+            "pressure.half_kpa contradicts effects.{law}: both say what a load does to the conductance"
+        );
+        return Err(Fault(half.span(), why));
     }
+    Ok(Pressure {
+        half_kpa: positive(&text.half_kpa, "half_kpa", default.half_kpa)?,
+        modulus_kpa: positive(&text.modulus_kpa, "modulus_kpa", default.modulus_kpa)?,
+    })
 }
 
 /// Where the value of a key stands.

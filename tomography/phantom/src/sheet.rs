@@ -5,11 +5,14 @@ use std::time::Duration;
 
 use eit::{DiscTank, Forward, ForwardError, Mesh, MeshError, PaperSheet, Preset};
 use nalgebra::DMatrix;
-use survey::Volts;
+use survey::{Ohms, Relay, Volts};
 
-use crate::effects::{Effects, Needs, ReadingContext};
+use crate::effects::{Effects, Needs, Places, ReadingContext, RelayContact};
+use crate::history::History;
+use crate::law::Law;
 use crate::load::{Load, LoadError};
-use crate::scene::{Scene, TimedLoad};
+use crate::press::{Print, Stage};
+use crate::scene::Scene;
 
 /// Solutions kept: the untouched sheet and a few recent states.
 const KEPT: usize = 8;
@@ -35,25 +38,34 @@ pub struct Phantom {
     forward: Forward,
     /// The contact impedances without effects, ohm m.
     contacts: Vec<f64>,
-    /// Centroids of the triangles, m.
+    /// Centroids (m) and areas (m2) of the triangles.
     places: Vec<[f64; 2]>,
-    /// Covered share of triangles of each load of the time line.
-    covered: Vec<Vec<(usize, f64)>>,
+    areas: Vec<f64>,
+    law: Law,
+    /// What each load of the time line takes away, at the step that was asked for last.
+    prints: Vec<(Stage, Print)>,
     /// Loads pressed by hand.
-    live: Vec<(Load, Vec<(usize, f64)>)>,
+    live: Vec<(Load, Print)>,
+    /// They have changed since the history was followed.
+    live_changed: bool,
+    /// Where an effect remembers.
+    history: Option<History>,
     /// Most recent last.
     solved: Vec<(State, DMatrix<f64>)>,
     effects: Effects,
 }
 
-/// What decides the solution: which loads of the time line are on, the loads pressed by hand, what effects are at.
+/// What decides the solution: where each load of the time line is, the loads pressed by hand, what effects are at.
 #[derive(Debug, Clone, PartialEq)]
 struct State {
-    on: Vec<bool>,
+    stages: Vec<Option<Stage>>,
     live: Vec<Load>,
-    /// Of the effects on sheet, contacts and network.
+    /// Of the effects on sheet, contacts and network, and of what the sheet remembers.
     epochs: Vec<u64>,
 }
+
+/// No conductance falls below this share of the sheet's own in what the sheet remembers.
+const LEAST: f64 = 1e-8;
 
 /// Length of each electrode's contact, m: what 1 ohm is in ohm m.
 fn contact_lengths(sheet: &Preset) -> Vec<f64> {
@@ -70,35 +82,55 @@ fn contact_lengths(sheet: &Preset) -> Vec<f64> {
     .contact_ohm_m()
 }
 
+/// The mesh with its nodes where the scene's effects put them.
+fn displaced(mesh: Mesh, sheet: &Preset, effects: &Effects) -> Result<Mesh, MeshError> {
+    if effects.mesh.is_empty() {
+        return Ok(mesh);
+    }
+    let mut nodes = mesh.nodes().to_vec();
+    for effect in &effects.mesh {
+        effect.displace(sheet, &mut nodes);
+    }
+    let (triangles, edges) = (mesh.triangles().to_vec(), mesh.electrode_edges().to_vec());
+    Mesh::new(nodes, triangles, edges, Some(mesh.region().to_vec()))
+}
+
 impl Phantom {
     /// Meshes the scene's sheet and places its loads.
     ///
     /// # Errors
     /// Measures that do not fit together, or a load beside the sheet.
     pub fn new(scene: Scene) -> Result<Self, PhantomError> {
-        let mesh = Arc::new(scene.sheet.mesh()?);
-        let covered = scene
+        let mut effects = Effects::new(&scene.effects, scene.seed);
+        let law = effects.law(scene.pressure);
+        let mesh = Arc::new(displaced(scene.sheet.mesh()?, &scene.sheet, &effects)?);
+        let begin = [0, 0];
+        let prints = scene
             .loads
             .iter()
-            .map(|timed| timed.load.coverage(&mesh))
-            .collect::<Result<_, _>>()?;
+            .map(|timed| Ok((begin, timed.print(begin, &law, &mesh)?)))
+            .collect::<Result<_, LoadError>>()?;
         let mut contacts = scene.sheet.contact_ohm_m();
         let lengths = contact_lengths(&scene.sheet);
         for (electrode, ohm) in &scene.contacts {
             contacts[electrode.0] = ohm * lengths[electrode.0];
         }
-        let places = (0..mesh.triangles().len())
-            .map(|t| mesh.centroid(t))
-            .collect();
+        let triangles = 0..mesh.triangles().len();
+        let places = triangles.clone().map(|t| mesh.centroid(t)).collect();
+        let areas = triangles.map(|t| mesh.area(t)).collect();
         let forward = Forward::new(mesh, &contacts)?;
-        let effects = Effects::new(&scene.effects, scene.seed);
+        let history = History::new(std::mem::take(&mut effects.losses));
         Ok(Self {
             scene,
             forward,
             contacts,
             places,
-            covered,
+            areas,
+            law,
+            prints,
             live: Vec::new(),
+            live_changed: false,
+            history,
             solved: Vec::new(),
             effects,
         })
@@ -124,13 +156,11 @@ impl Phantom {
     }
 
     /// The loads on the sheet at a moment: those of the time line, then those pressed by hand.
-    pub fn loads(&self, at: Duration) -> impl Iterator<Item = &Load> {
-        self.scene
-            .loads
-            .iter()
-            .filter(move |timed| timed.is_on(at))
-            .map(|timed| &timed.load)
-            .chain(self.live.iter().map(|(load, _)| load))
+    pub fn loads(&self, at: Duration) -> impl Iterator<Item = Load> {
+        let timed = self.scene.loads.iter();
+        timed
+            .filter_map(move |timed| Some(timed.momentary(timed.stage(at)?, &self.law)))
+            .chain(self.live.iter().map(|(load, _)| load.clone()))
     }
 
     /// Presses a load by hand, beside whatever is on the sheet.
@@ -138,32 +168,27 @@ impl Phantom {
     /// # Errors
     /// A load from which nothing follows, or beside the sheet.
     pub fn press(&mut self, load: Load) -> Result<(), PhantomError> {
-        let covered = load.coverage(self.forward.mesh())?;
-        self.live.push((load, covered));
+        let covered = load.coverage(self.forward.mesh())?.into_iter();
+        let print = covered.map(|(t, share)| (t, load.loss * share)).collect();
+        self.live.push((load, print));
+        self.live_changed = true;
         Ok(())
     }
 
     /// Takes all loads pressed by hand away; the time line goes on.
     pub fn release(&mut self) {
         self.live.clear();
+        self.live_changed = true;
     }
 
     /// The truth: conductance of each triangle of the phantom's own mesh at a moment, S per square. Losses that cover
     /// the same place multiply. Time does not run back: what wanders is answered as it was last.
     pub fn conductance(&mut self, at: Duration) -> Vec<f64> {
+        self.follow(at);
         let mut sigma = vec![self.scene.sheet.conductance(); self.mesh().triangles().len()];
-        let on = self
-            .scene
-            .loads
-            .iter()
-            .zip(&self.covered)
-            .filter(|(timed, _)| timed.is_on(at))
-            .map(|(timed, covered)| (&timed.load, covered));
-        let live = self.live.iter().map(|(load, covered)| (load, covered));
-        for (load, covered) in on.chain(live) {
-            for &(triangle, share) in covered {
-                sigma[triangle] *= 1.0 - load.loss * share;
-            }
+        self.each_print(at, |triangle, lost| sigma[triangle] *= 1.0 - lost);
+        if let Some(history) = &self.history {
+            history.act(&mut sigma);
         }
         for effect in &mut self.effects.sheet {
             effect.act(at, &self.places, &mut sigma);
@@ -171,20 +196,80 @@ impl Phantom {
         sigma
     }
 
+    /// Tells of every triangle under a load what it loses, load by load.
+    fn each_print(&mut self, at: Duration, mut tell: impl FnMut(usize, f64)) {
+        for (timed, (known, print)) in self.scene.loads.iter().zip(&mut self.prints) {
+            let Some(stage) = timed.stage(at) else {
+                continue;
+            };
+            if stage != *known {
+                // The first step has been computed, so that no later one can be refused.
+                let mesh = self.forward.mesh();
+                *print = timed.print(stage, &self.law, mesh).unwrap_or_default();
+                *known = stage;
+            }
+            for &(triangle, lost) in print.iter() {
+                tell(triangle, lost);
+            }
+        }
+        for &(triangle, lost) in self.live.iter().flat_map(|(_, print)| print) {
+            tell(triangle, lost);
+        }
+    }
+
+    /// Lets what remembers go through all that has happened until a moment.
+    fn follow(&mut self, at: Duration) {
+        let Some(mut history) = self.history.take() else {
+            return;
+        };
+        let mut changes = Vec::new();
+        if self.live_changed || history.last().is_none() {
+            changes.push(history.last().unwrap_or_default());
+            self.live_changed = false;
+        }
+        let mut last = history.last().unwrap_or_default();
+        loop {
+            let loads = self.scene.loads.iter();
+            let next = loads.filter_map(|timed| timed.next_change(last)).min();
+            match next.filter(|next| *next <= at) {
+                Some(next) => changes.push(next),
+                None => break,
+            }
+            last = changes[changes.len() - 1];
+        }
+        for change in changes {
+            let on = |at: Duration| self.scene.loads.iter().map(move |timed| timed.is_on(at));
+            let before = history.last();
+            let moved = before.is_some_and(|before| change > before && on(before).eq(on(change)));
+            let mut losses = vec![0.0; self.places.len()];
+            self.each_print(change, |t, lost| losses[t] -= (1.0 - lost).max(LEAST).ln());
+            let places = Places {
+                centroids: &self.places,
+                areas: &self.areas,
+            };
+            history.change(change, losses, moved, &places);
+        }
+        let places = Places {
+            centroids: &self.places,
+            areas: &self.areas,
+        };
+        history.rest(at, &places);
+        self.history = Some(history);
+    }
+
     /// The matrix Z with U = Z I between the electrodes at a moment, ohm; computed once as long as no load changes.
     ///
     /// # Errors
     /// A sheet that cannot be solved.
     pub fn transfer_impedance(&mut self, at: Duration) -> Result<&DMatrix<f64>, PhantomError> {
+        self.follow(at);
+        let mut epochs = self.effects.epochs(at);
+        epochs.extend(self.history.as_ref().map(History::version));
+        let loads = self.scene.loads.iter();
         let state = State {
-            on: self
-                .scene
-                .loads
-                .iter()
-                .map(|timed: &TimedLoad| timed.is_on(at))
-                .collect(),
+            stages: loads.map(|timed| timed.stage(at)).collect(),
             live: self.live.iter().map(|(load, _)| load.clone()).collect(),
-            epochs: self.effects.epochs(at),
+            epochs,
         };
         match self.solved.iter().position(|(solved, _)| *solved == state) {
             Some(known) => {
@@ -219,6 +304,27 @@ impl Phantom {
             effect.act(at, &mut solved);
         }
         Ok(solved)
+    }
+
+    /// Whether an effect acts on relays and wires, so that [`Phantom::relay_contact`] has something to say.
+    pub fn bends_wires(&self) -> bool {
+        !self.effects.wires.is_empty()
+    }
+
+    /// What the scene's effects make of the path of a relay that has closed so often.
+    pub fn relay_contact(&mut self, relay: Relay, closures: u64, at: Duration) -> RelayContact {
+        let mut contact = RelayContact::default();
+        for effect in &mut self.effects.wires {
+            effect.act(relay, closures, at, &mut contact);
+        }
+        contact
+    }
+
+    /// What the scene's effects put into the source's loop beside the relays.
+    pub fn loop_resistance(&self) -> Ohms {
+        let wires = self.effects.wires.iter();
+        // From 0.0: the sum of nothing is -0.0.
+        Ohms(wires.fold(0.0, |sum, effect| sum + effect.loop_resistance().0))
     }
 
     /// What a reading's context must say beside what is at hand.

@@ -7,7 +7,20 @@ use survey::{Amps, Ohms, Relay, Volts};
 
 /// Each effect twice: so that something is seen of it, and with a size of nothing, so that it is there, and draws, and
 /// changes nothing.
-const EFFECTS: [(&str, &str, &str); 26] = [
+const EFFECTS: [(&str, &str, &str); 41] = [
+    (
+        "electrode-placement",
+        "",
+        "off_mm = 0.0\nwidth_percent = 0.0",
+    ),
+    ("foam", "", ""),
+    ("gauge-law", "", ""),
+    ("exponential-law", "", ""),
+    ("log-law", "", ""),
+    ("hysteresis", "", "percent = 0.0"),
+    ("creep", "", "percent = [0.0]\ntau_s = [100.0]"),
+    ("set", "", "percent_per_decade = 0.0"),
+    ("stretch", "", "ratio = 0.0"),
     ("spray", "std = 0.2", "std = 0.0"),
     ("temperature", "", "percent_per_c = 0.0"),
     ("humidity", "", "percent_per_10_rh = 0.0"),
@@ -30,6 +43,10 @@ const EFFECTS: [(&str, &str, &str); 26] = [
         "electrodes = [4, 5]\nfrom_s = 1e9",
     ),
     ("isolation", "", ""),
+    ("channel-resistance", "", "ohm = 0.0\ndirty_percent = 0.0"),
+    ("lead-resistance", "", "ohm = 0.0"),
+    ("wear", "behind_closures = 3e7", "life_closures = 1e12"),
+    ("self-heating", "", "percent_per_c = 0.0"),
     (
         "current-error",
         "",
@@ -39,6 +56,7 @@ const EFFECTS: [(&str, &str, &str); 26] = [
     ("output-resistance", "", ""),
     ("source-settling", "", ""),
     ("charge-injection", "", "pc = 0.0"),
+    ("crosstalk", "", "between_pf = 0.0"),
     ("thermal-emf", "", "uv = 0.0"),
     (
         "channel-noise",
@@ -46,6 +64,7 @@ const EFFECTS: [(&str, &str, &str); 26] = [
         "channels = [1003]\nuv = 0.0",
     ),
     ("leakage", "", "na = 0.0"),
+    ("relay-bounce", "", "operate_ms = 0.0\nbounce_ms = 0.0"),
     ("mains-pickup", "", "mv = 0.0"),
     ("common-mode", "", ""),
     ("input-resistance", "", ""),
@@ -56,8 +75,19 @@ const EFFECTS: [(&str, &str, &str); 26] = [
     ("quantisation", "", "step_uv = 0.0"),
 ];
 
+/// Comes, moves, presses harder, goes: what acts on loads must have one.
+const LOAD: &str = "[[load]]
+shape = \"disc\"
+diameter_mm = 30
+x_mm = 90
+y_mm = 100
+mass_g = 500
+to_s = 80000
+path = [{ at_s = 7200, x_mm = 110 }, { at_s = 14400, mass_g = 900 }, { at_s = 18000, mass_g = 400 }]
+";
+
 fn phantom(effects: &[(&str, &str)]) -> Phantom {
-    let mut text = "seed = 5\n[mesh]\nfineness = 0.3\n".to_owned();
+    let mut text = format!("seed = 5\n[mesh]\nfineness = 0.3\n{LOAD}");
     for (name, parameters) in effects {
         text += &format!("[effects.{name}]\n{parameters}\n");
     }
@@ -65,7 +95,17 @@ fn phantom(effects: &[(&str, &str)]) -> Phantom {
     Phantom::new(scene).unwrap()
 }
 
-/// The bits of all that a scene gives: transfer impedances and readings at three moments.
+/// Effects that act on the wires: the bench asks for it, the phantom's readings know nothing of it.
+fn seen_in_wires(phantom: &mut Phantom, at: Duration, seen: &mut Vec<u64>) {
+    seen.push(phantom.loop_resistance().0.to_bits());
+    for channel in 1001..1009 {
+        let contact = phantom.relay_contact(Relay(channel), 1_000_000, at);
+        seen.push(contact.ohms.0.to_bits());
+        seen.push(contact.stuck.map_or(2, u64::from));
+    }
+}
+
+/// The bits of all that a scene gives: transfer impedances, wires and readings at three moments.
 fn seen(effects: &[(&str, &str)]) -> Vec<u64> {
     let mut phantom = phantom(effects);
     let mut seen = Vec::new();
@@ -73,6 +113,7 @@ fn seen(effects: &[(&str, &str)]) -> Vec<u64> {
         let at = Duration::from_secs(hours * 3600 + 1);
         let z = phantom.transfer_impedance(at).unwrap().clone();
         seen.extend(z.iter().map(|ohm| ohm.to_bits()));
+        seen_in_wires(&mut phantom, at, &mut seen);
         for channel in 0..8_usize {
             let context = ReadingContext {
                 at: at + Duration::from_millis(30 * channel as u64),
@@ -107,7 +148,11 @@ fn every_effect_changes_something_and_a_size_of_nothing_changes_no_bit() {
 }
 
 /// Those that draw numbers.
-const DRAWING: [&str; 9] = [
+const DRAWING: [&str; 13] = [
+    "electrode-placement",
+    "channel-resistance",
+    "wear",
+    "relay-bounce",
     "spray",
     "long-drift",
     "contact-spread",
@@ -161,8 +206,10 @@ fn a_parameter_out_of_range_is_refused_where_it_stands() {
 
 #[test]
 fn all_together_are_the_same_on_every_run() {
+    // One law of conductance at a time.
     let all: Vec<(&str, &str)> = EFFECTS
         .iter()
+        .filter(|(name, ..)| !["exponential-law", "log-law"].contains(name))
         .map(|(name, active, _)| (*name, *active))
         .collect();
     assert!(seen(&all) == seen(&all));

@@ -1,4 +1,4 @@
-//! An effect that there is not: what was perhaps meant, and what there is.
+//! An effect or a key that there is not: what was perhaps meant, and what there is.
 
 use std::ops::Range;
 
@@ -47,6 +47,25 @@ fn letters_apart(one: &str, other: &str) -> usize {
         }
     }
     row[other.len()]
+}
+
+/// To a message about an unknown key, the allowed key that it is without its unit.
+pub(super) fn with_unit(message: &str) -> String {
+    let Some((_, rest)) = message.split_once("unknown field `") else {
+        return String::new();
+    };
+    let Some((given, allowed)) = rest.split_once('`') else {
+        return String::new();
+    };
+    let stem = |key: &str| key.split('_').next().unwrap_or(key).to_owned();
+    let named = allowed.split('`').skip(1).step_by(2);
+    let close: Vec<&str> = named
+        .filter(|key| key.contains('_') && stem(key) == stem(given))
+        .collect();
+    match close[..] {
+        [] => String::new(),
+        _ => format!("; a key ends in its unit: `{}`", close.join("` or `")),
+    }
 }
 
 #[cfg(test)]

@@ -1,0 +1,88 @@
+//! Channel resistance: each pole of a relay adds an ohm or so, and a dirty one up to 50.
+//!
+//! Each relay has its own: ohm exp(s n) for good, and for some a film on the contact beside it, which currents below 10 mA
+//! never break. Below 1.5 ohm for armature and reed relays; dirt up to 50 ohm below 10 mA or after a week idle (fact sheet,
+//! section 2.2). In the wires of the bench it reaches compliance, and readings by whatever current the voltmeter draws
+//! (`input-resistance`, `bias-current`). Beside what the modules have by their data sheets.
+
+use std::time::Duration;
+
+use rand::RngExt;
+use rand_distr::{Distribution, StandardNormal};
+use serde::{Deserialize, Serialize};
+use survey::Relay;
+
+use super::bounds::{Bounds, Fault};
+use super::{Effect, Effects, OnWires, RelayContact, stream};
+use crate::preview::Preview;
+
+/// What relays add.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ChannelResistanceSettings {
+    /// Median of a pole's resistance beside its data sheet's, ohm.
+    pub ohm: f64,
+    /// Standard deviation of its logarithm.
+    pub std: f64,
+    /// Share of the relays that are dirty, %.
+    pub dirty_percent: f64,
+    /// What dirt adds to each pole, ohm.
+    pub dirty_ohm: f64,
+}
+
+impl Default for ChannelResistanceSettings {
+    fn default() -> Self {
+        Self {
+            ohm: 0.5,
+            std: 0.3,
+            dirty_percent: 10.0,
+            dirty_ohm: 50.0,
+        }
+    }
+}
+
+impl Effect for ChannelResistanceSettings {
+    fn check(&self) -> Result<(), Fault> {
+        Bounds::new()
+            .within("ohm", self.ohm, [0.0, 1000.0], "ohm")
+            .within("std", self.std, [0.0, 3.0], "")
+            .within("dirty_percent", self.dirty_percent, [0.0, 100.0], "%")
+            .within("dirty_ohm", self.dirty_ohm, [0.0, 1e6], "ohm")
+            .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        // With the voltmeter's input it divides: two poles of a channel and two of the relay to the bus.
+        let mean = self.ohm * (0.5 * self.std * self.std).exp();
+        let each = mean + self.dirty_percent / 100.0 * self.dirty_ohm;
+        let share = 4.0 * each / about.input_ohm();
+        about.rms(|sight| sight.exact * share)
+    }
+
+    fn add(&self, seed: u64, effects: &mut Effects) {
+        effects.wires.push(Box::new(ChannelResistance {
+            settings: self.clone(),
+            seed,
+        }));
+    }
+}
+
+#[derive(Debug)]
+struct ChannelResistance {
+    settings: ChannelResistanceSettings,
+    seed: u64,
+}
+
+impl OnWires for ChannelResistance {
+    fn act(&mut self, relay: Relay, _closures: u64, _at: Duration, contact: &mut RelayContact) {
+        let settings = &self.settings;
+        // A stream for each relay: the order in which they close changes no number.
+        let mut stream = stream(self.seed, &format!("channel-resistance {}", relay.0));
+        let draw: f64 = StandardNormal.sample(&mut stream);
+        let dirty: f64 = stream.random();
+        contact.ohms.0 += settings.ohm * (settings.std * draw).exp();
+        if dirty < settings.dirty_percent / 100.0 {
+            contact.ohms.0 += settings.dirty_ohm;
+        }
+    }
+}

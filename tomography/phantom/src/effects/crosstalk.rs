@@ -1,0 +1,104 @@
+//! Crosstalk: a step of the driven wires reaches the measuring wires through the capacitance between them.
+//!
+//! C_x / (C_x + C) I R_load exp(-t / tau), tau = R_source (C_x + C), t since current or relays last changed, averaged over
+//! the integration: 10 to 100 pF into kilohms, gone in a microsecond (fact sheet, section 2.2). Leave it out with a delay
+//! of 100 us or more. What a relay's own drive leaves behind is `charge-injection`.
+
+use serde::{Deserialize, Serialize};
+use survey::Volts;
+
+use super::bounds::{Bounds, Fault};
+use super::{Effect, Effects, OnReading, ReadingContext};
+use crate::preview::Preview;
+
+/// How much of a step comes across.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CrosstalkSettings {
+    /// Capacitance between a driven and a measuring wire, pF.
+    pub between_pf: f64,
+    /// Capacitance of the measuring wire to everything that stays still, pF.
+    pub wire_pf: f64,
+}
+
+impl Default for CrosstalkSettings {
+    fn default() -> Self {
+        Self {
+            between_pf: 20.0,
+            wire_pf: 100.0,
+        }
+    }
+}
+
+impl CrosstalkSettings {
+    /// What is left of the step in a reading, V.
+    fn left(&self, context: &ReadingContext) -> f64 {
+        let (between, wire) = (self.between_pf * 1e-12, self.wire_pf * 1e-12);
+        let step = context.flowing.0 * context.load_resistance.0;
+        let tau = context.source_resistance.0 * (between + wire);
+        if !(tau > 0.0 && tau.is_finite() && step.is_finite()) {
+            return 0.0;
+        }
+        between / (between + wire) * step * context.mean_left_after(tau)
+    }
+}
+
+impl Effect for CrosstalkSettings {
+    fn check(&self) -> Result<(), Fault> {
+        Bounds::new()
+            .within("between_pf", self.between_pf, [0.0, 1e5], "pF")
+            .within("wire_pf", self.wire_pf, [1.0, 1e6], "pF")
+            .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.rms(|sight| self.left(&sight.context))
+    }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects.readings.push(Box::new(Crosstalk(self.clone())));
+    }
+}
+
+#[derive(Debug)]
+struct Crosstalk(CrosstalkSettings);
+
+impl OnReading for Crosstalk {
+    fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
+        Volts(volts.0 + self.0.left(context))
+    }
+
+    fn needs_source_resistance(&self) -> bool {
+        true
+    }
+
+    fn needs_load_resistance(&self) -> bool {
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::super::tests::context;
+    use super::*;
+
+    #[test]
+    fn the_step_comes_divided_and_is_gone_within_its_time() {
+        let mut crosstalk = Crosstalk(CrosstalkSettings::default());
+        let mut seen = |settled_ns: u64| {
+            let context = context(1.0, 1e-9);
+            let since_change = context.integration + Duration::from_nanos(settled_ns);
+            let context = ReadingContext {
+                since_change,
+                ..context
+            };
+            crosstalk.bend(Volts(0.0), &context).0
+        };
+        // 1 mA through 1 kohm is a volt, a sixth of it comes; 1 kohm x 120 pF = 120 ns
+        assert!((seen(0) - 1.0 / 6.0).abs() < 1e-4);
+        assert!((seen(120) * 6.0 - (-1.0_f64).exp()).abs() < 1e-4);
+        assert!(seen(100_000) < 1e-300);
+    }
+}

@@ -1,0 +1,53 @@
+//! Piezoresistance of large strains: sigma_0 exp(-k e), e the strain across the foam.
+//!
+//! Never nothing, never negative; for small strains the gauge law with G = k (fact sheet, section 2.4). In place of the
+//! loss p / (p + p_half); it goes with `foam`, or with a foam that yields in proportion (`pressure.modulus_kpa`).
+
+use serde::{Deserialize, Serialize};
+
+use super::bounds::{Bounds, Fault};
+use super::{Effect, Effects};
+use crate::law::Conduction;
+use crate::preview::Preview;
+
+/// How much conductance a strain costs.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ExponentialLawSettings {
+    /// Loss of ln(conductance) at a strain of 1.
+    pub per_strain: f64,
+}
+
+impl Default for ExponentialLawSettings {
+    fn default() -> Self {
+        Self { per_strain: 3.0 }
+    }
+}
+
+impl Effect for ExponentialLawSettings {
+    fn check(&self) -> Result<(), Fault> {
+        Bounds::new()
+            .within("per_strain", self.per_strain, [0.0, 18.0], "")
+            .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.on_loads(|effects, on| {
+            if on {
+                effects.gauge_law = None;
+                effects.log_law = None;
+            }
+            effects.exponential_law = on.then(|| self.clone());
+        })
+    }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects.conduction = Some(Box::new(self.clone()));
+    }
+}
+
+impl Conduction for ExponentialLawSettings {
+    fn loss(&self, _kpa: f64, strain: f64) -> f64 {
+        -(-self.per_strain * strain).exp_m1()
+    }
+}

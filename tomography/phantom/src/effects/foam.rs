@@ -1,0 +1,168 @@
+//! The foam's stress and strain: stiff at first, soft on its plateau, stiff again when its cells have closed.
+//!
+//! A monotone cubic through given points (Fritsch and Carlson 1980), from nothing at nothing; beyond the last what is left
+//! of the thickness falls as 1 / p. Plateau at 2 to 10 kPa, Young's modulus 20 to 500 kPa (fact sheet, section 2.4). The
+//! law of conductance takes this strain; p / (p + p_half), which takes none, the pressure of a foam that yields in
+//! proportion (`pressure.modulus_kpa`). Leave it out below a strain of 10 %.
+
+use serde::{Deserialize, Serialize};
+
+use super::bounds::{Bounds, Fault};
+use super::{Effect, Effects};
+use crate::preview::Preview;
+
+/// Points of the curve.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FoamSettings {
+    /// Pressures, rising, kPa.
+    pub kpa: Vec<f64>,
+    /// Strain at each, rising, %.
+    pub strain_percent: Vec<f64>,
+}
+
+impl Default for FoamSettings {
+    fn default() -> Self {
+        Self {
+            kpa: vec![2.0, 5.0, 8.0, 30.0, 200.0],
+            strain_percent: vec![3.0, 10.0, 45.0, 70.0, 85.0],
+        }
+    }
+}
+
+impl Effect for FoamSettings {
+    fn check(&self) -> Result<(), Fault> {
+        let fault = |key, why: String| Err(Fault { key, why });
+        if self.kpa.len() != self.strain_percent.len() || self.kpa.is_empty() {
+            let why = format!(
+                "has {} numbers, it must have one for each of the {} of kpa, and at least one",
+                self.strain_percent.len(),
+                self.kpa.len()
+            );
+            return fault("strain_percent", why);
+        }
+        let curve = [
+            ("kpa", &self.kpa, [1e-6, 1e6], "kPa"),
+            ("strain_percent", &self.strain_percent, [1e-6, 99.9], "%"),
+        ];
+        for (key, values, allowed, unit) in curve {
+            values
+                .iter()
+                .fold(Bounds::new(), |bounds, value| {
+                    bounds.within(key, *value, allowed, unit)
+                })
+                .end()?;
+            if let Some(pair) = values.windows(2).find(|pair| pair[1] <= pair[0]) {
+                return fault(
+                    key,
+                    format!("has {} after {}, it must rise", pair[1], pair[0]),
+                );
+            }
+        }
+        Ok(())
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.on_loads(|effects, on| {
+            effects.foam = on.then(|| self.clone());
+            // A foam that the scene does not name would contradict it.
+            if on {
+                effects.log_law = None;
+            }
+        })
+    }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects.foam = Some(Foam::new(self));
+    }
+}
+
+/// The curve, with its slopes.
+#[derive(Debug)]
+pub(crate) struct Foam {
+    /// Pressure (kPa), strain, slope; the first is nothing at nothing.
+    points: Vec<[f64; 3]>,
+}
+
+impl Foam {
+    fn new(settings: &FoamSettings) -> Self {
+        let given = settings.kpa.iter().zip(&settings.strain_percent);
+        let mut points: Vec<[f64; 3]> = [[0.0; 3]]
+            .into_iter()
+            .chain(given.map(|(kpa, percent)| [*kpa, percent / 100.0, 0.0]))
+            .collect();
+        let secant = |a: [f64; 3], b: [f64; 3]| (b[1] - a[1]) / (b[0] - a[0]);
+        let last = points.len() - 1;
+        // Within, the weighted harmonic mean of both secants: it keeps the cubic monotone. At the ends the secant.
+        points[0][2] = secant(points[0], points[1]);
+        points[last][2] = secant(points[last - 1], points[last]);
+        for k in 1..last {
+            let [a, b, c] = [points[k - 1], points[k], points[k + 1]];
+            let (before, after) = (b[0] - a[0], c[0] - b[0]);
+            let (w, v) = (2.0 * after + before, after + 2.0 * before);
+            points[k][2] = (w + v) / (w / secant(a, b) + v / secant(b, c));
+        }
+        Self { points }
+    }
+
+    /// The strain under a pressure, kPa; 0 to 1.
+    pub(crate) fn strain(&self, kpa: f64) -> f64 {
+        let after = self.points.iter().position(|point| point[0] >= kpa);
+        match after {
+            Some(0) => 0.0,
+            Some(k) => {
+                let [a, b] = [self.points[k - 1], self.points[k]];
+                let wide = b[0] - a[0];
+                let t = (kpa - a[0]) / wide;
+                let rest = 1.0 - t;
+                // Hermite's cubic
+                rest * rest * ((1.0 + 2.0 * t) * a[1] + t * wide * a[2])
+                    + t * t * ((3.0 - 2.0 * t) * b[1] - rest * wide * b[2])
+            }
+            None => {
+                let [at, strain, _] = self.points[self.points.len() - 1];
+                1.0 - (1.0 - strain) * at / kpa
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_rises_everywhere_and_meets_its_points() {
+        let curves = [
+            FoamSettings::default(),
+            FoamSettings {
+                kpa: vec![1.0, 1.001, 50.0],
+                strain_percent: vec![0.1, 80.0, 80.01],
+            },
+            FoamSettings {
+                kpa: vec![7.0],
+                strain_percent: vec![30.0],
+            },
+        ];
+        for settings in curves {
+            settings.check().unwrap();
+            let foam = Foam::new(&settings);
+            assert_eq!(foam.strain(0.0), 0.0);
+            for (kpa, percent) in settings.kpa.iter().zip(&settings.strain_percent) {
+                assert!((foam.strain(*kpa) - percent / 100.0).abs() < 1e-14);
+            }
+            let mut last = 0.0;
+            for k in 1..200_000 {
+                let strain = foam.strain(f64::from(k) * 2e-3);
+                assert!(strain >= last && strain < 1.0, "{k}: {strain} after {last}");
+                last = strain;
+            }
+        }
+        // A straight line stays one.
+        let straight = Foam::new(&FoamSettings {
+            kpa: vec![1.0, 2.0, 4.0],
+            strain_percent: vec![10.0, 20.0, 40.0],
+        });
+        assert!((straight.strain(2.7) - 0.27).abs() < 1e-15);
+    }
+}

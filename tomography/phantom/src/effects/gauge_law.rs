@@ -1,0 +1,54 @@
+//! Piezoresistance of small strains: sigma_0 / (1 + G e), e the strain across the foam.
+//!
+//! G = 1 to 10 for carbon nanotubes in latex (fact sheet, section 2.4). In place of the loss p / (p + p_half); it goes with
+//! `foam`, or with a foam that yields in proportion (`pressure.modulus_kpa`).
+
+use serde::{Deserialize, Serialize};
+
+use super::bounds::{Bounds, Fault};
+use super::{Effect, Effects};
+use crate::law::Conduction;
+use crate::preview::Preview;
+
+/// How much conductance a strain costs.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct GaugeLawSettings {
+    /// Gauge factor.
+    pub factor: f64,
+}
+
+impl Default for GaugeLawSettings {
+    fn default() -> Self {
+        Self { factor: 3.0 }
+    }
+}
+
+impl Effect for GaugeLawSettings {
+    fn check(&self) -> Result<(), Fault> {
+        Bounds::new()
+            .within("factor", self.factor, [0.0, 1000.0], "")
+            .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.on_loads(|effects, on| {
+            if on {
+                effects.exponential_law = None;
+                effects.log_law = None;
+            }
+            effects.gauge_law = on.then(|| self.clone());
+        })
+    }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects.conduction = Some(Box::new(self.clone()));
+    }
+}
+
+impl Conduction for GaugeLawSettings {
+    fn loss(&self, _kpa: f64, strain: f64) -> f64 {
+        let change = self.factor * strain;
+        change / (1.0 + change)
+    }
+}

@@ -1,0 +1,178 @@
+//! Hysteresis: on the way back the sheet shows more loss than on the way there.
+//!
+//! Prandtl and Ishlinskii, each place by itself: y = q x + sum w F_r[x] over eight play operators
+//! F_r[x] = max(x - r, min(x + r, F_r)), x the log loss, r evenly spaced up to half of the full scale, w >= 0 alike, q so
+//! that the full scale itself is kept on first loading. 5 to 25 % of full scale; 24.2 % seen on a conductive-fibre sensor
+//! (fact sheet, section 2.4). Leave it out under monotone loading.
+
+use serde::{Deserialize, Serialize};
+
+use super::bounds::{Bounds, Fault};
+use super::{Effect, Effects, OnLoss, Places};
+use crate::preview::Preview;
+
+/// How wide the loop is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct HysteresisSettings {
+    /// Width of the loop at half of the full scale, % of the full scale.
+    pub percent: f64,
+    /// The loss that is the full scale, %.
+    pub full_percent: f64,
+}
+
+impl Default for HysteresisSettings {
+    fn default() -> Self {
+        Self {
+            percent: 15.0,
+            full_percent: 50.0,
+        }
+    }
+}
+
+impl Effect for HysteresisSettings {
+    fn check(&self) -> Result<(), Fault> {
+        Bounds::new()
+            .within("percent", self.percent, [0.0, 40.0], "%")
+            .within("full_percent", self.full_percent, [0.1, 99.999], "%")
+            .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.on_loads(|effects, on| effects.hysteresis = on.then(|| self.clone()))
+    }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects.losses.push(Box::new(Hysteresis::new(self)));
+    }
+}
+
+/// How many play operators.
+const PLAYS: usize = 8;
+
+/// A play operator's answer to its next input: it follows once its play of `threshold` either way is used up.
+fn play(threshold: f64, last: f64, input: f64) -> f64 {
+    (input - threshold).max((input + threshold).min(last))
+}
+
+#[derive(Debug)]
+struct Hysteresis {
+    thresholds: [f64; PLAYS],
+    weight: f64,
+    straight: f64,
+    /// Each place, each operator.
+    plays: Vec<[f64; PLAYS]>,
+}
+
+impl Hysteresis {
+    fn new(settings: &HysteresisSettings) -> Self {
+        let full = -(-settings.full_percent / 100.0).ln_1p();
+        let thresholds: [f64; PLAYS] =
+            std::array::from_fn(|k| 0.5 * full * (k + 1) as f64 / PLAYS as f64);
+        // Back at half of the full scale an operator stands at min(full - r, full / 2 + r), on first loading at
+        // full / 2 - r: the loop is min(full / 2, 2 r) wide there.
+        let wide: f64 = thresholds.iter().map(|r| (2.0 * r).min(0.5 * full)).sum();
+        let weight = settings.percent / 100.0 * full / wide;
+        let kept: f64 = thresholds.iter().map(|r| weight * (full - r) / full).sum();
+        Self {
+            thresholds,
+            weight,
+            straight: 1.0 - kept,
+            plays: Vec::new(),
+        }
+    }
+}
+
+impl OnLoss for Hysteresis {
+    fn follow(&mut self, _past: f64, _places: &Places<'_>, losses: &mut [f64]) {
+        self.plays.resize(losses.len(), [0.0; PLAYS]);
+        for (loss, plays) in losses.iter_mut().zip(&mut self.plays) {
+            let input = *loss;
+            for (threshold, state) in self.thresholds.iter().zip(plays.iter_mut()) {
+                *state = play(*threshold, *state, input);
+            }
+            *loss = self.straight * input + self.weight * plays.iter().sum::<f64>();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn follow(hysteresis: &mut Hysteresis, input: f64) -> f64 {
+        let mut losses = [input];
+        hysteresis.follow(1.0, &Places::default(), &mut losses);
+        losses[0]
+    }
+
+    #[test]
+    fn a_play_operator_answers_a_triangle_as_its_closed_form() {
+        // Up to 1, down to -1, up again, in uneven steps; r = 0.3.
+        let r = 0.3;
+        let mut state = 0.0;
+        let mut t = 0.0_f64;
+        let mut k = 0;
+        while t < 5.0 {
+            k += 1;
+            t += [0.01, 0.0037, 0.11][k % 3];
+            // the corners of the input must be met, or the operator never sees them
+            for corner in [1.0, 3.0, 5.0] {
+                if t > corner && t - corner < 0.11 {
+                    state = play(r, state, if corner == 3.0 { -1.0 } else { 1.0 });
+                }
+            }
+            let input = match t {
+                ..1.0 => t,
+                1.0..3.0 => 2.0 - t,
+                3.0..5.0 => t - 4.0,
+                _ => break,
+            };
+            state = play(r, state, input);
+            let wanted = match t {
+                ..1.0 => (input - r).max(0.0),
+                1.0..3.0 => (input + r).min(1.0 - r),
+                _ => (input - r).max(-1.0 + r),
+            };
+            assert!((state - wanted).abs() <= 1e-12, "{t}: {state} {wanted}");
+        }
+        // A step is answered in one.
+        assert!((play(r, 0.0, 2.0) - 1.7).abs() <= 1e-12);
+        assert!((play(r, 1.7, 1.5) - 1.7).abs() <= 1e-12);
+        assert!((play(r, 1.7, -2.0) + 1.7).abs() <= 1e-12);
+    }
+
+    #[test]
+    fn the_loop_is_as_wide_as_asked_and_ends_at_the_full_scale() {
+        for percent in [5.0, 24.2, 40.0] {
+            let settings = HysteresisSettings {
+                percent,
+                full_percent: 50.0,
+            };
+            let full = 2.0_f64.ln();
+            let mut hysteresis = Hysteresis::new(&settings);
+            assert!(hysteresis.straight >= 0.0, "the operator has an inverse");
+            let there = follow(&mut hysteresis, 0.5 * full);
+            assert!((follow(&mut hysteresis, full) - full).abs() <= 1e-12);
+            let back = follow(&mut hysteresis, 0.5 * full);
+            let width = (back - there) / full;
+            assert!((width - percent / 100.0).abs() <= 1e-12, "{width}");
+            // Something is left when the load is gone, and wiped out by a full swing the other way.
+            assert!(follow(&mut hysteresis, 0.0) > 0.0);
+        }
+    }
+
+    #[test]
+    fn the_way_between_turning_points_does_not_matter() {
+        let mut coarse = Hysteresis::new(&HysteresisSettings::default());
+        let mut fine = Hysteresis::new(&HysteresisSettings::default());
+        for [from, to] in [[0.0, 0.6], [0.6, 0.2], [0.2, 0.45], [0.45, 0.0]] {
+            let at_once = follow(&mut coarse, to);
+            let mut last = 0.0;
+            for k in 1..=137 {
+                last = follow(&mut fine, from + (to - from) * f64::from(k) / 137.0);
+            }
+            assert!((at_once - last).abs() <= 1e-12);
+        }
+    }
+}

@@ -1,0 +1,72 @@
+//! The law of force-sensing films: R = R_0 (1 - s log10(p / p_0)) from p_0 on.
+//!
+//! The film conducts better where it is pressed, the other way round than foam: its loss is negative. One decade for a
+//! decade of pressure in some (fact sheet, section 2.4: other films). R stays above 1 % of R_0. In place of the loss
+//! p / (p + p_half); it takes the pressure itself.
+
+use serde::{Deserialize, Serialize};
+
+use super::bounds::{Bounds, Fault};
+use super::{Effect, Effects};
+use crate::law::Conduction;
+use crate::preview::Preview;
+
+/// How much resistance a pressure takes away.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LogLawSettings {
+    /// Loss of resistance for ten times the pressure, % of the film's at rest.
+    pub percent_per_decade: f64,
+    /// Below this pressure nothing happens, kPa.
+    pub from_kpa: f64,
+}
+
+impl Default for LogLawSettings {
+    fn default() -> Self {
+        Self {
+            percent_per_decade: 20.0,
+            from_kpa: 1.0,
+        }
+    }
+}
+
+impl Effect for LogLawSettings {
+    fn check(&self) -> Result<(), Fault> {
+        let percent = [0.0, 100.0];
+        Bounds::new()
+            .within(
+                "percent_per_decade",
+                self.percent_per_decade,
+                percent,
+                "% per decade",
+            )
+            .within("from_kpa", self.from_kpa, [1e-6, 1e6], "kPa")
+            .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.on_loads(|effects, on| {
+            if on {
+                effects.gauge_law = None;
+                effects.exponential_law = None;
+                effects.foam = None;
+            }
+            effects.log_law = on.then(|| self.clone());
+        })
+    }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects.conduction = Some(Box::new(self.clone()));
+    }
+}
+
+/// The least that is left of the resistance.
+const FLOOR: f64 = 0.01;
+
+impl Conduction for LogLawSettings {
+    fn loss(&self, kpa: f64, _strain: f64) -> f64 {
+        let decades = (kpa / self.from_kpa).max(1.0).log10();
+        let resistance = (1.0 - self.percent_per_decade / 100.0 * decades).max(FLOOR);
+        1.0 - 1.0 / resistance
+    }
+}

@@ -1,0 +1,136 @@
+//! A relay that is not there yet: the path conducts only after its contact has closed and bounced.
+//!
+//! Nothing reaches the voltmeter until `operate_ms` after the instrument says that its relays have moved; during the next
+//! `bounce_ms` it is there for a random share of the time; a reading is the mean over its integration. Armature relays
+//! take 4 to 10 ms, reeds 0.5 to 1 ms, and bounce for 0.5 to 3 ms (fact sheet, section 2.2). The mainframe says so when its
+//! own settling time is over, a scan and the multiplexer board at once: the time counts from there. An input that nothing
+//! drives reads zero, as on the bench. Leave it out with a delay of twice the operate time.
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+use survey::Volts;
+
+use super::bounds::{Bounds, Fault};
+use super::{Effect, Effects, OnReading, ReadingContext, stream};
+use crate::preview::Preview;
+
+/// How long a relay takes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RelayBounceSettings {
+    /// Until the contact closes for the first time, ms.
+    pub operate_ms: f64,
+    /// From then until it stays closed, ms.
+    pub bounce_ms: f64,
+}
+
+impl Default for RelayBounceSettings {
+    fn default() -> Self {
+        Self {
+            operate_ms: 0.7,
+            bounce_ms: 1.5,
+        }
+    }
+}
+
+impl RelayBounceSettings {
+    /// Shares of the integration in which the contact bounces, and in which it stays closed.
+    fn shares(&self, context: &ReadingContext) -> [f64; 2] {
+        let [operate, bounce] = [self.operate_ms * 1e-3, self.bounce_ms * 1e-3];
+        let begin = context.settled().as_secs_f64();
+        let length = context.integration.as_secs_f64();
+        let still = operate + bounce;
+        if begin >= still {
+            return [0.0, 1.0];
+        }
+        if length == 0.0 {
+            return [f64::from(u8::from(begin >= operate)), 0.0];
+        }
+        let end = begin + length;
+        let within = |from: f64, to: f64| (to.min(end) - from.max(begin)).max(0.0) / length;
+        [within(operate, still), within(still, f64::INFINITY)]
+    }
+}
+
+impl Effect for RelayBounceSettings {
+    fn check(&self) -> Result<(), Fault> {
+        Bounds::new()
+            .within("operate_ms", self.operate_ms, [0.0, 100.0], "ms")
+            .within("bounce_ms", self.bounce_ms, [0.0, 100.0], "ms")
+            .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.rms(|sight| {
+            let [bouncing, closed] = self.shares(&sight.context);
+            // The share of the bounce is even between 0 and 1: its mean and its variance.
+            let missing = 1.0 - closed - 0.5 * bouncing;
+            sight.exact * (missing * missing + bouncing * bouncing / 12.0).sqrt()
+        })
+    }
+
+    fn add(&self, seed: u64, effects: &mut Effects) {
+        effects.readings.push(Box::new(RelayBounce {
+            settings: self.clone(),
+            stream: stream(seed, "relay-bounce"),
+        }));
+    }
+}
+
+#[derive(Debug)]
+struct RelayBounce {
+    settings: RelayBounceSettings,
+    stream: ChaCha8Rng,
+}
+
+impl OnReading for RelayBounce {
+    fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
+        // Drawn whether or not the contact still bounces: a reading more or less shifts no other's number.
+        let share: f64 = self.stream.random();
+        let [bouncing, closed] = self.settings.shares(context);
+        Volts(volts.0 * (share * bouncing + closed))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::super::tests::context;
+    use super::*;
+
+    fn shares(settled_us: u64, nplc: f64) -> Vec<f64> {
+        let mut effects = Effects::default();
+        let relay = RelayBounceSettings {
+            operate_ms: 4.0,
+            bounce_ms: 2.0,
+        };
+        relay.add(1, &mut effects);
+        let context = context(1.0, nplc);
+        let since_change = context.integration + Duration::from_micros(settled_us);
+        let context = ReadingContext {
+            since_change,
+            ..context
+        };
+        (0..4000)
+            .map(|_| effects.reading(Volts(1.0), &context).0)
+            .collect()
+    }
+
+    #[test]
+    fn a_reading_is_the_mean_over_what_the_contact_conducts() {
+        // 0.02 cycles are 0.4 ms: before it closes nothing, after it has settled all, to the bit
+        assert!(shares(3_000, 0.02).iter().all(|share| *share == 0.0));
+        assert!(shares(6_000, 0.02).iter().all(|share| *share == 1.0));
+        // within the bounce anything between
+        let bouncing = shares(5_000, 0.02);
+        let mean = bouncing.iter().sum::<f64>() / 4000.0;
+        assert!((mean - 0.5).abs() < 0.02, "{mean}");
+        // 20 ms from the beginning: 14 ms closed, 2 ms at half on average
+        let long = shares(0, 1.0);
+        let mean = long.iter().sum::<f64>() / 4000.0;
+        assert!((mean - 0.75).abs() < 0.002, "{mean}");
+        assert!(long.iter().all(|share| (0.7..=0.8).contains(share)));
+    }
+}

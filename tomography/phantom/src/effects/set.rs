@@ -1,0 +1,127 @@
+//! Set: what has been pressed often does not quite come back.
+//!
+//! Each place keeps s log10(1 + n) of the largest log loss that it has had, n the load cycles: 1 to 5 % (fact sheet,
+//! section 2.4). A cycle is counted when the loss rises through half of its largest after having been below a tenth of it.
+//! Leave it out below a hundred cycles.
+
+use serde::{Deserialize, Serialize};
+
+use super::bounds::{Bounds, Fault};
+use super::{Effect, Effects, OnLoss, Places};
+use crate::preview::Preview;
+
+/// How much stays.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SetSettings {
+    /// What stays, % of the largest log loss for ten times the cycles.
+    pub percent_per_decade: f64,
+    /// Cycles that every place which is pressed has behind it at the start.
+    pub behind_cycles: f64,
+}
+
+impl Default for SetSettings {
+    fn default() -> Self {
+        Self {
+            percent_per_decade: 1.0,
+            behind_cycles: 0.0,
+        }
+    }
+}
+
+impl Effect for SetSettings {
+    fn check(&self) -> Result<(), Fault> {
+        let percent = [0.0, 20.0];
+        Bounds::new()
+            .within(
+                "percent_per_decade",
+                self.percent_per_decade,
+                percent,
+                "% per decade",
+            )
+            .within("behind_cycles", self.behind_cycles, [0.0, 1e12], "cycles")
+            .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        about.on_loads(|effects, on| effects.set = on.then(|| self.clone()))
+    }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects.losses.push(Box::new(Set {
+            settings: self.clone(),
+            places: Vec::new(),
+        }));
+    }
+}
+
+/// What a place has been through.
+#[derive(Debug, Clone, Default)]
+struct Past {
+    largest: f64,
+    cycles: f64,
+    risen: bool,
+}
+
+#[derive(Debug)]
+struct Set {
+    settings: SetSettings,
+    places: Vec<Past>,
+}
+
+impl OnLoss for Set {
+    fn follow(&mut self, _past: f64, _places: &Places<'_>, losses: &mut [f64]) {
+        let behind = self.settings.behind_cycles;
+        let share = self.settings.percent_per_decade / 100.0;
+        self.places.resize(losses.len(), Past::default());
+        for (loss, past) in losses.iter_mut().zip(&mut self.places) {
+            let size = loss.abs();
+            past.largest = past.largest.max(size);
+            if past.largest == 0.0 {
+                continue;
+            }
+            if !past.risen && size >= 0.5 * past.largest {
+                past.risen = true;
+                past.cycles += 1.0;
+            } else if past.risen && size <= 0.1 * past.largest {
+                past.risen = false;
+            }
+            *loss += share * (1.0 + behind + past.cycles).log10() * past.largest;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_grows_by_its_share_for_each_decade_of_cycles() {
+        let mut effects = Effects::default();
+        SetSettings {
+            percent_per_decade: 2.0,
+            behind_cycles: 0.0,
+        }
+        .add(1, &mut effects);
+        let mut follow = |input: f64| {
+            let mut losses = [input, 0.0];
+            effects.losses[0].follow(1.0, &Places::default(), &mut losses);
+            assert_eq!(losses[1], 0.0, "what was never pressed has no set");
+            losses[0]
+        };
+        let mut left = Vec::new();
+        for cycle in 1..=999_u32 {
+            follow(0.4);
+            // a press within the press is no cycle
+            follow(0.3);
+            follow(0.4);
+            let after = follow(0.0);
+            if [9, 99, 999].contains(&cycle) {
+                left.push(after);
+            }
+        }
+        for (decade, left) in (1..).zip(left) {
+            assert!((left - 0.008 * f64::from(decade)).abs() < 1e-14, "{left}");
+        }
+    }
+}

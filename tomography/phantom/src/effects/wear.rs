@@ -1,0 +1,129 @@
+//! Wear: a relay sticks, open or closed, when its life is over.
+//!
+//! Each relay has a life of its own, Weibull distributed: life (-ln u)^(1/k) closures, k the shape of the hazard, rising
+//! with use for k > 1; and, when it ends, its way of failing. 1e7 to 1e8 closures at light load (fact sheet, section 2.2).
+//! Who has the relays counts their closures. Leave it out below 1e6 of them.
+
+use std::time::Duration;
+
+use rand::RngExt;
+use serde::{Deserialize, Serialize};
+use survey::Relay;
+
+use super::bounds::{Bounds, Fault};
+use super::{Effect, Effects, OnWires, RelayContact, stream};
+use crate::preview::Preview;
+
+/// How long relays live.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct WearSettings {
+    /// Closures that 63 % of the relays do not reach.
+    pub life_closures: f64,
+    /// Weibull's shape: 1 for failures at any age, more for wear.
+    pub shape: f64,
+    /// Closures that every relay has behind it at the start.
+    pub behind_closures: f64,
+    /// Share of the relays that stick closed, %; the others stick open.
+    pub closed_percent: f64,
+}
+
+impl Default for WearSettings {
+    fn default() -> Self {
+        Self {
+            life_closures: 3e7,
+            shape: 2.0,
+            behind_closures: 0.0,
+            closed_percent: 30.0,
+        }
+    }
+}
+
+impl Effect for WearSettings {
+    fn check(&self) -> Result<(), Fault> {
+        let closures = [0.0, 1e12];
+        Bounds::new()
+            .within("life_closures", self.life_closures, [1.0, 1e12], "closures")
+            .within("shape", self.shape, [0.2, 20.0], "")
+            .within(
+                "behind_closures",
+                self.behind_closures,
+                closures,
+                "closures",
+            )
+            .within("closed_percent", self.closed_percent, [0.0, 100.0], "%")
+            .end()
+    }
+
+    fn predict(&self, about: &Preview) -> f64 {
+        // A worn channel reads nothing. Each relay of the sheet closes about once for every reading of its pair.
+        let scan = about.scan();
+        let closures = (scan.frames * scan.protocol.len()) as f64;
+        let each = closures / scan.protocol.drives().len().max(1) as f64;
+        let used = (self.behind_closures + 0.5 * each) / self.life_closures;
+        let worn = -(-used.powf(self.shape)).exp_m1();
+        about.rms(|sight| sight.exact) * (worn * (1.0 - self.closed_percent / 100.0)).sqrt()
+    }
+
+    fn assumes(&self) -> Option<String> {
+        let behind = self.behind_closures;
+        Some(format!("every relay has closed {behind} times before"))
+    }
+
+    fn add(&self, seed: u64, effects: &mut Effects) {
+        effects.wires.push(Box::new(Wear {
+            settings: self.clone(),
+            seed,
+        }));
+    }
+}
+
+#[derive(Debug)]
+struct Wear {
+    settings: WearSettings,
+    seed: u64,
+}
+
+impl OnWires for Wear {
+    fn act(&mut self, relay: Relay, closures: u64, _at: Duration, contact: &mut RelayContact) {
+        // A stream for each relay: the order in which they close changes no life.
+        let mut stream = stream(self.seed, &format!("wear {}", relay.0));
+        let [life, way]: [f64; 2] = [(); 2].map(|()| stream.random());
+        // 1 - life lies in (0, 1]: no logarithm of zero.
+        let life =
+            self.settings.life_closures * (-(1.0 - life).ln()).powf(1.0 / self.settings.shape);
+        if self.settings.behind_closures + closures as f64 > life {
+            contact.stuck = Some(way < self.settings.closed_percent / 100.0);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lives_are_weibulls_and_so_many_stick_closed() {
+        let settings = WearSettings::default();
+        let mut effects = Effects::default();
+        settings.add(3, &mut effects);
+        let mut failed = |closures: u64| {
+            let contacts = (0..4000).map(|relay| {
+                let mut contact = RelayContact::default();
+                effects.wires[0].act(Relay(relay), closures, Duration::ZERO, &mut contact);
+                contact.stuck
+            });
+            let stuck: Vec<bool> = contacts.flatten().collect();
+            let closed = stuck.iter().filter(|closed| **closed).count();
+            [stuck.len(), closed].map(|count| count as f64 / 4000.0)
+        };
+        assert_eq!(failed(0), [0.0, 0.0]);
+        for part in [0.5, 1.0, 2.0] {
+            let [all, closed] = failed((part * settings.life_closures) as u64);
+            // 1 - exp(-(n / life)^2), known to 0.008 from 4000 relays
+            let wanted = 1.0 - (-part * part).exp();
+            assert!((all - wanted).abs() < 0.03, "{all} {wanted}");
+            assert!((closed / all - 0.3).abs() < 0.05, "{closed} of {all}");
+        }
+    }
+}

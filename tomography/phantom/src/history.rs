@@ -1,0 +1,109 @@
+//! What the sheet has been through, for effects that remember: hysteresis, creep, set; and what spreads beside a load.
+//!
+//! They act on the log loss of each triangle, by itself, so that a load that moves leaves its trail. Nothing is computed
+//! between changes of the loads: the effects follow any step exactly. The answer is renewed when a load changes, and as
+//! often as an effect asks (`every_s`); its **version** counts the renewals that changed a bit.
+
+use std::time::Duration;
+
+use crate::effects::{OnLoss, Places};
+
+#[derive(Debug)]
+pub(crate) struct History {
+    effects: Vec<Box<dyn OnLoss>>,
+    /// Until when it has been followed; `None` before the start.
+    last: Option<Duration>,
+    /// Log losses by the loads themselves, since then.
+    plain: Vec<f64>,
+    /// The same as the effects leave them.
+    bent: Vec<f64>,
+    version: u64,
+}
+
+impl History {
+    /// `None` where no effect remembers.
+    pub(crate) fn new(effects: Vec<Box<dyn OnLoss>>) -> Option<Self> {
+        (!effects.is_empty()).then_some(Self {
+            effects,
+            last: None,
+            plain: Vec::new(),
+            bent: Vec::new(),
+            version: 0,
+        })
+    }
+
+    pub(crate) fn last(&self) -> Option<Duration> {
+        self.last
+    }
+
+    pub(crate) fn version(&self) -> u64 {
+        self.version
+    }
+
+    /// The loads are others from this moment on: at once, or having moved there since the last.
+    pub(crate) fn change(
+        &mut self,
+        at: Duration,
+        plain: Vec<f64>,
+        moved: bool,
+        places: &Places<'_>,
+    ) {
+        let past = self.past(at);
+        if moved {
+            self.plain = plain;
+            self.follow(past, places);
+        } else {
+            if past > 0.0 {
+                self.follow(past, places);
+            }
+            self.plain = plain;
+            self.follow(0.0, places);
+        }
+    }
+
+    /// Nothing has happened until this moment but time, in whole steps of the effect that asks most often.
+    pub(crate) fn rest(&mut self, at: Duration, places: &Places<'_>) {
+        let Some(every) = self
+            .effects
+            .iter()
+            .filter_map(|effect| effect.every())
+            .min()
+        else {
+            return;
+        };
+        let steps = (at.as_secs_f64() / every.as_secs_f64()).floor();
+        let at = Duration::from_secs_f64(steps * every.as_secs_f64()).min(at);
+        if self.last.is_some_and(|last| at > last) {
+            let past = self.past(at);
+            self.follow(past, places);
+        }
+    }
+
+    /// Changes what the loads have left of the conductance to what the effects leave.
+    pub(crate) fn act(&self, sigma: &mut [f64]) {
+        for (sigma, (plain, bent)) in sigma.iter_mut().zip(self.plain.iter().zip(&self.bent)) {
+            // exp(0) is 1: where nothing has changed, no bit does.
+            *sigma *= (plain - bent).exp();
+        }
+    }
+
+    /// Seconds since the last step, and on to this one.
+    fn past(&mut self, at: Duration) -> f64 {
+        let past = self
+            .last
+            .map_or(Duration::ZERO, |last| at.saturating_sub(last));
+        self.last = Some(self.last.unwrap_or_default().max(at));
+        past.as_secs_f64()
+    }
+
+    fn follow(&mut self, past: f64, places: &Places<'_>) {
+        let mut losses = self.plain.clone();
+        for effect in &mut self.effects {
+            effect.follow(past, places, &mut losses);
+        }
+        if losses != self.bent {
+            self.bent = losses;
+            self.version += 1;
+        }
+    }
+}

@@ -1,0 +1,120 @@
+//! From a pressure to a loss of conductance.
+
+use std::fmt;
+
+use crate::effects::Foam;
+use crate::load::loss_of_pressure;
+use crate::paper;
+
+/// What foam is made of, as far as no effect says more.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pressure {
+    /// Half of the conductance is lost under it, kPa: the paper gives no law; see [`loss_of_pressure`].
+    pub half_kpa: f64,
+    /// Young's modulus across the foam, kPa; 20 to 500 (fact sheet, section 2.4).
+    pub modulus_kpa: f64,
+}
+
+impl Default for Pressure {
+    fn default() -> Self {
+        Self {
+            half_kpa: paper::HALF_KPA,
+            modulus_kpa: 100.0,
+        }
+    }
+}
+
+/// A law of conductance in place of p / (p + p_half).
+pub(crate) trait Conduction: fmt::Debug + Send {
+    /// Share of the conductance that is lost under a pressure (kPa) that strains the foam so; negative where more is
+    /// conducted, never above 1.
+    fn loss(&self, kpa: f64, strain: f64) -> f64;
+}
+
+/// Foam cannot be thinner than this share of itself.
+const THINNEST: f64 = 0.05;
+
+/// What a pressure does to the conductance, by the scene's effects.
+#[derive(Debug)]
+pub(crate) struct Law {
+    pub(crate) pressure: Pressure,
+    pub(crate) foam: Option<Foam>,
+    pub(crate) conduction: Option<Box<dyn Conduction>>,
+}
+
+impl Law {
+    fn strain(&self, kpa: f64) -> f64 {
+        match &self.foam {
+            Some(foam) => foam.strain(kpa),
+            None => (kpa / self.pressure.modulus_kpa).min(1.0 - THINNEST),
+        }
+    }
+
+    /// Share of the conductance that is lost under a pressure, kPa.
+    pub(crate) fn loss(&self, kpa: f64) -> f64 {
+        match (&self.conduction, &self.foam) {
+            (Some(conduction), _) => conduction.loss(kpa, self.strain(kpa)),
+            (None, Some(foam)) => {
+                let straight = self.pressure.modulus_kpa * foam.strain(kpa);
+                loss_of_pressure(straight, self.pressure.half_kpa)
+            }
+            (None, None) => loss_of_pressure(kpa, self.pressure.half_kpa),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::{EffectSettings, Effects};
+
+    fn law(text: &str) -> Law {
+        let effects: EffectSettings = toml::from_str(text).unwrap();
+        Effects::new(&effects, 1).law(Pressure::default())
+    }
+
+    #[test]
+    fn each_law_is_its_formula() {
+        assert_eq!(law("").loss(25.0), 0.5);
+        // 10 kPa on 100 kPa are a strain of 0.1
+        assert!((law("gauge-law.factor = 5").loss(10.0) - 1.0 / 3.0).abs() < 1e-15);
+        let exponential = law("exponential-law.per_strain = 4").loss(10.0);
+        assert!((exponential - (1.0 - (-0.4_f64).exp())).abs() < 1e-15);
+        // two decades above 0.1 kPa, 20 % each: 0.6 of the resistance
+        let log = law("log-law.from_kpa = 0.1").loss(10.0);
+        assert!((log - (1.0 - 1.0 / 0.6)).abs() < 1e-14, "{log}");
+        assert_eq!(law("log-law.from_kpa = 20").loss(10.0), 0.0);
+        let foam = "foam.kpa = [1, 10]\nfoam.strain_percent = [10, 50]\n";
+        assert!((law(&format!("{foam}gauge-law.factor = 2")).loss(10.0) - 0.5).abs() < 1e-15);
+        // half the thickness is what 50 kPa do to a foam of 100 kPa: 50 / (50 + 25)
+        assert!((law(foam).loss(10.0) - 2.0 / 3.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn no_law_takes_all_or_gives_without_bound() {
+        for text in [
+            "",
+            "gauge-law.factor = 1000",
+            "exponential-law.per_strain = 18",
+            "log-law.percent_per_decade = 100",
+            "[foam]\n[exponential-law]",
+        ] {
+            let law = law(text);
+            let mut last = 0.0_f64;
+            for exponent in -60..=60 {
+                let kpa = 10f64.powf(f64::from(exponent) / 10.0);
+                let loss = law.loss(kpa);
+                assert!(
+                    loss < 1.0 && loss >= -99.0,
+                    "{text}: {loss} under {kpa} kPa"
+                );
+                // more pressure, more of the same
+                assert!(
+                    loss.abs() >= last.abs() - 1e-15,
+                    "{text}: {loss} after {last}"
+                );
+                last = loss;
+            }
+        }
+    }
+}

@@ -1,0 +1,448 @@
+//! Loads over time: when one is on the sheet, the way that it takes, and how its force is spread under it.
+//!
+//! Between two waypoints a load moves straight and its force changes evenly, in steps: each is computed once, in its
+//! middle, so that it is never more than half of [`STEP_MM`] beside its place, nor more than half of [`STEP_SHARE`] beside
+//! its force. A load that stays takes no step.
+
+use std::f64::consts::PI;
+use std::time::Duration;
+
+use eit::Mesh;
+
+use crate::law::Law;
+use crate::load::{GRAVITY, Load, LoadError, Shape, pressure_kpa};
+
+/// How far a load moves in one step, mm.
+pub(crate) const STEP_MM: f64 = 0.25;
+
+/// How much a force changes in one step, as a share of the larger of the two waypoints'.
+pub(crate) const STEP_SHARE: f64 = 0.02;
+
+/// Rings of even pressure that stand for a pressure that is uneven; each has the mean of its own.
+const RINGS: u32 = 24;
+
+/// How much is pressed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Amount {
+    /// Share of the conductance that is lost, 0 to 1.
+    Loss(f64),
+    /// A mass, g; the loss follows from its pressure.
+    Mass(f64),
+}
+
+impl Amount {
+    fn number(self) -> f64 {
+        match self {
+            Self::Loss(number) | Self::Mass(number) => number,
+        }
+    }
+
+    fn with(self, number: f64) -> Self {
+        match self {
+            Self::Loss(_) => Self::Loss(number),
+            Self::Mass(_) => Self::Mass(number),
+        }
+    }
+}
+
+/// A place on a load's way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Waypoint {
+    /// When it is there.
+    pub at: Duration,
+    /// Where its centre is, mm.
+    pub centre_mm: [f64; 2],
+    /// How much it presses.
+    pub amount: Amount,
+}
+
+/// How a force is spread under a load (fact sheet, section 2.4).
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Contact {
+    /// Evenly: foam thinner than the load is wide (Winkler).
+    #[default]
+    Even,
+    /// As under a rigid flat disc on thick foam: F / (2 pi a²) (1 - r² / a²)^(-1/2).
+    Punch,
+    /// As under a rigid sphere on thick foam (Hertz): p_0 (1 - r² / a²)^(1/2), a³ = 3 F R / (4 E).
+    Sphere {
+        /// Radius of the sphere, mm.
+        radius_mm: f64,
+    },
+}
+
+impl Contact {
+    /// Share of the force within a share of the contact's radius, 0 to 1.
+    pub(crate) fn within(self, radius: f64) -> f64 {
+        let rest = 1.0 - radius * radius;
+        match self {
+            Self::Even => radius * radius,
+            Self::Punch => 1.0 - rest.sqrt(),
+            Self::Sphere { .. } => 1.0 - rest * rest.sqrt(),
+        }
+    }
+}
+
+/// Radius of the contact of a sphere (mm) under a mass (g) on foam of a modulus (kPa), mm: Hertz.
+pub(crate) fn hertz_radius_mm(radius_mm: f64, mass_g: f64, modulus_kpa: f64) -> f64 {
+    let force = mass_g * 1e-3 * GRAVITY;
+    1e3 * (0.75 * force * radius_mm * 1e-3 / (modulus_kpa * 1e3)).cbrt()
+}
+
+/// A load, when it is on the sheet, and what it does meanwhile.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TimedLoad {
+    /// What is pressed, as it begins.
+    pub load: Load,
+    /// From this moment.
+    pub from: Duration,
+    /// Until this moment, excluded; `None` for good.
+    pub to: Option<Duration>,
+    /// How much it presses, as it begins.
+    pub amount: Amount,
+    /// Where it goes and what it presses then, in order of time; empty for a load that stays as it is.
+    pub path: Vec<Waypoint>,
+    /// How its force is spread.
+    pub contact: Contact,
+}
+
+/// Which step of a load's way: the waypoint behind it, and the step since.
+pub(crate) type Stage = [u32; 2];
+
+/// A load's covered triangles, and the share of conductance that each loses.
+pub(crate) type Print = Vec<(usize, f64)>;
+
+impl TimedLoad {
+    /// A load that presses so from a moment on, to another or for good, and stays.
+    pub fn still(load: Load, from: Duration, to: Option<Duration>) -> Self {
+        Self {
+            amount: Amount::Loss(load.loss),
+            load,
+            from,
+            to,
+            path: Vec::new(),
+            contact: Contact::Even,
+        }
+    }
+
+    /// Whether the load is on the sheet.
+    pub fn is_on(&self, at: Duration) -> bool {
+        at >= self.from && self.to.is_none_or(|to| at < to)
+    }
+
+    /// The waypoint of a number; 0 is where it begins.
+    fn waypoint(&self, number: usize) -> Waypoint {
+        match number.checked_sub(1) {
+            Some(index) => self.path[index],
+            None => Waypoint {
+                at: self.from,
+                centre_mm: self.load.centre_mm,
+                amount: self.amount,
+            },
+        }
+    }
+
+    /// The waypoint that it has behind it.
+    fn behind(&self, at: Duration) -> usize {
+        self.path.partition_point(|waypoint| waypoint.at <= at)
+    }
+
+    /// Steps from a waypoint to the next; none where nothing changes, or none follows.
+    fn steps(&self, behind: usize) -> u32 {
+        if behind == self.path.len() {
+            return 0;
+        }
+        let [from, to] = [behind, behind + 1].map(|number| self.waypoint(number));
+        let [x, y] = [0, 1].map(|axis| to.centre_mm[axis] - from.centre_mm[axis]);
+        let [before, after] = [from, to].map(|waypoint| waypoint.amount.number());
+        let largest = before.abs().max(after.abs());
+        let changes = if largest > 0.0 {
+            (after - before).abs() / (STEP_SHARE * largest)
+        } else {
+            0.0
+        };
+        (x.hypot(y) / STEP_MM).max(changes).ceil() as u32
+    }
+
+    /// Which step it is in; `None` while it is not on the sheet.
+    pub(crate) fn stage(&self, at: Duration) -> Option<Stage> {
+        if !self.is_on(at) {
+            return None;
+        }
+        let behind = self.behind(at);
+        let steps = self.steps(behind);
+        let step = if steps == 0 {
+            0
+        } else {
+            let [from, to] = [behind, behind + 1].map(|number| self.waypoint(number).at);
+            let share = (at - from).as_secs_f64() / (to - from).as_secs_f64();
+            ((share * f64::from(steps)) as u32).min(steps - 1)
+        };
+        Some([behind as u32, step])
+    }
+
+    /// The next moment after this one at which it is pressed, moves on, or is taken away.
+    pub(crate) fn next_change(&self, after: Duration) -> Option<Duration> {
+        if after < self.from {
+            return Some(self.from);
+        }
+        if !self.is_on(after) {
+            return None;
+        }
+        let stage = self.stage(after)?;
+        let behind = stage[0] as usize;
+        let next = (behind < self.path.len()).then(|| {
+            let [from, to] = [behind, behind + 1].map(|number| self.waypoint(number).at);
+            let steps = self.steps(behind);
+            // A moment that rounding has put before its step is passed over.
+            (stage[1] + 1..steps)
+                .map(|step| from + (to - from).mul_f64(f64::from(step) / f64::from(steps)))
+                .find(|moment| *moment > after)
+                .unwrap_or(to)
+        });
+        match (next, self.to) {
+            (Some(next), Some(to)) => Some(next.min(to)),
+            (next, to) => next.or(to),
+        }
+    }
+
+    /// Where it is and how much it presses in the middle of a step.
+    fn middle(&self, [behind, step]: Stage) -> Waypoint {
+        let here = self.waypoint(behind as usize);
+        let steps = self.steps(behind as usize);
+        if steps == 0 {
+            return here;
+        }
+        let next = self.waypoint(behind as usize + 1);
+        let share = (f64::from(step) + 0.5) / f64::from(steps);
+        let between = |from: f64, to: f64| from + share * (to - from);
+        Waypoint {
+            at: here.at,
+            centre_mm: [0, 1].map(|axis| between(here.centre_mm[axis], next.centre_mm[axis])),
+            amount: here
+                .amount
+                .with(between(here.amount.number(), next.amount.number())),
+        }
+    }
+
+    /// The load itself during a step; its loss is that of its mean pressure.
+    pub(crate) fn momentary(&self, stage: Stage, law: &Law) -> Load {
+        let now = self.middle(stage);
+        let mut load = Load {
+            centre_mm: now.centre_mm,
+            ..self.load.clone()
+        };
+        match now.amount {
+            Amount::Loss(loss) => load.loss = loss,
+            Amount::Mass(mass_g) => {
+                if let Contact::Sphere { radius_mm } = self.contact {
+                    let modulus = law.pressure.modulus_kpa;
+                    let diameter_mm = 2.0 * hertz_radius_mm(radius_mm, mass_g, modulus);
+                    load.shape = Shape::Disc { diameter_mm };
+                }
+                load.loss = match mass_g {
+                    0.0 => 0.0,
+                    _ => law.loss(pressure_kpa(mass_g, load.shape.area())),
+                };
+            }
+        }
+        load
+    }
+
+    /// The load as it begins.
+    pub(crate) fn momentary_start(&self, law: &Law) -> Load {
+        let start = Self {
+            path: Vec::new(),
+            ..self.clone()
+        };
+        start.momentary([0, 0], law)
+    }
+
+    /// What each triangle loses during a step; nothing where the load is beside the sheet, or presses nothing.
+    ///
+    /// # Errors
+    /// A load from which nothing follows.
+    pub(crate) fn print(&self, stage: Stage, law: &Law, mesh: &Mesh) -> Result<Print, LoadError> {
+        let load = self.momentary(stage, law);
+        let covered = |load: &Load| match load.covered(mesh) {
+            Err(LoadError::Beside { .. }) if !self.path.is_empty() => Ok(Vec::new()),
+            covered => covered,
+        };
+        let (mass_g, diameter_mm) = match (self.contact, self.middle(stage).amount, &load.shape) {
+            (Contact::Even, ..) | (_, Amount::Loss(_), _) => {
+                let covered = covered(&load)?.into_iter();
+                return Ok(covered.map(|(t, share)| (t, load.loss * share)).collect());
+            }
+            (_, Amount::Mass(mass_g), Shape::Disc { diameter_mm }) => (mass_g, *diameter_mm),
+            // Scenes refuse other shapes.
+            _ => return Ok(Vec::new()),
+        };
+        if mass_g == 0.0 {
+            return Ok(Vec::new());
+        }
+        let mut lost = vec![0.0; mesh.triangles().len()];
+        let mut last = vec![0.0; mesh.triangles().len()];
+        for (share, kpa) in rings(self.contact, mass_g, diameter_mm) {
+            let inner = Load {
+                shape: Shape::Disc {
+                    diameter_mm: share * diameter_mm,
+                },
+                ..load.clone()
+            };
+            let loss = law.loss(kpa);
+            for (t, covered) in covered(&inner)? {
+                lost[t] += loss * (covered - last[t]);
+                last[t] = covered;
+            }
+        }
+        let print = lost.into_iter().enumerate();
+        Ok(print.filter(|(_, lost)| *lost != 0.0).collect())
+    }
+}
+
+/// Outer radius (share of the contact's) and mean pressure (kPa) of each ring, from within.
+fn rings(contact: Contact, mass_g: f64, diameter_mm: f64) -> Vec<(f64, f64)> {
+    let area = PI * (0.5e-3 * diameter_mm).powi(2);
+    (1..=RINGS)
+        .map(|ring| {
+            let [inner, outer] = [ring - 1, ring].map(|ring| f64::from(ring) / f64::from(RINGS));
+            let force = contact.within(outer) - contact.within(inner);
+            let share = outer * outer - inner * inner;
+            (outer, pressure_kpa(mass_g, area) * force / share)
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::{EffectSettings, Effects};
+    use crate::law::Pressure;
+
+    #[test]
+    fn punch_and_sphere_integrate_to_their_force() {
+        let sphere = Contact::Sphere { radius_mm: 20.0 };
+        for contact in [Contact::Even, Contact::Punch, sphere] {
+            // The law's own density (in F / (pi a²)) over r = sin(angle), where the punch's edge is no pole.
+            let steps = 2000;
+            let width = 0.5 * PI / f64::from(steps);
+            let mut force = 0.0;
+            for step in 0..steps {
+                let (r, left) = ((f64::from(step) + 0.5) * width).sin_cos();
+                let density = match contact {
+                    Contact::Even => 1.0,
+                    Contact::Punch => 0.5 / left,
+                    Contact::Sphere { .. } => 1.5 * left,
+                };
+                force += density * 2.0 * r * left * width;
+                let edge = (f64::from(step + 1) * width).sin();
+                assert!(
+                    (force - contact.within(edge)).abs() < 1e-6,
+                    "{contact:?} {edge}"
+                );
+            }
+            assert_eq!(contact.within(1.0), 1.0);
+            // 300 g on 12 mm, ring by ring
+            let mut within = 0.0;
+            let mut newton = 0.0;
+            for (outer, kpa) in rings(contact, 300.0, 12.0) {
+                newton += kpa * 1e3 * PI * 36e-6 * (outer * outer - within * within);
+                within = outer;
+            }
+            let wanted = 0.3 * GRAVITY;
+            assert!(
+                (newton / wanted - 1.0).abs() <= 1e-12,
+                "{contact:?} {newton}"
+            );
+        }
+    }
+
+    #[test]
+    fn hertz_has_his_radius_and_his_pressure() {
+        let (mass, radius, modulus) = (300.0, 30.0, 200.0);
+        let a = hertz_radius_mm(radius, mass, modulus) * 1e-3;
+        let force = 0.3 * GRAVITY;
+        assert!((a.powi(3) * 4.0 * 200e3 / (3.0 * force * 30e-3) - 1.0).abs() <= 1e-12);
+        // p_0 = 3 F / (2 pi a²); the innermost ring's mean is below it by half of its share of the radius squared
+        let peak = 1.5 * force / (PI * a * a) * 1e-3;
+        let rings = rings(Contact::Sphere { radius_mm: radius }, mass, 2e3 * a);
+        let (outer, first) = rings[0];
+        assert!((first / peak - (1.0 - 0.25 * outer * outer)).abs() < 1e-6);
+    }
+
+    #[test]
+    fn what_is_lost_under_an_uneven_pressure_is_that_of_its_force() {
+        let effects: EffectSettings = toml::from_str("gauge-law.factor = 1e-6").unwrap();
+        let law = Effects::new(&effects, 0).law(Pressure {
+            modulus_kpa: 1e3,
+            ..Pressure::default()
+        });
+        let mesh = eit::PaperSheet::default().mesh().unwrap();
+        for contact in [
+            Contact::Even,
+            Contact::Punch,
+            Contact::Sphere { radius_mm: 80.0 },
+        ] {
+            let timed = TimedLoad {
+                amount: Amount::Mass(300.0),
+                contact,
+                ..TimedLoad::still(Load::disc([101.3, 120.7], 14.0, 0.0), Duration::ZERO, None)
+            };
+            let print = timed.print([0, 0], &law, &mesh).unwrap();
+            // a loss of a millionth of the strain, a strain of p / 1 MPa: newtons
+            let force: f64 = print
+                .iter()
+                .map(|(t, lost)| lost * mesh.area(*t) * 1e12)
+                .sum();
+            assert!(
+                (force / (0.3 * GRAVITY) - 1.0).abs() < 1e-6,
+                "{contact:?} {force}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_way_has_its_steps_at_their_times() {
+        let seconds = Duration::from_secs;
+        let waypoint = |at, x, mass| Waypoint {
+            at: seconds(at),
+            centre_mm: [x, 50.0],
+            amount: Amount::Mass(mass),
+        };
+        let timed = TimedLoad {
+            amount: Amount::Mass(100.0),
+            path: vec![
+                waypoint(20, 50.0, 100.0),
+                waypoint(30, 60.0, 100.0),
+                waypoint(40, 60.0, 200.0),
+            ],
+            ..TimedLoad::still(
+                Load::disc([50.0, 50.0], 10.0, 0.0),
+                seconds(10),
+                Some(seconds(60)),
+            )
+        };
+        assert_eq!(timed.stage(seconds(9)), None);
+        assert_eq!(timed.stage(seconds(15)), Some([0, 0]));
+        // 10 mm in 0.25 mm each, 100 g of 200 in 2 % each
+        assert_eq!(timed.stage(seconds(25)), Some([1, 20]));
+        assert_eq!(timed.stage(Duration::from_millis(39_999)), Some([2, 24]));
+        assert_eq!(timed.stage(seconds(59)), Some([3, 0]));
+        assert_eq!(timed.stage(seconds(60)), None);
+        let mut changes = Vec::new();
+        let mut last = Duration::ZERO;
+        while let Some(next) = timed.next_change(last) {
+            assert!(next > last);
+            changes.push(next.as_secs_f64());
+            last = next;
+        }
+        assert_eq!(changes.len(), 1 + 1 + 40 + 25 + 1, "{changes:?}");
+        // never further than half a step from where it is
+        for millis in (20_000..30_000).step_by(7) {
+            let stage = timed.stage(Duration::from_millis(millis)).unwrap();
+            let exact = 50.0 + (millis - 20_000) as f64 / 1000.0;
+            let off = timed.middle(stage).centre_mm[0] - exact;
+            assert!(off.abs() <= 0.5 * STEP_MM + 1e-9, "{off}");
+        }
+    }
+}
