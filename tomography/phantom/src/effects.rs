@@ -63,9 +63,7 @@ use sha2::{Digest, Sha256};
 use survey::{Amps, Ohms, Relay, Volts};
 
 pub use acts::RelayContact;
-pub(crate) use acts::{
-    OnContacts, OnLoss, OnMesh, OnNetwork, OnReading, OnSheet, OnWires, Places,
-};
+pub(crate) use acts::{OnContacts, OnLoss, OnMesh, OnNetwork, OnReading, OnSheet, OnWires, Places};
 pub use bounds::Fault as ParameterFault;
 pub(crate) use foam::Foam;
 

@@ -105,7 +105,7 @@ mod tests {
                 let kpa = 10f64.powf(f64::from(exponent) / 10.0);
                 let loss = law.loss(kpa);
                 assert!(
-                    loss < 1.0 && loss >= -99.0,
+                    (-99.0..1.0).contains(&loss),
                     "{text}: {loss} under {kpa} kPa"
                 );
                 // more pressure, more of the same

@@ -12,10 +12,10 @@ use survey::Electrode;
 use toml::Spanned;
 
 use crate::effects::{EffectSettings, Effects};
-use crate::law::{Law, Pressure};
-use crate::load::{Load, LoadError, Shape};
+use crate::law::Pressure;
 use crate::paper;
-use crate::press::{Amount, Contact, TimedLoad, Waypoint, hertz_radius_mm};
+use crate::press::TimedLoad;
+use load_text::LoadText;
 
 /// How much finer than its preset the phantom's mesh is, unless the scene says.
 pub const FINER: f64 = 1.5;
@@ -151,8 +151,7 @@ impl Scene {
                 if let Some((span, why)) = unknown::unknown_effect(text) {
                     return Fault(span, why);
                 }
-                let message = fault.message().trim().replace('
-', ", ");
+                let message = fault.message().trim().replace('\n', ", ");
                 let hint = unknown::with_unit(&message);
                 Fault(fault.span().unwrap_or(0..0), message + &hint)
             })

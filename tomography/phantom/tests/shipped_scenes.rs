@@ -77,3 +77,16 @@ fn a_clean_bench_names_nothing_that_is_negligible() {
         assert!(!small, "{told:?}, noise {noise:e}, signal {signal:e}");
     }
 }
+
+#[test]
+fn the_rooms_page_names_every_effect() {
+    let page = include_str!("../README.md");
+    for (effect, what) in EffectSettings::ALL {
+        let row = format!("| `{effect}` | {} |", what.trim().trim_end_matches('.'));
+        assert!(page.contains(&row), "{row}");
+    }
+    let example = page.split("```toml").nth(1).unwrap();
+    let example = example.split("```").next().unwrap();
+    let scene = Scene::parse("README.md", example).unwrap();
+    assert_eq!(scene.loads[0].path.len(), 3);
+}
