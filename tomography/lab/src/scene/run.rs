@@ -41,7 +41,7 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
     for frame in 0..scan.frames {
         let begin = scan.begin(frame);
         let middle = begin + scan.frame_time() / 2;
-        let loads: Vec<Load> = phantom.loads(middle).cloned().collect();
+        let loads: Vec<Load> = phantom.loads(middle).collect();
         if frame == 0 && !loads.is_empty() {
             bar.suspend(|| {
                 eprintln!(
