@@ -477,19 +477,28 @@ mod tests {
     fn a_scene_calls_the_effects_that_it_names_and_nothing_else() {
         let calls = |settings: &EffectSettings| {
             let Effects {
+                mesh,
+                foam,
+                conduction,
+                losses,
                 sheet,
                 contacts,
                 network,
+                wires,
                 readings,
             } = Effects::new(settings, 1);
             let lists = [
+                (mesh.len(), mesh.capacity()),
+                (losses.len(), losses.capacity()),
+                (wires.len(), wires.capacity()),
                 (sheet.len(), sheet.capacity()),
                 (contacts.len(), contacts.capacity()),
                 (network.len(), network.capacity()),
                 (readings.len(), readings.capacity()),
             ];
             assert!(lists.iter().all(|(len, room)| *len > 0 || *room == 0));
-            lists.map(|(len, _)| len).iter().sum::<usize>()
+            let laws = usize::from(foam.is_some()) + usize::from(conduction.is_some());
+            lists.map(|(len, _)| len).iter().sum::<usize>() + laws
         };
         let none = EffectSettings::default();
         assert_eq!(calls(&none), 0);

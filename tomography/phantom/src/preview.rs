@@ -2,7 +2,8 @@
 //!
 //! What predictions rest on is cheap and exact: the readings of the unloaded sheet, their sensitivities to contacts and
 //! conductance (first order), resistances between electrodes, and how the readings are taken. An effect that is beyond
-//! first order (a crack, an electrode that has come off) asks for one solution of the changed sheet.
+//! first order (a crack, an electrode that has come off) asks for one solution of the changed sheet; one that acts on loads,
+//! for a dozen with it and a dozen without, on a coarse mesh.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
