@@ -1,6 +1,7 @@
 //! `tactus-lab scene`: scenes explained, checked, run and listed.
 
 mod explain;
+mod record;
 mod run;
 
 use std::time::Duration;

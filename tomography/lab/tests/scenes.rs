@@ -77,6 +77,37 @@ fn a_run_is_a_case_folder_with_its_truth_and_the_same_every_time() {
 }
 
 #[test]
+fn a_run_is_a_session_of_the_logbook() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = folder.path().join("case");
+    done(&words(
+        "scene run paper-test1 --every 30 --frames 4 --out {} --logbook {}",
+        &[&case, folder.path()],
+    ));
+    let path = folder.path().join("scene_paper_test_1_1.tactus");
+    let session = logbook::SessionReader::open(&path).unwrap();
+    assert!(session.header().simulated && session.closed().is_some());
+    assert_eq!(session.header().seed, Some(1));
+    assert_eq!(session.len().unwrap(), 3);
+    let frames = numbers(&case.join("frames.csv"));
+    let volts = |readings: &[survey::Reading]| -> Vec<f64> {
+        readings
+            .iter()
+            .map(|reading| reading.volts().unwrap().0)
+            .collect()
+    };
+    let baseline = session.baseline().unwrap().unwrap();
+    assert_eq!(volts(&baseline.readings), frames[0]);
+    assert_eq!(volts(&session.frame(2).unwrap().frame.readings), frames[2]);
+    // A second one of the same name is refused, not written over.
+    let again = lab(&words(
+        "scene run paper-test1 --frames 2 --logbook {}",
+        &[folder.path()],
+    ));
+    assert_eq!(again.status.code(), Some(1));
+}
+
+#[test]
 fn what_is_no_scene_is_refused_where_it_is_wrong() {
     let folder = tempfile::tempdir().unwrap();
     let wrong = folder.path().join("wrong.toml");

@@ -14,7 +14,7 @@ pub(crate) enum SceneCommand {
         #[arg(required = true, value_name = "FILE|NAME")]
         scenes: Vec<String>,
     },
-    /// Take frames of a scene into a case folder, in virtual time: the first is the baseline, the truth is beside them
+    /// Take frames of a scene in virtual time, into a case folder with the truth or a session; the first is the baseline
     Run(RunOptions),
     /// List the scenes that come with the program
     List {
@@ -70,6 +70,9 @@ pub(crate) struct RunOptions {
     #[command(flatten)]
     pub(crate) session: SessionOptions,
     /// Folder to write: a case with frames.csv, truth.csv and judged.json
+    #[arg(long, value_name = "DIR", required_unless_present = "logbook")]
+    pub(crate) out: Option<PathBuf>,
+    /// Folder of sessions to write one into, which `tactus` reads as the daemon's own
     #[arg(long, value_name = "DIR")]
-    pub(crate) out: PathBuf,
+    pub(crate) logbook: Option<PathBuf>,
 }

@@ -11,6 +11,7 @@ use eit::{Preset, frames_text, matrix_text};
 use nalgebra::DMatrix;
 use phantom::{Load, Phantom, Preview};
 
+use super::record::Session;
 use crate::args::RunOptions;
 use crate::failure::{Failure, write};
 use crate::{geometry, judge, progress};
@@ -31,10 +32,20 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
             "the scene's mesh is the one to reconstruct on: give its [mesh] another fineness or seeding",
         ));
     }
-    case.write(&options.out)
-        .map_err(|fault| Failure::of("cannot write the case", &fault))?;
-    let mut frames = Rows::create(&options.out.join("frames.csv"))?;
-    let mut truth = Rows::create(&options.out.join("truth.csv"))?;
+    let mut folder = match &options.out {
+        None => None,
+        Some(out) => {
+            case.write(out)
+                .map_err(|fault| Failure::of("cannot write the case", &fault))?;
+            let [frames, truth] =
+                ["frames.csv", "truth.csv"].map(|name| Rows::create(&out.join(name)));
+            Some((frames?, truth?))
+        }
+    };
+    let mut session = match &options.logbook {
+        None => None,
+        Some(shelf) => Some(Session::create(shelf, phantom.scene(), &scan)?),
+    };
     // The truth is computed when the loads change, and written again while they do not.
     let mut known: Option<(Vec<Load>, String)> = None;
     let bar = progress::bar(scan.frames, "frames");
@@ -51,40 +62,50 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
             });
         }
         let readings = scan.frame(&mut phantom, begin).map_err(failed)?;
-        let readings = readings.iter().map(|volts| Some(volts.0)).collect();
-        let text = frames_text(&[readings]);
-        let row = text.split_once('\n').map_or("", |(_, row)| row);
-        frames.put(if frame == 0 { &text } else { row })?;
-        if frame > 0 {
-            let row = match &known {
-                Some((same, row)) if *same == loads => row,
-                _ => {
-                    let changes = judge::true_map(&case, &loads)?;
-                    let row = matrix_text(&DMatrix::from_row_slice(1, changes.len(), &changes));
-                    &known.insert((loads, row)).1
-                }
-            };
-            truth.put(row)?;
+        if let Some(session) = &mut session {
+            session.put(begin, &readings)?;
+        }
+        if let Some((frames, truth)) = &mut folder {
+            let readings = readings.iter().map(|volts| Some(volts.0)).collect();
+            let text = frames_text(&[readings]);
+            let row = text.split_once('\n').map_or("", |(_, row)| row);
+            frames.put(if frame == 0 { &text } else { row })?;
+            if frame > 0 {
+                let row = match &known {
+                    Some((same, row)) if *same == loads => row,
+                    _ => {
+                        let changes = judge::true_map(&case, &loads)?;
+                        let row = matrix_text(&DMatrix::from_row_slice(1, changes.len(), &changes));
+                        &known.insert((loads, row)).1
+                    }
+                };
+                truth.put(row)?;
+            }
         }
         bar.inc(1);
     }
     bar.finish_and_clear();
-    frames.end()?;
-    truth.end()?;
-    let said = serde_json::json!({
-        "set": name,
-        "noise_v": noise,
-        "seed": seed,
-        "frames": scan.frames - 1,
-        "every_s": scan.begin(1).as_secs_f64(),
-    });
-    write(&options.out.join(judge::SAID), format!("{said}\n"))?;
-    println!(
-        "{}: baseline and {} frames of {name}; {}",
-        options.out.display(),
+    let words = format!(
+        "baseline and {} frames of {name}; {}",
         scan.frames - 1,
         super::in_words(&scan)
     );
+    if let (Some((frames, truth)), Some(out)) = (folder, &options.out) {
+        frames.end()?;
+        truth.end()?;
+        let said = serde_json::json!({
+            "set": name,
+            "noise_v": noise,
+            "seed": seed,
+            "frames": scan.frames - 1,
+            "every_s": scan.begin(1).as_secs_f64(),
+        });
+        write(&out.join(judge::SAID), format!("{said}\n"))?;
+        println!("{}: {words}", out.display());
+    }
+    if let Some(session) = session {
+        println!("{}: {words}", session.end()?);
+    }
     Ok(())
 }
 
