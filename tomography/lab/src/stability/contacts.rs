@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use eit::{ENOUGH_EDGES, Forward, ForwardError, PaperSheet, SheetElectrode};
+use eit::{ENOUGH_EDGES, Forward, ForwardError, Mesh, PaperSheet, SheetElectrode};
 use nalgebra::DMatrix;
 use qd::Quad;
 use survey::{Dipole, Electrode, Measurement, Protocol};
@@ -208,11 +208,19 @@ const ACROSS: Dipole = Dipole {
 };
 
 fn resistance(sheet: &PaperSheet, contact: f64) -> Result<f64, Failure> {
+    across(&meshed(sheet)?, contact)
+}
+
+fn meshed(sheet: &PaperSheet) -> Result<Arc<Mesh>, Failure> {
     let mesh = sheet
         .mesh()
         .map_err(|fault| Failure::of("the sheet", &fault))?;
-    let sigma = vec![sheet.conductance(); mesh.triangles().len()];
-    let forward = Forward::new(Arc::new(mesh), &[contact; 4]).map_err(refused)?;
+    Ok(Arc::new(mesh))
+}
+
+fn across(mesh: &Arc<Mesh>, contact: f64) -> Result<f64, Failure> {
+    let sigma = vec![1.0 / RS; mesh.triangles().len()];
+    let forward = Forward::new(Arc::clone(mesh), &[contact; 4]).map_err(refused)?;
     own(&forward, &sigma, ACROSS)
 }
 
@@ -262,21 +270,25 @@ const TOO_FEW: &str = "electrodes with too few edges, not named";
 
 /// 11: what the singularity at an electrode's ends costs.
 pub(super) fn singular_ends() -> Result<Outcome, Failure> {
-    let order = |contact_ohm: f64, graded: bool| -> Result<[f64; 2], Failure> {
+    let mesh = |graded: bool, fineness: f64| {
+        let [edge, growth] = if graded { [1.0, 0.3] } else { [8.0, 1.0] };
+        meshed(&PaperSheet {
+            fineness,
+            ..four(16.0, edge, 8.0, growth)
+        })
+    };
+    // edges of 16 and 4 mm, against 1 mm graded
+    let reference = mesh(true, 8.0)?;
+    let uniform = [mesh(false, 0.5)?, mesh(false, 2.0)?];
+    let graded = [mesh(true, 0.5)?, mesh(true, 2.0)?];
+    let order = |contact_ohm: f64, by_ends: bool| -> Result<[f64; 2], Failure> {
         let contact = contact_ohm * 16e-3;
-        let sheet = |graded: bool, fineness: f64| {
-            let [edge, growth] = if graded { [1.0, 0.3] } else { [8.0, 1.0] };
-            PaperSheet {
-                fineness,
-                ..four(16.0, edge, 8.0, growth)
-            }
+        let exact = across(&reference, contact)?;
+        let meshes = if by_ends { &graded } else { &uniform };
+        let error = |mesh: &Arc<Mesh>| -> Result<f64, Failure> {
+            Ok((across(mesh, contact)? / exact - 1.0).abs())
         };
-        let exact = resistance(&sheet(true, 8.0), contact)?;
-        let error = |fineness: f64| -> Result<f64, Failure> {
-            Ok((resistance(&sheet(graded, fineness), contact)? / exact - 1.0).abs())
-        };
-        // edges of 16 and 4 mm, against 1 mm graded
-        let [coarse, fine] = [error(0.5)?, error(2.0)?];
+        let [coarse, fine] = [error(&meshes[0])?, error(&meshes[1])?];
         Ok([0.5 * (coarse / fine).log2(), fine])
     };
     let [ours, ours_error] = order(10.0, true)?;

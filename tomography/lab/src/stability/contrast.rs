@@ -248,9 +248,12 @@ fn refine(tank: &Tank, sigma: &[f64], care: bool) -> (Vec<f64>, u32) {
             if norm(&now) < 1e-14 * norm(&right) {
                 break;
             }
-            if care && !(norm(&now) <= 0.5 * size) {
+            // what is not a number has not halved
+            let halved = norm(&now) <= 0.5 * size;
+            if care && !halved {
                 // what rounding leaves does not halve either
-                if !(size <= 1e-9 * norm(&right)) {
+                let settled = size <= 1e-9 * norm(&right);
+                if !settled {
                     return fall_back.solve(right);
                 }
                 break;
