@@ -34,8 +34,8 @@ pub struct MethodChoice {
     /// Standard deviation of one reading, V (default: measured on the baseline's frames)
     #[arg(long, value_name = "SD", conflicts_with = "model", value_parser = above_zero, allow_hyphen_values = true)]
     pub noise_v: Option<f64>,
-    /// Loads only take conductance away: bound the relative change to [-1, 0]
-    #[arg(long, conflicts_with = "model")]
+    /// Loads only take conductance away: bound the relative change to [-1, 0]; maps of a model are cut
+    #[arg(long)]
     pub loss_only: bool,
 }
 

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use eit::network::{is_onnx, load_onnx};
 use eit::{
-    DiscTank, Forward, Hyper, Mesh, OneStep, OneStepOptions, PaperSheet, Preset, Reconstructor, Tv,
-    TvOptions,
+    DiscTank, Forward, Hyper, LossOnly, Mesh, OneStep, OneStepOptions, PaperSheet, Preset,
+    Reconstructor, Tv, TvOptions,
 };
 use survey::{Amps, Map, Protocol, Reading};
 
@@ -68,14 +68,22 @@ impl Eye {
                 let network = load_onnx(model, mesh, scene.protocol).map_err(|error| {
                     Failure::configuration("the network cannot be used", &error)
                 })?;
-                Ok(Self::new(network, Vec::new()))
+                Ok(Self::trained(network, recipe.loss_only))
             }
-            Some(model) => Self::from_model(model, scene.protocol),
+            Some(model) => Self::from_model(model, recipe.loss_only, scene.protocol),
             None => Self::one_step(recipe, ground(geometry, home, scene.protocol)?, scene),
         }
     }
 
-    fn from_model(file: &Path, protocol: &Protocol) -> Result<Self, Failure> {
+    fn trained(network: Box<dyn Reconstructor>, loss_only: bool) -> Self {
+        let network = match loss_only {
+            true => Box::new(LossOnly::new(network)),
+            false => network,
+        };
+        Self::new(network, Vec::new())
+    }
+
+    fn from_model(file: &Path, loss_only: bool, protocol: &Protocol) -> Result<Self, Failure> {
         let reconstructor = eit::load_reconstructor(file)
             .map_err(|error| Failure::failed(&file.display().to_string(), &error))?;
         let asked = reconstructor.protocol();
@@ -92,7 +100,7 @@ impl Eye {
                 short(&protocol.hash()),
             )));
         }
-        Ok(Self::new(reconstructor, Vec::new()))
+        Ok(Self::trained(reconstructor, loss_only))
     }
 
     fn one_step(recipe: Recipe, ground: Ground, scene: &Scene<'_>) -> Result<Self, Failure> {

@@ -46,6 +46,13 @@ impl Recipe {
             }
             Home::Session(_) | Home::Folder(_) => None,
         };
+        // maps of a model that is named are cut as the session's were
+        let cut = match home {
+            Home::Session(header) if !header.config_toml.is_empty() => crate::state::kept(header)
+                .ok()
+                .and_then(|kept| kept.model.loss_only),
+            Home::Session(_) | Home::Folder(_) => None,
+        };
         let as_the_daemon = kept.is_some();
         let session_noise = kept
             .as_ref()
@@ -55,8 +62,7 @@ impl Recipe {
             || asked.prior.is_some()
             || asked.exponent.is_some()
             || asked.lambda.is_some()
-            || asked.noise_v.is_some()
-            || asked.loss_only;
+            || asked.noise_v.is_some();
         let model_hash = match home {
             Home::Session(header) => header.model_hash.as_deref(),
             Home::Folder(_) => None,
@@ -105,7 +111,7 @@ impl Recipe {
             lambda: asked.lambda.or(kept.lambda.filter(|_| !told)),
             noise_v: asked.noise_v.or(session_noise.filter(|_| !told)),
             as_the_daemon,
-            loss_only: asked.loss_only || kept.loss_only.unwrap_or(false),
+            loss_only: asked.loss_only || cut.unwrap_or(false),
             remarks,
         })
     }

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use eit::network::{OnnxError, is_onnx, load_onnx};
 use eit::{
-    Calibration, Case, Hyper, Mesh, OneStep, OneStepOptions, Preset, Prior, Reconstructor,
-    SMOOTH_LENGTH_M, Tv, TvOptions,
+    Calibration, Case, Hyper, LossOnly, Mesh, OneStep, OneStepOptions, Preset, Prior,
+    Reconstructor, SMOOTH_LENGTH_M, Tv, TvOptions,
 };
 use survey::{Amps, Protocol, Reading};
 
@@ -154,7 +154,10 @@ pub(crate) fn model(
     protocol: &Protocol,
 ) -> Result<Model, ModelFault> {
     let mut model = match &section.file {
-        Some(path) => from_file(path, geometry, protocol)?,
+        Some(path) => {
+            let loss_only = section.loss_only.unwrap_or(false);
+            from_file(path, loss_only, geometry, protocol)?
+        }
         None => match section.method.unwrap_or_default() {
             MethodName::OneStep => one_step(section, current, geometry, protocol)?,
             MethodName::Tv => total_variation(section, current, geometry, protocol)?,
@@ -196,21 +199,22 @@ fn calibration(path: &Path, geometry: &Geometry, model: &Model) -> Result<Calibr
     Ok(calibration)
 }
 
-/// Loads a model file and checks that it was made for this survey and this geometry.
+/// Loads a model file and checks that it was made for this survey and this geometry. `loss_only` cuts its maps.
 pub(crate) fn from_file(
     path: &Path,
+    loss_only: bool,
     geometry: &Geometry,
     protocol: &Protocol,
 ) -> Result<Model, ModelFault> {
     if is_onnx(path) {
-        return onnx(path, geometry, protocol);
+        return onnx(path, loss_only, geometry, protocol);
     }
     let loaded = eit::model::load(path).map_err(|cause| ModelFault::File {
         path: path.to_owned(),
         cause,
     })?;
     let hash = Some(loaded.hash().to_owned());
-    let reconstructor: Arc<dyn Reconstructor> = Arc::from(loaded.into_reconstructor());
+    let reconstructor = cut(loaded.into_reconstructor(), loss_only);
     check(path, reconstructor.as_ref(), geometry, protocol)?;
     Ok(Model {
         reconstructor,
@@ -219,8 +223,20 @@ pub(crate) fn from_file(
     })
 }
 
+fn cut(trained: Box<dyn Reconstructor>, loss_only: bool) -> Arc<dyn Reconstructor> {
+    match loss_only {
+        true => Arc::new(LossOnly::new(trained)),
+        false => Arc::from(trained),
+    }
+}
+
 /// A network trained elsewhere; its file says nothing of sheet and survey, so both are this rig's.
-fn onnx(path: &Path, geometry: &Geometry, protocol: &Protocol) -> Result<Model, ModelFault> {
+fn onnx(
+    path: &Path,
+    loss_only: bool,
+    geometry: &Geometry,
+    protocol: &Protocol,
+) -> Result<Model, ModelFault> {
     let network = load_onnx(path, Arc::clone(&geometry.mesh), protocol)?;
     let bytes = std::fs::read(path).map_err(|cause| ModelFault::File {
         path: path.to_owned(),
@@ -230,7 +246,7 @@ fn onnx(path: &Path, geometry: &Geometry, protocol: &Protocol) -> Result<Model, 
         },
     })?;
     Ok(Model {
-        reconstructor: Arc::from(network),
+        reconstructor: cut(network, loss_only),
         hash: Some(eit::model::fingerprint(&bytes)),
         calibration: None,
     })

@@ -74,10 +74,14 @@ fn each_bad_input_is_named_at_its_place() {
             "nowhere.safetensors",
         ),
         (
+            more("[model]\nfile = \"nowhere.safetensors\"\nloss_only = true\n"),
+            "model file nowhere.safetensors cannot be accessed",
+        ),
+        (
             more(
                 "[model]\nfile = \"m.safetensors\"\nprior = \"noser\"\nlambda = 1.0\nloss_only = true\n",
             ),
-            ":18:9: model.prior: a model file has its own settings; delete prior, lambda, loss_only, or delete file",
+            ":18:9: model.prior: a model file has its own settings; delete prior, lambda, or delete file",
         ),
         (
             more("[model]\nmethod = \"tv\"\nlambda = 1.0\n"),
@@ -102,10 +106,6 @@ fn each_bad_input_is_named_at_its_place() {
         (
             more("[model]\nmethod = \"tv\"\nmap_error = 1e-3\n"),
             "model.map_error: map_error belongs to method = \"one-step\"",
-        ),
-        (
-            more("[model]\nprior = \"gaussian\"\nloss_only = true\n"),
-            "loss_only is not there for the gaussian prior",
         ),
         (
             more("[model]\nmap_error = 2.0\n"),

@@ -268,7 +268,8 @@ impl Keeper {
                 };
                 model::one_step(&section, *current, geometry, protocol)
             } else {
-                model::from_file(Path::new(&asked), geometry, protocol)
+                let loss_only = config.model.loss_only.unwrap_or(false);
+                model::from_file(Path::new(&asked), loss_only, geometry, protocol)
             }
         });
         match loaded.await {

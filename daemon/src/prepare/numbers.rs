@@ -135,7 +135,6 @@ fn of_the_method(config: &Config, findings: &mut Findings<'_>) {
         ("map_error", model.map_error.is_some()),
         ("noise_uv", model.noise_uv.is_some()),
         ("lambda", model.lambda.is_some()),
-        ("loss_only", model.loss_only.is_some()),
         ("gap", model.gap.is_some()),
     ]
     .into_iter()

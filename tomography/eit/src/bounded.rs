@@ -4,8 +4,11 @@
 //! and convex: with s = J'u the map is x = clip(s / R, -1, 0), and u solves lambda^2 u + J x(u) = d. A semismooth Newton
 //! method with an exact Hessian and a backtracking line search finds it in some ten steps where lambda suits the noise.
 //! For a lambda far below, where Newton's steps become short, an [`interior`](crate::interior) method brings it close to the
-//! solution first, and where R is a graph Laplacian that method alone solves the problem. What comes out is judged by the
-//! conditions of optimality, whichever way it was found.
+//! solution first, and where R is a graph Laplacian that method alone solves the problem. A prior that is given by its
+//! covariance has a way of its own ([`smooth`]). What comes out is judged by the conditions of optimality, whichever way it was
+//! found.
+
+mod smooth;
 
 use nalgebra::{DMatrix, DVector};
 
@@ -45,10 +48,10 @@ struct Point {
 }
 
 impl Bounded {
-    /// `None` for a prior that has no R to apply, or where the numbers gave out.
+    /// `None` where the numbers gave out.
     pub(crate) fn new(sensitivity: DMatrix<f64>, penalty: Penalty, lambda: f64) -> Option<Self> {
         let Penalty::Diagonal(entries) = &penalty else {
-            return matches!(penalty, Penalty::Laplacian(_)).then(|| Self {
+            return Some(Self {
                 directions: DMatrix::zeros(sensitivity.nrows(), 0),
                 along: DMatrix::zeros(0, sensitivity.ncols()),
                 variances: Vec::new(),
@@ -88,6 +91,10 @@ impl Bounded {
             let rows = seen.rows(&self.sensitivity);
             if seen.data.iter().all(|value| *value == 0.0) {
                 return Some(vec![0.0; rows.ncols()]);
+            }
+            if let Penalty::Smooth(prior) = &self.penalty {
+                let found = smooth::Problem::new(prior, &rows, square, &seen.data)?.solve()?;
+                return found.good().then(|| found.x.as_slice().to_vec());
             }
             let x = interior::solve(&rows, &self.penalty, square, &seen.data)?;
             return (self.violation(&rows, &seen.data, &x) <= ACCEPTED)

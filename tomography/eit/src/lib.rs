@@ -35,6 +35,7 @@ mod interior;
 mod jacobian;
 mod kmeans;
 mod linear;
+mod loss_only;
 pub mod merit;
 mod mesh;
 mod mesher;
@@ -63,6 +64,7 @@ pub use case::{
 pub use forward::{Admitted, FLOOR, Fields, Forward, ForwardError, Workspace};
 pub use hyper::{l_curve_lambda, probable_lambda};
 pub use jacobian::Parameters;
+pub use loss_only::LossOnly;
 pub use mesh::{ENOUGH_EDGES, Mesh, MeshError, MeshQuality};
 pub use model::{Model, ModelError, Network, Report, load_reconstructor};
 pub use network::{DeepNetwork, DeepReport, DeepSettings, Precision};

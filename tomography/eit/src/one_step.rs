@@ -14,7 +14,7 @@ use survey::{Map, MapUnit, Protocol, Reading};
 use crate::bounded::Bounded;
 use crate::data_space::DataSpace;
 use crate::linear::Linear;
-use crate::prior::{Penalty, Prior};
+use crate::prior::Prior;
 use crate::quick::Quick;
 use crate::{ForwardError, Mesh, Novelty, ReconstructError, Reconstructor, novelty};
 
@@ -67,7 +67,7 @@ pub struct OneStepOptions {
     pub prior: Prior,
     /// The hyper-parameter.
     pub hyper: Hyper,
-    /// Bounds the map to -1 <= x <= 0: loads only take conductance away. Not with [`Prior::Gaussian`].
+    /// Bounds the map to -1 <= x <= 0: loads only take conductance away.
     pub loss_only: bool,
     /// The baseline's scale.
     pub scale: Scale,
@@ -143,9 +143,6 @@ pub enum OneStepError {
         "the prior cannot be inverted on this geometry: some part of the region is seen by no reading"
     )]
     Prior,
-    /// Bounds are not there for a prior that is given by its covariance.
-    #[error("loss_only is not there for the gaussian prior; take tikhonov, noser or laplace")]
-    BoundedPrior,
     /// No lambda has the noise figure.
     #[error(
         "no lambda gives a noise figure of {wanted}; on this geometry it can be {least:.3} to {most:.3}"
@@ -275,12 +272,9 @@ impl OneStep {
             _ => None,
         };
         let kept = sensitivity.clone();
-        let bounded = match (options.loss_only, penalty) {
-            (false, _) => None,
-            (true, Penalty::Smooth(_)) => return Err(OneStepError::BoundedPrior),
-            (true, penalty) => {
-                Some(Bounded::new(sensitivity, penalty, lambda).ok_or(OneStepError::Prior)?)
-            }
+        let bounded = match options.loss_only {
+            false => None,
+            true => Some(Bounded::new(sensitivity, penalty, lambda).ok_or(OneStepError::Prior)?),
         };
         let loss = if options.loss_only { ", loss only" } else { "" };
         Ok(Self {
@@ -384,9 +378,9 @@ impl Reconstructor for OneStep {
         told
     }
 
-    /// Of the linear map; where maps are bounded to losses, of the map before the bound.
+    /// Of the linear map; `None` where maps are bounded to losses, which is not linear.
     fn noise_figure(&self) -> Option<f64> {
-        Some(self.noise_figure)
+        self.bounded.is_none().then_some(self.noise_figure)
     }
 
     fn novelty(

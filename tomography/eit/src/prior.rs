@@ -12,7 +12,7 @@ use crate::sparse::Block;
 use crate::tv::Graph;
 pub(crate) use laplacian::{Half, Laplacian, block_of_columns};
 use laplacian::{block_of_rows, matrix_of};
-use smooth::Smooth;
+pub(crate) use smooth::Smooth;
 
 /// The prior of a one-step reconstruction.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -9,8 +9,8 @@ use std::sync::Arc;
 use clap::Parser;
 use eit::network::{is_onnx, load_onnx};
 use eit::{
-    Case, Jitter, OneStep, OneStepOptions, Prior, Reconstructor, SMOOTH_LENGTH_M, TrainingSettings,
-    model,
+    Case, Jitter, LossOnly, OneStep, OneStepOptions, Prior, Reconstructor, SMOOTH_LENGTH_M,
+    TrainingSettings, model,
 };
 
 use crate::args::{Arguments, Command, Method, ReconstructOptions};
@@ -31,6 +31,25 @@ pub(crate) struct Choice {
     pub(crate) notes: Vec<String>,
     /// Whether a frame takes so long that frames are better made side by side.
     pub(crate) slow: bool,
+}
+
+impl Choice {
+    /// A quick method that has nothing to be said about it.
+    fn quick(reconstructor: Box<dyn Reconstructor>) -> Self {
+        Self {
+            reconstructor,
+            notes: Vec::new(),
+            slow: false,
+        }
+    }
+
+    /// A trained map, cut to losses where that is asked for.
+    fn trained(reconstructor: Box<dyn Reconstructor>, loss_only: bool) -> Self {
+        Self::quick(match loss_only {
+            true => Box::new(LossOnly::new(reconstructor)),
+            false => reconstructor,
+        })
+    }
 }
 
 /// The options of a `reconstruct` whose method is said in these words, e.g. `--method tv --loss-only`; `name` is what a
@@ -71,18 +90,16 @@ pub(crate) fn prepare(
                 .map_err(|fault| Failure::of("cannot use the model", &fault))?;
             return Ok(Choice {
                 notes: network.assumptions(),
-                reconstructor: network,
-                slow: false,
+                ..Choice::trained(network, options.loss_only)
             });
         }
         let failed = |fault| Failure::of("cannot use the model", &fault);
         let model = model::load(path).map_err(failed)?;
         model.check(&case.protocol, &case.mesh).map_err(failed)?;
-        return Ok(Choice {
-            reconstructor: model.into_reconstructor(),
-            notes: Vec::new(),
-            slow: false,
-        });
+        return Ok(Choice::trained(
+            model.into_reconstructor(),
+            options.loss_only,
+        ));
     }
     positive(
         "--noise-v",
@@ -127,20 +144,19 @@ pub(crate) fn prepare(
                 jitter,
                 ..TrainingSettings::default()
             };
-            Ok(Choice {
-                reconstructor: train::cached(case, settings)?.into_reconstructor(),
-                notes: Vec::new(),
-                slow: false,
-            })
+            let model = train::cached(case, settings)?;
+            Ok(Choice::trained(
+                model.into_reconstructor(),
+                options.loss_only,
+            ))
         }
         Method::Linear => {
             only_for_one_step(options, "--method linear")?;
             let model = linear::cached(case, options.noise_v, options.cases)?;
-            Ok(Choice {
-                reconstructor: model.into_reconstructor(),
-                notes: Vec::new(),
-                slow: false,
-            })
+            Ok(Choice::trained(
+                model.into_reconstructor(),
+                options.loss_only,
+            ))
         }
         Method::Dnn => Err(Failure::usage(
             "--method dnn: train a network with tactus-lab train dnn --case DIR, and give its file with --model",
@@ -158,12 +174,11 @@ pub(crate) fn positive(option: &str, value: Option<f64>, hint: &str) -> Result<(
     }
 }
 
-/// A trained network takes no prior, hyper-parameter, bound or conductance.
+/// A trained network takes no prior, hyper-parameter or conductance.
 fn only_for_one_step(options: &ReconstructOptions, with: &str) -> Result<(), Failure> {
     let given = [
         ("--prior", options.prior.is_some()),
         ("--lambda", options.lambda.is_some()),
-        ("--loss-only", options.loss_only),
         ("--sigma0", options.sigma0.is_some()),
         ("--gap", options.gap.is_some()),
         ("--choose", options.choose.is_some()),
@@ -201,11 +216,14 @@ fn one_step(
     let mut notes = start.notes.clone();
     let one_step = start.one_step(prior, options.loss_only)?;
     notes.extend(raised(&one_step));
+    let figure = one_step.noise_figure();
     notes.push(format!(
-        "{}, lambda {:.3e}, noise figure {:.3}",
+        "{}, lambda {:.3e}{}",
         one_step.method(),
         one_step.lambda(),
-        one_step.noise_figure().unwrap_or(f64::NAN)
+        figure.map_or(String::new(), |figure| format!(
+            ", noise figure {figure:.3}"
+        ))
     ));
     if options.map_error.is_some() {
         notes.extend(one_step.assumptions().pop());
@@ -245,10 +263,9 @@ fn best(
     }
     let share = if all > 0.0 { gain / all } else { 0.0 };
     let bounded = options.loss_only || share <= GAIN;
-    let one_step = if bounded && !matches!(prior, Prior::Gaussian { .. }) {
-        start.one_step(prior, true)?
-    } else {
-        linear
+    let one_step = match bounded {
+        true => start.one_step(prior, true)?,
+        false => linear,
     };
     notes.extend(raised(&one_step));
     notes.push(format!(

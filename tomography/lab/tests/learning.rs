@@ -150,6 +150,17 @@ fn a_linear_map_is_trained_loaded_and_finds_a_press() {
         .collect();
     let like = eit::merit::likeness(map, &truth, &mesh.region_areas());
     println!("correlation {:.3}", like.correlation);
+    let line = "reconstruct --case {} --model {} --frames {} --baseline {} --out {} --loss-only";
+    let paths: [&Path; 5] = [&case, &model, &at("v1.csv"), &at("v0.csv"), &at("cut.csv")];
+    done(&words(line, &paths));
+    // the truth lies within the bounds, so no triangle is further from it after the cut
+    let mut cut = 0;
+    for ((cut_to, whole), truth) in numbers(&at("cut.csv"))[0].iter().zip(map).zip(&truth) {
+        assert_eq!(*cut_to, whole.clamp(-1.0, 0.0));
+        assert!((cut_to - truth).abs() <= (whole - truth).abs());
+        cut += usize::from(cut_to != whole);
+    }
+    assert!(cut > 10, "{cut}");
     // 8 electrodes and 720 cases give .62; a map of the wrong sign, scale or order of readings gives less than none
     assert!(like.correlation > 0.5, "{like:?}");
 }
@@ -192,7 +203,7 @@ fn methods_are_compared_on_frames_of_a_finer_mesh() {
         &[&set],
     ));
     let output = lab(&words(
-        "evaluate --set {} --method one-step --method best --json --picture {}",
+        "evaluate --set {} --method one-step --method best --method tv --json --picture {}",
         &[&set, &picture],
     ));
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -207,6 +218,8 @@ fn methods_are_compared_on_frames_of_a_finer_mesh() {
     assert!(of(0, "location_error_mm") < 3.0 && of(1, "location_error_mm") < 0.8);
     assert!(of(1, "correlation") > 0.95 && of(1, "dice") > 0.93);
     assert!(of(1, "correlation") > of(0, "correlation"));
+    // of a linear map by its formula, else by draws
+    assert!((0..3).all(|k| of(k, "noise_figure") > 0.0));
     assert!(std::fs::read(&picture).unwrap().starts_with(b"\x89PNG"));
     let said = refused("evaluate --set {} --method one-step", &[folder.path()]);
     assert!(!said.is_empty());

@@ -1,6 +1,6 @@
 //! A smooth prior: x = G w with white w and a Gaussian kernel G, so that no system ever has to be inverted.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 /// Kernel entries beyond this many lengths are left out: e^-9 of the middle. What is left is a prior of its own, exactly.
@@ -12,12 +12,14 @@ pub(crate) struct Smooth {
     /// `entries[first[i]..first[i + 1]]`: unknowns and what they add to unknown i.
     first: Vec<usize>,
     entries: Vec<(u32, f64)>,
+    /// r with G_jk = G_kj r_k / r_j: the kernel itself is symmetric, its norms and areas are not.
+    skew: Vec<f64>,
 }
 
 impl Smooth {
     /// Correlation exp(-r^2 / 2 length^2) of unknowns at `points` (m) that stand for `areas` (m2), variance 1 each.
     pub(crate) fn new(points: &[[f64; 2]], areas: &[f64], length: f64) -> Self {
-        let rows: Vec<Vec<(u32, f64)>> = points
+        let rows: Vec<(Vec<(u32, f64)>, f64)> = points
             .par_iter()
             .map(|p| {
                 let mut row: Vec<(u32, f64)> = points
@@ -34,16 +36,21 @@ impl Smooth {
                 for (_, g) in &mut row {
                     *g /= norm;
                 }
-                row
+                (row, norm)
             })
             .collect();
         let mut first = vec![0];
-        let mut entries = Vec::new();
-        for row in rows {
+        let (mut entries, mut skew) = (Vec::new(), Vec::new());
+        for ((row, norm), area) in rows.into_iter().zip(areas) {
             entries.extend(row);
             first.push(entries.len());
+            skew.push(norm * area.sqrt());
         }
-        Self { first, entries }
+        Self {
+            first,
+            entries,
+            skew,
+        }
     }
 
     pub(crate) fn unknowns(&self) -> usize {
@@ -86,5 +93,34 @@ impl Smooth {
                 }
             });
         out.transpose()
+    }
+
+    /// G G'x
+    pub(crate) fn covariance_times(&self, x: &DVector<f64>) -> DVector<f64> {
+        let mut white = vec![0.0; x.len()];
+        for (unknown, x) in x.iter().enumerate() {
+            for &(j, g) in self.row(unknown) {
+                white[j as usize] += g * x;
+            }
+        }
+        DVector::from_fn(x.len(), |unknown, _| {
+            let row = self.row(unknown).iter();
+            row.map(|&(j, g)| g * white[j as usize]).sum()
+        })
+    }
+
+    /// Row `unknown` of G G'.
+    pub(crate) fn covariance_row(&self, unknown: usize) -> Vec<f64> {
+        let mut out = vec![0.0; self.unknowns()];
+        for &(k, g) in self.row(unknown) {
+            let factor = g * self.skew[k as usize];
+            for &(j, h) in self.row(k as usize) {
+                out[j as usize] += factor * h;
+            }
+        }
+        for (value, skew) in out.iter_mut().zip(&self.skew) {
+            *value /= skew;
+        }
+        out
     }
 }

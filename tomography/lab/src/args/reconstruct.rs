@@ -67,7 +67,8 @@ pub(crate) struct ReconstructOptions {
     /// Total variation: stop within this share of the minimum [default: 1e-3]
     #[arg(long, value_name = "X")]
     pub(crate) gap: Option<f64>,
-    /// Bound the map of one-step or tv to losses, -1 <= x <= 0
+    /// Bound the map to losses, -1 <= x <= 0: one-step and tv find the best map within the bounds, maps of trained networks and
+    /// of the linear matrix are cut
     #[arg(long)]
     pub(crate) loss_only: bool,
     /// Unloaded conductance: a name in the case or a file [default: homog if there is one, else fitted to the baseline]

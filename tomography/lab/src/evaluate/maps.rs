@@ -10,6 +10,7 @@ use survey::{Map, MapUnit, Reading};
 use super::figures::average;
 use crate::choice::{self, Choice};
 use crate::failure::Failure;
+use crate::noise_figure::by_draws;
 use crate::recording::Recording;
 use crate::{geometry, judge, progress};
 
@@ -33,13 +34,19 @@ pub(crate) struct Judged {
     pub(crate) set: String,
     pub(crate) frames: Vec<Frame>,
     reconstructor: Box<dyn Reconstructor>,
+    noise_v: f64,
+    slow: bool,
     recording: Recording,
 }
 
 impl Judged {
-    /// The method's own noise figure; may take a second.
+    /// The method's own noise figure; of a method that has none of its own by draws of this set's noise, which takes as long as
+    /// some frames.
     pub(crate) fn noise_figure(&self) -> Option<f64> {
-        self.reconstructor.noise_figure()
+        let method = self.reconstructor.as_ref();
+        method
+            .noise_figure()
+            .or_else(|| by_draws(method, &self.case, self.noise_v, self.slow))
     }
 
     /// Share of the frames that the method says lie outside of what it knows.
@@ -117,6 +124,8 @@ pub(crate) fn maps(folder: &Path, name: &str, words: &[String]) -> Result<Judged
         set: said.name,
         frames,
         reconstructor: choice.reconstructor,
+        noise_v: said.noise_v.max(LEAST_NOISE),
+        slow: choice.slow,
         recording,
     })
 }
