@@ -313,10 +313,18 @@ pub(crate) fn one_step(
             current: current.0,
         },
     };
+    let loss_only = section.loss_only.unwrap_or(false);
+    if loss_only && matches!(prior, Prior::Gaussian { .. }) {
+        return Err(ModelFault::Setting(
+            "loss_only with the gaussian prior takes longer than a frame; take tikhonov, noser or laplace, and \
+             tactus-lab reconstruct for the gaussian one"
+                .to_owned(),
+        ));
+    }
     let options = OneStepOptions {
         prior,
         hyper,
-        loss_only: section.loss_only.unwrap_or(false),
+        loss_only,
         map_error: section.map_error,
         ..OneStepOptions::default()
     };

@@ -108,6 +108,10 @@ fn each_bad_input_is_named_at_its_place() {
             "model.map_error: map_error belongs to method = \"one-step\"",
         ),
         (
+            more("[model]\nprior = \"gaussian\"\nloss_only = true\n"),
+            "loss_only with the gaussian prior takes longer than a frame",
+        ),
+        (
             more("[model]\nmap_error = 2.0\n"),
             "must be above 0 and below 1",
         ),
