@@ -46,6 +46,8 @@ pub struct Curves<'a> {
     pub marks: Vec<(f64, &'a str)>,
     /// What is drawn.
     pub curves: Vec<Curve>,
+    /// Points that get a ring and are joined by a dashed line: those that no other beats.
+    pub front: Vec<[f64; 2]>,
 }
 
 /// A chart as a PNG, 720 points wide.
@@ -204,6 +206,22 @@ impl Drawing for Plot<'_> {
             pen.line([[x, TOP], [x, bottom]], PALE, 1.4)?;
             pen.text(words, [x, TOP - 9.0], 11.0, INK, Anchor::Centre)?;
         }
+        let front: Vec<_> = curves.front.iter().map(|at| self.place(*at)).collect();
+        for pair in front.windows(2) {
+            let dash = |part: f64| {
+                [0, 1].map(|axis| pair[0][axis] + part * (pair[1][axis] - pair[0][axis]))
+            };
+            let count = ((pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1]) / 7.0).ceil();
+            for k in 0..count as usize {
+                let from = k as f64 / count;
+                pen.line([dash(from), dash(from + 0.55 / count)], INK, 0.8)?;
+            }
+        }
+        for at in &front {
+            let mut ring = round(*at, 6.5);
+            ring.push(ring[0]);
+            pen.line(ring, INK, 1.2)?;
+        }
         for (k, curve) in curves.curves.iter().enumerate() {
             let colour = COLOURS[k % COLOURS.len()];
             let places: Vec<_> = curve
@@ -245,13 +263,7 @@ fn mark<DB: DrawingBackend>(
 ) -> Result<(), PictureError> {
     let r = 3.6;
     match curve % 4 {
-        0 => {
-            let round: Vec<_> = (0..16)
-                .map(|k| f64::from(k) / 16.0 * std::f64::consts::TAU)
-                .map(|turn| [x + r * turn.cos(), y + r * turn.sin()])
-                .collect();
-            pen.area(&round, colour)
-        }
+        0 => pen.area(&round([x, y], r), colour),
         1 => pen.area(
             &[
                 [x - r, y - r],
@@ -270,6 +282,13 @@ fn mark<DB: DrawingBackend>(
             pen.line([[x - r, y + r], [x + r, y - r]], colour, 1.6)
         }
     }
+}
+
+fn round([x, y]: [f64; 2], radius: f64) -> Vec<[f64; 2]> {
+    (0..16)
+        .map(|k| f64::from(k) / 16.0 * std::f64::consts::TAU)
+        .map(|turn| [x + radius * turn.cos(), y + radius * turn.sin()])
+        .collect()
 }
 
 fn counted(axis: Axis, value: f64) -> f64 {

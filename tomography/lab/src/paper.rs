@@ -9,16 +9,15 @@ mod experiments;
 mod figures;
 mod page;
 mod plan;
-mod steps;
 mod sweeps;
 
 use std::path::PathBuf;
 
 use crate::args::PaperOptions;
 use crate::failure::{Failure, write};
+use crate::workplace::Workplace;
 use experiments::Experiments;
 use plan::Plan;
-use steps::Workplace;
 
 /// Makes what is missing, draws, writes the page.
 pub(crate) fn paper(options: &PaperOptions) -> Result<(), Failure> {

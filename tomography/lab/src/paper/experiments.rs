@@ -1,7 +1,7 @@
 //! The two tests by every method: at each noise, over draws of it, and on unevenly sprayed sheets.
 
 use super::plan::{Method, Plan};
-use super::steps::Workplace;
+use crate::workplace::Workplace;
 use eit::Case;
 
 use crate::evaluate::{Figures, Frame, OfFrame, figures, maps, of_frames};

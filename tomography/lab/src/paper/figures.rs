@@ -7,9 +7,9 @@ use survey::{Map, MapUnit};
 
 use super::experiments::{Experiments, FIGURES_AT, Outcome};
 use super::plan::{DEEP, RBF, TV};
-use super::steps::Workplace;
 use super::sweeps::Sweep;
 use crate::failure::Failure;
+use crate::workplace::Workplace;
 
 /// A figure on disk.
 pub(super) struct Figure {
@@ -144,6 +144,7 @@ pub(super) fn sweeps(place: &Workplace, sweeps: &[Sweep]) -> Result<Vec<Figure>,
                 ],
                 marks: sweep.mark.into_iter().collect(),
                 curves,
+                front: Vec::new(),
             };
             put(
                 place,

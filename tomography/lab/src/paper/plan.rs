@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use eit::{Model, Report, model};
 
-use super::steps::Workplace;
 use crate::failure::Failure;
+use crate::workplace::Workplace;
 
 /// A run as a whole.
 pub(super) struct Plan {

@@ -2,9 +2,9 @@
 
 use super::experiments::{self, FIGURES_AT, Set};
 use super::plan::{DEEP, Method, Plan, RBF, RBF_FILE, TV};
-use super::steps::Workplace;
 use crate::evaluate::{maps, of_frames};
 use crate::failure::Failure;
+use crate::workplace::Workplace;
 
 /// One thing varied.
 pub(super) struct Sweep {

@@ -28,6 +28,7 @@ pub(super) fn draw(folder: &Path) -> Result<(), Failure> {
             up: "error over the largest reading",
             axes: [Axis::Log, Axis::Log],
             marks: Vec::new(),
+            front: Vec::new(),
             curves: contrast(&tank)?,
         },
     )?;
@@ -40,6 +41,7 @@ pub(super) fn draw(folder: &Path) -> Result<(), Failure> {
             up: "error over the largest reading",
             axes: [Axis::Log, Axis::Log],
             marks: vec![(1e3, "sheet")],
+            front: Vec::new(),
             curves: contact(&tank)?,
         },
     )?;
@@ -52,6 +54,7 @@ pub(super) fn draw(folder: &Path) -> Result<(), Failure> {
             up: "change over the largest reading",
             axes: [Axis::Log, Axis::Log],
             marks: Vec::new(),
+            front: Vec::new(),
             curves: sliver(&tank)?,
         },
     )

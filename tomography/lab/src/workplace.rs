@@ -10,12 +10,12 @@ use crate::failure::{Failure, write};
 use crate::geometry;
 
 /// The folder that everything goes to.
-pub(super) struct Workplace {
+pub(crate) struct Workplace {
     folder: PathBuf,
 }
 
 impl Workplace {
-    pub(super) fn new(folder: PathBuf) -> Result<Self, Failure> {
+    pub(crate) fn new(folder: PathBuf) -> Result<Self, Failure> {
         for inner in ["models", "sets"] {
             let path = folder.join(inner);
             std::fs::create_dir_all(&path)
@@ -24,28 +24,28 @@ impl Workplace {
         Ok(Self { folder })
     }
 
-    pub(super) fn path(&self, name: &str) -> PathBuf {
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.folder.join(name)
     }
 
-    pub(super) fn write(&self, name: &str, value: &serde_json::Value) -> Result<(), Failure> {
+    pub(crate) fn write(&self, name: &str, value: &serde_json::Value) -> Result<(), Failure> {
         write(&self.path(name), format!("{value:#}\n"))
     }
 
-    pub(super) fn write_bytes(&self, name: &str, bytes: &[u8]) -> Result<(), Failure> {
+    pub(crate) fn write_bytes(&self, name: &str, bytes: &[u8]) -> Result<(), Failure> {
         let path = self.path(name);
         std::fs::write(&path, bytes)
             .map_err(|cause| Failure::of(&format!("cannot write {}", path.display()), &cause))
     }
 
     /// The paper's sheet as a case folder.
-    pub(super) fn case(&self) -> Result<Case, Failure> {
+    pub(crate) fn case(&self) -> Result<Case, Failure> {
         let folder = self.made("case", &["mesh", "--preset", "paper-sheet"])?;
         geometry::read(&folder)
     }
 
     /// A file or folder `name` that `words` make with `--out`: as it lies there if the same words made it, else new.
-    pub(super) fn made(&self, name: &str, words: &[&str]) -> Result<PathBuf, Failure> {
+    pub(crate) fn made(&self, name: &str, words: &[&str]) -> Result<PathBuf, Failure> {
         let path = self.path(name);
         let said = words.join(" ");
         let beside = beside(&path);
