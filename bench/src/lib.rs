@@ -29,6 +29,7 @@ mod circuit;
 mod control;
 mod fault;
 mod fixture;
+mod frame_times;
 mod golden;
 mod guest;
 mod hanging;
@@ -49,6 +50,7 @@ mod web;
 mod workbench;
 
 pub use fault::{Fault, FaultError, Mischief, TimedFault};
+pub use frame_times::{FrameTimeError, FrameTimes};
 pub use golden::{Expected, Golden, GoldenError, Line, Step};
 pub use hanging::{Hanging, HangingError};
 pub use phantom::{Load, LoadError, PhantomError, Scene, SceneError, Shape};
