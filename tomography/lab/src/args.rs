@@ -6,6 +6,7 @@ mod reconstruct;
 mod scene;
 mod solve;
 mod stability;
+mod tradeoff;
 
 use std::path::PathBuf;
 
@@ -17,6 +18,7 @@ pub(crate) use reconstruct::{Choose, ReconstructOptions};
 pub(crate) use scene::{ExplainOptions, RunOptions, SceneCommand, SessionOptions};
 pub(crate) use solve::{ForwardOptions, JacobianOptions, Of, TransferOptions};
 pub(crate) use stability::StabilityOptions;
+pub(crate) use tradeoff::{AdviseOptions, PanelName, TradeoffOptions};
 
 /// Meshes, forward solutions, sensitivities, training and reconstruction, offline.
 #[derive(Debug, Parser)]
@@ -54,6 +56,10 @@ pub(crate) enum Command {
     Evaluate(EvaluateOptions),
     /// Every experiment, figure and claim of the paper, run again from seeds: one page to read
     Paper(PaperOptions),
+    /// What accuracy costs in time: eight diagrams and one page
+    Tradeoff(TradeoffOptions),
+    /// A setting of the rig that is accurate and quick enough, from the table of `tradeoff`, and what it costs
+    Advise(AdviseOptions),
     /// Fit a calibration: from relative loss to kPa, by presses of known mass and area
     Calibrate(CalibrateOptions),
     /// Figures of merit of raster images

@@ -15,7 +15,7 @@ use crate::args::{EvaluateOptions, JudgeOptions, JudgeSet};
 use crate::failure::Failure;
 use crate::judge;
 pub(crate) use figures::{Figures, OfFrame, average, figures, of_frames};
-pub(crate) use maps::{Frame, maps};
+pub(crate) use maps::{Frame, Judged, maps, maps_not_refused};
 
 /// What is compared where nothing is said.
 const METHODS: [&str; 6] = [

@@ -38,7 +38,9 @@ mod shapes;
 mod solve;
 mod stability;
 mod symmetry;
+mod tradeoff;
 mod train;
+mod workplace;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -79,6 +81,8 @@ fn perform(command: &Command) -> Result<(), Failure> {
         Command::Dataset(options) => dataset::dataset(options),
         Command::Evaluate(options) => evaluate::evaluate(options),
         Command::Paper(options) => paper::paper(options),
+        Command::Tradeoff(options) => tradeoff::tradeoff(options),
+        Command::Advise(options) => tradeoff::advise(options),
         Command::Calibrate(options) => calibrate::calibrate(options),
         Command::Merit(options) => merit::merit(options),
         Command::Reconstruct(options) => reconstruct::reconstruct(options),

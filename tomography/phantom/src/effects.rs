@@ -415,6 +415,16 @@ fn stream(seed: u64, effect: &str) -> ChaCha8Rng {
     ChaCha8Rng::from_seed(hasher.finalize().into())
 }
 
+/// The noise of one reading of the voltmeter by its table, rms, as a share of its range, at an integration in power-line
+/// cycles.
+///
+/// ```
+/// assert_eq!(phantom::table_noise(1.0), 3e-6);
+/// ```
+pub fn table_noise(nplc: f64) -> f64 {
+    resolution(nplc)
+}
+
 /// The voltmeter's resolution as a share of its range, by integration time (34970A family, integration-time table; the
 /// fact sheet, section 2.1, takes it as rms noise): straight lines in log-log between the table's points.
 fn resolution(nplc: f64) -> f64 {

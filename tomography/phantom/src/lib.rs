@@ -34,7 +34,9 @@ mod sheet;
 mod shipped;
 
 pub use effects::settings::*;
-pub use effects::{EffectSettings, Needs, ParameterFault, ReadingContext, RelayContact};
+pub use effects::{
+    EffectSettings, Needs, ParameterFault, ReadingContext, RelayContact, table_noise,
+};
 pub use law::Pressure;
 pub use load::{GRAVITY, Load, LoadError, Shape, loss_of_pressure, pressure_kpa};
 pub use press::{Amount, Contact, TimedLoad, Waypoint};

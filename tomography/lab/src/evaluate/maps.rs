@@ -61,8 +61,22 @@ impl Judged {
     }
 }
 
-/// Runs a method, given as the words that `reconstruct` takes for it; the truth is opened after that.
+/// Runs a method, given as the words that `reconstruct` takes for it; the truth is opened after that. A frame that the method
+/// refuses is a failure.
 pub(crate) fn maps(folder: &Path, name: &str, words: &[String]) -> Result<Judged, Failure> {
+    run(folder, name, words, false)
+}
+
+/// As [`maps`]; frames that the method refuses are left out.
+pub(crate) fn maps_not_refused(
+    folder: &Path,
+    name: &str,
+    words: &[String],
+) -> Result<Judged, Failure> {
+    run(folder, name, words, true)
+}
+
+fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<Judged, Failure> {
     let case = geometry::read(folder)?;
     let said = judge::said(folder)?;
     let frames = folder.join("frames.csv");
@@ -77,18 +91,22 @@ pub(crate) fn maps(folder: &Path, name: &str, words: &[String]) -> Result<Judged
     let choice: Choice = choice::prepare(&options, &case, &recording)?;
     let truths = rows(&folder.join("truth.csv"))?;
     let bar = progress::bar(truths.len(), "frames");
-    let one = |k: usize| -> Result<(Map, f64), Failure> {
+    let one = |k: usize| -> Result<Option<(Map, f64)>, Failure> {
         let (frame_name, frame) = &recording.frames[k + 1];
         let start = Instant::now();
-        let map = choice
-            .reconstructor
-            .reconstruct(&recording.baseline, frame)
-            .map_err(|fault| Failure::of(&format!("{name}, frame '{frame_name}'"), &fault))?;
+        let made = choice.reconstructor.reconstruct(&recording.baseline, frame);
         bar.inc(1);
-        Ok((map, start.elapsed().as_secs_f64() * 1e3))
+        match made {
+            Ok(map) => Ok(Some((map, start.elapsed().as_secs_f64() * 1e3))),
+            Err(_) if leave_out => Ok(None),
+            Err(fault) => Err(Failure::of(
+                &format!("{name}, frame '{frame_name}'"),
+                &fault,
+            )),
+        }
     };
     // quick methods one after the other, so that their times are their own
-    let maps: Vec<(Map, f64)> = if choice.slow {
+    let maps: Vec<Option<(Map, f64)>> = if choice.slow {
         (0..truths.len())
             .into_par_iter()
             .map(one)
@@ -106,17 +124,20 @@ pub(crate) fn maps(folder: &Path, name: &str, words: &[String]) -> Result<Judged
         .into_iter()
         .zip(truths)
         .enumerate()
-        .map(|(k, ((map, ms), truth))| Frame {
-            truth: Map {
-                mesh_hash: map.mesh_hash.clone(),
-                values: truth,
-                unit: MapUnit::RelativeConductance,
-                method: "truth".to_owned(),
-                masked: 0,
-            },
-            map,
-            place: places.get(k).map(|row| [row[1], row[2]]),
-            ms,
+        .filter_map(|(k, (made, truth))| {
+            let (map, ms) = made?;
+            Some(Frame {
+                truth: Map {
+                    mesh_hash: map.mesh_hash.clone(),
+                    values: truth,
+                    unit: MapUnit::RelativeConductance,
+                    method: "truth".to_owned(),
+                    masked: 0,
+                },
+                map,
+                place: places.get(k).map(|row| [row[1], row[2]]),
+                ms,
+            })
         })
         .collect();
     Ok(Judged {

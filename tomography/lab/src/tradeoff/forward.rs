@@ -1,0 +1,166 @@
+//! Diagram 1: voltages against the size of the mesh.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use eit::{Forward, Mesh, PaperSheet};
+use nalgebra::DVector;
+use phantom::Load;
+use survey::Protocol;
+
+use super::Effort;
+use super::panel::{Panel, Point, timed};
+use crate::failure::Failure;
+use crate::progress;
+
+/// A press of 10 mm that takes half the conductance, off the middle.
+const PRESS_MM: [f64; 2] = [75.0, 140.0];
+
+/// Readings of the unloaded and of the pressed sheet, V at 1 A.
+struct Solved {
+    empty: DVector<f64>,
+    change: DVector<f64>,
+}
+
+pub(super) fn panel(effort: &Effort) -> Result<Panel, Failure> {
+    let uniform: &[f64] = effort.of(
+        &[8.0, 4.0, 2.8][..],
+        &[8.0, 5.6, 4.0, 2.8, 2.0, 1.4, 1.0, 0.7, 0.5],
+    );
+    let graded: &[f64] = effort.of(&[0.5, 0.7, 1.0][..], &[0.5, 0.7, 1.0, 1.4, 2.0, 2.8]);
+    // two levels finer than the finest graded mesh
+    let reference_fineness = effort.of(2.0, 8.0);
+    let (reference, _) = solved(&PaperSheet {
+        fineness: reference_fineness,
+        seeding: 1000,
+        ..PaperSheet::default()
+    })?;
+    let bar = progress::bar(uniform.len() + graded.len(), "meshes");
+    let mut points = Vec::new();
+    let even = |&h: &f64| {
+        let of = PaperSheet {
+            edge_mm: h,
+            largest_mm: h,
+            ..PaperSheet::default()
+        };
+        ("uniform", format!("{h} mm"), of)
+    };
+    let fine = |&fineness: &f64| {
+        let of = PaperSheet {
+            fineness,
+            ..PaperSheet::default()
+        };
+        let setting = format!("{:.2} to {:.1} mm", 1.5 / fineness, 5.4 / fineness);
+        ("graded", setting, of)
+    };
+    for (line, setting, of) in uniform.iter().map(even).chain(graded.iter().map(fine)) {
+        // another number gives another mesh of the same sizes
+        let of = |seeding: u32| PaperSheet {
+            seeding,
+            ..of.clone()
+        };
+        let mut errors = [Vec::new(), Vec::new()];
+        for seed in 0..effort.seeds() {
+            let (found, _) = solved(&of(seed as u32))?;
+            errors[0].push((&found.empty - &reference.empty).amax() / reference.empty.amax());
+            errors[1].push((&found.change - &reference.change).norm() / reference.change.norm());
+        }
+        let (_, costs) = solved(&of(0))?;
+        let runs = if costs.triangles > 100_000 {
+            5
+        } else {
+            effort.runs()
+        };
+        let times = readings_again(&of(0), runs)?;
+        for (what, errors) in ["voltages", "differences"].into_iter().zip(&errors) {
+            points.push(
+                Point::new(line, setting.clone(), times.median, errors)
+                    .of(what)
+                    .with("triangles", costs.triangles as f64)
+                    .with("set-up, s", costs.set_up_s)
+                    .with("cold, s", times.cold)
+                    .with("p99, s", times.p99),
+            );
+        }
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    Ok(Panel {
+        panel: "forward".to_owned(),
+        title: "Forward model: what a finer mesh buys".to_owned(),
+        across: "598 readings, s".to_owned(),
+        up: "relative error".to_owned(),
+        shows: format!(
+            "Readings of the paper's sheet from ever finer meshes against a graded mesh of fineness {reference_fineness} \
+             ({:.2} mm at electrodes, {:.2} mm far from them): the unloaded voltages (largest error over the largest reading) \
+             and the change by a 10 mm press (root mean square); meshes fine where electrodes are need far fewer triangles.",
+            1.5 / reference_fineness,
+            5.4 / reference_fineness
+        ),
+        not_proved: "Bars are over five meshes of each size; the reference is a mesh too, so errors near its own (the last points \
+                     of the uniform line are finer than it far from electrodes, and coarser at them) are only as good as it is."
+            .to_owned(),
+        not_built: vec!["quadratic elements".to_owned()],
+        costs: true,
+        points,
+    }
+    .with_front())
+}
+
+struct Costs {
+    triangles: usize,
+    /// Mesh and analysis.
+    set_up_s: f64,
+}
+
+fn solved(sheet: &PaperSheet) -> Result<(Solved, Costs), Failure> {
+    let start = Instant::now();
+    let (mesh, forward) = model(sheet)?;
+    let set_up_s = start.elapsed().as_secs_f64();
+    let protocol = protocol(sheet)?;
+    let failed = |fault| Failure::of("the forward model", &fault);
+    let mut sigma = vec![sheet.conductance(); mesh.triangles().len()];
+    let empty = forward.readings(&sigma, &protocol).map_err(failed)?;
+    let load = Load::disc(PRESS_MM, 10.0, 0.5);
+    let covered = load
+        .coverage(&mesh)
+        .map_err(|fault| Failure::of("the press", &fault))?;
+    for (triangle, share) in covered {
+        sigma[triangle] *= 1.0 - load.loss * share;
+    }
+    let pressed = forward.readings(&sigma, &protocol).map_err(failed)?;
+    let costs = Costs {
+        triangles: mesh.triangles().len(),
+        set_up_s,
+    };
+    let change = pressed - &empty;
+    Ok((Solved { empty, change }, costs))
+}
+
+fn readings_again(sheet: &PaperSheet, runs: usize) -> Result<super::panel::Times, Failure> {
+    let (mesh, forward) = model(sheet)?;
+    let protocol = protocol(sheet)?;
+    let mut sigma = vec![sheet.conductance(); mesh.triangles().len()];
+    let failed = |fault| Failure::of("the forward model", &fault);
+    let mut workspace = forward.workspace(&protocol).map_err(failed)?;
+    timed(runs, || {
+        // another conductance each time: nothing can be used again
+        sigma.iter_mut().for_each(|value| *value *= 1.001);
+        workspace.readings(&sigma).map(drop).map_err(failed)
+    })
+}
+
+fn model(sheet: &PaperSheet) -> Result<(Arc<Mesh>, Forward), Failure> {
+    let mesh = Arc::new(
+        sheet
+            .mesh()
+            .map_err(|fault| Failure::of("the mesh", &fault))?,
+    );
+    let forward = Forward::new(Arc::clone(&mesh), &sheet.contact_ohm_m())
+        .map_err(|fault| Failure::of("the forward model", &fault))?;
+    Ok((mesh, forward))
+}
+
+fn protocol(sheet: &PaperSheet) -> Result<Protocol, Failure> {
+    Protocol::sheffield(sheet.electrodes()).map_err(|fault| Failure::of("the protocol", &fault))
+}
