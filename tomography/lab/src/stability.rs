@@ -7,6 +7,7 @@ mod bordered;
 mod conjugate;
 mod contacts;
 mod contrast;
+mod creep;
 mod inverse;
 mod layers;
 mod meshes;
@@ -63,7 +64,7 @@ const CASES: &[Case] = &[
     not_built(37, "dose over months"),
     case(38, "degenerate polygons", order::polygons),
     not_built(39, "baseline equals load"),
-    not_built(40, "viscoelastic step"),
+    case(40, "viscoelastic step", creep::any_step),
 ];
 
 const fn case(number: u8, name: &'static str, run: fn() -> Result<Outcome, Failure>) -> Case {

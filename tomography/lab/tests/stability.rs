@@ -91,6 +91,7 @@ cases! {
     case_34_one_bad_channel 34
     case_35_threads 35
     case_38_degenerate_polygons 38
+    case_40_viscoelastic_step 40
 }
 
 #[test]

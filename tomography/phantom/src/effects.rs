@@ -65,6 +65,7 @@ use survey::{Amps, Ohms, Relay, Volts};
 pub use acts::RelayContact;
 pub(crate) use acts::{OnContacts, OnLoss, OnMesh, OnNetwork, OnReading, OnSheet, OnWires, Places};
 pub use bounds::Fault as ParameterFault;
+pub use creep::PronyStep;
 pub(crate) use foam::Foam;
 
 use crate::law::{Conduction, Law, Pressure};

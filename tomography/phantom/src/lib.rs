@@ -35,7 +35,7 @@ mod shipped;
 
 pub use effects::settings::*;
 pub use effects::{
-    EffectSettings, Needs, ParameterFault, ReadingContext, RelayContact, table_noise,
+    EffectSettings, Needs, ParameterFault, PronyStep, ReadingContext, RelayContact, table_noise,
 };
 pub use law::Pressure;
 pub use load::{GRAVITY, Load, LoadError, Shape, loss_of_pressure, pressure_kpa};

@@ -79,6 +79,37 @@ fn mean_decay(x: f64) -> f64 {
     }
 }
 
+/// One term of a Prony series over a stretch of time in which its input changes evenly: what it holds back follows exactly,
+/// h <- exp(-x) h + g (1 - exp(-x)) / x de with x = dt / tau, for any x (fact sheet, section 2.4 and hard case 40).
+///
+/// ```
+/// // a billion time constants leave nothing of what was held back, a billionth all of it
+/// let long = phantom::PronyStep::new(0.3, 1e9);
+/// assert!(long.held(0.2, 1.0).abs() < 1e-9);
+/// let short = phantom::PronyStep::new(0.3, 1e-9);
+/// assert!((short.held(0.2, 1.0) - 0.5).abs() < 1e-9);
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PronyStep {
+    left: f64,
+    fresh: f64,
+}
+
+impl PronyStep {
+    /// For a share g of the input, over x time constants (0 or more).
+    pub fn new(share: f64, x: f64) -> Self {
+        Self {
+            left: (-x).exp(),
+            fresh: share * mean_decay(x),
+        }
+    }
+
+    /// What is held back in the end, from what was before and the change of the input.
+    pub fn held(self, before: f64, change: f64) -> f64 {
+        self.left * before + self.fresh * change
+    }
+}
+
 #[derive(Debug)]
 struct Creep {
     /// Share and time constant (s) of each term.
@@ -110,11 +141,10 @@ impl OnLoss for Creep {
         self.held.resize(self.terms.len(), vec![0.0; losses.len()]);
         let input = losses.to_vec();
         for ([share, tau], held) in self.terms.iter().zip(&mut self.held) {
-            let x = past / tau;
-            let (left, fresh) = ((-x).exp(), share * mean_decay(x));
+            let term = PronyStep::new(*share, past / tau);
             for (place, held) in held.iter_mut().enumerate() {
                 let step = input[place] - self.last[place];
-                *held = left * *held + fresh * step;
+                *held = term.held(*held, step);
                 if step == 0.0 && held.abs() < NOTHING {
                     *held = 0.0;
                 }
