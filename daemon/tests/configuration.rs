@@ -75,7 +75,7 @@ fn each_bad_input_is_named_at_its_place() {
         ),
         (
             more("[model]\nfile = \"nowhere.safetensors\"\nloss_only = true\n"),
-            "model file nowhere.safetensors cannot be accessed",
+            "nowhere.safetensors cannot be accessed",
         ),
         (
             more(

@@ -109,8 +109,27 @@ impl Linear {
         frame: &[Reading],
         method: &str,
     ) -> Result<(Vec<f64>, Vec<usize>), ReconstructError> {
-        let mut difference =
-            Difference::new(baseline, frame, &self.twins, Some(&self.model), method)?;
+        self.difference(baseline, frame, &self.twins, method)
+    }
+
+    /// The same without masking what contradicts its twin: frames that tell how far readings stray from the model.
+    pub(crate) fn change_as_read(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+        method: &str,
+    ) -> Result<(Vec<f64>, Vec<usize>), ReconstructError> {
+        self.difference(baseline, frame, &vec![None; self.twins.len()], method)
+    }
+
+    fn difference(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+        twins: &[Option<usize>],
+        method: &str,
+    ) -> Result<(Vec<f64>, Vec<usize>), ReconstructError> {
+        let mut difference = Difference::new(baseline, frame, twins, Some(&self.model), method)?;
         match self.scale {
             Scale::Currents(_) => {}
             Scale::Uniform => difference.scale(&self.model, None)?,

@@ -16,6 +16,9 @@ use crate::progress;
 /// A press of 10 mm that takes half the conductance, off the middle.
 const PRESS_MM: [f64; 2] = [75.0, 140.0];
 
+/// Edge of the even meshes at fineness 1, mm.
+const EVEN_MM: f64 = 4.0;
+
 /// Readings of the unloaded and of the pressed sheet, V at 1 A.
 struct Solved {
     empty: DVector<f64>,
@@ -39,8 +42,9 @@ pub(super) fn panel(effort: &Effort) -> Result<Panel, Failure> {
     let mut points = Vec::new();
     let even = |&h: &f64| {
         let of = PaperSheet {
-            edge_mm: h,
-            largest_mm: h,
+            edge_mm: EVEN_MM,
+            largest_mm: EVEN_MM,
+            fineness: EVEN_MM / h,
             ..PaperSheet::default()
         };
         ("uniform", format!("{h} mm"), of)
