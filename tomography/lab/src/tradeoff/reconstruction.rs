@@ -158,7 +158,7 @@ pub(super) fn panel(effort: &Effort, place: &Workplace) -> Result<Panel, Failure
                 variation goes by its gap to the minimum, which is what its iterations are for."
             .to_owned(),
         not_proved: "The location error says nothing of shapes: the table's other columns do. Times are of one frame after the other \
-                     in one process; `best` is judged on two draws only. In the torture scene electrodes come off and are shorted, and \
+                     in one process; `best` is judged and timed on two draws, 16 frames, only. In the torture scene electrodes come off and are shorted, and \
                      no method is told."
             .to_owned(),
         not_built: refused,
