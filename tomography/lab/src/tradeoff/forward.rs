@@ -97,7 +97,8 @@ pub(super) fn panel(effort: &Effort) -> Result<Panel, Failure> {
         shows: format!(
             "Readings of the paper's sheet from ever finer meshes against a graded mesh of fineness {reference_fineness} \
              ({:.2} mm at electrodes, {:.2} mm far from them): the unloaded voltages (largest error over the largest reading) \
-             and the change by a 10 mm press (root mean square); meshes fine where electrodes are need far fewer triangles.",
+             and the change by a 10 mm press (root mean square); for voltages a mesh that is \
+             fine where electrodes are needs half the triangles, for the change an even one is better, since it is finer under the press.",
             1.5 / reference_fineness,
             5.4 / reference_fineness
         ),
