@@ -262,7 +262,8 @@ fn mark<DB: DrawingBackend>(
     colour: RGBColor,
 ) -> Result<(), PictureError> {
     let r = 3.6;
-    match curve % 4 {
+    // a ninth curve has the first one's colour and another mark
+    match (curve + curve / COLOURS.len()) % 4 {
         0 => pen.area(&round([x, y], r), colour),
         1 => pen.area(
             &[
