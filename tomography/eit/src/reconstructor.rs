@@ -278,24 +278,28 @@ fn contradictions(
     model: Option<&[f64]>,
 ) -> Vec<usize> {
     let valid = |reading: usize| missing.binary_search(&reading).is_err();
+    let top = |[twin, reading]: [usize; 2]| volts[twin].abs().max(volts[reading].abs());
+    let mut doubtful: Vec<[usize; 2]> = twins
+        .iter()
+        .enumerate()
+        .filter_map(|(reading, twin)| Some([(*twin)?, reading]))
+        .filter(|&[twin, reading]| {
+            twin < reading
+                && (volts[twin] - volts[reading]).abs() > CONTRADICTED * top([twin, reading])
+                && valid(twin)
+                && valid(reading)
+        })
+        .collect();
+    // what follows costs more than the rest of a quick frame, and is seldom needed
+    if doubtful.is_empty() {
+        return Vec::new();
+    }
     let mut sizes: Vec<f64> = (0..volts.len())
         .filter(|&reading| valid(reading))
         .map(|reading| volts[reading].abs())
         .collect();
     let usual = median(&mut sizes);
-    let doubtful: Vec<[usize; 2]> = twins
-        .iter()
-        .enumerate()
-        .filter_map(|(reading, twin)| Some([(*twin)?, reading]))
-        .filter(|&[twin, reading]| {
-            let top = volts[twin].abs().max(volts[reading].abs());
-            twin < reading
-                && valid(twin)
-                && valid(reading)
-                && top > usual
-                && (volts[twin] - volts[reading]).abs() > CONTRADICTED * top
-        })
-        .collect();
+    doubtful.retain(|&pair| top(pair) > usual);
     let Some(model) = model.filter(|_| !doubtful.is_empty()) else {
         return doubtful.into_flattened();
     };

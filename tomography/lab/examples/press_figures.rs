@@ -38,10 +38,7 @@ fn readings(
         .measurements()
         .iter()
         .map(|question| {
-            let across = |column: usize| {
-                z[(question.sense.plus.0, column)] - z[(question.sense.minus.0, column)]
-            };
-            let exact = across(question.drive.plus.0) - across(question.drive.minus.0);
+            let exact = phantom::across(z, question.sense, question.drive);
             Reading::Ok(Volts(CURRENT * exact + noise.sample(random)))
         })
         .collect())

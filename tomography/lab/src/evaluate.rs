@@ -14,7 +14,7 @@ use picture::{WorkPoint, work_precision_png};
 use crate::args::{EvaluateOptions, JudgeOptions, JudgeSet};
 use crate::failure::Failure;
 use crate::judge;
-pub(crate) use figures::{Figures, OfFrame, average, figures, of_frames};
+pub(crate) use figures::{Figures, OfFrame, average, figures, mean_and_deviation, of_frames};
 pub(crate) use maps::{Frame, Judged, maps, maps_not_refused};
 
 /// What is compared where nothing is said.

@@ -10,7 +10,8 @@ use std::time::Duration;
 use eit::{Case, Mesh, frames_text, matrix_text};
 use nalgebra::DMatrix;
 use phantom::{
-    FINER, Load, Phantom, Scene, Shape, SpraySettings, loss_of_pressure, paper, pressure_kpa,
+    FINER, Load, Phantom, Scene, Shape, SpraySettings, across, loss_of_pressure, paper,
+    pressure_kpa,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -160,15 +161,12 @@ pub(crate) fn make(options: &JudgeOptions) -> Result<usize, Failure> {
             phantom.press(load.clone()).map_err(failed)?;
         }
         let z = phantom.transfer_impedance(Duration::ZERO).map_err(failed)?;
-        let across = |sense: survey::Dipole, k: usize| z[(sense.plus.0, k)] - z[(sense.minus.0, k)];
         Ok(case
             .protocol
             .measurements()
             .iter()
             .zip(&case.currents)
-            .map(|(q, current)| {
-                current * (across(q.sense, q.drive.plus.0) - across(q.sense, q.drive.minus.0))
-            })
+            .map(|(q, current)| current * across(z, q.sense, q.drive))
             .collect())
     };
     let mut noisy = |volts: Vec<f64>| -> Vec<f64> {

@@ -25,6 +25,7 @@ mod deep;
 mod evaluate;
 mod failure;
 mod geometry;
+mod html;
 mod judge;
 mod linear;
 mod merit;

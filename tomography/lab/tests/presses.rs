@@ -42,12 +42,7 @@ impl Test1 {
                         .measurements()
                         .iter()
                         .map(|question| {
-                            let across = |column: usize| {
-                                z[(question.sense.plus.0, column)]
-                                    - z[(question.sense.minus.0, column)]
-                            };
-                            let exact =
-                                across(question.drive.plus.0) - across(question.drive.minus.0);
+                            let exact = phantom::across(&z, question.sense, question.drive);
                             Reading::Ok(Volts(CURRENT * exact + noise.sample(&mut random)))
                         })
                         .collect()

@@ -416,19 +416,14 @@ fn stream(seed: u64, effect: &str) -> ChaCha8Rng {
     ChaCha8Rng::from_seed(hasher.finalize().into())
 }
 
-/// The noise of one reading of the voltmeter by its table, rms, as a share of its range, at an integration in power-line
-/// cycles.
+/// The voltmeter's resolution as a share of its range, by integration in power-line cycles (34970A family, integration-time
+/// table; the fact sheet, section 2.1, takes it as the rms noise of a reading): straight lines in log-log between the
+/// table's points.
 ///
 /// ```
 /// assert_eq!(phantom::table_noise(1.0), 3e-6);
 /// ```
 pub fn table_noise(nplc: f64) -> f64 {
-    resolution(nplc)
-}
-
-/// The voltmeter's resolution as a share of its range, by integration time (34970A family, integration-time table; the
-/// fact sheet, section 2.1, takes it as rms noise): straight lines in log-log between the table's points.
-fn resolution(nplc: f64) -> f64 {
     const TABLE: [[f64; 2]; 8] = [
         [0.02, 1e-4],
         [0.2, 1e-5],
@@ -545,10 +540,10 @@ mod tests {
 
     #[test]
     fn the_table_is_met_and_joined() {
-        assert_eq!(resolution(1.0), 3e-6);
-        assert_eq!(resolution(0.001), 1e-4);
-        assert_eq!(resolution(1000.0), 2.2e-7);
-        let between = resolution(5.0);
+        assert_eq!(table_noise(1.0), 3e-6);
+        assert_eq!(table_noise(0.001), 1e-4);
+        assert_eq!(table_noise(1000.0), 2.2e-7);
+        let between = table_noise(5.0);
         assert!(between < 2.2e-6 && between > 1e-6);
     }
 }

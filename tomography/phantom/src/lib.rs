@@ -41,7 +41,7 @@ pub use law::Pressure;
 pub use load::{GRAVITY, Load, LoadError, Shape, loss_of_pressure, pressure_kpa};
 pub use press::{Amount, Contact, TimedLoad, Waypoint};
 pub use preview::{Prediction, Preview};
-pub use scan::Scan;
+pub use scan::{Scan, across};
 pub use scene::{FINER, Scene, SceneError, SceneFault};
 pub use sheet::{Phantom, PhantomError};
 pub use shipped::OpenError;

@@ -108,6 +108,17 @@ pub(crate) fn figures(name: &str, judged: &Judged, frames: &[OfFrame]) -> Figure
     }
 }
 
+/// Mean and standard deviation.
+pub(crate) fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let square = values
+        .iter()
+        .map(|value| (value - mean).powi(2))
+        .sum::<f64>();
+    (mean, (square / (count - 1.0).max(1.0)).sqrt())
+}
+
 /// Not a number where there is nothing to average.
 pub(crate) fn average(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));

@@ -2,8 +2,7 @@
 
 use super::experiments::{Experiments, FIGURES_AT, Outcome};
 use super::plan::{DEEP, Method, Plan, RBF, TV, Trained};
-use super::sweeps::mean_and_deviation;
-use crate::evaluate::average;
+use crate::evaluate::{average, mean_and_deviation};
 use crate::failure::Failure;
 
 /// Below this correlation nobody would call two amplitudes proportional.

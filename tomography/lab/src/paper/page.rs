@@ -6,6 +6,7 @@ use super::claims::Claim;
 use super::experiments::Experiments;
 use super::figures::Figure;
 use super::plan::{Method, Plan};
+use crate::html;
 
 const STYLE: &str = "body{font:16px/1.5 sans-serif;max-width:68em;margin:2em auto;padding:0 1em;color:#222226}\
 img{width:100%;height:auto}figure{margin:2em 0}figcaption{color:#555}\
@@ -19,11 +20,7 @@ pub(super) fn page(
     claims: &[Claim],
     figures: &[Figure],
 ) -> String {
-    let mut html = format!(
-        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width\">\
-         <title>The paper, run again</title><style>{STYLE}</style></head><body>\n"
-    );
+    let mut html = html::opening("The paper, run again", STYLE);
     opening(&mut html, plan);
     html += "<h2>The paper says, we find</h2>\n<table class=\"words\"><tr><th>section</th><th>the paper says</th><th>we find</th>\
              <th></th></tr>\n";
@@ -160,8 +157,5 @@ fn escaped(text: &str) -> String {
     if text == "&ndash;" {
         return text.to_owned();
     }
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
+    html::escaped(text)
 }

@@ -2,7 +2,7 @@
 
 use super::experiments::{self, FIGURES_AT, Set};
 use super::plan::{DEEP, Method, Plan, RBF, RBF_FILE, TV};
-use crate::evaluate::{maps, of_frames};
+use crate::evaluate::{maps, mean_and_deviation, of_frames};
 use crate::failure::Failure;
 use crate::workplace::Workplace;
 
@@ -343,15 +343,4 @@ fn sheets(plan: &Plan, place: &Workplace) -> Result<Vec<Sweep>, Failure> {
         ));
     }
     Ok(found)
-}
-
-/// Mean and standard deviation.
-pub(super) fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
-    let count = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / count;
-    let square = values
-        .iter()
-        .map(|value| (value - mean).powi(2))
-        .sum::<f64>();
-    (mean, (square / (count - 1.0).max(1.0)).sqrt())
 }

@@ -1,22 +1,22 @@
 //! Diagram 4: millimetres against seconds. How the sheet is measured, what a frame then takes, and how well a press is found.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
 use bench::{FrameTimes, Profile};
 use eit::{Hyper, Mesh, OneStep, OneStepOptions, PaperSheet, Preset, Reconstructor};
 use nalgebra::{DMatrix, Matrix2};
-use phantom::{FINER, Load, Phantom, Scene, table_noise};
+use phantom::{FINER, Load, Phantom, Scene, across, table_noise};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 use rayon::prelude::*;
-use survey::{Amps, Dipole, Measurement, Plan, Protocol, RangeRule, Reading, Volts, Wiring};
+use survey::{Amps, Measurement, Plan, Protocol, RangeRule, Reading, Volts, Wiring};
 
 use super::Effort;
-use super::panel::{Panel, Point, mean_and_deviation};
+use super::panel::{Panel, Point};
 use super::reconstruction::FARTHEST_MM;
+use crate::evaluate::average;
 use crate::failure::Failure;
 use crate::progress;
 
@@ -75,24 +75,41 @@ const MODULES: [Module; 5] = [
     },
 ];
 
-/// What is asked of the sheet, and with which noise: all that decides the maps.
+/// A way to measure, but for the current.
 #[derive(Clone, Copy)]
-struct Asked {
+struct Way {
     skip: usize,
     half: bool,
-    current: f64,
-    /// Noise of a reading over its range.
-    share: f64,
+    nplc: f64,
+    averages: u32,
 }
 
-impl Asked {
-    fn key(&self) -> (usize, bool, u64, u64) {
-        (
-            self.skip,
-            self.half,
-            self.current.to_bits(),
-            self.share.to_bits(),
-        )
+impl Way {
+    /// Every combination, in order.
+    fn all(effort: &Effort) -> Vec<Self> {
+        let skips: &[usize] = effort.of(&[0, 2][..], &[0, 2, 4]);
+        let halves: &[bool] = effort.of(&[false][..], &[false, true]);
+        let integrations: &[f64] = effort.of(&[0.02, 1.0][..], &[0.02, 0.2, 1.0, 2.0, 10.0]);
+        let repeats: &[u32] = effort.of(&[1][..], &[1, 4]);
+        let mut all = Vec::new();
+        for &skip in skips {
+            for &half in halves {
+                for &nplc in integrations {
+                    all.extend(repeats.iter().map(|&averages| Self {
+                        skip,
+                        half,
+                        nplc,
+                        averages,
+                    }));
+                }
+            }
+        }
+        all
+    }
+
+    /// Noise of a reading over its range.
+    fn noise_share(&self) -> f64 {
+        table_noise(self.nplc) / f64::from(self.averages).sqrt()
     }
 }
 
@@ -107,10 +124,7 @@ struct Found {
 
 pub(super) fn panel(effort: &Effort) -> Result<Panel, Failure> {
     let rings: &[[usize; 2]] = effort.of(&[[4, 4], [6, 7]][..], &[[4, 4], [5, 5], [6, 7], [8, 8]]);
-    let integrations: &[f64] = effort.of(&[0.02, 1.0][..], &[0.02, 0.2, 1.0, 2.0, 10.0]);
-    let averages: &[u32] = effort.of(&[1][..], &[1, 4]);
-    let halves: &[bool] = effort.of(&[false][..], &[false, true]);
-    let skips: &[usize] = effort.of(&[0, 2][..], &[0, 2, 4]);
+    let ways = Way::all(effort);
     let currents: &[f64] = effort.of(&[1e-3][..], &[1e-4, 1e-3, 1e-2]);
     let modules: Vec<&Module> = MODULES
         .iter()
@@ -126,86 +140,36 @@ pub(super) fn panel(effort: &Effort) -> Result<Panel, Failure> {
         };
         let electrodes = sheet.electrodes();
         let truth = Truth::new(&sheet)?;
-        let mut asked = Vec::new();
-        for &skip in skips {
-            for &half in halves {
-                for &current in currents {
-                    for &nplc in integrations {
-                        for &averages in averages {
-                            asked.push(Asked {
-                                skip,
-                                half,
-                                current,
-                                share: table_noise(nplc) / f64::from(averages).sqrt(),
-                            });
-                        }
-                    }
-                }
-            }
-        }
-        let bar = progress::bar(asked.len(), "maps");
-        let found: BTreeMap<_, Found> = asked
+        let bar = progress::bar(ways.len(), "maps");
+        let found: Vec<Vec<Found>> = ways
             .par_iter()
-            .map(|asked| {
-                let found = truth.found(asked, effort)?;
+            .map(|way| {
+                let each = currents
+                    .iter()
+                    .map(|&current| truth.found(way, current, effort));
+                let found = each.collect();
                 bar.inc(1);
-                Ok((asked.key(), found))
+                found
             })
             .collect::<Result<_, Failure>>()?;
         bar.finish_and_clear();
         for module in &modules {
             let mut times = module.times(&sheet)?;
-            let bar = progress::bar(
-                skips.len() * halves.len() * integrations.len() * averages.len(),
-                "frames",
-            );
-            for &skip in skips.iter().filter(|skip| module.free || **skip == 0) {
-                for &half in halves {
-                    let plan = module.plan(electrodes, skip, half)?;
-                    for &nplc in integrations {
-                        for &averages in averages {
-                            let seconds = times
-                                .of(&plan, nplc, averages)
-                                .map_err(|fault| Failure::of("a plan in virtual time", &fault))?
-                                .as_secs_f64();
-                            bar.inc(1);
-                            for &current in currents {
-                                let asked = Asked {
-                                    skip,
-                                    half,
-                                    current,
-                                    share: table_noise(nplc) / f64::from(averages).sqrt(),
-                                };
-                                let found = &found[&asked.key()];
-                                let pattern = match skip {
-                                    0 => String::new(),
-                                    skip => format!(", skip {skip}"),
-                                };
-                                let setting = format!(
-                                    "{electrodes} electrodes, {nplc} PLC x {averages}, {}{} mA",
-                                    if half { "half, " } else { "" },
-                                    1e3 * current
-                                );
-                                points.push(
-                                    Point::new(
-                                        format!("{}{pattern}", module.name),
-                                        setting,
-                                        seconds,
-                                        &found.errors_mm,
-                                    )
-                                    .with("bound, mm", found.bound_mm)
-                                    .with("noise, uV rms", 1e6 * found.noise_v)
-                                    .with("electrodes", electrodes as f64)
-                                    .with("NPLC", nplc)
-                                    .with("averages", f64::from(averages))
-                                    .with("half", f64::from(u8::from(half)))
-                                    .with("skip", skip as f64)
-                                    .with("current, mA", 1e3 * current),
-                                );
-                            }
-                        }
-                    }
+            let bar = progress::bar(ways.len(), "frames");
+            for (way, found) in ways.iter().zip(&found) {
+                bar.inc(1);
+                if !module.free && way.skip > 0 {
+                    continue;
                 }
+                let plan = module.plan(electrodes, way.skip, way.half)?;
+                let seconds = times
+                    .of(&plan, way.nplc, way.averages)
+                    .map_err(|fault| Failure::of("a plan in virtual time", &fault))?
+                    .as_secs_f64();
+                let measured = currents.iter().zip(found);
+                points.extend(measured.map(|(&current, found)| {
+                    point(module, electrodes, way, current, seconds, found)
+                }));
             }
             bar.finish_and_clear();
         }
@@ -231,6 +195,37 @@ pub(super) fn panel(effort: &Effort) -> Result<Panel, Failure> {
         points,
     }
     .with_front())
+}
+
+fn point(
+    module: &Module,
+    electrodes: usize,
+    way: &Way,
+    current: f64,
+    seconds: f64,
+    found: &Found,
+) -> Point {
+    let pattern = match way.skip {
+        0 => String::new(),
+        skip => format!(", skip {skip}"),
+    };
+    let setting = format!(
+        "{electrodes} electrodes, {} PLC x {}, {}{} mA",
+        way.nplc,
+        way.averages,
+        if way.half { "half, " } else { "" },
+        1e3 * current
+    );
+    let line = format!("{}{pattern}", module.name);
+    Point::new(line, setting, seconds, &found.errors_mm)
+        .with("bound, mm", found.bound_mm)
+        .with("noise, uV rms", 1e6 * found.noise_v)
+        .with("electrodes", electrodes as f64)
+        .with("NPLC", way.nplc)
+        .with("averages", f64::from(way.averages))
+        .with("half", f64::from(u8::from(way.half)))
+        .with("skip", way.skip as f64)
+        .with("current, mA", 1e3 * current)
 }
 
 fn protocol(electrodes: usize, skip: usize, half: bool) -> Result<Protocol, Failure> {
@@ -334,9 +329,9 @@ impl Truth {
         })
     }
 
-    fn found(&self, asked: &Asked, effort: &Effort) -> Result<Found, Failure> {
-        let protocol = protocol(self.sheet.electrodes(), asked.skip, asked.half)?;
-        let of = |z: &DMatrix<f64>| readings(&protocol, z, asked.current);
+    fn found(&self, way: &Way, current: f64, effort: &Effort) -> Result<Found, Failure> {
+        let protocol = protocol(self.sheet.electrodes(), way.skip, way.half)?;
+        let of = |z: &DMatrix<f64>| readings(&protocol, z, current);
         let empty = of(&self.empty);
         let ranges = RangeRule {
             available: RANGES.map(Volts).to_vec(),
@@ -348,16 +343,14 @@ impl Truth {
                 let range = ranges
                     .choose(Volts(*volts))
                     .map_or(RANGES[2], |range| range.0);
-                asked.share * range
+                way.noise_share() * range
             })
             .collect();
-        let (mean_square, _) = mean_and_deviation(&noise.iter().map(|n| n * n).collect::<Vec<_>>());
-        let noise_v = mean_square.sqrt();
-        let bounds: Vec<f64> = self
+        let noise_v = average(noise.iter().map(|noise| noise * noise)).sqrt();
+        let bounds = self
             .slopes
             .iter()
-            .map(|[along_x, along_y]| bound(&of(along_x), &of(along_y), &noise))
-            .collect();
+            .map(|[along_x, along_y]| bound(&of(along_x), &of(along_y), &noise));
         let failed = |fault: &dyn std::error::Error| Failure::of("one-step", fault);
         let sigma0 = vec![self.sheet.conductance(); self.model.triangles().len()];
         let method = OneStep::new(
@@ -368,7 +361,7 @@ impl Truth {
             OneStepOptions {
                 hyper: Hyper::Noise {
                     volts: noise_v,
-                    current: asked.current,
+                    current,
                 },
                 deviations: Some(noise.clone()),
                 ..OneStepOptions::default()
@@ -401,10 +394,10 @@ impl Truth {
                     (1e3 * x - place[0]).hypot(1e3 * y - place[1])
                 }));
             }
-            errors_mm.push(mean_and_deviation(&errors).0);
+            errors_mm.push(average(errors.into_iter()));
         }
         Ok(Found {
-            bound_mm: mean_and_deviation(&bounds).0,
+            bound_mm: average(bounds),
             errors_mm,
             noise_v,
         })
@@ -412,11 +405,10 @@ impl Truth {
 }
 
 fn readings(protocol: &Protocol, z: &DMatrix<f64>, current: f64) -> Vec<f64> {
-    let across = |sense: Dipole, k: usize| z[(sense.plus.0, k)] - z[(sense.minus.0, k)];
     protocol
         .measurements()
         .iter()
-        .map(|q| current * (across(q.sense, q.drive.plus.0) - across(q.sense, q.drive.minus.0)))
+        .map(|q| current * across(z, q.sense, q.drive))
         .collect()
 }
 

@@ -3,13 +3,13 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use eit::{Forward, Mesh, PaperSheet};
+use eit::{Forward, ForwardError, Mesh, PaperSheet};
 use nalgebra::DVector;
 use phantom::Load;
 use survey::Protocol;
 
 use super::Effort;
-use super::panel::{Panel, Point, timed};
+use super::panel::{Panel, Point, Times, timed};
 use crate::failure::Failure;
 use crate::progress;
 
@@ -33,11 +33,12 @@ pub(super) fn panel(effort: &Effort) -> Result<Panel, Failure> {
     let graded: &[f64] = effort.of(&[0.5, 0.7, 1.0][..], &[0.5, 0.7, 1.0, 1.4, 2.0, 2.8]);
     // two levels finer than the finest graded mesh
     let reference_fineness = effort.of(2.0, 8.0);
-    let (reference, _) = solved(&PaperSheet {
+    let reference = Model::new(PaperSheet {
         fineness: reference_fineness,
         seeding: 1000,
         ..PaperSheet::default()
-    })?;
+    })?
+    .solved()?;
     let bar = progress::bar(uniform.len() + graded.len(), "meshes");
     let mut points = Vec::new();
     let even = |&h: &f64| {
@@ -58,30 +59,34 @@ pub(super) fn panel(effort: &Effort) -> Result<Panel, Failure> {
         ("graded", setting, of)
     };
     for (line, setting, of) in uniform.iter().map(even).chain(graded.iter().map(fine)) {
-        // another number gives another mesh of the same sizes
-        let of = |seeding: u32| PaperSheet {
-            seeding,
-            ..of.clone()
+        // another number gives another mesh of the same sizes; the first one is timed
+        let model = |seeding: u64| {
+            Model::new(PaperSheet {
+                seeding: seeding as u32,
+                ..of.clone()
+            })
         };
+        let first = model(0)?;
         let mut errors = [Vec::new(), Vec::new()];
-        for seed in 0..effort.seeds() {
-            let (found, _) = solved(&of(seed as u32))?;
+        for seeding in 0..effort.seeds() {
+            let found = match seeding {
+                0 => first.solved()?,
+                seeding => model(seeding)?.solved()?,
+            };
             errors[0].push((&found.empty - &reference.empty).amax() / reference.empty.amax());
             errors[1].push((&found.change - &reference.change).norm() / reference.change.norm());
         }
-        let (_, costs) = solved(&of(0))?;
-        let runs = if costs.triangles > 100_000 {
-            5
-        } else {
-            effort.runs()
-        };
-        let times = readings_again(&of(0), runs)?;
+        let triangles = first.mesh.triangles().len();
+        let times = first.times(match triangles > 100_000 {
+            true => 5,
+            false => effort.runs(),
+        })?;
         for (what, errors) in ["voltages", "differences"].into_iter().zip(&errors) {
             points.push(
                 Point::new(line, setting.clone(), times.median, errors)
                     .of(what)
-                    .with("triangles", costs.triangles as f64)
-                    .with("set-up, s", costs.set_up_s)
+                    .with("triangles", triangles as f64)
+                    .with("set-up, s", first.set_up_s)
                     .with("cold, s", times.cold)
                     .with("p99, s", times.p99),
             );
@@ -112,60 +117,70 @@ pub(super) fn panel(effort: &Effort) -> Result<Panel, Failure> {
     .with_front())
 }
 
-struct Costs {
-    triangles: usize,
+/// A sheet on a mesh, ready to be solved.
+struct Model {
+    sheet: PaperSheet,
+    mesh: Arc<Mesh>,
+    forward: Forward,
+    protocol: Protocol,
     /// Mesh and analysis.
     set_up_s: f64,
 }
 
-fn solved(sheet: &PaperSheet) -> Result<(Solved, Costs), Failure> {
-    let start = Instant::now();
-    let (mesh, forward) = model(sheet)?;
-    let set_up_s = start.elapsed().as_secs_f64();
-    let protocol = protocol(sheet)?;
-    let failed = |fault| Failure::of("the forward model", &fault);
-    let mut sigma = vec![sheet.conductance(); mesh.triangles().len()];
-    let empty = forward.readings(&sigma, &protocol).map_err(failed)?;
-    let load = Load::disc(PRESS_MM, 10.0, 0.5);
-    let covered = load
-        .coverage(&mesh)
-        .map_err(|fault| Failure::of("the press", &fault))?;
-    for (triangle, share) in covered {
-        sigma[triangle] *= 1.0 - load.loss * share;
-    }
-    let pressed = forward.readings(&sigma, &protocol).map_err(failed)?;
-    let costs = Costs {
-        triangles: mesh.triangles().len(),
-        set_up_s,
-    };
-    let change = pressed - &empty;
-    Ok((Solved { empty, change }, costs))
-}
-
-fn readings_again(sheet: &PaperSheet, runs: usize) -> Result<super::panel::Times, Failure> {
-    let (mesh, forward) = model(sheet)?;
-    let protocol = protocol(sheet)?;
-    let mut sigma = vec![sheet.conductance(); mesh.triangles().len()];
-    let failed = |fault| Failure::of("the forward model", &fault);
-    let mut workspace = forward.workspace(&protocol).map_err(failed)?;
-    timed(runs, || {
-        // another conductance each time: nothing can be used again
-        sigma.iter_mut().for_each(|value| *value *= 1.001);
-        workspace.readings(&sigma).map(drop).map_err(failed)
-    })
-}
-
-fn model(sheet: &PaperSheet) -> Result<(Arc<Mesh>, Forward), Failure> {
-    let mesh = Arc::new(
-        sheet
+impl Model {
+    fn new(sheet: PaperSheet) -> Result<Self, Failure> {
+        let start = Instant::now();
+        let mesh = sheet
             .mesh()
-            .map_err(|fault| Failure::of("the mesh", &fault))?,
-    );
-    let forward = Forward::new(Arc::clone(&mesh), &sheet.contact_ohm_m())
-        .map_err(|fault| Failure::of("the forward model", &fault))?;
-    Ok((mesh, forward))
+            .map_err(|fault| Failure::of("the mesh", &fault))?;
+        let mesh = Arc::new(mesh);
+        let forward = Forward::new(Arc::clone(&mesh), &sheet.contact_ohm_m()).map_err(unsolved)?;
+        let set_up_s = start.elapsed().as_secs_f64();
+        let protocol = Protocol::sheffield(sheet.electrodes())
+            .map_err(|fault| Failure::of("the protocol", &fault))?;
+        Ok(Self {
+            sheet,
+            mesh,
+            forward,
+            protocol,
+            set_up_s,
+        })
+    }
+
+    fn unloaded(&self) -> Vec<f64> {
+        vec![self.sheet.conductance(); self.mesh.triangles().len()]
+    }
+
+    fn solved(&self) -> Result<Solved, Failure> {
+        let readings = |sigma: &[f64]| {
+            self.forward
+                .readings(sigma, &self.protocol)
+                .map_err(unsolved)
+        };
+        let mut sigma = self.unloaded();
+        let empty = readings(&sigma)?;
+        let load = Load::disc(PRESS_MM, 10.0, 0.5);
+        let covered = load
+            .coverage(&self.mesh)
+            .map_err(|fault| Failure::of("the press", &fault))?;
+        for (triangle, share) in covered {
+            sigma[triangle] *= 1.0 - load.loss * share;
+        }
+        let change = readings(&sigma)? - &empty;
+        Ok(Solved { empty, change })
+    }
+
+    fn times(&self, runs: usize) -> Result<Times, Failure> {
+        let mut sigma = self.unloaded();
+        let mut workspace = self.forward.workspace(&self.protocol).map_err(unsolved)?;
+        timed(runs, || {
+            // another conductance each time: nothing can be used again
+            sigma.iter_mut().for_each(|value| *value *= 1.001);
+            workspace.readings(&sigma).map(drop).map_err(unsolved)
+        })
+    }
 }
 
-fn protocol(sheet: &PaperSheet) -> Result<Protocol, Failure> {
-    Protocol::sheffield(sheet.electrodes()).map_err(|fault| Failure::of("the protocol", &fault))
+fn unsolved(fault: ForwardError) -> Failure {
+    Failure::of("the forward model", &fault)
 }

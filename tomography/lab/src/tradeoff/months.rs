@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use eit::{Hyper, OneStep, OneStepOptions, PaperSheet, Preset, Reconstructor};
 use nalgebra::DMatrix;
-use phantom::{FINER, Load, Phantom, Scene};
+use phantom::{FINER, Load, Phantom, Scene, across};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
@@ -179,12 +179,11 @@ impl<'a> Month<'a> {
             self.phantom.press(load).map_err(failed)?;
         }
         let z: &DMatrix<f64> = self.phantom.transfer_impedance(at).map_err(failed)?;
-        let across = |sense: survey::Dipole, k: usize| z[(sense.plus.0, k)] - z[(sense.minus.0, k)];
         Ok(self
             .protocol
             .measurements()
             .iter()
-            .map(|q| CURRENT * (across(q.sense, q.drive.plus.0) - across(q.sense, q.drive.minus.0)))
+            .map(|q| CURRENT * across(z, q.sense, q.drive))
             .map(|volts| Reading::Ok(Volts(volts + self.noise.sample(&mut self.random))))
             .collect())
     }

@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use super::Effort;
 use super::panel::Panel;
+use crate::html::{escaped, opening};
 
 const STYLE: &str = "body{font:16px/1.5 sans-serif;max-width:68em;margin:2em auto;padding:0 1em;color:#222226}\
 img{width:100%;max-width:60em;height:auto}figure{margin:1em 0}figcaption{color:#555}\
@@ -11,12 +12,8 @@ table{border-collapse:collapse;margin:1em 0;font-size:13px}th,td{border-bottom:1
 th:first-child,td:first-child,th:nth-child(2),td:nth-child(2){text-align:left}tr.front{font-weight:bold}summary{cursor:pointer}";
 
 pub(super) fn page(effort: &Effort, panels: &[Panel]) -> String {
-    let mut html = format!(
-        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width\">\
-         <title>What accuracy costs in time</title><style>{STYLE}</style></head><body>\n\
-         <h1>What accuracy costs in time</h1>\n"
-    );
+    let title = "What accuracy costs in time";
+    let mut html = opening(title, STYLE) + &format!("<h1>{title}</h1>\n");
     html += if effort.full {
         "<p>This is the full run.</p>\n"
     } else {
@@ -109,11 +106,4 @@ fn one(html: &mut String, number: usize, panel: &Panel) {
         );
     }
     html.push_str("</details>\n");
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
 }

@@ -8,6 +8,7 @@ use picture::{Axis, Curve, Curves};
 use serde::{Deserialize, Serialize};
 
 use super::Effort;
+use crate::evaluate::mean_and_deviation;
 use crate::failure::Failure;
 use crate::solve::median;
 use crate::workplace::Workplace;
@@ -302,14 +303,6 @@ pub(super) fn quantile(values: &mut [f64], share: f64) -> f64 {
         .get(at.saturating_sub(1))
         .copied()
         .unwrap_or(f64::NAN)
-}
-
-/// Mean and standard deviation.
-pub(super) fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
-    let count = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / count;
-    let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
-    (mean, (square / (count - 1.0).max(1.0)).sqrt())
 }
 
 #[cfg(test)]

@@ -6,43 +6,20 @@ use std::time::Instant;
 use eit::model;
 
 use super::Effort;
-use super::panel::{Panel, Point, mean_and_deviation, quantile};
+use super::panel::{Panel, Point, quantile};
 use super::reconstruction::{Trained, judged_sets};
-use crate::evaluate::{maps, of_frames};
+use crate::evaluate::{average, maps, of_frames};
 use crate::failure::Failure;
 use crate::workplace::Workplace;
 
 pub(super) fn panel(effort: &Effort, place: &Workplace) -> Result<Panel, Failure> {
-    let widths: &[usize] = effort.of(&[32, 96][..], &[64, 256, 1024]);
-    let cases = effort.of("2000", "6000");
-    let epochs = effort.of("1", "6");
     let sets = judged_sets(effort, place, "polygons", effort.of(4, 8))?;
-    let seed = effort.seed.to_string();
     let mut points = Vec::new();
-    for &width in widths {
-        let wide = format!("width={width}");
+    for &width in widths(effort) {
         let mut reference: Option<Vec<Vec<f64>>> = None;
         for precision in ["f32", "f16", "int8"] {
             // the same training, kept in another format: the same seed gives the same weights before rounding
-            let words = [
-                "train",
-                "dnn",
-                "--profile",
-                "matched",
-                "--cases",
-                cases,
-                "--epochs",
-                epochs,
-                "--set",
-                &wide,
-                "--repeats",
-                "2",
-                "--seed",
-                &seed,
-                "--precision",
-                precision,
-            ];
-            let trained = Trained::new(place, &words)?;
+            let trained = deep(effort, place, width, precision)?;
             let load_s = loading(&trained.file)?;
             let bytes = std::fs::metadata(&trained.file)
                 .map_err(|cause| Failure::of(&trained.file.display().to_string(), &cause))?
@@ -51,8 +28,7 @@ pub(super) fn panel(effort: &Effort, place: &Workplace) -> Result<Panel, Failure
             for set in &sets {
                 let judged = maps(set, precision, &trained.words())?;
                 let frames = of_frames(&judged)?;
-                let correlation: Vec<f64> = frames.iter().map(|f| 1.0 - f.correlation).collect();
-                errors.push(mean_and_deviation(&correlation).0);
+                errors.push(average(frames.iter().map(|frame| 1.0 - frame.correlation)));
                 times.extend(judged.frames.iter().map(|frame| 1e-3 * frame.ms));
                 all.extend(judged.frames.into_iter().map(|frame| frame.map.values));
             }
@@ -88,7 +64,9 @@ pub(super) fn panel(effort: &Effort, place: &Workplace) -> Result<Panel, Failure
         up: "1 - correlation".to_owned(),
         shows: format!(
             "Deep networks of several widths, their weights kept in f32, f16 and int8, on cases of Algorithm 1 kept back; the \
-             table has bytes, time of loading, and how far a map moves from that of f32. Trained on {cases} cases for {epochs} epochs."
+             table has bytes, time of loading, and how far a map moves from that of f32. Trained on {} cases for {} epochs.",
+            cases(effort),
+            epochs(effort)
         ),
         not_proved: "A longer training may use more of the precision than this one does; memory is that of the file, which is \
                      mapped, not measured as resident."
@@ -98,6 +76,50 @@ pub(super) fn panel(effort: &Effort, place: &Workplace) -> Result<Panel, Failure
         points,
     }
     .with_front())
+}
+
+/// Cases that the third and the fifth diagram train on.
+pub(super) fn cases(effort: &Effort) -> &'static str {
+    effort.of("2000", "6000")
+}
+
+fn epochs(effort: &Effort) -> &'static str {
+    effort.of("1", "6")
+}
+
+/// Widths of the deep networks of both diagrams.
+pub(super) fn widths(effort: &Effort) -> &'static [usize] {
+    effort.of(&[32, 96], &[64, 256, 1024])
+}
+
+/// The deep network of a width, its weights kept in a format.
+pub(super) fn deep(
+    effort: &Effort,
+    place: &Workplace,
+    width: usize,
+    precision: &str,
+) -> Result<Trained, Failure> {
+    let wide = format!("width={width}");
+    let seed = effort.seed.to_string();
+    let words = [
+        "train",
+        "dnn",
+        "--profile",
+        "matched",
+        "--cases",
+        cases(effort),
+        "--epochs",
+        epochs(effort),
+        "--set",
+        &wide,
+        "--repeats",
+        "2",
+        "--seed",
+        &seed,
+        "--precision",
+        precision,
+    ];
+    Trained::new(place, &words)
 }
 
 /// Median time to read and check a model file, s.

@@ -5,9 +5,9 @@ use std::time::Instant;
 
 use phantom::Scene;
 
-use super::Effort;
-use super::panel::{Panel, Point, mean_and_deviation, quantile};
-use crate::evaluate::{Judged, figures, maps_not_refused, of_frames};
+use super::panel::{Panel, Point, quantile};
+use super::{Effort, precision};
+use crate::evaluate::{Judged, average, figures, maps_not_refused, of_frames};
 use crate::failure::Failure;
 use crate::workplace::Workplace;
 
@@ -103,7 +103,7 @@ pub(super) fn panel(effort: &Effort, place: &Workplace) -> Result<Panel, Failure
                 times.extend(seconds);
                 let found = distances_mm(&judged);
                 if !found.is_empty() {
-                    errors.push(mean_and_deviation(&found).0);
+                    errors.push(average(found.iter().copied()));
                     all.extend(found);
                     means.push(figures(method.line, &judged, &of_frames(&judged)?));
                 }
@@ -118,8 +118,7 @@ pub(super) fn panel(effort: &Effort, place: &Workplace) -> Result<Panel, Failure
                 continue;
             }
             let mean = |of: fn(&crate::evaluate::Figures) -> f64| {
-                let values: Vec<f64> = means.iter().map(of).filter(|v| v.is_finite()).collect();
-                mean_and_deviation(&values).0
+                average(means.iter().map(of).filter(|value| value.is_finite()))
             };
             let p99 = quantile(&mut times, 0.99);
             points.push(
@@ -326,49 +325,34 @@ fn methods(effort: &Effort, place: &Workplace) -> Result<Vec<Method>, Failure> {
         plain("best", "at most four shapes", "best", true);
     }
     let seed = effort.seed.to_string();
-    let cases = effort.of("2000", "6000");
-    let mut trained =
-        |line: &'static str, setting: String, words: &[&str]| -> Result<(), Failure> {
-            let trained = Trained::new(place, words)?;
-            methods.push(Method {
-                line,
-                setting,
-                words: trained.words(),
-                training_s: Some(trained.seconds),
-                slow: false,
-            });
-            Ok(())
-        };
+    let cases = precision::cases(effort);
+    let mut trained = |line: &'static str, setting: String, trained: Trained| {
+        methods.push(Method {
+            line,
+            setting,
+            words: trained.words(),
+            training_s: Some(trained.seconds),
+            slow: false,
+        });
+    };
     let common = ["--profile", "matched", "--cases", cases, "--seed", &seed];
     let words = [&["train", "linear"][..], &common].concat();
-    trained("linear", format!("{cases} cases"), &words)?;
+    trained(
+        "linear",
+        format!("{cases} cases"),
+        Trained::new(place, &words)?,
+    );
     for centres in effort.of(&["25", "100"][..], &["25", "50", "100", "200", "400"]) {
         let words = [&["train", "rbf"][..], &common, &["--neurons", centres]].concat();
-        trained("RBF network", format!("{centres} centres"), &words)?;
+        trained(
+            "RBF network",
+            format!("{centres} centres"),
+            Trained::new(place, &words)?,
+        );
     }
-    // those of the fifth diagram
-    let epochs = effort.of("1", "6");
-    for width in effort.of(&["32", "96"][..], &["64", "256", "1024"]) {
-        let wide = format!("width={width}");
-        let words = [
-            "train",
-            "dnn",
-            "--profile",
-            "matched",
-            "--cases",
-            cases,
-            "--epochs",
-            epochs,
-            "--set",
-            &wide,
-            "--repeats",
-            "2",
-            "--seed",
-            &seed,
-            "--precision",
-            "f32",
-        ];
-        trained("deep network", format!("width {width}"), &words)?;
+    for &width in precision::widths(effort) {
+        let model = precision::deep(effort, place, width, "f32")?;
+        trained("deep network", format!("width {width}"), model);
     }
     Ok(methods)
 }

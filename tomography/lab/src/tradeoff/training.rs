@@ -3,7 +3,7 @@
 use super::Effort;
 use super::panel::{Panel, Point};
 use super::reconstruction::{Trained, judged_sets};
-use crate::evaluate::{maps, of_frames};
+use crate::evaluate::{average, maps, of_frames};
 use crate::failure::Failure;
 use crate::workplace::Workplace;
 
@@ -48,9 +48,7 @@ pub(super) fn panel(effort: &Effort, place: &Workplace) -> Result<Panel, Failure
             let mut errors = Vec::new();
             for set in &sets {
                 let frames = of_frames(&maps(set, &line, &trained.words())?)?;
-                errors.push(
-                    frames.iter().map(|f| 1.0 - f.correlation).sum::<f64>() / frames.len() as f64,
-                );
+                errors.push(average(frames.iter().map(|frame| 1.0 - frame.correlation)));
             }
             points.push(Point::new(line, setting, trained.seconds, &errors));
         }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnReading, ReadingContext, resolution};
+use super::{Effect, Effects, OnReading, ReadingContext, table_noise};
 use crate::preview::Preview;
 
 /// How large a step is.
@@ -22,7 +22,7 @@ impl QuantisationSettings {
     /// V
     fn step(&self, context: &ReadingContext) -> f64 {
         self.step_uv.map_or_else(
-            || resolution(context.nplc) * context.range.0,
+            || table_noise(context.nplc) * context.range.0,
             |uv| uv * 1e-6,
         )
     }

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnReading, ReadingContext, resolution, stream};
+use super::{Effect, Effects, OnReading, ReadingContext, stream, table_noise};
 use crate::preview::Preview;
 
 /// How strong the noise is.
@@ -25,7 +25,7 @@ impl VoltmeterNoiseSettings {
     /// Rms of one reading.
     pub(crate) fn volts(&self, context: &ReadingContext) -> f64 {
         self.uv.map_or_else(
-            || resolution(context.nplc) * context.range.0,
+            || table_noise(context.nplc) * context.range.0,
             |uv| uv * 1e-6,
         )
     }
