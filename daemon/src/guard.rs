@@ -27,6 +27,10 @@ pub(crate) fn install() {
     INSTALLED.call_once(|| {
         let prints = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |panic| {
+            if crate::mapper::answers_for_this_thread() {
+                // it costs maps, not the session
+                return prints(panic);
+            }
             let place = panic
                 .location()
                 .map_or_else(|| "nowhere".to_owned(), ToString::to_string);

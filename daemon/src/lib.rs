@@ -26,6 +26,7 @@ mod herald;
 mod keeper;
 mod known;
 mod live;
+mod mapper;
 mod measuring;
 mod mishap;
 mod model;

@@ -198,6 +198,12 @@ impl Live {
         self.durable.send_replace(sequence);
     }
 
+    /// The map of a frame that was published without it.
+    pub(crate) fn publish_map(&self, published: Published) {
+        let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
+        latest.with_map = Some(Arc::new(published));
+    }
+
     pub(crate) fn latest_frame(&self) -> Option<Arc<Published>> {
         self.latest
             .lock()

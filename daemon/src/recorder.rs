@@ -1,21 +1,29 @@
-//! The way of a frame after acquisition, on a thread of its own: quality, difference to the baseline, reconstruction,
-//! then the sinks in order: logbook (durable), then everybody who listens.
+//! The way of a frame after acquisition, on a thread of its own: quality, then the sinks in order: logbook (durable), then
+//! everybody who listens. Maps come from the [`Mapper`]: the record waits for one a little, and is written without it.
 
+#[cfg(test)]
+mod tests;
+
+use std::collections::VecDeque;
 use std::sync::Arc;
+use std::time::Duration;
 
 use bus::stream::{Body, Record};
 use chrono::{DateTime, Utc};
 use eit::Pressure;
-use logbook::{LogbookError, MapRecord, SessionWriter};
+use logbook::{LogbookError, SessionWriter};
 use rig::{Clock, SystemClock};
-use survey::{Baseline, Checks, Frame, Map};
+use survey::{Baseline, Checks, Frame, Map, Quality};
 use tokio::sync::mpsc;
 
 use crate::live::{Live, Published};
-use crate::model::{Model, chain};
+use crate::mapper::{Attempt, Failure, Made, Mapped, Mapper};
+use crate::model::chain;
 
 /// Frames that may wait for the disk before acquisition does.
 pub(crate) const QUEUE: usize = 16;
+/// With so many waiting, nobody waits for a map.
+const HURRY: usize = QUEUE / 2;
 
 /// What the recorder is told.
 #[derive(Debug)]
@@ -26,11 +34,16 @@ pub(crate) enum Order {
         kind: &'static str,
         text: String,
     },
+    /// A map that was late is ready.
+    MapReady,
     Close {
         at: DateTime<Utc>,
         reason: String,
     },
 }
+
+/// Tells everybody but the record, which the recorder itself writes.
+pub(crate) type Tell = Box<dyn Fn(DateTime<Utc>, &'static str, &str) + Send>;
 
 /// Writes one session.
 pub(crate) struct Recorder {
@@ -39,7 +52,7 @@ pub(crate) struct Recorder {
     pub clock: SystemClock,
     pub checks: Checks,
     pub task: Task,
-    pub build: String,
+    pub tell: Tell,
 }
 
 /// What is made of the frames.
@@ -48,11 +61,31 @@ pub(crate) enum Task {
     Baseline { frames: Vec<Frame>, wanted: u64 },
     /// A map of each.
     Maps {
-        baseline: Box<Baseline>,
-        model: Model,
-        centroids: Vec<[f64; 2]>,
-        areas: Vec<f64>,
+        mapper: Mapper,
+        /// The frame whose map is late.
+        late: Option<Box<Row>>,
+        /// Frames without a map, because the method was still busy.
+        missed: u64,
     },
+}
+
+impl Task {
+    pub(crate) fn maps(mapper: Mapper) -> Self {
+        Self::Maps {
+            mapper,
+            late: None,
+            missed: 0,
+        }
+    }
+}
+
+/// A frame on its way to the disk.
+pub(crate) struct Row {
+    frame: Frame,
+    quality: Quality,
+    mapped: Option<Mapped>,
+    reconstruction: Duration,
+    durable: Duration,
 }
 
 impl Recorder {
@@ -65,22 +98,26 @@ impl Recorder {
         mut self,
         mut orders: mpsc::Receiver<Order>,
     ) -> Result<Option<Baseline>, LogbookError> {
-        while let Some(order) = orders.blocking_recv() {
+        let mut waiting = VecDeque::new();
+        while let Some(order) = waiting.pop_front().or_else(|| orders.blocking_recv()) {
             let outcome = match order {
-                Order::Frame(frame) => self.frame(*frame),
+                Order::Frame(first) => {
+                    let frames = gather(*first, &mut orders, &mut waiting);
+                    self.frames(frames, &orders)
+                }
                 Order::Event { at, kind, text } => self.writer.event(at, kind, &text),
+                Order::MapReady => self.late_map(),
                 Order::Close { at, reason } => return self.close(at, &reason),
             };
             if let Err(error) = outcome {
                 self.live.stop(&chain(&error));
                 // what is still on its way has nowhere to go
                 orders.close();
-                while let Some(order) = orders.blocking_recv() {
+                while let Some(order) = waiting.pop_front().or_else(|| orders.blocking_recv()) {
                     if let Order::Frame(_) = order {
                         self.live.count_dropped(1);
                     }
                 }
-                self.live.count_dropped(1);
                 return Err(error);
             }
         }
@@ -88,96 +125,189 @@ impl Recorder {
         self.close(at, "the daemon let go of the session")
     }
 
-    fn frame(&mut self, mut frame: Frame) -> Result<(), LogbookError> {
-        let quality = self.checks.of(&frame);
-        let begun = self.clock.monotonic();
-        let (map, found, record) = self.reconstruct(&frame);
-        let reconstruction = self.clock.monotonic().saturating_sub(begun);
-        let pressure = map.as_ref().and_then(|map| self.pressure(map));
-        frame.sequence = self.writer.append(&frame, record.as_ref())?;
-        let taken = frame.monotonic + frame.duration;
-        let durable = self.clock.monotonic().saturating_sub(taken);
-        tracing::debug!(
-            session = self.live.facts.id,
-            frame = frame.sequence,
-            us = durable.as_micros() as u64,
-            "durable"
-        );
-        if !self.live.readers.is_empty() {
-            for body in bodies(&frame, map.as_ref(), pressure.as_ref()) {
-                self.live.readers.publish(&Record {
-                    sequence: frame.sequence,
-                    wall_ns: nanoseconds(frame.wall),
-                    gap: 0,
-                    simulated: frame.simulated,
-                    body,
-                });
+    /// Frames that were waiting together go to the disk with one sync.
+    fn frames(
+        &mut self,
+        frames: Vec<Frame>,
+        orders: &mpsc::Receiver<Order>,
+    ) -> Result<(), LogbookError> {
+        let mut rows: Vec<Row> = Vec::with_capacity(frames.len());
+        let mut left = frames.len();
+        // of the frames of this call, the one whose map is late
+        let mut late = None;
+        for frame in frames {
+            left -= 1;
+            self.late_map()?;
+            let mut row = Row {
+                quality: self.checks.of(&frame),
+                frame,
+                mapped: None,
+                reconstruction: Duration::ZERO,
+                durable: Duration::ZERO,
+            };
+            match self.ask_for_map(&row.frame, || orders.len() + left >= HURRY) {
+                Some(Attempt::Made(made)) => self.made(*made, &mut row)?,
+                Some(Attempt::Late) => late = Some(rows.len()),
+                Some(Attempt::Busy) => self.missed_a_map()?,
+                Some(Attempt::Suspended) | None => {}
             }
+            rows.push(row);
         }
-        if let Task::Baseline { frames, .. } = &mut self.task {
-            frames.push(frame.clone());
+        let count = rows.len() as u64;
+        let stored = self.writer.append_all(
+            rows.iter()
+                .map(|row| (&row.frame, row.mapped.as_ref().map(|mapped| &mapped.record))),
+        );
+        let last = match stored {
+            Ok(last) => last,
+            Err(error) => {
+                self.live.count_dropped(count);
+                return Err(error);
+            }
+        };
+        let now = self.clock.monotonic();
+        for (index, mut row) in rows.into_iter().enumerate() {
+            row.frame.sequence = last + 1 + index as u64 - count;
+            row.durable = now.saturating_sub(row.frame.monotonic + row.frame.duration);
+            tracing::debug!(
+                session = self.live.facts.id,
+                frame = row.frame.sequence,
+                us = row.durable.as_micros() as u64,
+                "durable"
+            );
+            if late == Some(index)
+                && let Task::Maps { late, .. } = &mut self.task
+            {
+                *late = Some(Box::new(row.without_map()));
+            }
+            self.publish(row);
         }
-        self.live.publish(Published {
-            frame,
-            quality,
-            map,
-            found,
-            pressure,
-            reconstruction,
-            durable,
-        });
         Ok(())
     }
 
-    fn reconstruct(&self, frame: &Frame) -> (Option<Map>, Option<[f64; 2]>, Option<MapRecord>) {
-        let Task::Maps {
-            baseline,
-            model,
-            centroids,
-            areas,
-        } = &self.task
-        else {
-            return (None, None, None);
-        };
-        match model
-            .reconstructor
-            .reconstruct(&baseline.readings, &frame.readings)
-        {
-            Ok(map) => {
-                self.live.set_last_error("");
-                let record = MapRecord {
-                    hash: map.hash(),
-                    method: map.method.clone(),
-                    model_hash: model.hash.clone(),
-                    build: self.build.clone(),
-                    cpu: cpu_features(),
-                };
-                let found = map.found(centroids, areas);
-                (Some(map), found, Some(record))
-            }
-            Err(error) => {
-                self.live.set_last_error(&chain(&error));
-                (None, None, None)
-            }
+    fn ask_for_map(&mut self, frame: &Frame, hurry: impl Fn() -> bool) -> Option<Attempt> {
+        match &mut self.task {
+            Task::Baseline { .. } => None,
+            Task::Maps { mapper, .. } => Some(mapper.make(&frame.readings, hurry)),
         }
     }
 
-    /// Of a method that is calibrated; a map that the calibration refuses stays a map, and the session says why.
-    fn pressure(&self, map: &Map) -> Option<Pressure> {
-        let Task::Maps { model, .. } = &self.task else {
-            return None;
-        };
-        let calibration = model.calibration.as_ref()?;
-        match calibration.pressure(model.reconstructor.mesh(), map) {
-            Ok(pressure) => Some(pressure),
-            Err(error) => {
-                self.live.set_last_error(&chain(&error));
-                None
+    /// Puts what was made on its row, and says what went wrong.
+    fn made(&mut self, made: Made, row: &mut Row) -> Result<(), LogbookError> {
+        row.reconstruction = made.took;
+        match made.outcome {
+            Ok(mapped) => {
+                let refused = mapped.refused.as_deref().unwrap_or_default();
+                self.live.set_last_error(refused);
+                row.mapped = Some(mapped);
+            }
+            Err(Failure::Refused(why)) => self.live.set_last_error(&why),
+            Err(Failure::Broken(why)) => {
+                let text = format!(
+                    "the code of method {} failed ({why}); frames are recorded, and have no maps until the next session; \
+                     please report it",
+                    self.live.facts.method
+                );
+                self.live.set_last_error(&text);
+                self.say("method-suspended", &text)?;
             }
         }
+        Ok(())
+    }
+
+    /// A map that was late, if it is ready.
+    fn late_map(&mut self) -> Result<(), LogbookError> {
+        match &mut self.task {
+            Task::Maps { mapper, .. } => match mapper.late() {
+                Some(made) => self.arrived(made),
+                None => Ok(()),
+            },
+            Task::Baseline { .. } => Ok(()),
+        }
+    }
+
+    fn arrived(&mut self, made: Made) -> Result<(), LogbookError> {
+        let Task::Maps { late, .. } = &mut self.task else {
+            return Ok(());
+        };
+        let Some(mut row) = late.take() else {
+            return Ok(());
+        };
+        self.made(made, &mut row)?;
+        if let Some(mapped) = &row.mapped {
+            self.writer.late_map(row.frame.sequence, &mapped.record)?;
+            self.publish_map(*row);
+        }
+        Ok(())
+    }
+
+    fn missed_a_map(&mut self) -> Result<(), LogbookError> {
+        let Task::Maps { missed, .. } = &mut self.task else {
+            return Ok(());
+        };
+        *missed += 1;
+        let missed = *missed;
+        if !missed.is_power_of_two() {
+            return Ok(());
+        }
+        let text = format!(
+            "method {} is slower than frames come: {missed} recorded without a map so far (`tactus replay` makes them)",
+            self.live.facts.method
+        );
+        self.say("maps-missed", &text)
+    }
+
+    /// To the record and to everybody.
+    fn say(&mut self, kind: &'static str, text: &str) -> Result<(), LogbookError> {
+        let at = self.clock.wall();
+        (self.tell)(at, kind, text);
+        self.writer.event(at, kind, text)
+    }
+
+    fn publish(&mut self, row: Row) {
+        if !self.live.readers.is_empty() {
+            self.stream(&row.frame, frame_body(&row.frame));
+            self.stream_map(&row);
+        }
+        if let Task::Baseline { frames, .. } = &mut self.task {
+            frames.push(row.frame.clone());
+        }
+        self.live.publish(row.published());
+    }
+
+    fn publish_map(&self, row: Row) {
+        if !self.live.readers.is_empty() {
+            self.stream_map(&row);
+        }
+        self.live.publish_map(row.published());
+    }
+
+    fn stream_map(&self, row: &Row) {
+        let Some(mapped) = &row.mapped else {
+            return;
+        };
+        if let Some(pressure) = &mapped.pressure {
+            self.stream(&row.frame, pressure_body(pressure));
+        }
+        self.stream(&row.frame, map_body(&mapped.map));
+    }
+
+    fn stream(&self, frame: &Frame, body: Body) {
+        self.live.readers.publish(&Record {
+            sequence: frame.sequence,
+            wall_ns: nanoseconds(frame.wall),
+            gap: 0,
+            simulated: frame.simulated,
+            body,
+        });
     }
 
     fn close(mut self, at: DateTime<Utc>, reason: &str) -> Result<Option<Baseline>, LogbookError> {
+        if let Task::Maps { mapper, .. } = &mut self.task
+            && let Some(made) = mapper.last()
+        {
+            self.arrived(made)?;
+        }
         let mut baseline = None;
         if let Task::Baseline { frames, wanted } = &self.task
             && frames.len() as u64 >= *wanted
@@ -195,25 +325,77 @@ impl Recorder {
     }
 }
 
-fn bodies(frame: &Frame, map: Option<&Map>, pressure: Option<&Pressure>) -> Vec<Body> {
-    let frame = Body::Frame {
+impl Row {
+    fn without_map(&self) -> Self {
+        Self {
+            frame: self.frame.clone(),
+            quality: self.quality.clone(),
+            mapped: None,
+            reconstruction: Duration::ZERO,
+            durable: self.durable,
+        }
+    }
+
+    fn published(self) -> Published {
+        let (map, found, pressure) = match self.mapped {
+            Some(mapped) => (Some(mapped.map), mapped.found, mapped.pressure),
+            None => (None, None, None),
+        };
+        Published {
+            frame: self.frame,
+            quality: self.quality,
+            map,
+            found,
+            pressure,
+            reconstruction: self.reconstruction,
+            durable: self.durable,
+        }
+    }
+}
+
+/// The frames that wait behind the first one, up to whatever else waits.
+fn gather(
+    first: Frame,
+    orders: &mut mpsc::Receiver<Order>,
+    waiting: &mut VecDeque<Order>,
+) -> Vec<Frame> {
+    let mut frames = vec![first];
+    while waiting.is_empty() && frames.len() < QUEUE {
+        match orders.try_recv() {
+            Ok(Order::Frame(frame)) => frames.push(*frame),
+            // looked for before every frame
+            Ok(Order::MapReady) => {}
+            Ok(other) => waiting.push_back(other),
+            Err(_) => break,
+        }
+    }
+    frames
+}
+
+fn frame_body(frame: &Frame) -> Body {
+    Body::Frame {
         volts: volts(&frame.readings),
         flags: frame
             .readings
             .iter()
             .map(|reading| reading.flag())
             .collect(),
-    };
-    let map = map.map(|map| Body::Map {
+    }
+}
+
+fn map_body(map: &Map) -> Body {
+    Body::Map {
         values: map.values.clone(),
         mesh_hash: map.mesh_hash.clone(),
         method: map.method.clone(),
-    });
-    let pressure = pressure.map(|pressure| Body::Pressure {
+    }
+}
+
+fn pressure_body(pressure: &Pressure) -> Body {
+    Body::Pressure {
         kpa: pressure.kpa.clone(),
         newtons: pressure.newtons,
-    });
-    std::iter::once(frame).chain(pressure).chain(map).collect()
+    }
 }
 
 /// Voltages as numbers for the bus; NaN, which its flag explains, where there is none.
@@ -232,25 +414,4 @@ pub(crate) fn nanoseconds(wall: DateTime<Utc>) -> i64 {
         } else {
             i64::MAX
         })
-}
-
-/// What decides the last bits of a map beside the build.
-fn cpu_features() -> String {
-    #[cfg(target_arch = "x86_64")]
-    {
-        let features = [
-            ("avx512f", std::arch::is_x86_feature_detected!("avx512f")),
-            ("avx2", std::arch::is_x86_feature_detected!("avx2")),
-            ("fma", std::arch::is_x86_feature_detected!("fma")),
-        ];
-        let names: Vec<&str> = features
-            .into_iter()
-            .filter_map(|(name, there)| there.then_some(name))
-            .collect();
-        format!("x86_64 {}", names.join(" "))
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    {
-        std::env::consts::ARCH.to_owned()
-    }
 }

@@ -340,6 +340,20 @@ impl SessionReader {
             .map_err(|source| LogbookError::reading(&self.path, "read the map methods of", source))
     }
 
+    /// Of a map that was made after its frame had been written.
+    fn late_map(&self, sequence: i64) -> Result<Option<MapRecord>, LogbookError> {
+        let late = self
+            .connection
+            .prepare_cached("SELECT mapper, map_hash FROM late_map WHERE sequence = ?1")
+            .and_then(|mut statement| {
+                let row = |row: &rusqlite::Row<'_>| Ok((row.get::<_, i64>(0)?, row.get(1)?));
+                statement.query_row([sequence], row).optional()
+            })
+            .map_err(|source| LogbookError::reading(&self.path, "read the late maps of", source))?;
+        late.map(|(mapper, hash): (i64, Value)| self.map_record(mapper, &hash))
+            .transpose()
+    }
+
     fn unpack(&self, stored: StoredFrame, known: &mut Known) -> Result<Record, LogbookError> {
         let StoredFrame {
             row,
@@ -401,7 +415,7 @@ impl SessionReader {
         };
         let map = match (mapper, &row.map_hash) {
             (Some(id), Some(hash)) => Some(self.map_record(id, hash)?),
-            _ => None,
+            _ => self.late_map(row.sequence)?,
         };
         Ok(Record {
             quality: Quality {

@@ -13,6 +13,7 @@
 //! | `baseline` | the baseline in use: readings and deviations as [`crate::codec`] blobs |
 //! | `reference` | means of sixteen frames, as [`crate::codec`] blobs, that later frames are differences to |
 //! | `frame` | one row a frame: times, settings, readings as a blob of [`crate::codec`], counts of flags, largest difference of reciprocal twins, largest sum round the ring, readings that no load explains, quality flags (words joined by commas), driving electrodes in compliance (JSON), the hash of the map (32 bytes; a text where it is no SHA-256) |
+//! | `late_map` | the hash of a map that was made after its frame had been written |
 //! | `event` | time, one word, one sentence |
 //!
 //! `frame.reference` says what the blob's differences are taken against: NULL nothing, 0 the baseline, n the row n of
@@ -25,7 +26,7 @@ use rusqlite::Connection;
 pub const APPLICATION_ID: i32 = 0x5461_6374;
 
 /// Version of the layout; a file with another one is refused.
-pub const VERSION: i64 = 3;
+pub const VERSION: i64 = 4;
 
 const TABLES: &str = "
 CREATE TABLE session (
@@ -101,6 +102,11 @@ CREATE TABLE frame (
     reference INTEGER,
     readings BLOB NOT NULL,
     checksum BLOB NOT NULL
+) STRICT;
+CREATE TABLE late_map (
+    sequence INTEGER PRIMARY KEY REFERENCES frame (sequence),
+    mapper INTEGER NOT NULL REFERENCES mapper (id),
+    map_hash ANY NOT NULL
 ) STRICT;
 CREATE TABLE event (
     id INTEGER PRIMARY KEY,

@@ -170,6 +170,27 @@ fn everything_comes_back_as_it_was_written() {
 }
 
 #[test]
+fn a_map_made_after_its_frame_is_found_with_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut writer = SessionWriter::create(dir.path(), &header("s1")).unwrap();
+    writer.append(&frame(1), None).unwrap();
+    writer.append(&frame(2), Some(&map_record(1))).unwrap();
+    writer.late_map(1, &map_record(3)).unwrap();
+    for sequence in [0, 3] {
+        let refusal = writer.late_map(sequence, &map_record(3)).unwrap_err();
+        assert!(
+            matches!(refusal, LogbookError::NoSuchFrame { .. }),
+            "{refusal:?}"
+        );
+    }
+    writer.late_map(1, &map_record(4)).unwrap_err();
+    writer.close(at(8), "done").unwrap();
+    let session = SessionReader::open(dir.path().join("s1.tactus")).unwrap();
+    let maps: Vec<_> = session.frames().map(|record| record.unwrap().map).collect();
+    assert_eq!(maps, [Some(map_record(3)), Some(map_record(1))]);
+}
+
+#[test]
 fn any_bits_survive_whatever_a_frame_is_a_difference_to() {
     let dir = tempfile::tempdir().unwrap();
     let mut writer = SessionWriter::create(dir.path(), &header("bits")).unwrap();

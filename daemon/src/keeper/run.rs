@@ -16,6 +16,7 @@ use super::told::{Concerned, Happening};
 use super::{Keeper, disk_fault};
 use crate::herald::Notice;
 use crate::live::{Ending, Facts, Live};
+use crate::mapper::{Mapper, Means};
 use crate::measuring::Measuring;
 use crate::model::chain;
 use crate::prepare::Setup;
@@ -176,24 +177,37 @@ impl Keeper {
         let asked = order.plan.clone().or_else(|| house.plan.clone());
         let measuring = Measuring::of(asked, order.baseline.as_deref());
         self.inner().session_plan = measuring.now();
+        let task = match (order.baseline, order.model) {
+            (Some(baseline), Some(model)) => {
+                let means = Means {
+                    baseline: baseline.as_ref().clone(),
+                    model,
+                    centroids: mesh.region_centroids(),
+                    areas: mesh.region_areas(),
+                    build: house.build.clone(),
+                };
+                match Mapper::start(means, orders.downgrade()) {
+                    Ok(mapper) => Task::maps(mapper),
+                    Err(cause) => {
+                        let recorded = Err(format!("no thread for maps: {cause}"));
+                        let why = Ended::Done("the session could not be started".to_owned());
+                        return self.finish(&live, &why, recorded);
+                    }
+                }
+            }
+            _ => Task::Baseline {
+                frames: Vec::new(),
+                wanted: order.frames,
+            },
+        };
+        let (speaker, whose) = (Arc::clone(&self), live.facts.id.clone());
         let recorder = Recorder {
             live: Arc::clone(&live),
             writer,
             clock: house.clock,
             checks,
-            build: house.build.clone(),
-            task: match (order.baseline, order.model) {
-                (Some(baseline), Some(model)) => Task::Maps {
-                    baseline: Box::new(baseline.as_ref().clone()),
-                    model,
-                    centroids: mesh.region_centroids(),
-                    areas: mesh.region_areas(),
-                },
-                _ => Task::Baseline {
-                    frames: Vec::new(),
-                    wanted: order.frames,
-                },
-            },
+            task,
+            tell: Box::new(move |at, kind, text| speaker.tell_of(at, kind, text, Some(&whose))),
         };
         let recording = tokio::task::spawn_blocking(move || recorder.run(queue));
         let keeper = Arc::clone(&self);

@@ -32,19 +32,7 @@ impl Keeper {
     /// Tells everybody. The record is waited for: what is told as having happened is on its way to the disk.
     pub(crate) async fn tell(&self, whom: Option<Concerned<'_>>, kind: &'static str, text: &str) {
         let at = self.house().clock.wall();
-        let session = whom.map(|whom| whom.live.facts.id.clone());
-        match kind {
-            "alarm" | "source-unknown" | "frame-failed" | "others-found" | "relays-closed" => {
-                tracing::error!(kind, session, "{text}");
-            }
-            _ => tracing::warn!(kind, session, "{text}"),
-        }
-        self.herald.say(&Notice::Happened(Happening {
-            at,
-            kind,
-            text: text.to_owned(),
-            session,
-        }));
+        self.tell_of(at, kind, text, whom.map(|whom| whom.live.facts.id.as_str()));
         if let Some(whom) = whom {
             let order = Order::Event {
                 at,
@@ -54,5 +42,26 @@ impl Keeper {
             // a record that has failed has ended its session, which says so
             let _ = whom.record.send(order).await;
         }
+    }
+
+    /// Tells everybody but the record, which whoever calls sees to.
+    pub(crate) fn tell_of(
+        &self,
+        at: DateTime<Utc>,
+        kind: &'static str,
+        text: &str,
+        session: Option<&str>,
+    ) {
+        match kind {
+            "alarm" | "source-unknown" | "frame-failed" | "others-found" | "relays-closed"
+            | "method-suspended" => tracing::error!(kind, session, "{text}"),
+            _ => tracing::warn!(kind, session, "{text}"),
+        }
+        self.herald.say(&Notice::Happened(Happening {
+            at,
+            kind,
+            text: text.to_owned(),
+            session: session.map(str::to_owned),
+        }));
     }
 }

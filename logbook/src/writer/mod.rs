@@ -1,5 +1,6 @@
 //! Writing a session. Each call is one transaction, on disk when it returns.
 
+mod late;
 mod references;
 
 use std::fs::File;
