@@ -50,6 +50,41 @@ pub struct InstrumentRecord {
     pub address: String,
 }
 
+/// What a lab needs to know later, in free words; what nobody said is empty.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct About {
+    /// The sheet: its number, its material.
+    pub sheet: String,
+    /// The foam below it, with its batch.
+    pub foam: String,
+    /// The ink, with its batch.
+    pub ink: String,
+    /// Who measured.
+    pub operator: String,
+    /// How the electrodes were wired, beyond what the configuration says.
+    pub wiring: String,
+    /// With which calibration the instruments stood.
+    pub calibration: String,
+}
+
+impl About {
+    /// What was said, each with its name.
+    pub fn said(&self) -> impl Iterator<Item = (&'static str, &str)> {
+        [
+            ("sheet", &self.sheet),
+            ("foam", &self.foam),
+            ("ink", &self.ink),
+            ("operator", &self.operator),
+            ("wiring", &self.wiring),
+            ("calibration", &self.calibration),
+        ]
+        .into_iter()
+        .map(|(name, words)| (name, words.as_str()))
+        .filter(|(_, words)| !words.is_empty())
+    }
+}
+
 /// With what a session is taken; written once, before the first frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SessionHeader {
@@ -81,6 +116,15 @@ pub struct SessionHeader {
     pub simulated: bool,
     /// What a person wants remembered.
     pub note: String,
+    /// What a lab needs to know later.
+    pub about: About,
+    /// The options that the session was started with (JSON), so that it can be resumed after a crash; empty where
+    /// nobody will.
+    pub asked: String,
+    /// The part that this one goes on from, by its id; `None` for a session's first part.
+    pub continues: Option<String>,
+    /// Sequence of the first frame: 1, or one more than the earlier part's last.
+    pub first_sequence: u64,
 }
 
 impl SessionHeader {
@@ -101,6 +145,10 @@ impl SessionHeader {
             seed: None,
             simulated: false,
             note: String::new(),
+            about: About::default(),
+            asked: String::new(),
+            continues: None,
+            first_sequence: 1,
         }
     }
 }
@@ -166,6 +214,10 @@ pub struct SessionSummary {
     pub last: Option<DateTime<Utc>>,
     /// Frames in it.
     pub frames: u64,
+    /// Sequence of its first frame, whether or not it is there yet.
+    pub first_sequence: u64,
+    /// The part that it goes on from.
+    pub continues: Option<String>,
     /// How it ended; `None` while it runs, or when its writer was killed.
     pub closed: Option<Closing>,
     /// Whether the voltages come from a simulated sheet.

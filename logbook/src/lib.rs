@@ -8,6 +8,7 @@
 //! - **session**: one run of measurement, or the recording of a **baseline**; its **header** says with what it was taken
 //! - **record**: a frame as it comes back, with its quality and the hash of its map
 //! - **event**: something a person should find later, with its time
+//! - **part**: one file of a session that was rolled over; it says which one it goes on from
 //! - **closed**: how a session ended; a session whose writer was killed has no such entry, and is read all the same
 //!
 //! The layout of the file is in [`schema`], that of a frame's readings in [`codec`].
@@ -49,10 +50,11 @@ mod shelf;
 mod writer;
 
 pub use header::{
-    Closing, Event, InstrumentRecord, MapRecord, Record, SessionHeader, SessionKind, SessionSummary,
+    About, Closing, Event, InstrumentRecord, MapRecord, Record, SessionHeader, SessionKind,
+    SessionSummary,
 };
 pub use lock::{StateLock, lock};
 pub use reader::{Frames, SessionReader};
-pub use refusal::LogbookError;
-pub use shelf::{Listing, Unreadable, baselines, find, latest_baseline, list};
-pub use writer::{SessionWriter, Storage};
+pub use refusal::{DiskFault, LogbookError};
+pub use shelf::{Listing, Unreadable, baselines, find, interrupted, latest_baseline, list};
+pub use writer::{CONTINUED, RESUMED, Resumed, SessionWriter, Storage, Taken};

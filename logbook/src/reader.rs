@@ -16,7 +16,8 @@ use crate::row::{
     HeaderFault, StoredFrame, baseline_checksum, header_row, reference_checksum, unpack_hash,
 };
 use crate::{
-    Closing, Event, LogbookError, MapRecord, Record, SessionHeader, SessionSummary, codec, schema,
+    Closing, Event, LogbookError, MapRecord, Record, SessionHeader, SessionSummary, Taken, codec,
+    schema,
 };
 
 /// How many frames are fetched at a time while iterating.
@@ -45,8 +46,14 @@ impl SessionReader {
             source,
         })?;
         let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let connection = Connection::open_with_flags(&path, flags)
+            .map_err(|source| LogbookError::reading(&path, "read the header of", source))?;
+        Self::over(connection, path)
+    }
+
+    /// Reads the header through a connection that is there.
+    pub(crate) fn over(connection: Connection, path: PathBuf) -> Result<Self, LogbookError> {
         let failed = |source| LogbookError::reading(&path, "read the header of", source);
-        let connection = Connection::open_with_flags(&path, flags).map_err(failed)?;
         let number = |name: &str| -> Result<i64, LogbookError> {
             connection
                 .pragma_query_value(None, name, |row| row.get(0))
@@ -104,17 +111,66 @@ impl SessionReader {
         self.closed.as_ref()
     }
 
+    /// What this reader reads through.
+    pub(crate) fn into_connection(self) -> Connection {
+        self.connection
+    }
+
     /// Frames in the file now.
     ///
     /// # Errors
     /// The file cannot be read.
     pub fn len(&self) -> Result<u64, LogbookError> {
+        Ok((self.last_sequence()? + 1).saturating_sub(self.header.first_sequence))
+    }
+
+    /// Sequence of the last frame; of a session without frames one less than its first will have.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn last_sequence(&self) -> Result<u64, LogbookError> {
         self.connection
-            .query_row("SELECT coalesce(max(sequence), 0) FROM frame", [], |row| {
-                row.get::<_, i64>(0)
+            .query_row("SELECT max(sequence) FROM frame", [], |row| {
+                row.get::<_, Option<i64>>(0)
             })
-            .map(|frames| frames as u64)
+            .map(|last| last.map_or(self.header.first_sequence - 1, |last| last as u64))
             .map_err(|source| LogbookError::reading(&self.path, "count the frames of", source))
+    }
+
+    /// Sequence of the first frame that is there.
+    pub(crate) fn first_present(&self) -> Result<Option<u64>, LogbookError> {
+        self.connection
+            .query_row("SELECT min(sequence) FROM frame", [], |row| {
+                row.get::<_, Option<i64>>(0)
+            })
+            .map(|first| first.map(|first| first as u64))
+            .map_err(|source| LogbookError::reading(&self.path, "count the frames of", source))
+    }
+
+    /// Number of the last reference; 0 where there is none.
+    pub(crate) fn last_reference(&self) -> Result<i64, LogbookError> {
+        self.connection
+            .query_row("SELECT coalesce(max(id), 0) FROM reference", [], |row| {
+                row.get(0)
+            })
+            .map_err(|source| LogbookError::reading(&self.path, "count the references of", source))
+    }
+
+    /// When the last frame was taken, whether or not its readings are whole.
+    pub(crate) fn last_taken(&self) -> Result<Option<Taken>, LogbookError> {
+        self.connection
+            .query_row(
+                "SELECT wall_ns, monotonic_ns FROM frame ORDER BY sequence DESC LIMIT 1",
+                [],
+                |row| {
+                    Ok(Taken {
+                        wall: DateTime::from_timestamp_nanos(row.get(0)?),
+                        monotonic: nanoseconds(row.get(1)?),
+                    })
+                },
+            )
+            .optional()
+            .map_err(|source| LogbookError::reading(&self.path, "read the last frame of", source))
     }
 
     /// Whether there is no frame.
@@ -130,24 +186,16 @@ impl SessionReader {
     /// # Errors
     /// The file cannot be read.
     pub fn summary(&self) -> Result<SessionSummary, LogbookError> {
-        let last: Option<i64> = self
-            .connection
-            .query_row(
-                "SELECT wall_ns FROM frame ORDER BY sequence DESC LIMIT 1",
-                [],
-                |row| row.get(0),
-            )
-            .optional()
-            .map_err(|source| {
-                LogbookError::reading(&self.path, "read the last frame of", source)
-            })?;
+        let last = self.last_taken()?;
         Ok(SessionSummary {
             id: self.header.id.clone(),
             path: self.path.clone(),
             kind: self.header.kind,
             started: self.header.started,
-            last: last.map(DateTime::from_timestamp_nanos),
+            last: last.map(|last| last.wall),
             frames: self.len()?,
+            first_sequence: self.header.first_sequence,
+            continues: self.header.continues.clone(),
             closed: self.closed.clone(),
             simulated: self.header.simulated,
             electrodes: self.header.protocol.electrodes(),
@@ -211,7 +259,7 @@ impl SessionReader {
         }))
     }
 
-    /// One frame by its sequence, counted from 1.
+    /// One frame by its sequence, counted from [`SessionHeader::first_sequence`].
     ///
     /// # Errors
     /// No such frame, or a damaged one.
@@ -230,6 +278,7 @@ impl SessionReader {
                 path: self.path.clone(),
                 sequence,
                 frames: self.len()?,
+                first: self.header.first_sequence,
             });
         };
         self.unpack(row, &mut Known::default())
@@ -256,9 +305,9 @@ impl SessionReader {
     /// # Errors
     /// The file cannot be read, or that frame is damaged.
     pub fn last(&self) -> Result<Option<Record>, LogbookError> {
-        match self.len()? {
-            0 => Ok(None),
-            last => self.frame(last).map(Some),
+        match self.is_empty()? {
+            true => Ok(None),
+            false => self.frame(self.last_sequence()?).map(Some),
         }
     }
 
@@ -478,7 +527,7 @@ impl SessionReader {
         Ok(Reference::new(&baseline.readings))
     }
 
-    fn damaged(&self, place: String, why: impl Into<String>) -> LogbookError {
+    pub(crate) fn damaged(&self, place: String, why: impl Into<String>) -> LogbookError {
         LogbookError::Damaged {
             path: self.path.clone(),
             place,

@@ -2,6 +2,20 @@
 
 use std::path::{Path, PathBuf};
 
+/// errno of an I/O error, the same on every Unix.
+const EIO: i32 = 5;
+
+/// In which way a disk refuses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum DiskFault {
+    /// No space, or no quota: goes by when space is back, and the file may be written again.
+    Full,
+    /// An I/O error: nobody knows what reached the disk, and this file is written no more.
+    Broken,
+    /// Read-only, not permitted, gone.
+    Refused,
+}
+
 /// What went wrong with which file, and what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum LogbookError {
@@ -14,9 +28,27 @@ pub enum LogbookError {
         path: PathBuf,
         /// What was being written.
         attempt: &'static str,
+        /// In which way.
+        fault: DiskFault,
         /// What the system said.
         #[source]
         source: Box<dyn std::error::Error + Send + Sync>,
+    },
+    /// A closed session is not written again.
+    #[error("{path} is closed ({reason}); start a new session")]
+    Closed {
+        /// The file.
+        path: PathBuf,
+        /// Why it was closed.
+        reason: String,
+    },
+    /// A part that another one goes on from is not written again.
+    #[error("{path} goes on in {by}; resume that one")]
+    Continued {
+        /// The file.
+        path: PathBuf,
+        /// Id of the part that goes on.
+        by: String,
     },
     /// The file is something else.
     #[error("{path} is not a session file: {why}")]
@@ -96,7 +128,7 @@ pub enum LogbookError {
         why: String,
     },
     /// The session has no such frame.
-    #[error("{path} has no frame {sequence}; it has {frames}, counted from 1")]
+    #[error("{path} has no frame {sequence}; it has {frames}, counted from {first}")]
     NoSuchFrame {
         /// The file.
         path: PathBuf,
@@ -104,6 +136,8 @@ pub enum LogbookError {
         sequence: u64,
         /// How many there are.
         frames: u64,
+        /// The first one's sequence.
+        first: u64,
     },
     /// No session of that name.
     #[error("no session '{asked}' in {dir}; `tactus sessions` lists them")]
@@ -151,17 +185,39 @@ impl LogbookError {
     /// Sorts what SQLite said while something was being written.
     pub(crate) fn writing(path: &Path, attempt: &'static str, source: rusqlite::Error) -> Self {
         use rusqlite::ErrorCode::{CannotOpen, DiskFull, ReadOnly, SystemIoFailure};
-        match source.sqlite_error_code() {
-            Some(DiskFull | SystemIoFailure | ReadOnly | CannotOpen) => Self::DiskRefused {
-                path: path.to_owned(),
-                attempt,
-                source: Box::new(source),
-            },
-            _ => Self::Store {
-                path: path.to_owned(),
-                attempt,
-                source,
-            },
+        let fault = match source.sqlite_error_code() {
+            Some(DiskFull) => DiskFault::Full,
+            Some(SystemIoFailure) => DiskFault::Broken,
+            Some(ReadOnly | CannotOpen) => DiskFault::Refused,
+            _ => {
+                return Self::Store {
+                    path: path.to_owned(),
+                    attempt,
+                    source,
+                };
+            }
+        };
+        Self::DiskRefused {
+            path: path.to_owned(),
+            attempt,
+            fault,
+            source: Box::new(source),
+        }
+    }
+
+    /// Sorts what the system said while something was being written.
+    pub(crate) fn disk(path: &Path, attempt: &'static str, source: std::io::Error) -> Self {
+        use std::io::ErrorKind::{QuotaExceeded, StorageFull};
+        let fault = match source.kind() {
+            StorageFull | QuotaExceeded => DiskFault::Full,
+            _ if source.raw_os_error() == Some(EIO) => DiskFault::Broken,
+            _ => DiskFault::Refused,
+        };
+        Self::DiskRefused {
+            path: path.to_owned(),
+            attempt,
+            fault,
+            source: Box::new(source),
         }
     }
 
@@ -188,7 +244,25 @@ impl LogbookError {
 
     /// Whether the disk is to blame, so that acquisition must stop.
     pub fn is_disk(&self) -> bool {
-        matches!(self, Self::DiskRefused { .. })
+        self.disk_fault().is_some()
+    }
+
+    /// Whether the disk is full: the same writer may go on when space is back.
+    pub fn is_full(&self) -> bool {
+        self.disk_fault() == Some(DiskFault::Full)
+    }
+
+    /// Whether an I/O error has made the file unknown: only [`crate::SessionWriter::successor`] goes on.
+    pub fn is_broken(&self) -> bool {
+        self.disk_fault() == Some(DiskFault::Broken)
+    }
+
+    /// In which way the disk refused, where it did.
+    pub fn disk_fault(&self) -> Option<DiskFault> {
+        match self {
+            Self::DiskRefused { fault, .. } => Some(*fault),
+            _ => None,
+        }
     }
 }
 

@@ -190,6 +190,11 @@ pub(crate) fn header_row(row: &Row<'_>) -> Result<(SessionHeader, Option<Closing
             .transpose()?,
         simulated: row.get("simulated")?,
         note: text("note")?,
+        about: serde_json::from_str(&text("about")?).map_err(|cause| content("about", &cause))?,
+        asked: text("asked")?,
+        continues: row.get("continues")?,
+        first_sequence: u64::try_from(row.get::<_, i64>("first_sequence")?)
+            .map_err(|cause| content("first sequence", &cause))?,
     };
     let closed = closed_ns.map(|at| Closing {
         at: DateTime::from_timestamp_nanos(at),

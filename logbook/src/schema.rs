@@ -7,7 +7,7 @@
 //!
 //! | table | holds |
 //! |---|---|
-//! | `session` | one row: id, kind, start, build, seed (decimal text), configuration and its hash, model and geometry hash, protocol, instruments and modules (JSON), and, once closed, when and why |
+//! | `session` | one row: id, kind, start, build, seed (decimal text), configuration and its hash, model and geometry hash, protocol, instruments and modules (JSON), what a lab needs to know (JSON), the options it was started with (JSON), the part that it goes on from and the sequence of its first frame, and, once closed, when and why |
 //! | `settings` | one row for each way in which frames were taken; what was done against noise, offset and drift as JSON |
 //! | `mapper` | one row for each method, model, build and CPU that made maps |
 //! | `baseline` | the baseline in use: readings and deviations as [`crate::codec`] blobs |
@@ -45,6 +45,10 @@ CREATE TABLE session (
     instruments TEXT NOT NULL,
     modules TEXT NOT NULL,
     note TEXT NOT NULL,
+    about TEXT NOT NULL,
+    asked TEXT NOT NULL,
+    continues TEXT,
+    first_sequence INTEGER NOT NULL CHECK (first_sequence > 0),
     closed_ns INTEGER,
     closed_reason TEXT
 ) STRICT;

@@ -43,7 +43,65 @@ pub fn list(dir: impl AsRef<Path>) -> Result<Listing, LogbookError> {
     Ok(listing)
 }
 
-/// Finds a session's file by its id, or by the beginning of it if that is enough.
+/// Sessions that were not closed and that no other part goes on from, the newest first: what may be resumed.
+///
+/// # Errors
+/// The folder cannot be read.
+pub fn interrupted(dir: impl AsRef<Path>) -> Result<Vec<SessionSummary>, LogbookError> {
+    let sessions = list(dir)?.sessions;
+    let continued: Vec<String> = sessions
+        .iter()
+        .filter_map(|session| session.continues.clone())
+        .collect();
+    Ok(sessions
+        .into_iter()
+        .rev()
+        .filter(|session| session.closed.is_none() && !continued.contains(&session.id))
+        .collect())
+}
+
+/// The part that goes on from `id`, if one beside its file does.
+pub(crate) fn continued_by(path: &Path, id: &str) -> Result<Option<String>, LogbookError> {
+    let dir = folder_of(path);
+    let (session, part) = part_of(id);
+    for other in files(dir)? {
+        let (other_session, other_part) = part_of(id_of(&other));
+        if other_session != session || other_part <= part {
+            continue;
+        }
+        if let Ok(next) = SessionReader::open(&other)
+            && next.header().continues.as_deref() == Some(id)
+        {
+            return Ok(Some(next.header().id.clone()));
+        }
+    }
+    Ok(None)
+}
+
+/// The folder that a session's file lies in.
+pub(crate) fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(dir) if !dir.as_os_str().is_empty() => dir,
+        _ => Path::new("."),
+    }
+}
+
+/// The file of a session or part.
+pub(crate) fn path_of(dir: &Path, id: &str) -> PathBuf {
+    dir.join(format!("{id}.{EXTENSION}"))
+}
+
+/// The session that a part belongs to, and its number: 1 for the first, which is named like the session.
+pub(crate) fn part_of(id: &str) -> (&str, u32) {
+    id.rsplit_once("_p")
+        .and_then(|(session, number)| {
+            let number = number.parse().ok().filter(|number| *number > 1)?;
+            Some((session, number))
+        })
+        .unwrap_or((id, 1))
+}
+
+/// Finds a session's file by its id, or by the beginning of it if that is enough. Of a session in parts it is the first.
 ///
 /// # Errors
 /// No session of that name, or several.
@@ -59,8 +117,17 @@ pub fn find(dir: impl AsRef<Path>, id_or_prefix: &str) -> Result<PathBuf, Logboo
             matching.push(path);
         }
     }
+    matching.sort_by(|a, b| part_of(id_of(a)).cmp(&part_of(id_of(b))));
+    if let [first, others @ ..] = matching.as_slice() {
+        let session = part_of(id_of(first)).0;
+        if others
+            .iter()
+            .all(|other| part_of(id_of(other)).0 == session)
+        {
+            return Ok(first.clone());
+        }
+    }
     match matching.as_slice() {
-        [only] => Ok(only.clone()),
         [] => Err(LogbookError::NoSuchSession {
             dir: dir.to_owned(),
             asked: id_or_prefix.to_owned(),

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use chrono::{DateTime, Utc};
 use logbook::{
-    InstrumentRecord, LogbookError, MapRecord, SessionHeader, SessionKind, SessionReader,
+    About, InstrumentRecord, LogbookError, MapRecord, SessionHeader, SessionKind, SessionReader,
     SessionWriter, Storage,
 };
 use survey::{Amps, Baseline, Electrode, Frame, Protocol, Reading, Settings, Volts};
@@ -76,6 +76,12 @@ fn header(id: &str) -> SessionHeader {
         seed: Some(u64::MAX),
         simulated: true,
         note: "a note with 'quotes'".into(),
+        about: About {
+            sheet: "no 7".into(),
+            ink: "batch 12".into(),
+            ..About::default()
+        },
+        asked: "{\"every\":2.0}".into(),
         ..SessionHeader::new(id, at(0), protocol())
     }
 }
@@ -160,6 +166,7 @@ fn everything_comes_back_as_it_was_written() {
         Err(LogbookError::NoSuchFrame {
             sequence: 7,
             frames: 6,
+            first: 1,
             ..
         })
     ));

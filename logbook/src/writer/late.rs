@@ -2,7 +2,8 @@
 
 use rusqlite::params;
 
-use super::{SessionWriter, known_mapper};
+use super::SessionWriter;
+use super::rows::known_mapper;
 use crate::row::pack_hash;
 use crate::{LogbookError, MapRecord};
 
@@ -10,14 +11,16 @@ impl SessionWriter {
     /// Writes the trace of a map of a frame that was acknowledged without one; on disk when this returns.
     ///
     /// # Errors
-    /// A frame that this writer has not acknowledged, one that has its map, or a disk that refuses.
+    /// A frame that is not in this part, or not acknowledged, one that has its map, or a disk that refuses.
     pub fn late_map(&mut self, sequence: u64, map: &MapRecord) -> Result<(), LogbookError> {
         self.check_usable()?;
-        if !(1..=self.sequence).contains(&sequence) {
+        let first = self.header.first_sequence;
+        if !(first..=self.sequence).contains(&sequence) {
             return Err(LogbookError::NoSuchFrame {
                 path: self.path.clone(),
                 sequence,
-                frames: self.sequence,
+                frames: (self.sequence + 1).saturating_sub(first),
+                first,
             });
         }
         let before = self.mapper.clone();

@@ -42,6 +42,11 @@ impl References {
         self.baseline = Some(Reference::new(readings));
     }
 
+    /// Numbers go on behind those in the file; what they hold is not needed any more.
+    pub(super) fn resume_after(&mut self, last_number: i64) {
+        self.last_number = last_number;
+    }
+
     /// Packs the next frame, and remembers it.
     pub(super) fn pack(&mut self, readings: &[Reading]) -> Result<Packed, EncodeError> {
         if let Some((_, _, age)) = &mut self.kept {

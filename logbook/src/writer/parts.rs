@@ -1,0 +1,299 @@
+//! Going on: after a crash in the same file, after a roll-over or a broken disk in the next part.
+//!
+//! Parts of one session are files `<id>.tactus`, `<id>_p2.tactus`, `<id>_p3.tactus`; each says which one it goes on
+//! from, and sequences go on over all of them. Where a part holds frames that the next one has again (it broke while
+//! they were written), the next one's count.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use chrono::{DateTime, Utc};
+use rusqlite::config::DbConfig;
+use rusqlite::params;
+
+use super::{Beginning, SessionWriter, Storage, adjust, discard, nanoseconds, open_for_writing};
+use crate::shelf::{self, part_of};
+use crate::{LogbookError, SessionHeader, SessionReader};
+
+/// Kind of the event that a resumed session begins again with; [`Resumed::before`] counts them.
+pub const RESUMED: &str = "resumed";
+/// Kind of the event that a part begins with which goes on from another one.
+pub const CONTINUED: &str = "continued";
+
+/// Frames at the end that are checked before a session goes on; `tactus sessions verify` checks all.
+const CHECKED: u64 = 64;
+
+/// When a frame was taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Taken {
+    /// Wall time.
+    pub wall: DateTime<Utc>,
+    /// Monotonic time, of the clock of its own process: after a reboot it begins anew.
+    pub monotonic: Duration,
+}
+
+/// What a session that goes on was found with.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Resumed {
+    /// With what it was taken; `asked` says how it was started.
+    pub header: SessionHeader,
+    /// Sequence of the last frame; of a session without frames one less than its first will have.
+    pub acknowledged: u64,
+    /// When the last frame was taken.
+    pub last: Option<Taken>,
+    /// When this file was resumed before: its events of the kind [`RESUMED`], the oldest first.
+    pub before: Vec<DateTime<Utc>>,
+}
+
+impl SessionWriter {
+    /// Goes on with a session that was not closed, whose writer was killed. What was acknowledged is there, and its last
+    /// frames are checked. The caller writes an event of the kind [`RESUMED`] with the cause, where it knows one.
+    ///
+    /// A part that was left open when this one began from it is closed on the way.
+    ///
+    /// # Errors
+    /// A session that is closed or goes on in another part, damage, or a disk that refuses.
+    pub fn resume(path: impl AsRef<Path>) -> Result<(Self, Resumed), LogbookError> {
+        Self::resume_with(path, Storage::default())
+    }
+
+    /// Like [`SessionWriter::resume`], within bounds.
+    ///
+    /// # Errors
+    /// As [`SessionWriter::resume`].
+    pub fn resume_with(
+        path: impl AsRef<Path>,
+        storage: Storage,
+    ) -> Result<(Self, Resumed), LogbookError> {
+        let path = path.as_ref();
+        // First through eyes that change nothing: a stranger's file is not touched.
+        let header = SessionReader::open(path)?.header().clone();
+        let opening = |source| LogbookError::writing(path, "opening the session again", source);
+        let connection = open_for_writing(path).map_err(opening)?;
+        let session = SessionReader::over(connection, path.to_owned())?;
+        if let Some(closing) = session.closed() {
+            return Err(LogbookError::Closed {
+                path: path.to_owned(),
+                reason: closing.reason.clone(),
+            });
+        }
+        if let Some(by) = shelf::continued_by(path, &header.id)? {
+            return Err(LogbookError::Continued {
+                path: path.to_owned(),
+                by,
+            });
+        }
+        let resumed = found(&session)?;
+        check_end(&session, resumed.acknowledged)?;
+        let baseline = session.baseline()?;
+        let number = session.last_reference()?;
+        let connection = session.into_connection();
+        adjust(&connection, storage).map_err(opening)?;
+        let mut writer = Self::over(connection, path.to_owned(), header, storage);
+        writer.sequence = resumed.acknowledged;
+        writer.references.resume_after(number);
+        if let Some(baseline) = baseline {
+            writer.take_baseline(baseline);
+        }
+        writer.close_earlier();
+        Ok((writer, resumed))
+    }
+
+    /// Goes on behind a session that can be read but not written: a new part behind its last readable frame.
+    ///
+    /// # Errors
+    /// A header that cannot be read, a session that goes on elsewhere already, or a disk that refuses the new part too.
+    pub fn after(
+        path: impl AsRef<Path>,
+        at: DateTime<Utc>,
+        why: &str,
+    ) -> Result<(Self, Resumed), LogbookError> {
+        let path = path.as_ref();
+        let session = SessionReader::open(path)?;
+        if let Some(by) = shelf::continued_by(path, &session.header().id)? {
+            return Err(LogbookError::Continued {
+                path: path.to_owned(),
+                by,
+            });
+        }
+        let resumed = found(&session)?;
+        // A baseline that cannot be read any more is as if there were none.
+        let baseline = session.baseline().ok().flatten();
+        let writer = next_part(
+            path,
+            &resumed.header,
+            resumed.acknowledged,
+            at,
+            Storage::default(),
+            &Beginning {
+                baseline: baseline.as_ref(),
+                event: Some((
+                    at,
+                    CONTINUED,
+                    &behind(&resumed.header.id, resumed.acknowledged, why),
+                )),
+            },
+        )?;
+        Ok((writer, resumed))
+    }
+
+    /// Closes this part and goes on in the next: `<id>_p2`, `_p3`, with the same header and baseline. Returns the file
+    /// of the part that was closed. After a crash in the middle [`SessionWriter::resume`] of the newer part closes the
+    /// earlier one.
+    ///
+    /// # Errors
+    /// The next part cannot be made, or this one not be closed: then this writer goes on where it was.
+    pub fn roll(&mut self, at: DateTime<Utc>) -> Result<PathBuf, LogbookError> {
+        self.check_usable()?;
+        let mut next = self.next(at, "rolled over")?;
+        if let Err(refusal) = self.mark_closed(at, &continued_in(&next.header.id)) {
+            if !self.broken {
+                let path = next.path.clone();
+                drop(next);
+                discard(&path);
+                return Err(refusal);
+            }
+            // Nobody knows whether it is closed; the next part is whole.
+            let text = format!("{} could not be closed: {refusal}", self.header.id);
+            next.event(at, "part-not-closed", &text)?;
+        } else {
+            // Closed is what it says in the journal, folded in or not.
+            let _ = self.fold();
+        }
+        Ok(self.leave_for(next))
+    }
+
+    /// Goes on after an I/O error in a new part behind the last frame acknowledged, without another look at this file:
+    /// once a sync has failed, nobody knows what of it is on disk, and asking again may be answered by memory. The
+    /// frames whose writing failed are the caller's to append again. Returns the file that was left.
+    ///
+    /// # Errors
+    /// The disk refuses the new part too; this writer stays as it was.
+    pub fn successor(&mut self, at: DateTime<Utc>, why: &str) -> Result<PathBuf, LogbookError> {
+        let next = self.next(at, why)?;
+        // Folding the journal in would read it back through the same memory.
+        let _ = self
+            .connection
+            .set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true);
+        Ok(self.leave_for(next))
+    }
+
+    fn next(&self, at: DateTime<Utc>, why: &str) -> Result<Self, LogbookError> {
+        next_part(
+            &self.path,
+            &self.header,
+            self.sequence,
+            at,
+            self.storage,
+            &Beginning {
+                baseline: self.baseline.as_ref(),
+                event: Some((at, CONTINUED, &behind(&self.header.id, self.sequence, why))),
+            },
+        )
+    }
+
+    fn leave_for(&mut self, next: Self) -> PathBuf {
+        std::mem::replace(self, next).path
+    }
+
+    /// The part before this one may have been left open between the two steps of [`SessionWriter::roll`]; if it cannot be
+    /// closed now either, it stays as it is: this part says where it goes on.
+    fn close_earlier(&self) {
+        let Some(earlier) = &self.header.continues else {
+            return;
+        };
+        let dir = shelf::folder_of(&self.path);
+        let Ok(at) = nanoseconds(self.header.started, "the start of the session") else {
+            return;
+        };
+        let close = || -> Result<(), LogbookError> {
+            let path = shelf::path_of(dir, earlier);
+            if SessionReader::open(&path)?.closed().is_some() {
+                return Ok(());
+            }
+            let failed = |source| LogbookError::writing(&path, "closing the earlier part", source);
+            let connection = open_for_writing(&path).map_err(failed)?;
+            adjust(&connection, Storage::default()).map_err(failed)?;
+            connection
+                .execute(
+                    "UPDATE session SET closed_ns = ?1, closed_reason = ?2",
+                    params![at, continued_in(&self.header.id)],
+                )
+                .map_err(failed)?;
+            connection
+                .pragma_update(None, "journal_mode", "DELETE")
+                .map_err(failed)
+        };
+        let _ = close();
+    }
+}
+
+fn next_part(
+    path: &Path,
+    header: &SessionHeader,
+    acknowledged: u64,
+    at: DateTime<Utc>,
+    storage: Storage,
+    beginning: &Beginning<'_>,
+) -> Result<SessionWriter, LogbookError> {
+    let dir = shelf::folder_of(path);
+    let (session, part) = part_of(&header.id);
+    let mut number = part;
+    loop {
+        number += 1;
+        let id = format!("{session}_p{number}");
+        let next = SessionHeader {
+            id,
+            started: at,
+            continues: Some(header.id.clone()),
+            first_sequence: acknowledged + 1,
+            ..header.clone()
+        };
+        match SessionWriter::begin(dir, &next, storage, beginning) {
+            // A file of that name without a header: its making was cut short. It is left alone.
+            Err(LogbookError::Exists { .. }) if number < part + 1000 => {}
+            made => return made,
+        }
+    }
+}
+
+fn found(session: &SessionReader) -> Result<Resumed, LogbookError> {
+    let mut before = session.events()?;
+    before.retain(|event| event.kind == RESUMED);
+    Ok(Resumed {
+        header: session.header().clone(),
+        acknowledged: session.last_sequence()?,
+        last: session.last_taken()?,
+        before: before.into_iter().map(|event| event.at).collect(),
+    })
+}
+
+/// The last frames agree with their checksums and follow one another, and the first one has the sequence it should.
+fn check_end(session: &SessionReader, last: u64) -> Result<(), LogbookError> {
+    let header_first = session.header().first_sequence;
+    if last < header_first {
+        return Ok(());
+    }
+    let mut expected = last.saturating_sub(CHECKED - 1).max(header_first);
+    for record in session.frames_from(expected) {
+        let found = record?.frame.sequence;
+        if found != expected {
+            return Err(session.damaged(format!("frame {expected}"), "it is not there"));
+        }
+        expected += 1;
+    }
+    match session.first_present()? {
+        Some(first) if first != header_first => {
+            Err(session.damaged(format!("frame {header_first}"), "it is not there"))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn continued_in(id: &str) -> String {
+    format!("continued in {id}")
+}
+
+fn behind(id: &str, acknowledged: u64, why: &str) -> String {
+    format!("goes on from {id} behind frame {acknowledged}: {why}")
+}

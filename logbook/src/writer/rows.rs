@@ -1,0 +1,308 @@
+//! Rows as they go to the file.
+
+use std::path::Path;
+
+use rusqlite::{Connection, OptionalExtension, params};
+use survey::{Baseline, Frame, Quality, Reading, Settings, Volts};
+
+use super::references::Packed;
+use super::{nanoseconds, span};
+use crate::codec::{EncodeError, Reference, encode};
+use crate::row::{FrameRow, baseline_checksum, pack_hash, reference_checksum};
+use crate::{LogbookError, MapRecord, SessionHeader};
+
+pub(super) fn write_header(
+    transaction: &Connection,
+    header: &SessionHeader,
+    started: i64,
+) -> rusqlite::Result<()> {
+    let json = |value: Result<String, serde_json::Error>| {
+        value.map_err(|cause| rusqlite::Error::ToSqlConversionFailure(cause.into()))
+    };
+    transaction.execute(
+        "INSERT INTO session (only, id, kind, started_ns, simulated, build, seed, config_toml, config_hash,
+            model_hash, geometry_hash, protocol, instruments, modules, note, about, asked, continues, first_sequence)
+         VALUES (1, ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18)",
+        params![
+            header.id,
+            header.kind.as_str(),
+            started,
+            header.simulated,
+            header.build,
+            header.seed.map(|seed| seed.to_string()),
+            header.config_toml,
+            header.config_hash,
+            header.model_hash,
+            header.geometry_hash,
+            json(serde_json::to_string(&header.protocol))?,
+            json(serde_json::to_string(&header.instruments))?,
+            json(serde_json::to_string(&header.modules))?,
+            header.note,
+            json(serde_json::to_string(&header.about))?,
+            header.asked,
+            header.continues,
+            header.first_sequence as i64,
+        ],
+    )?;
+    Ok(())
+}
+
+/// Writes a baseline and returns its settings' row.
+pub(super) fn write_baseline(
+    transaction: &Connection,
+    baseline: &Baseline,
+) -> Result<i64, Unwritten> {
+    let readings = encode(&baseline.readings, &Reference::NONE)?;
+    let deviation: Vec<Reading> = baseline
+        .deviation
+        .iter()
+        .map(|deviation| deviation.map_or(Reading::NotMeasured, |v| Reading::Ok(Volts(v))))
+        .collect();
+    let deviation = encode(&deviation, &Reference::NONE)?;
+    let wall = nanoseconds(baseline.wall, "the baseline's wall time")?;
+    let settle = span(baseline.settings.settle, "the settling time")?;
+    let settings = settings_id(transaction, &baseline.settings, settle)?;
+    let checksum = baseline_checksum(
+        &baseline.id,
+        wall,
+        baseline.frames as i64,
+        settings,
+        baseline.simulated,
+        &readings,
+        &deviation,
+    );
+    transaction.execute(
+        "INSERT INTO baseline (only, id, wall_ns, frames, settings, simulated, readings, deviation, checksum)
+         VALUES (1, ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
+        params![
+            baseline.id,
+            wall,
+            baseline.frames as i64,
+            settings,
+            baseline.simulated,
+            readings,
+            deviation,
+            checksum
+        ],
+    )?;
+    Ok(settings)
+}
+
+pub(super) fn write_event(
+    transaction: &Connection,
+    at: i64,
+    kind: &str,
+    text: &str,
+) -> rusqlite::Result<()> {
+    transaction
+        .prepare_cached("INSERT INTO event (at_ns, kind, text) VALUES (?1, ?2, ?3)")?
+        .execute(params![at, kind, text])?;
+    Ok(())
+}
+
+pub(super) fn settings_id(
+    connection: &Connection,
+    settings: &Settings,
+    settle: i64,
+) -> rusqlite::Result<i64> {
+    let precautions = serde_json::to_string(&settings.precautions)
+        .map_err(|cause| rusqlite::Error::ToSqlConversionFailure(cause.into()))?;
+    let values = params![
+        settings.protocol_hash,
+        settings.current.0,
+        settings.range.0,
+        settings.nplc,
+        settle,
+        settings.wiring,
+        precautions,
+    ];
+    let known = connection
+        .query_row(
+            "SELECT id FROM settings WHERE protocol_hash = ?1 AND current_a = ?2 AND range_v = ?3 AND nplc = ?4
+                AND settle_ns = ?5 AND wiring = ?6 AND precautions = ?7",
+            values,
+            |row| row.get(0),
+        )
+        .optional()?;
+    if let Some(id) = known {
+        return Ok(id);
+    }
+    connection.execute(
+        "INSERT INTO settings (protocol_hash, current_a, range_v, nplc, settle_ns, wiring, precautions)
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
+        values,
+    )?;
+    Ok(connection.last_insert_rowid())
+}
+
+pub(super) fn mapper_id(connection: &Connection, map: &MapRecord) -> rusqlite::Result<i64> {
+    let values = params![map.method, map.model_hash, map.build, map.cpu];
+    let known = connection
+        .query_row(
+            "SELECT id FROM mapper WHERE method = ?1 AND model_hash IS ?2 AND build = ?3 AND cpu = ?4",
+            values,
+            |row| row.get(0),
+        )
+        .optional()?;
+    if let Some(id) = known {
+        return Ok(id);
+    }
+    connection.execute(
+        "INSERT INTO mapper (method, model_hash, build, cpu) VALUES (?1, ?2, ?3, ?4)",
+        values,
+    )?;
+    Ok(connection.last_insert_rowid())
+}
+
+/// Why a transaction was not finished: by the file, or by what was to be written.
+pub(super) enum Unwritten {
+    Store(rusqlite::Error),
+    Refused(LogbookError),
+}
+
+impl Unwritten {
+    /// As the caller is told.
+    pub(super) fn told(self, path: &Path, attempt: &'static str) -> LogbookError {
+        match self {
+            Self::Refused(refusal) => refusal,
+            Self::Store(source) => LogbookError::writing(path, attempt, source),
+        }
+    }
+}
+
+impl From<rusqlite::Error> for Unwritten {
+    fn from(source: rusqlite::Error) -> Self {
+        Self::Store(source)
+    }
+}
+
+impl From<LogbookError> for Unwritten {
+    fn from(refusal: LogbookError) -> Self {
+        Self::Refused(refusal)
+    }
+}
+
+impl From<EncodeError> for Unwritten {
+    fn from(refusal: EncodeError) -> Self {
+        Self::Refused(refusal.into())
+    }
+}
+
+pub(super) fn known_settings(
+    transaction: &Connection,
+    known: &mut Option<(i64, Settings)>,
+    settings: &Settings,
+) -> Result<i64, Unwritten> {
+    if let Some((id, same)) = known
+        && same == settings
+    {
+        return Ok(*id);
+    }
+    let settle = span(settings.settle, "the settling time")?;
+    let id = settings_id(transaction, settings, settle)?;
+    *known = Some((id, settings.clone()));
+    Ok(id)
+}
+
+pub(super) fn known_mapper(
+    transaction: &Connection,
+    known: &mut Option<(i64, MapRecord)>,
+    map: &MapRecord,
+) -> rusqlite::Result<i64> {
+    let makers = |map: &MapRecord| {
+        (
+            map.method.clone(),
+            map.model_hash.clone(),
+            map.build.clone(),
+            map.cpu.clone(),
+        )
+    };
+    if let Some((id, same)) = known
+        && makers(same) == makers(map)
+    {
+        return Ok(*id);
+    }
+    let id = mapper_id(transaction, map)?;
+    *known = Some((id, map.clone()));
+    Ok(id)
+}
+
+pub(super) fn frame_row(
+    sequence: u64,
+    frame: &Frame,
+    map: Option<&MapRecord>,
+    reference: Option<i64>,
+    blob: &[u8],
+) -> Result<FrameRow, LogbookError> {
+    Ok(FrameRow {
+        sequence: sequence as i64,
+        wall: nanoseconds(frame.wall, "a frame's wall time")?,
+        monotonic: span(frame.monotonic, "a frame's monotonic time")?,
+        duration: span(frame.duration, "a frame's duration")?,
+        simulated: frame.simulated,
+        compliance: (!frame.compliance.is_empty()).then(|| {
+            format!(
+                "{:?}",
+                frame.compliance.iter().map(|e| e.0).collect::<Vec<_>>()
+            )
+        }),
+        map_hash: map.map(|map| pack_hash(&map.hash)),
+        reference,
+        blob: blob.to_vec(),
+    })
+}
+
+pub(super) fn write_reference(transaction: &Connection, packed: &Packed) -> rusqlite::Result<()> {
+    let Some(new) = &packed.written else {
+        return Ok(());
+    };
+    transaction
+        .prepare_cached(
+            "INSERT INTO reference (id, against_baseline, readings, checksum) VALUES (?1, ?2, ?3, ?4)",
+        )?
+        .execute(params![
+            new.id,
+            new.against_baseline,
+            new.blob,
+            reference_checksum(new.id, new.against_baseline, &new.blob),
+        ])?;
+    Ok(())
+}
+
+pub(super) fn write_frame(
+    transaction: &Connection,
+    row: &FrameRow,
+    quality: &Quality,
+    settings: i64,
+    mapper: Option<i64>,
+) -> rusqlite::Result<()> {
+    transaction
+        .prepare_cached(
+            "INSERT INTO frame (sequence, wall_ns, monotonic_ns, duration_ns, settings, simulated, overloads,
+                timeouts, not_measured, reciprocity, loop_sum, implausible, flags, compliance, mapper, map_hash,
+                reference, readings, checksum)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18, ?19)",
+        )?
+        .execute(params![
+            row.sequence,
+            row.wall,
+            row.monotonic,
+            row.duration,
+            settings,
+            row.simulated,
+            quality.overloads as i64,
+            quality.timeouts as i64,
+            quality.not_measured as i64,
+            quality.reciprocity.filter(|worst| worst.is_finite()),
+            quality.loop_sum.filter(|worst| worst.is_finite()),
+            quality.implausible as i64,
+            quality.words(),
+            row.compliance,
+            mapper,
+            row.map_hash,
+            row.reference,
+            row.blob,
+            row.checksum(settings, mapper),
+        ])?;
+    Ok(())
+}
