@@ -26,6 +26,8 @@ pub(crate) enum Notice {
     Furniture,
     /// Something happened to the rig, or to a session by it.
     Happened(Happening),
+    /// Whether the bus is still there is asked of each.
+    Pulse,
     /// How far a self-test is.
     TestProgress {
         done: u64,

@@ -27,6 +27,7 @@ use crate::known::Known;
 use crate::live::Live;
 use crate::model::chain;
 use crate::prepare::{FramesFrom, Prepared, RigPlan, Setup};
+use crate::pulse::Pulse;
 use crate::rig_assembly::{Assembled, Bench};
 use crate::session::{Event, State};
 use crate::watch::FrameSource;
@@ -51,6 +52,7 @@ pub(crate) struct Keeper {
     pub herald: Herald,
     /// What was said lately over the wires.
     pub tape: Tape,
+    pub pulse: Arc<Pulse>,
     source: tokio::sync::Mutex<FrameSource>,
     /// Somebody has agreed to other instruments.
     agreed: Notify,
@@ -156,6 +158,7 @@ impl Keeper {
             })),
             herald: Herald::default(),
             tape,
+            pulse: Arc::default(),
             source: tokio::sync::Mutex::new(source),
             agreed: Notify::new(),
             inner: Mutex::new(Inner {

@@ -34,6 +34,7 @@ mod multiplexer;
 mod place;
 mod prepare;
 mod problems;
+mod pulse;
 mod recorder;
 mod recording;
 mod report;
@@ -166,6 +167,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     let start = prepared.setup.config.schedule.start;
     let keeper = Keeper::new(prepared, bench, assembled, tape, clock);
     tokio::spawn(guard::keep(std::sync::Arc::clone(&keeper), panics));
+    tokio::spawn(pulse::tell_systemd(std::sync::Arc::downgrade(&keeper)));
     let offer = Offer::open(&section, &keeper)
         .await
         .map_err(|error| chain(&error))?;

@@ -19,11 +19,15 @@ use tokio::sync::mpsc;
 use crate::live::{Live, Published};
 use crate::mapper::{Attempt, Failure, Made, Mapped, Mapper};
 use crate::model::chain;
+use crate::pulse::{Part, Pulse, Rests};
 
 /// Frames that may wait for the disk before acquisition does.
 pub(crate) const QUEUE: usize = 16;
 /// With so many waiting, nobody waits for a map.
 const HURRY: usize = QUEUE / 2;
+
+/// A disk that takes longer for a write is one that hangs.
+const FOR_A_WRITE: Duration = Duration::from_secs(60);
 
 /// What the recorder is told.
 #[derive(Debug)]
@@ -53,6 +57,7 @@ pub(crate) struct Recorder {
     pub checks: Checks,
     pub task: Task,
     pub tell: Tell,
+    pub pulse: Arc<Pulse>,
 }
 
 /// What is made of the frames.
@@ -100,6 +105,9 @@ impl Recorder {
     ) -> Result<Option<Baseline>, LogbookError> {
         let mut waiting = VecDeque::new();
         while let Some(order) = waiting.pop_front().or_else(|| orders.blocking_recv()) {
+            let now = self.clock.monotonic();
+            self.pulse.promise(Part::Record, now, FOR_A_WRITE);
+            let _rests = Rests(Arc::clone(&self.pulse), Part::Record);
             let outcome = match order {
                 Order::Frame(first) => {
                     let frames = gather(*first, &mut orders, &mut waiting);

@@ -137,6 +137,17 @@ async fn speak(connection: &Connection, keeper: &Arc<Keeper>, notice: Notice) ->
             }
             Ok(())
         }
+        // a broker answers this itself; a peer that has gone is noticed without
+        Notice::Pulse if connection.is_bus() => {
+            let broker = Some("org.freedesktop.DBus");
+            let peer = Some("org.freedesktop.DBus.Peer");
+            let path = "/org/freedesktop/DBus";
+            connection
+                .call_method(broker, path, peer, "Ping", &())
+                .await?;
+            Ok(())
+        }
+        Notice::Pulse => Ok(()),
         Notice::Furniture => refurnish(server, keeper).await,
         Notice::Happened(happening) => {
             let manager = server.interface::<_, Manager1>(ROOT_PATH).await?;

@@ -13,10 +13,14 @@ use crate::live::Live;
 use crate::measuring::Measuring;
 use crate::model::chain;
 use crate::prepare::RigPlan;
+use crate::pulse::{Part, Pulse, Rests};
 use crate::recorder::Order;
 use crate::recording::{Recording, RecordingError};
 use crate::rig_assembly::AnyRig;
 use crate::schedule::{Next, Schedule};
+
+/// Nothing that waits is late by less.
+const BEYOND_ITS_TIME: Duration = Duration::from_secs(120);
 
 /// Where frames come from.
 pub(crate) enum FrameSource {
@@ -62,6 +66,7 @@ pub(crate) struct Watch {
     pub paused: Arc<dyn Fn(bool) + Send + Sync>,
     /// What is said over the wires.
     pub tape: Tape,
+    pub pulse: Arc<Pulse>,
     pub course: Course,
     pub measuring: Measuring,
     /// Tells everybody what has been done about ranges and offsets, and how the session measures from then on.
@@ -91,6 +96,7 @@ impl Watch {
         if let (FrameSource::Recording(recording), None) = (&mut *source, self.course.began) {
             recording.rewind(self.speed);
         }
+        let _rests = Rests(Arc::clone(&self.pulse), Part::Acquisition);
         let mut stop = self.live.stop_wish();
         let mut suspend = self.live.suspend_wish();
         let mut grants = self.live.grants();
@@ -120,7 +126,10 @@ impl Watch {
                 self.live.count_dropped(missed);
             }
             let waited = match &mut grants {
-                Some(grants) => granted(grants, taken, &mut stop).await,
+                Some(grants) => {
+                    self.pulse.rest(Part::Acquisition);
+                    granted(grants, taken, &mut stop).await
+                }
                 None => self.until(due, &mut stop, &mut suspend).await,
             };
             match waited {
@@ -128,6 +137,7 @@ impl Watch {
                 Waited::Due if *suspend.borrow() => continue,
                 Waited::Due => {}
             }
+            self.promise(self.longest(source));
             let frame = match self.take(source, &stop).await {
                 Ok(Some(frame)) => frame,
                 Ok(None) => return Ended::Done("the recording is over".to_owned()),
@@ -148,6 +158,24 @@ impl Watch {
                 return Ended::Done(self.live.stop_reason());
             }
         }
+    }
+
+    fn promise(&self, within: Duration) {
+        let now = self.clock.monotonic();
+        self.pulse.promise(Part::Acquisition, now, within);
+    }
+
+    /// What a frame may take before something hangs that no deadline of a wire has ended.
+    fn longest(&self, source: &FrameSource) -> Duration {
+        let planned = match source {
+            FrameSource::Rig { plan, .. } => {
+                let now = self.measuring.now();
+                let plan = now.as_ref().unwrap_or(plan);
+                plan.plan.duration(&plan.timing)
+            }
+            FrameSource::Recording(_) => Duration::ZERO,
+        };
+        planned.saturating_mul(4).saturating_add(BEYOND_ITS_TIME)
     }
 
     async fn take(
@@ -194,6 +222,8 @@ impl Watch {
         if recording {
             return self.recorder.send(frame).await.is_ok();
         }
+        // the record has promised
+        self.pulse.rest(Part::Acquisition);
         self.live.set_suspended(true);
         self.live
             .set_last_error("the logbook cannot keep up; acquisition waits, the source is off");
@@ -211,6 +241,7 @@ impl Watch {
             return Duration::ZERO;
         }
         let from = self.clock.monotonic();
+        self.pulse.rest(Part::Acquisition);
         self.live.set_suspended(true);
         (self.paused)(true);
         tokio::select! {
@@ -229,6 +260,7 @@ impl Watch {
         suspend: &mut watch::Receiver<bool>,
     ) -> Waited {
         let wait = due.saturating_sub(self.clock.monotonic());
+        self.promise(wait.saturating_add(BEYOND_ITS_TIME));
         if wait.is_zero() {
             // lets others run between frames that are back to back
             tokio::task::yield_now().await;

@@ -207,6 +207,7 @@ impl Keeper {
             clock: house.clock,
             checks,
             task,
+            pulse: Arc::clone(&self.pulse),
             tell: Box::new(move |at, kind, text| speaker.tell_of(at, kind, text, Some(&whose))),
         };
         let recording = tokio::task::spawn_blocking(move || recorder.run(queue));
@@ -227,6 +228,7 @@ impl Keeper {
                 let _ = keeper.happened(event);
             }),
             tape: self.tape.clone(),
+            pulse: Arc::clone(&self.pulse),
             course: Course::default(),
             said: Box::new(move |said, plan| {
                 speaker.inner().session_plan = plan;

@@ -115,6 +115,7 @@ impl Scene {
             clock: SystemClock::new(),
             checks: Checks::new(&setup.protocol),
             task: Task::maps(Mapper::start(means, orders.downgrade()).unwrap()),
+            pulse: Arc::default(),
             tell: Box::new(move |_, kind, _| heard.lock().unwrap().push(kind)),
         };
         let scene = Self {

@@ -13,9 +13,13 @@ use zbus::fdo::{RequestNameFlags, RequestNameReply};
 use super::peer;
 use crate::config::BusSection;
 use crate::keeper::Keeper;
+use crate::pulse::Part;
 
 /// A bus that went away is looked for again after so long, and then ever less often up to the second value.
 const LOOK_AGAIN: (Duration, Duration) = (Duration::from_millis(200), Duration::from_secs(5));
+
+/// A bus that takes longer is frozen.
+const TO_CONNECT: Duration = Duration::from_secs(5);
 
 /// The ways on which the daemon is offered, until dropped.
 #[derive(Debug)]
@@ -99,6 +103,10 @@ async fn connect(which: &'static str, keeper: &Arc<Keeper>) -> Result<Connection
 /// Carries news to one bus, and comes back when the bus does.
 async fn stay(which: &'static str, mut connection: Connection, keeper: Arc<Keeper>) {
     let mut news = keeper.herald.listen();
+    let part = match which {
+        "system" => Part::SystemBus,
+        _ => Part::SessionBus,
+    };
     loop {
         loop {
             tokio::select! {
@@ -108,6 +116,7 @@ async fn stay(which: &'static str, mut connection: Connection, keeper: Arc<Keepe
                     if !super::say(&connection, &keeper, notice).await {
                         break;
                     }
+                    keeper.pulse.rest(part);
                 }
             }
         }
@@ -116,11 +125,14 @@ async fn stay(which: &'static str, mut connection: Connection, keeper: Arc<Keepe
         let mut pause = LOOK_AGAIN.0;
         connection = loop {
             tokio::time::sleep(pause).await;
+            keeper.pulse.rest(part);
             pause = (pause * 2).min(LOOK_AGAIN.1);
             news = keeper.herald.listen();
-            match connect(which, &keeper).await {
-                Ok(connection) => break connection,
-                Err(error) => tracing::debug!("{error}"),
+            // a bus that is there and frozen does not answer at all
+            match tokio::time::timeout(TO_CONNECT, connect(which, &keeper)).await {
+                Ok(Ok(connection)) => break connection,
+                Ok(Err(error)) => tracing::debug!("{error}"),
+                Err(_) => tracing::debug!("the {which} bus does not answer"),
             }
         };
         tracing::info!("the {which} bus is back");

@@ -101,6 +101,19 @@ impl Stage {
         self.start_by(command).await
     }
 
+    /// Starts the daemon as systemd does that wants a sign of life at least so often. The socket hears it.
+    pub async fn start_watched(&self, patience: Duration) -> (Running, tokio::net::UnixDatagram) {
+        let path = self.path().join("notify");
+        let socket = tokio::net::UnixDatagram::bind(&path).unwrap();
+        // start_by takes the variable away; env gives it back
+        let mut command = tokio::process::Command::new("env");
+        command
+            .arg(format!("NOTIFY_SOCKET={}", path.display()))
+            .arg(format!("WATCHDOG_USEC={}", patience.as_micros()))
+            .arg(env!("CARGO_BIN_EXE_tactusd"));
+        (self.start_by(command).await, socket)
+    }
+
     async fn start_by(&self, mut command: tokio::process::Command) -> Running {
         let mut child = command
             .arg("--config")
