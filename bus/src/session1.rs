@@ -92,8 +92,8 @@ pub trait Session1 {
     #[zbus(property(emits_changed_signal = "const"))]
     fn method(&self) -> Result<String, Fault>;
 
-    /// Its file.
-    #[zbus(property(emits_changed_signal = "const"))]
+    /// The file that its frames go to; a session that rolls over goes on in another one.
+    #[zbus(property(emits_changed_signal = "false"))]
     fn path(&self) -> Result<String, Fault>;
 }
 

@@ -25,6 +25,7 @@ pub(crate) struct Config {
     pub geometry: GeometrySection,
     pub model: ModelSection,
     pub record: RecordSection,
+    pub about: AboutSection,
     pub bus: BusSection,
     pub schedule: ScheduleSection,
     pub care: CareSection,
@@ -277,6 +278,34 @@ pub(crate) struct RecordSection {
     pub directory: Option<PathBuf>,
     /// Frames of which everything said over the wires is kept in memory.
     pub transcripts: usize,
+    /// So long frames are gathered for one sync; 0: those that wait together, and no longer.
+    pub group_ms: u64,
+    /// A file of this size is followed by the next part of its session; 0 never.
+    pub roll_mb: u64,
+    /// The first frame of a day (UTC) begins the next part.
+    pub roll_daily: bool,
+    pub when_full: FullName,
+    /// With less free it is said once.
+    pub warn_below_mb: u64,
+    /// With less free the policy begins.
+    pub reserve_mb: u64,
+    /// Whether a session that the daemon did not end goes on at its next start.
+    pub resume: bool,
+    /// Not where its last frame is older.
+    pub resume_within_h: f64,
+    /// Nor where it has begun again so often within an hour.
+    pub resume_per_hour: u64,
+}
+
+/// What is done where there is no room for the record.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum FullName {
+    /// Acquisition pauses, and goes on by itself when there is room.
+    #[default]
+    Stop,
+    /// The oldest closed sessions are deleted.
+    Ring,
 }
 
 impl Default for RecordSection {
@@ -284,8 +313,29 @@ impl Default for RecordSection {
         Self {
             directory: None,
             transcripts: 8,
+            group_ms: 0,
+            roll_mb: 4000,
+            roll_daily: false,
+            when_full: FullName::Stop,
+            warn_below_mb: 2000,
+            reserve_mb: 200,
+            resume: true,
+            resume_within_h: 72.0,
+            resume_per_hour: 6,
         }
     }
+}
+
+/// What a lab needs to know later of what it measured; free words, kept with every session.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct AboutSection {
+    pub sheet: String,
+    pub foam: String,
+    pub ink: String,
+    pub operator: String,
+    pub wiring: String,
+    pub calibration: String,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -1,6 +1,6 @@
 //! A session as everybody sees it: counters, the last frame and map, readers, and the wishes of those who control it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -23,7 +23,6 @@ pub(crate) struct Facts {
     pub baseline_id: String,
     /// Empty for a baseline session.
     pub method: String,
-    pub path: PathBuf,
 }
 
 /// How far it has come.
@@ -69,6 +68,8 @@ struct Latest {
 #[derive(Debug)]
 pub(crate) struct Live {
     pub facts: Facts,
+    /// The file that frames go to now; a session that rolls over has several.
+    path: Mutex<PathBuf>,
     pub readers: Readers,
     acquired: AtomicU64,
     durable: watch::Sender<u64>,
@@ -78,6 +79,8 @@ pub(crate) struct Live {
     button: StopButton,
     stop: Stop,
     suspend: watch::Sender<bool>,
+    /// The record has no room.
+    held: watch::Sender<bool>,
     /// Frames granted so far; `None` where nobody has to ask.
     granted: Option<watch::Sender<u64>>,
     why: Mutex<String>,
@@ -89,10 +92,11 @@ pub(crate) struct Live {
 
 impl Live {
     /// A session about to begin; with `step` it waits to be asked for each frame.
-    pub(crate) fn new(facts: Facts, step: bool) -> Self {
+    pub(crate) fn new(facts: Facts, path: PathBuf, step: bool) -> Self {
         let (button, stop) = Stop::button();
         Self {
             facts,
+            path: Mutex::new(path),
             readers: Readers::default(),
             acquired: AtomicU64::new(0),
             durable: watch::Sender::new(0),
@@ -102,11 +106,23 @@ impl Live {
             button,
             stop,
             suspend: watch::Sender::new(false),
+            held: watch::Sender::new(false),
             granted: step.then(|| watch::Sender::new(0)),
             why: Mutex::new(String::new()),
             failed: AtomicBool::new(false),
             failures: AtomicU64::new(0),
         }
+    }
+
+    pub(crate) fn path(&self) -> PathBuf {
+        let path = self.path.lock().unwrap_or_else(PoisonError::into_inner);
+        path.clone()
+    }
+
+    /// It goes on in another file.
+    pub(crate) fn set_path(&self, path: &Path) {
+        let mut now = self.path.lock().unwrap_or_else(PoisonError::into_inner);
+        path.clone_into(&mut now);
     }
 
     pub(crate) fn acquired(&self) -> u64 {
@@ -266,6 +282,16 @@ impl Live {
 
     pub(crate) fn suspend(&self, suspend: bool) {
         self.suspend.send_replace(suspend);
+    }
+
+    /// Holds acquisition while the record has no room; whatever anybody wishes.
+    pub(crate) fn hold(&self, hold: bool) {
+        self.held.send_replace(hold);
+    }
+
+    /// Hears of being held.
+    pub(crate) fn held(&self) -> watch::Receiver<bool> {
+        self.held.subscribe()
     }
 
     /// Hears of the wish to pause.

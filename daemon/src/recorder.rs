@@ -1,12 +1,15 @@
 //! The way of a frame after acquisition, on a thread of its own: quality, then the sinks in order: logbook (durable), then
 //! everybody who listens. Maps come from the [`Mapper`]: the record waits for one a little, and is written without it.
 
+mod disk;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use disk::{Disk, free_bytes};
+
 use std::collections::VecDeque;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use bus::stream::{Body, Record};
 use chrono::{DateTime, Utc};
@@ -14,7 +17,7 @@ use eit::Pressure;
 use logbook::{LogbookError, SessionWriter};
 use rig::{Clock, SystemClock};
 use survey::{Baseline, Checks, Frame, Map, Quality};
-use tokio::sync::mpsc;
+use tokio::sync::mpsc::{self, error::TryRecvError};
 
 use crate::live::{Live, Published};
 use crate::mapper::{Attempt, Failure, Made, Mapped, Mapper};
@@ -26,6 +29,10 @@ pub(crate) const QUEUE: usize = 16;
 /// With so many waiting, nobody waits for a map.
 const HURRY: usize = QUEUE / 2;
 
+/// Frames that one sync is enough for.
+const MOST_TOGETHER: usize = 64;
+/// Between looks for more of them.
+const LOOK: Duration = Duration::from_millis(1);
 /// A disk that takes longer for a write is one that hangs.
 const FOR_A_WRITE: Duration = Duration::from_secs(60);
 
@@ -58,6 +65,7 @@ pub(crate) struct Recorder {
     pub task: Task,
     pub tell: Tell,
     pub pulse: Arc<Pulse>,
+    pub disk: Disk,
 }
 
 /// What is made of the frames.
@@ -110,10 +118,10 @@ impl Recorder {
             let _rests = Rests(Arc::clone(&self.pulse), Part::Record);
             let outcome = match order {
                 Order::Frame(first) => {
-                    let frames = gather(*first, &mut orders, &mut waiting);
+                    let frames = gather(*first, &mut orders, &mut waiting, self.disk.gathers());
                     self.frames(frames, &orders)
                 }
-                Order::Event { at, kind, text } => self.writer.event(at, kind, &text),
+                Order::Event { at, kind, text } => self.event(at, kind, &text),
                 Order::MapReady => self.late_map(),
                 Order::Close { at, reason } => return self.close(at, &reason),
             };
@@ -162,11 +170,10 @@ impl Recorder {
             rows.push(row);
         }
         let count = rows.len() as u64;
-        let stored = self.writer.append_all(
-            rows.iter()
-                .map(|row| (&row.frame, row.mapped.as_ref().map(|mapped| &mapped.record))),
-        );
-        let last = match stored {
+        if let Some(first) = rows.first() {
+            self.roll(first.frame.wall)?;
+        }
+        let last = match self.store(&rows) {
             Ok(last) => last,
             Err(error) => {
                 self.live.count_dropped(count);
@@ -243,7 +250,13 @@ impl Recorder {
         };
         self.made(made, &mut row)?;
         if let Some(mapped) = &row.mapped {
-            self.writer.late_map(row.frame.sequence, &mapped.record)?;
+            let (sequence, record) = (row.frame.sequence, &mapped.record);
+            match self.writer.late_map(sequence, record) {
+                // a roll-over lay between, or the disk: the frame is there, and the map can be made again
+                Err(LogbookError::NoSuchFrame { .. }) => {}
+                Err(error) if error.is_disk() => tracing::debug!("{}", chain(&error)),
+                other => other?,
+            }
             self.publish_map(*row);
         }
         Ok(())
@@ -270,6 +283,16 @@ impl Recorder {
         let at = self.clock.wall();
         (self.tell)(at, kind, text);
         self.writer.event(at, kind, text)
+    }
+
+    /// To the record, which has told everybody.
+    fn event(
+        &mut self,
+        at: DateTime<Utc>,
+        kind: &'static str,
+        text: &str,
+    ) -> Result<(), LogbookError> {
+        self.persist(|writer| writer.event(at, kind, text))
     }
 
     fn publish(&mut self, row: Row) {
@@ -361,19 +384,22 @@ impl Row {
     }
 }
 
-/// The frames that wait behind the first one, up to whatever else waits.
+/// The frames that wait behind the first one, and those that come `within` this time, up to whatever else waits.
 fn gather(
     first: Frame,
     orders: &mut mpsc::Receiver<Order>,
     waiting: &mut VecDeque<Order>,
+    within: Duration,
 ) -> Vec<Frame> {
+    let began = Instant::now();
     let mut frames = vec![first];
-    while waiting.is_empty() && frames.len() < QUEUE {
+    while waiting.is_empty() && frames.len() < MOST_TOGETHER {
         match orders.try_recv() {
             Ok(Order::Frame(frame)) => frames.push(*frame),
             // looked for before every frame
             Ok(Order::MapReady) => {}
             Ok(other) => waiting.push_back(other),
+            Err(TryRecvError::Empty) if began.elapsed() < within => std::thread::sleep(LOOK),
             Err(_) => break,
         }
     }

@@ -99,12 +99,19 @@ impl Watch {
         let _rests = Rests(Arc::clone(&self.pulse), Part::Acquisition);
         let mut stop = self.live.stop_wish();
         let mut suspend = self.live.suspend_wish();
+        let mut held = self.live.held();
         let mut grants = self.live.grants();
         let now = self.clock.monotonic();
         let began = *self.course.began.get_or_insert(now);
         loop {
-            let paused = self.sit_out(&mut suspend, &mut stop).await;
-            self.course.shift += paused;
+            // one may begin while the other lasts
+            while *suspend.borrow() || *held.borrow() {
+                self.course.shift += self.sit_out(&mut suspend, &mut stop).await;
+                self.course.shift += self.sit_out(&mut held, &mut stop).await;
+                if stop.is_asked() {
+                    break;
+                }
+            }
             let Course {
                 taken, last, shift, ..
             } = self.course;
@@ -130,11 +137,11 @@ impl Watch {
                     self.pulse.rest(Part::Acquisition);
                     granted(grants, taken, &mut stop).await
                 }
-                None => self.until(due, &mut stop, &mut suspend).await,
+                None => self.until(due, &mut stop, &mut suspend, &mut held).await,
             };
             match waited {
                 Waited::Stopped => return Ended::Done(self.live.stop_reason()),
-                Waited::Due if *suspend.borrow() => continue,
+                Waited::Due if *suspend.borrow() || *held.borrow() => continue,
                 Waited::Due => {}
             }
             self.promise(self.longest(source));
@@ -258,6 +265,7 @@ impl Watch {
         due: Duration,
         stop: &mut Stop,
         suspend: &mut watch::Receiver<bool>,
+        held: &mut watch::Receiver<bool>,
     ) -> Waited {
         let wait = due.saturating_sub(self.clock.monotonic());
         self.promise(wait.saturating_add(BEYOND_ITS_TIME));
@@ -273,6 +281,7 @@ impl Watch {
         tokio::select! {
             () = stop.asked() => Waited::Stopped,
             _ = suspend.wait_for(|suspended| *suspended) => Waited::Due,
+            _ = held.wait_for(|held| *held) => Waited::Due,
             () = tokio::time::sleep(wait) => Waited::Due,
         }
     }

@@ -20,7 +20,7 @@ use crate::mapper::{Mapper, Means};
 use crate::measuring::Measuring;
 use crate::model::chain;
 use crate::prepare::Setup;
-use crate::recorder::{Order, QUEUE, Recorder, Task};
+use crate::recorder::{Disk, Order, QUEUE, Recorder, Task, free_bytes};
 use crate::session::{Event, Work};
 use crate::watch::{Course, Ended, FrameSource, Watch};
 
@@ -95,8 +95,8 @@ impl Keeper {
                 simulated: house.simulated,
                 baseline_id,
                 method,
-                path: writer.path().to_owned(),
             },
+            writer.path().to_owned(),
             order.step,
         ));
         self.inner().active = Some(Arc::clone(&live));
@@ -208,6 +208,7 @@ impl Keeper {
             checks,
             task,
             pulse: Arc::clone(&self.pulse),
+            disk: Disk::new(house.setup.config.record.clone(), Box::new(free_bytes)),
             tell: Box::new(move |at, kind, text| speaker.tell_of(at, kind, text, Some(&whose))),
         };
         let recording = tokio::task::spawn_blocking(move || recorder.run(queue));

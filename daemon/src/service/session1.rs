@@ -276,10 +276,10 @@ impl Session1 {
         &self.0.facts.method
     }
 
-    /// Its file.
-    #[zbus(property(emits_changed_signal = "const"))]
+    /// The file that its frames go to; a session that rolls over goes on in another one.
+    #[zbus(property(emits_changed_signal = "false"))]
     fn path(&self) -> String {
-        self.0.facts.path.display().to_string()
+        self.0.path().display().to_string()
     }
 }
 

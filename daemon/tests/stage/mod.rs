@@ -29,6 +29,9 @@ electrodes = 16
 electrodes = 16
 [record]
 directory = "state"
+warn_below_mb = 0
+reserve_mb = 0
+resume = false
 [bus]
 peer_path = "run/peer"
 "#;

@@ -1,0 +1,247 @@
+//! The disk under the record: alarm while there is still room, a policy for when there is none, a new part of the session
+//! when the old file cannot be trusted or has grown enough. What is acknowledged stays; what is in hand waits.
+
+use std::path::Path;
+use std::time::Duration;
+
+use chrono::{DateTime, Utc};
+use logbook::{DiskFault, LogbookError, SessionWriter};
+use rig::Clock;
+
+use super::{FOR_A_WRITE, Recorder, Row};
+use crate::config::{FullName, RecordSection};
+use crate::model::chain;
+use crate::pulse::Part;
+
+/// Between two looks whether there is room again.
+const LOOK_AGAIN: Duration = Duration::from_millis(200);
+const MEGABYTE: u64 = 1_000_000;
+
+/// Free bytes of the file system that a folder is on, for whoever is not root.
+///
+/// # Errors
+/// What the system says.
+pub(crate) fn free_bytes(folder: &Path) -> std::io::Result<u64> {
+    let found = rustix::fs::statvfs(folder)?;
+    Ok(found.f_bavail.saturating_mul(found.f_frsize))
+}
+
+type Free = Box<dyn Fn(&Path) -> std::io::Result<u64> + Send>;
+
+/// What is done about room.
+pub(crate) struct Disk {
+    section: RecordSection,
+    free: Free,
+    /// Whether it has been said that little is left.
+    low: bool,
+    /// The day of the last frame.
+    day: Option<chrono::NaiveDate>,
+    /// Since when there has been no room, and why.
+    paused: Option<(Duration, String)>,
+}
+
+impl Disk {
+    pub(crate) fn new(section: RecordSection, free: Free) -> Self {
+        Self {
+            section,
+            free,
+            low: false,
+            day: None,
+            paused: None,
+        }
+    }
+
+    /// How long frames are gathered for one sync.
+    pub(super) fn gathers(&self) -> Duration {
+        Duration::from_millis(self.section.group_ms)
+    }
+}
+
+impl Recorder {
+    /// Writes frames with one sync, however long it takes until there is room; returns the last one's sequence.
+    ///
+    /// # Errors
+    /// The disk refuses in a way that does not pass, or the session was asked to end while there was no room.
+    pub(super) fn store(&mut self, rows: &[Row]) -> Result<u64, LogbookError> {
+        self.warn_early()?;
+        let mut renewed = false;
+        loop {
+            if let Some(full) = self.lacks_room() {
+                self.pause(full)?;
+                continue;
+            }
+            let frames = rows
+                .iter()
+                .map(|row| (&row.frame, row.mapped.as_ref().map(|mapped| &mapped.record)));
+            match self.writer.append_all(frames) {
+                Ok(last) => {
+                    self.go_on()?;
+                    return Ok(last);
+                }
+                Err(error) if error.is_full() => self.pause(error)?,
+                Err(error) if error.is_broken() && !renewed => {
+                    renewed = true;
+                    self.renew(&error)?;
+                }
+                Err(error) => return Err(error),
+            }
+        }
+    }
+
+    /// Writes something else, under the same rules.
+    pub(super) fn persist(
+        &mut self,
+        write: impl Fn(&mut SessionWriter) -> Result<(), LogbookError>,
+    ) -> Result<(), LogbookError> {
+        let mut renewed = false;
+        loop {
+            match write(&mut self.writer) {
+                Err(error) if error.is_full() => self.pause(error)?,
+                Err(error) if error.is_broken() && !renewed => {
+                    renewed = true;
+                    self.renew(&error)?;
+                }
+                other => return other,
+            }
+        }
+    }
+
+    /// The file grew enough, or a day began: the session goes on in its next part. Where that cannot be, it goes on in
+    /// this one.
+    pub(super) fn roll(&mut self, at: DateTime<Utc>) -> Result<(), LogbookError> {
+        let section = &self.disk.section;
+        let before = self.disk.day.replace(at.date_naive());
+        let new_day = section.roll_daily && before.is_some_and(|before| before != at.date_naive());
+        let large = section.roll_mb > 0 && self.writer.bytes() > section.roll_mb * MEGABYTE;
+        if !(new_day || large) {
+            return Ok(());
+        }
+        match self.writer.roll(at) {
+            Ok(_) => {
+                self.live.set_path(self.writer.path());
+                Ok(())
+            }
+            Err(error) if error.is_broken() => self.renew(&error),
+            Err(error) => self.say("part-refused", &chain(&error)),
+        }
+    }
+
+    /// An I/O error: nobody knows what of this file is on disk, and asking again may be answered by memory. Behind what
+    /// was acknowledged the session goes on in another file.
+    fn renew(&mut self, error: &LogbookError) -> Result<(), LogbookError> {
+        let at = self.clock.wall();
+        let why = chain(error);
+        let left = self.writer.successor(at, &why)?;
+        self.live.set_path(self.writer.path());
+        let text = format!(
+            "{} is written no more: {why}; the session goes on in {}; mend the disk",
+            left.display(),
+            self.writer.path().display()
+        );
+        // the part says so itself
+        (self.tell)(at, "alarm", &text);
+        Ok(())
+    }
+
+    /// Says once that room is running out, and once that there is enough again.
+    fn warn_early(&mut self) -> Result<(), LogbookError> {
+        let Some(free) = self.free() else {
+            return Ok(());
+        };
+        let warn = self.disk.section.warn_below_mb * MEGABYTE;
+        if free >= warn + warn / 10 && self.disk.low {
+            self.disk.low = false;
+            return self.say("disk-enough", "there is enough room for the record again");
+        }
+        if free >= warn || self.disk.low {
+            return Ok(());
+        }
+        self.disk.low = true;
+        let text = format!(
+            "{} MB are left for the record in {}; at {} MB {}",
+            free / MEGABYTE,
+            self.folder().display(),
+            self.disk.section.reserve_mb,
+            match self.disk.section.when_full {
+                FullName::Stop => "acquisition pauses until there is room",
+                FullName::Ring => "the oldest closed sessions are deleted",
+            }
+        );
+        match self.say("disk-low", &text) {
+            // so little that not even this fits: that is said next
+            Err(error) if error.is_full() => Ok(()),
+            other => other,
+        }
+    }
+
+    /// Whether the reserve is reached; once paused, a tenth more is wanted.
+    fn lacks_room(&self) -> Option<LogbookError> {
+        let mut wanted = self.disk.section.reserve_mb * MEGABYTE;
+        if self.disk.paused.is_some() {
+            wanted += wanted / 10;
+        }
+        let free = self.free().filter(|free| *free < wanted)?;
+        Some(LogbookError::DiskRefused {
+            path: self.writer.path().to_owned(),
+            attempt: "keeping record.reserve_mb free",
+            fault: DiskFault::Full,
+            source: format!("{} MB are left", free / MEGABYTE).into(),
+        })
+    }
+
+    /// No room: makes some by the policy, or holds acquisition and waits a little. Said once.
+    fn pause(&mut self, full: LogbookError) -> Result<(), LogbookError> {
+        if self.disk.section.when_full == FullName::Ring && self.delete_oldest()? {
+            return Ok(());
+        }
+        if self.disk.paused.is_none() {
+            let why = chain(&full);
+            let text = format!("acquisition pauses, the source is off: {why}");
+            self.disk.paused = Some((self.clock.monotonic(), why));
+            self.live.set_last_error(&text);
+            self.live.hold(true);
+            // the record may have no room for it; it has it when there is
+            (self.tell)(self.clock.wall(), "disk-full", &text);
+        }
+        if self.live.stop_wish().is_asked() {
+            self.live.hold(false);
+            return Err(full);
+        }
+        std::thread::sleep(LOOK_AGAIN);
+        let now = self.clock.monotonic();
+        self.pulse.promise(Part::Record, now, FOR_A_WRITE);
+        Ok(())
+    }
+
+    /// Something was written: a pause is over.
+    fn go_on(&mut self) -> Result<(), LogbookError> {
+        let Some((began, why)) = self.disk.paused.take() else {
+            return Ok(());
+        };
+        let waited = self.clock.monotonic().saturating_sub(began);
+        self.live.set_last_error("");
+        self.live.hold(false);
+        let text = format!(
+            "acquisition had paused for {:.0} s: {why}; there is room again",
+            waited.as_secs_f64()
+        );
+        match self.say("disk-room", &text) {
+            // the next frame finds out
+            Err(error) if error.is_full() => Ok(()),
+            other => other,
+        }
+    }
+
+    fn free(&self) -> Option<u64> {
+        (self.disk.free)(self.folder()).ok()
+    }
+
+    fn folder(&self) -> &Path {
+        self.writer.path().parent().unwrap_or(Path::new("."))
+    }
+
+    /// Whether something could be deleted; said of each.
+    fn delete_oldest(&mut self) -> Result<bool, LogbookError> {
+        Ok(false)
+    }
+}
