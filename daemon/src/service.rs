@@ -1,9 +1,12 @@
 //! The daemon on D-Bus: one set of objects on every connection, and the news that goes out on it.
 
+mod access;
+mod caller;
 mod instrument1;
 mod manager1;
 mod offer;
 mod peer;
+mod polkit;
 mod session1;
 mod simulation1;
 
@@ -19,6 +22,7 @@ use zbus::{Connection, fdo::ObjectManager};
 use crate::herald::Notice;
 use crate::keeper::Keeper;
 use crate::live::{Live, Published};
+use access::{Door, Guarded};
 use instrument1::Instrument1;
 use manager1::{Manager1, Manager1Signals};
 use session1::{Session1, Session1Signals};
@@ -33,36 +37,39 @@ const ROLES: [&str; 4] = ["source", "switch", "voltmeter", "switch+voltmeter"];
 const TO_SAY: Duration = Duration::from_millis(500);
 
 /// Puts the manager, the instruments and the sessions on a connection before it hears anything.
-fn furnish<'a>(mut builder: Builder<'a>, keeper: &Arc<Keeper>) -> Builder<'a> {
+fn furnish<'a>(mut builder: Builder<'a>, keeper: &Arc<Keeper>, door: Door) -> Builder<'a> {
+    let manager = Guarded::new(Manager1(Arc::clone(keeper), door), door);
     builder = builder
         .serve_at(ROOT_PATH, ObjectManager)
-        .serve_at(ROOT_PATH, Manager1(Arc::clone(keeper)));
+        .serve_at(ROOT_PATH, manager);
     if keeper.house().bench.is_some() {
-        builder = builder.serve_at(ROOT_PATH, Simulation1(Arc::clone(keeper)));
+        let simulation = Guarded::new(Simulation1(Arc::clone(keeper)), door);
+        builder = builder.serve_at(ROOT_PATH, simulation);
     }
     for found in keeper.known().instruments {
         let instrument = Instrument1::new(Arc::clone(keeper), found.role);
-        builder = builder.serve_at(instrument.path(), instrument);
+        builder = builder.serve_at(instrument.path(), Guarded::new(instrument, door));
     }
     for live in keeper.sessions() {
         if let Ok(path) = bus::session_path(&live.facts.id) {
-            builder = builder.serve_at(path, Session1(live));
+            builder = builder.serve_at(path, Guarded::new(Session1(live), door));
         }
     }
     builder
 }
 
 /// Puts a session on a connection, if it is not there yet.
-async fn show(server: &ObjectServer, live: &Arc<Live>) -> zbus::Result<()> {
+async fn show(server: &ObjectServer, live: &Arc<Live>, door: Door) -> zbus::Result<()> {
     if let Ok(path) = bus::session_path(&live.facts.id) {
-        server.at(path, Session1(Arc::clone(live))).await?;
+        let session = Guarded::new(Session1(Arc::clone(live)), door);
+        server.at(path, session).await?;
     }
     Ok(())
 }
 
 /// Says one piece of news; `false` when the connection is of no use any more.
-async fn say(connection: &Connection, keeper: &Arc<Keeper>, notice: Notice) -> bool {
-    match tokio::time::timeout(TO_SAY, speak(connection, keeper, notice)).await {
+async fn say(connection: &Connection, keeper: &Arc<Keeper>, door: Door, notice: Notice) -> bool {
+    match tokio::time::timeout(TO_SAY, speak(connection, keeper, door, notice)).await {
         Ok(Ok(())) => true,
         Ok(Err(error)) => {
             tracing::debug!("a connection failed: {error}");
@@ -75,13 +82,18 @@ async fn say(connection: &Connection, keeper: &Arc<Keeper>, notice: Notice) -> b
     }
 }
 
-async fn speak(connection: &Connection, keeper: &Arc<Keeper>, notice: Notice) -> zbus::Result<()> {
+async fn speak(
+    connection: &Connection,
+    keeper: &Arc<Keeper>,
+    door: Door,
+    notice: Notice,
+) -> zbus::Result<()> {
     let server = connection.object_server();
     match notice {
-        Notice::SessionAdded(live) => show(server, &live).await,
+        Notice::SessionAdded(live) => show(server, &live, door).await,
         Notice::SessionRemoved(id) => {
             if let Ok(path) = bus::session_path(&id) {
-                match server.remove::<Session1, _>(path).await {
+                match server.remove::<Guarded<Session1>, _>(path).await {
                     Ok(_) | Err(zbus::Error::InterfaceNotFound) => {}
                     Err(error) => return Err(error),
                 }
@@ -89,7 +101,7 @@ async fn speak(connection: &Connection, keeper: &Arc<Keeper>, notice: Notice) ->
             Ok(())
         }
         Notice::SessionChanged(live) => {
-            let Some(session) = session(server, &live).await? else {
+            let Some(session) = session(server, &live, door).await? else {
                 return Ok(());
             };
             let emitter = session.signal_emitter();
@@ -99,11 +111,12 @@ async fn speak(connection: &Connection, keeper: &Arc<Keeper>, notice: Notice) ->
             object.end_reason_changed(emitter).await
         }
         Notice::FrameDone(live, published) => {
-            let Some(session) = session(server, &live).await? else {
+            let Some(session) = session(server, &live, door).await? else {
                 return Ok(());
             };
             let wall_ns = crate::recorder::nanoseconds(published.frame.wall);
             session
+                .signal_emitter()
                 .frame_done(
                     published.frame.sequence,
                     wall_ns,
@@ -112,7 +125,7 @@ async fn speak(connection: &Connection, keeper: &Arc<Keeper>, notice: Notice) ->
                 .await
         }
         Notice::Daemon => {
-            let manager = server.interface::<_, Manager1>(ROOT_PATH).await?;
+            let manager = server.interface::<_, Guarded<Manager1>>(ROOT_PATH).await?;
             let emitter = manager.signal_emitter();
             let object = manager.get().await;
             object.state_changed(emitter).await?;
@@ -123,13 +136,13 @@ async fn speak(connection: &Connection, keeper: &Arc<Keeper>, notice: Notice) ->
             object.recovery_changed(emitter).await
         }
         Notice::TestProgress { done, total, what } => {
-            let manager = server.interface::<_, Manager1>(ROOT_PATH).await?;
+            let manager = server.interface::<_, Guarded<Manager1>>(ROOT_PATH).await?;
             Manager1::test_progress(manager.signal_emitter(), done, total, &what).await
         }
         Notice::Instruments => {
             for found in keeper.known().instruments {
                 let path = Instrument1::new(Arc::clone(keeper), found.role).path();
-                let instrument = server.interface::<_, Instrument1>(path).await?;
+                let instrument = server.interface::<_, Guarded<Instrument1>>(path).await?;
                 let emitter = instrument.signal_emitter();
                 let object = instrument.get().await;
                 object.state_changed(emitter).await?;
@@ -148,12 +161,13 @@ async fn speak(connection: &Connection, keeper: &Arc<Keeper>, notice: Notice) ->
             Ok(())
         }
         Notice::Pulse => Ok(()),
-        Notice::Furniture => refurnish(server, keeper).await,
+        Notice::Furniture => refurnish(server, keeper, door).await,
         Notice::Happened(happening) => {
-            let manager = server.interface::<_, Manager1>(ROOT_PATH).await?;
+            let manager = server.interface::<_, Guarded<Manager1>>(ROOT_PATH).await?;
             let details = Options::new().with_some("session", happening.session.as_deref());
             let wall_ns = crate::recorder::nanoseconds(happening.at);
             manager
+                .signal_emitter()
                 .happened(wall_ns, happening.kind, &happening.text, details)
                 .await
         }
@@ -161,25 +175,24 @@ async fn speak(connection: &Connection, keeper: &Arc<Keeper>, notice: Notice) ->
 }
 
 /// After a reload: the instruments that there are now, and a hand on the sheet where it is simulated.
-async fn refurnish(server: &ObjectServer, keeper: &Arc<Keeper>) -> zbus::Result<()> {
+async fn refurnish(server: &ObjectServer, keeper: &Arc<Keeper>, door: Door) -> zbus::Result<()> {
     let known = keeper.known().instruments;
     for role in ROLES {
         let instrument = Instrument1::new(Arc::clone(keeper), role);
         let path = instrument.path();
         if known.iter().any(|found| found.role == role) {
-            server.at(path, instrument).await?;
+            server.at(path, Guarded::new(instrument, door)).await?;
         } else {
-            gone(server.remove::<Instrument1, _>(path).await)?;
+            gone(server.remove::<Guarded<Instrument1>, _>(path).await)?;
         }
     }
     if keeper.house().bench.is_some() {
-        server
-            .at(ROOT_PATH, Simulation1(Arc::clone(keeper)))
-            .await?;
+        let simulation = Guarded::new(Simulation1(Arc::clone(keeper)), door);
+        server.at(ROOT_PATH, simulation).await?;
     } else {
-        gone(server.remove::<Simulation1, _>(ROOT_PATH).await)?;
+        gone(server.remove::<Guarded<Simulation1>, _>(ROOT_PATH).await)?;
     }
-    let manager = server.interface::<_, Manager1>(ROOT_PATH).await?;
+    let manager = server.interface::<_, Guarded<Manager1>>(ROOT_PATH).await?;
     let emitter = manager.signal_emitter();
     let object = manager.get().await;
     object.instruments_changed(emitter).await?;
@@ -199,12 +212,16 @@ fn gone<T>(removed: zbus::Result<T>) -> zbus::Result<()> {
 async fn session(
     server: &ObjectServer,
     live: &Arc<Live>,
-) -> zbus::Result<Option<InterfaceRef<Session1>>> {
+    door: Door,
+) -> zbus::Result<Option<InterfaceRef<Guarded<Session1>>>> {
     let Ok(path) = bus::session_path(&live.facts.id) else {
         return Ok(None);
     };
-    show(server, live).await?;
-    server.interface::<_, Session1>(path).await.map(Some)
+    show(server, live, door).await?;
+    server
+        .interface::<_, Guarded<Session1>>(path)
+        .await
+        .map(Some)
 }
 
 /// What the signal of a frame says about it.

@@ -6,13 +6,14 @@ use bus::{Fault, Options, ROOT_PATH, RelayWear, SeenInstrument, SessionSummary, 
 use zbus::object_server::{ObjectServer, SignalEmitter};
 use zbus::{ObjectPath, OwnedVariant, interface};
 
+use super::access::Door;
 use crate::keeper::{Keeper, disk_fault, no_baseline, no_plan};
 use crate::live::Live;
 use crate::model::chain;
 use crate::report;
 
-/// The manager on one connection.
-pub(super) struct Manager1(pub(super) Arc<Keeper>);
+/// The manager on one connection, and the way on which its callers come.
+pub(super) struct Manager1(pub(super) Arc<Keeper>, pub(super) Door);
 
 /// The daemon itself.
 #[interface(name = "org.tactus.Tactus1.Manager1")]
@@ -30,7 +31,7 @@ impl Manager1 {
         #[zbus(object_server)] server: &ObjectServer,
     ) -> Result<ObjectPath<'static>, Fault> {
         let live = self.0.start_session(&options).await?;
-        shown(server, &live).await
+        shown(server, &live, self.1).await
     }
 
     /// Records a baseline and returns its session at once; when it has ended it is the current baseline. Options:
@@ -42,7 +43,7 @@ impl Manager1 {
         #[zbus(object_server)] server: &ObjectServer,
     ) -> Result<ObjectPath<'static>, Fault> {
         let live = self.0.record_baseline(&options).await?;
-        shown(server, &live).await
+        shown(server, &live, self.1).await
     }
 
     /// What the logbook holds, newest first: id, kind, state (`open`, `closed`, `interrupted`), start in ns since 1970
@@ -368,8 +369,14 @@ impl Manager1 {
 }
 
 /// The session's object, there on the caller's own connection before the caller hears of it.
-async fn shown(server: &ObjectServer, live: &Arc<Live>) -> Result<ObjectPath<'static>, Fault> {
-    super::show(server, live).await.map_err(Fault::Connection)?;
+async fn shown(
+    server: &ObjectServer,
+    live: &Arc<Live>,
+    door: Door,
+) -> Result<ObjectPath<'static>, Fault> {
+    super::show(server, live, door)
+        .await
+        .map_err(Fault::Connection)?;
     bus::session_path(&live.facts.id)
         .or_else(|_| ObjectPath::try_from(ROOT_PATH))
         .map_err(|error| Fault::Failed(error.to_string()))

@@ -10,6 +10,7 @@ use zbus::Connection;
 use zbus::connection::Builder;
 use zbus::fdo::{RequestNameFlags, RequestNameReply};
 
+use super::access::Door;
 use super::peer;
 use crate::config::BusSection;
 use crate::keeper::Keeper;
@@ -64,11 +65,14 @@ impl Offer {
             tasks.spawn(peer::serve(listener, Arc::clone(keeper)));
             ways.push(format!("unix:{}", path.display()));
         }
-        for (which, wanted) in [("session", section.session), ("system", section.system)] {
+        for (door, wanted) in [
+            (Door::Session, section.session),
+            (Door::System, section.system),
+        ] {
             if wanted {
-                let connection = connect(which, keeper).await?;
-                tasks.spawn(stay(which, connection, Arc::clone(keeper)));
-                ways.push(which.to_owned());
+                let connection = connect(door, keeper).await?;
+                tasks.spawn(stay(door, connection, Arc::clone(keeper)));
+                ways.push(word(door).to_owned());
             }
         }
         Ok(Self {
@@ -78,14 +82,23 @@ impl Offer {
     }
 }
 
+fn word(door: Door) -> &'static str {
+    match door {
+        Door::Peer => "peer",
+        Door::Session => "session",
+        Door::System => "system",
+    }
+}
+
 /// Connects, puts everything there, and only then asks for the name.
-async fn connect(which: &'static str, keeper: &Arc<Keeper>) -> Result<Connection, OfferError> {
+async fn connect(door: Door, keeper: &Arc<Keeper>) -> Result<Connection, OfferError> {
+    let which = word(door);
     let no_bus = |cause| OfferError::NoBus { which, cause };
-    let builder = match which {
-        "system" => Builder::system(),
+    let builder = match door {
+        Door::System => Builder::system(),
         _ => Builder::session(),
     };
-    let connection = super::furnish(builder, keeper)
+    let connection = super::furnish(builder, keeper, door)
         .build()
         .await
         .map_err(no_bus)?;
@@ -101,7 +114,8 @@ async fn connect(which: &'static str, keeper: &Arc<Keeper>) -> Result<Connection
 }
 
 /// Carries news to one bus, and comes back when the bus does.
-async fn stay(which: &'static str, mut connection: Connection, keeper: Arc<Keeper>) {
+async fn stay(door: Door, mut connection: Connection, keeper: Arc<Keeper>) {
+    let which = word(door);
     let mut news = keeper.herald.listen();
     let part = match which {
         "system" => Part::SystemBus,
@@ -113,7 +127,7 @@ async fn stay(which: &'static str, mut connection: Connection, keeper: Arc<Keepe
                 () = connection.closed() => break,
                 notice = news.recv() => {
                     let Some(notice) = notice else { return };
-                    if !super::say(&connection, &keeper, notice).await {
+                    if !super::say(&connection, &keeper, door, notice).await {
                         break;
                     }
                     keeper.pulse.rest(part);
@@ -129,7 +143,7 @@ async fn stay(which: &'static str, mut connection: Connection, keeper: Arc<Keepe
             pause = (pause * 2).min(LOOK_AGAIN.1);
             news = keeper.herald.listen();
             // a bus that is there and frozen does not answer at all
-            match tokio::time::timeout(TO_CONNECT, connect(which, &keeper)).await {
+            match tokio::time::timeout(TO_CONNECT, connect(door, &keeper)).await {
                 Ok(Ok(connection)) => break connection,
                 Ok(Err(error)) => tracing::debug!("{error}"),
                 Err(_) => tracing::debug!("the {which} bus does not answer"),

@@ -9,12 +9,12 @@ use std::time::Duration;
 use tokio::net::{UnixListener, UnixStream};
 use zbus::connection::Builder;
 
+use super::access::Door;
+use super::caller::{Caller, GROUP};
 use crate::keeper::Keeper;
 
 /// How long a client may take to introduce itself.
 const TO_GREET: Duration = Duration::from_secs(5);
-/// The group that may talk to the daemon.
-const GROUP: &str = "tactus";
 
 /// A socket that is removed again.
 #[derive(Debug)]
@@ -84,10 +84,7 @@ pub(super) async fn serve(listener: Listener, keeper: Arc<Keeper>) {
 
 /// One client, until it goes.
 async fn attend(stream: UnixStream, keeper: Arc<Keeper>) {
-    let allowed = match stream.peer_cred() {
-        Ok(who) => may(who.uid(), who.gid()),
-        Err(_) => false,
-    };
+    let allowed = Caller::at(&stream).is_ok_and(|caller| caller.is_ours() || caller.is_member());
     if !allowed {
         tracing::warn!("a user who is neither ours, root, nor of group {GROUP} was turned away");
         return;
@@ -103,7 +100,7 @@ async fn attend(stream: UnixStream, keeper: Arc<Keeper>) {
     let builder = Builder::unix_stream(stream)
         .server(zbus::Guid::generate())
         .p2p();
-    let greeted = super::furnish(builder, &keeper).build();
+    let greeted = super::furnish(builder, &keeper, Door::Peer).build();
     let connection = match tokio::time::timeout(TO_GREET, greeted).await {
         Ok(Ok(connection)) => connection,
         Ok(Err(error)) => {
@@ -117,7 +114,7 @@ async fn attend(stream: UnixStream, keeper: Arc<Keeper>) {
             () = connection.closed() => return,
             notice = news.recv() => {
                 let Some(notice) = notice else { return };
-                if !super::say(&connection, &keeper, notice).await {
+                if !super::say(&connection, &keeper, Door::Peer, notice).await {
                     // answers that wait for a reader who never reads end with the socket
                     let _ = hang_up.shutdown(std::net::Shutdown::Both);
                     return;
@@ -127,56 +124,9 @@ async fn attend(stream: UnixStream, keeper: Arc<Keeper>) {
     }
 }
 
-/// The daemon's own user, root, and members of the group. Primary group as the kernel says; further members as the
-/// system's files say.
-fn may(uid: u32, gid: u32) -> bool {
-    if uid == 0 || uid == rustix::process::geteuid().as_raw() {
-        return true;
-    }
-    let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
-    is_member(uid, gid, &read("/etc/passwd"), &read("/etc/group"))
-}
-
-fn is_member(uid: u32, gid: u32, passwd: &str, group: &str) -> bool {
-    let Some(entry) = group
-        .lines()
-        .map(|line| line.split(':').collect::<Vec<_>>())
-        .find(|fields| fields.first() == Some(&GROUP))
-    else {
-        return false;
-    };
-    if entry.get(2).and_then(|id| id.parse().ok()) == Some(gid) {
-        return true;
-    }
-    let user = passwd
-        .lines()
-        .map(|line| line.split(':').collect::<Vec<_>>())
-        .find(|fields| fields.get(2).and_then(|id| id.parse().ok()) == Some(uid));
-    let Some(name) = user.and_then(|fields| fields.first().copied()) else {
-        return false;
-    };
-    entry
-        .get(3)
-        .is_some_and(|members| members.split(',').any(|member| member == name))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn membership_is_by_primary_group_or_by_name() {
-        let passwd = "root:x:0:0::/:\nann:x:1000:1000::/:\nbob:x:1001:1001::/:\n";
-        let group = "ann:x:1000:\ntactus:x:990:ann,eve\n";
-        assert!(is_member(1000, 1000, passwd, group), "ann is named");
-        assert!(!is_member(1001, 1001, passwd, group), "bob is not");
-        assert!(is_member(1001, 990, passwd, group), "primary group");
-        assert!(!is_member(7, 7, passwd, group), "a user nobody knows");
-        assert!(
-            !is_member(1000, 1000, passwd, "ann:x:1000:\n"),
-            "no such group"
-        );
-    }
 
     #[tokio::test]
     async fn a_dead_socket_is_replaced_and_a_living_one_is_not() {

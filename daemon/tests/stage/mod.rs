@@ -3,6 +3,8 @@
 // each test file uses what it needs of it
 #![allow(dead_code)]
 
+pub mod broker;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
@@ -97,10 +99,11 @@ impl Stage {
         self.start_by(shell).await
     }
 
-    /// Starts the daemon with a session bus at this address.
+    /// Starts the daemon with a bus at this address, which is the session bus and the system bus to it.
     pub async fn start_on_bus(&self, address: &str) -> Running {
         let mut command = tokio::process::Command::new(env!("CARGO_BIN_EXE_tactusd"));
         command.env("DBUS_SESSION_BUS_ADDRESS", address);
+        command.env("DBUS_SYSTEM_BUS_ADDRESS", address);
         self.start_by(command).await
     }
 

@@ -1,0 +1,130 @@
+//! Who a caller is, as the kernel or the bus says.
+
+use std::io;
+use std::mem::{size_of, size_of_val};
+use std::os::fd::AsRawFd;
+
+use tokio::net::UnixStream;
+use zbus::names::{BusName, UniqueName};
+use zbus::{Connection, fdo::DBusProxy};
+
+/// The group that may do what the daemon's own user may.
+pub(super) const GROUP: &str = "tactus";
+/// More groups than a user has.
+const MOST_GROUPS: usize = 4096;
+
+/// A caller's user, and its groups: the first and all others.
+#[derive(Debug)]
+pub(super) struct Caller {
+    user: u32,
+    groups: Vec<u32>,
+}
+
+/// The sender of a message on a bus.
+///
+/// # Errors
+/// The bus does not know it (any more), or does not say its user and groups.
+pub(super) async fn of(connection: &Connection, sender: &UniqueName<'_>) -> zbus::Result<Caller> {
+    let bus = DBusProxy::new(connection).await?;
+    let credentials = bus
+        .get_connection_credentials(BusName::from(sender.to_owned()))
+        .await?;
+    let user = credentials
+        .unix_user_id()
+        .ok_or_else(|| zbus::Error::Failure("it does not know the user".into()))?;
+    // a bus that says no groups (before dbus 1.14) leaves root and our own user
+    let groups = credentials.unix_group_ids().cloned().unwrap_or_default();
+    Ok(Caller { user, groups })
+}
+
+impl Caller {
+    /// Who is at the other end of a socket. The kernel's answer holds in the daemon's own user namespace, too, in which
+    /// another user's number is not visible but the group's is.
+    ///
+    /// # Errors
+    /// The kernel does not say.
+    pub(super) fn at(stream: &UnixStream) -> io::Result<Self> {
+        let who = stream.peer_cred()?;
+        let mut groups = peer_groups(stream)?;
+        groups.push(who.gid());
+        Ok(Self {
+            user: who.uid(),
+            groups,
+        })
+    }
+
+    /// Root, or the daemon's own user.
+    pub(super) fn is_ours(&self) -> bool {
+        self.user == 0 || self.user == rustix::process::geteuid().as_raw()
+    }
+
+    /// Of the group.
+    pub(super) fn is_member(&self) -> bool {
+        let groups = std::fs::read_to_string("/etc/group").unwrap_or_default();
+        number(&groups).is_some_and(|group| self.groups.contains(&group))
+    }
+}
+
+/// The group's number, in the text of `/etc/group`.
+fn number(groups: &str) -> Option<u32> {
+    groups
+        .lines()
+        .map(|line| line.split(':').collect::<Vec<_>>())
+        .find(|fields| fields.first() == Some(&GROUP))
+        .and_then(|fields| fields.get(2)?.parse().ok())
+}
+
+/// `SO_PEERGROUPS` (unix(7)): the supplementary groups that the other end had when it connected.
+// the one socket option without a safe form in the libraries here
+#[allow(unsafe_code)]
+fn peer_groups(stream: &UnixStream) -> io::Result<Vec<u32>> {
+    let mut groups = vec![0_u32; MOST_GROUPS];
+    let mut bytes = size_of_val(groups.as_slice()) as libc::socklen_t;
+    // SAFETY: the pointer is to as many bytes as said, and the kernel writes no more than those
+    let answered = unsafe {
+        libc::getsockopt(
+            stream.as_raw_fd(),
+            libc::SOL_SOCKET,
+            libc::SO_PEERGROUPS,
+            groups.as_mut_ptr().cast(),
+            &mut bytes,
+        )
+    };
+    if answered != 0 {
+        return Err(io::Error::last_os_error());
+    }
+    groups.truncate(bytes as usize / size_of::<u32>());
+    Ok(groups)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_group_is_known_by_its_name() {
+        let groups = "ann:x:1000:\nnot-tactus:x:5:\ntactus:x:990:ann,eve\n";
+        assert_eq!(number(groups), Some(990));
+        assert_eq!(number("ann:x:1000:\n"), None);
+        assert_eq!(number("tactus:x:many:\n"), None);
+    }
+
+    #[tokio::test]
+    async fn the_kernel_says_who_is_at_the_other_end() {
+        let (ours, _theirs) = UnixStream::pair().unwrap();
+        let caller = Caller::at(&ours).unwrap();
+        assert!(caller.is_ours());
+        assert!(caller.groups.contains(&rustix::process::getegid().as_raw()));
+        let own = rustix::process::getgroups().unwrap();
+        assert!(
+            own.iter()
+                .all(|group| caller.groups.contains(&group.as_raw())),
+            "{caller:?} is not of all of {own:?}"
+        );
+        let stranger = Caller {
+            user: 4_000_000_000,
+            groups: vec![4_000_000_000],
+        };
+        assert!(!stranger.is_ours() && !stranger.is_member());
+    }
+}
