@@ -9,6 +9,7 @@
 //! - **known**: which instruments the rig has, kept over a restart
 //! - **watch**: acquisition of one session; **recorder**: reconstruction and the sinks, the logbook first
 //! - **care**: self-test and wear of relays; **discovery**: what is there, proposed and never used
+//! - **journal**: where the log goes, and with which fields
 //! - **herald**: carries news to every connection; **ring**: what a reader of the full-rate stream has not read yet
 //!
 //! ```
@@ -23,6 +24,7 @@ mod config;
 mod discovery;
 mod guard;
 mod herald;
+mod journal;
 mod keeper;
 mod known;
 mod live;
@@ -49,7 +51,7 @@ mod transcripts;
 mod watch;
 
 use std::ffi::OsString;
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -86,7 +88,7 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
             };
         }
     };
-    log_to_stderr();
+    journal::begin();
     if args.print_config {
         return print_config(&args);
     }
@@ -366,16 +368,4 @@ fn fail(text: &str) -> ExitCode {
 /// To standard output; a reader that has gone is no failure.
 fn say(text: &str) {
     let _ = writeln!(std::io::stdout(), "{text}");
-}
-
-/// `RUST_LOG` decides what is said; warnings and the daemon's own words by default.
-fn log_to_stderr() {
-    let filter = tracing_subscriber::EnvFilter::try_from_default_env()
-        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn,daemon=info"));
-    let _ = tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_writer(std::io::stderr)
-        .with_ansi(std::io::stderr().is_terminal())
-        .with_target(false)
-        .try_init();
 }

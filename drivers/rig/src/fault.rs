@@ -145,6 +145,37 @@ pub enum RigError {
     },
 }
 
+impl RigError {
+    /// Name and address of the instrument that it is about, where it is about one.
+    pub fn instrument(&self) -> Option<&str> {
+        match self {
+            Self::Link(
+                LinkError::Lost { instrument, .. }
+                | LinkError::Timeout { instrument, .. }
+                | LinkError::OutOfStep { instrument }
+                | LinkError::Unsolicited { instrument, .. }
+                | LinkError::TooLong { instrument, .. }
+                | LinkError::NotText { instrument, .. }
+                | LinkError::LineEnd { instrument, .. },
+            )
+            | Self::WrongInstrument { instrument, .. }
+            | Self::Refused { instrument, .. }
+            | Self::Garbled { instrument, .. }
+            | Self::Mismatch { instrument, .. }
+            | Self::NotOff { instrument, .. }
+            | Self::Interlock { instrument }
+            | Self::StillClosed { instrument, .. }
+            | Self::WrongModule { instrument, .. }
+            | Self::CurrentOutOfRange { instrument, .. }
+            | Self::VoltageOutOfRange { instrument, .. }
+            | Self::Unable { instrument, .. } => Some(instrument),
+            Self::Link(LinkError::Unreachable { .. })
+            | Self::RelayMismatch { .. }
+            | Self::ReadingCount { .. } => None,
+        }
+    }
+}
+
 fn said(how: &str, relays: &[FoundRelay]) -> String {
     match relays {
         [] => String::new(),
