@@ -88,6 +88,8 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
             clap_complete::generate(shell, &mut Arguments::command(), "tactus", &mut script);
             printer.raw(&script)
         }
+        Command::Man { folder } => clap_mangen::generate_to(Arguments::command(), &folder)
+            .map_err(|error| Failure::failed("the manual pages cannot be written", &error)),
         live => {
             let runtime = tokio::runtime::Builder::new_current_thread()
                 .enable_all()
@@ -132,7 +134,8 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                     | Command::Events { .. }
                     | Command::Export(_)
                     | Command::Replay(_)
-                    | Command::Completions { .. } => {
+                    | Command::Completions { .. }
+                    | Command::Man { .. } => {
                         unreachable!("the offline commands were taken above")
                     }
                 }

@@ -30,6 +30,9 @@ pub(crate) struct Args {
     /// no configuration, says nothing but *IDN? to anybody.
     #[arg(long, group = "mode", value_name = "ADDRESS", num_args = 0..)]
     pub discover: Option<Vec<String>>,
+    /// Write the manual pages tactusd(8) and tactus.toml(5) into a folder, and end.
+    #[arg(long, group = "mode", value_name = "FOLDER", hide = true)]
+    pub man: Option<PathBuf>,
     /// With --plan: one JSON object; with --discover: one a line.
     #[arg(long)]
     pub json: bool,

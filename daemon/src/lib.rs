@@ -28,6 +28,7 @@ mod journal;
 mod keeper;
 mod known;
 mod live;
+mod man;
 mod mapper;
 mod measuring;
 mod mishap;
@@ -89,6 +90,12 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
         }
     };
     journal::begin();
+    if let Some(folder) = &args.man {
+        return match man::write(folder) {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(cause) => fail(&format!("the manual pages cannot be written: {cause}")),
+        };
+    }
     if args.print_config {
         return print_config(&args);
     }

@@ -1,0 +1,67 @@
+//! The daemon's manual pages, from what the program itself knows: its command line, and the complete example.
+
+use std::path::Path;
+use std::{fs, io};
+
+use clap::CommandFactory;
+use clap_mangen::Man;
+use clap_mangen::roff::{Roff, bold, roman};
+
+use crate::args::Args;
+
+/// The complete example, which has every key.
+const EXAMPLE: &str = include_str!("../../config.toml");
+
+/// Writes `tactusd.8` and `tactus.toml.5`.
+pub(crate) fn write(folder: &Path) -> io::Result<()> {
+    let mut daemon = Vec::new();
+    Man::new(Args::command()).section("8").render(&mut daemon)?;
+    fs::write(folder.join("tactusd.8"), daemon)?;
+    let mut file = Vec::new();
+    configuration().to_writer(&mut file)?;
+    fs::write(folder.join("tactus.toml.5"), file)
+}
+
+fn configuration() -> Roff {
+    let mut page = Roff::new();
+    page.control("TH", ["tactus.toml", "5"])
+        .control("SH", ["NAME"])
+        .text([roman("/etc/tactus/config.toml - configuration of tactusd")])
+        .control("SH", ["DESCRIPTION"])
+        .text([
+            roman("Relative paths are relative to the folder of the file. "),
+            bold("tactusd --check"),
+            roman(" says every problem as file:line:column; "),
+            bold("systemctl reload tactusd"),
+            roman(" takes a changed file, or refuses it and goes on as before. This is a complete example:"),
+        ])
+        .control("nf", []);
+    for line in EXAMPLE.lines() {
+        page.text([roman(line)]);
+    }
+    page.control("fi", []).control("SH", ["SEE ALSO"]).text([
+        bold("tactusd"),
+        roman("(8), "),
+        bold("tactus"),
+        roman("(1)"),
+    ]);
+    page
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_pages_have_every_option_and_every_key() {
+        let folder = tempfile::tempdir().unwrap();
+        write(folder.path()).unwrap();
+        let page = |name: &str| fs::read_to_string(folder.path().join(name)).unwrap();
+        assert!(page("tactusd.8").contains("safe\\-off"));
+        let keys = page("tactus.toml.5");
+        for line in EXAMPLE.lines().filter(|line| line.contains(" = ")) {
+            let key = line.trim_start_matches("# ").split(' ').next().unwrap();
+            assert!(keys.contains(key), "no {key}");
+        }
+    }
+}
