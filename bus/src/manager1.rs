@@ -85,6 +85,17 @@ pub trait Manager1 {
     /// What was said over the wires for the last frames, a line of JSON each: option `frames` (t, default 1).
     fn transcript(&self, options: &Options) -> Result<String, Fault>;
 
+    /// How the daemon is, all at once. `at_ns` (x), `well` (b), `troubles` (as, `kind: sentence`, most grave first), `state`,
+    /// `source_state` (s), `simulated` (b), `instruments` (as, `role: ready` or `role: fault: why`); since the daemon began
+    /// `total_frames`, `total_durable`, `total_failed`, `total_dropped`, `total_overloads` (t). Left out where there is none
+    /// or it is not known: of the running session `session`, `session_kind` (s), `frames_acquired`, `frames_durable`,
+    /// `frames_failed`, `frames_dropped`, `backlog` (t), `period_s`, `quiet_s` (d, since a frame was last due to come);
+    /// `last_frame_ns` (x), `last_frame_age_s` (d), `last_frame_sequence` (t), `last_frame_session` (s); `last_gap_ns` (x),
+    /// `last_gap` (s, why the last frame that is not in the record is not); `baseline` (s), `baseline_age_s` (d);
+    /// `disk_free_bytes` (t), `disk_bytes_per_day`, `disk_days` (d); `relay` (u, worn out first), `relay_used` (d, part of
+    /// its life), `relay_left_s` (d, of measuring).
+    fn health(&self) -> Result<Options, Fault>;
+
     /// Something happened to the rig, or to a session by it.
     #[zbus(signal)]
     fn happened(&self, wall_ns: i64, kind: &str, text: &str, details: Options)

@@ -14,6 +14,8 @@ use crate::Fault;
 /// assert_eq!(options.number("every_s")?, Some(0.5));
 /// assert!(options.whole("note").is_err());
 /// assert!(options.only(&["every_s"]).unwrap_err().to_string().contains("note"));
+/// let told = bus::Options::new().with_texts("troubles", &["one".to_owned()]);
+/// assert_eq!(told.texts("troubles")?, Some(vec!["one"]));
 /// # Ok::<(), bus::Fault>(())
 /// ```
 #[derive(Debug, Default, Serialize, Deserialize, Type)]
@@ -40,6 +42,17 @@ impl Options {
             Some(value) => self.with(key, value),
             None => self,
         }
+    }
+
+    /// Adds texts.
+    #[must_use]
+    pub fn with_texts(mut self, key: &str, texts: &[String]) -> Self {
+        let texts: Vec<&str> = texts.iter().map(String::as_str).collect();
+        // refused are only descriptors, and texts are none
+        if let Ok(value) = OwnedVariant::try_from(Variant::from(texts)) {
+            self.0.insert(key.to_owned(), value);
+        }
+        self
     }
 
     /// Refuses keys other than these.
@@ -119,6 +132,25 @@ impl Options {
             Some(Variant::ObjectPath(path)) => Ok(Some(path.as_str())),
             Some(_) => Err(wrong_type(key, "a text (s)")),
         }
+    }
+
+    /// Texts (`as`).
+    ///
+    /// # Errors
+    /// [`Fault::InvalidOption`] for another type.
+    pub fn texts(&self, key: &str) -> Result<Option<Vec<&str>>, Fault> {
+        let Some(value) = self.0.get(key) else {
+            return Ok(None);
+        };
+        let wrong = || wrong_type(key, "texts (as)");
+        let Variant::Array(array) = &**value else {
+            return Err(wrong());
+        };
+        let each = array.iter().map(|text| match text {
+            Variant::Str(text) => Ok(text.as_str()),
+            _ => Err(wrong()),
+        });
+        each.collect::<Result<_, _>>().map(Some)
     }
 
     /// A truth value (`b`).

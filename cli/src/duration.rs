@@ -105,6 +105,16 @@ pub(crate) fn display_span(span: Duration) -> String {
     format!("{} h {} min", whole / 3_600, whole % 3_600 / 60)
 }
 
+/// Writes a time that may be long, with one unit: `1.4 s`, `1.5 min`, `2.0 h`, `40.0 d`.
+pub(crate) fn display_long(seconds: f64) -> String {
+    match seconds.abs() {
+        short if short < 60.0 => format!("{seconds:.1} s"),
+        short if short < 3_600.0 => format!("{:.1} min", seconds / 60.0),
+        short if short < 2.0 * 86_400.0 => format!("{:.1} h", seconds / 3_600.0),
+        _ => format!("{:.1} d", seconds / 86_400.0),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -7,6 +7,7 @@
 //!
 //! - **printer**: where answers go, in one of the two languages
 //! - **failure**: why a command did not do what was asked, and the exit code that says so
+//! - **health**: whether the daemon is well, as it tells it itself
 //! - **eye**: what turns voltages into a map here: a model file, or the one-step method on a geometry
 //!
 //! ```
@@ -27,6 +28,7 @@ mod events;
 mod export;
 mod eye;
 mod failure;
+mod health;
 mod instruments;
 mod measuring;
 mod output;

@@ -1,4 +1,4 @@
-//! `tactus status`: what the daemon is doing.
+//! `tactus status`: what the daemon is doing, and whether it is well, in one screen.
 
 use std::io::Write;
 
@@ -8,6 +8,7 @@ use survey::MapUnit;
 
 use crate::connection::{Daemon, fault};
 use crate::failure::Failure;
+use crate::health::Health;
 use crate::output::Printer;
 use crate::viewer::burden;
 
@@ -26,6 +27,7 @@ struct Status {
     last_error: Option<String>,
     version: String,
     bus: String,
+    health: Health,
 }
 
 /// A lost rig that is being looked for.
@@ -160,6 +162,10 @@ pub(crate) async fn run(daemon: &Daemon, printer: &mut Printer<impl Write>) -> R
         last_error: said(daemon.ask("the last error", manager.last_error()).await?),
         version: daemon.ask("the version", manager.version()).await?,
         bus: daemon.address.to_string(),
+        health: {
+            let told = daemon.ask("its health", manager.health()).await?;
+            Health::from(&told).map_err(|error| fault("its health", &error))?
+        },
     };
     printer.record(&status, for_a_person)
 }
@@ -170,7 +176,9 @@ pub(crate) fn said(text: String) -> Option<String> {
 }
 
 fn for_a_person(status: &Status) -> String {
-    let mut lines = vec![
+    let health = &status.health;
+    let mut lines = health.verdict();
+    lines.extend([
         format!(
             "state      {}{}",
             status.state,
@@ -182,49 +190,29 @@ fn for_a_person(status: &Status) -> String {
         ),
         format!("source     {}", status.source),
         format!("method     {}", status.method),
-        format!(
-            "baseline   {}",
-            status
-                .baseline
-                .as_deref()
-                .unwrap_or("none; take all loads off the sheet and run `tactus baseline record`")
-        ),
-    ];
+        match &status.baseline {
+            Some(id) => format!("baseline   {id}{}", health.age_of_baseline()),
+            None => {
+                "baseline   none; take all loads off the sheet and run `tactus baseline record`"
+                    .to_owned()
+            }
+        },
+    ]);
     match &status.session {
         None => lines.push("session    none; `tactus start` starts one".to_owned()),
         Some(session) => {
             lines.push(format!(
-                "session    {} ({}, {}): {} frames recorded{}",
-                session.id,
-                session.kind,
-                session.state,
-                session.frames_durable,
-                match session.frames_dropped {
-                    0 => String::new(),
-                    dropped => format!(", {dropped} missed their time"),
-                } + &match session.frames_failed {
-                    0 => String::new(),
-                    failed => format!(", {failed} failed"),
-                }
+                "session    {} ({}, {}): {} frames recorded",
+                session.id, session.kind, session.state, session.frames_durable,
             ));
             if let Some(map) = &session.map {
                 lines.push(format!("map        {}", map.for_a_person()));
             }
-            if let Some(error) = &session.last_error {
-                lines.push(format!("           {error}"));
-            }
         }
     }
-    if status.source_state == "unknown" {
-        lines.push(
-            "ATTENTION  the state of the source is unknown: treat the sheet as live".to_owned(),
-        );
-    }
+    lines.extend(health.for_a_person());
     if let Some(recovery) = &status.recovery {
         lines.push(format!("rig        {}", recovery.for_a_person()));
-    }
-    if let Some(error) = &status.last_error {
-        lines.push(format!("fault      {error}"));
     }
     lines.push(format!("record     {}", status.record_directory));
     lines.push(format!(
@@ -270,6 +258,7 @@ mod tests {
             last_error: None,
             version: "0.1.0".into(),
             bus: "unix:/p".into(),
+            health: Health::default(),
         }
     }
 
@@ -285,7 +274,10 @@ mod tests {
              \"unit\":\"relative loss of conductance\",\"largest_loss\":0.25,\"newtons\":null,\"largest_kpa\":null,\
              \"reconstruction_s\":0.00125,\"durable_s\":0.005}},\"source_state\":\"in use\",\"recovery\":null,\
              \"record_directory\":\"/r\",\
-             \"last_error\":null,\"version\":\"0.1.0\",\"bus\":\"unix:/p\"}\n"
+             \"last_error\":null,\"version\":\"0.1.0\",\"bus\":\"unix:/p\",\"health\":{\"well\":false,\"troubles\":[],\
+             \"last_frame\":null,\"period_s\":null,\"backlog\":null,\"gaps\":{\"failed\":0,\"dropped\":0,\"last\":null},\
+             \"instruments\":[],\"baseline_age_s\":null,\"disk_free_bytes\":null,\"disk_bytes_per_day\":null,\
+             \"disk_days\":null,\"relay\":null}}\n"
         );
     }
 
@@ -338,7 +330,6 @@ mod tests {
             ),
             "{text}"
         );
-        assert!(text.contains("treat the sheet as live"), "{text}");
         status.recovery.as_mut().unwrap().person = true;
         assert!(for_a_person(&status).contains("`tactus instruments accept`"));
     }

@@ -2,10 +2,14 @@
 //!
 //! Defaults are those of the paper's sheet on a simulated rig. What it all means is found out in [`crate::prepare`].
 
+mod observing;
+
 use std::path::{Path, PathBuf};
 
 use eit::{DiscTank, PaperSheet};
 use serde::{Deserialize, Serialize};
+
+pub(crate) use observing::NotifySection;
 
 /// The whole file.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -29,6 +33,7 @@ pub(crate) struct Config {
     pub bus: BusSection,
     pub schedule: ScheduleSection,
     pub care: CareSection,
+    pub notify: NotifySection,
 }
 
 /// Where frames come from.

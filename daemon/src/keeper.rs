@@ -26,6 +26,7 @@ use crate::herald::{Herald, Notice};
 use crate::known::Known;
 use crate::live::Live;
 use crate::model::chain;
+use crate::observe::Observed;
 use crate::prepare::{FramesFrom, Prepared, RigPlan, Setup};
 use crate::pulse::Pulse;
 use crate::rig_assembly::{Assembled, Bench};
@@ -50,6 +51,8 @@ pub(crate) struct House {
 pub(crate) struct Keeper {
     house: RwLock<Arc<House>>,
     pub herald: Herald,
+    /// What its observers go by.
+    pub observed: Observed,
     /// What was said lately over the wires.
     pub tape: Tape,
     pub pulse: Arc<Pulse>,
@@ -157,6 +160,7 @@ impl Keeper {
                 config: file,
             })),
             herald: Herald::default(),
+            observed: Observed::new(clock),
             tape,
             pulse: Arc::default(),
             source: tokio::sync::Mutex::new(source),

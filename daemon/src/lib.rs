@@ -10,6 +10,7 @@
 //! - **watch**: acquisition of one session; **recorder**: reconstruction and the sinks, the logbook first
 //! - **care**: self-test and wear of relays; **discovery**: what is there, proposed and never used
 //! - **journal**: where the log goes, and with which fields
+//! - **observe**: how the daemon is, for `tactus status`, metrics, notifications and summaries
 //! - **herald**: carries news to every connection; **ring**: what a reader of the full-rate stream has not read yet
 //!
 //! ```
@@ -34,6 +35,7 @@ mod measuring;
 mod mishap;
 mod model;
 mod multiplexer;
+mod observe;
 mod place;
 mod prepare;
 mod problems;

@@ -11,6 +11,7 @@ use rig::{Stop, StopButton};
 use survey::{Frame, Map, Quality};
 use tokio::sync::watch;
 
+use crate::observe::Tally;
 use crate::stream::Readers;
 
 /// What never changes.
@@ -23,6 +24,8 @@ pub(crate) struct Facts {
     pub baseline_id: String,
     /// Empty for a baseline session.
     pub method: String,
+    /// From start to start of frames as scheduled; zero is back to back.
+    pub every: Duration,
 }
 
 /// How far it has come.
@@ -88,13 +91,31 @@ pub(crate) struct Live {
     failed: AtomicBool,
     /// Frames that failed.
     failures: AtomicU64,
+    /// What the daemon counts over all its sessions.
+    tally: Arc<Tally>,
+    pace: Mutex<Pace>,
+}
+
+/// When frames came, on the daemon's clock.
+#[derive(Debug, Default)]
+struct Pace {
+    /// From when on a frame is awaited: the beginning, or when it was told to go on.
+    from: Duration,
+    first: Option<Duration>,
+    last: Option<Duration>,
 }
 
 impl Live {
     /// A session about to begin; with `step` it waits to be asked for each frame.
-    pub(crate) fn new(facts: Facts, path: PathBuf, step: bool) -> Self {
+    pub(crate) fn new(facts: Facts, path: PathBuf, step: bool, tally: Arc<Tally>) -> Self {
         let (button, stop) = Stop::button();
+        let pace = Pace {
+            from: tally.now(),
+            ..Pace::default()
+        };
         Self {
+            tally,
+            pace: Mutex::new(pace),
             facts,
             path: Mutex::new(path),
             readers: Readers::default(),
@@ -131,6 +152,7 @@ impl Live {
 
     pub(crate) fn count_acquired(&self) {
         self.acquired.fetch_add(1, Ordering::Relaxed);
+        self.tally.count_acquired();
     }
 
     pub(crate) fn durable(&self) -> u64 {
@@ -148,6 +170,7 @@ impl Live {
 
     pub(crate) fn count_dropped(&self, frames: u64) {
         self.dropped.fetch_add(frames, Ordering::Relaxed);
+        self.tally.count_dropped(frames);
     }
 
     pub(crate) fn progress(&self) -> Progress {
@@ -204,6 +227,13 @@ impl Live {
     pub(crate) fn publish(&self, published: Published) {
         let published = Arc::new(published);
         let sequence = published.frame.sequence;
+        self.tally.count_durable(&self.facts.id, &published);
+        {
+            let mut pace = self.pace.lock().unwrap_or_else(PoisonError::into_inner);
+            let at = published.frame.monotonic;
+            pace.first.get_or_insert(at);
+            pace.last = Some(at);
+        }
         {
             let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
             if published.map.is_some() {
@@ -216,6 +246,7 @@ impl Live {
 
     /// The map of a frame that was published without it.
     pub(crate) fn publish_map(&self, published: Published) {
+        self.tally.count_map(&published);
         let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
         latest.with_map = Some(Arc::new(published));
     }
@@ -265,6 +296,7 @@ impl Live {
 
     pub(crate) fn count_failure(&self) {
         self.failures.fetch_add(1, Ordering::Relaxed);
+        self.tally.count_failed();
     }
 
     /// Why it was asked to end.
@@ -281,7 +313,21 @@ impl Live {
     }
 
     pub(crate) fn suspend(&self, suspend: bool) {
-        self.suspend.send_replace(suspend);
+        if self.suspend.send_replace(suspend) && !suspend {
+            let mut pace = self.pace.lock().unwrap_or_else(PoisonError::into_inner);
+            pace.from = self.tally.now();
+        }
+    }
+
+    /// Whether a frame is to come by itself: nobody has asked for a pause, nobody takes them one by one.
+    pub(crate) fn awaits_frames(&self) -> bool {
+        self.granted.is_none() && !*self.suspend.borrow()
+    }
+
+    /// From when on a frame is awaited, and when the first and the last one began, on the daemon's clock.
+    pub(crate) fn pace(&self) -> (Duration, Option<Duration>, Option<Duration>) {
+        let pace = self.pace.lock().unwrap_or_else(PoisonError::into_inner);
+        (pace.from, pace.first, pace.last)
     }
 
     /// Holds acquisition while the record has no room; whatever anybody wishes.

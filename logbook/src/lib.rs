@@ -47,6 +47,7 @@ mod refusal;
 mod row;
 pub mod schema;
 mod shelf;
+mod volume;
 mod writer;
 
 pub use header::{
@@ -57,4 +58,5 @@ pub use lock::{StateLock, lock};
 pub use reader::{Frames, SessionReader};
 pub use refusal::{DiskFault, LogbookError};
 pub use shelf::{Listing, Unreadable, baselines, find, interrupted, latest_baseline, list};
+pub use volume::{Volume, volume};
 pub use writer::{CONTINUED, RESUMED, Resumed, SessionWriter, Storage, Taken};

@@ -267,14 +267,16 @@ impl Keeper {
             .max(self.house().setup.schedule.every)
             .max(Duration::from_micros(1));
         let each = closures.into_iter().zip(counts);
-        Ok(each
+        let wear: Vec<Wear> = each
             .map(|((relay, closures), cycles)| {
                 let slot = keysight_34980a::split(relay).map_or(0, |(slot, _)| slot);
                 let module = plan.modules.get(&slot).copied();
                 let purpose = plan.plan.wiring.purpose(relay);
                 wear(relay, purpose, cycles, module, life, closures, period)
             })
-            .collect())
+            .collect();
+        self.observed.set_relays(&wear, period);
+        Ok(wear)
     }
 }
 

@@ -95,9 +95,11 @@ impl Keeper {
                 simulated: house.simulated,
                 baseline_id,
                 method,
+                every: order.schedule.every,
             },
             writer.path().to_owned(),
             order.step,
+            Arc::clone(&self.observed.tally),
         ));
         self.inner().active = Some(Arc::clone(&live));
         self.herald.say(&Notice::SessionAdded(Arc::clone(&live)));

@@ -52,6 +52,9 @@ impl Keeper {
         text: &str,
         session: Option<&str>,
     ) {
+        if kind == "frame-failed" {
+            self.observed.tally.gap(at, text);
+        }
         match kind {
             "alarm" | "source-unknown" | "frame-failed" | "others-found" | "relays-closed"
             | "method-suspended" => tracing::error!(kind, session, "{text}"),

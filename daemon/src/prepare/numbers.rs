@@ -93,6 +93,7 @@ pub(super) fn check(config: &Config, findings: &mut Findings<'_>) {
             format!("{rate} is not a positive number"),
         );
     }
+    of_notify(config, findings);
     of_the_method(config, findings);
     let allowed = [0.02, 0.2, 1.0, 2.0, 10.0, 20.0, 100.0, 200.0];
     if !allowed.contains(&survey.nplc) {
@@ -174,5 +175,27 @@ fn of_total_variation(config: &Config, findings: &mut Findings<'_>) {
                 format!("{key} belongs to method = \"{other}\"; delete it, or choose that method"),
             );
         }
+    }
+}
+
+/// From when on something is trouble.
+fn of_notify(config: &Config, findings: &mut Findings<'_>) {
+    let notify = &config.notify;
+    for (key, value, most) in [
+        ("notify.disk_days", notify.disk_days, 36_525.0),
+        ("notify.relay_life", notify.relay_life, 1.0),
+        ("notify.baseline_days", notify.baseline_days, 36_525.0),
+        ("notify.no_frame_periods", notify.no_frame_periods, 1e6),
+        ("notify.no_frame_s", notify.no_frame_s, super::LONGEST_S),
+    ] {
+        if !(value > 0.0 && value <= most) {
+            findings.add(key, format!("{value} is not above 0 and at most {most}"));
+        }
+    }
+    if notify.no_frame_periods < 1.0 {
+        findings.add(
+            "notify.no_frame_periods",
+            "a frame may take a whole period; 1 or more",
+        );
     }
 }

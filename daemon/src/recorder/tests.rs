@@ -116,8 +116,10 @@ impl Scene {
             simulated: true,
             baseline_id: "b1".to_owned(),
             method: "told".to_owned(),
+            every: Duration::ZERO,
         };
-        let live = Arc::new(Live::new(facts, writer.path().to_owned(), false));
+        let tally = Arc::new(crate::observe::Tally::new(SystemClock::new()));
+        let live = Arc::new(Live::new(facts, writer.path().to_owned(), false, tally));
         let said = Arc::new(Mutex::new(Vec::new()));
         let heard = Arc::clone(&said);
         let recorder = Recorder {

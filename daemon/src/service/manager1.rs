@@ -263,6 +263,15 @@ impl Manager1 {
         crate::transcripts::text(&entries).map_err(|error| Fault::Failed(error.to_string()))
     }
 
+    /// How the daemon is, all at once: whether it is well and what is not, the last frame, what waits for the disk, gaps,
+    /// instruments, age of the baseline, days until the disk is full, life left of the relay that will be worn out first.
+    /// Keys are documented in bus/src/manager1.rs; what is not known is left out.
+    #[zbus(out_args("health"))]
+    async fn health(&self) -> Result<Options, Fault> {
+        let health = self.0.health().await;
+        Ok(health.options(&self.0.house().setup.config.notify))
+    }
+
     /// Something happened to the rig, or to a session by it: each is an event of that session's record, too. Kinds:
     /// `frame-failed`, `source-unknown`, `alarm` (neither source nor switch can be made safe), `suspended`,
     /// `reconnecting`, `source-off`, `relays-open`, `others-found`, `accepted`, `reconnected`, `settings-verified`,
