@@ -52,6 +52,7 @@ const METHODS: &[(&str, &str, Action)] = &[
     (MANAGER_INTERFACE, "PlanWith", Action::Observe),
     (MANAGER_INTERFACE, "Geometry", Action::Observe),
     (MANAGER_INTERFACE, "Baseline", Action::Observe),
+    (MANAGER_INTERFACE, "Health", Action::Observe),
     // injects current and moves every relay
     (MANAGER_INTERFACE, "TestInstruments", Action::Instruments),
     // asks the instruments over their wires
