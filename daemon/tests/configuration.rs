@@ -66,7 +66,7 @@ fn each_bad_input_is_named_at_its_place() {
         ),
         (
             more("[wiring]\nelectrodes = 26\n"),
-            ":17:14: wiring.electrodes: wiring '34924A pairs in slot 1' has 26 electrodes, the survey asks 16",
+            ":20:14: wiring.electrodes: wiring '34924A pairs in slot 1' has 26 electrodes, the survey asks 16",
         ),
         (more("[wiring]\nslot = 9\n"), "slot 9 does not exist"),
         (
@@ -81,7 +81,7 @@ fn each_bad_input_is_named_at_its_place() {
             more(
                 "[model]\nfile = \"m.safetensors\"\nprior = \"noser\"\nlambda = 1.0\nloss_only = true\n",
             ),
-            ":18:9: model.prior: a model file has its own settings; delete prior, lambda, or delete file",
+            ":21:9: model.prior: a model file has its own settings; delete prior, lambda, or delete file",
         ),
         (
             more("[model]\nmethod = \"tv\"\nlambda = 1.0\n"),
@@ -167,7 +167,7 @@ fn each_bad_input_is_named_at_its_place() {
         ),
         (
             with("profile = \"PROFILE\"\n", "") + "[wiring]\nslot = 3\n",
-            ":15:2: wiring: profile pairs-34924a does not fit wiring pairs-34924a in slot 3: slot 3 is empty",
+            ":18:2: wiring: profile pairs-34924a does not fit wiring pairs-34924a in slot 3: slot 3 is empty",
         ),
         (
             with("scene = \"scene.toml\"", "scene = \"busy\""),
