@@ -37,9 +37,9 @@ pub use address::{Address, AddressError, ConnectError, connect, search_order};
 pub use fault::Fault;
 pub use instrument1::Instrument1Proxy;
 pub use manager1::{
-    BaselineReport, Discovery, Geometry, Happened, HappenedStream, MEASURING_OPTIONS,
-    Manager1Proxy, PlanReport, RelayWear, SESSION_OPTIONS, SeenInstrument, SessionSummary,
-    TestLine, TestProgress, TestProgressStream, TestReport,
+    ABOUT_OPTIONS, BaselineReport, Discovery, Geometry, Happened, HappenedStream,
+    MEASURING_OPTIONS, Manager1Proxy, PlanReport, RelayWear, SESSION_OPTIONS, SeenInstrument,
+    SessionSummary, TestLine, TestProgress, TestProgressStream, TestReport,
 };
 pub use options::Options;
 pub use session1::{

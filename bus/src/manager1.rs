@@ -15,6 +15,10 @@ pub const SESSION_OPTIONS: [&str; 8] = [
     "every_s", "count", "for_s", "baseline", "model", "speed", "step", "note",
 ];
 
+/// Options of `StartSession` and `RecordBaseline` that a lab needs to know later, free words (s), where they are other
+/// than configured.
+pub const ABOUT_OPTIONS: [&str; 4] = ["sheet", "foam", "ink", "operator"];
+
 /// Options of `StartSession` and `RecordBaseline` that say how a session measures, where that is not as configured:
 /// `nplc` (d), `averages` (t), `autozero` (b), `settle_ms` (d), `channel_delay_ms` (d), `reversal` (b), `zero_every` (t,
 /// 0 never), `ranges` (s, `fixed` or `planned`).
@@ -36,10 +40,10 @@ pub const MEASURING_OPTIONS: [&str; 8] = [
     default_path = "/org/tactus/Tactus1"
 )]
 pub trait Manager1 {
-    /// Starts a measurement; see [`SESSION_OPTIONS`] and [`MEASURING_OPTIONS`]. Returns its object at once.
+    /// Starts a measurement; see [`SESSION_OPTIONS`], [`ABOUT_OPTIONS`] and [`MEASURING_OPTIONS`]. Returns its object at once.
     fn start_session(&self, options: &Options) -> Result<OwnedObjectPath, Fault>;
 
-    /// Records a baseline: options `frames` (t, default 10), `note` (s), and [`MEASURING_OPTIONS`]. Returns its session at
+    /// Records a baseline: options `frames` (t, default 10), `note` (s), [`ABOUT_OPTIONS`] and [`MEASURING_OPTIONS`]. Returns its session at
     /// once; it ends by itself and is then the current baseline.
     fn record_baseline(&self, options: &Options) -> Result<OwnedObjectPath, Fault>;
 

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
 
+use crate::about::About;
 use crate::choices::{BaselineChoice, Format, Geometry, MethodChoice, Scale};
 use crate::duration::{SpanError, parse_span};
 use crate::measuring::Measuring;
@@ -205,6 +206,9 @@ pub struct BaselineRecord {
     pub no_wait: bool,
     #[command(flatten)]
     #[allow(missing_docs)]
+    pub about: About,
+    #[command(flatten)]
+    #[allow(missing_docs)]
     pub measuring: Measuring,
 }
 
@@ -241,6 +245,9 @@ pub struct Start {
     /// With --wait: give up after this long; the session itself goes on
     #[arg(long, value_name = "SPAN", value_parser = span, requires = "wait")]
     pub within: Option<Duration>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub about: About,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub measuring: Measuring,

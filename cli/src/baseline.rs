@@ -47,7 +47,7 @@ pub(crate) async fn record(
     let options = Options::new()
         .with("frames", u64::from(record.frames))
         .with_some("note", record.note.clone());
-    let options = record.measuring.with(options);
+    let options = record.about.with(record.measuring.with(options));
     let path = daemon
         .ask("baseline", daemon.manager.record_baseline(&options))
         .await?;

@@ -16,6 +16,7 @@
 //! assert_eq!(format!("{done:?}"), format!("{:?}", ExitCode::SUCCESS));
 //! ```
 
+mod about;
 mod args;
 mod baseline;
 mod care;

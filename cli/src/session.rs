@@ -86,7 +86,7 @@ fn start_options(start: &Start) -> Result<Options, Failure> {
         .with_some("model", model)
         .with_some("speed", start.speed)
         .with_some("note", start.note.clone());
-    let options = start.measuring.with(options);
+    let options = start.about.with(start.measuring.with(options));
     Ok(if start.step {
         options.with("step", true)
     } else {

@@ -4,11 +4,13 @@ mod asked;
 mod care;
 mod recovery;
 mod reload;
+mod resume;
 mod rig_again;
 mod run;
 mod told;
 
 pub(crate) use asked::{no_baseline, no_plan};
+pub(crate) use resume::{SHUT_DOWN, mark_ended};
 pub(crate) use told::Happening;
 
 use std::collections::VecDeque;
@@ -275,14 +277,22 @@ impl Keeper {
         outcome
     }
 
-    /// Ends whatever runs and leaves the source off and verified.
+    /// Ends whatever runs and leaves the source off and verified. Where it is not `for_good`, a measurement goes on with
+    /// the next daemon.
     ///
     /// # Errors
     /// What could not be made safe.
-    pub(crate) async fn shut_down(&self, why: &str) -> Result<(), String> {
+    pub(crate) async fn shut_down(&self, why: &str, for_good: bool) -> Result<(), String> {
         self.stop_test();
         if let Some(live) = self.active() {
-            live.stop(why);
+            let goes_on = !for_good
+                && live.facts.kind == logbook::SessionKind::Measurement
+                && self.house().setup.config.record.resume
+                && !self.is_recording();
+            match goes_on {
+                true => live.leave(why),
+                false => live.stop(why),
+            }
             live.ended().await;
         }
         if self.rig_fault().is_some() {

@@ -188,6 +188,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
         }
         _ => keeper.keep_known().await,
     }
+    let goes_on = keeper.resume_interrupted().await;
     tracing::info!("ready on {}", offer.ways.join(", "));
     if let Some(closed) = closed {
         let text = format!("the source is off, verified; nothing is measured: {closed}");
@@ -197,13 +198,17 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
         sd_notify::NotifyState::Ready,
         sd_notify::NotifyState::Status("idle"),
     ]);
-    if start && let Err(fault) = keeper.start_session(&bus::Options::new()).await {
+    if start
+        && !goes_on
+        && let Err(fault) = keeper.start_session(&bus::Options::new()).await
+    {
         tracing::error!("the scheduled session could not be started: {fault}");
     }
-    let why = loop {
+    let (why, for_good) = loop {
         tokio::select! {
-            _ = terminate.recv() => break "the daemon was stopped (SIGTERM)",
-            _ = interrupt.recv() => break "the daemon was stopped (SIGINT)",
+            _ = terminate.recv() => break ("the daemon was stopped (SIGTERM)", false),
+            // a person at the terminal
+            _ = interrupt.recv() => break ("the daemon was stopped (SIGINT)", true),
             _ = hangup.recv() => reload(&keeper).await,
         }
     };
@@ -212,7 +217,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
         sd_notify::NotifyState::Status("stopping"),
     ]);
     tracing::info!("{why}");
-    let safe = keeper.shut_down(why).await;
+    let safe = keeper.shut_down(why, for_good).await;
     keeper.herald.farewell().await;
     drop(offer);
     safe

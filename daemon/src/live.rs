@@ -89,6 +89,7 @@ pub(crate) struct Live {
     why: Mutex<String>,
     /// The wish to end is because something failed.
     failed: AtomicBool,
+    left_open: AtomicBool,
     /// Frames that failed.
     failures: AtomicU64,
     /// What the daemon counts over all its sessions.
@@ -131,8 +132,28 @@ impl Live {
             granted: step.then(|| watch::Sender::new(0)),
             why: Mutex::new(String::new()),
             failed: AtomicBool::new(false),
+            left_open: AtomicBool::new(false),
             failures: AtomicU64::new(0),
         }
+    }
+
+    /// So many frames are on disk already.
+    pub(crate) fn goes_on_after(&self, frames: u64) {
+        self.acquired.store(frames, Ordering::Relaxed);
+        self.durable.send_replace(frames);
+        if let Some(granted) = &self.granted {
+            granted.send_replace(frames);
+        }
+    }
+
+    /// It ends for now, and goes on with the next daemon.
+    pub(crate) fn leave(&self, why: &str) {
+        self.left_open.store(true, Ordering::Relaxed);
+        self.stop(why);
+    }
+
+    pub(crate) fn is_left_open(&self) -> bool {
+        self.left_open.load(Ordering::Relaxed)
     }
 
     pub(crate) fn path(&self) -> PathBuf {

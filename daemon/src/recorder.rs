@@ -19,6 +19,7 @@ use rig::{Clock, SystemClock};
 use survey::{Baseline, Checks, Frame, Map, Quality};
 use tokio::sync::mpsc::{self, error::TryRecvError};
 
+use crate::keeper::SHUT_DOWN;
 use crate::live::{Live, Published};
 use crate::mapper::{Attempt, Failure, Made, Mapped, Mapper};
 use crate::model::chain;
@@ -29,6 +30,8 @@ pub(crate) const QUEUE: usize = 16;
 /// With so many waiting, nobody waits for a map.
 const HURRY: usize = QUEUE / 2;
 
+/// A sheet that was left alone changes by less while the daemon is away: of a reading, in the median.
+const PLAUSIBLE: f64 = 0.1;
 /// Frames that one sync is enough for.
 const MOST_TOGETHER: usize = 64;
 /// Between looks for more of them.
@@ -51,6 +54,11 @@ pub(crate) enum Order {
         at: DateTime<Utc>,
         reason: String,
     },
+    /// As [`Order::Close`], but the session goes on with the next daemon.
+    Leave {
+        at: DateTime<Utc>,
+        reason: String,
+    },
 }
 
 /// Tells everybody but the record, which the recorder itself writes.
@@ -66,6 +74,8 @@ pub(crate) struct Recorder {
     pub tell: Tell,
     pub pulse: Arc<Pulse>,
     pub disk: Disk,
+    /// The last frame before a gap that the session goes on after; its next frame is compared with it.
+    pub before: Option<logbook::Record>,
 }
 
 /// What is made of the frames.
@@ -124,6 +134,11 @@ impl Recorder {
                 Order::Event { at, kind, text } => self.event(at, kind, &text),
                 Order::MapReady => self.late_map(),
                 Order::Close { at, reason } => return self.close(at, &reason),
+                Order::Leave { at, reason } => {
+                    self.last_map()?;
+                    self.event(at, SHUT_DOWN, &reason)?;
+                    return Ok(None);
+                }
             };
             if let Err(error) = outcome {
                 self.live.stop(&chain(&error));
@@ -172,6 +187,9 @@ impl Recorder {
         let count = rows.len() as u64;
         if let Some(first) = rows.first() {
             self.roll(first.frame.wall)?;
+        }
+        if let Some(first) = rows.first() {
+            self.compare_with_before(first)?;
         }
         let last = match self.store(&rows) {
             Ok(last) => last,
@@ -262,6 +280,17 @@ impl Recorder {
         Ok(())
     }
 
+    /// At the end nobody waits for it again.
+    fn last_map(&mut self) -> Result<(), LogbookError> {
+        match &mut self.task {
+            Task::Maps { mapper, .. } => match mapper.last() {
+                Some(made) => self.arrived(made),
+                None => Ok(()),
+            },
+            Task::Baseline { .. } => Ok(()),
+        }
+    }
+
     fn missed_a_map(&mut self) -> Result<(), LogbookError> {
         let Task::Maps { missed, .. } = &mut self.task else {
             return Ok(());
@@ -276,6 +305,36 @@ impl Recorder {
             self.live.facts.method
         );
         self.say("maps-missed", &text)
+    }
+
+    /// Whether the first frame after a gap is of the same sheet as the last one before it.
+    fn compare_with_before(&mut self, first: &Row) -> Result<(), LogbookError> {
+        let Some(before) = self.before.take() else {
+            return Ok(());
+        };
+        let readings = before.frame.readings.iter().zip(&first.frame.readings);
+        let mut changes: Vec<f64> = readings
+            .filter_map(|(then, now)| {
+                let (then, now) = (then.volts()?.0, now.volts()?.0);
+                (then != 0.0).then(|| ((now - then) / then).abs())
+            })
+            .collect();
+        let middle = changes.len() / 2;
+        if changes.is_empty() {
+            return self.say("implausible", "after the gap no reading can be compared");
+        }
+        let (_, median, _) = changes.select_nth_unstable_by(middle, f64::total_cmp);
+        let text = format!(
+            "half of the readings after the gap are within {:.2} % of those before it",
+            1e2 * *median
+        );
+        if *median <= PLAUSIBLE {
+            return self.say("plausible", &text);
+        }
+        let text = format!(
+            "{text}: sheet, contacts or loads are not what they were, and the baseline may no longer hold"
+        );
+        self.say("implausible", &text)
     }
 
     /// To the record and to everybody.
@@ -334,11 +393,7 @@ impl Recorder {
     }
 
     fn close(mut self, at: DateTime<Utc>, reason: &str) -> Result<Option<Baseline>, LogbookError> {
-        if let Task::Maps { mapper, .. } = &mut self.task
-            && let Some(made) = mapper.last()
-        {
-            self.arrived(made)?;
-        }
+        self.last_map()?;
         let mut baseline = None;
         if let Task::Baseline { frames, wanted } = &self.task
             && frames.len() as u64 >= *wanted
@@ -351,7 +406,12 @@ impl Recorder {
                 Err(error) => self.writer.event(at, "baseline", &chain(&error))?,
             }
         }
-        self.writer.close(at, reason)?;
+        let path = self.writer.path().to_owned();
+        self.writer.close(at, reason).inspect_err(|error| {
+            if error.is_disk() {
+                crate::keeper::mark_ended(&path, reason);
+            }
+        })?;
         Ok(baseline)
     }
 }

@@ -83,6 +83,16 @@ pub(crate) struct Course {
     shift: Duration,
 }
 
+impl Course {
+    /// Of a session that goes on where so many frames have been taken.
+    pub(crate) fn after(taken: u64) -> Self {
+        Self {
+            taken,
+            ..Self::default()
+        }
+    }
+}
+
 /// What a wait ended with.
 enum Waited {
     Due,

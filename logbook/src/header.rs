@@ -128,6 +128,11 @@ pub struct SessionHeader {
 }
 
 impl SessionHeader {
+    /// Id of the session that this file is a part of: its first part's.
+    pub fn session(&self) -> &str {
+        crate::shelf::part_of(&self.id).0
+    }
+
     /// A measurement of real instruments about which nothing else is known yet; fill in the rest by field.
     pub fn new(id: impl Into<String>, started: DateTime<Utc>, protocol: Protocol) -> Self {
         Self {

@@ -4,11 +4,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use bus::{Fault, Options};
-use logbook::LogbookError;
+use logbook::{About, LogbookError, Record};
 use survey::{Baseline, Settings};
 
 use super::Keeper;
-use crate::config::RangesName;
+use super::resume::{Interrupted, to_json};
+use crate::config::{AboutSection, RangesName};
 use crate::live::Live;
 use crate::measuring::Measuring;
 use crate::model::{self, Model, ModelFault, chain};
@@ -44,6 +45,28 @@ pub(super) struct Assignment {
     pub model: Option<Model>,
     /// How it measures, where not as configured.
     pub plan: Option<Arc<RigPlan>>,
+    pub about: About,
+    /// The options that it was started with, as its file keeps them.
+    pub asked: String,
+    /// Where it goes on, and the event that says so.
+    pub resumed: Option<(Box<Interrupted>, String)>,
+    /// The last frame before that.
+    pub before: Option<Record>,
+}
+
+/// What a lab needs to know: as configured, where the options do not say otherwise.
+fn about(options: &Options, given: &AboutSection) -> Result<About, Fault> {
+    let word = |key: &str, given: &str| -> Result<String, Fault> {
+        Ok(options.text(key)?.unwrap_or(given).to_owned())
+    };
+    Ok(About {
+        sheet: word("sheet", &given.sheet)?,
+        foam: word("foam", &given.foam)?,
+        ink: word("ink", &given.ink)?,
+        operator: word("operator", &given.operator)?,
+        wiring: given.wiring.clone(),
+        calibration: given.calibration.clone(),
+    })
 }
 
 /// The options known, those that say how a session measures among them.
@@ -61,7 +84,22 @@ impl Keeper {
         self: &Arc<Self>,
         options: &Options,
     ) -> Result<Arc<Live>, Fault> {
-        options.only(&known(&bus::SESSION_OPTIONS))?;
+        let order = self.measurement(options, None).await?;
+        self.begin(order).await
+    }
+
+    /// What options mean; against the `own` baseline of a session that goes on.
+    ///
+    /// # Errors
+    /// As [`Keeper::start_session`], but nothing is started.
+    pub(super) async fn measurement(
+        self: &Arc<Self>,
+        options: &Options,
+        own: Option<Arc<Baseline>>,
+    ) -> Result<Assignment, Fault> {
+        options.only(&known(
+            &[&bus::SESSION_OPTIONS[..], &bus::ABOUT_OPTIONS].concat(),
+        ))?;
         let not_negative = |key: &str| match options.number(key)? {
             Some(value) if value < 0.0 => Err(Fault::InvalidOption(format!(
                 "option '{key}' is {value}; it must be 0 or more"
@@ -87,7 +125,10 @@ impl Keeper {
             ));
         }
         let note = options.text("note")?.unwrap_or_default().to_owned();
-        let baseline = self.chosen_baseline(options.text("baseline")?)?;
+        let baseline = match own {
+            Some(own) => own,
+            None => self.chosen_baseline(options.text("baseline")?)?,
+        };
         let plan = self.own_plan(options).await?;
         let settings = match &plan {
             Some(plan) => Some(plan.settings()),
@@ -95,7 +136,18 @@ impl Keeper {
         };
         self.check_baseline(&baseline, settings.as_ref())?;
         let model = self.chosen_model(options.text("model")?).await?;
-        self.begin(Assignment {
+        let mut asked: serde_json::Map<String, serde_json::Value> =
+            serde_json::from_str(&to_json(options)).unwrap_or_default();
+        // the configuration may be another one when the session goes on
+        let every = schedule.every.as_secs_f64();
+        asked.insert("every_s".to_owned(), every.into());
+        if let Some(count) = schedule.count {
+            asked.insert("count".to_owned(), count.into());
+        }
+        if let Some(lasts) = schedule.lasts {
+            asked.insert("for_s".to_owned(), lasts.as_secs_f64().into());
+        }
+        Ok(Assignment {
             work: Work::Measurement,
             schedule,
             speed,
@@ -105,8 +157,11 @@ impl Keeper {
             baseline: Some(baseline),
             model: Some(model),
             plan,
+            about: about(options, &self.house().setup.config.about)?,
+            asked: serde_json::Value::Object(asked).to_string(),
+            resumed: None,
+            before: None,
         })
-        .await
     }
 
     /// Starts the recording of a baseline.
@@ -117,7 +172,9 @@ impl Keeper {
         self: &Arc<Self>,
         options: &Options,
     ) -> Result<Arc<Live>, Fault> {
-        options.only(&known(&["frames", "note"]))?;
+        options.only(&known(
+            &[&["frames", "note"][..], &bus::ABOUT_OPTIONS].concat(),
+        ))?;
         let frames = options.whole("frames")?.unwrap_or(BASELINE_FRAMES);
         if frames == 0 {
             return Err(Fault::InvalidOption(
@@ -138,6 +195,10 @@ impl Keeper {
             baseline: None,
             model: None,
             plan: self.own_plan(options).await?,
+            about: about(options, &self.house().setup.config.about)?,
+            asked: to_json(options),
+            resumed: None,
+            before: None,
         })
         .await
     }

@@ -52,7 +52,10 @@ impl Keeper {
             .unwrap_or_else(|_| Err(Fault::Failed("the session could not be started".into())))
     }
 
-    pub(super) async fn begin_now(self: &Arc<Self>, order: Assignment) -> Result<Arc<Live>, Fault> {
+    pub(super) async fn begin_now(
+        self: &Arc<Self>,
+        mut order: Assignment,
+    ) -> Result<Arc<Live>, Fault> {
         let house = self.house();
         if self.rig_fault().is_some() {
             self.find_rig_again()
@@ -64,20 +67,33 @@ impl Keeper {
             Work::Baseline => (SessionKind::Baseline, 'b'),
             Work::Measurement | Work::Test => (SessionKind::Measurement, 'm'),
         };
-        let header = self.header(kind, started, letter, &order);
+        let resumed = order.resumed.take();
+        let header = match &resumed {
+            Some((found, _)) => found.resumed.header.clone(),
+            None => self.header(kind, started, letter, &order),
+        };
         let directory = house.setup.record_directory.clone();
         let copy = order.baseline.clone();
-        let id = header.id.clone();
-        let writer = tokio::task::spawn_blocking(move || {
-            let mut writer = SessionWriter::create(&directory, &header)?;
-            if let Some(baseline) = copy {
-                writer.baseline(&baseline)?;
+        let id = header.session().to_owned();
+        order.before = resumed.as_ref().and_then(|(found, _)| found.last.clone());
+        let writer = tokio::task::spawn_blocking(move || match resumed {
+            Some((found, text)) => {
+                let mut writer = found.writer;
+                writer.event(started, logbook::RESUMED, &text)?;
+                Ok((writer, Some(text)))
             }
-            Ok::<_, LogbookError>(writer)
-        })
-        .await
-        .map_err(|_| Fault::Failed("the session file could not be made".into()))?
-        .map_err(|error| disk_fault(&error))?;
+            None => {
+                let mut writer = SessionWriter::create(&directory, &header)?;
+                if let Some(baseline) = copy {
+                    writer.baseline(&baseline)?;
+                }
+                Ok::<_, LogbookError>((writer, None))
+            }
+        });
+        let (writer, gone_on) = writer
+            .await
+            .map_err(|_| Fault::Failed("the session file could not be made".into()))?
+            .map_err(|error| disk_fault(&error))?;
         let baseline_id = order
             .baseline
             .as_ref()
@@ -101,6 +117,10 @@ impl Keeper {
             order.step,
             Arc::clone(&self.observed.tally),
         ));
+        live.goes_on_after(writer.acknowledged());
+        if let Some(text) = gone_on {
+            self.tell_of(started, logbook::RESUMED, &text, Some(&live.facts.id));
+        }
         self.inner().active = Some(Arc::clone(&live));
         self.herald.say(&Notice::SessionAdded(Arc::clone(&live)));
         self.herald.say(&Notice::Daemon);
@@ -157,6 +177,8 @@ impl Keeper {
             simulated: house.simulated,
             seed: house.bench.as_ref().map(crate::simulation::seed),
             note: order.note.clone(),
+            about: order.about.clone(),
+            asked: order.asked.clone(),
             ..SessionHeader::new(id, started, protocol.clone())
         }
     }
@@ -210,6 +232,7 @@ impl Keeper {
             checks,
             task,
             pulse: Arc::clone(&self.pulse),
+            before: order.before,
             disk: Disk::new(house.setup.config.record.clone(), Box::new(free_bytes)),
             tell: Box::new(move |at, kind, text| speaker.tell_of(at, kind, text, Some(&whose))),
         };
@@ -232,7 +255,7 @@ impl Keeper {
             }),
             tape: self.tape.clone(),
             pulse: Arc::clone(&self.pulse),
-            course: Course::default(),
+            course: Course::after(live.acquired()),
             said: Box::new(move |said, plan| {
                 speaker.inner().session_plan = plan;
                 speaker.herald.say(&Notice::Happened(Happening {
@@ -254,12 +277,12 @@ impl Keeper {
                 })
                 .await;
         }
-        let _ = orders
-            .send(Order::Close {
-                at: house.clock.wall(),
-                reason: reason.clone(),
-            })
-            .await;
+        let at = house.clock.wall();
+        let last = match live.is_left_open() {
+            true => Order::Leave { at, reason },
+            false => Order::Close { at, reason },
+        };
+        let _ = orders.send(last).await;
         drop(orders);
         let recorded = match recording.await {
             Ok(Ok(baseline)) => Ok(baseline),

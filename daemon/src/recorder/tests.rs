@@ -129,6 +129,7 @@ impl Scene {
             checks: Checks::new(&setup.protocol),
             task: Task::maps(Mapper::start(means, orders.downgrade()).unwrap()),
             pulse: Arc::default(),
+            before: None,
             disk: Disk::new(section, Box::new(move |_| Ok(left.load(Ordering::SeqCst)))),
             tell: Box::new(move |_, kind, _| heard.lock().unwrap().push(kind)),
         };

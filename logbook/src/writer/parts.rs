@@ -16,7 +16,7 @@ use crate::shelf::{self, part_of};
 use crate::{LogbookError, SessionHeader, SessionReader};
 
 /// Kind of the event that a resumed session begins again with; [`Resumed::before`] counts them.
-pub const RESUMED: &str = "resumed";
+pub const RESUMED: &str = "restarted";
 /// Kind of the event that a part begins with which goes on from another one.
 pub const CONTINUED: &str = "continued";
 

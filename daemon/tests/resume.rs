@@ -1,0 +1,132 @@
+//! A session that the daemon did not end goes on with the next one.
+
+mod stage;
+
+use bus::{Options, Session1Proxy};
+use logbook::{RESUMED, SessionReader};
+use stage::{Running, SMALL, Stage, within};
+
+fn resuming() -> String {
+    SMALL.replace("resume = false", "resume = true")
+}
+
+/// Waits until so many frames are on disk.
+async fn durable(session: &Session1Proxy<'_>, frames: u64) {
+    let mut done = session.receive_frame_done().await.unwrap();
+    while session.frames_durable().await.unwrap() < frames {
+        within(bus::next(&mut done)).await.unwrap();
+    }
+}
+
+async fn active(daemon: &Running) -> Session1Proxy<'static> {
+    let path = daemon.manager.active_session().await.unwrap();
+    daemon.session(&path).await
+}
+
+fn kinds(reader: &SessionReader) -> Vec<String> {
+    let events = reader.events().unwrap();
+    events.into_iter().map(|event| event.kind).collect()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_killed_session_goes_on_with_its_id_its_numbers_its_schedule_and_an_explained_gap() {
+    let stage = Stage::new(&resuming());
+    let daemon = stage.start().await;
+    daemon.baseline(2).await;
+    let options = Options::new()
+        .with("every_s", 0.02)
+        .with("count", 60_u64)
+        .with("operator", "Ada")
+        .with("nplc", 1.0);
+    // a baseline that was measured alike
+    let alike = Options::new().with("frames", 2_u64).with("nplc", 1.0);
+    let path = daemon.manager.record_baseline(&alike).await.unwrap();
+    within(daemon.session(&path).await.wait()).await.unwrap();
+    let session = daemon.start(options).await;
+    let (id, file) = (session.id().await.unwrap(), session.path().await.unwrap());
+    durable(&session, 5).await;
+    daemon.kill().await;
+    let kept = SessionReader::open(&file).unwrap().last_sequence().unwrap();
+
+    let daemon = stage.start().await;
+    let session = active(&daemon).await;
+    assert_eq!(session.id().await.unwrap(), id);
+    assert!(session.frames_durable().await.unwrap() >= kept);
+    within(session.wait()).await.unwrap();
+    let reader = SessionReader::open(&file).unwrap();
+    let sequences = reader.frames().map(|record| record.unwrap().frame.sequence);
+    assert!(sequences.eq(1..=60), "{} frames", reader.len().unwrap());
+    assert!(reader.closed().is_some());
+    assert_eq!(reader.header().about.operator, "Ada");
+    assert_eq!(reader.frame(60).unwrap().frame.settings.nplc, 1.0);
+    assert_eq!(kinds(&reader), [RESUMED, "plausible"]);
+    let told = &reader.events().unwrap()[0].text;
+    assert!(
+        told.contains("killed") && told.contains(&format!("was {kept} at")),
+        "{told}"
+    );
+    daemon.terminate().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_daemon_that_is_stopped_leaves_its_session_to_the_next_and_a_stopped_session_stays_stopped()
+ {
+    let stage = Stage::new(&resuming());
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let session = daemon.start(Options::new().with("every_s", 0.02)).await;
+    let file = session.path().await.unwrap();
+    durable(&session, 2).await;
+    assert!(daemon.terminate().await.0.success());
+    assert!(SessionReader::open(&file).unwrap().closed().is_none());
+
+    let daemon = stage.start().await;
+    let session = active(&daemon).await;
+    session.stop().await.unwrap();
+    assert!(daemon.terminate().await.0.success());
+    let reader = SessionReader::open(&file).unwrap();
+    assert!(reader.closed().is_some());
+    assert_eq!(kinds(&reader)[..2], ["shut-down", RESUMED]);
+    let told = &reader.events().unwrap()[1].text;
+    assert!(told.contains("stopped and started again"), "{told}");
+
+    let daemon = stage.start().await;
+    assert_eq!(daemon.manager.state().await.unwrap(), "idle");
+    daemon.terminate().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_cannot_go_on_is_closed_with_the_reason() {
+    let stage = Stage::new(&resuming());
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let session = daemon.start(Options::new().with("step", true)).await;
+    let once = session.path().await.unwrap();
+    within(session.step(1)).await.unwrap();
+    daemon.kill().await;
+
+    // it may begin again once an hour, and has
+    stage.configure(&resuming().replace("resume = true", "resume = true\nresume_per_hour = 1"));
+    let daemon = stage.start().await;
+    let session = active(&daemon).await;
+    within(session.step(1)).await.unwrap();
+    daemon.kill().await;
+    let daemon = stage.start().await;
+    assert_eq!(daemon.manager.state().await.unwrap(), "idle");
+    let reader = SessionReader::open(&once).unwrap();
+    let reason = &reader.closed().unwrap().reason;
+    assert!(reason.contains("1 times within an hour"), "{reason}");
+    assert_eq!(reader.len().unwrap(), 2);
+
+    // of another kind of frame than the daemon takes now
+    let session = daemon.start(Options::new().with("step", true)).await;
+    let whole = session.path().await.unwrap();
+    daemon.kill().await;
+    stage.configure(&resuming().replace("[record]", "half = true\n[record]"));
+    let daemon = stage.start().await;
+    assert_eq!(daemon.manager.state().await.unwrap(), "idle");
+    let reader = SessionReader::open(&whole).unwrap();
+    let reason = &reader.closed().unwrap().reason;
+    assert!(reason.contains("other questions"), "{reason}");
+    daemon.terminate().await;
+}
