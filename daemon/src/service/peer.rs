@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
+use rustix::net::RecvFlags;
+use tokio::io::Interest;
 use tokio::net::{UnixListener, UnixStream};
 use zbus::connection::Builder;
 
@@ -84,11 +86,18 @@ pub(super) async fn serve(listener: Listener, keeper: Arc<Keeper>) {
 
 /// One client, until it goes.
 async fn attend(stream: UnixStream, keeper: Arc<Keeper>) {
-    let allowed = Caller::at(&stream).is_ok_and(|caller| caller.is_ours() || caller.is_member());
-    if !allowed {
+    let caller = Caller::at(&stream).ok();
+    let Some(caller) = caller.filter(|caller| caller.is_ours() || caller.is_member()) else {
         tracing::warn!("a user who is neither ours, root, nor of group {GROUP} was turned away");
         return;
-    }
+    };
+    let claimed = match caller.is_ours() {
+        true => None,
+        false => tokio::time::timeout(TO_GREET, claimed(&stream))
+            .await
+            .ok()
+            .flatten(),
+    };
     let Ok(stream) = stream.into_std() else {
         return;
     };
@@ -97,9 +106,12 @@ async fn attend(stream: UnixStream, keeper: Arc<Keeper>) {
     };
     // listened to before it can speak: nothing is missed between
     let mut news = keeper.herald.listen();
-    let builder = Builder::unix_stream(stream)
+    let mut builder = Builder::unix_stream(stream)
         .server(zbus::Guid::generate())
         .p2p();
+    if let Some(claimed) = claimed {
+        builder = builder.user_id(claimed);
+    }
     let greeted = super::furnish(builder, &keeper, Door::Peer).build();
     let connection = match tokio::time::timeout(TO_GREET, greeted).await {
         Ok(Ok(connection)) => connection,
@@ -124,9 +136,81 @@ async fn attend(stream: UnixStream, keeper: Arc<Keeper>) {
     }
 }
 
+/// The user number in a member's first line, looked at and left there. In the unit's user namespace the kernel gives the
+/// numbers of other users as one and the same, and zbus would find that the member lies about its own. Who it is has been
+/// decided by its group; the number decides nothing.
+async fn claimed(stream: &UnixStream) -> Option<u32> {
+    let mut first = [0; 128];
+    loop {
+        stream.readable().await.ok()?;
+        let peeked = stream.try_io(Interest::READABLE, || {
+            Ok(rustix::net::recv(stream, &mut first[..], RecvFlags::PEEK)?.1)
+        });
+        match peeked {
+            Ok(0) => return None,
+            Ok(count) if count == first.len() || first[..count].contains(&b'\n') => {
+                return claim(&first[..count]);
+            }
+            // there is no waiting for more than what is there and not taken
+            Ok(_) => tokio::time::sleep(Duration::from_millis(5)).await,
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+            Err(error) => {
+                tracing::debug!("a client's first line cannot be looked at: {error}");
+                return None;
+            }
+        }
+    }
+}
+
+/// `AUTH EXTERNAL` and a number in hexadecimal digits of its decimal ones, behind a zero byte (D-Bus specification,
+/// authentication protocol).
+fn claim(first: &[u8]) -> Option<u32> {
+    let line = std::str::from_utf8(first.strip_prefix(b"\0")?).ok()?;
+    let digits = line.lines().next()?.strip_prefix("AUTH EXTERNAL ")?;
+    let bytes: Option<Vec<u8>> = digits
+        .as_bytes()
+        .chunks(2)
+        .map(|pair| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok())
+        .collect();
+    String::from_utf8(bytes?).ok()?.parse().ok()
+}
+
 #[cfg(test)]
 mod tests {
+    use tokio::io::{AsyncReadExt, AsyncWriteExt};
+
     use super::*;
+
+    #[tokio::test]
+    async fn a_claim_is_looked_at_and_left_where_it_is() {
+        assert_eq!(
+            claim(b"\0AUTH EXTERNAL 31303030\r\nNEGOTIATE_UNIX_FD\r\n"),
+            Some(1000)
+        );
+        for other in [
+            &b"\0AUTH EXTERNAL\r\nDATA\r\n"[..],
+            b"\0AUTH\r\n",
+            b"\0AUTH EXTERNAL 3\r\n",
+            b"\0AUTH EXTERNAL zz\r\n",
+            b"AUTH EXTERNAL 31\r\n",
+            b"",
+        ] {
+            assert_eq!(claim(other), None, "{other:?}");
+        }
+        let (ours, mut theirs) = UnixStream::pair().unwrap();
+        // as libdbus does: the zero byte first
+        theirs.write_all(b"\0").await.unwrap();
+        let looks = tokio::spawn(async move { (claimed(&ours).await, ours) });
+        theirs
+            .write_all(b"AUTH EXTERNAL 31303030\r\n")
+            .await
+            .unwrap();
+        let (seen, mut ours) = looks.await.unwrap();
+        assert_eq!(seen, Some(1000));
+        let mut byte = [1];
+        ours.read_exact(&mut byte).await.unwrap();
+        assert_eq!(byte, [0], "nothing was taken");
+    }
 
     #[tokio::test]
     async fn a_dead_socket_is_replaced_and_a_living_one_is_not() {
