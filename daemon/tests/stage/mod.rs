@@ -208,6 +208,11 @@ impl Running {
         self.session(&path).await
     }
 
+    /// The number of its process.
+    pub fn id(&self) -> u32 {
+        self.child.id().unwrap()
+    }
+
     /// Kills it as a power cut would.
     pub async fn kill(mut self) {
         within(self.child.kill()).await.unwrap();
