@@ -19,8 +19,8 @@ pub(crate) struct Recorded {
     /// When, where the record says so.
     pub(crate) wall: Option<DateTime<Utc>>,
     pub(crate) readings: Vec<Reading>,
-    /// Hash of the map that was made of it when it was recorded.
-    pub(crate) map_hash: Option<String>,
+    /// Trace of the map that was made of it when it was recorded.
+    pub(crate) map: Option<logbook::MapRecord>,
 }
 
 /// Where a recording's mesh can be found without being told.
@@ -97,7 +97,7 @@ fn from_folder(folder: &Path, replay: &Replay) -> Result<Recording, Failure> {
             label,
             wall: None,
             readings,
-            map_hash: None,
+            map: None,
         })
         .collect();
     Ok(Recording {
@@ -142,7 +142,7 @@ fn from_session(path: &Path, replay: &Replay) -> Result<Recording, Failure> {
             label: record.frame.sequence.to_string(),
             wall: Some(record.frame.wall),
             readings: sign(&record.frame.readings),
-            map_hash: record.map.as_ref().map(|map| map.hash.clone()),
+            map: record.map.clone(),
         })
         .collect();
     let (baseline, noise, baseline_name) = match &replay.baseline {

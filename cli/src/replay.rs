@@ -97,7 +97,7 @@ pub(crate) fn run(
             largest_loss: map.largest_loss().map_or(0.0, |(_, loss)| loss),
             masked: map.masked,
             map_hash: map.hash(),
-            verified: recorded.map_hash.as_ref().map(|hash| *hash == map.hash()),
+            verified: recorded.map.as_ref().map(|kept| kept.is_of(&map.hash())),
             simulated: recording.simulated,
             png,
         };

@@ -2,80 +2,36 @@
 //! 598 readings whose mean spans 4,700 : 1, noise of 2 uV rms. Name a folder to measure another disk than the temporary
 //! one. The rate is that of the disk's sync; it says nothing about another disk.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use chrono::DateTime;
 use logbook::{MapRecord, SessionHeader, SessionReader, SessionWriter, codec};
-use survey::{Amps, Baseline, Frame, Protocol, Reading, Settings, Volts};
+use noisy::{Digits, NOISE, Rig};
+use survey::Baseline;
 
-const FRAMES: u64 = 4096;
+#[path = "../tests/noisy/mod.rs"]
+mod noisy;
+
+const FRAMES: u64 = 16_384;
 const GROUP: usize = 64;
-
-/// Nearly normal, without a dependency: twelve uniform numbers.
-struct Noise(u64);
-
-impl Noise {
-    fn next(&mut self) -> f64 {
-        let mut uniform = || {
-            self.0 = self
-                .0
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
-            (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-        };
-        (0..12).map(|_| uniform()).sum::<f64>() - 6.0
-    }
-}
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let temporary = tempfile::tempdir()?;
     let dir = std::env::args_os()
         .nth(1)
         .map_or(temporary.path().to_owned(), Into::into);
-    let protocol = Protocol::sheffield(26)?;
-    let settings = Settings {
-        precautions: survey::Precautions::default(),
-        protocol_hash: protocol.hash(),
-        current: Amps(1e-3),
-        range: Volts(1.0),
-        nplc: 1.0,
-        settle: Duration::from_millis(2),
-        wiring: "pairs".into(),
-    };
-    for (index, name) in ["steps of 0.1 uV", "nine live digits"]
-        .into_iter()
-        .enumerate()
+    for (index, (name, digits)) in [
+        ("steps of 0.1 uV", Digits::Tenths),
+        ("nine live digits", Digits::Nine),
+    ]
+    .into_iter()
+    .enumerate()
     {
-        let digits = |volts: f64| match index {
-            0 => format!("{:.0}e-7", volts * 1e7),
-            _ => format!("{volts:.8e}"),
-        };
-        let mut noise = Noise(1);
-        let mut frame = |number: u64| -> Result<Frame, std::num::ParseFloatError> {
-            let readings = (0..protocol.len())
-                .map(|k| {
-                    let mean = 0.309 * 4700_f64.powf(-((k * 7919 % 598) as f64) / 597.0);
-                    let volts = digits(mean + 2e-6 * noise.next()).parse()?;
-                    Ok(Reading::Ok(Volts(volts)))
-                })
-                .collect::<Result<_, _>>()?;
-            Ok(Frame {
-                extra: Vec::new(),
-                sequence: 0,
-                readings,
-                monotonic: Duration::from_secs(number),
-                wall: DateTime::UNIX_EPOCH + Duration::from_secs(number),
-                duration: Duration::from_millis(900),
-                settings: settings.clone(),
-                compliance: Vec::new(),
-                simulated: true,
-            })
-        };
-        let unloaded = (0..16).map(&mut frame).collect::<Result<Vec<_>, _>>()?;
+        let mut rig = Rig::new(digits, 1);
+        let protocol = rig.protocol().clone();
+        let unloaded: Vec<_> = (0..16).map(|number| rig.frame(number)).collect();
         let baseline = Baseline::from_frames("b", &unloaded)?;
-        let frames = (1..=FRAMES)
-            .map(&mut frame)
-            .collect::<Result<Vec<_>, _>>()?;
+        let frames: Vec<_> = (1..=FRAMES).map(|number| rig.frame(number)).collect();
         let map = MapRecord {
             hash: "0123456789abcdef".repeat(4),
             method: "one-step".into(),
@@ -153,11 +109,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             .iter()
             .filter_map(|reading| reading.volts())
             .map(|volts| {
-                let step = match index {
-                    0 => 1e-7,
-                    _ => 10_f64.powi(volts.0.abs().log10().floor() as i32 - 8),
+                let step = match digits {
+                    Digits::Tenths => 1e-7,
+                    Digits::Nine => 10_f64.powi(volts.0.abs().log10().floor() as i32 - 8),
                 };
-                (4.1327 * 2e-6 / step).log2()
+                (4.1327 * NOISE / step).log2()
             })
             .sum();
         println!("  entropy of the noise: {:.0} bytes a frame", entropy / 8.0);

@@ -3,93 +3,210 @@
 use chrono::DateTime;
 use rusqlite::Row;
 use rusqlite::types::Value;
+use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
+use survey::{Baseline, Electrode, Settings};
 
 use crate::{Closing, SessionHeader, SessionKind};
 
-/// A row of `frame` as it is checked: everything that a picture or an export is made from.
+/// Numbers and texts of a row, hashed so that none is taken for its neighbour; absent values are told from all others.
+pub(crate) struct Digest8(Sha256);
+
+impl Digest8 {
+    pub(crate) fn new() -> Self {
+        Self(Sha256::new())
+    }
+
+    pub(crate) fn number(mut self, number: impl Into<Option<i64>>) -> Self {
+        match number.into() {
+            Some(number) => {
+                self.0.update([1]);
+                self.0.update(number.to_le_bytes());
+            }
+            None => self.0.update([0]),
+        }
+        self
+    }
+
+    pub(crate) fn bytes<'a>(mut self, bytes: impl Into<Option<&'a [u8]>>) -> Self {
+        match bytes.into() {
+            Some(bytes) => {
+                self = self.number(bytes.len() as i64);
+                self.0.update(bytes);
+                self
+            }
+            None => self.number(None),
+        }
+    }
+
+    pub(crate) fn text<'a>(self, text: impl Into<Option<&'a str>>) -> Self {
+        self.bytes(text.into().map(str::as_bytes))
+    }
+
+    pub(crate) fn finish(self) -> [u8; 8] {
+        let hash = self.0.finalize();
+        std::array::from_fn(|byte| hash[byte])
+    }
+}
+
+/// A row of `frame`.
 pub(crate) struct FrameRow {
     pub(crate) sequence: i64,
-    pub(crate) wall: i64,
-    pub(crate) monotonic: i64,
+    pub(crate) stretch: i64,
+    pub(crate) tick: i64,
+    pub(crate) skew: i64,
     pub(crate) duration: i64,
-    pub(crate) simulated: bool,
-    pub(crate) compliance: Option<String>,
-    pub(crate) map_hash: Option<Value>,
     pub(crate) reference: Option<i64>,
+    pub(crate) flags: i64,
+    pub(crate) loop_sum: Option<f64>,
+    pub(crate) remarks: Option<String>,
+    pub(crate) map_hash: Option<Value>,
     pub(crate) blob: Vec<u8>,
 }
 
 impl FrameRow {
-    /// First 8 bytes of SHA-256; absent values hash as -1, texts and blobs with their length in front.
-    pub(crate) fn checksum(&self, settings: i64, mapper: Option<i64>) -> Vec<u8> {
-        let mut hasher = Sha256::new();
-        for number in [
-            self.sequence,
-            self.wall,
-            self.monotonic,
-            self.duration,
-            settings,
-            i64::from(self.simulated),
-            mapper.unwrap_or(-1),
-            self.reference.unwrap_or(-1),
-        ] {
-            hasher.update(number.to_le_bytes());
-        }
+    pub(crate) fn checksum(&self) -> i64 {
         let hash = match &self.map_hash {
-            Some(Value::Blob(bytes)) => bytes.as_slice(),
-            Some(Value::Text(text)) => text.as_bytes(),
-            _ => &[],
+            Some(Value::Blob(bytes)) => Some(bytes.as_slice()),
+            Some(Value::Text(text)) => Some(text.as_bytes()),
+            _ => None,
         };
-        for bytes in [
-            self.compliance.as_deref().unwrap_or("").as_bytes(),
-            hash,
-            &self.blob,
-        ] {
-            hasher.update((bytes.len() as u64).to_le_bytes());
-            hasher.update(bytes);
-        }
-        hasher.finalize()[..8].to_vec()
+        let [a, b, c, d, ..] = Digest8::new()
+            .number(self.sequence)
+            .number(self.stretch)
+            .number(self.tick)
+            .number(self.skew)
+            .number(self.duration)
+            .number(self.reference)
+            .number(self.flags)
+            .number(self.loop_sum.map(|sum| sum.to_bits() as i64))
+            .text(self.remarks.as_deref())
+            .bytes(hash)
+            .bytes(self.blob.as_slice())
+            .finish();
+        i64::from(i32::from_le_bytes([a, b, c, d]))
     }
+}
+
+/// What is rare about a frame.
+#[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub(crate) struct Remarks {
+    #[serde(skip_serializing_if = "is_none")]
+    pub(crate) implausible: usize,
+    /// Driving electrodes in compliance.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(crate) compliance: Vec<Electrode>,
+}
+
+fn is_none(count: &usize) -> bool {
+    *count == 0
+}
+
+/// A row of `stretch`: frames that were taken alike, and a clock that ticks as they do. Microseconds.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Stretch {
+    pub(crate) id: i64,
+    pub(crate) settings: i64,
+    pub(crate) mapper: Option<i64>,
+    pub(crate) simulated: bool,
+    pub(crate) sequence: i64,
+    pub(crate) monotonic: i64,
+    pub(crate) wall: i64,
+    pub(crate) period: i64,
+}
+
+impl Stretch {
+    /// How far a frame's clocks are from this stretch's: its tick, and its wall clock's skew.
+    pub(crate) fn apart(&self, sequence: i64, monotonic: i64, wall: i64) -> (i64, i64) {
+        let ticked = self.ticked(sequence);
+        let since = monotonic - self.monotonic;
+        (since - ticked, wall - self.wall - since)
+    }
+
+    /// Monotonic and wall time of a frame.
+    pub(crate) fn times(&self, row: &FrameRow) -> (i64, i64) {
+        let since = self.ticked(row.sequence).wrapping_add(row.tick);
+        (
+            self.monotonic.wrapping_add(since),
+            self.wall.wrapping_add(since).wrapping_add(row.skew),
+        )
+    }
+
+    fn ticked(&self, sequence: i64) -> i64 {
+        sequence
+            .wrapping_sub(self.sequence)
+            .wrapping_mul(self.period)
+    }
+
+    /// Over this row and the settings that it names: a frame's current is a number too.
+    pub(crate) fn checksum(&self, settings: &Settings) -> [u8; 8] {
+        Digest8::new()
+            .number(self.id)
+            .number(self.settings)
+            .number(self.mapper)
+            .number(i64::from(self.simulated))
+            .number(self.sequence)
+            .number(self.monotonic)
+            .number(self.wall)
+            .number(self.period)
+            .bytes(settings_digest(settings).as_slice())
+            .finish()
+    }
+}
+
+/// Of settings as they come back from the file.
+fn settings_digest(settings: &Settings) -> [u8; 8] {
+    let precautions = serde_json::to_string(&settings.precautions).unwrap_or_default();
+    Digest8::new()
+        .text(settings.protocol_hash.as_str())
+        .number(settings.current.0.to_bits() as i64)
+        .number(settings.range.0.to_bits() as i64)
+        .number(settings.nplc.to_bits() as i64)
+        .number(settings.settle.as_nanos() as i64)
+        .text(settings.wiring.as_str())
+        .text(precautions.as_str())
+        .finish()
+}
+
+pub(crate) fn event_checksum(at: i64, kind: &str, text: &str) -> [u8; 8] {
+    Digest8::new().number(at).text(kind).text(text).finish()
+}
+
+/// Over everything of a header; its JSON is the same for the same header.
+pub(crate) fn header_checksum(header: &SessionHeader) -> serde_json::Result<[u8; 8]> {
+    let text = serde_json::to_string(header)?;
+    Ok(Digest8::new().text(text.as_str()).finish())
 }
 
 pub(crate) fn baseline_checksum(
-    id: &str,
+    baseline: &Baseline,
     wall: i64,
-    frames: i64,
-    settings: i64,
-    simulated: bool,
     readings: &[u8],
     deviation: &[u8],
-) -> Vec<u8> {
-    let mut hasher = Sha256::new();
-    for number in [wall, frames, settings, i64::from(simulated)] {
-        hasher.update(number.to_le_bytes());
-    }
-    for bytes in [id.as_bytes(), readings, deviation] {
-        hasher.update((bytes.len() as u64).to_le_bytes());
-        hasher.update(bytes);
-    }
-    hasher.finalize()[..8].to_vec()
+) -> [u8; 8] {
+    Digest8::new()
+        .text(baseline.id.as_str())
+        .number(wall)
+        .number(baseline.frames as i64)
+        .number(i64::from(baseline.simulated))
+        .bytes(settings_digest(&baseline.settings).as_slice())
+        .bytes(readings)
+        .bytes(deviation)
+        .finish()
 }
 
-pub(crate) fn reference_checksum(id: i64, against_baseline: bool, readings: &[u8]) -> Vec<u8> {
-    let mut hasher = Sha256::new();
-    hasher.update(id.to_le_bytes());
-    hasher.update([u8::from(against_baseline)]);
-    hasher.update(readings);
-    hasher.finalize()[..8].to_vec()
+pub(crate) fn reference_checksum(id: i64, against_baseline: bool, readings: &[u8]) -> [u8; 8] {
+    Digest8::new()
+        .number(id)
+        .number(i64::from(against_baseline))
+        .bytes(readings)
+        .finish()
 }
 
 pub(crate) struct StoredFrame {
     pub(crate) row: FrameRow,
-    pub(crate) settings: i64,
-    pub(crate) mapper: Option<i64>,
-    pub(crate) reciprocity: Option<f64>,
-    pub(crate) loop_sum: Option<f64>,
-    pub(crate) implausible: i64,
-    pub(crate) flags: String,
-    pub(crate) checksum: Vec<u8>,
+    pub(crate) checksum: i64,
 }
 
 impl std::fmt::Debug for StoredFrame {
@@ -103,27 +220,26 @@ impl StoredFrame {
         Ok(Self {
             row: FrameRow {
                 sequence: row.get("sequence")?,
-                wall: row.get("wall_ns")?,
-                monotonic: row.get("monotonic_ns")?,
-                duration: row.get("duration_ns")?,
-                simulated: row.get("simulated")?,
-                compliance: row.get("compliance")?,
-                map_hash: row.get("map_hash")?,
+                stretch: row.get("stretch")?,
+                tick: row.get("tick_us")?,
+                skew: row.get("skew_us")?,
+                duration: row.get("duration_us")?,
                 reference: row.get("reference")?,
+                flags: row.get("flags")?,
+                loop_sum: row.get("loop_sum")?,
+                remarks: row.get("remarks")?,
+                map_hash: row.get("map_hash")?,
                 blob: row.get("readings")?,
             },
-            settings: row.get("settings")?,
-            mapper: row.get("mapper")?,
-            reciprocity: row.get("reciprocity")?,
-            loop_sum: row.get("loop_sum")?,
-            implausible: row.get("implausible")?,
-            flags: row.get("flags")?,
             checksum: row.get("checksum")?,
         })
     }
 }
 
-/// As 32 bytes where the hash is lower-case hex of that length, else as the text that it is.
+/// Bytes of a map's hash that are kept: two maps that differ share them once in 2e19.
+const KEPT: usize = 8;
+
+/// The first bytes of a hash in lower-case hex (or of what came back of one), else the text that it is.
 pub(crate) fn pack_hash(hash: &str) -> Value {
     let nibbles: Option<Vec<u8>> = hash
         .bytes()
@@ -134,9 +250,10 @@ pub(crate) fn pack_hash(hash: &str) -> Value {
         })
         .collect();
     match nibbles {
-        Some(nibbles) if nibbles.len() == 64 => {
+        Some(nibbles) if nibbles.len() == 64 || nibbles.len() == 2 * KEPT => {
             let (pairs, _) = nibbles.as_chunks::<2>();
-            Value::Blob(pairs.iter().map(|[high, low]| high << 4 | low).collect())
+            let bytes = pairs.iter().map(|[high, low]| high << 4 | low);
+            Value::Blob(bytes.take(KEPT).collect())
         }
         _ => Value::Text(hash.to_owned()),
     }
@@ -196,6 +313,10 @@ pub(crate) fn header_row(row: &Row<'_>) -> Result<(SessionHeader, Option<Closing
         first_sequence: u64::try_from(row.get::<_, i64>("first_sequence")?)
             .map_err(|cause| content("first sequence", &cause))?,
     };
+    let checksum = header_checksum(&header).map_err(|cause| content("checksum", &cause))?;
+    if row.get::<_, Vec<u8>>("checksum")? != checksum {
+        return Err(HeaderFault::Content("its checksum does not agree".into()));
+    }
     let closed = closed_ns.map(|at| Closing {
         at: DateTime::from_timestamp_nanos(at),
         reason: reason.unwrap_or_default(),

@@ -1,9 +1,9 @@
 //! The layout of a session file, for people who open it with another tool.
 //!
 //! An SQLite database, `application_id` 0x54616374 ("Tact"), `user_version` [`VERSION`]. While it is written it is in
-//! WAL mode with `synchronous = FULL`; closing it leaves a single file in rollback mode, readable from a read-only disk.
-//! Wall times are nanoseconds since 1970 UTC; durations and monotonic times are nanoseconds; other quantities are SI;
-//! electrodes are counted from 0.
+//! WAL mode with `synchronous = EXTRA`; closing it leaves a single file in rollback mode, readable from a read-only disk.
+//! Columns say their unit: `_ns` and `_us` are nanoseconds and microseconds, of wall times since 1970 UTC, `_a` and `_v`
+//! amperes and volts; electrodes are counted from 0. Pages are of 16 KiB.
 //!
 //! | table | holds |
 //! |---|---|
@@ -12,13 +12,19 @@
 //! | `mapper` | one row for each method, model, build and CPU that made maps |
 //! | `baseline` | the baseline in use: readings and deviations as [`crate::codec`] blobs |
 //! | `reference` | means of sixteen frames, as [`crate::codec`] blobs, that later frames are differences to |
-//! | `frame` | one row a frame: times, settings, readings as a blob of [`crate::codec`], counts of flags, largest difference of reciprocal twins, largest sum round the ring, readings that no load explains, quality flags (words joined by commas), driving electrodes in compliance (JSON), the hash of the map (32 bytes; a text where it is no SHA-256) |
+//! | `stretch` | one row for frames that were taken alike: settings, mapper, whether simulated; and a first frame with its times and the distance of frames |
+//! | `frame` | one row a frame: its times against its stretch's, readings as a blob of [`crate::codec`], quality flags (bits in the order of [`survey::QualityFlag`]), largest sum round the ring, what is rare as JSON (readings that no load explains, driving electrodes in compliance), the first 8 bytes of the hash of its map (a text where it is no SHA-256) |
+//! | `taken` | a view: monotonic and wall time of each frame |
 //! | `late_map` | the hash of a map that was made after its frame had been written |
 //! | `event` | time, one word, one sentence |
 //!
 //! `frame.reference` says what the blob's differences are taken against: NULL nothing, 0 the baseline, n the row n of
-//! `reference`, which itself refers to nothing or to the baseline. `checksum` is the first 8 bytes of the SHA-256 over the row's
-//! content; a frame that does not agree with it is an error, never a number.
+//! `reference`, which itself refers to nothing or to the baseline. Times of a frame are kept to the microsecond:
+//! monotonic = the stretch's + (sequence - the stretch's) x period + tick, wall = the stretch's + as much + skew. What
+//! follows from the readings (how many are not ok, how far reciprocal twins differ) is not kept.
+//!
+//! `checksum` is the beginning of the SHA-256 over the row's content: 4 bytes of a frame, 8 of all others; a row that
+//! does not agree with it is an error, never a number.
 
 use rusqlite::Connection;
 
@@ -49,6 +55,7 @@ CREATE TABLE session (
     asked TEXT NOT NULL,
     continues TEXT,
     first_sequence INTEGER NOT NULL CHECK (first_sequence > 0),
+    checksum BLOB NOT NULL,
     closed_ns INTEGER,
     closed_reason TEXT
 ) STRICT;
@@ -86,27 +93,37 @@ CREATE TABLE reference (
     readings BLOB NOT NULL,
     checksum BLOB NOT NULL
 ) STRICT;
-CREATE TABLE frame (
-    sequence INTEGER PRIMARY KEY,
-    wall_ns INTEGER NOT NULL,
-    monotonic_ns INTEGER NOT NULL,
-    duration_ns INTEGER NOT NULL,
+CREATE TABLE stretch (
+    id INTEGER PRIMARY KEY,
     settings INTEGER NOT NULL REFERENCES settings (id),
-    simulated INTEGER NOT NULL CHECK (simulated IN (0, 1)),
-    overloads INTEGER NOT NULL,
-    timeouts INTEGER NOT NULL,
-    not_measured INTEGER NOT NULL,
-    reciprocity REAL,
-    loop_sum REAL,
-    implausible INTEGER NOT NULL,
-    flags TEXT NOT NULL,
-    compliance TEXT,
     mapper INTEGER REFERENCES mapper (id),
-    map_hash ANY,
-    reference INTEGER,
-    readings BLOB NOT NULL,
+    simulated INTEGER NOT NULL CHECK (simulated IN (0, 1)),
+    sequence INTEGER NOT NULL,
+    monotonic_us INTEGER NOT NULL,
+    wall_us INTEGER NOT NULL,
+    period_us INTEGER NOT NULL,
     checksum BLOB NOT NULL
 ) STRICT;
+CREATE TABLE frame (
+    sequence INTEGER PRIMARY KEY,
+    stretch INTEGER NOT NULL REFERENCES stretch (id),
+    tick_us INTEGER NOT NULL,
+    skew_us INTEGER NOT NULL,
+    duration_us INTEGER NOT NULL,
+    reference INTEGER,
+    flags INTEGER NOT NULL,
+    loop_sum REAL,
+    remarks TEXT,
+    map_hash ANY,
+    readings BLOB NOT NULL,
+    checksum INTEGER NOT NULL
+) STRICT;
+CREATE VIEW taken AS SELECT
+    frame.sequence AS sequence,
+    stretch.monotonic_us + (frame.sequence - stretch.sequence) * stretch.period_us + frame.tick_us AS monotonic_us,
+    stretch.wall_us + (frame.sequence - stretch.sequence) * stretch.period_us + frame.tick_us + frame.skew_us AS wall_us,
+    frame.duration_us AS duration_us
+FROM frame JOIN stretch ON stretch.id = frame.stretch;
 CREATE TABLE late_map (
     sequence INTEGER PRIMARY KEY REFERENCES frame (sequence),
     mapper INTEGER NOT NULL REFERENCES mapper (id),
@@ -116,9 +133,13 @@ CREATE TABLE event (
     id INTEGER PRIMARY KEY,
     at_ns INTEGER NOT NULL,
     kind TEXT NOT NULL,
-    text TEXT NOT NULL
+    text TEXT NOT NULL,
+    checksum BLOB NOT NULL
 ) STRICT;
 ";
+
+/// Bytes of a page. Rows of some 530 bytes leave little unused at its end, rows of 1,490 too.
+pub(crate) const PAGE: u32 = 16_384;
 
 pub(crate) fn lay_out(connection: &Connection) -> rusqlite::Result<()> {
     connection.execute_batch(TABLES)?;

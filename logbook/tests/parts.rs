@@ -145,7 +145,7 @@ fn a_session_without_frames_goes_on_too_and_one_without_its_last_frames_not_at_a
     change("DELETE FROM frame WHERE sequence < 5");
     let refusal = SessionWriter::resume(&path).unwrap_err().to_string();
     assert!(refusal.contains("frame 1"), "{refusal}");
-    change("UPDATE frame SET wall_ns = wall_ns + 1 WHERE sequence = 9");
+    change("UPDATE frame SET skew_us = skew_us + 1 WHERE sequence = 9");
     let refusal = SessionWriter::resume(&path).unwrap_err().to_string();
     assert!(refusal.contains("frame 1"), "{refusal}");
     // What can be read is not lost: a new part goes on behind it.
@@ -251,6 +251,7 @@ fn a_disk_too_full_to_roll_over_leaves_the_session_where_it_was() {
     let dir = tempfile::tempdir().unwrap();
     let storage = Storage {
         page_limit: Some(3),
+        ..Storage::default()
     };
     drop(begun(dir.path(), "m1", 3));
     let path = dir.path().join("m1.tactus");

@@ -11,7 +11,7 @@ use logbook::{
 use survey::{Amps, Baseline, Electrode, Frame, Protocol, Reading, Settings, Volts};
 
 fn at(seconds: i64) -> DateTime<Utc> {
-    DateTime::from_timestamp(1_700_000_000 + seconds, 123_456_789).unwrap()
+    DateTime::from_timestamp(1_700_000_000 + seconds, 123_456_000).unwrap()
 }
 
 fn protocol() -> Protocol {
@@ -49,7 +49,7 @@ fn frame(number: u64) -> Frame {
         readings,
         monotonic: Duration::from_millis(1000 * number),
         wall: at(number as i64),
-        duration: Duration::from_nanos(987_654_321),
+        duration: Duration::from_micros(987_654),
         settings: settings(),
         compliance: if number.is_multiple_of(3) {
             vec![Electrode(0), Electrode(7)]
@@ -86,12 +86,22 @@ fn header(id: &str) -> SessionHeader {
     }
 }
 
+/// As it comes back: of a SHA-256 the first 16 digits.
+fn kept_record(number: u64) -> MapRecord {
+    let mut record = map_record(number);
+    if number != 5 {
+        record.hash.truncate(16);
+    }
+    assert!(record.is_of(&map_record(number).hash));
+    record
+}
+
 fn map_record(number: u64) -> MapRecord {
     MapRecord {
         hash: match number {
             // Whatever else a hash may be one day, it comes back.
             5 => "'".repeat(32),
-            _ => format!("{number:064x}"),
+            _ => format!("{:064x}", u128::from(number) << 120),
         },
         method: if number < 3 {
             "one-step".into()
@@ -145,7 +155,7 @@ fn everything_comes_back_as_it_was_written() {
     for (record, number) in session.frames().zip(1..) {
         let record = record.unwrap();
         assert_is(&record, number);
-        assert_eq!(record.map, (number != 2).then(|| map_record(number)));
+        assert_eq!(record.map, (number != 2).then(|| kept_record(number)));
     }
     assert_is(&session.frame(4).unwrap(), 4);
     assert_is(&session.last().unwrap().unwrap(), 6);
@@ -194,7 +204,7 @@ fn a_map_made_after_its_frame_is_found_with_it() {
     writer.close(at(8), "done").unwrap();
     let session = SessionReader::open(dir.path().join("s1.tactus")).unwrap();
     let maps: Vec<_> = session.frames().map(|record| record.unwrap().map).collect();
-    assert_eq!(maps, [Some(map_record(3)), Some(map_record(1))]);
+    assert_eq!(maps, [Some(kept_record(3)), Some(kept_record(1))]);
 }
 
 #[test]
@@ -288,6 +298,7 @@ fn a_full_disk_is_said_and_the_frames_before_are_whole() {
     let dir = tempfile::tempdir().unwrap();
     let storage = Storage {
         page_limit: Some(30),
+        ..Storage::default()
     };
     let mut writer = SessionWriter::create_with(dir.path(), &header("full"), storage).unwrap();
     let mut kept = 0;
@@ -315,6 +326,7 @@ fn a_disk_too_full_for_a_header_leaves_nothing_behind() {
     let dir = tempfile::tempdir().unwrap();
     let storage = Storage {
         page_limit: Some(3),
+        ..Storage::default()
     };
     let refusal = SessionWriter::create_with(dir.path(), &header("none"), storage).unwrap_err();
     assert!(refusal.is_disk(), "{refusal:?}");
@@ -333,7 +345,7 @@ fn a_flipped_bit_is_an_error_in_its_place_and_nothing_else() {
     let path = writer.path().to_owned();
     writer.close(at(10), "done").unwrap();
     let connection = rusqlite::Connection::open(&path).unwrap();
-    for (column, sequence) in [("wall_ns", 4), ("duration_ns", 6)] {
+    for (column, sequence) in [("skew_us", 4), ("duration_us", 6)] {
         let change =
             format!("UPDATE frame SET {column} = {column} + 1 WHERE sequence = {sequence}");
         connection.execute(&change, []).unwrap();

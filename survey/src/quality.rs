@@ -37,17 +37,18 @@ impl QualityFlag {
         }
     }
 
+    /// All of them, in order.
+    pub const ALL: [Self; 5] = [
+        Self::Incomplete,
+        Self::Compliance,
+        Self::Reciprocity,
+        Self::LoopSum,
+        Self::Plausibility,
+    ];
+
     /// From its word.
     pub fn from_word(word: &str) -> Option<Self> {
-        [
-            Self::Incomplete,
-            Self::Compliance,
-            Self::Reciprocity,
-            Self::LoopSum,
-            Self::Plausibility,
-        ]
-        .into_iter()
-        .find(|flag| flag.word() == word)
+        Self::ALL.into_iter().find(|flag| flag.word() == word)
     }
 }
 
@@ -152,8 +153,8 @@ impl Checks {
     pub fn of(&self, frame: &Frame) -> Quality {
         let mut quality = Quality::counted(frame);
         let largest = largest(&frame.readings);
+        quality.reciprocity = self.reciprocal(frame);
         if largest > 0.0 {
-            quality.reciprocity = self.reciprocity(frame).map(|worst| worst / largest);
             quality.loop_sum = self.loop_sum(frame).map(|worst| worst / largest);
             quality.implausible = self.implausible(frame, largest);
         }
@@ -178,6 +179,13 @@ impl Checks {
             .filter_map(|(flag, raised)| raised.then_some(flag))
             .collect();
         quality
+    }
+
+    /// [`Quality::reciprocity`] alone: all that it needs is in the readings.
+    pub fn reciprocal(&self, frame: &Frame) -> Option<f64> {
+        let largest = largest(&frame.readings);
+        let worst = self.reciprocity(frame).filter(|_| largest > 0.0)?;
+        Some(worst / largest)
     }
 
     /// Largest difference of twins, V.

@@ -5,30 +5,27 @@
 //! or an earlier frame) counted in the same power of ten. A voltage that is no such decimal is kept as its 64 bits.
 //! Every finite `f64` comes back bit by bit; proven by property tests.
 //!
-//! The blob, all little-endian:
+//! The blob, all little-endian; how many readings there are is for the caller to know (a session's protocol says it):
 //!
 //! | bytes | what |
 //! |---|---|
-//! | 1 | parts: bit 0 flags, bit 1 powers, bit 2 raw voltages follow |
-//! | 2 | number of readings, n |
-//! | 2 | g, the grid: the smallest power of ten in the frame |
-//! | 4, s | if any part follows, its compressed size s and, compressed by zstd: |
-//! | n | flags ([`survey::Reading::flag`]), if bit 0 is set; else all are ok |
-//! | 2 m | for each of the m ok readings its power minus the expected one, if bit 1 is set, low bytes first, then high bytes; -32768 marks a raw voltage |
-//! | 8 r | for each of the r raw voltages its bits, all lowest bytes first, then the next |
-//! | 2 | mean size of the differences, in sixteenths of an octave of the grid's unit |
-//! | the rest | the differences of the decimals, range coded: `difference.rs` and `range.rs` beside this file |
+//! | 1 | parts: bit 0 some readings are not ok, bit 1 some decimals have another power than expected, bit 2 some voltages are raw, bit 3 the next two are of two bytes each |
+//! | 1 (2) | g, the grid: the smallest power of ten in the frame |
+//! | 1 (2) | mean size of the differences, in sixteenths of an octave of the grid's unit |
+//! | the rest | range coded (`range.rs`), reading by reading, what the parts say: whether it is ok, else its flag ([`survey::Reading::flag`]); whether it is raw, then its 64 bits; whether its power is another than expected, then by how much; the difference of its decimal (`difference.rs`) |
 //!
 //! The expected power of a reading whose reference is R: the larger of g and floor(log10 |R|) - 8; without a
 //! reference, or where R = 0: g. The predicted integer: R over that reading's power of ten, rounded half away from zero.
 //! Normal noise of 20 steps has an entropy of 6.37 bits a reading; `append_rate` prints what is reached.
 
+mod beside;
 mod decimal;
 mod difference;
 mod range;
 
 use survey::{Reading, Volts};
 
+use beside::Beside;
 use decimal::{Decimal, finest_power, predicted, value};
 use difference::{Model, Scale};
 use range::{Decoder, Encoder};
@@ -36,10 +33,7 @@ use range::{Decoder, Encoder};
 const FLAGS: u8 = 1;
 const POWERS: u8 = 2;
 const RAW: u8 = 4;
-const RAW_MARK: i16 = i16::MIN;
-/// A frame is far smaller; a length field beyond this is damage, not data.
-const MOST_BYTES: usize = 16 << 20;
-const LEVEL: i32 = 3;
+const WIDE: u8 = 8;
 
 /// Readings that [`encode`] does not pack.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -62,7 +56,7 @@ pub struct DecodeError(&'static str);
 /// # Errors
 /// A reading that is flagged ok and is not finite; more readings than a frame can hold.
 pub fn encode(readings: &[Reading], reference: &Reference) -> Result<Vec<u8>, EncodeError> {
-    let count = u16::try_from(readings.len()).map_err(|_| EncodeError::TooMany(readings.len()))?;
+    u16::try_from(readings.len()).map_err(|_| EncodeError::TooMany(readings.len()))?;
     let reference = reference.serves(readings.len());
     let mut ok = Vec::with_capacity(readings.len());
     for (index, reading) in readings.iter().enumerate() {
@@ -79,125 +73,151 @@ pub fn encode(readings: &[Reading], reference: &Reference) -> Result<Vec<u8>, En
         .min()
         .unwrap_or(0);
 
-    let mut powers = Vec::with_capacity(ok.len());
-    let mut differences = Vec::with_capacity(ok.len());
-    let mut raw = Vec::new();
-    for (volts, decimal, (reference, own)) in &ok {
-        let expected = expected_power(*own, grid);
-        let packed = decimal
-            .as_ref()
-            .and_then(|decimal| decimal.on(grid, expected))
-            .filter(|(integer, power)| value(*integer, *power).to_bits() == volts.to_bits());
-        match packed {
-            Some((integer, power)) => {
-                powers.push(power - expected);
-                let difference = integer.wrapping_sub(predicted(*reference, power));
-                differences.push((difference, power - grid));
-            }
-            None => {
-                powers.push(RAW_MARK);
-                raw.push(volts.to_bits());
-            }
-        }
-    }
-    let flagged = readings.iter().any(|reading| !reading.is_ok());
-    let moved = powers.iter().any(|power| *power != 0);
-    let parts = if flagged { FLAGS } else { 0 }
-        | if moved { POWERS } else { 0 }
-        | if raw.is_empty() { 0 } else { RAW };
+    let words: Vec<Word> = ok
+        .iter()
+        .map(|(volts, decimal, (reference, own))| {
+            let expected = expected_power(*own, grid);
+            decimal
+                .as_ref()
+                .and_then(|decimal| decimal.on(grid, expected))
+                .filter(|(integer, power)| value(*integer, *power).to_bits() == volts.to_bits())
+                .map_or(Word::Raw(volts.to_bits()), |(integer, power)| {
+                    Word::Decimal {
+                        difference: integer.wrapping_sub(predicted(*reference, power)),
+                        moved: power - expected,
+                        above_grid: power - grid,
+                    }
+                })
+        })
+        .collect();
+    let scale = Scale::of(words.iter().filter_map(|word| match word {
+        Word::Decimal {
+            difference,
+            above_grid,
+            ..
+        } => Some((*difference, *above_grid)),
+        Word::Raw(_) => None,
+    }));
+    let has = |part: u8, any: bool| if any { part } else { 0 };
+    let narrow = i8::try_from(grid).ok().zip(u8::try_from(scale.0).ok());
+    let parts = has(FLAGS, ok.len() < readings.len())
+        | has(
+            POWERS,
+            words
+                .iter()
+                .any(|word| matches!(word, Word::Decimal { moved, .. } if *moved != 0)),
+        )
+        | has(RAW, words.iter().any(|word| matches!(word, Word::Raw(_))))
+        | has(WIDE, narrow.is_none());
 
     let mut blob = Vec::with_capacity(readings.len() * 2);
     blob.push(parts);
-    blob.extend(count.to_le_bytes());
-    blob.extend(grid.to_le_bytes());
-    if parts != 0 {
-        let mut side = Vec::new();
-        if flagged {
-            side.extend(readings.iter().map(|reading| reading.flag()));
+    match narrow {
+        Some((grid, scale)) => {
+            blob.extend(grid.to_le_bytes());
+            blob.push(scale);
         }
-        if moved {
-            let words: Vec<u64> = powers.iter().map(|power| *power as u16 as u64).collect();
-            shuffle(&words, 2, &mut side);
+        None => {
+            blob.extend(grid.to_le_bytes());
+            blob.extend(scale.0.to_le_bytes());
         }
-        shuffle(&raw, 8, &mut side);
-        let side = zstd::bulk::compress(&side, LEVEL)
-            .expect("zstd compresses any bytes it has memory for");
-        blob.extend((side.len() as u32).to_le_bytes());
-        blob.extend(side);
     }
-    let scale = Scale::of(&differences);
-    blob.extend(scale.0.to_le_bytes());
     let began = blob.len();
     let mut encoder = Encoder::new(blob);
+    let mut beside = Beside::default();
     let mut model = Model::new(scale);
-    for (difference, above_grid) in differences {
-        model.write(&mut encoder, difference, above_grid);
+    let mut words = words.into_iter();
+    for reading in readings {
+        if parts & FLAGS != 0 {
+            beside.write_flag(&mut encoder, reading.flag());
+        }
+        if !reading.is_ok() {
+            continue;
+        }
+        let word = words.next().expect("a word for each reading that is ok");
+        if parts & RAW != 0 {
+            beside.write_raw(&mut encoder, matches!(word, Word::Raw(_)));
+        }
+        match word {
+            Word::Raw(bits) => encoder.plain(bits, 64),
+            Word::Decimal {
+                difference,
+                moved,
+                above_grid,
+            } => {
+                if parts & POWERS != 0 {
+                    beside.write_moved(&mut encoder, moved);
+                }
+                model.write(&mut encoder, difference, above_grid);
+            }
+        }
     }
     Ok(encoder.finish(began))
 }
 
-/// Unpacks readings against the same reference as they were packed with.
+/// A reading that is ok.
+enum Word {
+    Raw(u64),
+    Decimal {
+        difference: i64,
+        /// Its power minus the expected one.
+        moved: i16,
+        above_grid: i16,
+    },
+}
+
+/// Unpacks so many readings against the same reference as they were packed with.
 ///
 /// # Errors
-/// The blob is not what [`encode`] writes. One cut short within its differences may be taken for another: the row's
-/// checksum is what tells damage from data.
-pub fn decode(blob: &[u8], reference: &Reference) -> Result<Vec<Reading>, DecodeError> {
+/// The blob is not what [`encode`] writes. One cut short or taken for another number of readings may be taken for other
+/// readings: the row's checksum is what tells damage from data.
+pub fn decode(
+    blob: &[u8],
+    reference: &Reference,
+    count: usize,
+) -> Result<Vec<Reading>, DecodeError> {
     let mut rest = blob;
     let parts = take(&mut rest, 1)?[0];
-    let count = u16::from_le_bytes(take(&mut rest, 2)?.try_into().expect("two bytes")) as usize;
-    let grid = i16::from_le_bytes(take(&mut rest, 2)?.try_into().expect("two bytes"));
-    if parts & !(FLAGS | POWERS | RAW) != 0 {
+    if parts & !(FLAGS | POWERS | RAW | WIDE) != 0 || count > usize::from(u16::MAX) {
         return Err(DecodeError("its head makes no sense"));
     }
-    let side = if parts == 0 {
-        Vec::new()
+    let (grid, scale) = if parts & WIDE == 0 {
+        let head = take(&mut rest, 2)?;
+        (i16::from(head[0] as i8), u16::from(head[1]))
     } else {
-        let size = u32::from_le_bytes(take(&mut rest, 4)?.try_into().expect("four bytes"));
-        inflate(take(&mut rest, size as usize)?)?
+        let head = take(&mut rest, 4)?;
+        (
+            i16::from_le_bytes([head[0], head[1]]),
+            u16::from_le_bytes([head[2], head[3]]),
+        )
     };
-    let mut side = side.as_slice();
-    let all_ok;
-    let flags = if parts & FLAGS != 0 {
-        take(&mut side, count)?
-    } else {
-        all_ok = vec![0; count];
-        &all_ok
-    };
-    let ok = flags.iter().filter(|flag| **flag == 0).count();
-    let powers: Vec<i16> = if parts & POWERS != 0 {
-        let words = unshuffle(&mut side, ok, 2)?;
-        words.into_iter().map(|word| word as u16 as i16).collect()
-    } else {
-        vec![0; ok]
-    };
-    let raw = powers.iter().filter(|power| **power == RAW_MARK).count();
-    let mut raw = unshuffle(&mut side, raw, 8)?.into_iter();
-    if !side.is_empty() {
-        return Err(DecodeError("it is longer than it says"));
-    }
-
     let reference = reference.serves(count);
-    let mut powers = powers.into_iter();
-    let scale = u16::from_le_bytes(take(&mut rest, 2)?.try_into().expect("two bytes"));
     let mut decoder = Decoder::new(rest);
+    let mut beside = Beside::default();
     let mut model = Model::new(Scale(scale));
-    let ended = || DecodeError("it ends early");
     let mut readings = Vec::with_capacity(count);
-    for (index, &flag) in flags.iter().enumerate() {
+    for index in 0..count {
+        let flag = match parts & FLAGS {
+            0 => 0,
+            _ => beside.read_flag(&mut decoder),
+        };
         let volts = if flag != 0 {
             0.0
+        } else if parts & RAW != 0 && beside.read_raw(&mut decoder) {
+            f64::from_bits(decoder.plain(64))
         } else {
-            match powers.next().ok_or_else(ended)? {
-                RAW_MARK => f64::from_bits(raw.next().ok_or_else(ended)?),
-                moved => {
-                    let (reference, own) = reference.at(index);
-                    let power = expected_power(own, grid).wrapping_add(moved);
-                    let difference = model
-                        .read(&mut decoder, power.wrapping_sub(grid))
-                        .ok_or(DecodeError("a difference is impossible"))?;
-                    value(predicted(reference, power).wrapping_add(difference), power)
-                }
-            }
+            let moved = match parts & POWERS {
+                0 => 0,
+                _ => beside
+                    .read_moved(&mut decoder)
+                    .ok_or(DecodeError("a power of ten is impossible"))?,
+            };
+            let (reference, own) = reference.at(index);
+            let power = expected_power(own, grid).wrapping_add(moved);
+            let difference = model
+                .read(&mut decoder, power.wrapping_sub(grid))
+                .ok_or(DecodeError("a difference is impossible"))?;
+            value(predicted(reference, power).wrapping_add(difference), power)
         };
         readings.push(
             Reading::from_flag(flag, volts)
@@ -208,13 +228,6 @@ pub fn decode(blob: &[u8], reference: &Reference) -> Result<Vec<Reading>, Decode
         return Err(DecodeError("it is longer than it says"));
     }
     Ok(readings)
-}
-
-fn inflate(packed: &[u8]) -> Result<Vec<u8>, DecodeError> {
-    let size = zstd::bulk::Decompressor::upper_bound(packed)
-        .filter(|size| *size <= MOST_BYTES)
-        .ok_or(DecodeError("not a zstd frame of known size"))?;
-    zstd::bulk::decompress(packed, size).map_err(|_| DecodeError("zstd finds it broken"))
 }
 
 /// Readings to take differences against, looked at once for many frames.
@@ -251,22 +264,6 @@ impl Reference {
 
 fn expected_power(own: Option<i16>, grid: i16) -> i16 {
     own.map_or(grid, |own| own.max(grid))
-}
-
-fn shuffle(words: &[u64], width: usize, into: &mut Vec<u8>) {
-    for plane in 0..width {
-        into.extend(words.iter().map(|word| word.to_le_bytes()[plane]));
-    }
-}
-
-fn unshuffle(rest: &mut &[u8], count: usize, width: usize) -> Result<Vec<u64>, DecodeError> {
-    let mut words = vec![0; count];
-    for plane in 0..width {
-        for (word, byte) in words.iter_mut().zip(take(rest, count)?) {
-            *word |= u64::from(*byte) << (8 * plane);
-        }
-    }
-    Ok(words)
 }
 
 fn take<'a>(rest: &mut &'a [u8], count: usize) -> Result<&'a [u8], DecodeError> {
@@ -315,7 +312,7 @@ mod tests {
         #[test]
         fn every_reading_comes_back_to_the_last_bit(readings in any_frame(), reference in any_frame()) {
             let blob = encode(&readings, &Reference::new(&reference)).unwrap();
-            prop_assert!(same_bits(&decode(&blob, &Reference::new(&reference)).unwrap(), &readings));
+            prop_assert!(same_bits(&decode(&blob, &Reference::new(&reference), readings.len()).unwrap(), &readings));
         }
 
         #[test]
@@ -324,7 +321,7 @@ mod tests {
         ) {
             let (readings, reference): (Vec<_>, Vec<_>) = pairs.into_iter().unzip();
             let blob = encode(&readings, &Reference::new(&reference)).unwrap();
-            prop_assert!(same_bits(&decode(&blob, &Reference::new(&reference)).unwrap(), &readings));
+            prop_assert!(same_bits(&decode(&blob, &Reference::new(&reference), readings.len()).unwrap(), &readings));
         }
 
         #[test]
@@ -332,12 +329,14 @@ mod tests {
             bytes in prop::collection::vec(any::<u8>(), 0..200),
             reference in any_frame(),
         ) {
-            let _ = decode(&bytes, &Reference::new(&reference));
-            let side = zstd::bulk::compress(&bytes, LEVEL).unwrap();
-            let mut blob = vec![FLAGS | POWERS | RAW, bytes.len() as u8, 0, 0, 0];
-            blob.extend((side.len() as u32).to_le_bytes());
-            blob.extend(side);
-            let _ = decode(&blob, &Reference::new(&reference));
+            for count in [0, bytes.len(), reference.len(), 65_536] {
+                let _ = decode(&bytes, &Reference::new(&reference), count);
+            }
+            for parts in 0..16 {
+                let mut blob = vec![parts];
+                blob.extend(&bytes);
+                let _ = decode(&blob, &Reference::new(&reference), reference.len());
+            }
         }
     }
 
@@ -356,7 +355,7 @@ mod tests {
         let blob = encode(&readings, &Reference::new(&reference)).unwrap();
         assert!(blob.len() < 598, "{} bytes", blob.len());
         assert_eq!(
-            decode(&blob, &Reference::new(&reference)).unwrap(),
+            decode(&blob, &Reference::new(&reference), readings.len()).unwrap(),
             readings
         );
     }

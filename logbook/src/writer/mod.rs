@@ -4,6 +4,7 @@ mod late;
 mod parts;
 mod references;
 mod rows;
+mod stretches;
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -13,18 +14,22 @@ use chrono::{DateTime, Utc};
 use rusqlite::{Connection, OpenFlags, params};
 use survey::{Baseline, Checks, Frame, Settings};
 
+use crate::row::{FrameRow, pack_hash};
 use crate::schema;
 use crate::{DiskFault, LogbookError, MapRecord, SessionHeader};
 
 pub use parts::{CONTINUED, RESUMED, Resumed, Taken};
 use references::References;
 use rows::Unwritten;
+use stretches::{Standing, Stretches};
 
 /// Bounds of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Storage {
-    /// Largest number of 8192-byte pages; beyond it a write is refused as by a full disk. `None` for no limit.
+    /// Largest number of 16 KiB pages; beyond it a write is refused as by a full disk. `None` for no limit.
     pub page_limit: Option<u32>,
+    /// Pages in the journal beyond which it is folded into the file; `None` for 1000, which are 16 MB.
+    pub journal_pages: Option<u32>,
 }
 
 /// The one writer of a session's file.
@@ -39,6 +44,7 @@ pub struct SessionWriter {
     checks: Checks,
     sequence: u64,
     references: References,
+    stretches: Stretches,
     settings: Option<(i64, Settings)>,
     mapper: Option<(i64, MapRecord)>,
     broken: bool,
@@ -124,6 +130,7 @@ impl SessionWriter {
             checks: Checks::new(&header.protocol),
             sequence: header.first_sequence - 1,
             references: References::default(),
+            stretches: Stretches::default(),
             settings: None,
             mapper: None,
             broken: false,
@@ -140,10 +147,9 @@ impl SessionWriter {
         let started = nanoseconds(header.started, "the start of the session")?;
         let write = || -> Result<Connection, Unwritten> {
             let mut connection = open_for_writing(path)?;
-            // Rows of some 600 bytes leave half a row unused at the end of each page.
-            connection.pragma_update(None, "page_size", 8192)?;
-            connection.pragma_update(None, "journal_mode", "WAL")?;
+            connection.pragma_update(None, "page_size", schema::PAGE)?;
             adjust(&connection, storage)?;
+            connection.pragma_update(None, "journal_mode", "WAL")?;
             let transaction = connection.transaction()?;
             schema::lay_out(&transaction)?;
             rows::write_header(&transaction, header, started)?;
@@ -209,12 +215,13 @@ impl SessionWriter {
         self.check_usable()?;
         let before = (
             self.references.clone(),
+            self.stretches.clone(),
             self.settings.clone(),
             self.mapper.clone(),
         );
         let written = self.write_frames(frames);
         if written.is_err() {
-            (self.references, self.settings, self.mapper) = before;
+            (self.references, self.stretches, self.settings, self.mapper) = before;
         }
         self.sequence = written?;
         Ok(self.sequence)
@@ -238,9 +245,35 @@ impl SessionWriter {
                     Some(map) => Some(rows::known_mapper(&transaction, &mut self.mapper, map)?),
                     None => None,
                 };
-                let row = rows::frame_row(sequence, frame, map, packed.reference, &packed.blob)?;
+                let standing = Standing {
+                    sequence: sequence as i64,
+                    monotonic: span(frame.monotonic, "a frame's monotonic time")? / 1000,
+                    wall: nanoseconds(frame.wall, "a frame's wall time")?.div_euclid(1000),
+                    settings,
+                    mapper,
+                    simulated: frame.simulated,
+                };
+                let place = self
+                    .stretches
+                    .place(&transaction, &standing, &frame.settings)?;
+                let quality = self.checks.of(frame);
                 rows::write_reference(&transaction, &packed)?;
-                rows::write_frame(&transaction, &row, &self.checks.of(frame), settings, mapper)?;
+                rows::write_frame(
+                    &transaction,
+                    &FrameRow {
+                        sequence: sequence as i64,
+                        stretch: place.stretch,
+                        tick: place.tick,
+                        skew: place.skew,
+                        duration: span(frame.duration, "a frame's duration")? / 1000,
+                        reference: packed.reference,
+                        flags: rows::bits(&quality),
+                        loop_sum: quality.loop_sum.filter(|worst| worst.is_finite()),
+                        remarks: rows::remarks(&quality)?,
+                        map_hash: map.map(|map| pack_hash(&map.hash)),
+                        blob: packed.blob,
+                    },
+                )?;
             }
             transaction.commit()?;
             Ok(())
@@ -362,17 +395,21 @@ impl SessionWriter {
     }
 }
 
-/// Ready to write to, with a sync for each transaction.
 fn open_for_writing(path: &Path) -> rusqlite::Result<Connection> {
     let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     Connection::open_with_flags(path, flags)
 }
 
+/// A sync for each transaction; and of the folder where a rollback journal is deleted, which SQLite uses while it
+/// changes to its write-ahead journal and back: one that came back after a power cut would undo what followed.
 fn adjust(connection: &Connection, storage: Storage) -> rusqlite::Result<()> {
-    connection.pragma_update(None, "synchronous", "FULL")?;
+    connection.pragma_update(None, "synchronous", "EXTRA")?;
     connection.pragma_update(None, "foreign_keys", true)?;
     if let Some(pages) = storage.page_limit {
         connection.pragma_update_and_check(None, "max_page_count", pages, |_| Ok(()))?;
+    }
+    if let Some(pages) = storage.journal_pages {
+        connection.pragma_update_and_check(None, "wal_autocheckpoint", pages, |_| Ok(()))?;
     }
     Ok(())
 }

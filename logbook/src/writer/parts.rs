@@ -86,12 +86,14 @@ impl SessionWriter {
         let resumed = found(&session)?;
         check_end(&session, resumed.acknowledged)?;
         let baseline = session.baseline()?;
-        let number = session.last_reference()?;
+        let reference = session.last_number("reference")?;
+        let stretch = session.last_number("stretch")?;
         let connection = session.into_connection();
         adjust(&connection, storage).map_err(opening)?;
         let mut writer = Self::over(connection, path.to_owned(), header, storage);
         writer.sequence = resumed.acknowledged;
-        writer.references.resume_after(number);
+        writer.references.resume_after(reference);
+        writer.stretches.resume_after(stretch);
         if let Some(baseline) = baseline {
             writer.take_baseline(baseline);
         }
@@ -274,13 +276,11 @@ fn check_end(session: &SessionReader, last: u64) -> Result<(), LogbookError> {
     if last < header_first {
         return Ok(());
     }
-    let mut expected = last.saturating_sub(CHECKED - 1).max(header_first);
-    for record in session.frames_from(expected) {
-        let found = record?.frame.sequence;
-        if found != expected {
+    let from = last.saturating_sub(CHECKED - 1).max(header_first);
+    for (expected, record) in (from..).zip(session.frames_from(from)) {
+        if record?.frame.sequence != expected {
             return Err(session.damaged(format!("frame {expected}"), "it is not there"));
         }
-        expected += 1;
     }
     match session.first_present()? {
         Some(first) if first != header_first => {

@@ -3,26 +3,31 @@
 use std::path::Path;
 
 use rusqlite::{Connection, OptionalExtension, params};
-use survey::{Baseline, Frame, Quality, Reading, Settings, Volts};
+use survey::{Baseline, Quality, QualityFlag, Reading, Settings, Volts};
 
 use super::references::Packed;
 use super::{nanoseconds, span};
 use crate::codec::{EncodeError, Reference, encode};
-use crate::row::{FrameRow, baseline_checksum, pack_hash, reference_checksum};
+use crate::row::{
+    FrameRow, Remarks, Stretch, baseline_checksum, event_checksum, header_checksum,
+    reference_checksum,
+};
 use crate::{LogbookError, MapRecord, SessionHeader};
+
+fn json<T>(value: serde_json::Result<T>) -> rusqlite::Result<T> {
+    value.map_err(|cause| rusqlite::Error::ToSqlConversionFailure(cause.into()))
+}
 
 pub(super) fn write_header(
     transaction: &Connection,
     header: &SessionHeader,
     started: i64,
 ) -> rusqlite::Result<()> {
-    let json = |value: Result<String, serde_json::Error>| {
-        value.map_err(|cause| rusqlite::Error::ToSqlConversionFailure(cause.into()))
-    };
     transaction.execute(
         "INSERT INTO session (only, id, kind, started_ns, simulated, build, seed, config_toml, config_hash,
-            model_hash, geometry_hash, protocol, instruments, modules, note, about, asked, continues, first_sequence)
-         VALUES (1, ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18)",
+            model_hash, geometry_hash, protocol, instruments, modules, note, about, asked, continues, first_sequence,
+            checksum)
+         VALUES (1, ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18, ?19)",
         params![
             header.id,
             header.kind.as_str(),
@@ -42,6 +47,7 @@ pub(super) fn write_header(
             header.asked,
             header.continues,
             header.first_sequence as i64,
+            json(header_checksum(header))?,
         ],
     )?;
     Ok(())
@@ -62,15 +68,7 @@ pub(super) fn write_baseline(
     let wall = nanoseconds(baseline.wall, "the baseline's wall time")?;
     let settle = span(baseline.settings.settle, "the settling time")?;
     let settings = settings_id(transaction, &baseline.settings, settle)?;
-    let checksum = baseline_checksum(
-        &baseline.id,
-        wall,
-        baseline.frames as i64,
-        settings,
-        baseline.simulated,
-        &readings,
-        &deviation,
-    );
+    let checksum = baseline_checksum(baseline, wall, &readings, &deviation);
     transaction.execute(
         "INSERT INTO baseline (only, id, wall_ns, frames, settings, simulated, readings, deviation, checksum)
          VALUES (1, ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
@@ -95,8 +93,8 @@ pub(super) fn write_event(
     text: &str,
 ) -> rusqlite::Result<()> {
     transaction
-        .prepare_cached("INSERT INTO event (at_ns, kind, text) VALUES (?1, ?2, ?3)")?
-        .execute(params![at, kind, text])?;
+        .prepare_cached("INSERT INTO event (at_ns, kind, text, checksum) VALUES (?1, ?2, ?3, ?4)")?
+        .execute(params![at, kind, text, event_checksum(at, kind, text)])?;
     Ok(())
 }
 
@@ -105,8 +103,7 @@ pub(super) fn settings_id(
     settings: &Settings,
     settle: i64,
 ) -> rusqlite::Result<i64> {
-    let precautions = serde_json::to_string(&settings.precautions)
-        .map_err(|cause| rusqlite::Error::ToSqlConversionFailure(cause.into()))?;
+    let precautions = json(serde_json::to_string(&settings.precautions))?;
     let values = params![
         settings.protocol_hash,
         settings.current.0,
@@ -227,31 +224,6 @@ pub(super) fn known_mapper(
     Ok(id)
 }
 
-pub(super) fn frame_row(
-    sequence: u64,
-    frame: &Frame,
-    map: Option<&MapRecord>,
-    reference: Option<i64>,
-    blob: &[u8],
-) -> Result<FrameRow, LogbookError> {
-    Ok(FrameRow {
-        sequence: sequence as i64,
-        wall: nanoseconds(frame.wall, "a frame's wall time")?,
-        monotonic: span(frame.monotonic, "a frame's monotonic time")?,
-        duration: span(frame.duration, "a frame's duration")?,
-        simulated: frame.simulated,
-        compliance: (!frame.compliance.is_empty()).then(|| {
-            format!(
-                "{:?}",
-                frame.compliance.iter().map(|e| e.0).collect::<Vec<_>>()
-            )
-        }),
-        map_hash: map.map(|map| pack_hash(&map.hash)),
-        reference,
-        blob: blob.to_vec(),
-    })
-}
-
 pub(super) fn write_reference(transaction: &Connection, packed: &Packed) -> rusqlite::Result<()> {
     let Some(new) = &packed.written else {
         return Ok(());
@@ -269,40 +241,72 @@ pub(super) fn write_reference(transaction: &Connection, packed: &Packed) -> rusq
     Ok(())
 }
 
-pub(super) fn write_frame(
+pub(super) fn write_stretch(
     transaction: &Connection,
-    row: &FrameRow,
-    quality: &Quality,
-    settings: i64,
-    mapper: Option<i64>,
+    stretch: &Stretch,
+    settings: &Settings,
 ) -> rusqlite::Result<()> {
     transaction
         .prepare_cached(
-            "INSERT INTO frame (sequence, wall_ns, monotonic_ns, duration_ns, settings, simulated, overloads,
-                timeouts, not_measured, reciprocity, loop_sum, implausible, flags, compliance, mapper, map_hash,
-                reference, readings, checksum)
-             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18, ?19)",
+            "INSERT INTO stretch (id, settings, mapper, simulated, sequence, monotonic_us, wall_us, period_us, checksum)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
+        )?
+        .execute(params![
+            stretch.id,
+            stretch.settings,
+            stretch.mapper,
+            stretch.simulated,
+            stretch.sequence,
+            stretch.monotonic,
+            stretch.wall,
+            stretch.period,
+            stretch.checksum(settings),
+        ])?;
+    Ok(())
+}
+
+pub(super) fn write_frame(transaction: &Connection, row: &FrameRow) -> rusqlite::Result<()> {
+    transaction
+        .prepare_cached(
+            "INSERT INTO frame (sequence, stretch, tick_us, skew_us, duration_us, reference, flags, loop_sum, remarks,
+                map_hash, readings, checksum)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12)",
         )?
         .execute(params![
             row.sequence,
-            row.wall,
-            row.monotonic,
+            row.stretch,
+            row.tick,
+            row.skew,
             row.duration,
-            settings,
-            row.simulated,
-            quality.overloads as i64,
-            quality.timeouts as i64,
-            quality.not_measured as i64,
-            quality.reciprocity.filter(|worst| worst.is_finite()),
-            quality.loop_sum.filter(|worst| worst.is_finite()),
-            quality.implausible as i64,
-            quality.words(),
-            row.compliance,
-            mapper,
-            row.map_hash,
             row.reference,
+            row.flags,
+            row.loop_sum,
+            row.remarks,
+            row.map_hash,
             row.blob,
-            row.checksum(settings, mapper),
+            row.checksum(),
         ])?;
     Ok(())
+}
+
+/// The quality flags as bits.
+pub(super) fn bits(quality: &Quality) -> i64 {
+    QualityFlag::ALL
+        .iter()
+        .enumerate()
+        .filter(|(_, flag)| quality.flags.contains(flag))
+        .map(|(place, _)| 1 << place)
+        .sum()
+}
+
+/// What is rare, as JSON; `None` where there is nothing.
+pub(super) fn remarks(quality: &Quality) -> rusqlite::Result<Option<String>> {
+    let remarks = Remarks {
+        implausible: quality.implausible,
+        compliance: quality.compliance.clone(),
+    };
+    match remarks == Remarks::default() {
+        true => Ok(None),
+        false => json(serde_json::to_string(&remarks)).map(Some),
+    }
 }

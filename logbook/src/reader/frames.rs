@@ -1,0 +1,298 @@
+//! Frames as they come back.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use rusqlite::types::Value;
+use rusqlite::{OptionalExtension, params};
+use survey::{Checks, Frame, Quality, QualityFlag, Settings};
+
+use super::{SessionReader, microseconds, wall};
+use crate::codec::{self, Reference};
+use crate::row::{Remarks, StoredFrame, Stretch, reference_checksum, unpack_hash};
+use crate::{LogbookError, MapRecord, Record};
+
+/// How many frames are fetched at a time while iterating.
+const PAGE: u32 = 64;
+
+impl SessionReader {
+    /// One frame by its sequence, counted from [`SessionHeader::first_sequence`].
+    ///
+    /// # Errors
+    /// No such frame, or a damaged one.
+    pub fn frame(&self, sequence: u64) -> Result<Record, LogbookError> {
+        let row = self
+            .connection
+            .prepare_cached("SELECT * FROM frame WHERE sequence = ?1")
+            .and_then(|mut statement| {
+                statement
+                    .query_row([sequence as i64], StoredFrame::read)
+                    .optional()
+            })
+            .map_err(|source| LogbookError::reading(&self.path, "read a frame of", source))?;
+        let Some(row) = row else {
+            return Err(LogbookError::NoSuchFrame {
+                path: self.path.clone(),
+                sequence,
+                frames: self.len()?,
+                first: self.header.first_sequence,
+            });
+        };
+        self.unpack(row, &mut Known::default())
+    }
+
+    /// All frames in order. A damaged frame is an error in its place, and the ones after it still come.
+    pub fn frames(&self) -> Frames<'_> {
+        self.frames_from(1)
+    }
+
+    /// The frames from a sequence on.
+    pub fn frames_from(&self, sequence: u64) -> Frames<'_> {
+        Frames {
+            session: self,
+            next: sequence.max(1) as i64,
+            page: VecDeque::new(),
+            known: Known::default(),
+            ended: false,
+        }
+    }
+
+    /// The last frame, if there is one.
+    ///
+    /// # Errors
+    /// The file cannot be read, or that frame is damaged.
+    pub fn last(&self) -> Result<Option<Record>, LogbookError> {
+        match self.is_empty()? {
+            true => Ok(None),
+            false => self.frame(self.last_sequence()?).map(Some),
+        }
+    }
+
+    fn page(&self, from: i64) -> Result<VecDeque<StoredFrame>, LogbookError> {
+        let read = || -> rusqlite::Result<VecDeque<StoredFrame>> {
+            self.connection
+                .prepare_cached(
+                    "SELECT * FROM frame WHERE sequence >= ?1 ORDER BY sequence LIMIT ?2",
+                )?
+                .query_map(params![from, PAGE], StoredFrame::read)?
+                .collect()
+        };
+        read().map_err(|source| LogbookError::reading(&self.path, "read the frames of", source))
+    }
+
+    fn map_record(&self, id: i64, hash: &Value) -> Result<MapRecord, LogbookError> {
+        let hash = unpack_hash(hash)
+            .ok_or_else(|| self.damaged("the hash of a map".into(), "it is no hash"))?;
+        self.connection
+            .prepare_cached("SELECT method, model_hash, build, cpu FROM mapper WHERE id = ?1")
+            .and_then(|mut statement| {
+                statement.query_row([id], |row| {
+                    Ok(MapRecord {
+                        hash,
+                        method: row.get(0)?,
+                        model_hash: row.get(1)?,
+                        build: row.get(2)?,
+                        cpu: row.get(3)?,
+                    })
+                })
+            })
+            .map_err(|source| LogbookError::reading(&self.path, "read the map methods of", source))
+    }
+
+    /// Of a map that was made after its frame had been written.
+    fn late_map(&self, sequence: i64) -> Result<Option<MapRecord>, LogbookError> {
+        let late = self
+            .connection
+            .prepare_cached("SELECT mapper, map_hash FROM late_map WHERE sequence = ?1")
+            .and_then(|mut statement| {
+                let row = |row: &rusqlite::Row<'_>| Ok((row.get::<_, i64>(0)?, row.get(1)?));
+                statement.query_row([sequence], row).optional()
+            })
+            .map_err(|source| LogbookError::reading(&self.path, "read the late maps of", source))?;
+        late.map(|(mapper, hash): (i64, Value)| self.map_record(mapper, &hash))
+            .transpose()
+    }
+
+    fn unpack(&self, stored: StoredFrame, known: &mut Known) -> Result<Record, LogbookError> {
+        let StoredFrame { row, checksum } = stored;
+        let place = || format!("frame {}", row.sequence);
+        if checksum != row.checksum() {
+            return Err(self.damaged(place(), "its checksum does not agree"));
+        }
+        if let Some(reference) = row.reference
+            && known
+                .reference
+                .as_ref()
+                .is_none_or(|(id, _)| *id != reference)
+        {
+            known.reference = Some((reference, self.reference(row.sequence, reference)?));
+        }
+        let reference = match (row.reference, &known.reference) {
+            (Some(_), Some((_, reference))) => reference,
+            _ => &Reference::NONE,
+        };
+        let readings = codec::decode(&row.blob, reference, self.header.protocol.len())
+            .map_err(|cause| self.damaged(place(), cause.to_string()))?;
+        let remarks: Remarks = match &row.remarks {
+            Some(json) => serde_json::from_str(json)
+                .map_err(|cause| self.damaged(place(), cause.to_string()))?,
+            None => Remarks::default(),
+        };
+        let (stretch, settings) = match known.stretches.entry(row.stretch) {
+            std::collections::btree_map::Entry::Occupied(there) => there.into_mut(),
+            std::collections::btree_map::Entry::Vacant(empty) => {
+                empty.insert(self.stretch(row.sequence, row.stretch)?)
+            }
+        };
+        let (monotonic_us, wall_us) = stretch.times(&row);
+        let frame = Frame {
+            sequence: row.sequence as u64,
+            readings,
+            extra: Vec::new(),
+            monotonic: microseconds(monotonic_us),
+            wall: wall(wall_us),
+            duration: microseconds(row.duration),
+            settings: settings.clone(),
+            compliance: remarks.compliance,
+            simulated: stretch.simulated,
+        };
+        let map = match (stretch.mapper, &row.map_hash) {
+            (Some(id), Some(hash)) => Some(self.map_record(id, hash)?),
+            _ => self.late_map(row.sequence)?,
+        };
+        let checks = self
+            .checks
+            .get_or_init(|| Checks::new(&self.header.protocol));
+        Ok(Record {
+            quality: Quality {
+                reciprocity: checks.reciprocal(&frame),
+                loop_sum: row.loop_sum,
+                implausible: remarks.implausible,
+                flags: QualityFlag::ALL
+                    .into_iter()
+                    .enumerate()
+                    .filter_map(|(place, flag)| (row.flags >> place & 1 == 1).then_some(flag))
+                    .collect(),
+                ..Quality::counted(&frame)
+            },
+            frame,
+            map,
+        })
+    }
+
+    /// A stretch and its settings.
+    fn stretch(&self, of: i64, id: i64) -> Result<(Stretch, Settings), LogbookError> {
+        let place = format!("stretch {id}, which frame {of} belongs to");
+        let row = self
+            .connection
+            .prepare_cached("SELECT * FROM stretch WHERE id = ?1")
+            .and_then(|mut statement| {
+                let row = |row: &rusqlite::Row<'_>| {
+                    let stretch = Stretch {
+                        id,
+                        settings: row.get("settings")?,
+                        mapper: row.get("mapper")?,
+                        simulated: row.get("simulated")?,
+                        sequence: row.get("sequence")?,
+                        monotonic: row.get("monotonic_us")?,
+                        wall: row.get("wall_us")?,
+                        period: row.get("period_us")?,
+                    };
+                    let settings = self.settings_row(stretch.settings)?;
+                    Ok((stretch, settings, row.get::<_, Vec<u8>>("checksum")?))
+                };
+                statement.query_row([id], row).optional()
+            })
+            .map_err(|source| LogbookError::reading(&self.path, "read a stretch of", source))?;
+        let Some((stretch, settings, checksum)) = row else {
+            return Err(self.damaged(place, "it or its settings are not there"));
+        };
+        if checksum != stretch.checksum(&settings) {
+            return Err(self.damaged(place, "its checksum does not agree"));
+        }
+        Ok((stretch, settings))
+    }
+
+    /// What a frame's differences refer to.
+    fn reference(&self, of: i64, reference: i64) -> Result<Reference, LogbookError> {
+        if reference == 0 {
+            return self.baseline_reference(&format!("frame {of}"));
+        }
+        let place = format!("reference {reference}, which frame {of} refers to");
+        let row = self
+            .connection
+            .prepare_cached(
+                "SELECT against_baseline, readings, checksum FROM reference WHERE id = ?1",
+            )
+            .and_then(|mut statement| {
+                let row = |row: &rusqlite::Row<'_>| {
+                    Ok((
+                        row.get::<_, bool>(0)?,
+                        row.get::<_, Vec<u8>>(1)?,
+                        row.get::<_, Vec<u8>>(2)?,
+                    ))
+                };
+                statement.query_row([reference], row).optional()
+            })
+            .map_err(|source| LogbookError::reading(&self.path, "read a reference of", source))?;
+        let Some((against_baseline, blob, checksum)) = row else {
+            return Err(self.damaged(place, "it is not there"));
+        };
+        if checksum != reference_checksum(reference, against_baseline, &blob) {
+            return Err(self.damaged(place, "its checksum does not agree"));
+        }
+        let against = if against_baseline {
+            self.baseline_reference(&place)?
+        } else {
+            Reference::NONE
+        };
+        let readings = codec::decode(&blob, &against, self.header.protocol.len())
+            .map_err(|cause| self.damaged(place, cause.to_string()))?;
+        Ok(Reference::new(&readings))
+    }
+
+    fn baseline_reference(&self, of: &str) -> Result<Reference, LogbookError> {
+        let baseline = self.baseline()?.ok_or_else(|| {
+            self.damaged(of.to_owned(), "it refers to a baseline, and there is none")
+        })?;
+        Ok(Reference::new(&baseline.readings))
+    }
+}
+
+/// Frames of a session in order; made by [`SessionReader::frames`].
+#[derive(Debug)]
+pub struct Frames<'a> {
+    session: &'a SessionReader,
+    next: i64,
+    page: VecDeque<StoredFrame>,
+    known: Known,
+    ended: bool,
+}
+
+impl Iterator for Frames<'_> {
+    type Item = Result<Record, LogbookError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.page.is_empty() && !self.ended {
+            match self.session.page(self.next) {
+                Ok(page) => self.page = page,
+                Err(failure) => {
+                    self.ended = true;
+                    return Some(Err(failure));
+                }
+            }
+        }
+        let Some(stored) = self.page.pop_front() else {
+            self.ended = true;
+            return None;
+        };
+        self.next = stored.row.sequence + 1;
+        Some(self.session.unpack(stored, &mut self.known))
+    }
+}
+
+/// What was looked up before, for the next frame mostly wants the same.
+#[derive(Debug, Default)]
+struct Known {
+    reference: Option<(i64, Reference)>,
+    stretches: BTreeMap<i64, (Stretch, Settings)>,
+}
