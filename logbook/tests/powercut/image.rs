@@ -1,0 +1,140 @@
+//! What a disk may hold after a power cut: of each file what was synced, and of the writes since any of them, all of
+//! them, none, or one torn between two sectors of 512 bytes.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use crate::vfs::{Act, Mark, Step};
+
+const SECTOR: usize = 512;
+
+#[derive(Debug, Clone, Default)]
+struct File {
+    /// Durable, as bytes; `None` where it is not there.
+    durable: Option<Vec<u8>>,
+    /// What was done since: writes, truncations, a deletion.
+    since: Vec<Act>,
+    made: bool,
+}
+
+/// The disk as it would be after some of the steps of a recording.
+#[derive(Debug, Clone, Default)]
+pub struct Disk {
+    files: BTreeMap<String, File>,
+    /// What the writer had been told.
+    pub told: Mark,
+}
+
+/// Which of the writes since the last sync are there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Lost {
+    /// None: the process was killed, the disk was not.
+    Nothing,
+    /// All of them.
+    Everything,
+    /// Of the very last write all but the first so many sectors.
+    TornAfter(usize),
+    /// Any, as a seed says; some torn.
+    Some(u64),
+}
+
+impl Disk {
+    pub fn take(&mut self, step: &Step) {
+        if let Act::Mark(mark) = step.act {
+            self.told = mark;
+            return;
+        }
+        let file = self.files.entry(step.file.clone()).or_default();
+        match &step.act {
+            Act::Open => {
+                if !file.made {
+                    file.made = true;
+                    file.durable = Some(Vec::new());
+                    file.since.clear();
+                }
+            }
+            Act::Sync => {
+                let since = std::mem::take(&mut file.since);
+                let mut content = file.durable.take();
+                for act in &since {
+                    apply(&mut content, act, usize::MAX);
+                }
+                file.durable = content;
+            }
+            Act::Delete { lasting } => {
+                file.since.push(step.act.clone());
+                file.made = false;
+                if *lasting {
+                    file.durable = None;
+                    file.since.clear();
+                }
+            }
+            act => file.since.push(act.clone()),
+        }
+    }
+
+    /// Sectors of the last write, if the last step was one.
+    pub fn last_sectors(&self, step: &Step) -> usize {
+        match &step.act {
+            Act::Write { offset, bytes } => {
+                (offset + bytes.len()).div_ceil(SECTOR) - offset / SECTOR
+            }
+            _ => 0,
+        }
+    }
+
+    /// Lays the files of one possibility into a folder.
+    pub fn lay(&self, folder: &Path, lost: Lost, last: &str) {
+        let mut dice = match lost {
+            Lost::Some(seed) => seed | 1,
+            _ => 1,
+        };
+        let mut throw = |sides: u64| {
+            dice ^= dice << 13;
+            dice ^= dice >> 7;
+            dice ^= dice << 17;
+            dice % sides
+        };
+        for (name, file) in &self.files {
+            let mut content = file.durable.clone();
+            let count = file.since.len();
+            for (place, act) in file.since.iter().enumerate() {
+                let sectors = match lost {
+                    Lost::Nothing => usize::MAX,
+                    Lost::Everything => 0,
+                    Lost::TornAfter(sectors) if name == last && place + 1 == count => sectors,
+                    Lost::TornAfter(_) => usize::MAX,
+                    Lost::Some(_) => match throw(3) {
+                        0 => 0,
+                        1 => usize::MAX,
+                        _ => throw(40) as usize,
+                    },
+                };
+                apply(&mut content, act, sectors);
+            }
+            if let Some(content) = content {
+                std::fs::write(folder.join(name), content).expect("an image is written");
+            }
+        }
+    }
+}
+
+/// Does an act, of a write only its first so many sectors.
+fn apply(content: &mut Option<Vec<u8>>, act: &Act, sectors: usize) {
+    match act {
+        Act::Write { offset, bytes } if sectors > 0 => {
+            let end = (offset / SECTOR)
+                .saturating_add(sectors)
+                .saturating_mul(SECTOR);
+            let count = bytes.len().min(end.saturating_sub(*offset));
+            let content = content.get_or_insert_default();
+            if content.len() < offset + count {
+                content.resize(offset + count, 0);
+            }
+            content[*offset..offset + count].copy_from_slice(&bytes[..count]);
+        }
+        Act::Truncate(size) if sectors > 0 => content.get_or_insert_default().resize(*size, 0),
+        Act::Delete { .. } if sectors > 0 => *content = None,
+        _ => {}
+    }
+}
