@@ -104,8 +104,11 @@ pub enum Command {
     Step(Step),
     /// Follow frames and draw the map of each in the terminal
     Watch(Watch),
-    /// List recorded sessions, from the running daemon's directory and the usual ones
-    Sessions,
+    /// List recorded sessions, from the running daemon's directory and the usual ones; check, repair, prune them
+    Sessions {
+        #[command(subcommand)]
+        what: Option<SessionsCommand>,
+    },
     /// Show what happened to a session and its rig: frames that failed, instruments lost and found again
     Events {
         /// Session: an id, the beginning of one, or a session file
@@ -178,6 +181,56 @@ pub struct Transcript {
     /// Write it to a new file
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+}
+
+/// What is asked of recorded sessions.
+#[derive(Debug, Subcommand)]
+pub enum SessionsCommand {
+    /// Check that records are whole: checksums, sequence, parts, an event for every gap (1 where one is not)
+    Verify(Verify),
+    /// Write what can be read of a damaged session file into a new one and say what was cut; the old one is not touched
+    Repair(Repair),
+    /// Remove old sessions, never one that is not closed nor the newest baseline
+    Prune(Prune),
+}
+
+/// Options of `sessions verify`.
+#[derive(Debug, Args)]
+pub struct Verify {
+    /// Sessions: ids, beginnings of ids, or session files
+    #[arg(required_unless_present = "all")]
+    pub sessions: Vec<String>,
+    /// Every session that `tactus sessions` lists
+    #[arg(long, conflicts_with = "sessions")]
+    pub all: bool,
+}
+
+/// Options of `sessions repair`.
+#[derive(Debug, Args)]
+pub struct Repair {
+    /// Session: an id, the beginning of one, or a session file
+    pub session: String,
+    /// The new file, NAME.tactus (default: SESSION_repaired.tactus beside the old one)
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+}
+
+/// Options of `sessions prune`.
+#[derive(Debug, Args)]
+#[group(id = "rule", required = true, multiple = true)]
+pub struct Prune {
+    /// Sessions whose last frame is older (90d)
+    #[arg(long, value_name = "SPAN", value_parser = span, group = "rule")]
+    pub older_than: Option<Duration>,
+    /// The oldest sessions of each directory, until the rest takes no more (20GB)
+    #[arg(long, value_name = "SIZE", value_parser = crate::upkeep::parse_size, group = "rule")]
+    pub keep_bytes: Option<u64>,
+    /// Only what `tactus export --format csv` has written whole; alone: all of that
+    #[arg(long, group = "rule")]
+    pub exported_only: bool,
+    /// Only say what would go
+    #[arg(long)]
+    pub dry_run: bool,
 }
 
 /// What is asked of the baseline.
@@ -334,6 +387,9 @@ pub struct Replay {
     /// What to subtract: FILE (its frames' mean) or first:N (mean of the first N frames); a session uses its own unless said
     #[arg(long, value_name = "FILE|first:N")]
     pub baseline: Option<BaselineChoice>,
+    /// Compare each map with the trace of the one that was recorded (1 where the same build and processor make another)
+    #[arg(long, conflicts_with_all = ["baseline", "negate", "frames"])]
+    pub verify: bool,
     /// Readings are magnitudes, as an instrument without sign gives them: take them as negative
     #[arg(long)]
     pub negate: bool,

@@ -97,6 +97,10 @@ fn tables(
             header.id
         )));
     }
+    let last = records
+        .last()
+        .map_or(header.first_sequence - 1, |record| record.frame.sequence);
+    crate::upkeep::mark(session, last, &export.out);
     Ok(())
 }
 

@@ -43,6 +43,7 @@ mod sessions;
 mod state;
 mod status;
 mod table;
+mod upkeep;
 mod viewer;
 mod watch;
 
@@ -82,7 +83,8 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
 fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
     let Arguments { global, command } = arguments;
     match command {
-        Command::Sessions => sessions::run(&global, printer),
+        Command::Sessions { what: None } => sessions::run(&global, printer),
+        Command::Sessions { what: Some(what) } => upkeep::run(&global, &what, printer),
         Command::Events { session } => events::run(&global, &session, printer),
         Command::Export(export) => export::run(&global, &export, printer),
         Command::Replay(replay) => replay::run(&global, &replay, printer),
@@ -133,7 +135,7 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                     Command::Step(step) => session::step(&daemon, &step, printer).await,
                     Command::Watch(watch) => watch::run(&daemon, &watch, printer).await,
                     Command::Plan(asked) => plan::run(&daemon, &asked, printer).await,
-                    Command::Sessions
+                    Command::Sessions { .. }
                     | Command::Events { .. }
                     | Command::Export(_)
                     | Command::Replay(_)

@@ -33,6 +33,8 @@ pub(crate) enum Home {
 
 /// Frames, and what they are to be compared with.
 pub(crate) struct Recording {
+    /// As it is called: a session's id, or the folder.
+    pub(crate) name: String,
     pub(crate) protocol: Protocol,
     pub(crate) frames: Vec<Recorded>,
     pub(crate) baseline: Vec<Reading>,
@@ -101,6 +103,7 @@ fn from_folder(folder: &Path, replay: &Replay) -> Result<Recording, Failure> {
         })
         .collect();
     Ok(Recording {
+        name: replay.source.clone(),
         protocol,
         frames,
         baseline,
@@ -171,6 +174,7 @@ fn from_session(path: &Path, replay: &Replay) -> Result<Recording, Failure> {
         }
     };
     Ok(Recording {
+        name: header.id.clone(),
         protocol,
         frames,
         baseline,

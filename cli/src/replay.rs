@@ -12,7 +12,7 @@ use crate::export::{File, replace_file};
 use crate::eye::{Eye, Scene};
 use crate::failure::Failure;
 use crate::output::Printer;
-use crate::recording::{self, Recording};
+use crate::recording::{self, Recorded, Recording};
 use crate::sessions::utc;
 
 /// One line of `replay --json`; see `cli/JSON.md`.
@@ -59,6 +59,7 @@ pub(crate) fn run(
     let mut maps = replay.out.as_deref().map(File::create).transpose()?;
     let progress = progress(recording.frames.len(), printer.is_terminal());
     let draw = printer.is_terminal() && !replay.no_map;
+    let mut verdict = Verdict::default();
     for recorded in &recording.frames {
         let map =
             eye.look(&recording.baseline, &recorded.readings)
@@ -69,6 +70,7 @@ pub(crate) fn run(
                     other => other,
                 })?;
         let found = eye.field.found(&map);
+        verdict.take(recorded, &map);
         if let Some(file) = &mut maps {
             file.write(&row(&map))?;
         }
@@ -116,7 +118,89 @@ pub(crate) fn run(
         let path = file.finish()?;
         printer.text(&format!("maps: {}", path.display()))?;
     }
+    if replay.verify {
+        printer.record(&verdict, Verdict::sentence)?;
+        return verdict.judge(&recording.name);
+    }
     Ok(())
+}
+
+/// What `replay --verify` says last; see `cli/JSON.md`.
+#[derive(Debug, Default, Serialize)]
+struct Verdict {
+    /// Maps with the bits that were recorded.
+    same: u64,
+    /// Frames whose map was made by this build on this processor, and is another now.
+    different: Vec<u64>,
+    /// Frames whose map differs and was made by another build or on another processor: their last bits may.
+    elsewhere: Vec<u64>,
+    /// The first of those builds and processors.
+    made_by: Option<String>,
+    /// Frames without a trace of a map.
+    without: u64,
+}
+
+impl Verdict {
+    fn take(&mut self, recorded: &Recorded, map: &Map) {
+        let Some(kept) = &recorded.map else {
+            self.without += 1;
+            return;
+        };
+        let version = kept.build.split_whitespace().last();
+        if kept.is_of(&map.hash()) {
+            self.same += 1;
+        } else if version == Some(env!("CARGO_PKG_VERSION")) && kept.cpu == eit::cpu_features() {
+            self.different.push(recorded.sequence);
+        } else {
+            self.elsewhere.push(recorded.sequence);
+            self.made_by
+                .get_or_insert_with(|| format!("{} on {}", kept.build, kept.cpu));
+        }
+    }
+
+    fn sentence(&self) -> String {
+        let mut text = format!("{} maps have the bits that were recorded", self.same);
+        if !self.different.is_empty() {
+            text.push_str(&format!(", {} have others", self.different.len()));
+        }
+        if let Some(made_by) = &self.made_by {
+            text.push_str(&format!(
+                ", {} were made by {made_by} and differ, which here proves nothing: only their hashes were kept",
+                self.elsewhere.len()
+            ));
+        }
+        if self.without > 0 {
+            text.push_str(&format!(", {} frames kept no trace of one", self.without));
+        }
+        text
+    }
+
+    fn judge(&self, session: &str) -> Result<(), Failure> {
+        let Some(first) = self.different.first() else {
+            if self.same == 0 && self.elsewhere.is_empty() {
+                return Err(Failure::Failed(format!(
+                    "{session} keeps no trace of any map: there is nothing to verify"
+                )));
+            }
+            return Ok(());
+        };
+        let listed: Vec<String> = self
+            .different
+            .iter()
+            .take(20)
+            .map(ToString::to_string)
+            .collect();
+        Err(Failure::Failed(format!(
+            "{} of {session}'s maps are not what was recorded, from frame {first} on: {}{}",
+            self.different.len(),
+            listed.join(", "),
+            if self.different.len() > listed.len() {
+                ", ..."
+            } else {
+                ""
+            }
+        )))
+    }
 }
 
 fn introduce(
@@ -186,7 +270,7 @@ fn row(map: &Map) -> Vec<u8> {
 }
 
 /// A bar on the terminal's error stream; hidden where nobody watches.
-fn progress(frames: usize, terminal: bool) -> ProgressBar {
+pub(crate) fn progress(frames: usize, terminal: bool) -> ProgressBar {
     if !terminal || !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();
     }

@@ -202,7 +202,7 @@ impl Means {
             method: map.method.clone(),
             model_hash: self.model.hash.clone(),
             build: self.build.clone(),
-            cpu: cpu_features(),
+            cpu: eit::cpu_features(),
         };
         // a map that the calibration refuses stays a map, and the session says why
         let pressure = self
@@ -231,25 +231,4 @@ fn said(panic: &(dyn std::any::Any + Send)) -> String {
         .map(ToString::to_string)
         .or_else(|| panic.downcast_ref::<String>().cloned());
     text.unwrap_or_else(|| "it said nothing".to_owned())
-}
-
-/// What decides the last bits of a map beside the build.
-fn cpu_features() -> String {
-    #[cfg(target_arch = "x86_64")]
-    {
-        let features = [
-            ("avx512f", std::arch::is_x86_feature_detected!("avx512f")),
-            ("avx2", std::arch::is_x86_feature_detected!("avx2")),
-            ("fma", std::arch::is_x86_feature_detected!("fma")),
-        ];
-        let names: Vec<&str> = features
-            .into_iter()
-            .filter_map(|(name, there)| there.then_some(name))
-            .collect();
-        format!("x86_64 {}", names.join(" "))
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    {
-        std::env::consts::ARCH.to_owned()
-    }
 }

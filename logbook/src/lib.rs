@@ -42,11 +42,14 @@
 pub mod codec;
 mod header;
 mod lock;
+mod prune;
 mod reader;
 mod refusal;
+mod repair;
 mod row;
 pub mod schema;
 mod shelf;
+mod verify;
 mod volume;
 mod writer;
 
@@ -55,8 +58,13 @@ pub use header::{
     SessionSummary,
 };
 pub use lock::{StateLock, lock};
+pub use prune::{
+    Exported, Pruned, Removed, Retention, Spared, exported, folder_bytes, mark_exported, prune,
+};
 pub use reader::{Frames, SessionReader};
 pub use refusal::{DiskFault, LogbookError};
+pub use repair::{CUT, Cut, Repaired, repair};
 pub use shelf::{Listing, Unreadable, baselines, find, interrupted, latest_baseline, list};
+pub use verify::{Finding, Gap, Verified, parts, verify};
 pub use volume::{Volume, volume};
 pub use writer::{CONTINUED, RESUMED, Resumed, SessionWriter, Storage, Taken};

@@ -172,7 +172,7 @@ pub fn latest_baseline(
     Ok(None)
 }
 
-fn files(dir: &Path) -> Result<Vec<PathBuf>, LogbookError> {
+pub(crate) fn files(dir: &Path) -> Result<Vec<PathBuf>, LogbookError> {
     let failed = |source| LogbookError::Io {
         path: dir.to_owned(),
         attempt: "list",
@@ -194,7 +194,7 @@ fn files(dir: &Path) -> Result<Vec<PathBuf>, LogbookError> {
     Ok(files)
 }
 
-fn id_of(path: &Path) -> &str {
+pub(crate) fn id_of(path: &Path) -> &str {
     path.file_stem()
         .and_then(|stem| stem.to_str())
         .unwrap_or_default()

@@ -3,3 +3,4 @@
 mod files;
 mod maps;
 mod scene;
+mod upkeep;

@@ -77,11 +77,22 @@ pub fn session(folder: &Path) -> PathBuf {
         folder,
         SessionHeader::new("m20270115_1", at(0), protocol()),
         None,
+        |hash, _| hash,
     )
 }
 
 /// The same as a daemon records it that reconstructs on a disc tank, for 3 uV of noise; `configuration` is kept with it.
 pub fn session_of(folder: &Path, id: &str, configuration: &str) -> PathBuf {
+    session_with(folder, id, configuration, |hash, _| hash)
+}
+
+/// The same, with what is kept of a map's hash changed on the way, by the second of its frame.
+pub fn session_with(
+    folder: &Path,
+    id: &str,
+    configuration: &str,
+    kept: impl Fn(String, i64) -> String,
+) -> PathBuf {
     let tank = DiscTank::default();
     let mesh = Arc::new(tank.mesh().expect("a sound tank"));
     let header = SessionHeader {
@@ -100,14 +111,19 @@ pub fn session_of(folder: &Path, id: &str, configuration: &str) -> PathBuf {
     let sigma = vec![tank.conductance(); mesh.triangles().len()];
     let eye = OneStep::new(mesh, &tank.contact_ohm_m(), &sigma, &protocol(), options)
         .expect("a sound method");
-    record(folder, header, Some(&eye))
+    record(folder, header, Some(&eye), kept)
 }
 
 fn protocol() -> Protocol {
     Protocol::sheffield(16).expect("sixteen electrodes")
 }
 
-fn record(folder: &Path, header: SessionHeader, eye: Option<&OneStep>) -> PathBuf {
+fn record(
+    folder: &Path,
+    header: SessionHeader,
+    eye: Option<&OneStep>,
+    kept: impl Fn(String, i64) -> String,
+) -> PathBuf {
     let protocol = protocol();
     let preset = DiscTank {
         fineness: 1.3,
@@ -162,11 +178,11 @@ fn record(folder: &Path, header: SessionHeader, eye: Option<&OneStep>) -> PathBu
         let map = eye.map(|eye| {
             let map = eye.reconstruct(&unloaded, &readings).expect("a map");
             MapRecord {
-                hash: map.hash(),
+                hash: kept(map.hash(), second),
                 method: map.method,
                 model_hash: None,
-                build: "test".into(),
-                cpu: "test".into(),
+                build: format!("tactusd {}", env!("CARGO_PKG_VERSION")),
+                cpu: eit::cpu_features(),
             }
         });
         writer

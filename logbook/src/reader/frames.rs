@@ -20,15 +20,7 @@ impl SessionReader {
     /// # Errors
     /// No such frame, or a damaged one.
     pub fn frame(&self, sequence: u64) -> Result<Record, LogbookError> {
-        let row = self
-            .connection
-            .prepare_cached("SELECT * FROM frame WHERE sequence = ?1")
-            .and_then(|mut statement| {
-                statement
-                    .query_row([sequence as i64], StoredFrame::read)
-                    .optional()
-            })
-            .map_err(|source| LogbookError::reading(&self.path, "read a frame of", source))?;
+        let row = self.row(sequence)?;
         let Some(row) = row else {
             return Err(LogbookError::NoSuchFrame {
                 path: self.path.clone(),
@@ -38,6 +30,38 @@ impl SessionReader {
             });
         };
         self.unpack(row, &mut Known::default())
+    }
+
+    /// A frame as far as it can be read, for a repair: the trace of its map may be lost.
+    pub(crate) fn kept(&self, sequence: u64) -> Result<Option<Record>, LogbookError> {
+        let row = self.row(sequence)?;
+        let mut known = Known {
+            without_maps: true,
+            ..Known::default()
+        };
+        row.map(|row| self.unpack(row, &mut known)).transpose()
+    }
+
+    /// The sequence of the next frame behind one.
+    pub(crate) fn sequence_behind(&self, sequence: u64) -> Result<Option<u64>, LogbookError> {
+        self.connection
+            .prepare_cached("SELECT min(sequence) FROM frame WHERE sequence > ?1")
+            .and_then(|mut statement| {
+                statement.query_row([sequence as i64], |row| row.get::<_, Option<i64>>(0))
+            })
+            .map(|behind| behind.map(|behind| behind as u64))
+            .map_err(|source| LogbookError::reading(&self.path, "read the frames of", source))
+    }
+
+    fn row(&self, sequence: u64) -> Result<Option<StoredFrame>, LogbookError> {
+        self.connection
+            .prepare_cached("SELECT * FROM frame WHERE sequence = ?1")
+            .and_then(|mut statement| {
+                statement
+                    .query_row([sequence as i64], StoredFrame::read)
+                    .optional()
+            })
+            .map_err(|source| LogbookError::reading(&self.path, "read a frame of", source))
     }
 
     /// All frames in order. A damaged frame is an error in its place, and the ones after it still come.
@@ -156,8 +180,12 @@ impl SessionReader {
             simulated: stretch.simulated,
         };
         let map = match (stretch.mapper, &row.map_hash) {
-            (Some(id), Some(hash)) => Some(self.map_record(id, hash)?),
-            _ => self.late_map(row.sequence)?,
+            (Some(id), Some(hash)) => self.map_record(id, hash).map(Some),
+            _ => self.late_map(row.sequence),
+        };
+        let map = match map {
+            Err(_) if known.without_maps => None,
+            found => found?,
         };
         let checks = self
             .checks
@@ -295,4 +323,6 @@ impl Iterator for Frames<'_> {
 struct Known {
     reference: Option<(i64, Reference)>,
     stretches: BTreeMap<i64, (Stretch, Settings)>,
+    /// Whether the trace of a map that cannot be read is as if there were none.
+    without_maps: bool,
 }

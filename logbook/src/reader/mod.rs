@@ -291,6 +291,34 @@ impl SessionReader {
         Ok((events, damaged))
     }
 
+    /// One event by its number, if it is there and agrees with its checksum.
+    pub(crate) fn event(&self, number: i64) -> Result<Option<Event>, LogbookError> {
+        let read = || -> rusqlite::Result<Option<(Event, i64, Vec<u8>)>> {
+            self.connection
+                .prepare_cached("SELECT at_ns, kind, text, checksum FROM event WHERE id = ?1")?
+                .query_row([number], |row| {
+                    let at = row.get(0)?;
+                    let event = Event {
+                        at: DateTime::from_timestamp_nanos(at),
+                        kind: row.get(1)?,
+                        text: row.get(2)?,
+                    };
+                    Ok((event, at, row.get(3)?))
+                })
+                .optional()
+        };
+        let row = read()
+            .map_err(|source| LogbookError::reading(&self.path, "read an event of", source))?;
+        let Some((event, at, checksum)) = row else {
+            return Ok(None);
+        };
+        if checksum == event_checksum(at, &event.kind, &event.text) {
+            Ok(Some(event))
+        } else {
+            Err(self.damaged(format!("event {number}"), "its checksum does not agree"))
+        }
+    }
+
     fn settings_row(&self, id: i64) -> rusqlite::Result<Settings> {
         self.connection
             .prepare_cached(

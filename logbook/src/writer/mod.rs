@@ -12,11 +12,11 @@ use std::time::Duration;
 
 use chrono::{DateTime, Utc};
 use rusqlite::{Connection, OpenFlags, params};
-use survey::{Baseline, Checks, Frame, Settings};
+use survey::{Baseline, Checks, Frame, Quality, Settings};
 
 use crate::row::{FrameRow, pack_hash};
 use crate::schema;
-use crate::{DiskFault, LogbookError, MapRecord, SessionHeader};
+use crate::{DiskFault, LogbookError, MapRecord, Record, SessionHeader};
 
 pub use parts::{CONTINUED, RESUMED, Resumed, Taken};
 use references::References;
@@ -49,6 +49,9 @@ pub struct SessionWriter {
     mapper: Option<(i64, MapRecord)>,
     broken: bool,
 }
+
+/// A frame, the trace of its map, and what was said about it if it came from another file.
+type Handed<'a> = (&'a Frame, Option<&'a MapRecord>, Option<&'a Quality>);
 
 /// What a new file begins with beside its header, in the same transaction.
 #[derive(Debug, Default)]
@@ -212,6 +215,26 @@ impl SessionWriter {
         &mut self,
         frames: impl IntoIterator<Item = (&'a Frame, Option<&'a MapRecord>)>,
     ) -> Result<u64, LogbookError> {
+        self.write_all(frames.into_iter().map(|(frame, map)| (frame, map, None)))
+    }
+
+    /// Writes frames as they came back from another file, with what was said about them then.
+    pub(crate) fn append_kept(&mut self, records: &[Record]) -> Result<u64, LogbookError> {
+        let kept = records
+            .iter()
+            .map(|kept| (&kept.frame, kept.map.as_ref(), Some(&kept.quality)));
+        self.write_all(kept)
+    }
+
+    /// The next frame's sequence is this one: those between are not to be had.
+    pub(crate) fn skip_to(&mut self, sequence: u64) {
+        self.sequence = sequence - 1;
+    }
+
+    fn write_all<'a>(
+        &mut self,
+        frames: impl Iterator<Item = Handed<'a>>,
+    ) -> Result<u64, LogbookError> {
         self.check_usable()?;
         let before = (
             self.references.clone(),
@@ -229,13 +252,13 @@ impl SessionWriter {
 
     fn write_frames<'a>(
         &mut self,
-        frames: impl IntoIterator<Item = (&'a Frame, Option<&'a MapRecord>)>,
+        frames: impl Iterator<Item = Handed<'a>>,
     ) -> Result<u64, LogbookError> {
         let wants = self.header.protocol.len();
         let mut sequence = self.sequence;
         let store = || -> Result<(), Unwritten> {
             let transaction = self.connection.transaction()?;
-            for (frame, map) in frames {
+            for (frame, map, quality) in frames {
                 sequence += 1;
                 check_length(frame.readings.len(), wants)?;
                 let packed = self.references.pack(&frame.readings)?;
@@ -256,7 +279,10 @@ impl SessionWriter {
                 let place = self
                     .stretches
                     .place(&transaction, &standing, &frame.settings)?;
-                let quality = self.checks.of(frame);
+                let quality = match quality {
+                    Some(kept) => kept.clone(),
+                    None => self.checks.of(frame),
+                };
                 rows::write_reference(&transaction, &packed)?;
                 rows::write_frame(
                     &transaction,

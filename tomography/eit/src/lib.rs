@@ -45,6 +45,7 @@ mod novelty;
 mod one_step;
 pub mod preset;
 mod prior;
+mod processor;
 mod quick;
 mod rbf;
 mod reconstructor;
@@ -74,6 +75,7 @@ pub use one_step::{
 };
 pub use preset::{DiscTank, PaperSheet, Preset, SheetElectrode};
 pub use prior::{Prior, SMOOTH_LENGTH_M};
+pub use processor::cpu_features;
 pub use rbf::{NOVELTY_LIMIT, RbfNetwork, RbfReconstructor};
 pub use reconstructor::{MOST_MISSING, Novelty, ReconstructError, Reconstructor};
 pub use training::{

@@ -1,0 +1,163 @@
+//! Records checked, repaired, pruned, and their maps verified.
+
+use std::path::Path;
+
+use crate::scene::{done, lines, refused, session, session_of, session_with, tactus};
+
+/// Turns a bit of a file, somewhere in what a text of it stands near.
+fn bend(path: &Path, near: &[u8], behind: usize) {
+    let mut bytes = std::fs::read(path).unwrap();
+    let place = bytes
+        .windows(near.len())
+        .rposition(|window| window == near)
+        .expect("the file has it");
+    bytes[place + behind] ^= 0x40;
+    std::fs::write(path, bytes).unwrap();
+}
+
+#[test]
+fn a_whole_record_is_verified_and_a_damaged_one_is_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = session(folder.path());
+    let said = lines(&done(
+        folder.path(),
+        &["sessions", "verify", "m2027", "--json"],
+    ));
+    assert_eq!(said.len(), 1);
+    assert_eq!(
+        (&said[0]["whole"], &said[0]["frames"], &said[0]["session"]),
+        (&true.into(), &3.into(), &"m20270115_1".into())
+    );
+    let keys: Vec<_> = said[0].as_object().unwrap().keys().collect();
+    assert_eq!(
+        keys,
+        [
+            "whole", "session", "parts", "frames", "closed", "gaps", "findings"
+        ]
+    );
+    let said = done(folder.path(), &["sessions", "verify", "--all"]);
+    assert!(
+        said.contains("m20270115_1: whole: 3 frames in 1 part"),
+        "{said}"
+    );
+
+    // The note stands in the header.
+    bend(&path, b"three frames", 1);
+    let output = tactus(folder.path(), &["sessions", "verify", "--all"]);
+    assert_eq!(output.status.code(), Some(1));
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(
+        said.contains("NOT WHOLE") && said.contains("header"),
+        "{said}"
+    );
+    assert!(refused(folder.path(), &["sessions", "verify"], 2).contains("--all"));
+}
+
+#[test]
+fn a_page_of_rubbish_is_cut_out_and_the_damaged_file_stays_as_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = session_of(folder.path(), "m1", "");
+    // The last page of the file that holds readings: frames are the last thing that was written.
+    let before = std::fs::read(&path).unwrap();
+    bend(&path, b"count reached", 1);
+    std::fs::write(&path, &before).unwrap();
+    let said = done(folder.path(), &["sessions", "repair", "m1"]);
+    assert!(said.contains("m1_repaired.tactus: 3 frames"), "{said}");
+    assert!(
+        said.contains("baseline kept") && !said.contains("cut"),
+        "{said}"
+    );
+    assert_eq!(std::fs::read(&path).unwrap(), before);
+    let whole = lines(&done(
+        folder.path(),
+        &["sessions", "verify", "m1_repaired", "--json"],
+    ));
+    assert_eq!(whole[0]["whole"], true);
+    // What was said about the maps is kept, too.
+    done(folder.path(), &["replay", "m1_repaired", "--verify"]);
+    let again = refused(folder.path(), &["sessions", "repair", "m1"], 1);
+    assert!(again.contains("exists already"), "{again}");
+    done(
+        folder.path(),
+        &["sessions", "repair", "m1", "--out", "good.tactus"],
+    );
+    assert!(folder.path().join("good.tactus").exists());
+}
+
+#[test]
+fn only_what_was_exported_goes_and_a_dry_run_removes_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let first = session(folder.path());
+    let second = session_of(folder.path(), "m2", "");
+    let exported_only = ["sessions", "prune", "--exported-only"];
+    assert!(done(folder.path(), &exported_only).contains("0 sessions were removed"));
+    done(
+        folder.path(),
+        &["export", "m2027", "--format", "csv", "--out", "out.csv"],
+    );
+    let said = done(
+        folder.path(),
+        &[&exported_only[..], &["--dry-run"]].concat(),
+    );
+    assert!(said.contains("m20270115_1 would go"), "{said}");
+    assert!(first.exists());
+    let said = lines(&done(
+        folder.path(),
+        &[&exported_only[..], &["--json"]].concat(),
+    ));
+    let what: Vec<_> = said
+        .iter()
+        .map(|line| (&line["what"], &line["id"]))
+        .collect();
+    assert_eq!(
+        what,
+        [
+            (&"removed".into(), &"m20270115_1".into()),
+            (&"spared".into(), &"m2".into())
+        ]
+    );
+    assert!(!first.exists() && second.exists());
+    assert!(!first.with_extension("exported.json").exists());
+    let said = std::fs::read_to_string(folder.path().join("pruned.jsonl")).unwrap();
+    assert!(said.contains("m20270115_1"), "{said}");
+    // All sessions of these tests are of 2027: none is old yet, any is too large for nothing.
+    assert!(refused(folder.path(), &["sessions", "prune"], 2).contains("--older-than"));
+    let said = done(folder.path(), &["sessions", "prune", "--keep-bytes", "0"]);
+    assert!(said.contains("m2 went"), "{said}");
+    assert!(!second.exists());
+}
+
+#[test]
+fn maps_are_verified_against_what_was_kept_of_them() {
+    let folder = tempfile::tempdir().unwrap();
+    session_of(folder.path(), "m1", "");
+    let said = done(folder.path(), &["replay", "m1", "--verify", "--no-map"]);
+    assert!(
+        said.contains("3 maps have the bits that were recorded"),
+        "{said}"
+    );
+    session_with(folder.path(), "m2", "", |hash, second| match second {
+        3 => "0".repeat(64),
+        _ => hash,
+    });
+    let said = refused(folder.path(), &["replay", "m2", "--verify"], 1);
+    assert!(
+        said.contains("1 of m2's maps") && said.contains("frame 3"),
+        "{said}"
+    );
+    let output = tactus(folder.path(), &["replay", "m2", "--verify", "--json"]);
+    let last = lines(&String::from_utf8_lossy(&output.stdout))
+        .pop()
+        .unwrap();
+    assert_eq!(
+        (&last["same"], &last["different"][0]),
+        (&2.into(), &3.into())
+    );
+    session(folder.path());
+    let said = refused(
+        folder.path(),
+        &["replay", "m20270115_1", "--verify", "--preset", "disc-tank"],
+        1,
+    );
+    assert!(said.contains("nothing to verify"), "{said}");
+}
