@@ -11,6 +11,10 @@
 //! - **part**: one file of a session that was rolled over; it says which one it goes on from
 //! - **closed**: how a session ended; a session whose writer was killed has no such entry, and is read all the same
 //!
+//! What may befall it: [`SessionWriter::resume`] goes on after a crash, [`SessionWriter::roll`] in the next part,
+//! [`SessionWriter::successor`] behind a disk that broke; [`verify`](fn@verify), [`repair`](fn@repair) and
+//! [`prune`](fn@prune) look after what lies there.
+//!
 //! The layout of the file is in [`schema`], that of a frame's readings in [`codec`].
 //!
 //! ```

@@ -1,0 +1,76 @@
+//! Measures how long it takes to open a session of a million frames again:
+//! `cargo run --release -p logbook --example open_million`. Another number of frames, and a folder on another disk than
+//! the temporary one, may be named.
+
+use std::time::Instant;
+
+use logbook::{SessionHeader, SessionReader, SessionWriter};
+use noisy::{Digits, Rig, at};
+use survey::Baseline;
+
+// It needs no more than a part of it.
+#[allow(dead_code)]
+#[path = "../tests/noisy/mod.rs"]
+mod noisy;
+
+/// Frames that are made; the record holds them over and over, for packing costs the same.
+const MADE: u64 = 4096;
+const GROUP: usize = 512;
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let mut words = std::env::args().skip(1);
+    let frames: u64 = words.next().map_or(Ok(1_000_000), |word| word.parse())?;
+    let temporary = tempfile::tempdir()?;
+    let dir = words.next().map_or(temporary.path().to_owned(), Into::into);
+    let mut rig = Rig::new(Digits::Tenths, 1);
+    let unloaded: Vec<_> = (0..16).map(|number| rig.frame(number)).collect();
+    let made: Vec<_> = (1..=MADE).map(|number| rig.frame(number)).collect();
+    let header = SessionHeader::new("of_a_million", at(0), rig.protocol().clone());
+    let mut writer = SessionWriter::create(&dir, &header)?;
+    writer.baseline(&Baseline::from_frames("b", &unloaded)?)?;
+    let began = Instant::now();
+    while writer.acknowledged() < frames {
+        for group in made.chunks(GROUP) {
+            writer.append_all(group.iter().map(|frame| (frame, None)))?;
+        }
+    }
+    let (path, last) = (writer.path().to_owned(), writer.acknowledged());
+    println!(
+        "{last} frames, {} bytes, written in {:.0} s with a sync for {GROUP}",
+        writer.bytes(),
+        began.elapsed().as_secs_f64()
+    );
+    // As a process that is killed leaves it: nothing is folded in on the way out.
+    std::mem::forget(writer);
+    let journal = path.with_extension("tactus-wal");
+    println!(
+        "journal left behind: {} bytes",
+        std::fs::metadata(&journal).map_or(0, |found| found.len())
+    );
+    for _ in 0..3 {
+        let began = Instant::now();
+        let session = SessionReader::open(&path)?;
+        let found = session.last_sequence()?;
+        println!("open and last sequence {found}: {:?}", began.elapsed());
+        drop(session);
+        let began = Instant::now();
+        let (writer, resumed) = SessionWriter::resume(&path)?;
+        println!(
+            "resume behind {}: {:?}",
+            resumed.acknowledged,
+            began.elapsed()
+        );
+        assert_eq!((found, resumed.acknowledged), (last, last));
+        std::mem::forget(writer);
+    }
+    let began = Instant::now();
+    let verified = logbook::verify(&path, |_| {})?;
+    println!(
+        "verify: {:.1} s, {} frames, {} findings",
+        began.elapsed().as_secs_f64(),
+        verified.frames,
+        verified.findings.len()
+    );
+    std::fs::remove_file(&path)?;
+    Ok(())
+}
