@@ -1,5 +1,6 @@
 //! Writing a session. Each call is one transaction, on disk when it returns.
 
+mod append;
 mod late;
 mod parts;
 mod references;
@@ -12,16 +13,15 @@ use std::time::Duration;
 
 use chrono::{DateTime, Utc};
 use rusqlite::{Connection, OpenFlags, params};
-use survey::{Baseline, Checks, Frame, Quality, Settings};
+use survey::{Baseline, Checks, Settings};
 
-use crate::row::{FrameRow, pack_hash};
 use crate::schema;
-use crate::{DiskFault, LogbookError, MapRecord, Record, SessionHeader};
+use crate::{DiskFault, LogbookError, MapRecord, SessionHeader};
 
 pub use parts::{CONTINUED, RESUMED, Resumed, Taken};
 use references::References;
 use rows::Unwritten;
-use stretches::{Standing, Stretches};
+use stretches::Stretches;
 
 /// Bounds of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -49,9 +49,6 @@ pub struct SessionWriter {
     mapper: Option<(i64, MapRecord)>,
     broken: bool,
 }
-
-/// A frame, the trace of its map, and what was said about it if it came from another file.
-type Handed<'a> = (&'a Frame, Option<&'a MapRecord>, Option<&'a Quality>);
 
 /// What a new file begins with beside its header, in the same transaction.
 #[derive(Debug, Default)]
@@ -194,121 +191,6 @@ impl SessionWriter {
     /// [`SessionWriter::successor`].
     pub fn is_broken(&self) -> bool {
         self.broken
-    }
-
-    /// Writes a frame and returns its sequence, one more than the last one's whatever number the frame carries.
-    /// When this returns, the frame is on disk.
-    ///
-    /// # Errors
-    /// The wrong number of readings, a reading that is not finite, or a disk that refuses: then nothing of the frame
-    /// is in the file, and all frames before are.
-    pub fn append(&mut self, frame: &Frame, map: Option<&MapRecord>) -> Result<u64, LogbookError> {
-        self.append_all([(frame, map)])
-    }
-
-    /// Writes frames with one sync for all of them and returns the last one's sequence. What may be lost by a power
-    /// cut is what the caller gathered and has not handed over, or not seen returned: all of a call, or nothing.
-    ///
-    /// # Errors
-    /// As [`SessionWriter::append`]; then no frame of this call is in the file.
-    pub fn append_all<'a>(
-        &mut self,
-        frames: impl IntoIterator<Item = (&'a Frame, Option<&'a MapRecord>)>,
-    ) -> Result<u64, LogbookError> {
-        self.write_all(frames.into_iter().map(|(frame, map)| (frame, map, None)))
-    }
-
-    /// Writes frames as they came back from another file, with what was said about them then.
-    pub(crate) fn append_kept(&mut self, records: &[Record]) -> Result<u64, LogbookError> {
-        let kept = records
-            .iter()
-            .map(|kept| (&kept.frame, kept.map.as_ref(), Some(&kept.quality)));
-        self.write_all(kept)
-    }
-
-    /// The next frame's sequence is this one: those between are not to be had.
-    pub(crate) fn skip_to(&mut self, sequence: u64) {
-        self.sequence = sequence - 1;
-    }
-
-    fn write_all<'a>(
-        &mut self,
-        frames: impl Iterator<Item = Handed<'a>>,
-    ) -> Result<u64, LogbookError> {
-        self.check_usable()?;
-        let before = (
-            self.references.clone(),
-            self.stretches.clone(),
-            self.settings.clone(),
-            self.mapper.clone(),
-        );
-        let written = self.write_frames(frames);
-        if written.is_err() {
-            (self.references, self.stretches, self.settings, self.mapper) = before;
-        }
-        self.sequence = written?;
-        Ok(self.sequence)
-    }
-
-    fn write_frames<'a>(
-        &mut self,
-        frames: impl Iterator<Item = Handed<'a>>,
-    ) -> Result<u64, LogbookError> {
-        let wants = self.header.protocol.len();
-        let mut sequence = self.sequence;
-        let store = || -> Result<(), Unwritten> {
-            let transaction = self.connection.transaction()?;
-            for (frame, map, quality) in frames {
-                sequence += 1;
-                check_length(frame.readings.len(), wants)?;
-                let packed = self.references.pack(&frame.readings)?;
-                let settings =
-                    rows::known_settings(&transaction, &mut self.settings, &frame.settings)?;
-                let mapper = match map {
-                    Some(map) => Some(rows::known_mapper(&transaction, &mut self.mapper, map)?),
-                    None => None,
-                };
-                let standing = Standing {
-                    sequence: sequence as i64,
-                    monotonic: span(frame.monotonic, "a frame's monotonic time")? / 1000,
-                    wall: nanoseconds(frame.wall, "a frame's wall time")?.div_euclid(1000),
-                    settings,
-                    mapper,
-                    simulated: frame.simulated,
-                };
-                let place = self
-                    .stretches
-                    .place(&transaction, &standing, &frame.settings)?;
-                let quality = match quality {
-                    Some(kept) => kept.clone(),
-                    None => self.checks.of(frame),
-                };
-                rows::write_reference(&transaction, &packed)?;
-                rows::write_frame(
-                    &transaction,
-                    &FrameRow {
-                        sequence: sequence as i64,
-                        stretch: place.stretch,
-                        tick: place.tick,
-                        skew: place.skew,
-                        duration: span(frame.duration, "a frame's duration")? / 1000,
-                        reference: packed.reference,
-                        flags: rows::bits(&quality),
-                        loop_sum: quality.loop_sum.filter(|worst| worst.is_finite()),
-                        remarks: rows::remarks(&quality)?,
-                        map_hash: map.map(|map| pack_hash(&map.hash)),
-                        blob: packed.blob,
-                    },
-                )?;
-            }
-            transaction.commit()?;
-            Ok(())
-        };
-        match store() {
-            Ok(()) => Ok(sequence),
-            Err(Unwritten::Refused(refusal)) => Err(refusal),
-            Err(Unwritten::Store(source)) => Err(self.write_failed("writing a frame", source)),
-        }
     }
 
     /// Writes the baseline that the frames to come are measured against, or that this session has recorded.
