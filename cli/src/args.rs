@@ -237,7 +237,7 @@ pub struct Prune {
 #[derive(Debug, Subcommand)]
 pub enum BaselineCommand {
     /// Record a new baseline of the unloaded sheet and wait until it is done
-    Record(BaselineRecord),
+    Record(Box<BaselineRecord>),
     /// Show the baseline in use
     Show,
 }

@@ -24,6 +24,7 @@ use rig::{SystemClock, Tape};
 use survey::{Baseline, Settings};
 use tokio::sync::Notify;
 
+use crate::claims::Claims;
 use crate::herald::{Herald, Notice};
 use crate::known::Known;
 use crate::live::Live;
@@ -59,6 +60,8 @@ pub(crate) struct Keeper {
     pub tape: Tape,
     pub pulse: Arc<Pulse>,
     source: tokio::sync::Mutex<FrameSource>,
+    /// The instruments that no other daemon may use.
+    claims: Mutex<Claims>,
     /// Somebody has agreed to other instruments.
     agreed: Notify,
     inner: Mutex<Inner>,
@@ -166,6 +169,7 @@ impl Keeper {
             tape,
             pulse: Arc::default(),
             source: tokio::sync::Mutex::new(source),
+            claims: Mutex::default(),
             agreed: Notify::new(),
             inner: Mutex::new(Inner {
                 state: match &closed {
@@ -187,6 +191,11 @@ impl Keeper {
                 test: None,
             }),
         })
+    }
+
+    /// Holds what was claimed as long as it lives.
+    pub(crate) fn hold(&self, claims: Claims) {
+        *self.claims.lock().unwrap_or_else(PoisonError::into_inner) = claims;
     }
 
     fn inner(&self) -> MutexGuard<'_, Inner> {

@@ -21,6 +21,7 @@
 
 mod args;
 mod care;
+mod claims;
 mod config;
 mod discovery;
 mod guard;
@@ -157,6 +158,13 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     let clock = SystemClock::new();
     let bench = bench_of(&prepared)?;
     let known = Known::recall(&prepared.setup.record_directory).map_err(|error| chain(&error))?;
+    let mut claims = claims::Claims::default();
+    if let FramesFrom::Rig(plan) = &prepared.frames {
+        // before anything is said to an instrument
+        claims
+            .take(&plan.instruments)
+            .map_err(|error| error.to_string())?;
+    }
     let mut others = None;
     let assembled = match &prepared.frames {
         FramesFrom::Rig(plan) => {
@@ -177,6 +185,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     let section = prepared.setup.config.bus.clone();
     let start = prepared.setup.config.schedule.start;
     let keeper = Keeper::new(prepared, bench, assembled, tape, clock);
+    keeper.hold(claims);
     tokio::spawn(guard::keep(std::sync::Arc::clone(&keeper), panics));
     tokio::spawn(pulse::tell_systemd(std::sync::Arc::downgrade(&keeper)));
     let offer = Offer::open(&section, &keeper)

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use bus::stream::{Body, Record};
-use chrono::{DateTime, Utc};
+use chrono::{DateTime, TimeDelta, Utc};
 use eit::Pressure;
 use logbook::{LogbookError, SessionWriter};
 use rig::{Clock, SystemClock};
@@ -30,6 +30,8 @@ pub(crate) const QUEUE: usize = 16;
 /// With so many waiting, nobody waits for a map.
 const HURRY: usize = QUEUE / 2;
 
+/// What a clock that is kept by NTP does not move at once.
+const CLOCK_STEP: TimeDelta = TimeDelta::seconds(1);
 /// A sheet that was left alone changes by less while the daemon is away: of a reading, in the median.
 const PLAUSIBLE: f64 = 0.1;
 /// Frames that one sync is enough for.
@@ -76,6 +78,10 @@ pub(crate) struct Recorder {
     pub disk: Disk,
     /// The last frame before a gap that the session goes on after; its next frame is compared with it.
     pub before: Option<logbook::Record>,
+    /// Whether frames wait for their maps however many there are: those of a recording do not pass by.
+    pub patient: bool,
+    /// Wall time when the monotonic clock began, by the last frame.
+    pub began: Option<DateTime<Utc>>,
 }
 
 /// What is made of the frames.
@@ -163,7 +169,7 @@ impl Recorder {
         orders: &mpsc::Receiver<Order>,
     ) -> Result<(), LogbookError> {
         let mut rows: Vec<Row> = Vec::with_capacity(frames.len());
-        let mut left = frames.len();
+        let (mut left, patient) = (frames.len(), self.patient);
         // of the frames of this call, the one whose map is late
         let mut late = None;
         for frame in frames {
@@ -176,7 +182,7 @@ impl Recorder {
                 reconstruction: Duration::ZERO,
                 durable: Duration::ZERO,
             };
-            match self.ask_for_map(&row.frame, || orders.len() + left >= HURRY) {
+            match self.ask_for_map(&row.frame, || !patient && orders.len() + left >= HURRY) {
                 Some(Attempt::Made(made)) => self.made(*made, &mut row)?,
                 Some(Attempt::Late) => late = Some(rows.len()),
                 Some(Attempt::Busy) => self.missed_a_map()?,
@@ -190,6 +196,7 @@ impl Recorder {
         }
         if let Some(first) = rows.first() {
             self.compare_with_before(first)?;
+            self.watch_the_clock(&first.frame)?;
         }
         let last = match self.store(&rows) {
             Ok(last) => last,
@@ -305,6 +312,27 @@ impl Recorder {
             self.live.facts.method
         );
         self.say("maps-missed", &text)
+    }
+
+    /// Schedules keep to the monotonic clock; where the other one is set, or the machine sleeps, that is an event.
+    fn watch_the_clock(&mut self, frame: &Frame) -> Result<(), LogbookError> {
+        let Ok(since) = TimeDelta::from_std(frame.monotonic) else {
+            return Ok(());
+        };
+        let Some(now) = frame.wall.checked_sub_signed(since) else {
+            return Ok(());
+        };
+        let moved = self.began.replace(now).map(|before| now - before);
+        match moved {
+            Some(moved) if moved.abs() > CLOCK_STEP => {
+                let text = format!(
+                    "the wall clock has moved by {:+.1} s against the monotonic one since the last frame: it was set, or                      the machine slept; frames keep to the schedule, and have both times",
+                    moved.num_milliseconds() as f64 / 1e3
+                );
+                self.say("clock-moved", &text)
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Whether the first frame after a gap is of the same sheet as the last one before it.

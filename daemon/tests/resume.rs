@@ -130,3 +130,37 @@ async fn what_cannot_go_on_is_closed_with_the_reason() {
     assert!(reason.contains("other questions"), "{reason}");
     daemon.terminate().await;
 }
+
+/// Addresses are pinned: an instrument that has another one is told so by a person, and is the same instrument then.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_session_goes_on_with_instruments_that_have_new_addresses_and_one_daemon_has_them() {
+    let (rig, server, config) = stage::on_tcp().await;
+    let config = config.replace("resume = false", "resume = true");
+    let stage = Stage::new(&config);
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let session = daemon.start(Options::new().with("step", true)).await;
+    let (id, file) = (session.id().await.unwrap(), session.path().await.unwrap());
+    within(session.step(2)).await.unwrap();
+
+    // another daemon, with a record of its own
+    let other = Stage::new(&config);
+    let refused = other.run(&[]);
+    let said = String::from_utf8_lossy(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(1), "{said}");
+    assert!(said.contains("in use by another daemon (pid"), "{said}");
+    within(session.step(1)).await.unwrap();
+
+    assert!(daemon.terminate().await.0.success());
+    drop(server);
+    let (_server, moved) = stage::on_tcp_with(&rig).await;
+    stage.configure(&moved.replace("resume = false", "resume = true"));
+    let daemon = stage.start().await;
+    let session = active(&daemon).await;
+    assert_eq!(session.id().await.unwrap(), id);
+    assert_eq!(within(session.step(1)).await.unwrap(), 4);
+    session.stop().await.unwrap();
+    let reader = SessionReader::open(&file).unwrap();
+    assert_eq!(kinds(&reader), ["shut-down", RESUMED, "plausible"]);
+    daemon.terminate().await;
+}

@@ -96,6 +96,12 @@ impl Keeper {
             }
             FramesFrom::Recording { recording, .. } => (None, None, recording.settings()),
         };
+        if let Some(plan) = &plan {
+            let mut claims = self.claims.lock().unwrap_or_else(PoisonError::into_inner);
+            claims
+                .take(&plan.instruments)
+                .map_err(|error| Fault::InstrumentFault(error.to_string()))?;
+        }
         let house = Arc::new(House {
             setup,
             plan,

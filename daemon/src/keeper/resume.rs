@@ -15,7 +15,6 @@ use rig::Clock;
 
 use super::Keeper;
 use crate::model::chain;
-use crate::prepare::seconds;
 use crate::rig_assembly::Found;
 
 /// Between looks for a rig that a session waits for.
@@ -269,13 +268,13 @@ fn open(path: &Path) -> Result<(Interrupted, Option<survey::Baseline>), LogbookE
 
 /// What is known of why it was interrupted.
 fn cause(found: &Interrupted, last: DateTime<Utc>, now: DateTime<Utc>) -> String {
-    let up = std::fs::read_to_string("/proc/uptime").ok();
-    let up: Option<f64> = up.and_then(|text| text.split_whitespace().next()?.parse().ok());
-    let booted = up.map(|up| now - TimeDelta::from_std(seconds(up)).unwrap_or_default());
+    // not from /proc, which the unit hides
+    let up = rustix::time::clock_gettime(rustix::time::ClockId::Boottime);
+    let booted = now - TimeDelta::seconds(up.tv_sec);
     let stopped = SessionReader::open(found.writer.path())
         .and_then(|session| session.events())
         .is_ok_and(|events| events.last().is_some_and(|event| event.kind == SHUT_DOWN));
-    match (stopped, booted.is_some_and(|booted| booted > last)) {
+    match (stopped, booted > last) {
         (true, true) => "the daemon was stopped, and the machine restarted".to_owned(),
         (true, false) => "the daemon was stopped and started again".to_owned(),
         (false, true) => {

@@ -233,6 +233,8 @@ impl Keeper {
             task,
             pulse: Arc::clone(&self.pulse),
             before: order.before,
+            patient: self.is_recording(),
+            began: None,
             disk: Disk::new(house.setup.config.record.clone(), Box::new(free_bytes)),
             tell: Box::new(move |at, kind, text| speaker.tell_of(at, kind, text, Some(&whose))),
         };

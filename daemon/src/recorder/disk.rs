@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
-use logbook::{DiskFault, LogbookError, SessionWriter};
+use logbook::{DiskFault, LogbookError, Retention, SessionWriter};
 use rig::Clock;
 
 use super::{FOR_A_WRITE, Recorder, Row};
@@ -16,6 +16,8 @@ use crate::pulse::Part;
 /// Between two looks whether there is room again.
 const LOOK_AGAIN: Duration = Duration::from_millis(200);
 const MEGABYTE: u64 = 1_000_000;
+/// A ring makes room for more than the next frame.
+const LEAST_DELETED: u64 = 16 * MEGABYTE;
 
 /// Free bytes of the file system that a folder is on, for whoever is not root.
 ///
@@ -242,6 +244,27 @@ impl Recorder {
 
     /// Whether something could be deleted; said of each.
     fn delete_oldest(&mut self) -> Result<bool, LogbookError> {
-        Ok(false)
+        let folder = self.folder().to_owned();
+        let wanted = self.disk.section.reserve_mb * MEGABYTE;
+        let lacking = (wanted + wanted / 10).saturating_sub(self.free().unwrap_or(0));
+        let keeps = logbook::folder_bytes(&folder)?.saturating_sub(lacking.max(LEAST_DELETED));
+        let retention = Retention {
+            keep_bytes: Some(keeps),
+            ring: true,
+            ..Retention::default()
+        };
+        let pruned = logbook::prune(&folder, &retention, self.clock.wall(), false)?;
+        for removed in &pruned.removed {
+            let text = format!(
+                "{} was deleted to make room, {:.1} MB (record.when_full = \"ring\")",
+                removed.path.display(),
+                removed.bytes as f64 / MEGABYTE as f64
+            );
+            match self.say("session-deleted", &text) {
+                Err(error) if error.is_full() => {}
+                other => other?,
+            }
+        }
+        Ok(!pruned.removed.is_empty())
     }
 }

@@ -7,7 +7,7 @@ use logbook::{Event, SessionHeader, SessionReader};
 use survey::{Baseline, Protocol, Reading, Volts};
 
 use super::*;
-use crate::config::RecordSection;
+use crate::config::{FullName, RecordSection};
 use crate::live::Facts;
 use crate::mapper::Means;
 use crate::model::Model;
@@ -130,6 +130,8 @@ impl Scene {
             task: Task::maps(Mapper::start(means, orders.downgrade()).unwrap()),
             pulse: Arc::default(),
             before: None,
+            patient: false,
+            began: None,
             disk: Disk::new(section, Box::new(move |_| Ok(left.load(Ordering::SeqCst)))),
             tell: Box::new(move |_, kind, _| heard.lock().unwrap().push(kind)),
         };
@@ -182,7 +184,7 @@ fn until<T: 'static>(mut follow: tokio::sync::watch::Receiver<T>, is: impl FnMut
     runtime.block_on(follow.wait_for(is)).unwrap();
 }
 
-/// The hundredth frame and those after it are of another day.
+/// The hundredth frame and those after it are of another day by the wall clock alone.
 fn frame(prepared: &Prepared, number: u64) -> Frame {
     let setup = &prepared.setup;
     let readings = (0..setup.protocol.len() as u64).map(|k| {
@@ -198,7 +200,7 @@ fn frame(prepared: &Prepared, number: u64) -> Frame {
         sequence: 0,
         readings: readings.collect(),
         monotonic: Duration::from_secs(number),
-        wall: DateTime::UNIX_EPOCH + Duration::from_secs(86_400 * (number / 100)),
+        wall: DateTime::UNIX_EPOCH + Duration::from_secs(number + 86_400 * (number / 100)),
         duration: Duration::ZERO,
         settings: plan.settings(),
         compliance: Vec::new(),
@@ -317,7 +319,7 @@ fn whoever_stops_a_session_on_a_full_disk_is_not_kept_waiting() {
 }
 
 #[test]
-fn a_day_begins_the_next_part_and_no_sequence_is_missing() {
+fn a_day_begins_the_next_part_no_sequence_is_missing_and_a_clock_that_was_set_is_said() {
     let (scene, recorder, queue, tell) = Scene::with(RecordSection {
         roll_daily: true,
         ..RecordSection::default()
@@ -343,6 +345,32 @@ fn a_day_begins_the_next_part_and_no_sequence_is_missing() {
             .map(|record| record.unwrap().frame.sequence)
             .collect()
     };
+    assert_eq!(*scene.said.lock().unwrap(), ["clock-moved"]);
     assert_eq!(sequences(&first), [1, 2]);
     assert_eq!(sequences(&scene.live.path()), [3, 4]);
+}
+
+#[test]
+fn a_ring_deletes_closed_sessions_and_waits_when_none_is_left() {
+    let (scene, recorder, queue, tell) = Scene::with(RecordSection {
+        when_full: FullName::Ring,
+        ..RecordSection::default()
+    });
+    tell.send(Do::Map).unwrap();
+    let setup = &scene.prepared.setup;
+    let header = SessionHeader::new("m0", DateTime::UNIX_EPOCH, setup.protocol.clone());
+    let old = SessionWriter::create(&setup.record_directory, &header).unwrap();
+    let path = old.path().to_owned();
+    old.close(DateTime::UNIX_EPOCH, "done").unwrap();
+    scene.free.store(0, Ordering::SeqCst);
+    scene.frame(1);
+    let recording = std::thread::spawn(move || recorder.run(queue));
+    until(scene.live.held(), |held| *held);
+    assert!(!path.exists() && scene.live.path().exists());
+    scene.free.store(PLENTY, Ordering::SeqCst);
+    scene.close();
+    recording.join().unwrap().unwrap();
+    let (maps, events) = scene.recorded();
+    assert_eq!(maps, [true]);
+    assert_eq!(events, ["disk-low", "session-deleted", "disk-room"]);
 }
