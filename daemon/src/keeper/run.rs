@@ -9,6 +9,7 @@ use logbook::{InstrumentRecord, LogbookError, SessionHeader, SessionKind, Sessio
 use rig::Clock;
 use survey::{Baseline, Checks};
 use tokio::sync::mpsc;
+use tracing::Instrument;
 
 use super::asked::Assignment;
 use super::recovery::{MOST_FAILED, may_pass};
@@ -339,7 +340,11 @@ impl Keeper {
         let number = whom.live.acquired() + 1;
         let failures = whom.live.failures();
         let text = format!("frame {number} failed: {}", crate::mishap::tell(error));
-        self.tell(Some(whom), "frame-failed", &text).await;
+        let instrument = error.cause().and_then(rig::RigError::instrument);
+        let journal = tracing::error_span!("frame", frame = number, instrument);
+        self.tell(Some(whom), "frame-failed", &text)
+            .instrument(journal)
+            .await;
         self.take_down(Some(whom), error).await;
         let name = format!("{}-failed-{failures}.transcript.jsonl", whom.live.facts.id);
         let path = self.house().setup.record_directory.join(name);
