@@ -9,6 +9,7 @@
 //! - **record**: a frame as it comes back, with its quality and the hash of its map
 //! - **event**: something a person should find later, with its time
 //! - **part**: one file of a session that was rolled over; it says which one it goes on from
+//! - **chronicle**: events that belong to no session, as lines of JSON, bounded in size
 //! - **closed**: how a session ended; a session whose writer was killed has no such entry, and is read all the same
 //!
 //! What may befall it: [`SessionWriter::resume`] goes on after a crash, [`SessionWriter::roll`] in the next part,
@@ -43,6 +44,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod chronicle;
 pub mod codec;
 mod header;
 mod lock;
@@ -57,6 +59,7 @@ mod verify;
 mod volume;
 mod writer;
 
+pub use chronicle::{Chronicle, chronicle};
 pub use header::{
     About, Closing, Event, InstrumentRecord, MapRecord, Record, SessionHeader, SessionKind,
     SessionSummary,
