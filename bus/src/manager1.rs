@@ -97,8 +97,12 @@ pub trait Manager1 {
     /// `last_frame_ns` (x), `last_frame_age_s` (d), `last_frame_sequence` (t), `last_frame_session` (s); `last_gap_ns` (x),
     /// `last_gap` (s, why the last frame that is not in the record is not); `baseline` (s), `baseline_age_s` (d);
     /// `disk_free_bytes` (t), `disk_bytes_per_day`, `disk_days` (d); `relay` (u, worn out first), `relay_used` (d, part of
-    /// its life), `relay_left_s` (d, of measuring).
+    /// its life), `relay_left_s` (d, of measuring); `metrics` (s, address and port where they are served).
     fn health(&self) -> Result<Options, Fault>;
+
+    /// Runs the command of `[notify]` once and says how it fared: `done` (b), `stderr` (s, the beginning of it), `took_s` (d),
+    /// and `code` (x) or `trouble` (s, why there is none).
+    fn notify_test(&self) -> Result<Options, Fault>;
 
     /// Something happened to the rig, or to a session by it.
     #[zbus(signal)]

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use eit::{DiscTank, PaperSheet};
 use serde::{Deserialize, Serialize};
 
-pub(crate) use observing::NotifySection;
+pub(crate) use observing::{MetricsSection, NotifySection};
 
 /// The whole file.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -34,6 +34,7 @@ pub(crate) struct Config {
     pub schedule: ScheduleSection,
     pub care: CareSection,
     pub notify: NotifySection,
+    pub metrics: MetricsSection,
 }
 
 /// Where frames come from.

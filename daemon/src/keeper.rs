@@ -153,6 +153,7 @@ impl Keeper {
                 )
             }
         };
+        let observed = Observed::new(clock, setup.record_directory.clone());
         Arc::new(Self {
             house: RwLock::new(Arc::new(House {
                 build: format!("tactusd {}", env!("CARGO_PKG_VERSION")),
@@ -165,7 +166,7 @@ impl Keeper {
                 config: file,
             })),
             herald: Herald::default(),
-            observed: Observed::new(clock),
+            observed,
             tape,
             pulse: Arc::default(),
             source: tokio::sync::Mutex::new(source),

@@ -188,6 +188,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     keeper.hold(claims);
     tokio::spawn(guard::keep(std::sync::Arc::clone(&keeper), panics));
     tokio::spawn(pulse::tell_systemd(std::sync::Arc::downgrade(&keeper)));
+    tokio::spawn(observe::observe(std::sync::Arc::clone(&keeper)));
     let offer = Offer::open(&section, &keeper)
         .await
         .map_err(|error| chain(&error))?;
@@ -227,7 +228,9 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     ]);
     tracing::info!("{why}");
     let safe = keeper.shut_down(why, for_good).await;
+    keeper.tell(None, "stopped", why).await;
     keeper.herald.farewell().await;
+    keeper.observed.chronicle.close().await;
     drop(offer);
     safe
 }

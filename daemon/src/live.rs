@@ -110,6 +110,13 @@ impl Live {
     /// A session about to begin; with `step` it waits to be asked for each frame.
     pub(crate) fn new(facts: Facts, path: PathBuf, step: bool, tally: Arc<Tally>) -> Self {
         let (button, stop) = Stop::button();
+        tracing::info!(
+            session = facts.id,
+            "{} {} begins: {}",
+            facts.kind.as_str(),
+            facts.id,
+            path.display()
+        );
         let pace = Pace {
             from: tally.now(),
             ..Pace::default()
@@ -221,6 +228,16 @@ impl Live {
 
     /// The last word: nothing follows.
     pub(crate) fn end(&self, ending: Ending) {
+        // with its beginning all that the journal hears of a session in which nothing went wrong
+        tracing::info!(
+            session = self.facts.id,
+            "{} has ended: {}; {} frames on disk, {} failed, {} missed their time",
+            self.facts.id,
+            ending.reason,
+            self.durable(),
+            self.failures(),
+            self.dropped()
+        );
         self.progress.send_modify(|progress| {
             if ending.faulted {
                 progress.last_error.clone_from(&ending.reason);

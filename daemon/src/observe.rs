@@ -3,18 +3,34 @@
 //! - **tally**: what has been counted since the daemon began, over all its sessions
 //! - **health**: all that tells whether it is well, in one struct; **troubles**: what is not as it should be
 //! - **disk**: what is free and how long that lasts; **relay life**: what was read of wear, carried on frame by frame
+//! - **aloud**: what the journal says, each kind once and then at a limited rate; **chronicle**: events of no session
+//! - **alarm**: which troubles people are told of, and when; **notify**: the command that tells them
+//! - **metrics** at a **scrape** door; **daily**: one line a day; **observer**: the task that does all of it
 
+mod alarm;
+mod aloud;
+mod chronicle;
+mod daily;
 mod disk;
 mod health;
+mod metrics;
+mod notify;
+mod observer;
 mod relay_life;
+mod scrape;
 mod tally;
 
+use std::net::SocketAddr;
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use crate::care::Wear;
 
+pub(crate) use aloud::Aloud;
+pub(crate) use chronicle::Chronicle;
 pub(crate) use disk::Disk;
+pub(crate) use observer::observe;
 pub(crate) use relay_life::RelayLife;
 pub(crate) use tally::Tally;
 
@@ -23,16 +39,23 @@ pub(crate) use tally::Tally;
 pub(crate) struct Observed {
     pub tally: Arc<Tally>,
     pub disk: Arc<Disk>,
+    pub aloud: Aloud,
+    pub chronicle: Chronicle,
     /// What was read last; `None` before the first time.
     relays: Mutex<Option<RelayLife>>,
+    /// Where metrics are served.
+    metrics: Mutex<Option<SocketAddr>>,
 }
 
 impl Observed {
-    pub(crate) fn new(clock: rig::SystemClock) -> Self {
+    pub(crate) fn new(clock: rig::SystemClock, directory: PathBuf) -> Self {
         Self {
             tally: Arc::new(Tally::new(clock)),
             disk: Arc::default(),
+            aloud: Aloud::default(),
+            chronicle: Chronicle::new(directory),
             relays: Mutex::new(None),
+            metrics: Mutex::new(None),
         }
     }
 
@@ -47,5 +70,14 @@ impl Observed {
         let frames = tally::read(&self.tally.acquired);
         let worst = RelayLife::worst(wear, period, frames);
         *self.relays.lock().unwrap_or_else(PoisonError::into_inner) = worst;
+    }
+
+    /// Where metrics are served; `None` where they are not.
+    pub(crate) fn metrics(&self) -> Option<SocketAddr> {
+        *self.metrics.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn set_metrics(&self, address: Option<SocketAddr>) {
+        *self.metrics.lock().unwrap_or_else(PoisonError::into_inner) = address;
     }
 }

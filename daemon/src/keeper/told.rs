@@ -1,4 +1,5 @@
-//! What happens to the rig, told to everybody: the log, the bus, and the record of the session under way.
+//! What happens to the rig, told to everybody: the log, the bus, and the record of the session under way, or where there
+//! is none the daemon's own chronicle.
 
 use chrono::{DateTime, Utc};
 use rig::Clock;
@@ -55,10 +56,9 @@ impl Keeper {
         if kind == "frame-failed" {
             self.observed.tally.gap(at, text);
         }
-        match kind {
-            "alarm" | "source-unknown" | "frame-failed" | "others-found" | "relays-closed"
-            | "method-suspended" => tracing::error!(kind, session, "{text}"),
-            _ => tracing::warn!(kind, session, "{text}"),
+        self.observed.aloud.say(kind, session, text);
+        if session.is_none() {
+            self.observed.chronicle.note(at, kind, text);
         }
         self.herald.say(&Notice::Happened(Happening {
             at,

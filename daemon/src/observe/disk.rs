@@ -1,7 +1,6 @@
 //! What is free where sessions are recorded, and how long that lasts at the rate of the session that runs.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -13,8 +12,6 @@ const GOOD_FOR: Duration = Duration::from_secs(5);
 const PATIENCE: Duration = Duration::from_secs(2);
 /// Frames before their rate is said: a file grows by pages, and so many fill more than ten.
 const ENOUGH: u64 = 100;
-/// Less than this is trouble whatever the rate, bytes.
-pub(crate) const RESERVE: u64 = 1_000_000_000;
 
 const DAY_S: f64 = 86_400.0;
 
@@ -39,7 +36,8 @@ impl Room {
 #[derive(Debug, Default)]
 pub(crate) struct Disk {
     seen: Mutex<Seen>,
-    looking: AtomicBool,
+    /// Held while somebody looks, also by a look that nobody waits for any more.
+    looking: Arc<tokio::sync::Mutex<()>>,
 }
 
 #[derive(Debug, Default)]
@@ -76,19 +74,20 @@ impl Disk {
         file: Option<PathBuf>,
         now: Duration,
     ) -> Room {
-        let fresh = self
-            .seen()
-            .at
-            .is_some_and(|at| now.saturating_sub(at) < GOOD_FOR);
-        if !fresh && !self.looking.swap(true, Ordering::AcqRel) {
-            let disk = Arc::clone(self);
-            let directory = directory.to_owned();
+        let look = async {
+            let looking = Arc::clone(&self.looking).lock_owned().await;
+            let last = self.seen().at;
+            if last.is_some_and(|at| now.saturating_sub(at) < GOOD_FOR) {
+                return;
+            }
+            let (disk, directory) = (Arc::clone(self), directory.to_owned());
             let look = tokio::task::spawn_blocking(move || {
                 disk.look(&directory, file, now);
-                disk.looking.store(false, Ordering::Release);
+                drop(looking);
             });
-            let _ = tokio::time::timeout(PATIENCE, look).await;
-        }
+            let _ = look.await;
+        };
+        let _ = tokio::time::timeout(PATIENCE, look).await;
         self.seen().room
     }
 

@@ -7,7 +7,7 @@ use bus::Options;
 use chrono::{DateTime, Utc};
 use rig::Clock;
 
-use super::disk::{RESERVE, Room};
+use super::disk::Room;
 use super::tally::{Gap, LastFrame, read};
 use super::{RelayLife, Tally};
 use crate::config::NotifySection;
@@ -36,7 +36,11 @@ pub(crate) struct Health {
     pub rig_fault: Option<String>,
     pub baseline: Option<(String, Duration)>,
     pub room: Room,
+    /// Free bytes that are too few whatever the rate.
+    pub warn_below: u64,
     pub relays: Option<RelayLife>,
+    /// Where metrics are served.
+    pub metrics: Option<std::net::SocketAddr>,
 }
 
 /// Over all sessions since the daemon began.
@@ -163,6 +167,8 @@ impl Keeper {
                 (baseline.id.clone(), age.to_std().unwrap_or_default())
             }),
             room,
+            warn_below: house.setup.config.record.warn_below_mb * 1_000_000,
+            metrics: self.observed.metrics(),
         }
     }
 }
@@ -188,7 +194,7 @@ impl Health {
         if let Some(days) = days.filter(|days| *days < limits.disk_days) {
             let text = format!("the disk is full in {days:.1} days at the present rate");
             add("disk-days", text);
-        } else if let Some(free) = self.room.free.filter(|free| *free < RESERVE) {
+        } else if let Some(free) = self.room.free.filter(|free| *free < self.warn_below) {
             let text = format!("the disk has {:.0} MB left", free as f64 / 1e6);
             add("disk-days", text);
         }
@@ -277,7 +283,8 @@ impl Health {
             .with_some("last_frame_age_s", self.age.map(seconds))
             .with_some("disk_free_bytes", self.room.free)
             .with_some("disk_bytes_per_day", self.room.per_day)
-            .with_some("disk_days", self.room.days());
+            .with_some("disk_days", self.room.days())
+            .with_some("metrics", self.metrics.map(|address| address.to_string()));
         if let Some(frame) = &self.last_frame {
             options = options
                 .with("last_frame_ns", nanoseconds(frame.wall))
@@ -348,6 +355,7 @@ mod tests {
                 free: Some(100_000_000_000),
                 per_day: Some(1e9),
             },
+            warn_below: 2_000_000_000,
             relays: Some(RelayLife {
                 relay: 1001,
                 used: 0.2,
@@ -355,6 +363,7 @@ mod tests {
                 period: Duration::from_secs(10),
                 frames: 0,
             }),
+            metrics: None,
         }
     }
 
@@ -396,7 +405,7 @@ mod tests {
             (&[], |health| health.room.per_day = Some(7e9)),
             (&["disk-days"], |health| health.room.per_day = Some(8e9)),
             (&["disk-days"], |health| {
-                (health.room.free, health.room.per_day) = (Some(RESERVE - 1), None);
+                (health.room.free, health.room.per_day) = (Some(1_999_999_999), None);
             }),
             (&["relay-life"], |health| {
                 health.relays.as_mut().unwrap().used = 0.9;

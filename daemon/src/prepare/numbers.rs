@@ -187,6 +187,8 @@ fn of_notify(config: &Config, findings: &mut Findings<'_>) {
         ("notify.baseline_days", notify.baseline_days, 36_525.0),
         ("notify.no_frame_periods", notify.no_frame_periods, 1e6),
         ("notify.no_frame_s", notify.no_frame_s, super::LONGEST_S),
+        ("notify.deadline_s", notify.deadline_s, 600.0),
+        ("notify.again_s", notify.again_s, super::LONGEST_S),
     ] {
         if !(value > 0.0 && value <= most) {
             findings.add(key, format!("{value} is not above 0 and at most {most}"));
@@ -197,5 +199,36 @@ fn of_notify(config: &Config, findings: &mut Findings<'_>) {
             "notify.no_frame_periods",
             "a frame may take a whole period; 1 or more",
         );
+    }
+    if let Some(program) = notify.command.first()
+        && !program.starts_with('/')
+    {
+        findings.add(
+            "notify.command",
+            format!("'{program}' is no absolute path; the daemon searches no folders for it"),
+        );
+    }
+    of_metrics(config, findings);
+}
+
+/// Nothing listens beyond this machine unless that is said.
+fn of_metrics(config: &Config, findings: &mut Findings<'_>) {
+    let metrics = &config.metrics;
+    let Some(listen) = &metrics.listen else {
+        return;
+    };
+    match metrics.address() {
+        None => findings.add(
+            "metrics.listen",
+            format!("'{listen}' is no address and port such as 127.0.0.1:9617"),
+        ),
+        Some(address) if !address.ip().is_loopback() && !metrics.beyond_localhost => findings.add(
+            "metrics.listen",
+            format!(
+                "{address} can be reached from other machines, and anybody may read there; choose 127.0.0.1, or set \
+                 beyond_localhost = true"
+            ),
+        ),
+        Some(_) => {}
     }
 }

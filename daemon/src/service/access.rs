@@ -53,6 +53,8 @@ const METHODS: &[(&str, &str, Action)] = &[
     (MANAGER_INTERFACE, "Geometry", Action::Observe),
     (MANAGER_INTERFACE, "Baseline", Action::Observe),
     (MANAGER_INTERFACE, "Health", Action::Observe),
+    // runs a program that only the configuration names
+    (MANAGER_INTERFACE, "NotifyTest", Action::Control),
     // injects current and moves every relay
     (MANAGER_INTERFACE, "TestInstruments", Action::Instruments),
     // asks the instruments over their wires

@@ -120,12 +120,25 @@ impl Stage {
         (self.start_by(command).await, socket)
     }
 
+    /// Starts the daemon with its usual words in the log.
+    pub async fn start_with_its_usual_words(&self) -> Running {
+        let mut command = tokio::process::Command::new(env!("CARGO_BIN_EXE_tactusd"));
+        command.env("RUST_LOG", "warn,daemon=info");
+        self.start_by(command).await
+    }
+
     async fn start_by(&self, mut command: tokio::process::Command) -> Running {
+        let set = command
+            .as_std()
+            .get_envs()
+            .any(|(name, _)| name == "RUST_LOG");
+        if !set {
+            command.env("RUST_LOG", "daemon=debug,warn");
+        }
         let mut child = command
             .arg("--config")
             .arg(self.config())
             .env_remove("NOTIFY_SOCKET")
-            .env("RUST_LOG", "daemon=debug,warn")
             .stderr(Stdio::piped())
             .kill_on_drop(true)
             .spawn()
