@@ -114,6 +114,15 @@ pub enum Command {
         /// Session: an id, the beginning of one, or a session file
         session: String,
     },
+    /// Show what happened to the daemon and to all its sessions
+    Log(Log),
+    /// Whether people are told of troubles by the command of [notify]
+    Notify {
+        #[command(subcommand)]
+        what: NotifyCommand,
+    },
+    /// Look at the machine that the daemon runs on: permissions, devices, buses, clock, disk; says what to do (1 if something is bad)
+    Doctor(Doctor),
     /// Write a session's frames as CSV, or a frame's map as PNG or SVG
     Export(Export),
     /// Reconstruct a recording offline: a case folder, or a session
@@ -154,6 +163,38 @@ pub enum InstrumentsCommand {
     Relays,
     /// Look for instruments and propose lines of configuration; none is used (before there is a daemon: tactusd --discover)
     Discover(Discover),
+}
+
+/// Options of `log`.
+#[derive(Debug, Clone, Default, Args)]
+pub struct Log {
+    /// Only the last so long: 2h, 1d
+    #[arg(long, value_name = "SPAN", value_parser = span)]
+    pub since: Option<Duration>,
+    /// Only of this session: an id, or the beginning of one
+    #[arg(long, value_name = "ID")]
+    pub session: Option<String>,
+    /// Only of this kind: frame-failed, trouble, daily ...
+    #[arg(long, value_name = "KIND")]
+    pub kind: Option<String>,
+    /// Go on with what happens from now on; needs the daemon
+    #[arg(long)]
+    pub follow: bool,
+}
+
+/// What is asked of notifications.
+#[derive(Debug, Subcommand)]
+pub enum NotifyCommand {
+    /// Run the command once and say how it fared
+    Test,
+}
+
+/// Options of `doctor`.
+#[derive(Debug, Args)]
+pub struct Doctor {
+    /// The daemon's configuration (default: /etc/tactus/config.toml, else ./config.toml)
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
 }
 
 /// Options of `instruments discover`.

@@ -8,6 +8,7 @@
 //! - **printer**: where answers go, in one of the two languages
 //! - **failure**: why a command did not do what was asked, and the exit code that says so
 //! - **health**: whether the daemon is well, as it tells it itself
+//! - **log**: what happened to the daemon and to all sessions; **doctor**: whether the machine is fit for a daemon
 //! - **eye**: what turns voltages into a map here: a model file, or the one-step method on a geometry
 //!
 //! ```
@@ -23,6 +24,7 @@ mod care;
 mod choices;
 mod connection;
 mod discover;
+mod doctor;
 mod drawing;
 mod duration;
 mod events;
@@ -31,7 +33,9 @@ mod eye;
 mod failure;
 mod health;
 mod instruments;
+mod log;
 mod measuring;
+mod notify;
 mod output;
 mod plan;
 mod recipe;
@@ -53,7 +57,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser};
 
-use args::{Arguments, BaselineCommand, Command, InstrumentsCommand};
+use args::{Arguments, BaselineCommand, Command, InstrumentsCommand, NotifyCommand};
 use failure::Failure;
 use output::Printer;
 
@@ -85,6 +89,8 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
     match command {
         Command::Sessions { what: None } => sessions::run(&global, printer),
         Command::Sessions { what: Some(what) } => upkeep::run(&global, &what, printer),
+        Command::Log(log) if !log.follow => log::run(&global, &log, printer),
+        Command::Doctor(asked) => doctor::run(&global, &asked, printer),
         Command::Events { session } => events::run(&global, &session, printer),
         Command::Export(export) => export::run(&global, &export, printer),
         Command::Replay(replay) => replay::run(&global, &replay, printer),
@@ -120,6 +126,10 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                     Command::Instruments {
                         what: Some(InstrumentsCommand::Accept),
                     } => rescue::accept(&daemon, printer).await,
+                    Command::Log(log) => log::follow(&daemon, &log, printer).await,
+                    Command::Notify {
+                        what: NotifyCommand::Test,
+                    } => notify::test(&daemon, printer).await,
                     Command::Reload => rescue::reload(&daemon, printer).await,
                     Command::Transcript(asked) => {
                         rescue::transcript(&daemon, &asked, printer).await
@@ -137,6 +147,7 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                     Command::Plan(asked) => plan::run(&daemon, &asked, printer).await,
                     Command::Sessions { .. }
                     | Command::Events { .. }
+                    | Command::Doctor(_)
                     | Command::Export(_)
                     | Command::Replay(_)
                     | Command::Completions { .. }

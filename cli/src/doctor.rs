@@ -1,0 +1,189 @@
+//! `tactus doctor`: looks at the machine that the daemon is to run on, and says what to do about what it finds.
+
+mod machine;
+mod running;
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+use crate::args::{Doctor, Global};
+use crate::failure::Failure;
+use crate::output::Printer;
+use machine::Machine;
+
+/// How one thing is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+enum Verdict {
+    Ok,
+    /// It works, but not for months.
+    Warn,
+    /// It does not work.
+    Bad,
+}
+
+/// A line of `doctor --json`; see `cli/JSON.md`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+struct Finding {
+    check: &'static str,
+    verdict: Verdict,
+    text: String,
+    /// What to do about it.
+    advice: Option<String>,
+}
+
+impl Finding {
+    fn ok(check: &'static str, text: impl Into<String>) -> Self {
+        Self {
+            check,
+            verdict: Verdict::Ok,
+            text: text.into(),
+            advice: None,
+        }
+    }
+
+    fn warn(check: &'static str, text: impl Into<String>, advice: impl Into<String>) -> Self {
+        Self {
+            verdict: Verdict::Warn,
+            advice: Some(advice.into()),
+            ..Self::ok(check, text)
+        }
+    }
+
+    fn bad(check: &'static str, text: impl Into<String>, advice: impl Into<String>) -> Self {
+        Self {
+            verdict: Verdict::Bad,
+            ..Self::warn(check, text, advice)
+        }
+    }
+
+    fn for_a_person(&self) -> String {
+        let word = match self.verdict {
+            Verdict::Ok => "ok  ",
+            Verdict::Warn => "warn",
+            Verdict::Bad => "BAD ",
+        };
+        match &self.advice {
+            None => format!("{word}  {:14}  {}", self.check, self.text),
+            Some(advice) => format!(
+                "{word}  {:14}  {}\n      {:14}  -> {advice}",
+                self.check, self.text, ""
+            ),
+        }
+    }
+}
+
+/// What of the daemon's configuration concerns the machine; everything else is `tactusd --check`'s business.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default)]
+struct Wanted {
+    source: Place,
+    switch: Place,
+    voltmeter: Place,
+    record: Record,
+    bus: Bus,
+    notify: Notify,
+}
+
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default)]
+struct Place {
+    address: String,
+}
+
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default)]
+struct Record {
+    directory: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default)]
+struct Bus {
+    peer: Option<bool>,
+    peer_path: Option<PathBuf>,
+    system: bool,
+}
+
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default)]
+struct Notify {
+    command: Vec<String>,
+}
+
+/// Looks at everything.
+///
+/// # Errors
+/// Something is bad; the lines said what.
+pub(crate) fn run(
+    global: &Global,
+    asked: &Doctor,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let machine = Machine::here();
+    let file = asked.config.clone().unwrap_or_else(|| {
+        let installed = PathBuf::from("/etc/tactus/config.toml");
+        let local = PathBuf::from("config.toml");
+        if installed.exists() || !local.exists() {
+            installed
+        } else {
+            local
+        }
+    });
+    let mut findings = vec![running::configuration(&file)];
+    let wanted = match machine::wanted(&file) {
+        Ok(wanted) => wanted,
+        Err(finding) => {
+            findings.push(finding);
+            Wanted::default()
+        }
+    };
+    findings.extend(machine.people(&wanted));
+    findings.extend(machine.devices(&wanted));
+    findings.extend(machine.installed(&wanted));
+    findings.extend(machine.clock(chrono::Utc::now()));
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(|error| Failure::failed("the program cannot wait for anything", &error))?;
+    let told = runtime.block_on(running::look(global, &wanted));
+    // where a daemon runs it knows best where it records
+    let directory = told
+        .record_directory
+        .or_else(|| wanted.record.directory.clone());
+    findings.extend(machine.record(directory.as_deref()));
+    findings.extend(told.findings);
+    let count = |verdict| findings.iter().filter(|one| one.verdict == verdict).count();
+    let (bad, warned) = (count(Verdict::Bad), count(Verdict::Warn));
+    for finding in &findings {
+        printer.record(finding, Finding::for_a_person)?;
+    }
+    if bad > 0 {
+        return Err(Failure::Failed(format!(
+            "{bad} of {} checks are bad, {warned} warn",
+            findings.len()
+        )));
+    }
+    printer.text(&format!("nothing is bad; {warned} warnings"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn advice_stands_below_its_finding() {
+        let finding = Finding::bad("user", "not in the group tactus", "add it");
+        assert_eq!(
+            finding.for_a_person(),
+            "BAD   user            not in the group tactus\n                      -> add it"
+        );
+        let line = serde_json::to_string(&Finding::ok("clock", "synchronised")).unwrap();
+        assert_eq!(
+            line,
+            "{\"check\":\"clock\",\"verdict\":\"ok\",\"text\":\"synchronised\",\"advice\":null}"
+        );
+    }
+}

@@ -1,0 +1,402 @@
+//! What files say about a machine: people and groups, devices, what is installed, the record's folder and disk.
+
+use std::os::unix::fs::{FileTypeExt, MetadataExt};
+use std::path::{Path, PathBuf};
+
+use chrono::{DateTime, Datelike, Utc};
+
+use super::{Finding, Wanted};
+use crate::failure::chain;
+
+/// File systems on which another machine, or a cut of power, has the last word.
+const REMOTE: [&str; 9] = [
+    "nfs",
+    "nfs4",
+    "cifs",
+    "smb3",
+    "smbfs",
+    "fuse.sshfs",
+    "9p",
+    "ceph",
+    "afs",
+];
+const FLEETING: [&str; 2] = ["tmpfs", "ramfs"];
+
+/// Less free than this warns, bytes.
+const LITTLE: u64 = 2_000_000_000;
+/// Less than this is bad, bytes.
+const TOO_LITTLE: u64 = 200_000_000;
+
+/// A machine: its files below a root, who asks, and what that user may do.
+#[derive(Debug)]
+pub(super) struct Machine {
+    root: PathBuf,
+    user: u32,
+    /// Groups of the process that asks.
+    groups: Vec<u32>,
+}
+
+/// What of a configuration concerns the machine.
+pub(super) fn wanted(file: &Path) -> Result<Wanted, Finding> {
+    let advice = "name the daemon's configuration with --config FILE";
+    let text = std::fs::read_to_string(file).map_err(|cause| {
+        let text = format!("{} cannot be read: {cause}", file.display());
+        Finding::warn("configuration", text, advice)
+    })?;
+    let mut wanted: Wanted = toml::from_str(&text).map_err(|error| {
+        let text = format!("{} is no configuration: {}", file.display(), chain(&error));
+        Finding::bad(
+            "configuration",
+            text,
+            "`tactusd --check` names every problem",
+        )
+    })?;
+    let folder = file.parent().unwrap_or(Path::new("."));
+    for path in [&mut wanted.record.directory, &mut wanted.bus.peer_path]
+        .into_iter()
+        .flatten()
+    {
+        *path = folder.join(&*path);
+    }
+    Ok(wanted)
+}
+
+impl Machine {
+    pub(super) fn here() -> Self {
+        let groups = rustix::process::getgroups().unwrap_or_default();
+        let mut groups: Vec<u32> = groups.into_iter().map(|group| group.as_raw()).collect();
+        groups.push(rustix::process::getegid().as_raw());
+        Self {
+            root: PathBuf::from("/"),
+            user: rustix::process::geteuid().as_raw(),
+            groups,
+        }
+    }
+
+    fn path(&self, absolute: &str) -> PathBuf {
+        self.root.join(absolute.trim_start_matches('/'))
+    }
+
+    fn text(&self, absolute: &str) -> String {
+        std::fs::read_to_string(self.path(absolute)).unwrap_or_default()
+    }
+
+    /// Id of a name in `/etc/passwd` or `/etc/group`, and the last field of its line.
+    fn named(&self, file: &str, name: &str) -> Option<(u32, String)> {
+        let text = self.text(file);
+        let line = text
+            .lines()
+            .find(|line| line.split(':').next() == Some(name))?;
+        let id = line.split(':').nth(2)?.parse().ok()?;
+        Some((id, line.rsplit(':').next()?.to_owned()))
+    }
+
+    /// The name of an id.
+    fn name(&self, file: &str, id: u32) -> String {
+        let text = self.text(file);
+        let line = text
+            .lines()
+            .find(|line| line.split(':').nth(2).and_then(|field| field.parse().ok()) == Some(id));
+        line.and_then(|line| line.split(':').next())
+            .map_or_else(|| id.to_string(), str::to_owned)
+    }
+
+    /// Whoever asks, and the daemon's own user.
+    pub(super) fn people(&self, wanted: &Wanted) -> Vec<Finding> {
+        let me = self.name("etc/passwd", self.user);
+        let mut findings = Vec::new();
+        let member = |group: &str, user: &str| {
+            self.named("etc/group", group)
+                .is_some_and(|(_, members)| members.split(',').any(|one| one == user))
+        };
+        findings.push(match self.named("etc/group", "tactus") {
+            _ if self.user == 0 => Finding::ok("user", "root may do everything"),
+            None => Finding::warn(
+                "user",
+                "there is no group tactus",
+                "install the package, or the sysusers file: `sudo systemd-sysusers`; a daemon run by hand needs none",
+            ),
+            Some((group, _)) if self.groups.contains(&group) => {
+                Finding::ok("user", format!("{me} is in the group tactus"))
+            }
+            Some(_) if member("tactus", &me) => Finding::warn(
+                "user",
+                format!("{me} is in the group tactus, but not in this login"),
+                "log out and in again",
+            ),
+            Some(_) => Finding::bad(
+                "user",
+                format!("{me} is not in the group tactus"),
+                format!("`sudo usermod -aG tactus {me}`, then log in again"),
+            ),
+        });
+        let devices = devices(wanted);
+        let serial = devices.iter().any(|(kind, _)| *kind == "serial");
+        if let Some((_, _)) = self.named("etc/passwd", "tactusd") {
+            findings.push(match member("dialout", "tactusd") {
+                _ if !serial => Finding::ok("daemon's user", "tactusd is there"),
+                true => Finding::ok("daemon's user", "tactusd is in the group dialout"),
+                false => Finding::bad(
+                    "daemon's user",
+                    "tactusd is not in the group dialout, and a serial port is configured",
+                    "`sudo usermod -aG dialout tactusd`, then `sudo systemctl restart tactusd`",
+                ),
+            });
+        }
+        findings
+    }
+
+    /// Every device that the configuration names.
+    pub(super) fn devices(&self, wanted: &Wanted) -> Vec<Finding> {
+        let each = devices(wanted);
+        each.iter()
+            .map(|(kind, path)| self.device(kind, path))
+            .collect()
+    }
+
+    fn device(&self, kind: &str, named: &str) -> Finding {
+        let path = self.path(named);
+        let Ok(found) = std::fs::metadata(&path) else {
+            let there = self.by_id();
+            let advice = match there.is_empty() {
+                true => {
+                    "is it plugged in and switched on? `dmesg` says what the kernel saw".to_owned()
+                }
+                false => format!("plugged in are: {}", there.join(", ")),
+            };
+            return Finding::bad("device", format!("{named} is not there"), advice);
+        };
+        if !found.file_type().is_char_device() {
+            let advice = "name the device node itself";
+            return Finding::bad("device", format!("{named} is no character device"), advice);
+        }
+        let open = self.user == 0
+            || (found.uid() == self.user && found.mode() & 0o600 == 0o600)
+            || (self.groups.contains(&found.gid()) && found.mode() & 0o060 == 0o060)
+            || found.mode() & 0o006 == 0o006;
+        let group = self.name("etc/group", found.gid());
+        let daemon = self
+            .named("etc/group", &group)
+            .is_some_and(|(_, members)| members.split(',').any(|one| one == "tactusd"));
+        if !open && !daemon {
+            return Finding::bad(
+                "device",
+                format!(
+                    "{named} belongs to the group {group}, in which neither you nor tactusd are"
+                ),
+                format!(
+                    "`sudo usermod -aG {group} tactusd`, then `sudo systemctl restart tactusd`"
+                ),
+            );
+        }
+        let wanders = ["/dev/ttyUSB", "/dev/ttyACM"];
+        if kind == "serial" && wanders.iter().any(|name| named.starts_with(name)) {
+            let same = self.by_id().into_iter().find(|link| {
+                std::fs::canonicalize(self.path(link)).ok() == std::fs::canonicalize(&path).ok()
+            });
+            let advice = match same {
+                Some(link) => format!("write serial:{link}"),
+                None => "name it by /dev/serial/by-id/...".to_owned(),
+            };
+            let text = format!("{named} may be another instrument after the next boot");
+            return Finding::warn("device", text, advice);
+        }
+        Finding::ok("device", format!("{named} can be opened"))
+    }
+
+    /// Names that stay, of the serial ports that are there.
+    fn by_id(&self) -> Vec<String> {
+        let folder = "/dev/serial/by-id";
+        let entries = std::fs::read_dir(self.path(folder)).into_iter().flatten();
+        let mut names: Vec<String> = entries
+            .flatten()
+            .map(|entry| format!("{folder}/{}", entry.file_name().to_string_lossy()))
+            .collect();
+        names.sort();
+        names
+    }
+
+    /// What an installation puts beside the programs.
+    pub(super) fn installed(&self, wanted: &Wanted) -> Vec<Finding> {
+        let mut findings = Vec::new();
+        if wanted.bus.system {
+            let places = [
+                "/usr/share/dbus-1/system.d/org.tactus.Tactus1.conf",
+                "/etc/dbus-1/system.d/org.tactus.Tactus1.conf",
+            ];
+            findings.push(match places.iter().find(|place| self.path(place).exists()) {
+                Some(place) => Finding::ok("bus policy", *place),
+                None => Finding::bad(
+                    "bus policy",
+                    "the system bus lets nobody own org.tactus.Tactus1",
+                    "copy systemd/org.tactus.Tactus1.conf to /usr/share/dbus-1/system.d/, then `sudo systemctl reload dbus`",
+                ),
+            });
+            let actions = "/usr/share/polkit-1/actions/org.tactus.Tactus1.policy";
+            findings.push(match self.path(actions).exists() {
+                true => Finding::ok("polkit", actions),
+                false => Finding::warn(
+                    "polkit",
+                    "its actions are not declared: on the system bus only root and the group tactus may do anything",
+                    "copy systemd/org.tactus.Tactus1.policy to /usr/share/polkit-1/actions/",
+                ),
+            });
+        }
+        if let Some(program) = wanted.notify.command.first() {
+            let mode = std::fs::metadata(self.path(program)).map(|found| found.mode());
+            findings.push(match mode {
+                Ok(mode) if mode & 0o111 != 0 => Finding::ok(
+                    "notify",
+                    format!("{program}; `tactus notify test` tries it"),
+                ),
+                Ok(_) => Finding::bad(
+                    "notify",
+                    format!("{program} is no program"),
+                    format!("`sudo chmod 755 {program}`"),
+                ),
+                Err(cause) => Finding::bad(
+                    "notify",
+                    format!("{program}: {cause}"),
+                    "nobody will be told of troubles; correct [notify] command",
+                ),
+            });
+        }
+        findings
+    }
+
+    /// Whether the wall clock is one to stamp frames with.
+    pub(super) fn clock(&self, now: DateTime<Utc>) -> Vec<Finding> {
+        let mut findings = Vec::new();
+        if !(2025..2100).contains(&now.year()) {
+            let text = format!("it is {} here", now.date_naive());
+            findings.push(Finding::bad(
+                "clock",
+                text,
+                "set it: `sudo timedatectl set-ntp true`",
+            ));
+        }
+        let booted = self.text("proc/uptime");
+        let up = booted
+            .split(' ')
+            .next()
+            .and_then(|seconds| seconds.parse::<f64>().ok());
+        let since = self.text("proc/stat");
+        let since = since
+            .lines()
+            .find_map(|line| line.strip_prefix("btime "))
+            .and_then(|seconds| seconds.trim().parse::<f64>().ok());
+        if let (Some(up), Some(since)) = (up, since) {
+            let off = now.timestamp() as f64 - (since + up);
+            // both are told in whole seconds, one after the other
+            if off.abs() > 60.0 {
+                let text = format!("wall clock and time since the boot disagree by {off:.0} s");
+                let advice = "the clock was set after the boot, or a container has another; frames carry both";
+                findings.push(Finding::warn("clock", text, advice));
+            }
+        }
+        findings
+    }
+
+    /// The folder of sessions and its disk.
+    pub(super) fn record(&self, directory: Option<&Path>) -> Vec<Finding> {
+        let Some(directory) = directory else {
+            return Vec::new();
+        };
+        let shown = directory.display();
+        let path = self.path(&directory.to_string_lossy());
+        let found = match std::fs::metadata(&path) {
+            Ok(found) if found.is_dir() => found,
+            Ok(_) => {
+                let text = format!("{shown} is no folder");
+                return vec![Finding::bad("record", text, "correct [record] directory")];
+            }
+            Err(cause) => {
+                let text = format!("{shown}: {cause}");
+                let advice =
+                    "the daemon makes it at its start; systemd's StateDirectory= does as well";
+                return vec![Finding::warn("record", text, advice)];
+            }
+        };
+        let owner = self.name("etc/passwd", found.uid());
+        let mode = found.mode() & 0o777;
+        let mut findings = vec![match () {
+            () if mode & 0o002 != 0 => Finding::bad(
+                "record",
+                format!("everybody may write to {shown} (mode {mode:o})"),
+                format!("`sudo chmod 750 {shown}`"),
+            ),
+            () if mode & 0o200 == 0 => Finding::bad(
+                "record",
+                format!("its owner {owner} may not write to {shown} (mode {mode:o})"),
+                format!("`sudo chmod 750 {shown}`"),
+            ),
+            () => Finding::ok("record", format!("{shown} of {owner}, mode {mode:o}")),
+        }];
+        let mounted = self.file_system(directory);
+        findings.push(match mounted.as_deref() {
+            Some(kind) if REMOTE.contains(&kind) => Finding::bad(
+                "disk",
+                format!("{shown} is on another machine ({kind})"),
+                "a frame that is acknowledged must be on a disk of this machine; export or copy closed sessions instead",
+            ),
+            Some(kind) if FLEETING.contains(&kind) => Finding::warn(
+                "disk",
+                format!("{shown} is in memory ({kind}) and gone after a reboot"),
+                "choose a folder on a disk",
+            ),
+            Some(kind) => Finding::ok("disk", format!("{shown} is on {kind}")),
+            None => Finding::warn("disk", "its file system is not known", "is /proc mounted?"),
+        });
+        if let Ok(told) = rustix::fs::statvfs(&path) {
+            findings.push(room(told.f_bavail.saturating_mul(told.f_frsize)));
+        }
+        findings
+    }
+
+    /// The kind of the file system that a path is on.
+    fn file_system(&self, path: &Path) -> Option<String> {
+        let path = std::path::absolute(path).ok()?;
+        let text = self.text("proc/mounts");
+        let mounts = text.lines().filter_map(|line| {
+            let mut fields = line.split(' ').skip(1);
+            // spaces in a path are written \040 there
+            Some((fields.next()?.replace("\\040", " "), fields.next()?))
+        });
+        // of those at the same place the last one is on top
+        mounts
+            .filter(|(at, _)| path.starts_with(at))
+            .max_by_key(|(at, _)| at.len())
+            .map(|(_, kind)| kind.to_owned())
+    }
+}
+
+fn room(free: u64) -> Finding {
+    let text = format!("{:.1} GB are free", free as f64 / 1e9);
+    let advice = "free some, or name another folder in [record] directory; `tactus status` says how long it lasts";
+    match free {
+        free if free < TOO_LITTLE => Finding::bad("disk", text, advice),
+        free if free < LITTLE => Finding::warn("disk", text, advice),
+        _ => Finding::ok("disk", text),
+    }
+}
+
+/// Serial ports and chips of the configuration, each once.
+fn devices(wanted: &Wanted) -> Vec<(&'static str, String)> {
+    let mut devices = Vec::new();
+    for place in [&wanted.source, &wanted.switch, &wanted.voltmeter] {
+        for kind in ["serial", "gpiochip"] {
+            let Some(rest) = place.address.strip_prefix(kind) else {
+                continue;
+            };
+            let path = rest.trim_start_matches(':').split('@').next();
+            let device = (kind, path.unwrap_or_default().to_owned());
+            if !devices.contains(&device) {
+                devices.push(device);
+            }
+        }
+    }
+    devices
+}
+
+#[cfg(test)]
+mod tests;

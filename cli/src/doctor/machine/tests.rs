@@ -1,0 +1,231 @@
+use std::os::unix::fs::{PermissionsExt, symlink};
+
+use super::super::Verdict;
+use super::*;
+
+/// A machine of files: an ordinary user 1000 (ada) and the daemon's own.
+fn machine(root: &Path, groups: &[u32]) -> Machine {
+    let write = |name: &str, text: &str| {
+        let path = root.join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, text).unwrap();
+    };
+    write(
+        "etc/passwd",
+        "root:x:0:0::/r:/bin/sh\ntactusd:x:990:990::/var/lib/tactus:/usr/sbin/nologin\nada:x:1000:1000::/a:/bin/sh\n",
+    );
+    write(
+        "etc/group",
+        "root:x:0:\ntactus:x:991:tactusd,bob\ndialout:x:20:bob\nada:x:1000:\n",
+    );
+    write(
+        "proc/mounts",
+        "/dev/a / ext4 rw 0 0\ntmpfs /run tmpfs rw 0 0\nlab:/x /srv/lab\\040one nfs4 rw 0 0\n/dev/b /srv ext4 rw 0 0\n",
+    );
+    Machine {
+        root: root.to_owned(),
+        user: 1000,
+        groups: groups.to_vec(),
+    }
+}
+
+fn wanting(toml: &str) -> Wanted {
+    toml::from_str(toml).unwrap()
+}
+
+fn verdicts(findings: &[Finding]) -> Vec<(&'static str, Verdict)> {
+    findings
+        .iter()
+        .map(|finding| (finding.check, finding.verdict))
+        .collect()
+}
+
+#[test]
+fn who_may_work_with_the_daemon_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |groups: &[u32]| machine(folder.path(), groups).people(&Wanted::default());
+    assert_eq!(
+        verdicts(&of(&[1000, 991])),
+        [("user", Verdict::Ok), ("daemon's user", Verdict::Ok)]
+    );
+    let outside = of(&[1000]);
+    assert_eq!(outside[0].verdict, Verdict::Bad);
+    assert!(
+        outside[0]
+            .advice
+            .as_ref()
+            .unwrap()
+            .contains("usermod -aG tactus ada")
+    );
+    let root = Machine {
+        user: 0,
+        ..machine(folder.path(), &[])
+    };
+    assert_eq!(root.people(&Wanted::default())[0].verdict, Verdict::Ok);
+    let mut bob = machine(folder.path(), &[1001]);
+    bob.user = 1001;
+    let passwd = std::fs::read_to_string(folder.path().join("etc/passwd")).unwrap();
+    let passwd = passwd + "bob:x:1001:1001::/b:/bin/sh\n";
+    std::fs::write(folder.path().join("etc/passwd"), passwd).unwrap();
+    let asked = bob.people(&Wanted::default());
+    assert_eq!(asked[0].verdict, Verdict::Warn, "{asked:?}");
+    assert!(asked[0].advice.as_ref().unwrap().contains("log out"));
+    // a serial port needs the daemon in dialout
+    let serial = wanting("[switch]\naddress = \"serial:/dev/ttyUSB0@9600\"\n");
+    let asked = bob.people(&serial);
+    assert_eq!(asked[1].verdict, Verdict::Bad, "{asked:?}");
+}
+
+#[test]
+fn devices_of_the_configuration_are_looked_at() {
+    let folder = tempfile::tempdir().unwrap();
+    let machine = machine(folder.path(), &[1000, 20]);
+    let by_id = folder.path().join("dev/serial/by-id");
+    std::fs::create_dir_all(&by_id).unwrap();
+    let wanted = wanting(
+        "[source]\naddress = \"serial:/dev/ttyUSB0@9600\"\n[switch]\naddress = \"gpiochip:/dev/gpiochip0\"\n\
+         [voltmeter]\naddress = \"tcp:h:5025\"\n",
+    );
+    let found = machine.devices(&wanted);
+    assert_eq!(verdicts(&found), [("device", Verdict::Bad); 2]);
+    assert!(found[0].text.contains("/dev/ttyUSB0 is not there"));
+    std::fs::write(folder.path().join("dev/ttyUSB0"), "").unwrap();
+    symlink("../../ttyUSB0", by_id.join("usb-Tactus_mux_1234")).unwrap();
+    let found = machine.devices(&wanted);
+    assert!(found[0].text.contains("no character device"), "{found:?}");
+    assert!(
+        found[1]
+            .advice
+            .as_ref()
+            .unwrap()
+            .contains("/dev/serial/by-id/usb-Tactus_mux_1234"),
+        "{found:?}"
+    );
+    // a real device node of every machine
+    let here = Machine {
+        root: PathBuf::from("/"),
+        ..machine
+    };
+    assert_eq!(here.device("serial", "/dev/null").verdict, Verdict::Ok);
+}
+
+#[test]
+fn folder_and_disk_of_the_record_are_judged() {
+    let folder = tempfile::tempdir().unwrap();
+    let machine = machine(folder.path(), &[1000]);
+    assert!(machine.record(None).is_empty());
+    let state = folder.path().join("var/lib/tactus");
+    let look = || machine.record(Some(Path::new("/var/lib/tactus")));
+    assert_eq!(verdicts(&look()), [("record", Verdict::Warn)]);
+    std::fs::create_dir_all(&state).unwrap();
+    for (mode, verdict) in [
+        (0o750, Verdict::Ok),
+        (0o777, Verdict::Bad),
+        (0o550, Verdict::Bad),
+    ] {
+        std::fs::set_permissions(&state, std::fs::Permissions::from_mode(mode)).unwrap();
+        assert_eq!(look()[0].verdict, verdict, "{mode:o}");
+    }
+    assert_eq!(look()[1].text, "/var/lib/tactus is on ext4");
+    for (place, kind) in [
+        ("/", Some("ext4")),
+        ("/run/tactus", Some("tmpfs")),
+        ("/runner", Some("ext4")),
+        ("/srv/lab one/sessions", Some("nfs4")),
+    ] {
+        assert_eq!(
+            machine.file_system(Path::new(place)).as_deref(),
+            kind,
+            "{place}"
+        );
+    }
+    for (place, verdict) in [
+        ("/run/tactus", Verdict::Warn),
+        ("/srv/lab one/x", Verdict::Bad),
+    ] {
+        std::fs::create_dir_all(folder.path().join(place.trim_start_matches('/'))).unwrap();
+        let found = machine.record(Some(Path::new(place)));
+        assert_eq!(found[1].verdict, verdict, "{found:?}");
+    }
+    for (free, verdict) in [
+        (TOO_LITTLE - 1, Verdict::Bad),
+        (TOO_LITTLE, Verdict::Warn),
+        (LITTLE, Verdict::Ok),
+    ] {
+        assert_eq!(room(free).verdict, verdict);
+    }
+}
+
+#[test]
+fn what_an_installation_lacks_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let machine = machine(folder.path(), &[1000]);
+    let wanted = wanting("[bus]\nsystem = true\n[notify]\ncommand = [\"/usr/lib/tactus/mail\"]\n");
+    let found = machine.installed(&wanted);
+    assert_eq!(
+        verdicts(&found),
+        [
+            ("bus policy", Verdict::Bad),
+            ("polkit", Verdict::Warn),
+            ("notify", Verdict::Bad)
+        ]
+    );
+    for file in [
+        "usr/share/dbus-1/system.d/org.tactus.Tactus1.conf",
+        "usr/share/polkit-1/actions/org.tactus.Tactus1.policy",
+        "usr/lib/tactus/mail",
+    ] {
+        let path = folder.path().join(file);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(&path, "").unwrap();
+    }
+    let found = machine.installed(&wanted);
+    assert!(found[2].text.contains("is no program"), "{found:?}");
+    let mail = folder.path().join("usr/lib/tactus/mail");
+    std::fs::set_permissions(mail, std::fs::Permissions::from_mode(0o755)).unwrap();
+    let found = machine.installed(&wanted);
+    assert!(
+        found.iter().all(|one| one.verdict == Verdict::Ok),
+        "{found:?}"
+    );
+    assert!(machine.installed(&Wanted::default()).is_empty());
+}
+
+#[test]
+fn a_clock_that_cannot_be_is_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let machine = machine(folder.path(), &[]);
+    let at = |text: &str| text.parse::<DateTime<Utc>>().unwrap();
+    assert!(machine.clock(at("2026-11-22T12:00:00Z")).is_empty());
+    assert_eq!(
+        machine.clock(at("1970-01-01T00:10:00Z"))[0].verdict,
+        Verdict::Bad
+    );
+    let now = at("2026-11-22T12:00:00Z");
+    let booted = now.timestamp() - 1000;
+    std::fs::write(
+        folder.path().join("proc/stat"),
+        format!("cpu 1\nbtime {booted}\n"),
+    )
+    .unwrap();
+    std::fs::write(folder.path().join("proc/uptime"), "1000.50 1.0\n").unwrap();
+    assert!(machine.clock(now).is_empty());
+    let later = now + chrono::TimeDelta::minutes(10);
+    assert_eq!(machine.clock(later)[0].verdict, Verdict::Warn);
+}
+
+#[test]
+fn a_configuration_is_read_for_what_concerns_the_machine() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("config.toml");
+    assert_eq!(wanted(&file).unwrap_err().verdict, Verdict::Warn);
+    std::fs::write(&file, "[record\n").unwrap();
+    assert_eq!(wanted(&file).unwrap_err().verdict, Verdict::Bad);
+    std::fs::write(
+        &file,
+        "[survey]\nnplc = 1.0\n[record]\ndirectory = \"state\"\n",
+    )
+    .unwrap();
+    let read = wanted(&file).unwrap();
+    assert_eq!(read.record.directory, Some(folder.path().join("state")));
+}

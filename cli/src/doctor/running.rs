@@ -1,0 +1,327 @@
+//! What programs and buses say: the configuration's own check, systemd, the system bus, the daemon itself.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Duration;
+
+use zbus::Connection;
+use zbus::fdo::DBusProxy;
+
+use super::{Finding, Wanted};
+use crate::args::Global;
+
+/// What does not answer within this is not there.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+/// What was found out from those that run.
+#[derive(Debug, Default)]
+pub(super) struct Told {
+    pub findings: Vec<Finding>,
+    /// Where the running daemon records.
+    pub record_directory: Option<PathBuf>,
+}
+
+/// `tactusd --check`, where the program is.
+pub(super) fn configuration(file: &Path) -> Finding {
+    let beside = std::env::current_exe()
+        .ok()
+        .map(|own| own.with_file_name("tactusd"))
+        .filter(|program| program.exists());
+    let program = beside.unwrap_or_else(|| PathBuf::from("tactusd"));
+    judged(
+        file,
+        Command::new(&program)
+            .arg("--config")
+            .arg(file)
+            .arg("--check")
+            .output(),
+    )
+}
+
+fn judged(file: &Path, ran: std::io::Result<std::process::Output>) -> Finding {
+    let file = file.display();
+    match ran {
+        Err(cause) => Finding::warn(
+            "configuration",
+            format!("tactusd cannot be run: {cause}"),
+            "install it beside tactus or in PATH",
+        ),
+        Ok(ran) if ran.status.success() => {
+            Finding::ok("configuration", format!("{file}: no problem found"))
+        }
+        Ok(ran) => {
+            let said = String::from_utf8_lossy(&ran.stderr);
+            Finding::bad(
+                "configuration",
+                said.trim_end().to_owned(),
+                format!("correct it, then `tactusd --config {file} --check`"),
+            )
+        }
+    }
+}
+
+/// Asks everybody that runs.
+pub(super) async fn look(global: &Global, wanted: &Wanted) -> Told {
+    let mut told = Told::default();
+    told.findings.push(unit());
+    told.findings.extend(system_bus(wanted).await);
+    let hurried = Global {
+        timeout: global.timeout.min(PATIENCE),
+        ..global.clone()
+    };
+    let said = async {
+        let daemon = crate::connection::open(&hurried).await?;
+        let health = daemon.ask("its health", daemon.manager.health()).await?;
+        let directory = daemon
+            .ask("the record", daemon.manager.record_directory())
+            .await?;
+        Ok::<_, crate::failure::Failure>((daemon.address.to_string(), health, directory))
+    };
+    match said.await {
+        Ok((address, health, directory)) => {
+            told.record_directory = Some(PathBuf::from(directory));
+            let troubles = health.texts("troubles").ok().flatten().unwrap_or_default();
+            told.findings.push(match troubles.as_slice() {
+                [] => Finding::ok("daemon", format!("answers at {address}, and is well")),
+                troubles => Finding::warn(
+                    "daemon",
+                    format!("answers at {address}: {}", troubles.join("; ")),
+                    "`tactus status`",
+                ),
+            });
+        }
+        Err(failure) => {
+            let text = failure.to_string();
+            let first = text.lines().next().unwrap_or_default().to_owned();
+            told.findings.push(match failure.code() {
+                4 => Finding::bad("daemon", first, "ask for the group tactus, or run as root"),
+                _ => Finding::warn(
+                    "daemon",
+                    "no daemon answers",
+                    "`sudo systemctl start tactusd`, or `tactusd --config FILE` by hand; `tactus status` names the places tried",
+                ),
+            });
+        }
+    }
+    told.findings.extend(peer_socket(wanted));
+    told
+}
+
+/// Where the daemon's own socket is configured, it is there and can be reached.
+fn peer_socket(wanted: &Wanted) -> Option<Finding> {
+    if wanted.bus.peer == Some(false) {
+        return None;
+    }
+    let path = wanted.bus.peer_path.as_ref()?;
+    let shown = path.display();
+    Some(match std::os::unix::net::UnixStream::connect(path) {
+        Ok(_) => Finding::ok("peer socket", format!("{shown} can be reached")),
+        Err(cause) if cause.kind() == std::io::ErrorKind::PermissionDenied => Finding::bad(
+            "peer socket",
+            format!("{shown}: {cause}"),
+            "ask for the group tactus, or run as root",
+        ),
+        Err(cause) => Finding::warn(
+            "peer socket",
+            format!("{shown}: {cause}"),
+            "start the daemon",
+        ),
+    })
+}
+
+/// The state of the service, as systemd says it.
+fn unit() -> Finding {
+    let asked = Command::new("systemctl")
+        .args(["show", "tactusd.service", "--property"])
+        .arg("LoadState,ActiveState,SubState,NRestarts,Result")
+        .output();
+    match asked {
+        Ok(ran) if ran.status.success() => service(&String::from_utf8_lossy(&ran.stdout)),
+        _ => Finding::ok("service", "no systemd here; run tactusd by hand"),
+    }
+}
+
+/// What `systemctl show` says.
+fn service(shown: &str) -> Finding {
+    let of = |name: &str| {
+        let line = shown.lines().find_map(|line| line.strip_prefix(name));
+        line.and_then(|rest| rest.strip_prefix('='))
+            .unwrap_or_default()
+            .to_owned()
+    };
+    let (active, restarts) = (of("ActiveState"), of("NRestarts"));
+    let text = format!("tactusd.service is {active} ({})", of("SubState"));
+    let journal = "`journalctl -u tactusd -e` says why";
+    match (of("LoadState").as_str(), active.as_str()) {
+        ("not-found" | "", _) => Finding::warn(
+            "service",
+            "tactusd.service is not installed",
+            "install the package, or run tactusd by hand",
+        ),
+        ("masked", _) => Finding::bad("service", "it is masked", "`sudo systemctl unmask tactusd`"),
+        (_, "failed") => Finding::bad("service", format!("{text}: {}", of("Result")), journal),
+        (_, "active" | "reloading") if restarts.parse::<u64>().is_ok_and(|times| times > 0) => {
+            Finding::warn(
+                "service",
+                format!("{text}, restarted {restarts} times"),
+                journal,
+            )
+        }
+        (_, "active" | "reloading") => Finding::ok("service", text),
+        _ => Finding::warn("service", text, "`sudo systemctl enable --now tactusd`"),
+    }
+}
+
+/// Names on the system bus: ours, polkit's, and whether the clock is kept.
+async fn system_bus(wanted: &Wanted) -> Vec<Finding> {
+    let reached = async {
+        let connection = Connection::system().await.ok()?;
+        let bus = DBusProxy::new(&connection).await.ok()?;
+        Some((connection, bus))
+    };
+    let reached = tokio::time::timeout(PATIENCE, reached).await.ok().flatten();
+    let Some((connection, bus)) = reached else {
+        let text = "there is no system bus";
+        return match wanted.bus.system {
+            true => vec![Finding::bad(
+                "system bus",
+                text,
+                "start dbus, or set [bus] system = false",
+            )],
+            false => vec![Finding::ok(
+                "system bus",
+                format!("{text}, and none is configured"),
+            )],
+        };
+    };
+    let mut findings = Vec::new();
+    let owned = |name: &'static str| {
+        let bus = bus.clone();
+        async move {
+            let name = zbus::names::BusName::try_from(name).ok()?;
+            let asked = tokio::time::timeout(PATIENCE, bus.name_has_owner(name)).await;
+            asked.ok()?.ok()
+        }
+    };
+    if wanted.bus.system {
+        findings.push(match owned(bus::BUS_NAME).await {
+            Some(true) => Finding::ok("system bus", format!("{} is owned", bus::BUS_NAME)),
+            _ => Finding::warn(
+                "system bus",
+                format!("nobody owns {}", bus::BUS_NAME),
+                "`sudo systemctl start tactusd`",
+            ),
+        });
+        if owned("org.freedesktop.PolicyKit1").await != Some(true) {
+            findings.push(Finding::warn(
+                "polkit",
+                "polkit does not run: only root and the group tactus may do anything",
+                "`sudo apt install polkitd`, unless that is as it should be",
+            ));
+        }
+    }
+    let synchronised = async {
+        let clock = zbus::Proxy::new(
+            &connection,
+            "org.freedesktop.timedate1",
+            "/org/freedesktop/timedate1",
+            "org.freedesktop.timedate1",
+        )
+        .await
+        .ok()?;
+        clock.get_property::<bool>("NTPSynchronized").await.ok()
+    };
+    let synchronised = tokio::time::timeout(PATIENCE, synchronised).await;
+    findings.push(match synchronised.ok().flatten() {
+        Some(true) => Finding::ok("clock", "synchronised by NTP"),
+        Some(false) => Finding::warn(
+            "clock",
+            "not synchronised: wall times in the record drift (schedules do not)",
+            "`sudo timedatectl set-ntp true`",
+        ),
+        None => Finding::warn(
+            "clock",
+            "nobody says whether it is synchronised",
+            "`timedatectl` or `chronyc tracking`",
+        ),
+    });
+    findings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Verdict;
+    use super::*;
+
+    #[test]
+    fn systemds_words_are_judged() {
+        let of = |load, active, sub, restarts, result| {
+            service(&format!(
+                "LoadState={load}\nActiveState={active}\nSubState={sub}\nNRestarts={restarts}\nResult={result}\n"
+            ))
+        };
+        for (finding, verdict, word) in [
+            (
+                of("loaded", "active", "running", "0", "success"),
+                Verdict::Ok,
+                "running",
+            ),
+            (
+                of("loaded", "active", "running", "3", "success"),
+                Verdict::Warn,
+                "restarted 3 times",
+            ),
+            (
+                of("loaded", "failed", "failed", "0", "exit-code"),
+                Verdict::Bad,
+                "exit-code",
+            ),
+            (
+                of("loaded", "inactive", "dead", "0", "success"),
+                Verdict::Warn,
+                "inactive",
+            ),
+            (
+                of("not-found", "inactive", "dead", "0", "success"),
+                Verdict::Warn,
+                "not installed",
+            ),
+            (
+                of("masked", "inactive", "dead", "0", "success"),
+                Verdict::Bad,
+                "masked",
+            ),
+        ] {
+            assert_eq!(finding.verdict, verdict, "{finding:?}");
+            assert!(finding.text.contains(word), "{finding:?}");
+        }
+    }
+
+    #[test]
+    fn the_check_of_the_configuration_is_passed_on() {
+        let ran = |script: &str| Command::new("sh").args(["-c", script]).output();
+        let file = Path::new("c.toml");
+        assert_eq!(judged(file, ran("exit 0")).verdict, Verdict::Ok);
+        let bad = judged(file, ran("echo c.toml:2:8: unknown variant >&2; exit 78"));
+        assert_eq!(
+            (bad.verdict, bad.text.as_str()),
+            (Verdict::Bad, "c.toml:2:8: unknown variant")
+        );
+        let absent = Command::new("/nonexistent/tactusd").output();
+        assert_eq!(judged(file, absent).verdict, Verdict::Warn);
+    }
+
+    #[test]
+    fn a_socket_that_nobody_listens_at_is_said() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("peer");
+        let mut wanted = Wanted::default();
+        assert_eq!(peer_socket(&wanted), None);
+        wanted.bus.peer_path = Some(path.clone());
+        assert_eq!(peer_socket(&wanted).unwrap().verdict, Verdict::Warn);
+        let _listener = std::os::unix::net::UnixListener::bind(&path).unwrap();
+        assert_eq!(peer_socket(&wanted).unwrap().verdict, Verdict::Ok);
+        wanted.bus.peer = Some(false);
+        assert_eq!(peer_socket(&wanted), None);
+    }
+}
