@@ -116,10 +116,14 @@ impl Watch {
         loop {
             // one may begin while the other lasts
             while *suspend.borrow() || *held.borrow() {
-                self.course.shift += self.sit_out(&mut suspend, &mut stop).await;
-                self.course.shift += self.sit_out(&mut held, &mut stop).await;
+                let asked = self.sit_out(&mut suspend, &mut stop).await;
+                self.course.shift += asked + self.sit_out(&mut held, &mut stop).await;
                 if stop.is_asked() {
                     break;
+                }
+                if !asked.is_zero() {
+                    let text = format!("suspended on request for {:.0} s", asked.as_secs_f64());
+                    self.note("paused", text).await;
                 }
             }
             let Course {
@@ -139,8 +143,10 @@ impl Watch {
                     Ok(None) => return Ended::Done("the recording is over".to_owned()),
                     Err(error) => return Ended::Recording(Box::new(error)),
                 }
-            } else {
+            } else if missed > 0 {
                 self.live.count_dropped(missed);
+                let text = format!("{missed} frames were due and could not be taken in time");
+                self.note("frames-missed", text).await;
             }
             let waited = match &mut grants {
                 Some(grants) => {
@@ -245,11 +251,27 @@ impl Watch {
         self.live
             .set_last_error("the logbook cannot keep up; acquisition waits, the source is off");
         (self.paused)(true);
+        let since = self.clock.monotonic();
         let sent = self.recorder.send(frame).await.is_ok();
+        let waited = self.clock.monotonic().saturating_sub(since);
+        if waited > Duration::from_secs(1) {
+            let text = format!(
+                "the logbook could not keep up for {:.1} s",
+                waited.as_secs_f64()
+            );
+            self.note("paused", text).await;
+        }
         (self.paused)(false);
         self.live.set_suspended(false);
         self.live.set_last_error("");
         sent
+    }
+
+    /// An event of the record alone: it explains a gap.
+    async fn note(&self, kind: &'static str, text: String) {
+        let at = self.clock.wall();
+        // a recorder that has gone is noticed at the frame
+        let _ = self.recorder.send(Order::Event { at, kind, text }).await;
     }
 
     /// Waits while suspended; returns how long.

@@ -297,7 +297,7 @@ impl Play {
         self.session.stop().await.expect("it stops");
         assert!(!self.rig.source_output().0);
         let path = self.session.path().await.expect("it answers");
-        let record = SessionReader::open(path).expect("a record");
+        let record = SessionReader::open(&path).expect("a record");
         let events = record.events().expect("events");
         let count = |kind: &str| events.iter().filter(|event| event.kind == kind).count();
         assert!(
@@ -320,6 +320,18 @@ impl Play {
             record.len().expect("frames"),
             self.session.frames_acquired().await.expect("it answers")
         );
+        // whatever happened, the record is whole and says why frames are missing (a machine that stands still for a
+        // second between two frames says nothing)
+        let verified = logbook::verify(&path, |_| ()).expect("a record");
+        let of_gaps = |finding: &&logbook::Finding| finding.kind == "gap";
+        assert!(
+            verified.findings.iter().all(|finding| of_gaps(&finding)),
+            "{:?}",
+            verified.findings
+        );
+        for gap in &verified.gaps {
+            assert!(gap.explained.is_some() || gap.seconds < 10.0, "{gap:?}");
+        }
         let (status, log) = self.daemon.terminate().await;
         assert!(status.success(), "{log}");
     }
