@@ -110,7 +110,12 @@ impl Recording {
         let frames = reader.len()?;
         let first = match frames {
             0 => Duration::ZERO,
-            _ => reader.frame(1)?.frame.monotonic,
+            _ => {
+                reader
+                    .frame(reader.header().first_sequence)?
+                    .frame
+                    .monotonic
+            }
         };
         Ok((
             Self {
@@ -154,7 +159,10 @@ impl Recording {
     pub(crate) fn settings(&self) -> Option<Settings> {
         match &self.tape {
             Tape::Csv { settings, .. } => Some(settings.clone()),
-            Tape::Session { reader, .. } => Some(reader.frame(1).ok()?.frame.settings),
+            Tape::Session { reader, .. } => {
+                let first = reader.header().first_sequence;
+                Some(reader.frame(first).ok()?.frame.settings)
+            }
         }
     }
 
@@ -178,7 +186,7 @@ impl Recording {
                 .frames_per_s
                 .map_or(Duration::ZERO, |rate| seconds(self.position as f64 / rate)),
             Tape::Session { reader, first, .. } => reader
-                .frame(self.position + 1)?
+                .frame(reader.header().first_sequence + self.position)?
                 .frame
                 .monotonic
                 .saturating_sub(*first),
@@ -221,7 +229,10 @@ impl Recording {
                 compliance: Vec::new(),
                 simulated: false,
             },
-            Tape::Session { reader, .. } => reader.frame(index + 1)?.frame,
+            Tape::Session { reader, .. } => {
+                // a later part of a session goes on with its numbers
+                reader.frame(reader.header().first_sequence + index)?.frame
+            }
         };
         if self.playing.negate {
             negate(&mut frame.readings);

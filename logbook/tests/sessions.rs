@@ -521,3 +521,26 @@ fn a_reader_beside_a_writer_sees_what_was_acknowledged_and_does_not_hold_it_back
     let again = SessionReader::open(dir.path().join("live.tactus")).unwrap();
     assert!(again.closed().is_some());
 }
+
+/// The locks that keep another process from taking a session for unused, and its journal away.
+#[test]
+fn a_reader_in_the_same_process_leaves_the_writer_its_locks() {
+    use std::os::unix::fs::MetadataExt;
+    let dir = tempfile::tempdir().unwrap();
+    let mut writer = SessionWriter::create(dir.path(), &header("s1")).unwrap();
+    writer.append(&frame(1), None).unwrap();
+    let inode = format!(":{} ", std::fs::metadata(writer.path()).unwrap().ino());
+    let held = || {
+        let locks = std::fs::read_to_string("/proc/locks").unwrap_or_default();
+        locks.lines().filter(|lock| lock.contains(&inode)).count()
+    };
+    let before = held();
+    if before == 0 {
+        eprintln!("skipped: /proc/locks does not tell here");
+        return;
+    }
+    drop(SessionReader::open(writer.path()).unwrap());
+    logbook::list(dir.path()).unwrap();
+    assert_eq!(held(), before);
+    writer.append(&frame(2), None).unwrap();
+}

@@ -6,7 +6,8 @@
 //! ```
 //!
 //! A million frames where no number is given (some forty minutes on two cores): an 8-electrode tank whose transfer impedance
-//! is solved once, instruments that take no time. The first tenth is warm-up; after it memory may grow by less than 1 MB,
+//! is solved once, instruments that take no time. Looked at is resident memory of the process's own (RssAnon): pages of the
+//! program's file come as its code is first run, and go when the machine wants them back. The first tenth is warm-up; after it memory may grow by less than 1 MB,
 //! and descriptors and threads not beyond those that come and go with whoever looks.
 
 use std::path::PathBuf;
@@ -111,7 +112,7 @@ fn look(keeper: &Keeper, frames: u64) -> Result<Look, Failure> {
     let status = std::fs::read_to_string(process.join("status"))?;
     let resident = status
         .lines()
-        .find_map(|line| line.strip_prefix("VmRSS:"))
+        .find_map(|line| line.strip_prefix("RssAnon:"))
         .and_then(|line| line.split_whitespace().next())
         .ok_or("no resident memory in its status")?;
     let count = |what: &str| -> Result<usize, Failure> {

@@ -34,8 +34,9 @@ impl SessionReader {
     /// No such file, not a session, a newer schema, or damage to the header.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, LogbookError> {
         let path = path.as_ref().to_owned();
-        // SQLite says "unable to open" for everything; the system says why.
-        std::fs::File::open(&path).map_err(|source| LogbookError::Io {
+        // SQLite says "unable to open" for everything; the system says why. Asked about, never opened: to close a file that
+        // SQLite has open in this process, too, would drop the locks of its writer.
+        std::fs::metadata(&path).map_err(|source| LogbookError::Io {
             path: path.clone(),
             attempt: "open",
             source,
