@@ -16,6 +16,8 @@ use crate::recorder::Order;
 
 /// A frame's record waits so long for its map, and no longer.
 const PATIENCE: Duration = Duration::from_secs(2);
+/// Where others wait behind it, so long: a quick method is never given up because the machine is busy.
+const GRACE: Duration = Duration::from_millis(250);
 /// Between looks at whether more frames are waiting.
 const LOOK: Duration = Duration::from_millis(2);
 
@@ -127,7 +129,7 @@ impl Mapper {
         })
     }
 
-    /// Asks for a map and waits for it as long as nothing else is waiting (`hurry`), two seconds at most.
+    /// Asks for a map and waits for it, two seconds at most; a quarter of one where others are waiting (`hurry`).
     pub(crate) fn make(&mut self, readings: &[Reading], hurry: impl Fn() -> bool) -> Attempt {
         if self.under_way {
             return Attempt::Busy;
@@ -144,7 +146,7 @@ impl Mapper {
         loop {
             match self.answers.recv_timeout(LOOK) {
                 Ok(made) => return Attempt::Made(Box::new(self.arrived(made))),
-                Err(RecvTimeoutError::Timeout) if hurry() || begun.elapsed() > PATIENCE => {
+                Err(RecvTimeoutError::Timeout) if begun.elapsed() > patience(hurry()) => {
                     return Attempt::Late;
                 }
                 Err(RecvTimeoutError::Timeout) => {}
@@ -189,6 +191,10 @@ impl Mapper {
         (self.under_way, self.ask) = (false, None);
         Attempt::Suspended
     }
+}
+
+fn patience(hurry: bool) -> Duration {
+    if hurry { GRACE } else { PATIENCE }
 }
 
 impl Means {
