@@ -376,6 +376,39 @@ fn a_flipped_bit_is_an_error_in_its_place_and_nothing_else() {
 }
 
 #[test]
+fn a_damaged_number_of_a_frame_neither_stops_the_reader_nor_keeps_it_for_ever() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut writer = SessionWriter::create(dir.path(), &header("number")).unwrap();
+    for number in 1..=5 {
+        writer.append(&frame(number), None).unwrap();
+    }
+    let path = writer.path().to_owned();
+    writer.close(at(10), "done").unwrap();
+    let change = |text: &str| {
+        let connection = rusqlite::Connection::open(&path).unwrap();
+        connection.execute_batch(text).unwrap();
+    };
+    let read = || {
+        let session = SessionReader::open(&path).unwrap();
+        let outcomes: Vec<bool> = session
+            .frames()
+            .take(50)
+            .map(|record| record.is_ok())
+            .collect();
+        (outcomes, session.len().unwrap())
+    };
+    change("UPDATE frame SET sequence = 9223372036854775807 WHERE sequence = 5");
+    assert_eq!(
+        read(),
+        (vec![true, true, true, true, false], i64::MAX as u64)
+    );
+    assert_eq!(logbook::verify(&path, |_| {}).unwrap().frames, 4);
+    // Negative ones were never written; here they are all there are.
+    change("UPDATE frame SET sequence = -sequence");
+    assert_eq!(read(), (Vec::new(), 0));
+}
+
+#[test]
 fn strangers_and_newer_files_are_refused_by_name() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(format!("{name}.tactus"));

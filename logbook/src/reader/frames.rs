@@ -302,7 +302,11 @@ impl Iterator for Frames<'_> {
     fn next(&mut self) -> Option<Self::Item> {
         if self.page.is_empty() && !self.ended {
             match self.session.page(self.next) {
-                Ok(page) => self.page = page,
+                Ok(page) => {
+                    // Out of order in a damaged file, rows that lead no further would come for ever.
+                    self.ended = page.iter().all(|stored| stored.row.sequence < self.next);
+                    self.page = page;
+                }
                 Err(failure) => {
                     self.ended = true;
                     return Some(Err(failure));
@@ -313,7 +317,10 @@ impl Iterator for Frames<'_> {
             self.ended = true;
             return None;
         };
-        self.next = stored.row.sequence + 1;
+        match stored.row.sequence.checked_add(1) {
+            Some(behind) => self.next = self.next.max(behind),
+            None => self.ended = true,
+        }
         Some(self.session.unpack(stored, &mut self.known))
     }
 }

@@ -119,7 +119,11 @@ impl SessionReader {
     /// # Errors
     /// The file cannot be read.
     pub fn len(&self) -> Result<u64, LogbookError> {
-        Ok((self.last_sequence()? + 1).saturating_sub(self.header.first_sequence))
+        // Below the first where the file has none, or where damage has left none.
+        Ok(self
+            .last_sequence()?
+            .saturating_add(1)
+            .saturating_sub(self.header.first_sequence))
     }
 
     /// Sequence of the last frame; of a session without frames one less than its first will have.
@@ -131,7 +135,11 @@ impl SessionReader {
             .query_row("SELECT max(sequence) FROM frame", [], |row| {
                 row.get::<_, Option<i64>>(0)
             })
-            .map(|last| last.map_or(self.header.first_sequence - 1, |last| last as u64))
+            .map(|last| match last.map(u64::try_from) {
+                Some(Ok(last)) => last,
+                // None below zero was ever written.
+                Some(Err(_)) | None => self.header.first_sequence.saturating_sub(1),
+            })
             .map_err(|source| LogbookError::reading(&self.path, "count the frames of", source))
     }
 

@@ -1,0 +1,88 @@
+//! The codec of a frame's readings, both ways: arbitrary bytes are unpacked or refused, and arbitrary readings come back
+//! to the last bit, whatever they are packed against. Nothing panics.
+
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use logbook::codec::{EncodeError, Reference, decode, encode};
+use survey::{Reading, Volts};
+
+fuzz_target!(|bytes: &[u8]| {
+    let Some((&[against, count], bytes)) = bytes.split_first_chunk() else {
+        return;
+    };
+    let against = usize::from(against) * bytes.len() / 255;
+    let (first, second) = bytes.split_at(against);
+    let reference = Reference::new(&readings(first));
+
+    if let Ok(unpacked) = decode(second, &reference, usize::from(count)) {
+        assert_eq!(unpacked.len(), usize::from(count));
+        comes_back(&unpacked, &reference);
+    }
+    let second = readings(second);
+    comes_back(&second, &reference);
+    comes_back(&second, &Reference::NONE);
+    // Of the same length, so that every reading has one to be taken against.
+    let turned: Vec<Reading> = second.iter().rev().copied().collect();
+    comes_back(&second, &Reference::new(&turned));
+});
+
+fn comes_back(readings: &[Reading], reference: &Reference) {
+    let packed = match encode(readings, reference) {
+        Ok(packed) => packed,
+        Err(EncodeError::NotFinite(at)) => {
+            assert!(
+                readings[at]
+                    .volts()
+                    .is_some_and(|volts| !volts.0.is_finite())
+            );
+            return;
+        }
+        Err(refusal) => panic!("{refusal}"),
+    };
+    let unpacked = decode(&packed, reference, readings.len()).expect("what was packed");
+    assert_eq!(bits(&unpacked), bits(readings));
+}
+
+fn bits(readings: &[Reading]) -> Vec<(u8, u64)> {
+    readings
+        .iter()
+        .map(|reading| {
+            let volts = reading.volts().map_or(0.0, |volts| volts.0);
+            (reading.flag(), volts.to_bits())
+        })
+        .collect()
+}
+
+/// One reading for every first byte and what it wants behind it: any 64 bits, a decimal as a voltmeter sends it, a
+/// small step from the one before, a flag.
+fn readings(mut bytes: &[u8]) -> Vec<Reading> {
+    let mut readings = Vec::new();
+    let mut counts = 0_i32;
+    while let Some((kind, rest)) = bytes.split_first() {
+        bytes = rest;
+        let reading = match kind % 8 {
+            0 => take(&mut bytes).map(|bits| Reading::Ok(Volts(f64::from_le_bytes(bits)))),
+            1..4 => take(&mut bytes).map(|[low, high, power]| {
+                counts = i32::from(i16::from_le_bytes([low, high])) * 9973;
+                let power = i32::from(power % 48) - 24;
+                Reading::Ok(Volts(
+                    format!("{counts}e{power}").parse().unwrap_or_default(),
+                ))
+            }),
+            4..7 => {
+                counts = counts.wrapping_add(i32::from(*kind) - 128);
+                Some(Reading::Ok(Volts(f64::from(counts) / 1e7)))
+            }
+            _ => Reading::from_flag(1 + (kind >> 3) % 3, 0.0),
+        };
+        readings.extend(reading);
+    }
+    readings
+}
+
+fn take<const N: usize>(bytes: &mut &[u8]) -> Option<[u8; N]> {
+    let (taken, rest) = bytes.split_first_chunk()?;
+    *bytes = rest;
+    Some(*taken)
+}
