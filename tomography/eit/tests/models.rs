@@ -7,6 +7,8 @@ use eit::{
     DiscTank, Forward, Jitter, Mesh, Model, ModelError, Network, ReconstructError, Reconstructor,
     Report, Stage, TrainError, TrainingSettings, load_reconstructor, train_rbf,
 };
+use safetensors::SafeTensors;
+use sha2::{Digest, Sha256};
 use survey::{Protocol, Reading, Volts};
 
 const CONTACT: [f64; 8] = [0.3; 8];
@@ -234,6 +236,53 @@ fn a_bit_that_has_turned_anywhere_is_found() {
         std::fs::write(&path, &bytes).unwrap();
         assert!(load(&path).is_err(), "byte {place} of {}", good.len());
     }
+}
+
+/// A model file whose checksum agrees although its metadata was changed, as somebody could make one.
+fn forged(good: &[u8], from: &str, to: &str) -> Vec<u8> {
+    let (_, info) = SafeTensors::read_metadata(good).unwrap();
+    let text = &info.metadata().as_ref().unwrap()["tactus"];
+    let said = |checksum: &str| format!("\"checksum\":\"{checksum}\"");
+    let blank = text.replacen(&said(&model().metadata().checksum), &said(""), 1);
+    let changed = blank.replacen(from, to, 1);
+    assert_ne!(changed, blank, "{from} is not there");
+    let tensors = SafeTensors::deserialize(good).unwrap();
+    let mut views = tensors.tensors();
+    views.sort_by(|a, b| a.0.cmp(&b.0));
+    let mut hasher = Sha256::new();
+    hasher.update(changed.as_bytes());
+    for (name, view) in &views {
+        hasher.update(format!("{name} {:?} {:?}", view.dtype(), view.shape()).as_bytes());
+        hasher.update(view.data());
+    }
+    let digest = hasher.finalize();
+    let checksum: String = digest.iter().map(|byte| format!("{byte:02x}")).collect();
+    let changed = changed.replacen(&said(""), &said(&checksum), 1);
+    safetensors::serialize(views, Some([("tactus".to_owned(), changed)].into())).unwrap()
+}
+
+#[test]
+fn a_number_that_only_asks_for_memory_is_refused_whatever_the_checksum_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("m.safetensors");
+    save(&path, model()).unwrap();
+    let good = std::fs::read(&path).unwrap();
+    for electrodes in [9, u64::MAX >> 1] {
+        let said = format!("\"electrodes\":{electrodes}");
+        std::fs::write(&path, forged(&good, "\"electrodes\":8", &said)).unwrap();
+        let refusal = load(&path).unwrap_err();
+        assert!(
+            matches!(&refusal, ModelError::Damaged { why, .. } if !why.contains("checksum")),
+            "{refusal}"
+        );
+    }
+    // A header that promises more bytes than can be counted.
+    let header = r#"{"a":{"dtype":"U8","shape":[1],"data_offsets":[0,18446744073709551615]}}"#;
+    let mut bytes = (header.len() as u64).to_le_bytes().to_vec();
+    bytes.extend(header.as_bytes());
+    std::fs::write(&path, &bytes).unwrap();
+    let refusal = load(&path).unwrap_err();
+    assert!(matches!(refusal, ModelError::Truncated { .. }), "{refusal}");
 }
 
 #[test]

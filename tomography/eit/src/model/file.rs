@@ -193,7 +193,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
     }
     let (_, info) = SafeTensors::read_metadata(bytes).map_err(|fault| {
         match promised(&bytes[8..8 + header as usize]) {
-            Some(length) if 8 + header + length > bytes.len() as u64 => truncated(),
+            Some(length) if length.saturating_add(8 + header) > bytes.len() as u64 => truncated(),
             _ => foreign(&fault.to_string()),
         }
     })?;
@@ -254,8 +254,17 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
         Ok(found)
     };
     let index = |name, width| Ok::<_, ModelError>(indices(&tensor(name, Dtype::U32, width)?));
+    let ends = index("electrode_edges", 3)?;
+    // Every electrode has an edge: a number beyond them would only ask for memory.
+    if metadata.electrodes > ends.len() / 3 {
+        return Err(damaged(format!(
+            "it says {} electrodes and holds {} edges of them",
+            metadata.electrodes,
+            ends.len() / 3
+        )));
+    }
     let mut edges = vec![Vec::new(); metadata.electrodes];
-    for edge in index("electrode_edges", 3)?.chunks(3) {
+    for edge in ends.chunks(3) {
         edges
             .get_mut(edge[0])
             .ok_or_else(|| damaged(format!("an edge of electrode {}", edge[0])))?
@@ -304,7 +313,8 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
     let network = match metadata.kind {
         Kind::Rbf => {
             let centres = tensor("centres", Dtype::F32, protocol.len())?;
-            let neurons = centres.shape()[0];
+            // A single number, which has no shape, passes for a column of width 1.
+            let neurons = centres.shape().first().copied().unwrap_or(1);
             Network::Rbf(RbfNetwork {
                 inputs: protocol.len(),
                 outputs: mesh.region().len(),
