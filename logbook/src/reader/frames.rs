@@ -15,7 +15,7 @@ use crate::{LogbookError, MapRecord, Record};
 const PAGE: u32 = 64;
 
 impl SessionReader {
-    /// One frame by its sequence, counted from [`SessionHeader::first_sequence`].
+    /// One frame by its sequence, counted from [`crate::SessionHeader::first_sequence`].
     ///
     /// # Errors
     /// No such frame, or a damaged one.
