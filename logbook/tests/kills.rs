@@ -3,6 +3,8 @@
 //!
 //! Without the test harness: this binary is also the process that is killed.
 
+mod taken;
+
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
@@ -10,18 +12,14 @@ use std::process::{Command, Stdio};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-use chrono::{DateTime, Utc};
 use logbook::{RESUMED, SessionHeader, SessionReader, SessionWriter, Storage};
-use survey::{Amps, Baseline, Frame, Protocol, Reading, Settings, Volts};
+use survey::{Baseline, Frame, Protocol, Reading, Volts};
+use taken::{at, taken};
 
 /// Frames after which a new session is begun, so that checking stays quick.
 const LONG: u64 = 1500;
 /// Whoever waits this long for a line waits for ever.
 const DEADLINE: Duration = Duration::from_secs(120);
-
-fn at(seconds: u64) -> DateTime<Utc> {
-    DateTime::from_timestamp(1_700_000_000 + seconds as i64, 0).unwrap()
-}
 
 fn protocol() -> Protocol {
     Protocol::sheffield(12).unwrap()
@@ -35,23 +33,9 @@ fn frame(number: u64) -> Frame {
         })
         .collect();
     Frame {
-        extra: Vec::new(),
-        sequence: number,
-        readings,
         monotonic: Duration::from_millis(500 * number),
-        wall: at(number),
         duration: Duration::from_millis(400),
-        settings: Settings {
-            precautions: survey::Precautions::default(),
-            protocol_hash: protocol().hash(),
-            current: Amps(1e-3),
-            range: Volts(1.0),
-            nplc: 1.0,
-            settle: Duration::ZERO,
-            wiring: "w".into(),
-        },
-        compliance: Vec::new(),
-        simulated: true,
+        ..taken(&protocol(), number, number as i64, readings)
     }
 }
 
@@ -87,7 +71,7 @@ fn write(folder: &Path, seed: u64) {
         Some(session) => {
             let (mut writer, resumed) = SessionWriter::resume_with(&session.path, storage).unwrap();
             writer
-                .event(at(resumed.acknowledged), RESUMED, "killed")
+                .event(at(resumed.acknowledged as i64), RESUMED, "killed")
                 .unwrap();
             writer
         }
@@ -115,8 +99,8 @@ fn write(folder: &Path, seed: u64) {
         let kept = writer.append_all(frames.iter().map(|frame| (frame, None)));
         say('=', kept.unwrap());
         match dice.throw(30) {
-            0 => drop(writer.roll(at(first)).unwrap()),
-            1 => writer.event(at(first), "test", "an event").unwrap(),
+            0 => drop(writer.roll(at(first as i64)).unwrap()),
+            1 => writer.event(at(first as i64), "test", "an event").unwrap(),
             _ => {}
         }
     }

@@ -1,17 +1,15 @@
 //! Sessions that go on: after a crash, in the next part, behind a broken disk.
 
+mod taken;
+
 use std::path::Path;
 use std::time::Duration;
 
-use chrono::{DateTime, Utc};
 use logbook::{
     CONTINUED, LogbookError, RESUMED, SessionHeader, SessionReader, SessionWriter, Storage,
 };
-use survey::{Amps, Baseline, Frame, Protocol, Reading, Settings, Volts};
-
-fn at(seconds: i64) -> DateTime<Utc> {
-    DateTime::from_timestamp(1_700_000_000 + seconds, 0).unwrap()
-}
+use survey::{Baseline, Frame, Protocol, Reading, Volts};
+use taken::{at, taken};
 
 fn protocol() -> Protocol {
     Protocol::sheffield(8).unwrap()
@@ -21,25 +19,7 @@ fn frame(number: u64) -> Frame {
     let readings = (0..protocol().len() as u64)
         .map(|k| Reading::Ok(Volts((7919 * k + (number * k) % 41) as f64 / 1e7)))
         .collect();
-    Frame {
-        extra: Vec::new(),
-        sequence: number,
-        readings,
-        monotonic: Duration::from_secs(number),
-        wall: at(number as i64),
-        duration: Duration::from_millis(900),
-        settings: Settings {
-            precautions: survey::Precautions::default(),
-            protocol_hash: protocol().hash(),
-            current: Amps(1e-3),
-            range: Volts(1.0),
-            nplc: 1.0,
-            settle: Duration::ZERO,
-            wiring: "w".into(),
-        },
-        compliance: Vec::new(),
-        simulated: true,
-    }
+    taken(&protocol(), number, number as i64, readings)
 }
 
 fn baseline() -> Baseline {

@@ -1,21 +1,20 @@
 //! Records looked over, saved from damage, and pruned.
 
+mod taken;
+
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use chrono::{DateTime, TimeDelta, Utc};
+use chrono::TimeDelta;
 use logbook::{
     Exported, RESUMED, Retention, SessionHeader, SessionKind, SessionReader, SessionWriter, prune,
     repair, verify,
 };
-use survey::{Amps, Baseline, Frame, Protocol, Reading, Settings, Volts};
+use survey::{Baseline, Frame, Protocol, Reading, Volts};
+use taken::{at, taken};
 
 /// Bytes of a page of a session's file.
 const PAGE: usize = 16_384;
-
-fn at(seconds: i64) -> DateTime<Utc> {
-    DateTime::from_timestamp(1_700_000_000 + seconds, 0).unwrap()
-}
 
 fn protocol() -> Protocol {
     Protocol::sheffield(16).unwrap()
@@ -29,25 +28,7 @@ fn frame(number: u64, second: i64) -> Frame {
             Reading::Ok(Volts(bits as f64 / u64::MAX as f64))
         })
         .collect();
-    Frame {
-        extra: Vec::new(),
-        sequence: number,
-        readings,
-        monotonic: Duration::from_secs(second as u64),
-        wall: at(second),
-        duration: Duration::from_millis(900),
-        settings: Settings {
-            precautions: survey::Precautions::default(),
-            protocol_hash: protocol().hash(),
-            current: Amps(1e-3),
-            range: Volts(1.0),
-            nplc: 1.0,
-            settle: Duration::ZERO,
-            wiring: "w".into(),
-        },
-        compliance: Vec::new(),
-        simulated: true,
-    }
+    taken(&protocol(), number, second, readings)
 }
 
 fn baseline(id: &str) -> Baseline {

@@ -5,21 +5,18 @@
 //! that was under way, and the session can go on. `TACTUS_CUTS=all` takes every sector of every write and more seeds.
 
 mod image;
+#[path = "../taken/mod.rs"]
+mod taken;
 mod vfs;
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::time::Duration;
 
-use chrono::{DateTime, Utc};
 use image::{Disk, Lost};
 use logbook::{LogbookError, RESUMED, SessionHeader, SessionReader, SessionWriter, Storage};
-use survey::{Amps, Baseline, Frame, Protocol, Reading, Settings, Volts};
+use survey::{Baseline, Frame, Protocol, Reading, Volts};
+use taken::{at, taken};
 use vfs::{Act, Fault, Mark, Step};
-
-fn at(seconds: i64) -> DateTime<Utc> {
-    DateTime::from_timestamp(1_700_000_000 + seconds, 0).unwrap()
-}
 
 fn protocol() -> Protocol {
     Protocol::sheffield(8).unwrap()
@@ -34,25 +31,7 @@ fn frame(number: u64) -> Frame {
             Reading::Ok(Volts(bits as f64 / u64::MAX as f64))
         })
         .collect();
-    Frame {
-        extra: Vec::new(),
-        sequence: number,
-        readings,
-        monotonic: Duration::from_secs(number),
-        wall: at(number as i64),
-        duration: Duration::from_millis(900),
-        settings: Settings {
-            precautions: survey::Precautions::default(),
-            protocol_hash: protocol().hash(),
-            current: Amps(1e-3),
-            range: Volts(1.0),
-            nplc: 1.0,
-            settle: Duration::ZERO,
-            wiring: "w".into(),
-        },
-        compliance: Vec::new(),
-        simulated: true,
-    }
+    taken(&protocol(), number, number as i64, readings)
 }
 
 fn baseline() -> Baseline {
