@@ -233,6 +233,29 @@ fn unread_and_unasked_replies_are_errors() {
     assert_eq!(client.code(link), -363);
 }
 
+#[test]
+fn a_trigger_waits_for_the_messages_before_it_and_leaves_a_reply() {
+    let served = Served::start_in_time(&["--port-vxi11", "0"]);
+    let mut client = Client::of(&served);
+    let link = client.create(b"inst0").unwrap();
+    // The second message waits for the readings of the first: a trigger that passed it by would find nothing that waits
+    // for one, and FETC? no reading.
+    let long = b"CONF:VOLT:DC 1,(@1001);:VOLT:DC:NPLC 10,(@1001);:READ?";
+    assert_eq!(client.write(link, long, END), 0);
+    assert_eq!(client.write(link, b"TRIG:SOUR BUS;:INIT", END), 0);
+    assert_eq!(word(&client.generic(14, link, 0, 0), 0), 0);
+    assert_eq!(client.ask(link, "FETC?").split(',').count(), 1);
+    // The reply to READ? was not read, and there is no other error.
+    assert_eq!(client.code(link), -410);
+    assert_eq!(client.code(link), 0);
+    // A trigger that nothing waits for is an error, and interrupts no reply.
+    assert_eq!(client.write(link, b"*IDN?", END), 0);
+    assert_eq!(word(&client.generic(14, link, 0, 0), 0), 0);
+    assert!(client.read(link, 100, 5000, None).2.contains("34980A"));
+    assert_eq!(client.code(link), -211);
+    assert_eq!(client.code(link), 0);
+}
+
 /// 20 s of integration: longer than the test may take.
 const LONG_SCAN: &[u8] = b"CONF:VOLT:DC 1,(@1001:1010);:VOLT:DC:NPLC 100,(@1001:1010);:READ?\n";
 

@@ -214,7 +214,7 @@ impl Links {
             13 => {
                 let asked = self.generic(arguments).await?;
                 let byte = match &asked {
-                    Ok(link) => self.status_byte(*link).await,
+                    Ok((link, _)) => self.status_byte(*link).await,
                     Err(_) => 0,
                 };
                 Writer::default()
@@ -224,14 +224,14 @@ impl Links {
             }
             14 => {
                 let done = match self.generic(arguments).await? {
-                    Ok(link) => self.trigger(link).await,
+                    Ok((link, deadline)) => self.trigger(link, deadline).await,
                     Err(fault) => Err(fault),
                 };
                 code(done)
             }
             15 => {
                 let asked = self.generic(arguments).await?;
-                if let Ok(link) = asked
+                if let Ok((link, _)) = asked
                     && let Some(link) = self.links.get_mut(&link)
                 {
                     link.clear().await;
@@ -323,17 +323,21 @@ impl Links {
         known.then_some(()).ok_or(Fault::InvalidLink)
     }
 
-    /// The arguments that many procedures share: link, flags, lock timeout, I/O timeout.
-    async fn generic(&self, arguments: &mut Reader<'_>) -> Result<Result<u32, Fault>, Garbage> {
+    /// The arguments that many procedures share: link, flags, lock timeout, I/O timeout. Gives the link and the deadline.
+    async fn generic(
+        &self,
+        arguments: &mut Reader<'_>,
+    ) -> Result<Result<(u32, Instant), Fault>, Garbage> {
         let link = arguments.word()?;
         let flags = arguments.word()?;
         let lock = within(arguments.word()?);
-        arguments.word()?;
+        let deadline = within(arguments.word()?);
         if let Err(fault) = self.known(link) {
             return Ok(Err(fault));
         }
         let wait = flags & WAIT_FOR_LOCK != 0;
-        Ok(self.port.pass(link, false, wait, lock).await.map(|()| link))
+        let passed = self.port.pass(link, false, wait, lock).await;
+        Ok(passed.map(|()| (link, deadline)))
     }
 
     async fn write(
@@ -376,12 +380,9 @@ impl Links {
         }
     }
 
-    async fn trigger(&self, link: u32) -> Result<(), Fault> {
+    async fn trigger(&self, link: u32, deadline: Instant) -> Result<(), Fault> {
         let link = self.links.get(&link).ok_or(Fault::InvalidLink)?;
-        match link.guest().hear(b"*TRG".to_vec()).await {
-            Ok(_) => Ok(()),
-            Err(_) => Err(Fault::Io),
-        }
+        link.trigger(deadline).await
     }
 }
 

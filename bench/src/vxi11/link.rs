@@ -62,6 +62,14 @@ impl Queue {
     }
 }
 
+/// What a link's listener hears, in the order in which it came (IEEE 488.2, 6.1.4): a trigger waits for the messages
+/// before it.
+#[derive(Debug)]
+enum Input {
+    Message(Vec<u8>),
+    Trigger,
+}
+
 #[derive(Debug, Default)]
 struct Shared {
     queue: Mutex<Queue>,
@@ -91,7 +99,7 @@ impl Aborter {
 pub(super) struct Link {
     guest: Arc<Guest>,
     framer: scpi::Framer,
-    messages: mpsc::Sender<(Vec<u8>, u64)>,
+    inputs: mpsc::Sender<(Input, u64)>,
     shared: Arc<Shared>,
     listener: JoinHandle<()>,
 }
@@ -100,12 +108,12 @@ impl Link {
     pub(super) fn new(guest: Guest) -> Self {
         let guest = Arc::new(guest);
         let shared = Arc::new(Shared::default());
-        let (messages, waiting) = mpsc::channel(WAITING);
+        let (inputs, waiting) = mpsc::channel(WAITING);
         let listener = tokio::spawn(listen(guest.clone(), shared.clone(), waiting));
         Self {
             guest,
             framer: scpi::Framer::new(LONGEST_MESSAGE),
-            messages,
+            inputs,
             shared,
             listener,
         }
@@ -138,24 +146,35 @@ impl Link {
                 self.guest.refuse(ParseError::InputOverrun);
                 continue;
             };
-            let cleared = {
-                let mut queue = self.shared.queue();
-                queue.pending += 1;
-                queue.cleared
-            };
-            let sent = tokio::select! {
-                sent = timeout_at(deadline, self.messages.send((message, cleared))) => {
-                    matches!(sent, Ok(Ok(()))).then_some(()).ok_or(Fault::TimedOut)
-                }
-                () = self.shared.aborted.notified() => Err(Fault::Aborted),
-            };
-            if let Err(fault) = sent {
-                self.shared.queue().pending -= 1;
+            if let Err(fault) = self.take_in(Input::Message(message), deadline).await {
                 self.framer.clear();
                 return Err(fault);
             }
         }
         Ok(())
+    }
+
+    /// A group execute trigger: behind the messages that came before it. It interrupts no reply.
+    pub(super) async fn trigger(&self, deadline: Instant) -> Result<(), Fault> {
+        self.take_in(Input::Trigger, deadline).await
+    }
+
+    async fn take_in(&self, input: Input, deadline: Instant) -> Result<(), Fault> {
+        let cleared = {
+            let mut queue = self.shared.queue();
+            queue.pending += 1;
+            queue.cleared
+        };
+        let sent = tokio::select! {
+            sent = timeout_at(deadline, self.inputs.send((input, cleared))) => {
+                matches!(sent, Ok(Ok(()))).then_some(()).ok_or(Fault::TimedOut)
+            }
+            () = self.shared.aborted.notified() => Err(Fault::Aborted),
+        };
+        if sent.is_err() {
+            self.shared.queue().pending -= 1;
+        }
+        sent
     }
 
     /// Gives the next bytes of the reply and why there are no more of them.
@@ -247,26 +266,27 @@ fn take(queue: &mut Queue, request: ReadRequest) -> (u32, Vec<u8>) {
     (reason, given)
 }
 
-/// Hears a link's messages one after the other.
-async fn listen(
-    guest: Arc<Guest>,
-    shared: Arc<Shared>,
-    mut messages: mpsc::Receiver<(Vec<u8>, u64)>,
-) {
-    while let Some((message, cleared)) = messages.recv().await {
+/// Hears a link's messages and triggers one after the other.
+async fn listen(guest: Arc<Guest>, shared: Arc<Shared>, mut inputs: mpsc::Receiver<(Input, u64)>) {
+    while let Some((input, cleared)) = inputs.recv().await {
         // Listening before the look at the count: a clear in between is not missed.
         let clear = shared.interrupted.notified();
         tokio::pin!(clear);
         clear.as_mut().enable();
-        let interrupted = {
+        let (message, interrupted) = {
             let mut queue = shared.queue();
             if queue.cleared != cleared {
                 queue.pending -= 1;
                 continue;
             }
-            let unread = !queue.left().is_empty();
-            queue.empty();
-            unread
+            match input {
+                Input::Trigger => (b"*TRG".to_vec(), false),
+                Input::Message(message) => {
+                    let unread = !queue.left().is_empty();
+                    queue.empty();
+                    (message, unread)
+                }
+            }
         };
         if interrupted {
             guest.refuse(ParseError::QueryInterrupted);
@@ -286,7 +306,8 @@ async fn listen(
         let mut queue = shared.queue();
         queue.pending -= 1;
         match delivery {
-            Ok(delivery) if queue.cleared == cleared => {
+            // A trigger has no reply, and leaves one that waits.
+            Ok(delivery) if queue.cleared == cleared && !delivery.bytes.is_empty() => {
                 queue.reply = delivery.bytes;
                 queue.given = 0;
             }
