@@ -1,10 +1,13 @@
 //! The way of a frame after acquisition, on a thread of its own: quality, then the sinks in order: logbook (durable), then
 //! everybody who listens. Maps come from the [`Mapper`]: the record waits for one a little, and is written without it.
 
+mod continuity;
 mod disk;
+mod maps;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use continuity::relative_changes;
 pub(crate) use disk::{Disk, free_bytes};
 
 use std::collections::VecDeque;
@@ -12,7 +15,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use bus::stream::{Body, Record};
-use chrono::{DateTime, TimeDelta, Utc};
+use chrono::{DateTime, Utc};
 use eit::Pressure;
 use logbook::{LogbookError, SessionWriter};
 use rig::{Clock, SystemClock};
@@ -21,7 +24,7 @@ use tokio::sync::mpsc::{self, error::TryRecvError};
 
 use crate::keeper::SHUT_DOWN;
 use crate::live::{Live, Published};
-use crate::mapper::{Attempt, Failure, Made, Mapped, Mapper};
+use crate::mapper::{Attempt, Mapped, Mapper};
 use crate::model::chain;
 use crate::pulse::{Part, Pulse, Rests};
 
@@ -30,10 +33,6 @@ pub(crate) const QUEUE: usize = 16;
 /// With so many waiting, nobody waits for a map.
 const HURRY: usize = QUEUE / 2;
 
-/// What a clock that is kept by NTP does not move at once.
-const CLOCK_STEP: TimeDelta = TimeDelta::seconds(1);
-/// A sheet that was left alone changes by less while the daemon is away: of a reading, in the median.
-const PLAUSIBLE: f64 = 0.1;
 /// Frames that one sync is enough for.
 const MOST_TOGETHER: usize = 64;
 /// Between looks for more of them.
@@ -223,146 +222,6 @@ impl Recorder {
             self.publish(row);
         }
         Ok(())
-    }
-
-    fn ask_for_map(&mut self, frame: &Frame, hurry: impl Fn() -> bool) -> Option<Attempt> {
-        match &mut self.task {
-            Task::Baseline { .. } => None,
-            Task::Maps { mapper, .. } => Some(mapper.make(&frame.readings, hurry)),
-        }
-    }
-
-    /// Puts what was made on its row, and says what went wrong.
-    fn made(&mut self, made: Made, row: &mut Row) -> Result<(), LogbookError> {
-        row.reconstruction = made.took;
-        match made.outcome {
-            Ok(mapped) => {
-                let refused = mapped.refused.as_deref().unwrap_or_default();
-                self.live.set_last_error(refused);
-                row.mapped = Some(mapped);
-            }
-            Err(Failure::Refused(why)) => self.live.set_last_error(&why),
-            Err(Failure::Broken(why)) => {
-                let text = format!(
-                    "the code of method {} failed ({why}); frames are recorded, and have no maps until the next session; \
-                     please report it",
-                    self.live.facts.method
-                );
-                self.live.set_last_error(&text);
-                self.say("method-suspended", &text)?;
-            }
-        }
-        Ok(())
-    }
-
-    /// A map that was late, if it is ready.
-    fn late_map(&mut self) -> Result<(), LogbookError> {
-        match &mut self.task {
-            Task::Maps { mapper, .. } => match mapper.late() {
-                Some(made) => self.arrived(made),
-                None => Ok(()),
-            },
-            Task::Baseline { .. } => Ok(()),
-        }
-    }
-
-    fn arrived(&mut self, made: Made) -> Result<(), LogbookError> {
-        let Task::Maps { late, .. } = &mut self.task else {
-            return Ok(());
-        };
-        let Some(mut row) = late.take() else {
-            return Ok(());
-        };
-        self.made(made, &mut row)?;
-        if let Some(mapped) = &row.mapped {
-            let (sequence, record) = (row.frame.sequence, &mapped.record);
-            match self.writer.late_map(sequence, record) {
-                // a roll-over lay between, or the disk: the frame is there, and the map can be made again
-                Err(LogbookError::NoSuchFrame { .. }) => {}
-                Err(error) if error.is_disk() => tracing::debug!("{}", chain(&error)),
-                other => other?,
-            }
-            self.publish_map(*row);
-        }
-        Ok(())
-    }
-
-    /// At the end nobody waits for it again.
-    fn last_map(&mut self) -> Result<(), LogbookError> {
-        match &mut self.task {
-            Task::Maps { mapper, .. } => match mapper.last() {
-                Some(made) => self.arrived(made),
-                None => Ok(()),
-            },
-            Task::Baseline { .. } => Ok(()),
-        }
-    }
-
-    fn missed_a_map(&mut self) -> Result<(), LogbookError> {
-        let Task::Maps { missed, .. } = &mut self.task else {
-            return Ok(());
-        };
-        *missed += 1;
-        let missed = *missed;
-        if !missed.is_power_of_two() {
-            return Ok(());
-        }
-        let text = format!(
-            "method {} is slower than frames come: {missed} recorded without a map so far (`tactus replay` makes them)",
-            self.live.facts.method
-        );
-        self.say("maps-missed", &text)
-    }
-
-    /// Schedules keep to the monotonic clock; where the other one is set, or the machine sleeps, that is an event.
-    fn watch_the_clock(&mut self, frame: &Frame) -> Result<(), LogbookError> {
-        let Ok(since) = TimeDelta::from_std(frame.monotonic) else {
-            return Ok(());
-        };
-        let Some(now) = frame.wall.checked_sub_signed(since) else {
-            return Ok(());
-        };
-        let moved = self.began.replace(now).map(|before| now - before);
-        match moved {
-            Some(moved) if moved.abs() > CLOCK_STEP => {
-                let text = format!(
-                    "the wall clock has moved by {:+.1} s against the monotonic one since the last frame: it was set, or                      the machine slept; frames keep to the schedule, and have both times",
-                    moved.num_milliseconds() as f64 / 1e3
-                );
-                self.say("clock-moved", &text)
-            }
-            _ => Ok(()),
-        }
-    }
-
-    /// Whether the first frame after a gap is of the same sheet as the last one before it.
-    fn compare_with_before(&mut self, first: &Row) -> Result<(), LogbookError> {
-        let Some(before) = self.before.take() else {
-            return Ok(());
-        };
-        let readings = before.frame.readings.iter().zip(&first.frame.readings);
-        let mut changes: Vec<f64> = readings
-            .filter_map(|(then, now)| {
-                let (then, now) = (then.volts()?.0, now.volts()?.0);
-                (then != 0.0).then(|| ((now - then) / then).abs())
-            })
-            .collect();
-        let middle = changes.len() / 2;
-        if changes.is_empty() {
-            return self.say("implausible", "after the gap no reading can be compared");
-        }
-        let (_, median, _) = changes.select_nth_unstable_by(middle, f64::total_cmp);
-        let text = format!(
-            "half of the readings after the gap are within {:.2} % of those before it",
-            1e2 * *median
-        );
-        if *median <= PLAUSIBLE {
-            return self.say("plausible", &text);
-        }
-        let text = format!(
-            "{text}: sheet, contacts or loads are not what they were, and the baseline may no longer hold"
-        );
-        self.say("implausible", &text)
     }
 
     /// To the record and to everybody.

@@ -136,8 +136,7 @@ impl Keeper {
         };
         self.check_baseline(&baseline, settings.as_ref())?;
         let model = self.chosen_model(options.text("model")?).await?;
-        let mut asked: serde_json::Map<String, serde_json::Value> =
-            serde_json::from_str(&to_json(options)).unwrap_or_default();
+        let mut asked = to_json(options);
         // the configuration may be another one when the session goes on
         let every = schedule.every.as_secs_f64();
         asked.insert("every_s".to_owned(), every.into());
@@ -196,7 +195,7 @@ impl Keeper {
             model: None,
             plan: self.own_plan(options).await?,
             about: about(options, &self.house().setup.config.about)?,
-            asked: to_json(options),
+            asked: serde_json::Value::Object(to_json(options)).to_string(),
             resumed: None,
             before: None,
         })

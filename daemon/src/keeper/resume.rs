@@ -30,7 +30,8 @@ pub(super) struct Interrupted {
     pub resumed: Resumed,
     /// The last frame before the gap.
     pub last: Option<Record>,
-    pub cause: String,
+    /// Whether its daemon was stopped, and had time to say so.
+    stopped: bool,
 }
 
 /// Why a session that was interrupted is not gone on with.
@@ -142,7 +143,7 @@ impl Keeper {
     async fn resume(self: &Arc<Self>, path: PathBuf) -> Result<(), Never> {
         let house = self.house();
         let opened = tokio::task::spawn_blocking(move || open(&path)).await;
-        let (mut found, baseline) =
+        let (found, baseline) =
             opened.map_err(|_| Never::Left("it could not be read".to_owned()))??;
         let now = house.clock.wall();
         let header = &found.resumed.header;
@@ -179,11 +180,10 @@ impl Keeper {
             }
             order.schedule.lasts = Some(left);
         }
-        found.cause = cause(&found, last, now);
         let mut text = format!(
             "{}; the last frame before was {} at {}, {} ago; the instruments are the known ones, the source was off, \
              verified, the settings were applied again and read back; the baseline is {} old",
-            found.cause,
+            cause(&found, last, now),
             found.resumed.acknowledged,
             last.format("%Y-%m-%d %H:%M:%S UTC"),
             span(gap),
@@ -255,13 +255,15 @@ impl Keeper {
 fn open(path: &Path) -> Result<(Interrupted, Option<survey::Baseline>), LogbookError> {
     let reader = SessionReader::open(path)?;
     let (baseline, last) = (reader.baseline()?, reader.last()?);
+    let events = reader.events()?;
+    let stopped = events.last().is_some_and(|event| event.kind == SHUT_DOWN);
     drop(reader);
     let (writer, resumed) = SessionWriter::resume(path)?;
     let found = Interrupted {
         writer,
         resumed,
         last,
-        cause: String::new(),
+        stopped,
     };
     Ok((found, baseline))
 }
@@ -271,10 +273,7 @@ fn cause(found: &Interrupted, last: DateTime<Utc>, now: DateTime<Utc>) -> String
     // not from /proc, which the unit hides
     let up = rustix::time::clock_gettime(rustix::time::ClockId::Boottime);
     let booted = now - TimeDelta::seconds(up.tv_sec);
-    let stopped = SessionReader::open(found.writer.path())
-        .and_then(|session| session.events())
-        .is_ok_and(|events| events.last().is_some_and(|event| event.kind == SHUT_DOWN));
-    match (stopped, booted > last) {
+    match (found.stopped, booted > last) {
         (true, true) => "the daemon was stopped, and the machine restarted".to_owned(),
         (true, false) => "the daemon was stopped and started again".to_owned(),
         (false, true) => {
@@ -300,8 +299,8 @@ fn span(time: TimeDelta) -> String {
 }
 
 /// Options as a session's file keeps them.
-pub(super) fn to_json(options: &Options) -> String {
-    let object: serde_json::Map<String, serde_json::Value> = options
+pub(super) fn to_json(options: &Options) -> serde_json::Map<String, serde_json::Value> {
+    options
         .0
         .keys()
         .filter_map(|key| {
@@ -316,8 +315,7 @@ pub(super) fn to_json(options: &Options) -> String {
             };
             Some((key.clone(), value))
         })
-        .collect();
-    serde_json::Value::Object(object).to_string()
+        .collect()
 }
 
 /// And back; `None` where it is something else.
@@ -349,7 +347,8 @@ mod tests {
             .with("count", 1000_u64)
             .with("step", true)
             .with("note", "a \"note\"");
-        let back = from_json(&to_json(&options)).unwrap();
+        let kept = serde_json::Value::Object(to_json(&options)).to_string();
+        let back = from_json(&kept).unwrap();
         assert_eq!(back.number("every_s").unwrap(), Some(10.0));
         assert_eq!(back.whole("count").unwrap(), Some(1000));
         assert_eq!(back.flag("step").unwrap(), Some(true));

@@ -8,6 +8,7 @@ use survey::{Baseline, Reading};
 
 use super::health::Counts;
 use crate::live::Published;
+use crate::recorder::relative_changes;
 
 /// What is compared from day to day.
 pub(crate) struct Daily {
@@ -81,14 +82,7 @@ fn drift(from: &[Reading], to: &[Reading]) -> Option<f64> {
     if from.len() != to.len() {
         return None;
     }
-    let mut changes: Vec<f64> = from
-        .iter()
-        .zip(to)
-        .filter_map(|(from, to)| {
-            let (from, to) = (from.volts()?.0, to.volts()?.0);
-            (from != 0.0).then(|| (to - from) / from)
-        })
-        .collect();
+    let mut changes: Vec<f64> = relative_changes(from, to).collect();
     if changes.is_empty() {
         return None;
     }

@@ -6,6 +6,8 @@ use std::time::Duration;
 
 use logbook::Volume;
 
+use crate::recorder::free_bytes;
+
 /// A look is good for so long.
 const GOOD_FOR: Duration = Duration::from_secs(5);
 /// A disk that has not answered by then is not waited for.
@@ -92,9 +94,7 @@ impl Disk {
     }
 
     fn look(&self, directory: &Path, file: Option<PathBuf>, now: Duration) {
-        let free = rustix::fs::statvfs(directory)
-            .ok()
-            .map(|told| told.f_bavail.saturating_mul(told.f_frsize));
+        let free = free_bytes(directory).ok();
         let volume = file.and_then(|path| Some((logbook::volume(&path).ok()?, path)));
         let mut seen = self.seen();
         seen.at = Some(now);

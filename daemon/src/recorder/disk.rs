@@ -65,11 +65,13 @@ impl Recorder {
     /// # Errors
     /// The disk refuses in a way that does not pass, or the session was asked to end while there was no room.
     pub(super) fn store(&mut self, rows: &[Row]) -> Result<u64, LogbookError> {
-        self.warn_early()?;
+        let mut free = self.free();
+        self.warn_early(free)?;
         let mut renewed = false;
         loop {
-            if let Some(full) = self.lacks_room() {
+            if let Some(full) = self.lacks_room(free) {
                 self.pause(full)?;
+                free = self.free();
                 continue;
             }
             let frames = rows
@@ -80,7 +82,10 @@ impl Recorder {
                     self.go_on()?;
                     return Ok(last);
                 }
-                Err(error) if error.is_full() => self.pause(error)?,
+                Err(error) if error.is_full() => {
+                    self.pause(error)?;
+                    free = self.free();
+                }
                 Err(error) if error.is_broken() && !renewed => {
                     renewed = true;
                     self.renew(&error)?;
@@ -146,8 +151,8 @@ impl Recorder {
     }
 
     /// Says once that room is running out, and once that there is enough again.
-    fn warn_early(&mut self) -> Result<(), LogbookError> {
-        let Some(free) = self.free() else {
+    fn warn_early(&mut self, free: Option<u64>) -> Result<(), LogbookError> {
+        let Some(free) = free else {
             return Ok(());
         };
         let warn = self.disk.section.warn_below_mb * MEGABYTE;
@@ -177,12 +182,12 @@ impl Recorder {
     }
 
     /// Whether the reserve is reached; once paused, a tenth more is wanted.
-    fn lacks_room(&self) -> Option<LogbookError> {
+    fn lacks_room(&self, free: Option<u64>) -> Option<LogbookError> {
         let mut wanted = self.disk.section.reserve_mb * MEGABYTE;
         if self.disk.paused.is_some() {
             wanted += wanted / 10;
         }
-        let free = self.free().filter(|free| *free < wanted)?;
+        let free = free.filter(|free| *free < wanted)?;
         Some(LogbookError::DiskRefused {
             path: self.writer.path().to_owned(),
             attempt: "keeping record.reserve_mb free",
