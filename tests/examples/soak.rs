@@ -9,7 +9,7 @@
 //! once, instruments that take no time. Looked at is resident memory of the process's own (RssAnon): pages of the program's
 //! file come as its code is first run, and go when the machine wants them back. The first tenth is warm-up, 60,000 frames at
 //! least; after it memory may grow by less than 1 MB, and descriptors and threads not beyond those that come and go with
-//! whoever looks.
+//! whoever looks. At the end `tactus sessions verify` reads the whole record.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -89,6 +89,10 @@ fn soak() -> Result<(), Failure> {
     }
     ask(&["stop", "--json"])?;
     keeper.stop()?;
+    stage
+        .tactus(&["sessions", "verify", "--all"])?
+        .succeeded()?;
+    println!("the record is whole, and no frame is missing");
     let mut warm = looks
         .iter()
         .filter(|look| look.frames > WARM_UP.max(frames / 10));
