@@ -1,0 +1,277 @@
+//! A model file of arbitrary bytes, a damaged one, and one whose content is the fuzzer's and whose checksum agrees with
+//! it, as somebody could make one: read or refused, never a panic. A damaged file that is read is what was written.
+
+#![no_main]
+
+use std::borrow::Cow;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
+
+use eit::model::{load, save};
+use eit::{
+    DiscTank, Jitter, Model, ModelError, Network, Report, Stage, TrainingSettings, train_rbf,
+};
+use libfuzzer_sys::fuzz_target;
+use safetensors::tensor::{Dtype, SafeTensors, View};
+use sha2::{Digest, Sha256};
+use survey::{Protocol, Reading, Volts};
+
+struct Made {
+    path: PathBuf,
+    model: Model,
+    bytes: Vec<u8>,
+    text: String,
+    tensors: Vec<(String, Tensor)>,
+}
+
+#[derive(Clone)]
+struct Tensor {
+    kind: Dtype,
+    shape: Vec<usize>,
+    bytes: Vec<u8>,
+}
+
+static MADE: OnceLock<Made> = OnceLock::new();
+
+fuzz_target!(|bytes: &[u8]| {
+    let Some((kind, bytes)) = bytes.split_first() else {
+        return;
+    };
+    let made = MADE.get_or_init(make);
+    match kind % 4 {
+        0 => {
+            let _ = read(&made.path, bytes);
+        }
+        1 => {
+            let damaged = damaged(&made.bytes, bytes);
+            if let Ok(model) = read(&made.path, &damaged) {
+                // Spaces in the header's JSON, or an entry more, change the file and not the model.
+                assert_eq!(model.network(), made.model.network());
+                assert_eq!(model.protocol(), made.model.protocol());
+                assert_eq!(model.mesh().hash(), made.model.mesh().hash());
+            }
+        }
+        _ => {
+            let (text, tensors) = altered(made, bytes);
+            let Some(sealed) = seal(&text, tensors) else {
+                return;
+            };
+            let Ok(model) = read(&made.path, &sealed) else {
+                return;
+            };
+            let readings = model.protocol().len();
+            let flat = vec![Reading::Ok(Volts(1e-3)); readings];
+            let still = model.clone().into_reconstructor().reconstruct(&flat, &flat);
+            if let Ok(map) = still {
+                assert_eq!(map.values.len(), model.mesh().region().len());
+            }
+        }
+    }
+});
+
+fn read(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
+    std::fs::write(path, bytes).expect("a temporary file");
+    load(path)
+}
+
+/// Each order: where in the header or in the tensors, how many bytes come in place of as many.
+fn damaged(bytes: &[u8], mut orders: &[u8]) -> Vec<u8> {
+    let mut damaged = bytes.to_vec();
+    while let Some((&[low, high, length], rest)) = orders.split_first_chunk() {
+        let at = usize::from(u16::from_le_bytes([low, high])) * bytes.len() / 65_536;
+        if length == 255 {
+            damaged.truncate(at);
+            break;
+        }
+        let length = usize::from(length % 16)
+            .min(bytes.len() - at)
+            .min(rest.len());
+        let (new, rest) = rest.split_at(length);
+        damaged[at..at + length].copy_from_slice(new);
+        orders = rest;
+    }
+    damaged
+}
+
+/// Metadata and tensors with the fuzzer's changes.
+fn altered(made: &Made, mut orders: &[u8]) -> (String, Vec<(String, Tensor)>) {
+    let mut text = made.text.clone().into_bytes();
+    let mut tensors = made.tensors.clone();
+    while let Some((&[order, low, high, length], rest)) = orders.split_first_chunk() {
+        let (new, rest) = rest.split_at(usize::from(length % 16).min(rest.len()));
+        orders = rest;
+        let place = u16::from_le_bytes([low, high]);
+        let which = usize::from(order >> 3) % tensors.len().max(1);
+        match order % 8 {
+            0..3 => {
+                // In place of a number of the metadata: elsewhere JSON soon breaks.
+                let digits: Vec<usize> = (1..text.len())
+                    .filter(|&at| text[at].is_ascii_digit() && text[at - 1] == b':')
+                    .collect();
+                let Some(&at) = digits.get(usize::from(place) % digits.len().max(1)) else {
+                    continue;
+                };
+                let end = at + text[at..].iter().take_while(|b| b.is_ascii_digit()).count();
+                let number = new.iter().map(|byte| b'0' + byte % 10);
+                text.splice(at..end, number);
+            }
+            3 => {
+                let at = usize::from(place) * text.len() / 65_536;
+                let end = (at + new.len()).min(text.len());
+                text.splice(at..end, new.iter().copied());
+            }
+            _ if tensors.is_empty() => {}
+            4 | 5 => {
+                let bytes = &mut tensors[which].1.bytes;
+                let at = usize::from(place) * bytes.len() / 65_536;
+                let end = (at + new.len()).min(bytes.len());
+                bytes[at..end].copy_from_slice(&new[..end - at]);
+            }
+            6 => {
+                let tensor = &mut tensors[which].1;
+                tensor.shape = new
+                    .iter()
+                    .map(|extent| usize::from(*extent))
+                    .take(4)
+                    .collect();
+                let length = tensor.shape.iter().product::<usize>().min(1 << 20);
+                tensor.bytes.resize(length * size(tensor.kind), low);
+            }
+            _ if length >= 128 => drop(tensors.remove(which)),
+            _ => {
+                let tensor = &mut tensors[which].1;
+                tensor.kind = [Dtype::F64, Dtype::F32, Dtype::F16, Dtype::U32, Dtype::I8]
+                    [usize::from(low) % 5];
+                let length = tensor.shape.iter().product::<usize>();
+                tensor.bytes.resize(length * size(tensor.kind), high);
+            }
+        }
+    }
+    (String::from_utf8_lossy(&text).into_owned(), tensors)
+}
+
+fn size(kind: Dtype) -> usize {
+    match kind {
+        Dtype::F64 => 8,
+        Dtype::F32 | Dtype::U32 => 4,
+        Dtype::F16 => 2,
+        _ => 1,
+    }
+}
+
+/// The file of this content, with a checksum that agrees; `text` has an empty one.
+fn seal(text: &str, mut tensors: Vec<(String, Tensor)>) -> Option<Vec<u8>> {
+    tensors.sort_by(|a, b| a.0.cmp(&b.0));
+    let mut hasher = Sha256::new();
+    hasher.update(text.as_bytes());
+    for (name, Tensor { kind, shape, bytes }) in &tensors {
+        hasher.update(format!("{name} {kind:?} {shape:?}").as_bytes());
+        hasher.update(bytes);
+    }
+    let digits: String = hasher
+        .finalize()
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect();
+    let text = text.replacen(
+        "\"checksum\":\"\"",
+        &format!("\"checksum\":\"{digits}\""),
+        1,
+    );
+    safetensors::serialize(tensors, Some(HashMap::from([("tactus".to_owned(), text)]))).ok()
+}
+
+impl View for Tensor {
+    fn dtype(&self) -> Dtype {
+        self.kind
+    }
+    fn shape(&self) -> &[usize] {
+        &self.shape
+    }
+    fn data(&self) -> Cow<'_, [u8]> {
+        Cow::Borrowed(&self.bytes)
+    }
+    fn data_len(&self) -> usize {
+        self.bytes.len()
+    }
+}
+
+fn make() -> Made {
+    let memory = Path::new("/dev/shm");
+    let base = if memory.is_dir() {
+        memory.to_owned()
+    } else {
+        std::env::temp_dir()
+    };
+    let folder = tempfile::Builder::new()
+        .prefix("fuzz")
+        .tempdir_in(base)
+        .expect("a temporary folder")
+        .keep();
+    let tank = DiscTank {
+        radius_mm: 100.0,
+        electrodes: 8,
+        fineness: 0.5,
+        ..DiscTank::default()
+    };
+    let mesh = Arc::new(tank.mesh().expect("a small tank"));
+    let settings = TrainingSettings {
+        cases: 100,
+        repeats: 1,
+        neurons: 9,
+        radius_m: 0.06,
+        jitter: Jitter::matched(),
+        ..TrainingSettings::default()
+    };
+    let protocol = Protocol::sheffield(8).expect("8 electrodes");
+    let sigma = vec![1e-3; mesh.triangles().len()];
+    let silent = |_: Stage, _: usize, _: usize| {};
+    let (network, report) =
+        train_rbf(&mesh, &[0.3; 8], &sigma, &protocol, &settings, &silent).expect("trained");
+    let network = Network::Rbf(network);
+    let report = Report::Rbf(report);
+    let model = Model::new(
+        "fuzzed",
+        mesh,
+        &protocol,
+        network,
+        settings,
+        report,
+        Some(0.5),
+    )
+    .expect("a small model");
+    let path = folder.join("fuzzed.safetensors");
+    save(&path, &model).expect("a temporary file");
+    let bytes = std::fs::read(&path).expect("the model's file");
+
+    let (_, info) = SafeTensors::read_metadata(&bytes).expect("its header");
+    let text = &info.metadata().as_ref().expect("metadata")["tactus"];
+    let said = format!(
+        "\"checksum\":\"{}\"",
+        load(&path).expect("the model").metadata().checksum
+    );
+    let text = text.replacen(&said, "\"checksum\":\"\"", 1);
+    let tensors: Vec<(String, Tensor)> = SafeTensors::deserialize(&bytes)
+        .expect("its tensors")
+        .tensors()
+        .into_iter()
+        .map(|(name, view)| {
+            let tensor = Tensor {
+                kind: view.dtype(),
+                shape: view.shape().to_vec(),
+                bytes: view.data().to_vec(),
+            };
+            (name, tensor)
+        })
+        .collect();
+    // Sealing is as the house does it, else everything below would be refused for its checksum alone.
+    assert_eq!(seal(&text, tensors.clone()).as_ref(), Some(&bytes));
+    Made {
+        path,
+        model,
+        bytes,
+        text,
+        tensors,
+    }
+}
