@@ -5,7 +5,9 @@ mod stage;
 use bench::{Instrument, Pace, Profile, Said, Scene, SimulatedRig, Wire};
 use bus::{Fault, Options};
 use logbook::SessionReader;
-use stage::{Measuring, SMALL, Stage, on_tcp, on_tcp_with, told, within};
+use stage::{
+    Measuring, SMALL, Stage, assert_off_before_anything_else, on_tcp, on_tcp_with, told, within,
+};
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_overload_is_a_flag_and_not_a_number() {
@@ -77,22 +79,6 @@ async fn a_file_that_cannot_be_written_is_left_and_the_session_goes_on_in_the_ne
         "{acknowledged} acknowledged"
     );
     daemon.terminate().await;
-}
-
-/// When the source was found again it was switched off and asked whether it is, before anybody else was spoken to.
-fn assert_off_before_anything_else(said: &[Said]) {
-    let place = |from: usize, what: &dyn Fn(&Said) -> bool| {
-        let found = said[from..].iter().position(what);
-        from + found.unwrap_or_else(|| panic!("it is not in {said:#?}"))
-    };
-    let of_source = |said: &Said, word: &str| {
-        said.instrument == Instrument::Source && said.heard.contains(word)
-    };
-    let back = place(0, &|said| of_source(said, "*IDN?"));
-    let off = place(back, &|said| of_source(said, "CLE"));
-    let asked = place(off, &|said| of_source(said, "OUTP?"));
-    let other = place(back, &|said| said.instrument != Instrument::Source);
-    assert!(asked < other, "{off}, {asked}, {other}: {said:#?}");
 }
 
 #[tokio::test(flavor = "multi_thread")]

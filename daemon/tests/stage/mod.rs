@@ -9,8 +9,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
-use bench::{Pace, Profile, Scene, ServeOptions, SimulatedRig};
+use bench::{Instrument, Pace, Profile, Said, Scene, ServeOptions, SimulatedRig};
 use bus::{Address, Instrument1Proxy, Manager1Proxy, Options, Session1Proxy, Simulation1Proxy};
+use logbook::Verified;
 use tokio::io::{AsyncBufReadExt, BufReader};
 use zbus::{Connection, OwnedObjectPath};
 
@@ -127,7 +128,8 @@ impl Stage {
         self.start_by(command).await
     }
 
-    async fn start_by(&self, mut command: tokio::process::Command) -> Running {
+    /// Starts the daemon by a command that ends in it: the configuration is added.
+    pub async fn start_by(&self, mut command: tokio::process::Command) -> Running {
         let set = command
             .as_std()
             .get_envs()
@@ -231,16 +233,20 @@ impl Running {
         within(self.child.kill()).await.unwrap();
     }
 
+    /// Sends it a signal.
+    pub fn signal(&self, signal: rustix::process::Signal) {
+        let pid = rustix::process::Pid::from_raw(self.id() as i32).unwrap();
+        rustix::process::kill_process(pid, signal).unwrap();
+    }
+
     /// Asks it to read its configuration again.
     pub fn hang_up(&self) {
-        let pid = rustix::process::Pid::from_raw(self.child.id().unwrap() as i32).unwrap();
-        rustix::process::kill_process(pid, rustix::process::Signal::HUP).unwrap();
+        self.signal(rustix::process::Signal::HUP);
     }
 
     /// Asks it to end, and returns how it ended and what it said.
     pub async fn terminate(mut self) -> (std::process::ExitStatus, String) {
-        let pid = rustix::process::Pid::from_raw(self.child.id().unwrap() as i32).unwrap();
-        rustix::process::kill_process(pid, rustix::process::Signal::TERM).unwrap();
+        self.signal(rustix::process::Signal::TERM);
         let status = within(self.child.wait()).await.unwrap();
         (status, within(self.log).await.unwrap())
     }
@@ -263,21 +269,56 @@ pub async fn on_tcp() -> (SimulatedRig, bench::Server, String) {
 /// The same for a rig that there is.
 pub async fn on_tcp_with(rig: &SimulatedRig) -> (bench::Server, String) {
     let server = serve(rig, (0, 0)).await;
-    let (source, mainframe) = (&server.ready().source, &server.ready().mainframe);
-    let config = format!(
+    let config = config_for(&server.ready().source, &server.ready().mainframe);
+    (server, config)
+}
+
+/// The configuration for a rig at these places.
+pub fn config_for(source: &str, mainframe: &str) -> String {
+    format!(
         "{}\n[source]\naddress = \"tcp:{source}\"\ndeadline_ms = 2000\n[switch]\naddress = \"tcp:{mainframe}\"\n\
          [voltmeter]\naddress = \"tcp:{mainframe}\"\n",
         SMALL
             .replace("\"simulated\"", "\"instruments\"")
             .replace("profile = \"PROFILE\"\nscene = \"scene.toml\"\n", "")
-    );
-    (server, config)
+    )
 }
 
 /// The rig of a profile on a small tank, in instant time.
 pub fn instant(profile: &Profile) -> SimulatedRig {
     let scene = Scene::parse("scene", "[disc-tank]\nelectrodes = 16\n").unwrap();
     SimulatedRig::new(&profile.clone().at_pace(Pace::Instant), scene).unwrap()
+}
+
+/// When the source was found again it was switched off and asked whether it is, before anybody else was spoken to.
+pub fn assert_off_before_anything_else(said: &[Said]) {
+    let place = |from: usize, what: &dyn Fn(&Said) -> bool| {
+        let found = said[from..].iter().position(what);
+        from + found.unwrap_or_else(|| panic!("it is not in {said:#?}"))
+    };
+    let of_source = |said: &Said, word: &str| {
+        said.instrument == Instrument::Source && said.heard.contains(word)
+    };
+    let back = place(0, &|said| of_source(said, "*IDN?"));
+    let off = place(back, &|said| of_source(said, "CLE"));
+    let asked = place(off, &|said| of_source(said, "OUTP?"));
+    let other = place(back, &|said| said.instrument != Instrument::Source);
+    assert!(asked < other, "{off}, {asked}, {other}: {said:#?}");
+}
+
+/// A record is whole, and says why frames are missing. (A machine that stands still for some seconds between two frames
+/// says nothing.)
+pub fn assert_whole(path: &str) -> Verified {
+    let verified = logbook::verify(path, |_| ()).unwrap();
+    let beside_gaps = verified
+        .findings
+        .iter()
+        .find(|finding| finding.kind != "gap");
+    assert!(beside_gaps.is_none(), "{beside_gaps:?}");
+    for gap in &verified.gaps {
+        assert!(gap.explained.is_some() || gap.seconds < 10.0, "{gap:?}");
+    }
+    verified
 }
 
 /// Serves a rig on these ports: the source's and the mainframe's.
