@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use chrono::{DateTime, Utc};
 use serde::Serialize;
 
+use crate::reader::SMALLEST;
 use crate::shelf::{folder_of, id_of, path_of};
 use crate::{LogbookError, Record, SessionHeader, SessionReader, SessionWriter, schema};
 
@@ -13,8 +14,6 @@ pub const CUT: &str = "cut";
 
 /// Frames that are written together.
 const GROUP: usize = 256;
-/// No row of a frame is smaller than so many bytes, so a file of some size has no more of them than that.
-const SMALLEST: u64 = 36;
 /// Rows of events that are tried one by one where they cannot be read in order.
 const EVENTS: i64 = 100_000;
 
@@ -87,14 +86,17 @@ pub fn repair(
         Err(damage) => repaired.lost.push(format!("the baseline: {damage}")),
     }
     events(&session, &mut writer, &mut repaired)?;
+    let rows = session.rows();
+    let mut met = 0;
     let size = std::fs::metadata(path).map_or(0, |found| found.len());
     let mut next = Rows {
         session: &session,
         next: header.first_sequence,
-        end: header.first_sequence + size / SMALLEST + u64::from(schema::PAGE),
+        end: header.first_sequence + size / SMALLEST as u64 + u64::from(schema::PAGE),
     };
     let mut group: Vec<Record> = Vec::new();
     for (number, found) in &mut next {
+        met += 1;
         match found {
             Ok(record) => {
                 let expected = group
@@ -116,6 +118,9 @@ pub fn repair(
         }
     }
     flush(&mut writer, &mut group, &mut repaired)?;
+    if let Ok(rows) = rows {
+        repaired.lost.extend(session.unmet(rows, met));
+    }
     // Rows that could not be read behind the last whole frame are not known to have been there.
     let last = writer.acknowledged();
     if repaired.cut.iter().any(|cut| cut.last > last) {

@@ -208,7 +208,11 @@ impl Look {
         {
             self.last = self.moments.last().map(|(_, later, _)| *later);
         }
+        // Counted before they are read: a session that runs gets more meanwhile.
+        let rows = session.rows();
+        let mut met = 0;
         for record in session.frames() {
+            met += 1;
             match record {
                 Ok(record) => self.frame(&id, &record),
                 Err(damage) => {
@@ -218,6 +222,14 @@ impl Look {
                 }
             }
             progress(self.frames);
+        }
+        match rows {
+            Ok(rows) => {
+                if let Some(text) = session.unmet(rows, met) {
+                    self.found(&id, "damaged", text);
+                }
+            }
+            Err(damage) => self.found(&id, "damaged", damage.to_string()),
         }
         Ok(())
     }

@@ -1,6 +1,7 @@
 //! Reading a session: closed, or left behind by a writer that was killed, or still being written.
 
 mod frames;
+mod order;
 
 use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
@@ -15,6 +16,7 @@ use crate::row::{HeaderFault, baseline_checksum, event_checksum, header_row};
 use crate::{Closing, Event, LogbookError, SessionHeader, SessionSummary, Taken, codec, schema};
 
 pub use frames::Frames;
+pub(crate) use order::SMALLEST;
 
 /// A session's file, opened for reading; it is never changed.
 #[derive(Debug)]
@@ -126,23 +128,6 @@ impl SessionReader {
             .saturating_sub(self.header.first_sequence))
     }
 
-    /// Sequence of the last frame; of a session without frames one less than its first will have.
-    ///
-    /// # Errors
-    /// The file cannot be read.
-    pub fn last_sequence(&self) -> Result<u64, LogbookError> {
-        self.connection
-            .query_row("SELECT max(sequence) FROM frame", [], |row| {
-                row.get::<_, Option<i64>>(0)
-            })
-            .map(|last| match last.map(u64::try_from) {
-                Some(Ok(last)) => last,
-                // None below zero was ever written.
-                Some(Err(_)) | None => self.header.first_sequence.saturating_sub(1),
-            })
-            .map_err(|source| LogbookError::reading(&self.path, "count the frames of", source))
-    }
-
     /// Sequence of the first frame that is there.
     pub(crate) fn first_present(&self) -> Result<Option<u64>, LogbookError> {
         self.connection
@@ -168,8 +153,8 @@ impl SessionReader {
     pub(crate) fn last_taken(&self) -> Result<Option<Taken>, LogbookError> {
         self.connection
             .query_row(
-                "SELECT wall_us, monotonic_us FROM taken ORDER BY sequence DESC LIMIT 1",
-                [],
+                "SELECT wall_us, monotonic_us FROM taken WHERE sequence = ?1",
+                [self.last_sequence()? as i64],
                 |row| {
                     Ok(Taken {
                         wall: wall(row.get(0)?),

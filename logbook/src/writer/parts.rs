@@ -273,6 +273,12 @@ fn found(session: &SessionReader) -> Result<Resumed, LogbookError> {
 /// The last frames agree with their checksums and follow one another, and the first one has the sequence it should.
 fn check_end(session: &SessionReader, last: u64) -> Result<(), LogbookError> {
     let header_first = session.header().first_sequence;
+    if let Some(lies_last) = session.last_row()?
+        && u64::try_from(lies_last) != Ok(last)
+    {
+        let why = format!("its last row has the number {lies_last}");
+        return Err(session.damaged(format!("frame {}", last + 1), why));
+    }
     if last < header_first {
         return Ok(());
     }
