@@ -57,7 +57,7 @@ pub enum ConnectError {
     },
     /// The socket is there, but this user may not use it.
     #[error(
-        "not allowed to talk to the daemon at {address}: {cause}; its user, root and the group tactus are"
+        "not allowed to talk to the daemon at {address}: {cause}; its user, root and the group tactus are, with at most 32 connections a user"
     )]
     NotAuthorized {
         /// Where.

@@ -27,6 +27,8 @@ pub enum Fault {
     DiskRefused(String),
     /// The caller may not do this.
     NotAuthorized(String),
+    /// The caller, or all together, have as many of something as there may be at once.
+    LimitsExceeded(String),
     /// An option that does not exist, has the wrong type, or a value out of range.
     InvalidOption(String),
     /// No frame or map yet.

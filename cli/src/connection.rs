@@ -206,6 +206,7 @@ pub(crate) fn fault(what: &str, fault: &Fault) -> Failure {
         Fault::NotAuthorized(_) => {
             Failure::NotAuthorised(advise("ask for the group tactus, or run as root"))
         }
+        Fault::LimitsExceeded(_) => Failure::Failed(advise("end what is not needed any more")),
         Fault::InvalidOption(_) => Failure::Usage(said),
         Fault::NoFrame(_) => Failure::Failed(advise("`tactus watch` waits for the first")),
         Fault::Unsupported(_) | Fault::Failed(_) => Failure::Failed(said),
@@ -267,6 +268,7 @@ mod tests {
             (Fault::ModelMismatch(text()), 78, "--model one-step"),
             (Fault::InstrumentFault(text()), 5, "tactus instruments"),
             (Fault::NotAuthorized(text()), 4, "group tactus"),
+            (Fault::LimitsExceeded(text()), 1, "end what is not needed"),
             (Fault::InvalidOption(text()), 2, "so it is"),
             (Fault::DiskRefused(text()), 1, "free space"),
             (Fault::NoFrame(text()), 1, "tactus watch"),

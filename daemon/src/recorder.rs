@@ -3,6 +3,7 @@
 
 mod continuity;
 mod disk;
+mod events;
 mod maps;
 #[cfg(test)]
 mod tests;
@@ -136,16 +137,17 @@ impl Recorder {
                     let frames = gather(*first, &mut orders, &mut waiting, self.disk.gathers());
                     self.frames(frames, &orders)
                 }
-                Order::Event { at, kind, text } => self.event(at, kind, &text),
+                Order::Event { at, kind, text } => self.event(at, kind, text),
                 Order::MapReady => self.late_map(),
                 Order::Close { at, reason } => return self.close(at, &reason),
                 Order::Leave { at, reason } => {
                     self.last_map()?;
-                    self.event(at, SHUT_DOWN, &reason)?;
+                    self.event(at, SHUT_DOWN, reason)?;
                     return Ok(None);
                 }
             };
-            if let Err(error) = outcome {
+            // what was said of the disk meanwhile
+            if let Err(error) = outcome.and_then(|()| self.settle()) {
                 self.live.stop(&chain(&error));
                 // what is still on its way has nowhere to go
                 orders.close();
@@ -224,23 +226,6 @@ impl Recorder {
         Ok(())
     }
 
-    /// To the record and to everybody.
-    fn say(&mut self, kind: &'static str, text: &str) -> Result<(), LogbookError> {
-        let at = self.clock.wall();
-        (self.tell)(at, kind, text);
-        self.writer.event(at, kind, text)
-    }
-
-    /// To the record, which has told everybody.
-    fn event(
-        &mut self,
-        at: DateTime<Utc>,
-        kind: &'static str,
-        text: &str,
-    ) -> Result<(), LogbookError> {
-        self.persist(|writer| writer.event(at, kind, text))
-    }
-
     fn publish(&mut self, row: Row) {
         if !self.live.readers.is_empty() {
             self.stream(&row.frame, frame_body(&row.frame));
@@ -280,26 +265,35 @@ impl Recorder {
     }
 
     fn close(mut self, at: DateTime<Utc>, reason: &str) -> Result<Option<Baseline>, LogbookError> {
-        self.last_map()?;
-        let mut baseline = None;
-        if let Task::Baseline { frames, wanted } = &self.task
-            && frames.len() as u64 >= *wanted
-        {
-            match Baseline::from_frames(self.live.facts.id.clone(), frames) {
-                Ok(made) => {
-                    self.writer.baseline(&made)?;
-                    baseline = Some(made);
-                }
-                Err(error) => self.writer.event(at, "baseline", &chain(&error))?,
-            }
-        }
+        let kept = self.last_map().and_then(|()| self.keep_baseline(at));
         let path = self.writer.path().to_owned();
-        self.writer.close(at, reason).inspect_err(|error| {
+        let closed = kept.and_then(|kept| self.writer.close(at, reason).map(|()| kept));
+        closed.inspect_err(|error| {
             if error.is_disk() {
                 crate::keeper::mark_ended(&path, reason);
             }
-        })?;
-        Ok(baseline)
+        })
+    }
+
+    /// The mean of the frames, where there are as many as were wanted.
+    fn keep_baseline(&mut self, at: DateTime<Utc>) -> Result<Option<Baseline>, LogbookError> {
+        let made = match &self.task {
+            Task::Baseline { frames, wanted } if frames.len() as u64 >= *wanted => {
+                Baseline::from_frames(self.live.facts.id.clone(), frames)
+            }
+            _ => return Ok(None),
+        };
+        match made {
+            Ok(made) => {
+                self.persist(|writer| writer.baseline(&made))?;
+                self.settle()?;
+                Ok(Some(made))
+            }
+            Err(error) => {
+                self.event(at, "baseline", chain(&error))?;
+                Ok(None)
+            }
+        }
     }
 }
 

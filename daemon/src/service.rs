@@ -3,6 +3,7 @@
 mod access;
 mod caller;
 mod instrument1;
+mod limit;
 mod manager1;
 mod offer;
 mod peer;

@@ -1,11 +1,12 @@
 //! The full-rate stream: a ring and a socket for each reader. Publishing never waits.
 
+use std::io::ErrorKind;
 use std::os::fd::OwnedFd;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use bus::stream::{Body, Record};
-use tokio::io::AsyncWriteExt;
+use tokio::io::{AsyncWriteExt, Interest};
 use tokio::net::UnixStream;
 use tokio::sync::Notify;
 
@@ -52,8 +53,13 @@ impl Reader {
 }
 
 impl Readers {
-    /// Adds a reader and returns its end of the socket. Must be called inside the runtime.
-    pub(crate) fn add(&self, wanted: Wanted) -> std::io::Result<OwnedFd> {
+    /// Adds a reader and returns its end of the socket; `place` is dropped when it is gone. Must be called inside the
+    /// runtime.
+    pub(crate) fn add(
+        &self,
+        wanted: Wanted,
+        place: impl Send + 'static,
+    ) -> std::io::Result<OwnedFd> {
         let (ours, theirs) = UnixStream::pair()?;
         let theirs = theirs.into_std()?;
         theirs.set_nonblocking(false)?;
@@ -66,8 +72,15 @@ impl Readers {
             }),
             news: Notify::new(),
         });
-        self.lock().push(Arc::clone(&reader));
-        tokio::spawn(serve(reader, ours));
+        let mut readers = self.lock();
+        // where nothing is published, many may have come and gone
+        readers.retain(|reader| !reader.waiting().gone);
+        readers.push(Arc::clone(&reader));
+        drop(readers);
+        tokio::spawn(async move {
+            serve(reader, ours).await;
+            drop(place);
+        });
         Ok(theirs.into())
     }
 
@@ -126,10 +139,10 @@ async fn serve(reader: Arc<Reader>, mut socket: UnixStream) {
             }
             Some(record) => socket.write_all(&record).await.is_ok(),
             None if ended => false,
-            None => {
-                reader.news.notified().await;
-                true
-            }
+            None => tokio::select! {
+                () = reader.news.notified() => true,
+                () = gone(&socket) => false,
+            },
         };
         if !written {
             reader.waiting().gone = true;
@@ -138,11 +151,33 @@ async fn serve(reader: Arc<Reader>, mut socket: UnixStream) {
     }
 }
 
+/// Waits until the other end is closed. One that says it has no more to say still reads.
+async fn gone(socket: &UnixStream) {
+    let mut unasked = [0; 64];
+    loop {
+        if socket.readable().await.is_err() {
+            return;
+        }
+        match socket.try_read(&mut unasked) {
+            Ok(0) => break,
+            Ok(_) => {}
+            Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+            Err(_) => return,
+        }
+    }
+    let both = Interest::READABLE | Interest::WRITABLE;
+    match socket.ready(both).await {
+        // what is written next finds out when that one closes, too
+        Ok(ready) if !ready.is_write_closed() => std::future::pending().await,
+        _ => {}
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use bus::stream::Decoder;
-    use std::io::Read;
+    use std::io::{Read, Write};
 
     fn frame(sequence: u64) -> Record {
         Record {
@@ -166,7 +201,7 @@ mod tests {
             pressure: false,
             ring: 4,
         };
-        let fd = readers.add(wanted).unwrap();
+        let fd = readers.add(wanted, ()).unwrap();
         const SENT: u64 = 500;
         for sequence in 1..=SENT {
             readers.publish(&frame(sequence));
@@ -199,5 +234,38 @@ mod tests {
         assert!(lost > 0, "a socket does not hold 500 frames of 5 kB");
         // the end took the place of a record in the ring, or of none
         assert_eq!(got + lost, SENT);
+    }
+
+    #[tokio::test]
+    async fn a_reader_that_goes_is_noticed_and_one_that_only_says_no_more_is_served() {
+        let readers = Readers::default();
+        let wanted = Wanted {
+            frames: true,
+            maps: true,
+            pressure: true,
+            ring: 4,
+        };
+        let (place, given_back) = tokio::sync::oneshot::channel::<()>();
+        let fd = readers.add(wanted, place).unwrap();
+        let mut stays = std::os::unix::net::UnixStream::from(readers.add(wanted, ()).unwrap());
+        stays.write_all(&[7; 200]).unwrap();
+        stays.shutdown(std::net::Shutdown::Write).unwrap();
+        drop(fd);
+        // nothing is published: it is the closing that is noticed
+        given_back.await.unwrap_err();
+        let more = readers.add(wanted, ()).unwrap();
+        assert_eq!(readers.lock().len(), 2, "who is gone is forgotten");
+        drop(more);
+        readers.publish(&Record {
+            body: Body::End {
+                reason: "over".into(),
+            },
+            ..frame(1)
+        });
+        let read = tokio::task::spawn_blocking(move || {
+            let mut bytes = Vec::new();
+            stays.read_to_end(&mut bytes).map(|_| bytes)
+        });
+        assert!(!read.await.unwrap().unwrap().is_empty());
     }
 }

@@ -7,11 +7,13 @@ use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Command, Output};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use bus::{BUS_NAME, Fault, INTERFACE_XML, Manager1Proxy, Options, ROOT_PATH, Simulation1Proxy};
 use stage::broker::Broker;
 use stage::{Running, SMALL, Stage, within};
+use tokio::sync::watch;
+use tokio::task::JoinSet;
 use zbus::fdo::PropertiesProxy;
 use zbus::proxy::MethodFlags;
 use zbus::{Connection, OwnedVariant};
@@ -20,15 +22,17 @@ use zbus::{Connection, OwnedVariant};
 const NOBODY: u32 = 65_534;
 
 /// What the authority of a test does when it is asked.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 enum Says {
     Yes,
     No,
     Nothing,
+    /// Yes, when this says so.
+    YesWhen(watch::Receiver<bool>),
 }
 
 /// What it was asked: the sender's name, the action, the flags.
-type Asked = Arc<Mutex<Vec<(String, String, u32)>>>;
+type Asked = Arc<watch::Sender<Vec<(String, String, u32)>>>;
 
 struct Authority {
     says: Says,
@@ -47,9 +51,14 @@ impl Authority {
     ) -> (bool, bool, HashMap<String, String>) {
         assert_eq!(subject.0, "system-bus-name");
         let name = String::try_from(subject.1["name"].try_clone().unwrap()).unwrap();
-        self.asked.lock().unwrap().push((name, action, flags));
-        match self.says {
+        self.asked
+            .send_modify(|asked| asked.push((name, action, flags)));
+        match &self.says {
             Says::Yes => (true, false, HashMap::new()),
+            Says::YesWhen(said) => {
+                said.clone().wait_for(|said| *said).await.unwrap();
+                (true, false, HashMap::new())
+            }
             Says::No => (false, false, HashMap::new()),
             Says::Nothing => std::future::pending().await,
         }
@@ -106,7 +115,7 @@ impl Scene {
     }
 
     fn actions(&self) -> Vec<String> {
-        let asked = self.asked.lock().unwrap();
+        let asked = self.asked.borrow();
         asked.iter().map(|(_, action, _)| action.clone()).collect()
     }
 
@@ -199,7 +208,7 @@ async fn polkit_is_asked_for_each_action_about_the_sender_and_not_for_looking() 
     let inner = scene.manager.inner();
     let done: Option<String> = inner.call_with_flags("Reload", flags, &()).await.unwrap();
     assert!(done.is_some());
-    let asked = scene.asked.lock().unwrap().clone();
+    let asked = scene.asked.borrow().clone();
     let own = scene.client.unique_name().unwrap().as_str();
     assert!(asked.iter().all(|(name, _, _)| name == own), "{asked:?}");
     let flags: Vec<u32> = asked.iter().map(|(_, _, flags)| *flags).collect();
@@ -287,6 +296,52 @@ async fn a_polkit_that_never_answers_is_a_refusal() {
     refused(within(scene.manager.open_all()).await, "gave no answer");
     // and holds nobody else up
     assert_eq!(scene.manager.state().await.unwrap(), "idle");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn one_client_has_four_questions_open_and_all_together_thirty_two() {
+    let (say, said) = watch::channel(false);
+    let Some(scene) = Scene::set("system", Some(Says::YesWhen(said))).await else {
+        return;
+    };
+    // a person is waited for much longer than this test takes
+    let ask = async |manager: Manager1Proxy<'static>| -> zbus::Result<Option<String>> {
+        let flags = MethodFlags::ALLOW_INTERACTIVE_AUTH;
+        let inner = manager.inner();
+        inner
+            .call_with_flags("Transcript", flags, &Options::new())
+            .await
+    };
+    let refused = async |manager: &Manager1Proxy<'static>, whose: &str| {
+        let refusal = within(ask(manager.clone())).await.unwrap_err();
+        let told = format!("{refusal:?}");
+        let name = "org.tactus.Tactus1.Error.LimitsExceeded";
+        assert!(told.contains(name) && told.contains(whose), "{told}");
+    };
+    let mut asked = scene.asked.subscribe();
+    let mut questions = JoinSet::new();
+    for client in 1..=8 {
+        let manager = Manager1Proxy::new(&scene.broker.connect().await)
+            .await
+            .unwrap();
+        for _ in 0..4 {
+            questions.spawn(ask(manager.clone()));
+        }
+        within(asked.wait_for(|asked| asked.len() == client * 4))
+            .await
+            .unwrap();
+        refused(&manager, "you have 4 questions to polkit").await;
+    }
+    refused(&scene.manager, "all together have 32 questions").await;
+    assert_eq!(scene.asked.borrow().len(), 32, "polkit is not asked");
+    // looking needs no question
+    assert_eq!(scene.manager.state().await.unwrap(), "idle");
+
+    say.send(true).unwrap();
+    while let Some(granted) = within(questions.join_next()).await {
+        assert!(granted.unwrap().unwrap().is_some());
+    }
+    scene.manager.transcript(&Options::new()).await.unwrap();
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -1,6 +1,7 @@
 //! The disk under the record: alarm while there is still room, a policy for when there is none, a new part of the session
 //! when the old file cannot be trusted or has grown enough. What is acknowledged stays; what is in hand waits.
 
+use std::collections::VecDeque;
 use std::path::Path;
 use std::time::Duration;
 
@@ -8,6 +9,7 @@ use chrono::{DateTime, Utc};
 use logbook::{DiskFault, LogbookError, Retention, SessionWriter};
 use rig::Clock;
 
+use super::events::Unwritten;
 use super::{FOR_A_WRITE, Recorder, Row};
 use crate::config::{FullName, RecordSection};
 use crate::model::chain;
@@ -40,6 +42,8 @@ pub(crate) struct Disk {
     day: Option<chrono::NaiveDate>,
     /// Since when there has been no room, and why.
     paused: Option<(Duration, String)>,
+    /// Events that wait for room.
+    pub(super) unwritten: VecDeque<Unwritten>,
 }
 
 impl Disk {
@@ -50,6 +54,7 @@ impl Disk {
             low: false,
             day: None,
             paused: None,
+            unwritten: VecDeque::new(),
         }
     }
 
@@ -79,7 +84,7 @@ impl Recorder {
                 .map(|row| (&row.frame, row.mapped.as_ref().map(|mapped| &mapped.record)));
             match self.writer.append_all(frames) {
                 Ok(last) => {
-                    self.go_on()?;
+                    self.go_on();
                     return Ok(last);
                 }
                 Err(error) if error.is_full() => {
@@ -108,7 +113,11 @@ impl Recorder {
                     renewed = true;
                     self.renew(&error)?;
                 }
-                other => return other,
+                Ok(()) => {
+                    self.go_on();
+                    return Ok(());
+                }
+                refused => return refused,
             }
         }
     }
@@ -158,7 +167,8 @@ impl Recorder {
         let warn = self.disk.section.warn_below_mb * MEGABYTE;
         if free >= warn + warn / 10 && self.disk.low {
             self.disk.low = false;
-            return self.say("disk-enough", "there is enough room for the record again");
+            self.note("disk-enough", "there is enough room for the record again");
+            return self.settle_what_fits();
         }
         if free >= warn || self.disk.low {
             return Ok(());
@@ -174,11 +184,9 @@ impl Recorder {
                 FullName::Ring => "the oldest closed sessions are deleted",
             }
         );
-        match self.say("disk-low", &text) {
-            // so little that not even this fits: that is said next
-            Err(error) if error.is_full() => Ok(()),
-            other => other,
-        }
+        self.note("disk-low", &text);
+        // so little may be left that not even this fits: that is said next
+        self.settle_what_fits()
     }
 
     /// Whether the reserve is reached; once paused, a tenth more is wanted.
@@ -221,9 +229,9 @@ impl Recorder {
     }
 
     /// Something was written: a pause is over.
-    fn go_on(&mut self) -> Result<(), LogbookError> {
+    fn go_on(&mut self) {
         let Some((began, why)) = self.disk.paused.take() else {
-            return Ok(());
+            return;
         };
         let waited = self.clock.monotonic().saturating_sub(began);
         self.live.set_last_error("");
@@ -232,11 +240,7 @@ impl Recorder {
             "acquisition had paused for {:.0} s: {why}; there is room again",
             waited.as_secs_f64()
         );
-        match self.say("disk-room", &text) {
-            // the next frame finds out
-            Err(error) if error.is_full() => Ok(()),
-            other => other,
-        }
+        self.note("disk-room", &text);
     }
 
     fn free(&self) -> Option<u64> {
@@ -265,11 +269,9 @@ impl Recorder {
                 removed.path.display(),
                 removed.bytes as f64 / MEGABYTE as f64
             );
-            match self.say("session-deleted", &text) {
-                Err(error) if error.is_full() => {}
-                other => other?,
-            }
+            self.note("session-deleted", &text);
         }
+        self.settle_what_fits()?;
         Ok(!pruned.removed.is_empty())
     }
 }

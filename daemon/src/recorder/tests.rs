@@ -1,3 +1,5 @@
+mod events;
+
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc as sync;

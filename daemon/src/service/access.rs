@@ -13,6 +13,7 @@ use zbus::names::{InterfaceName, MemberName};
 use zbus::object_server::{DispatchResult, Interface, ObjectServer, SignalEmitter};
 use zbus::{BoxDBusError, Connection, OwnedVariant, Variant, fdo};
 
+use super::limit::{self, CALLS, QUESTIONS};
 use super::{caller, polkit};
 
 /// What a caller wants to do, as coarse as permission is given.
@@ -137,6 +138,7 @@ impl Door {
                 Err(error) => refused(&format!("the bus does not say who asks: {error}")),
             };
         }
+        let _place = QUESTIONS.take(limit::client(connection, header))?;
         let interactive = header
             .primary()
             .flags()
@@ -304,6 +306,9 @@ fn behind<'call, I: Interface>(
     let action = action(METHODS, &I::name(), name.as_str());
     DispatchResult::Async(Box::pin(async move {
         let header = msg.header();
+        let _place = CALLS
+            .take(limit::client(connection, &header))
+            .map_err(boxed)?;
         door.admit(connection, Some(&header), action, name.as_str())
             .await
             .map_err(boxed)?;

@@ -53,6 +53,11 @@ impl Caller {
         })
     }
 
+    /// Its user's number; in a user namespace, that of all users whose own is not visible there.
+    pub(super) fn user(&self) -> u32 {
+        self.user
+    }
+
     /// Root, or the daemon's own user.
     pub(super) fn is_ours(&self) -> bool {
         self.user == 0 || self.user == rustix::process::geteuid().as_raw()

@@ -13,6 +13,7 @@ use zbus::connection::Builder;
 
 use super::access::Door;
 use super::caller::{Caller, GROUP};
+use super::limit::CONNECTIONS;
 use crate::keeper::Keeper;
 
 /// How long a client may take to introduce itself.
@@ -77,7 +78,8 @@ pub(super) async fn serve(listener: Listener, keeper: Arc<Keeper>) {
                 tokio::spawn(attend(stream, Arc::clone(&keeper)));
             }
             Err(error) => {
-                tracing::warn!("the peer socket: {error}");
+                let text = format!("the peer socket: {error}");
+                keeper.observed.aloud.say("peer-socket", None, &text);
                 tokio::time::sleep(Duration::from_millis(100)).await;
             }
         }
@@ -88,8 +90,22 @@ pub(super) async fn serve(listener: Listener, keeper: Arc<Keeper>) {
 async fn attend(stream: UnixStream, keeper: Arc<Keeper>) {
     let caller = Caller::at(&stream).ok();
     let Some(caller) = caller.filter(|caller| caller.is_ours() || caller.is_member()) else {
-        tracing::warn!("a user who is neither ours, root, nor of group {GROUP} was turned away");
+        let text =
+            format!("a user who is neither ours, root, nor of group {GROUP} was turned away");
+        keeper.observed.aloud.say("strangers", None, &text);
         return;
+    };
+    let _place = match CONNECTIONS.take(caller.user()) {
+        Ok(place) => place,
+        Err(refusal) => {
+            let text = format!(
+                "a connection of user {} to the peer socket was closed: {}",
+                caller.user(),
+                refusal.text()
+            );
+            keeper.observed.aloud.say("peers-refused", None, &text);
+            return;
+        }
     };
     let claimed = match caller.is_ours() {
         true => None,
