@@ -43,6 +43,17 @@ impl Keeper {
             .await
     }
 
+    /// Reads the relays' counters where nobody has yet: their life is then known without a person who asks. That they
+    /// cannot be read is no reason not to measure.
+    pub(super) async fn know_wear(self: &Arc<Self>) {
+        if self.observed.relays().is_some() || self.is_recording() {
+            return;
+        }
+        if let Err(fault) = Arc::clone(self).wear_now().await {
+            tracing::debug!("the relays' counters were not read: {fault}");
+        }
+    }
+
     /// Looks for instruments and uses none.
     ///
     /// # Errors

@@ -63,6 +63,7 @@ impl Keeper {
                 .await
                 .map_err(Fault::InstrumentFault)?;
         }
+        self.know_wear().await;
         let started = house.clock.wall();
         let (kind, letter) = match order.work {
             Work::Baseline => (SessionKind::Baseline, 'b'),
