@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use logbook::{Record, SessionHeader, SessionKind, SessionReader};
+use logbook::{Record, SessionHeader, SessionKind};
 use serde::Serialize;
 use survey::{Amps, Baseline, Protocol, Reading};
 
@@ -14,7 +14,9 @@ use crate::drawing;
 use crate::eye::{Eye, Scene};
 use crate::failure::Failure;
 use crate::output::Printer;
+use crate::parts::{Parts, left_out};
 use crate::recording::Home;
+use crate::replay::progress;
 use crate::sessions::{local, utc};
 use crate::state;
 
@@ -39,7 +41,7 @@ pub(crate) fn run(
     export: &Export,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let session = state::open(&state::session_file(global, &export.session)?)?;
+    let session = Parts::open(&state::session_file(global, &export.session)?)?;
     match export.format {
         Format::Csv => tables(&session, export, printer),
         Format::Png | Format::Svg if session.header().kind == SessionKind::Baseline => {
@@ -54,14 +56,13 @@ pub(crate) fn run(
 }
 
 fn tables(
-    session: &SessionReader,
+    session: &Parts,
     export: &Export,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
     let header = session.header();
-    let (records, damaged) = state::frames(session);
-    let baseline = session.baseline().map_err(|error| state::refused(&error))?;
-    let mut say = |what, path: &Path, frames: usize| {
+    let baseline = session.baseline()?;
+    let say = |printer: &mut Printer<_>, what, path: &Path, frames: usize| {
         let written = Written {
             what,
             path: path.display().to_string(),
@@ -79,28 +80,49 @@ fn tables(
     };
     let mut file = File::create(&export.out)?;
     file.write(frames_heading(header.protocol.len()).as_bytes())?;
-    for record in &records {
-        file.write(frame_row(record).as_bytes())?;
+    let folder = export.out.with_extension("case");
+    let mut case = File::create_in(&folder, "frames.csv")?;
+    case.write(case_heading(&header.protocol).as_bytes())?;
+    let bar = progress(session.len()? as usize, printer.is_terminal());
+    let (mut written, mut damaged, mut current) = (0, 0, None);
+    for record in session.frames() {
+        match record {
+            Ok(record) => {
+                file.write(frame_row(&record).as_bytes())?;
+                let label = format!("f{}", record.frame.sequence);
+                case.write(bare_row(&label, &record.frame.readings).as_bytes())?;
+                current.get_or_insert(record.frame.settings.current);
+                written += 1;
+            }
+            Err(error) => {
+                bar.suspend(|| left_out(&error));
+                damaged += 1;
+            }
+        }
+        bar.inc(1);
     }
-    say("frames", &file.finish()?, records.len())?;
+    bar.finish_and_clear();
+    say(printer, "frames", &file.finish()?, written)?;
     if let Some(baseline) = &baseline {
         let path = export.out.with_extension("baseline.csv");
         replace_file(&path, baseline_table(&header.protocol, baseline).as_bytes())?;
-        say("baseline", &path, baseline.frames)?;
+        say(printer, "baseline", &path, baseline.frames)?;
     }
-    let folder = export.out.with_extension("case");
-    case_folder(&folder, header, &records, baseline.as_ref())?;
-    say("case", &folder, records.len())?;
+    case.finish()?;
+    beside_frames(&folder, header, current, baseline.as_ref())?;
+    say(printer, "case", &folder, written)?;
     if damaged > 0 {
         return Err(Failure::Failed(format!(
             "{damaged} damaged frames of session {} are left out; the others are written",
             header.id
         )));
     }
-    let last = records
-        .last()
-        .map_or(header.first_sequence - 1, |record| record.frame.sequence);
-    crate::upkeep::mark(session, last, &export.out);
+    for part in session.each() {
+        let last = part
+            .last_sequence()
+            .map_err(|error| state::refused(&error))?;
+        crate::upkeep::mark(part, last, &export.out);
+    }
     Ok(())
 }
 
@@ -173,41 +195,28 @@ fn baseline_table(protocol: &Protocol, baseline: &Baseline) -> String {
     table
 }
 
-/// The same as a case folder (electrodes from 0, bare voltages), for `tactus replay` and `tactus-lab reconstruct`.
-fn case_folder(
+fn case_heading(protocol: &Protocol) -> String {
+    let heading: Vec<String> = (0..protocol.len())
+        .map(|reading| format!("m{reading}"))
+        .collect();
+    format!("frame,{}\n", heading.join(","))
+}
+
+/// What makes a case folder of the same frames (electrodes from 0, bare voltages), for `tactus replay` and
+/// `tactus-lab reconstruct`.
+fn beside_frames(
     folder: &Path,
     header: &SessionHeader,
-    records: &[Record],
+    current: Option<Amps>,
     baseline: Option<&Baseline>,
 ) -> Result<(), Failure> {
-    std::fs::create_dir_all(folder).map_err(|error| {
-        Failure::failed(&format!("{} cannot be made", folder.display()), &error)
-    })?;
-    let current = records
-        .first()
-        .map(|record| record.frame.settings.current)
+    let current = current
         .or(baseline.map(|baseline| baseline.settings.current))
         .unwrap_or(Amps(1.0));
     let protocol = eit::protocol_text(&header.protocol, &vec![current.0; header.protocol.len()]);
     replace_file(&folder.join("protocol.csv"), protocol.as_bytes())?;
-    let heading: Vec<String> = (0..header.protocol.len())
-        .map(|reading| format!("m{reading}"))
-        .collect();
-    let heading = format!("frame,{}\n", heading.join(","));
-    let mut file = File::create(&folder.join("frames.csv"))?;
-    file.write(heading.as_bytes())?;
-    for record in records {
-        file.write(
-            bare_row(
-                &format!("f{}", record.frame.sequence),
-                &record.frame.readings,
-            )
-            .as_bytes(),
-        )?;
-    }
-    file.finish()?;
     if let Some(baseline) = baseline {
-        let table = heading + &bare_row("baseline", &baseline.readings);
+        let table = case_heading(&header.protocol) + &bare_row("baseline", &baseline.readings);
         replace_file(&folder.join("baseline.csv"), table.as_bytes())?;
     }
     Ok(())
@@ -241,22 +250,22 @@ fn reason(reading: Reading) -> Option<&'static str> {
 }
 
 fn picture(
-    session: &SessionReader,
+    session: &Parts,
     export: &Export,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
     let header = session.header();
-    let baseline = session.baseline().map_err(|error| state::refused(&error))?.ok_or_else(|| {
+    let baseline = session.baseline()?.ok_or_else(|| {
         Failure::Failed(format!(
             "session {} holds no baseline, so there is no change to draw; `tactus replay {} --baseline first:N` can",
             header.id, header.id
         ))
     })?;
-    let frames = session.len().map_err(|error| state::refused(&error))?;
-    let sequence = export.frame.unwrap_or(frames);
-    let record = session
-        .frame(sequence)
-        .map_err(|error| state::refused(&error))?;
+    let sequence = match export.frame {
+        Some(sequence) => sequence,
+        None => session.last_sequence()?,
+    };
+    let record = session.frame(sequence)?;
     let noise: Vec<f64> = baseline.deviation.iter().flatten().copied().collect();
     let noise = (!noise.is_empty())
         .then(|| {
@@ -337,6 +346,14 @@ impl File {
             part,
             writer: BufWriter::new(file),
         })
+    }
+
+    /// In a folder that is made where there is none.
+    pub(crate) fn create_in(folder: &Path, name: &str) -> Result<Self, Failure> {
+        std::fs::create_dir_all(folder).map_err(|error| {
+            Failure::failed(&format!("{} cannot be made", folder.display()), &error)
+        })?;
+        Self::create(&folder.join(name))
     }
 
     pub(crate) fn write(&mut self, bytes: &[u8]) -> Result<(), Failure> {

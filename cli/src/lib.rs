@@ -37,6 +37,7 @@ mod log;
 mod measuring;
 mod notify;
 mod output;
+mod parts;
 mod plan;
 mod recipe;
 mod recording;

@@ -8,9 +8,11 @@ use survey::{Amps, Protocol, Reading, Volts};
 use crate::args::{Global, Replay};
 use crate::choices::BaselineChoice;
 use crate::failure::Failure;
+use crate::parts::{Parts, left_out};
 use crate::state;
 
 /// One frame of a recording.
+#[derive(Clone)]
 pub(crate) struct Recorded {
     /// Its number in the session, or its row in the file counted from 1.
     pub(crate) sequence: u64,
@@ -31,12 +33,22 @@ pub(crate) enum Home {
     Session(Box<logbook::SessionHeader>),
 }
 
+/// Where its frames come from.
+enum Source {
+    /// All of a file.
+    Rows(Vec<Recorded>),
+    /// A session, which may be of months: frame by frame.
+    Session { parts: Parts, negate: bool },
+}
+
 /// Frames, and what they are to be compared with.
 pub(crate) struct Recording {
     /// As it is called: a session's id, or the folder.
     pub(crate) name: String,
     pub(crate) protocol: Protocol,
-    pub(crate) frames: Vec<Recorded>,
+    source: Source,
+    /// At most so many frames.
+    most: usize,
     pub(crate) baseline: Vec<Reading>,
     /// In words.
     pub(crate) baseline_name: String,
@@ -51,17 +63,58 @@ pub(crate) struct Recording {
 /// Opens what `replay` names: a folder, a session file, or a session's id in the state directory.
 pub(crate) fn open(global: &Global, replay: &Replay) -> Result<Recording, Failure> {
     let path = Path::new(&replay.source);
-    let mut recording = if path.is_dir() {
-        from_folder(path, replay)?
+    if path.is_dir() {
+        from_folder(path, replay)
     } else {
-        from_session(&state::session_file(global, &replay.source)?, replay)?
-    };
-    if let Some(count) = replay.count {
-        recording
-            .frames
-            .truncate(usize::try_from(count).unwrap_or(usize::MAX));
+        from_session(&state::session_file(global, &replay.source)?, replay)
     }
-    Ok(recording)
+}
+
+impl Recording {
+    /// How many frames [`Recording::frames`] gives, unless some cannot be read.
+    pub(crate) fn len(&self) -> Result<usize, Failure> {
+        let there = match &self.source {
+            Source::Rows(rows) => rows.len(),
+            Source::Session { parts, .. } => usize::try_from(parts.len()?).unwrap_or(usize::MAX),
+        };
+        Ok(there.min(self.most))
+    }
+
+    /// Its frames in order; those that cannot be read are named on the error stream.
+    pub(crate) fn frames(&self) -> Box<dyn Iterator<Item = Recorded> + '_> {
+        match &self.source {
+            Source::Rows(rows) => Box::new(rows.iter().cloned().take(self.most)),
+            Source::Session { parts, negate } => Box::new(recorded(parts, *negate).take(self.most)),
+        }
+    }
+}
+
+fn recorded(parts: &Parts, negate: bool) -> impl Iterator<Item = Recorded> {
+    parts.frames().filter_map(move |record| match record {
+        Ok(record) => Some(Recorded {
+            sequence: record.frame.sequence,
+            label: record.frame.sequence.to_string(),
+            wall: Some(record.frame.wall),
+            readings: signed(&record.frame.readings, negate),
+            map: record.map,
+        }),
+        Err(error) => {
+            left_out(&error);
+            None
+        }
+    })
+}
+
+fn signed(readings: &[Reading], negate: bool) -> Vec<Reading> {
+    readings
+        .iter()
+        .map(|&reading| negated(reading, negate))
+        .collect()
+}
+
+fn most(replay: &Replay) -> usize {
+    let count = replay.count.and_then(|count| usize::try_from(count).ok());
+    count.unwrap_or(usize::MAX)
 }
 
 fn from_folder(folder: &Path, replay: &Replay) -> Result<Recording, Failure> {
@@ -105,7 +158,8 @@ fn from_folder(folder: &Path, replay: &Replay) -> Result<Recording, Failure> {
     Ok(Recording {
         name: replay.source.clone(),
         protocol,
-        frames,
+        source: Source::Rows(frames),
+        most: most(replay),
         baseline,
         baseline_name,
         noise,
@@ -122,32 +176,15 @@ fn from_session(path: &Path, replay: &Replay) -> Result<Recording, Failure> {
             file.display()
         )));
     }
-    let session = state::open(path)?;
-    let header = session.header().clone();
-    let kept = session.baseline().map_err(|error| state::refused(&error))?;
-    let (recorded, _damaged) = state::frames(&session);
+    let parts = Parts::open(path)?;
+    let header = parts.header().clone();
+    let kept = parts.baseline()?;
     let protocol = header.protocol.clone();
-    let current = recorded
-        .first()
+    let first_readable = parts.frames().find_map(Result::ok);
+    let current = first_readable
         .map(|record| record.frame.settings.current)
         .or(kept.as_ref().map(|baseline| baseline.settings.current))
         .unwrap_or(Amps(1.0));
-    let sign = |readings: &[Reading]| -> Vec<Reading> {
-        readings
-            .iter()
-            .map(|&reading| negated(reading, replay.negate))
-            .collect()
-    };
-    let frames: Vec<Recorded> = recorded
-        .iter()
-        .map(|record| Recorded {
-            sequence: record.frame.sequence,
-            label: record.frame.sequence.to_string(),
-            wall: Some(record.frame.wall),
-            readings: sign(&record.frame.readings),
-            map: record.map.clone(),
-        })
-        .collect();
     let (baseline, noise, baseline_name) = match &replay.baseline {
         None => {
             let kept = kept.ok_or_else(|| {
@@ -157,10 +194,12 @@ fn from_session(path: &Path, replay: &Replay) -> Result<Recording, Failure> {
                 ))
             })?;
             let deviation = rms(kept.deviation.iter().filter_map(|deviation| *deviation));
-            (sign(&kept.readings), deviation, kept.id.clone())
+            let readings = signed(&kept.readings, replay.negate);
+            (readings, deviation, kept.id.clone())
         }
         Some(BaselineChoice::First(count)) => {
-            let readings: Vec<_> = frames.iter().map(|frame| frame.readings.clone()).collect();
+            let frames = recorded(&parts, replay.negate).take(*count);
+            let readings: Vec<_> = frames.map(|frame| frame.readings).collect();
             let (mean, noise) = average(first(&readings, *count)?);
             (mean, noise, first_frames(*count))
         }
@@ -176,7 +215,11 @@ fn from_session(path: &Path, replay: &Replay) -> Result<Recording, Failure> {
     Ok(Recording {
         name: header.id.clone(),
         protocol,
-        frames,
+        source: Source::Session {
+            parts,
+            negate: replay.negate,
+        },
+        most: most(replay),
         baseline,
         baseline_name,
         noise,

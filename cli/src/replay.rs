@@ -50,17 +50,18 @@ pub(crate) fn run(
             current: recording.current,
         },
     )?;
-    introduce(&recording, &eye, printer)?;
+    let count = recording.len()?;
+    introduce(&recording, count, &eye, printer)?;
     if let Some(directory) = &replay.png {
         std::fs::create_dir_all(directory).map_err(|error| {
             Failure::failed(&format!("{} cannot be made", directory.display()), &error)
         })?;
     }
     let mut maps = replay.out.as_deref().map(File::create).transpose()?;
-    let progress = progress(recording.frames.len(), printer.is_terminal());
+    let progress = progress(count, printer.is_terminal());
     let draw = printer.is_terminal() && !replay.no_map;
     let mut verdict = Verdict::default();
-    for recorded in &recording.frames {
+    for recorded in recording.frames() {
         let map =
             eye.look(&recording.baseline, &recorded.readings)
                 .map_err(|failure| match failure {
@@ -70,7 +71,7 @@ pub(crate) fn run(
                     other => other,
                 })?;
         let found = eye.field.found(&map);
-        verdict.take(recorded, &map);
+        verdict.take(&recorded, &map);
         if let Some(file) = &mut maps {
             file.write(&row(&map))?;
         }
@@ -125,14 +126,23 @@ pub(crate) fn run(
     Ok(())
 }
 
+/// How far a map of another build or processor may be from the recorded one, relative to its length: two hundred times
+/// what another order of the sums changes, a hundredth of what noise does.
+const TOLERANCE: f64 = 1e-4;
+
 /// What `replay --verify` says last; see `cli/JSON.md`.
 #[derive(Debug, Default, Serialize)]
 struct Verdict {
     /// Maps with the bits that were recorded.
     same: u64,
-    /// Frames whose map was made by this build on this processor, and is another now.
+    /// Frames whose map was made by this build on this processor, and is another now, or is further off than
+    /// [`TOLERANCE`].
     different: Vec<u64>,
-    /// Frames whose map differs and was made by another build or on another processor: their last bits may.
+    /// Maps of another build or processor that are no further from it than [`TOLERANCE`].
+    near: u64,
+    /// The largest such distance, relative.
+    furthest: Option<f64>,
+    /// Frames whose map differs and was made by another build or on another processor, which kept its hash only.
     elsewhere: Vec<u64>,
     /// The first of those builds and processors.
     made_by: Option<String>,
@@ -149,25 +159,43 @@ impl Verdict {
         let version = kept.build.split_whitespace().last();
         if kept.is_of(&map.hash()) {
             self.same += 1;
-        } else if version == Some(env!("CARGO_PKG_VERSION")) && kept.cpu == eit::cpu_features() {
+            return;
+        }
+        if version == Some(env!("CARGO_PKG_VERSION")) && kept.cpu == eit::cpu_features() {
             self.different.push(recorded.sequence);
-        } else {
-            self.elsewhere.push(recorded.sequence);
-            self.made_by
-                .get_or_insert_with(|| format!("{} on {}", kept.build, kept.cpu));
+            return;
+        }
+        self.made_by
+            .get_or_insert_with(|| format!("{} on {}", kept.build, kept.cpu));
+        match kept.distance(map) {
+            Some(distance) if distance <= TOLERANCE => {
+                self.near += 1;
+                self.furthest = Some(self.furthest.unwrap_or(0.0).max(distance));
+            }
+            Some(_) => self.different.push(recorded.sequence),
+            None => self.elsewhere.push(recorded.sequence),
         }
     }
 
     fn sentence(&self) -> String {
         let mut text = format!("{} maps have the bits that were recorded", self.same);
-        if !self.different.is_empty() {
-            text.push_str(&format!(", {} have others", self.different.len()));
-        }
-        if let Some(made_by) = &self.made_by {
+        if let Some(furthest) = self.furthest {
             text.push_str(&format!(
-                ", {} were made by {made_by} and differ, which here proves nothing: only their hashes were kept",
+                ", {} of another build or processor are within {furthest:.1e} of them (allowed: {TOLERANCE:e})",
+                self.near
+            ));
+        }
+        if !self.different.is_empty() {
+            text.push_str(&format!(", {} are others", self.different.len()));
+        }
+        if !self.elsewhere.is_empty() {
+            text.push_str(&format!(
+                ", {} of another build or processor differ, which here proves nothing: only their hashes were kept",
                 self.elsewhere.len()
             ));
+        }
+        if let Some(made_by) = &self.made_by {
+            text.push_str(&format!("; the other build: {made_by}"));
         }
         if self.without > 0 {
             text.push_str(&format!(", {} frames kept no trace of one", self.without));
@@ -177,7 +205,7 @@ impl Verdict {
 
     fn judge(&self, session: &str) -> Result<(), Failure> {
         let Some(first) = self.different.first() else {
-            if self.same == 0 && self.elsewhere.is_empty() {
+            if self.same == 0 && self.near == 0 && self.elsewhere.is_empty() {
                 return Err(Failure::Failed(format!(
                     "{session} keeps no trace of any map: there is nothing to verify"
                 )));
@@ -205,12 +233,12 @@ impl Verdict {
 
 fn introduce(
     recording: &Recording,
+    count: usize,
     eye: &Eye,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
     printer.text(&format!(
-        "{} frames of {} readings, {} electrodes; baseline: {}; {} on {} triangles{}",
-        recording.frames.len(),
+        "{count} frames of {} readings, {} electrodes; baseline: {}; {} on {} triangles{}",
         recording.protocol.len(),
         recording.protocol.electrodes(),
         recording.baseline_name,

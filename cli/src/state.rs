@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use eit::{DiscTank, PaperSheet, Preset};
-use logbook::{LogbookError, Record, SessionHeader, SessionReader};
+use logbook::{LogbookError, SessionHeader, SessionReader};
 use serde::Deserialize;
 
 use crate::args::Global;
@@ -116,25 +116,6 @@ pub(crate) fn session_file(global: &Global, named: &str) -> Result<PathBuf, Fail
 /// Opens a session file.
 pub(crate) fn open(path: &Path) -> Result<SessionReader, Failure> {
     SessionReader::open(path).map_err(|error| refused(&error))
-}
-
-/// All frames of a session that can be read; the others are named on the error stream and counted.
-pub(crate) fn frames(session: &SessionReader) -> (Vec<Record>, usize) {
-    let mut readable = Vec::new();
-    let mut damaged = 0;
-    for record in session.frames() {
-        match record {
-            Ok(record) => readable.push(record),
-            Err(error) => {
-                eprintln!(
-                    "tactus: a frame is left out: {}",
-                    crate::failure::chain(&error)
-                );
-                damaged += 1;
-            }
-        }
-    }
-    (readable, damaged)
 }
 
 /// What the logbook's refusal means here.

@@ -203,13 +203,12 @@ impl Means {
         let map = reconstructor
             .reconstruct(&self.baseline.readings, readings)
             .map_err(|error| Failure::Refused(chain(&error)))?;
-        let record = MapRecord {
-            hash: map.hash(),
-            method: map.method.clone(),
-            model_hash: self.model.hash.clone(),
-            build: self.build.clone(),
-            cpu: eit::cpu_features(),
-        };
+        let record = MapRecord::new(
+            &map,
+            self.model.hash.clone(),
+            self.build.clone(),
+            eit::cpu_features(),
+        );
         // a map that the calibration refuses stays a map, and the session says why
         let pressure = self
             .model

@@ -34,6 +34,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let frames: Vec<_> = (1..=FRAMES).map(|number| rig.frame(number)).collect();
         let map = MapRecord {
             hash: "0123456789abcdef".repeat(4),
+            sum: Some(0.123),
             method: "one-step".into(),
             model_hash: None,
             build: "0.1.0".into(),

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use chrono::{DateTime, Utc};
 use serde::{Deserialize, Serialize};
-use survey::{Frame, Protocol, Quality};
+use survey::{Frame, Map, Protocol, Quality};
 
 /// What a session was for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -159,10 +159,14 @@ impl SessionHeader {
 }
 
 /// The trace a map leaves: enough to verify that recomputing it gives the same.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MapRecord {
-    /// [`survey::Map::hash`]; a record that comes back has its first 16 digits, [`MapRecord::is_of`] compares.
+    /// [`survey::Map::hash`]; a record that comes back has its first 8 digits, 16 where it has no sum.
+    /// [`MapRecord::is_of`] compares.
     pub hash: String,
+    /// [`survey::Map::signed_sum`], its seed the first 8 digits of the hash: [`MapRecord::distance`] says how far a map of
+    /// another build or processor is from this one. Kept beside a SHA-256 only.
+    pub sum: Option<f32>,
     /// [`survey::Map::method`].
     pub method: String,
     /// SHA-256 of the model file, where the method has one.
@@ -174,11 +178,41 @@ pub struct MapRecord {
 }
 
 impl MapRecord {
+    /// The trace of a map.
+    pub fn new(map: &Map, model_hash: Option<String>, build: String, cpu: String) -> Self {
+        let hash = map.hash();
+        Self {
+            sum: seed(&hash).map(|seed| map.signed_sum(seed) as f32),
+            hash,
+            method: map.method.clone(),
+            model_hash,
+            build,
+            cpu,
+        }
+    }
+
+    /// How far the map that left this trace is from another one, relative to the other's length, as far as one sum tells
+    /// it ([`survey::Map::distance`]); in single precision, so nothing below 1e-7 is seen. `None` where none was kept.
+    pub fn distance(&self, other: &Map) -> Option<f64> {
+        let (sum, seed) = (self.sum?, seed(&self.hash)?);
+        // as it would have been kept
+        let kept = other.signed_sum(seed) as f32 == sum;
+        Some(match kept {
+            true => 0.0,
+            false => other.distance(f64::from(sum), seed),
+        })
+    }
+
     /// Whether this is the trace of the map with that hash, as far as it was kept: two maps that differ pass for the same
-    /// once in 2e19.
+    /// once in 4e9.
     pub fn is_of(&self, hash: &str) -> bool {
         !self.hash.is_empty() && hash.starts_with(&self.hash)
     }
+}
+
+/// What draws the signs of a map's sum.
+fn seed(hash: &str) -> Option<u32> {
+    u32::from_str_radix(hash.get(..8)?, 16).ok()
 }
 
 /// A frame as it comes back from the file.

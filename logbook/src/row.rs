@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use survey::{Baseline, Electrode, Settings};
 
-use crate::{Closing, SessionHeader, SessionKind};
+use crate::{Closing, MapRecord, SessionHeader, SessionKind};
 
 /// Numbers and texts of a row, hashed so that none is taken for its neighbour; absent values are told from all others.
 pub(crate) struct Digest8(Sha256);
@@ -66,9 +66,14 @@ pub(crate) struct FrameRow {
 
 impl FrameRow {
     pub(crate) fn checksum(&self) -> i64 {
+        let number;
         let hash = match &self.map_hash {
             Some(Value::Blob(bytes)) => Some(bytes.as_slice()),
             Some(Value::Text(text)) => Some(text.as_bytes()),
+            Some(Value::Integer(trace)) => {
+                number = trace.to_be_bytes();
+                Some(number.as_slice())
+            }
             _ => None,
         };
         let [a, b, c, d, ..] = Digest8::new()
@@ -236,12 +241,14 @@ impl StoredFrame {
     }
 }
 
-/// Bytes of a map's hash that are kept: two maps that differ share them once in 2e19.
+/// Bytes of a map's hash that are kept where nothing else is.
 const KEPT: usize = 8;
 
-/// The first bytes of a hash in lower-case hex (or of what came back of one), else the text that it is.
-pub(crate) fn pack_hash(hash: &str) -> Value {
-    let nibbles: Option<Vec<u8>> = hash
+/// What is kept of a map: a number, the first 4 bytes of its hash above its sum in single precision; 8 bytes of a hash
+/// (or of what came back of one) that has no sum; else the text that the hash is.
+pub(crate) fn pack_trace(map: &MapRecord) -> Value {
+    let nibbles: Option<Vec<u8>> = map
+        .hash
         .bytes()
         .map(|digit| match digit {
             b'0'..=b'9' => Some(digit - b'0'),
@@ -249,20 +256,32 @@ pub(crate) fn pack_hash(hash: &str) -> Value {
             _ => None,
         })
         .collect();
-    match nibbles {
-        Some(nibbles) if nibbles.len() == 64 || nibbles.len() == 2 * KEPT => {
-            let (pairs, _) = nibbles.as_chunks::<2>();
-            let bytes = pairs.iter().map(|[high, low]| high << 4 | low);
-            Value::Blob(bytes.take(KEPT).collect())
+    let bytes: Option<Vec<u8>> = nibbles.map(|nibbles| {
+        let (pairs, _) = nibbles.as_chunks::<2>();
+        pairs.iter().map(|[high, low]| high << 4 | low).collect()
+    });
+    match (bytes.as_deref(), map.sum) {
+        (Some([a, b, c, d, rest @ ..]), Some(sum)) if [0, KEPT - 4, 28].contains(&rest.len()) => {
+            let [e, f, g, h] = sum.to_le_bytes();
+            Value::Integer(i64::from_be_bytes([*a, *b, *c, *d, e, f, g, h]))
         }
-        _ => Value::Text(hash.to_owned()),
+        (Some(bytes), None) if [KEPT, 32].contains(&bytes.len()) => {
+            Value::Blob(bytes[..KEPT].to_vec())
+        }
+        _ => Value::Text(map.hash.clone()),
     }
 }
 
-pub(crate) fn unpack_hash(stored: &Value) -> Option<String> {
+pub(crate) fn unpack_trace(stored: &Value) -> Option<(String, Option<f32>)> {
+    let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect();
     match stored {
-        Value::Text(text) => Some(text.clone()),
-        Value::Blob(bytes) => Some(bytes.iter().map(|byte| format!("{byte:02x}")).collect()),
+        Value::Text(text) => Some((text.clone(), None)),
+        Value::Blob(bytes) => Some((hex(bytes), None)),
+        Value::Integer(number) => {
+            let [a, b, c, d, e, f, g, h] = number.to_be_bytes();
+            let sum = f32::from_le_bytes([e, f, g, h]);
+            Some((hex(&[a, b, c, d]), Some(sum)))
+        }
         _ => None,
     }
 }

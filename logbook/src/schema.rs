@@ -13,9 +13,9 @@
 //! | `baseline` | the baseline in use: readings and deviations as [`crate::codec`] blobs |
 //! | `reference` | means of sixteen frames, as [`crate::codec`] blobs, that later frames are differences to |
 //! | `stretch` | one row for frames that were taken alike: settings, mapper, whether simulated; and a first frame with its times and the distance of frames |
-//! | `frame` | one row a frame: its times against its stretch's, readings as a blob of [`crate::codec`], quality flags (bits in the order of [`survey::QualityFlag`]), largest sum round the ring, what is rare as JSON (readings that no load explains, driving electrodes in compliance), the first 8 bytes of the hash of its map (a text where it is no SHA-256) |
+//! | `frame` | one row a frame: its times against its stretch's, readings as a blob of [`crate::codec`], quality flags (bits in the order of [`survey::QualityFlag`]), largest sum round the ring, what is rare as JSON (readings that no load explains, driving electrodes in compliance), the trace of its map, big-endian in a number: the first 4 bytes of its hash, the 4 bytes (little-endian, single precision) of its [`survey::Map::signed_sum`]; 8 bytes of a hash where there is no sum; a text where the hash is no SHA-256 |
 //! | `taken` | a view: monotonic and wall time of each frame |
-//! | `late_map` | the hash of a map that was made after its frame had been written |
+//! | `late_map` | the trace of a map that was made after its frame had been written |
 //! | `event` | time, one word, one sentence |
 //!
 //! `frame.reference` says what the blob's differences are taken against: NULL nothing, 0 the baseline, n the row n of

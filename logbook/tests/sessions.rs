@@ -86,11 +86,13 @@ fn header(id: &str) -> SessionHeader {
     }
 }
 
-/// As it comes back: of a SHA-256 the first 16 digits.
+/// As it comes back: of a SHA-256 the first 8 digits, 16 where there is no sum.
 fn kept_record(number: u64) -> MapRecord {
     let mut record = map_record(number);
     if number != 5 {
-        record.hash.truncate(16);
+        record
+            .hash
+            .truncate(if record.sum.is_some() { 8 } else { 16 });
     }
     assert!(record.is_of(&map_record(number).hash));
     record
@@ -108,6 +110,8 @@ fn map_record(number: u64) -> MapRecord {
         } else {
             "rbf".into()
         },
+        // Beside what is no SHA-256 none is kept.
+        sum: (number != 3 && number != 5).then_some(-1.5e-30 * number as f32),
         model_hash: (number >= 3).then(|| "d".repeat(64)),
         build: "0.1.0".into(),
         cpu: "avx2 fma".into(),

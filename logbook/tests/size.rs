@@ -23,6 +23,7 @@ fn recorded(dir: &Path, digits: Digits, frames: u64) -> u64 {
     let taken: Vec<_> = (1..=frames).map(|number| rig.frame(number)).collect();
     let map = MapRecord {
         hash: "0123456789abcdef".repeat(4),
+        sum: Some(0.123),
         method: "one-step".into(),
         model_hash: None,
         build: "0.1.0".into(),

@@ -23,6 +23,7 @@ mod pattern;
 mod plan;
 mod quality;
 mod ring;
+mod sketch;
 mod units;
 mod wiring;
 

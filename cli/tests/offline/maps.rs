@@ -1,6 +1,6 @@
 //! Maps made again from what was recorded.
 
-use crate::scene::{PRESSED, done, lines, refused, session, session_of};
+use crate::scene::{PRESSED, done, lines, refused, session, session_in_parts, session_of};
 
 #[test]
 fn a_replay_of_a_session_finds_the_load_and_so_does_one_of_its_case_folder() {
@@ -175,4 +175,62 @@ fn a_geometry_that_is_not_the_one_recorded_is_refused() {
             "300",
         ],
     );
+}
+
+#[test]
+fn a_session_that_was_rolled_over_is_one() {
+    let [whole, rolled] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    session(whole.path());
+    session_in_parts(rolled.path());
+    let outcome = |folder: &std::path::Path, id: &str| {
+        let geometry = ["--preset", "disc-tank", "--noise-v", "2e-6", "--json"];
+        let maps: Vec<_> = lines(&done(folder, &[&["replay", id], &geometry[..]].concat()))
+            .into_iter()
+            .map(|line| (line["frame"].clone(), line["map_hash"].clone()))
+            .collect();
+        done(
+            folder,
+            &["export", id, "--format", "csv", "--out", "out.csv"],
+        );
+        let files = ["out.csv", "out.baseline.csv", "out.case/frames.csv"];
+        let texts = files.map(|file| std::fs::read_to_string(folder.join(file)).unwrap());
+        (maps, texts)
+    };
+    let (of_whole, of_rolled) = (
+        outcome(whole.path(), "m20270115_1"),
+        outcome(rolled.path(), "m1"),
+    );
+    assert_eq!(of_whole.0, of_rolled.0);
+    assert_eq!(of_rolled.0.len(), 3);
+    for (whole, rolled) in of_whole.1.iter().zip(&of_rolled.1) {
+        assert!(
+            whole == rolled,
+            "{} and {} bytes",
+            whole.len(),
+            rolled.len()
+        );
+    }
+    // A later part by itself, and the last frame of all.
+    assert_eq!(outcome(rolled.path(), "m1_p3").0, of_whole.0[2..]);
+    let picture = ["export", "m1", "--format", "svg", "--out", "map.svg"];
+    let said = done(
+        rolled.path(),
+        &[&picture[..], &["--preset", "disc-tank", "--json"]].concat(),
+    );
+    assert_eq!(lines(&said)[0]["frame"], 3);
+    // Exported is what was exported: all parts of it.
+    let pruning = [
+        "sessions",
+        "prune",
+        "--exported-only",
+        "--dry-run",
+        "--json",
+    ];
+    let said = lines(&done(rolled.path(), &pruning));
+    let ids: Vec<_> = said
+        .iter()
+        .filter(|line| line["what"] == "would_remove")
+        .map(|line| line["id"].as_str().unwrap())
+        .collect();
+    assert_eq!(ids.len(), 4, "{said:?}");
 }

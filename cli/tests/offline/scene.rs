@@ -9,7 +9,7 @@ use chrono::{DateTime, Utc};
 use eit::{DiscTank, Forward, Hyper, Mesh, OneStep, OneStepOptions, Prior, Reconstructor};
 use logbook::{MapRecord, SessionHeader, SessionKind, SessionWriter};
 use serde_json::Value;
-use survey::{Amps, Baseline, Frame, Protocol, Reading, Settings, Volts};
+use survey::{Amps, Baseline, Frame, Map, Protocol, Reading, Settings, Volts};
 
 const CURRENT: f64 = 1e-3;
 /// Where the simulated load lies, mm from the tank's centre.
@@ -77,21 +77,28 @@ pub fn session(folder: &Path) -> PathBuf {
         folder,
         SessionHeader::new("m20270115_1", at(0), protocol()),
         None,
-        |hash, _| hash,
+        |_, record, _| record,
+        false,
     )
+}
+
+/// The same, rolled over behind each frame: `m1`, `m1_p2`, `m1_p3`, `m1_p4`.
+pub fn session_in_parts(folder: &Path) {
+    let header = SessionHeader::new("m1", at(0), protocol());
+    record(folder, header, None, |_, record, _| record, true);
 }
 
 /// The same as a daemon records it that reconstructs on a disc tank, for 3 uV of noise; `configuration` is kept with it.
 pub fn session_of(folder: &Path, id: &str, configuration: &str) -> PathBuf {
-    session_with(folder, id, configuration, |hash, _| hash)
+    session_with(folder, id, configuration, |_, record, _| record)
 }
 
-/// The same, with what is kept of a map's hash changed on the way, by the second of its frame.
+/// The same, with what is kept of a map changed on the way, by the second of its frame.
 pub fn session_with(
     folder: &Path,
     id: &str,
     configuration: &str,
-    kept: impl Fn(String, i64) -> String,
+    kept: impl Fn(&Map, MapRecord, i64) -> MapRecord,
 ) -> PathBuf {
     let tank = DiscTank::default();
     let mesh = Arc::new(tank.mesh().expect("a sound tank"));
@@ -111,7 +118,7 @@ pub fn session_with(
     let sigma = vec![tank.conductance(); mesh.triangles().len()];
     let eye = OneStep::new(mesh, &tank.contact_ohm_m(), &sigma, &protocol(), options)
         .expect("a sound method");
-    record(folder, header, Some(&eye), kept)
+    record(folder, header, Some(&eye), kept, false)
 }
 
 fn protocol() -> Protocol {
@@ -122,7 +129,8 @@ fn record(
     folder: &Path,
     header: SessionHeader,
     eye: Option<&OneStep>,
-    kept: impl Fn(String, i64) -> String,
+    kept: impl Fn(&Map, MapRecord, i64) -> MapRecord,
+    rolled: bool,
 ) -> PathBuf {
     let protocol = protocol();
     let preset = DiscTank {
@@ -177,17 +185,16 @@ fn record(
     for (second, readings) in [(1, unloaded.clone()), (2, gap), (3, loaded)] {
         let map = eye.map(|eye| {
             let map = eye.reconstruct(&unloaded, &readings).expect("a map");
-            MapRecord {
-                hash: kept(map.hash(), second),
-                method: map.method,
-                model_hash: None,
-                build: format!("tactusd {}", env!("CARGO_PKG_VERSION")),
-                cpu: eit::cpu_features(),
-            }
+            let build = format!("tactusd {}", env!("CARGO_PKG_VERSION"));
+            let record = MapRecord::new(&map, None, build, eit::cpu_features());
+            kept(&map, record, second)
         });
         writer
             .append(&frame(second, readings), map.as_ref())
             .expect("written");
+        if rolled {
+            writer.roll(at(second)).expect("another part");
+        }
     }
     let path = writer.path().to_owned();
     writer.close(at(4), "count reached").expect("closed");

@@ -2,6 +2,9 @@
 
 use std::path::Path;
 
+use logbook::MapRecord;
+use survey::Map;
+
 use crate::scene::{done, lines, refused, session, session_of, session_with, tactus};
 
 /// What the sessions of these tests were made for.
@@ -136,10 +139,18 @@ fn maps_are_verified_against_what_was_kept_of_them() {
         said.contains("3 maps have the bits that were recorded"),
         "{said}"
     );
-    session_with(folder.path(), "m2", NOISE, |hash, second| match second {
-        3 => "0".repeat(64),
-        _ => hash,
-    });
+    session_with(
+        folder.path(),
+        "m2",
+        NOISE,
+        |_, record, second| match second {
+            3 => MapRecord {
+                hash: "0".repeat(64),
+                ..record
+            },
+            _ => record,
+        },
+    );
     let said = refused(folder.path(), &["replay", "m2", "--verify"], 1);
     assert!(
         said.contains("1 of m2's maps") && said.contains("frame 3"),
@@ -160,4 +171,84 @@ fn maps_are_verified_against_what_was_kept_of_them() {
         1,
     );
     assert!(said.contains("nothing to verify"), "{said}");
+}
+
+/// On another processor sums are taken in another order: the bits are others, the map is not.
+#[test]
+fn maps_of_another_build_are_verified_within_a_tolerance() {
+    let folder = tempfile::tempdir().unwrap();
+    // As if another build had made them, each a little and then much beside.
+    let elsewhere = |beside: f64| {
+        move |map: &Map, record, _| MapRecord {
+            hash: "0".repeat(64),
+            sum: Some((map.signed_sum(0) * (1.0 + beside)) as f32),
+            build: "tactusd 0.0.7".into(),
+            ..record
+        }
+    };
+    session_with(folder.path(), "near", NOISE, elsewhere(1e-5));
+    let said = done(folder.path(), &["replay", "near", "--verify", "--no-map"]);
+    assert!(
+        said.contains("3 of another build or processor are within")
+            && said.contains("of them (allowed: 1e-4); the other build: tactusd 0.0.7"),
+        "{said}"
+    );
+    session_with(folder.path(), "far", NOISE, elsewhere(0.1));
+    let said = refused(folder.path(), &["replay", "far", "--verify"], 1);
+    assert!(said.contains("2 of far's maps"), "{said}");
+    session_with(folder.path(), "untold", NOISE, |_, record, _| MapRecord {
+        hash: "0".repeat(64),
+        sum: None,
+        build: "tactusd 0.0.7".into(),
+        ..record
+    });
+    let said = done(folder.path(), &["replay", "untold", "--verify", "--no-map"]);
+    assert!(said.contains("proves nothing"), "{said}");
+}
+
+/// What stands beside the tolerance in `replay.rs`: far above rounding, far below noise.
+#[test]
+fn the_tolerance_of_a_map_lies_between_rounding_and_noise() {
+    let folder = tempfile::tempdir().unwrap();
+    session_of(folder.path(), "m1", NOISE);
+    let export = ["export", "m1", "--format", "csv", "--out", "out.csv"];
+    done(folder.path(), &export);
+    let written = std::fs::read_to_string(folder.path().join("out.case/frames.csv")).unwrap();
+    for method in ["one-step", "tv"] {
+        let map = |change: &dyn Fn(f64, usize) -> f64| -> Vec<f64> {
+            let altered: Vec<String> = written
+                .lines()
+                .map(|line| {
+                    let fields = line.split(',').enumerate().map(|(column, field)| {
+                        let number: Option<f64> = field.parse().ok();
+                        number.map_or(field.to_owned(), |x| change(x, column).to_string())
+                    });
+                    fields.collect::<Vec<_>>().join(",")
+                })
+                .collect();
+            std::fs::write(folder.path().join("altered.csv"), altered.join("\n") + "\n").unwrap();
+            let mut words = vec!["replay", "out.case", "--frames", "altered.csv"];
+            words.extend(["--baseline", "out.case/baseline.csv", "--no-map"]);
+            words.extend(["--preset", "disc-tank", "--noise-v", "3e-6"]);
+            words.extend(["--method", method, "--out", "maps.csv"]);
+            done(folder.path(), &words);
+            let maps = std::fs::read_to_string(folder.path().join("maps.csv")).unwrap();
+            let last = maps.lines().last().unwrap();
+            last.split(',')
+                .map(|value| value.parse().unwrap())
+                .collect()
+        };
+        let as_it_is = map(&|x, _| x);
+        let apart = |other: &[f64]| {
+            let squares = as_it_is.iter().zip(other).map(|(a, b)| (a - b).powi(2));
+            let length: f64 = as_it_is.iter().map(|a| a * a).sum();
+            (squares.sum::<f64>() / length).sqrt()
+        };
+        let sign = |column: usize| if column % 3 == 0 { 1.0 } else { -1.0 };
+        let rounded = apart(&map(&|x, column| x * (1.0 + sign(column) * f64::EPSILON)));
+        let noisy = apart(&map(&|x, column| x + sign(column) * 2e-6));
+        println!("{method}: {rounded:.1e} by rounding, {noisy:.1e} by 2 uV");
+        assert!(rounded < 1e-6, "{rounded:e}");
+        assert!(noisy > 1e-3, "{noisy:e}");
+    }
 }

@@ -182,6 +182,7 @@ fn write() -> Written {
     for (frame, number) in frames.iter().zip(1..) {
         let map = MapRecord {
             hash: "0123456789abcdef".repeat(4),
+            sum: Some(0.123),
             method: "one-step".into(),
             model_hash: None,
             build: "fuzzed".into(),

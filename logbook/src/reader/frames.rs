@@ -8,7 +8,7 @@ use survey::{Checks, Frame, Quality, QualityFlag, Settings};
 
 use super::{SessionReader, microseconds, wall};
 use crate::codec::{self, Reference};
-use crate::row::{Remarks, StoredFrame, Stretch, reference_checksum, unpack_hash};
+use crate::row::{Remarks, StoredFrame, Stretch, reference_checksum, unpack_trace};
 use crate::{LogbookError, MapRecord, Record};
 
 /// How many frames are fetched at a time while iterating.
@@ -104,7 +104,7 @@ impl SessionReader {
     }
 
     fn map_record(&self, id: i64, hash: &Value) -> Result<MapRecord, LogbookError> {
-        let hash = unpack_hash(hash)
+        let (hash, sum) = unpack_trace(hash)
             .ok_or_else(|| self.damaged("the hash of a map".into(), "it is no hash"))?;
         self.connection
             .prepare_cached("SELECT method, model_hash, build, cpu FROM mapper WHERE id = ?1")
@@ -112,6 +112,7 @@ impl SessionReader {
                 statement.query_row([id], |row| {
                     Ok(MapRecord {
                         hash,
+                        sum,
                         method: row.get(0)?,
                         model_hash: row.get(1)?,
                         build: row.get(2)?,

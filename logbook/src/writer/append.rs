@@ -5,7 +5,7 @@ use survey::{Frame, Quality};
 use super::rows::{self, Unwritten};
 use super::stretches::Standing;
 use super::{SessionWriter, check_length, nanoseconds, span};
-use crate::row::{FrameRow, pack_hash};
+use crate::row::{FrameRow, pack_trace};
 use crate::{LogbookError, MapRecord, Record};
 
 /// A frame, the trace of its map, and what was said about it if it came from another file.
@@ -112,7 +112,7 @@ impl SessionWriter {
                         flags: rows::bits(&quality),
                         loop_sum: quality.loop_sum.filter(|worst| worst.is_finite()),
                         remarks: rows::remarks(&quality)?,
-                        map_hash: map.map(|map| pack_hash(&map.hash)),
+                        map_hash: map.map(pack_trace),
                         blob: packed.blob,
                     },
                 )?;

@@ -4,7 +4,7 @@ use rusqlite::params;
 
 use super::SessionWriter;
 use super::rows::known_mapper;
-use crate::row::pack_hash;
+use crate::row::pack_trace;
 use crate::{LogbookError, MapRecord};
 
 impl SessionWriter {
@@ -29,7 +29,7 @@ impl SessionWriter {
             let mapper = known_mapper(&transaction, &mut self.mapper, map)?;
             transaction.execute(
                 "INSERT INTO late_map (sequence, mapper, map_hash) VALUES (?1, ?2, ?3)",
-                params![sequence as i64, mapper, pack_hash(&map.hash)],
+                params![sequence as i64, mapper, pack_trace(map)],
             )?;
             transaction.commit()
         };
