@@ -32,7 +32,8 @@ impl Recorder {
         match moved {
             Some(moved) if moved.abs() > CLOCK_STEP => {
                 let text = format!(
-                    "the wall clock has moved by {:+.1} s against the monotonic one since the last frame: it was set, or                      the machine slept; frames keep to the schedule, and have both times",
+                    "the wall clock has moved by {:+.1} s against the monotonic one since the last frame: it was set, or \
+                     the machine slept; frames keep to the schedule, and have both times",
                     moved.num_milliseconds() as f64 / 1e3
                 );
                 self.say("clock-moved", &text)
