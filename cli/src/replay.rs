@@ -126,8 +126,8 @@ pub(crate) fn run(
     Ok(())
 }
 
-/// How far a map of another build or processor may be from the recorded one, relative to its length: two hundred times
-/// what another order of the sums changes, a hundredth of what noise does.
+/// How far a map of another build or processor may be from the recorded one, relative to its length: far above what the
+/// last bits of the readings change (1e-13), a hundredth of what 2 uV do; the test of that name prints both.
 const TOLERANCE: f64 = 1e-4;
 
 /// What `replay --verify` says last; see `cli/JSON.md`.

@@ -248,7 +248,7 @@ fn the_tolerance_of_a_map_lies_between_rounding_and_noise() {
         let rounded = apart(&map(&|x, column| x * (1.0 + sign(column) * f64::EPSILON)));
         let noisy = apart(&map(&|x, column| x + sign(column) * 2e-6));
         println!("{method}: {rounded:.1e} by rounding, {noisy:.1e} by 2 uV");
-        assert!(rounded < 1e-6, "{rounded:e}");
+        assert!(rounded < 1e-9, "{rounded:e}");
         assert!(noisy > 1e-3, "{noisy:e}");
     }
 }

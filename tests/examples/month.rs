@@ -1,0 +1,353 @@
+//! A month of the shipped month scene in minutes, with faults all the way: the record is whole at its end, every gap in it
+//! has an event that explains it, and the source is off.
+//!
+//! ```text
+//! cargo run -p stories --example month [-- FRAMES [SEED]]
+//! ```
+//!
+//! 4,320 frames where no number is given, a frame every ten minutes of the scene. The instruments are served over TCP by
+//! this process, at a pace of a tenth of a second for ten minutes, and outlive the daemon, which is a process of its own
+//! and is killed, stopped, frozen and begun again among the faults of the instruments.
+
+use std::collections::BTreeMap;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+use bench::{Fault, Pace, Profile, Scene, ServeOptions, SimulatedRig};
+use indicatif::{ProgressBar, ProgressStyle};
+use logbook::{SessionReader, Verified};
+use rustix::process::{Pid, Signal, kill_process};
+use stories::{DEADLINE, Keeper, SIMULATED, Stage, act_as};
+
+type Failure = Box<dyn std::error::Error>;
+
+/// The shipped scene. Everything in it changes all the time, so that each reading costs a solution of the sheet: on a
+/// coarse mesh, because what is looked at here is the record.
+const MONTH: &str = include_str!("../../tomography/phantom/scenes/month.toml");
+/// Of the scene, from one frame to the next: as its own head says.
+const SCENE_S: f64 = 600.0;
+const EVERY_S: f64 = 0.1;
+/// Frames between two blows.
+const PEACE: u64 = 60;
+
+/// What befalls the rig or the daemon.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Blow {
+    /// In the words of `tactus-bench fault`; mended by the other words, where it does not pass by itself.
+    Instruments(&'static str, Option<&'static str>),
+    /// SIGKILL, and another daemon.
+    Killed,
+    /// SIGTERM, and another daemon: an update.
+    Updated,
+    /// SIGSTOP for some periods.
+    Frozen,
+    /// Instruments and daemon lose their power together.
+    PowerCut,
+}
+use Blow::{Frozen, Instruments, Killed, PowerCut, Updated};
+
+const BLOWS: [Blow; 30] = [
+    Killed,
+    Instruments("drop 34980a", None),
+    Instruments("wire 34980a cut", Some("wire 34980a sound")),
+    Updated,
+    Instruments("wire 34980a silent", Some("wire 34980a sound")),
+    Instruments("lost 34980a 1", None),
+    Frozen,
+    Instruments("late 34980a 1.5 1", None),
+    Instruments("doubled 34980a 1", None),
+    PowerCut,
+    Instruments("half-line 34980a 1", None),
+    Instruments("slow 34980a 1.5", Some("slow 34980a 0")),
+    Killed,
+    Instruments("reset 34980a", None),
+    Instruments("queue-overflow 34980a", None),
+    Instruments("slot 1 empty", Some("slot 1 filled")),
+    Instruments("voltmeter missing", Some("voltmeter present")),
+    Updated,
+    Instruments("interlock open", Some("interlock closed")),
+    Instruments("drop 6221", None),
+    Instruments("wire 6221 cut", Some("wire 6221 sound")),
+    Killed,
+    Instruments("wire 6221 silent", Some("wire 6221 sound")),
+    Instruments("lost 6221 1", None),
+    Instruments("late 6221 1.5 1", None),
+    Instruments("doubled 6221 1", None),
+    PowerCut,
+    Instruments("half-line 6221 1", None),
+    Instruments("reset 6221", None),
+    Instruments("queue-overflow 6221", None),
+];
+
+fn main() -> ExitCode {
+    if let Some(code) = act_as(std::env::args_os()) {
+        return code;
+    }
+    match month() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("month: {failure}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn month() -> Result<(), Failure> {
+    let mut words = std::env::args().skip(1);
+    let frames: u64 = words.next().map_or(Ok(4320), |word| word.parse())?;
+    let seed: u64 = words.next().map_or(Ok(1), |word| word.parse())?;
+    let runtime = tokio::runtime::Runtime::new()?;
+    let _inside = runtime.enter();
+    let scene = Scene::parse("month.toml", &format!("{MONTH}\n[mesh]\nfineness = 0.4\n"))?;
+    let profile = Profile::load("pairs-34924a")?.at_pace(Pace::Scaled(SCENE_S / EVERY_S));
+    let rig = SimulatedRig::new(&profile, scene)?;
+    let options = ServeOptions {
+        port_6221: 0,
+        port_34980a: 0,
+        ..ServeOptions::default()
+    };
+    let server = runtime.block_on(bench::serve(rig.clone(), &options))?;
+    let (source, mainframe) = (&server.ready().source, &server.ready().mainframe);
+    let stage = Stage::with_program(
+        &configuration(&source.to_string(), &mainframe.to_string()),
+        std::env::current_exe()?,
+    )?;
+    let mut month = Month {
+        keeper: Some(stage.start_daemon()?),
+        stage,
+        rig,
+        bar: ProgressBar::new(frames).with_style(ProgressStyle::with_template(
+            "{bar:40} {pos}/{len} frames, {eta} left: {msg}",
+        )?),
+    };
+    month.tell(&["baseline", "record", "--frames", "4"])?;
+    month.tell(&["start", "--every", &format!("{EVERY_S}s")])?;
+    let began = Instant::now();
+    let mut order = shuffled(seed);
+    let mut struck: BTreeMap<String, u64> = BTreeMap::new();
+    let mut next = PEACE;
+    while next + PEACE <= frames {
+        let blow = order.pop().unwrap_or_else(|| {
+            order = shuffled(seed.wrapping_add(next));
+            Killed
+        });
+        month.frames(next)?;
+        month.bar.set_message(format!("{blow:?}"));
+        month
+            .strike(blow)
+            .map_err(|failure| format!("{blow:?} at frame {next}: {failure}"))?;
+        *struck.entry(format!("{blow:?}")).or_default() += 1;
+        next = month.durable()? + PEACE;
+    }
+    month.frames(frames)?;
+    month.tell(&["stop"])?;
+    month.bar.finish_and_clear();
+    if let Some(keeper) = month.keeper.take() {
+        keeper.stop()?;
+    }
+    let blows: u64 = struck.values().sum();
+    println!(
+        "{blows} blows of {} kinds in {:.0} s",
+        struck.len(),
+        began.elapsed().as_secs_f64()
+    );
+    month.judge(frames, blows)
+}
+
+/// The stories' rig, with its instruments on TCP, in parts of a few megabytes.
+fn configuration(source: &str, mainframe: &str) -> String {
+    let deadline = "deadline_ms = 1000";
+    SIMULATED
+        .replace(
+            "kind = \"simulated\"\nprofile = \"STAGE/profile.toml\"\nscene = \"STAGE/scene.toml\"\n",
+            &format!(
+                "kind = \"instruments\"\n[source]\naddress = \"tcp:{source}\"\n{deadline}\n\
+                 [switch]\naddress = \"tcp:{mainframe}\"\n{deadline}\n\
+                 [voltmeter]\naddress = \"tcp:{mainframe}\"\n{deadline}\n"
+            ),
+        )
+        .replace(
+            "[record]\n",
+            // the hours are short here
+            "[record]\nroll_mb = 1\nresume_per_hour = 1000\n",
+        )
+}
+
+/// Every blow once, in an order of the seed's.
+fn shuffled(seed: u64) -> Vec<Blow> {
+    let mut order = BLOWS.to_vec();
+    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+    for last in (1..order.len()).rev() {
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        order.swap(last, (state >> 33) as usize % (last + 1));
+    }
+    order
+}
+
+struct Month {
+    stage: Stage,
+    rig: SimulatedRig,
+    keeper: Option<Keeper>,
+    bar: ProgressBar,
+}
+
+impl Month {
+    fn tell(&self, words: &[&str]) -> Result<(), Failure> {
+        self.stage.tactus(words)?.succeeded()?;
+        Ok(())
+    }
+
+    /// Frames on disk, frames that failed.
+    fn so_far(&self) -> Result<(u64, u64), Failure> {
+        let said = self.stage.tactus(&["status", "--json"])?.succeeded()?;
+        let session = &said.json()[0]["session"];
+        let count = |name: &str| session[name].as_u64().ok_or("the session has ended");
+        Ok((count("frames_durable")?, count("frames_failed")?))
+    }
+
+    fn durable(&self) -> Result<u64, Failure> {
+        let (durable, _) = self.so_far()?;
+        self.bar.set_position(durable);
+        Ok(durable)
+    }
+
+    /// Waits for what happens within [`DEADLINE`] from the last frame on.
+    fn until(&self, what: &str, happened: impl Fn((u64, u64)) -> bool) -> Result<(), Failure> {
+        let mut last = (self.so_far()?, Instant::now());
+        while !happened(last.0) {
+            std::thread::sleep(Duration::from_millis(100));
+            let now = self.so_far()?;
+            self.bar.set_position(now.0);
+            if now != last.0 {
+                last = (now, Instant::now());
+            }
+            if last.1.elapsed() > DEADLINE {
+                let log = self.keeper.as_ref().map(Keeper::log).unwrap_or_default();
+                return Err(format!("{what} did not come:\n{log}").into());
+            }
+        }
+        Ok(())
+    }
+
+    fn frames(&self, count: u64) -> Result<(), Failure> {
+        self.until("a frame", |(durable, _)| durable >= count)
+    }
+
+    fn strike(&mut self, blow: Blow) -> Result<(), Failure> {
+        let (durable, failed) = self.so_far()?;
+        match blow {
+            Instruments(words, mend) => {
+                self.fault(words)?;
+                // what passes by itself may pass between two frames, unseen
+                self.until("a failed frame", |now| {
+                    now.1 > failed || (mend.is_none() && now.0 > durable + 20)
+                })?;
+                if let Some(mend) = mend {
+                    self.fault(mend)?;
+                }
+            }
+            Killed => self.end_with(Keeper::kill)?,
+            PowerCut => self.end_with(Keeper::kill)?,
+            Updated => {
+                if let Some(keeper) = self.keeper.take() {
+                    keeper.stop()?;
+                }
+            }
+            Frozen => {
+                let id = self.keeper.as_ref().map_or(0, Keeper::id);
+                let daemon = Pid::from_raw(id.try_into()?).ok_or("no daemon runs")?;
+                kill_process(daemon, Signal::STOP)?;
+                std::thread::sleep(Duration::from_secs_f64(20.0 * EVERY_S));
+                kill_process(daemon, Signal::CONT)?;
+            }
+        }
+        if blow == PowerCut {
+            self.fault("reset 6221")?;
+            self.fault("reset 34980a")?;
+        }
+        if self.keeper.is_none() {
+            self.keeper = Some(self.stage.start_daemon()?);
+        }
+        self.frames(durable + 3)
+    }
+
+    fn end_with(&mut self, end: impl FnOnce(Keeper)) -> Result<(), Failure> {
+        end(self.keeper.take().ok_or("no daemon runs")?);
+        Ok(())
+    }
+
+    fn fault(&self, words: &str) -> Result<(), Failure> {
+        let fault: Fault = words.parse()?;
+        Ok(self.rig.fault(&fault)?)
+    }
+
+    fn judge(&self, frames: u64, blows: u64) -> Result<(), Failure> {
+        if self.rig.source_output().0 || !self.rig.closed().is_empty() {
+            return Err("the source is on, or relays are closed, when all has ended".into());
+        }
+        let session = newest_measurement(&self.stage)?;
+        let verified = logbook::verify(&session, |_| ())?;
+        self.print(&verified)?;
+        if verified.frames < frames || !verified.closed {
+            return Err(format!("{} frames of {frames} are there", verified.frames).into());
+        }
+        // few blows pass between two frames
+        if (verified.gaps.len() as u64) < blows / 2 {
+            return Err(format!("{} gaps of {blows} blows", verified.gaps.len()).into());
+        }
+        match verified.findings.first() {
+            None => {
+                println!("the record is whole, and every gap is explained");
+                Ok(())
+            }
+            Some(first) => Err(format!(
+                "{} findings, the first in {}: {}",
+                verified.findings.len(),
+                first.part,
+                first.text
+            )
+            .into()),
+        }
+    }
+
+    fn print(&self, verified: &Verified) -> Result<(), Failure> {
+        let mut kinds: BTreeMap<String, u64> = BTreeMap::new();
+        for part in &verified.parts {
+            let reader =
+                SessionReader::open(self.stage.state_path().join(format!("{part}.tactus")))?;
+            for event in reader.events()? {
+                *kinds.entry(event.kind).or_default() += 1;
+            }
+        }
+        let longest = verified
+            .gaps
+            .iter()
+            .map(|gap| gap.seconds)
+            .fold(0.0, f64::max);
+        println!(
+            "{} frames in {} parts, {} gaps, the longest of {longest:.1} s; the scene stands at day {:.1}",
+            verified.frames,
+            verified.parts.len(),
+            verified.gaps.len(),
+            self.rig.now().as_secs_f64() / 86_400.0
+        );
+        for (kind, count) in kinds {
+            println!("{count:6} {kind}");
+        }
+        Ok(())
+    }
+}
+
+/// Any part of the session that was measured.
+fn newest_measurement(stage: &Stage) -> Result<std::path::PathBuf, Failure> {
+    for entry in std::fs::read_dir(stage.state_path())? {
+        let path = entry?.path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if name.starts_with('m') && name.ends_with(".tactus") {
+            return Ok(path);
+        }
+    }
+    Err("no session was recorded".into())
+}
