@@ -8,13 +8,13 @@ mod stage;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use bench::{Profile, ServeOptions};
+use bench::{Profile, ServeOptions, Server, SimulatedRig};
 use bus::{FrameDoneStream, Options, Session1Proxy};
 use logbook::{Record, SessionReader};
 use rustix::process::Signal;
 use stage::{
-    SMALL, Stage, assert_off_before_anything_else, assert_whole, config_for, instant, on_tcp, told,
-    within,
+    Running, SMALL, Stage, assert_off_before_anything_else, assert_whole, config_for, instant,
+    on_tcp, told, within,
 };
 
 /// From start to start of frames, s.
@@ -133,6 +133,47 @@ done
 exec "$0" "$@"
 "#;
 
+/// Instruments in this network, a daemon in another, cables between them.
+struct Cabled {
+    rig: SimulatedRig,
+    _server: Server,
+    _stage: Stage,
+    daemon: Running,
+}
+
+impl Cabled {
+    async fn begin() -> Self {
+        for cable in Cable::ALL {
+            cable.lay();
+        }
+        let rig = instant(&Profile::default());
+        let options = ServeOptions {
+            bind: "0.0.0.0".to_owned(),
+            port_6221: 0,
+            port_34980a: 0,
+            ..ServeOptions::default()
+        };
+        let server = bench::serve(rig.clone(), &options).await.unwrap();
+        let stage = Stage::new(&config_for(
+            &Cable::Source.place(&server.ready().source),
+            &Cable::Mainframe.place(&server.ready().mainframe),
+        ));
+        let mut command = tokio::process::Command::new("unshare");
+        command
+            .args(["--net", "sh", "-c", AT_THE_FAR_END])
+            .arg(env!("CARGO_BIN_EXE_tactusd"))
+            .env("RIG", std::process::id().to_string());
+        let daemon = stage.start_by(command).await;
+        daemon.baseline(1).await;
+        Self {
+            rig,
+            _server: server,
+            _stage: stage,
+            daemon,
+        }
+    }
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn a_pulled_cable_leaves_tcp_half_open_and_the_session_goes_on_when_it_is_back() {
     if !has_own_network(
@@ -140,28 +181,12 @@ async fn a_pulled_cable_leaves_tcp_half_open_and_the_session_goes_on_when_it_is_
     ) {
         return;
     }
-    for cable in Cable::ALL {
-        cable.lay();
-    }
-    let rig = instant(&Profile::default());
-    let options = ServeOptions {
-        bind: "0.0.0.0".to_owned(),
-        port_6221: 0,
-        port_34980a: 0,
-        ..ServeOptions::default()
-    };
-    let server = bench::serve(rig.clone(), &options).await.unwrap();
-    let stage = Stage::new(&config_for(
-        &Cable::Source.place(&server.ready().source),
-        &Cable::Mainframe.place(&server.ready().mainframe),
-    ));
-    let mut command = tokio::process::Command::new("unshare");
-    command
-        .args(["--net", "sh", "-c", AT_THE_FAR_END])
-        .arg(env!("CARGO_BIN_EXE_tactusd"))
-        .env("RIG", std::process::id().to_string());
-    let daemon = stage.start_by(command).await;
-    daemon.baseline(1).await;
+    let Cabled {
+        rig,
+        _server,
+        _stage,
+        daemon,
+    } = Cabled::begin().await;
     let mut happened = daemon.manager.receive_happened().await.unwrap();
     let session = daemon.start(Options::new()).await;
     let mut frames = session.receive_frame_done().await.unwrap();
@@ -217,6 +242,66 @@ async fn a_pulled_cable_leaves_tcp_half_open_and_the_session_goes_on_when_it_is_
     let verified = assert_whole(&path);
     let explained = verified.gaps.iter().filter(|gap| gap.explained.is_some());
     assert!(explained.count() >= cuts.len(), "{:?}", verified.gaps);
+    daemon.terminate().await;
+}
+
+/// Whether a process's TCP still waits for the end of a connection to the source.
+fn lingers(process: u32) -> bool {
+    // as /proc writes 10.77.1.2, and the state of one that is only asked for
+    const SOURCE: &str = "02014D0A:";
+    const SYN_SENT: &str = "02";
+    let connections = std::fs::read_to_string(format!("/proc/{process}/net/tcp")).unwrap();
+    connections.lines().any(|line| {
+        let mut fields = line.split_whitespace().skip(2);
+        let (peer, state) = (fields.next(), fields.next());
+        peer.is_some_and(|peer| peer.starts_with(SOURCE)) && state != Some(SYN_SENT)
+    })
+}
+
+/// Cut off behind a switch: the daemon's own link stays up, and its TCP gives up in silence. The 6221 has one place, and
+/// keeps it for the client that is gone.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_source_that_keeps_its_place_for_a_lost_client_is_had_back() {
+    if !has_own_network("a_source_that_keeps_its_place_for_a_lost_client_is_had_back") {
+        return;
+    }
+    let Cabled {
+        rig,
+        _server,
+        _stage,
+        daemon,
+    } = Cabled::begin().await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    let session = daemon.start(Options::new().with("step", true)).await;
+    within(session.step(2)).await.unwrap();
+    rig.keep_transcript();
+    // Between two frames: what the source would answer to is lost, and it has nothing of its own to repeat.
+    ip("addr del 10.77.1.2/24 dev rig1");
+    let asked = session.step(1);
+    let had_back = async {
+        let mut back = false;
+        loop {
+            let signal = within(bus::next(&mut happened)).await.unwrap();
+            let told = signal.args().unwrap();
+            println!("{}: {}", told.kind, told.text);
+            match told.kind {
+                "reconnecting" if !back && !lingers(daemon.id()) => {
+                    back = true;
+                    ip("addr add 10.77.1.2/24 dev rig1");
+                }
+                "resumed" if back => break,
+                _ => {}
+            }
+        }
+    };
+    let (_, ()) = tokio::join!(asked, had_back);
+    assert_off_before_anything_else(&rig.transcript());
+    within(session.step(2)).await.unwrap();
+    within(session.stop()).await.unwrap();
+    assert!(!rig.source_output().0);
+    let path = session.path().await.unwrap();
+    no_sequence_is_missing(&records(&path));
+    assert_whole(&path);
     daemon.terminate().await;
 }
 

@@ -133,9 +133,10 @@ fn month() -> Result<(), Failure> {
         });
         month.frames(next)?;
         month.bar.set_message(format!("{blow:?}"));
-        month
-            .strike(blow)
-            .map_err(|failure| format!("{blow:?} at frame {next}: {failure}"))?;
+        month.strike(blow).map_err(|failure| {
+            let log = month.keeper.as_ref().map(Keeper::log).unwrap_or_default();
+            format!("{blow:?} at frame {next}: {failure}\n{log}")
+        })?;
         *struck.entry(format!("{blow:?}")).or_default() += 1;
         next = month.durable()? + PEACE;
     }
@@ -224,8 +225,7 @@ impl Month {
                 last = (now, Instant::now());
             }
             if last.1.elapsed() > DEADLINE {
-                let log = self.keeper.as_ref().map(Keeper::log).unwrap_or_default();
-                return Err(format!("{what} did not come:\n{log}").into());
+                return Err(format!("{what} did not come").into());
             }
         }
         Ok(())
@@ -248,7 +248,13 @@ impl Month {
                     self.fault(mend)?;
                 }
             }
-            Killed => self.end_with(Keeper::kill)?,
+            Killed => {
+                self.end_with(Keeper::kill)?;
+                // as systemd does it, by ExecStopPost
+                let config = self.stage.config_path();
+                let safe_off = ["--safe-off", "--config", &config.to_string_lossy()];
+                self.stage.run("tactusd", &safe_off)?.succeeded()?;
+            }
             PowerCut => self.end_with(Keeper::kill)?,
             Updated => {
                 if let Some(keeper) = self.keeper.take() {

@@ -2,15 +2,15 @@
 
 use std::time::Duration;
 
-use tokio::net::TcpStream;
 use tokio_serial::SerialPortBuilderExt;
 
-use crate::{BoxStream, LinkError};
+use crate::{BoxStream, LinkError, half_open};
 
 /// Unacknowledged data older than this breaks a TCP connection: a pulled cable is noticed although nobody closes.
 const HALF_OPEN: Duration = Duration::from_secs(4);
 
-/// Connects to `host:port`, without Nagle's delay (44 ms on every write followed by a query).
+/// Connects to `host:port`, without Nagle's delay (44 ms on every write followed by a query). After a connection was lost
+/// every other one comes from the same port as that: an instrument that still keeps its place for the lost one lets go.
 ///
 /// # Errors
 /// [`LinkError::Unreachable`] with the address, at the latest after `deadline`.
@@ -19,7 +19,7 @@ pub async fn connect_tcp(address: &str, deadline: Duration) -> Result<BoxStream,
         address: address.to_owned(),
         cause,
     };
-    let stream = tokio::time::timeout(deadline, TcpStream::connect(address))
+    let stream = tokio::time::timeout(deadline, half_open::connect(address))
         .await
         .map_err(|_| {
             unreachable(std::io::Error::new(
@@ -28,8 +28,9 @@ pub async fn connect_tcp(address: &str, deadline: Duration) -> Result<BoxStream,
             ))
         })?
         .map_err(unreachable)?;
-    stream.set_nodelay(true).map_err(unreachable)?;
-    rustix::net::sockopt::set_tcp_user_timeout(&stream, HALF_OPEN.as_millis() as u32)
+    let tcp = &stream.stream;
+    tcp.set_nodelay(true).map_err(unreachable)?;
+    rustix::net::sockopt::set_tcp_user_timeout(tcp, HALF_OPEN.as_millis() as u32)
         .map_err(|errno| unreachable(errno.into()))?;
     Ok(Box::new(stream))
 }

@@ -32,6 +32,7 @@ mod acquire;
 mod clock;
 mod connect;
 mod fault;
+mod half_open;
 mod link;
 mod prepare;
 mod safe;

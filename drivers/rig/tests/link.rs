@@ -339,6 +339,35 @@ async fn a_board_without_ese_is_brought_in_step_by_probes_of_its_own() {
     board.await.unwrap();
 }
 
+/// An instrument that serves one client keeps its place for one whose cable was pulled, until it hears from that port.
+#[tokio::test]
+async fn every_other_try_after_a_loss_comes_from_where_the_lost_connection_was() {
+    let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    let mut ports = Vec::new();
+    for speaks in [true, false, false, true, false, false] {
+        let deadline = Duration::from_secs(60);
+        let (ours, theirs) = tokio::join!(rig::connect_tcp(&address, deadline), listener.accept());
+        let (mut ours, (mut theirs, from)) = (ours.unwrap(), theirs.unwrap());
+        ports.push(from.port());
+        if speaks {
+            theirs.write_all(b"hello").await.unwrap();
+            ours.read_exact(&mut [0; 5]).await.unwrap();
+        }
+        // gone at once, as after a loss: nobody waits for the end of the connection
+        rustix::net::sockopt::set_socket_linger(&theirs, Some(Duration::ZERO)).unwrap();
+        drop(theirs);
+        ours.read(&mut [0]).await.unwrap_err();
+    }
+    let [lost, other, same, third, another, same_again] = ports[..] else {
+        panic!("{ports:?}");
+    };
+    assert_ne!(lost, other);
+    assert_eq!(lost, same);
+    assert_ne!(third, another);
+    assert_eq!(third, same_again);
+}
+
 #[tokio::test]
 async fn tcp_is_connected_and_a_dead_address_is_named() {
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
