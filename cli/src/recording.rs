@@ -83,7 +83,7 @@ impl Recording {
     /// Its frames in order; those that cannot be read are named on the error stream.
     pub(crate) fn frames(&self) -> Box<dyn Iterator<Item = Recorded> + '_> {
         match &self.source {
-            Source::Rows(rows) => Box::new(rows.iter().cloned().take(self.most)),
+            Source::Rows(rows) => Box::new(rows.iter().take(self.most).cloned()),
             Source::Session { parts, negate } => Box::new(recorded(parts, *negate).take(self.most)),
         }
     }

@@ -244,7 +244,7 @@ fn the_tolerance_of_a_map_lies_between_rounding_and_noise() {
             let length: f64 = as_it_is.iter().map(|a| a * a).sum();
             (squares.sum::<f64>() / length).sqrt()
         };
-        let sign = |column: usize| if column % 3 == 0 { 1.0 } else { -1.0 };
+        let sign = |column: usize| if column.is_multiple_of(3) { 1.0 } else { -1.0 };
         let rounded = apart(&map(&|x, column| x * (1.0 + sign(column) * f64::EPSILON)));
         let noisy = apart(&map(&|x, column| x + sign(column) * 2e-6));
         println!("{method}: {rounded:.1e} by rounding, {noisy:.1e} by 2 uV");

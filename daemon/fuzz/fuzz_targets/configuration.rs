@@ -40,7 +40,12 @@ fuzz_target!(|bytes: &[u8]| {
 
 /// Each order: a line, and what becomes of it. Sections stay in their order, so that most stays understood.
 fn edited(mut orders: &[u8]) -> Vec<u8> {
-    let mut lines: Vec<Vec<u8>> = SHIPPED
+    // What is found good is prepared: a small tank is a thousand times quicker than a sheet.
+    let small = SHIPPED
+        .replace("preset = \"paper-sheet\"", "preset = \"disc-tank\"")
+        .replace("# [geometry.disc-tank]", "[geometry.disc-tank]")
+        .replace("# electrodes = 16", "electrodes = 26\nfineness = 0.2");
+    let mut lines: Vec<Vec<u8>> = small
         .lines()
         .map(|line| line.as_bytes().to_vec())
         .collect();
