@@ -44,7 +44,7 @@ fn edited(mut orders: &[u8]) -> Vec<u8> {
     let small = SHIPPED
         .replace("preset = \"paper-sheet\"", "preset = \"disc-tank\"")
         .replace("# [geometry.disc-tank]", "[geometry.disc-tank]")
-        .replace("# electrodes = 16", "electrodes = 26\nfineness = 0.2");
+        .replace("# electrodes = 16", "electrodes = 26\nfineness = 0.25");
     let mut lines: Vec<Vec<u8>> = small
         .lines()
         .map(|line| line.as_bytes().to_vec())
