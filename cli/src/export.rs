@@ -81,10 +81,12 @@ fn tables(
     let mut file = File::create(&export.out)?;
     file.write(frames_heading(header.protocol.len()).as_bytes())?;
     let folder = export.out.with_extension("case");
-    let mut case = File::create_in(&folder, "frames.csv")?;
+    make_folder(&folder)?;
+    let mut case = File::create(&folder.join("frames.csv"))?;
     case.write(case_heading(&header.protocol).as_bytes())?;
     let bar = progress(session.len()? as usize, printer.is_terminal());
     let (mut written, mut damaged, mut current) = (0, 0, None);
+    let mut last = header.first_sequence - 1;
     for record in session.frames() {
         match record {
             Ok(record) => {
@@ -92,6 +94,7 @@ fn tables(
                 let label = format!("f{}", record.frame.sequence);
                 case.write(bare_row(&label, &record.frame.readings).as_bytes())?;
                 current.get_or_insert(record.frame.settings.current);
+                last = record.frame.sequence;
                 written += 1;
             }
             Err(error) => {
@@ -118,10 +121,11 @@ fn tables(
         )));
     }
     for part in session.each() {
-        let last = part
+        let own = part
             .last_sequence()
             .map_err(|error| state::refused(&error))?;
-        crate::upkeep::mark(part, last, &export.out);
+        // what a session that still runs has got since was not written
+        crate::upkeep::mark(part, own.min(last), &export.out);
     }
     Ok(())
 }
@@ -325,6 +329,12 @@ fn picture(
     })
 }
 
+/// Makes a folder where there is none.
+pub(crate) fn make_folder(folder: &Path) -> Result<(), Failure> {
+    std::fs::create_dir_all(folder)
+        .map_err(|error| Failure::failed(&format!("{} cannot be made", folder.display()), &error))
+}
+
 /// A file that appears whole under its name, or not at all.
 pub(crate) struct File {
     path: PathBuf,
@@ -346,14 +356,6 @@ impl File {
             part,
             writer: BufWriter::new(file),
         })
-    }
-
-    /// In a folder that is made where there is none.
-    pub(crate) fn create_in(folder: &Path, name: &str) -> Result<Self, Failure> {
-        std::fs::create_dir_all(folder).map_err(|error| {
-            Failure::failed(&format!("{} cannot be made", folder.display()), &error)
-        })?;
-        Self::create(&folder.join(name))
     }
 
     pub(crate) fn write(&mut self, bytes: &[u8]) -> Result<(), Failure> {

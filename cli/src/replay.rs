@@ -8,7 +8,7 @@ use survey::Map;
 
 use crate::args::{Global, Replay};
 use crate::drawing;
-use crate::export::{File, replace_file};
+use crate::export::{File, make_folder, replace_file};
 use crate::eye::{Eye, Scene};
 use crate::failure::Failure;
 use crate::output::Printer;
@@ -53,9 +53,7 @@ pub(crate) fn run(
     let count = recording.len()?;
     introduce(&recording, count, &eye, printer)?;
     if let Some(directory) = &replay.png {
-        std::fs::create_dir_all(directory).map_err(|error| {
-            Failure::failed(&format!("{} cannot be made", directory.display()), &error)
-        })?;
+        make_folder(directory)?;
     }
     let mut maps = replay.out.as_deref().map(File::create).transpose()?;
     let progress = progress(count, printer.is_terminal());
