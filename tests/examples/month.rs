@@ -249,13 +249,13 @@ impl Month {
                 }
             }
             Killed => {
-                self.end_with(Keeper::kill)?;
+                self.kill()?;
                 // as systemd does it, by ExecStopPost
                 let config = self.stage.config_path();
                 let safe_off = ["--safe-off", "--config", &config.to_string_lossy()];
                 self.stage.run("tactusd", &safe_off)?.succeeded()?;
             }
-            PowerCut => self.end_with(Keeper::kill)?,
+            PowerCut => self.kill()?,
             Updated => {
                 if let Some(keeper) = self.keeper.take() {
                     keeper.stop()?;
@@ -279,8 +279,8 @@ impl Month {
         self.frames(durable + 3)
     }
 
-    fn end_with(&mut self, end: impl FnOnce(Keeper)) -> Result<(), Failure> {
-        end(self.keeper.take().ok_or("no daemon runs")?);
+    fn kill(&mut self) -> Result<(), Failure> {
+        self.keeper.take().ok_or("no daemon runs")?.kill();
         Ok(())
     }
 
