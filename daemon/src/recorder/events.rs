@@ -1,5 +1,5 @@
 //! Events of the session: told to everybody at once, and written in the order in which they came. One that meets a full
-//! disk waits for room as a frame does; one that meets a broken one goes to the next part.
+//! disk waits for room as a frame does, and what is said of that may come before it; one that meets a broken one goes to the next part.
 
 use chrono::{DateTime, Utc};
 use logbook::LogbookError;
@@ -8,7 +8,7 @@ use rig::Clock;
 use super::Recorder;
 
 /// An event that is not in the record yet.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(super) struct Unwritten {
     at: DateTime<Utc>,
     kind: &'static str,
@@ -56,9 +56,13 @@ impl Recorder {
     /// # Errors
     /// The disk refuses in a way that does not pass, or the session was asked to end while there was no room.
     pub(super) fn settle(&mut self) -> Result<(), LogbookError> {
-        while let Some(event) = self.disk.unwritten.front().cloned() {
-            self.persist(|writer| writer.event(event.at, event.kind, &event.text))?;
-            self.disk.unwritten.pop_front();
+        // taken out first: what is said while it waits for room is written past it, and does not write it, too
+        while let Some(event) = self.disk.unwritten.pop_front() {
+            let written = self.persist(|writer| writer.event(event.at, event.kind, &event.text));
+            if let Err(error) = written {
+                self.disk.unwritten.push_front(event);
+                return Err(error);
+            }
         }
         Ok(())
     }
