@@ -198,7 +198,7 @@ impl Health {
             let each: Vec<String> = each
                 .map(|one| match &one.fault {
                     None => format!("{} ready", one.role),
-                    Some(_) => format!("{} does not answer", one.role),
+                    Some(_) => format!("{} cannot be used (the verdict says why)", one.role),
                 })
                 .collect();
             lines.push(format!("rig        {}", each.join(", ")));
@@ -318,7 +318,7 @@ mod tests {
             "last frame 17 of m1, 1.5 min ago; 2 wait for the disk",
             "gaps       3 frames failed, 4 missed their time; the last ",
             "frame 9 failed: late",
-            "rig        source ready, switch+voltmeter does not answer",
+            "rig        source ready, switch+voltmeter cannot be used (the verdict says why)",
             "disk       3 days left (12.3 GB free, 4100.0 MB a day)",
             "relays     relay 1042 first: 12.5 % of its life used, 40.0 d of measuring left",
         ] {

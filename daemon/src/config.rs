@@ -435,6 +435,12 @@ impl Config {
         }
         self
     }
+
+    /// The folder for what lasts until the machine restarts: the peer socket's.
+    pub(crate) fn runtime_directory(&self) -> PathBuf {
+        let peer = self.bus.peer_path.clone().unwrap_or_else(default_peer_path);
+        peer.parent().map_or_else(PathBuf::new, Path::to_owned)
+    }
 }
 
 /// `$STATE_DIRECTORY` (systemd), else `$XDG_STATE_HOME/tactus`, else `~/.local/state/tactus`, else `/var/lib/tactus`.

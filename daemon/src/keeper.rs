@@ -2,6 +2,7 @@
 
 mod asked;
 mod care;
+mod end;
 mod recovery;
 mod reload;
 mod resume;
@@ -10,7 +11,7 @@ mod run;
 mod told;
 
 pub(crate) use asked::{no_baseline, no_plan};
-pub(crate) use resume::{SHUT_DOWN, mark_ended};
+pub(crate) use resume::SHUT_DOWN;
 pub(crate) use told::Happening;
 
 use std::collections::VecDeque;
@@ -20,11 +21,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use bus::Fault;
 use chrono::{DateTime, Utc};
 use logbook::LogbookError;
-use rig::{SystemClock, Tape};
+use rig::{Clock, SystemClock, Tape};
 use survey::{Baseline, Settings};
 use tokio::sync::Notify;
 
 use crate::claims::Claims;
+use crate::end_marks::EndMarks;
 use crate::herald::{Herald, Notice};
 use crate::known::Known;
 use crate::live::Live;
@@ -59,6 +61,8 @@ pub(crate) struct Keeper {
     /// What was said lately over the wires.
     pub tape: Tape,
     pub pulse: Arc<Pulse>,
+    /// Which sessions have ended, whatever their files say.
+    ends: Arc<EndMarks>,
     source: tokio::sync::Mutex<FrameSource>,
     /// The instruments that no other daemon may use.
     claims: Mutex<Claims>,
@@ -132,11 +136,11 @@ impl Keeper {
                     rig,
                     plan: Arc::clone(&plan),
                 };
-                let latest =
-                    logbook::latest_baseline(&setup.record_directory).unwrap_or_else(|error| {
-                        tracing::warn!("the last baseline cannot be read: {}", chain(&error));
-                        None
-                    });
+                let latest = logbook::latest_baseline(&setup.record_directory, clock.wall());
+                let latest = latest.unwrap_or_else(|error| {
+                    tracing::warn!("the last baseline cannot be read: {}", chain(&error));
+                    None
+                });
                 let baseline = latest.map(|(_, baseline)| baseline);
                 (source, Some(settings), Some(plan), baseline)
             }
@@ -154,6 +158,7 @@ impl Keeper {
             }
         };
         let observed = Observed::new(clock, setup.record_directory.clone());
+        let ends = EndMarks::open(&setup.record_directory, &setup.config.runtime_directory());
         Arc::new(Self {
             house: RwLock::new(Arc::new(House {
                 build: format!("tactusd {}", env!("CARGO_PKG_VERSION")),
@@ -169,6 +174,7 @@ impl Keeper {
             observed,
             tape,
             pulse: Arc::default(),
+            ends: Arc::new(ends),
             source: tokio::sync::Mutex::new(source),
             claims: Mutex::default(),
             agreed: Notify::new(),

@@ -7,6 +7,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use logbook::InstrumentRecord;
 use serde::{Deserialize, Serialize};
 
 use crate::rig_assembly::Found;
@@ -99,6 +100,20 @@ impl Known {
             .iter()
             .filter(|known| known.successor(there).is_some())
             .all(|known| known.is_same(found))
+    }
+
+    /// Whether an instrument of a session's record is here in the same role, wherever it is reached.
+    pub(crate) fn has_recorded(&self, then: &InstrumentRecord) -> bool {
+        let mut here = self.instruments.iter();
+        here.find(|found| found.role == then.role)
+            .is_some_and(|now| {
+                now.is_same(&Found {
+                    role: now.role,
+                    identity: then.identity.clone(),
+                    address: then.address.clone(),
+                    simulated: now.simulated,
+                })
+            })
     }
 
     fn mainframe(&self) -> Option<&Found> {

@@ -24,6 +24,7 @@ mod care;
 mod claims;
 mod config;
 mod discovery;
+mod end_marks;
 mod guard;
 mod herald;
 mod journal;
@@ -59,7 +60,9 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use clap::Parser;
-use rig::SystemClock;
+use rig::{Clock, SystemClock};
+use rustix::fs::Mode;
+use rustix::process::umask;
 use tokio::signal::unix::{SignalKind, signal};
 
 use crate::args::Args;
@@ -68,13 +71,15 @@ use crate::known::Known;
 use crate::model::chain;
 use crate::prepare::{FramesFrom, Prepared, prepare};
 use crate::problems::Problem;
-use crate::rig_assembly::{AssemblyError, Bench, Closed, assemble, make_safe_each};
+use crate::rig_assembly::{Assembled, AssemblyError, Bench, Closed, assemble, make_safe_each};
 use crate::service::Offer;
 
 /// `EX_CONFIG`: systemd does not start a broken configuration again.
 const CONFIGURATION: u8 = 78;
 const FAILED: u8 = 1;
 const USAGE: u8 = 2;
+/// Permissions that nothing which the daemon makes has: to write for its group, and any for others.
+const NOT_FOR_STRANGERS: Mode = Mode::WGRP.union(Mode::RWXO);
 /// An instrument that does not answer, or that could not be made safe.
 const INSTRUMENT: u8 = 5;
 
@@ -120,6 +125,9 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
     if args.plan {
         return print_plan(&prepared, args.json);
     }
+    // what is recorded is for its group to read and for no stranger, also where a person starts the daemon
+    let before = umask(NOT_FOR_STRANGERS);
+    umask(before | NOT_FOR_STRANGERS);
     guard::install();
     let rig = match &prepared.frames {
         FramesFrom::Rig(plan) if plan.bench.is_none() => Some(std::sync::Arc::clone(plan)),
@@ -157,9 +165,13 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     let mut terminate = signal(SignalKind::terminate()).map_err(|cause| cause.to_string())?;
     let mut interrupt = signal(SignalKind::interrupt()).map_err(|cause| cause.to_string())?;
     let mut hangup = signal(SignalKind::hangup()).map_err(|cause| cause.to_string())?;
+    // a limit on file sizes is an error of the write that meets it, not the end of the process
+    let _file_size =
+        signal(SignalKind::from_raw(libc::SIGXFSZ)).map_err(|cause| cause.to_string())?;
     let panics = guard::listen();
     let tape = rig::Tape::new(prepared.setup.transcripts);
     let _lock = logbook::lock(&prepared.setup.record_directory).map_err(|error| chain(&error))?;
+    tidy(prepared.setup.record_directory.clone()).await;
     let clock = SystemClock::new();
     let bench = bench_of(&prepared)?;
     let known = Known::recall(&prepared.setup.record_directory).map_err(|error| chain(&error))?;
@@ -171,9 +183,20 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
             .map_err(|error| error.to_string())?;
     }
     let mut others = None;
+    let mut opened = None;
     let assembled = match &prepared.frames {
         FramesFrom::Rig(plan) => {
             match assemble(plan, &bench, &tape, Closed::Refuse, known.as_ref()).await {
+                Ok(assembled)
+                    if assembled.closed.is_some() && is_left_by_us(&prepared, &assembled) =>
+                {
+                    // its links first: a source has one place
+                    let was = assembled.closed.clone();
+                    drop(assembled);
+                    opened = was;
+                    let again = assemble(plan, &bench, &tape, Closed::Open, known.as_ref()).await;
+                    Some(again.map_err(|error| chain(&error))?)
+                }
                 Ok(assembled) => Some(assembled),
                 Err(AssemblyError::Others {
                     text, source_off, ..
@@ -202,6 +225,13 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
             keeper.wait_for_the_known(known, &found, source_off).await;
         }
         _ => keeper.keep_known().await,
+    }
+    if let Some(was) = opened {
+        let text = format!(
+            "a session of this daemon was interrupted with these instruments; the source is off and the relays are open, \
+             verified; before: {was}"
+        );
+        keeper.tell(None, "opened", &text).await;
     }
     let goes_on = keeper.resume_interrupted().await;
     tracing::info!("ready on {}", offer.ways.join(", "));
@@ -238,6 +268,55 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     keeper.observed.chronicle.close().await;
     drop(offer);
     safe
+}
+
+/// What killed daemons have left in the record's directory.
+async fn tidy(directory: std::path::PathBuf) {
+    let Ok(outcome) = tokio::task::spawn_blocking(move || logbook::tidy(&directory)).await else {
+        return;
+    };
+    let tidied = match outcome {
+        Ok(tidied) => tidied,
+        Err(error) => return tracing::warn!("{}", chain(&error)),
+    };
+    let names = |paths: &[std::path::PathBuf]| -> String {
+        let each: Vec<String> = paths
+            .iter()
+            .map(|path| path.display().to_string())
+            .collect();
+        each.join(", ")
+    };
+    if !tidied.removed.is_empty() {
+        tracing::warn!(
+            "removed, because their writer was killed before anything was in them: {}",
+            names(&tidied.removed)
+        );
+    }
+    if !tidied.folded.is_empty() {
+        tracing::info!("journals folded into {}", names(&tidied.folded));
+    }
+    for error in tidied.refused {
+        tracing::warn!("{}", chain(&error));
+    }
+}
+
+/// Whether relays that are closed are explained: a daemon with this record was killed during a session with the same
+/// instruments, a short while ago.
+fn is_left_by_us(prepared: &Prepared, assembled: &Assembled) -> bool {
+    let Ok(interrupted) = logbook::interrupted(&prepared.setup.record_directory) else {
+        return false;
+    };
+    let within_h = prepared.setup.config.record.resume_within_h;
+    let now = SystemClock::new().wall();
+    interrupted.into_iter().any(|session| {
+        let last = session.last.unwrap_or(session.started);
+        let age_s = now.signed_duration_since(last).num_seconds() as f64;
+        age_s <= within_h * 3600.0
+            && logbook::SessionReader::open(&session.path).is_ok_and(|session| {
+                let then = &session.header().instruments;
+                !then.is_empty() && then.iter().all(|one| assembled.known.has_recorded(one))
+            })
+    })
 }
 
 /// SIGHUP: says so to systemd, too, whose notify-reload waits for it.

@@ -9,8 +9,9 @@ use eit::Pressure;
 use logbook::SessionKind;
 use rig::{Stop, StopButton};
 use survey::{Frame, Map, Quality};
-use tokio::sync::watch;
+use tokio::sync::{OnceCell, watch};
 
+use crate::end_marks::Marked;
 use crate::observe::Tally;
 use crate::stream::Readers;
 
@@ -90,6 +91,12 @@ pub(crate) struct Live {
     /// The wish to end is because something failed.
     failed: AtomicBool,
     left_open: AtomicBool,
+    /// A person has asked it to end, and not only until the next daemon.
+    ended_for_good: AtomicBool,
+    /// Where its end is kept apart from its file; set before the file is closed.
+    pub marked: OnceCell<Marked>,
+    /// Its file says that it has ended.
+    closed: AtomicBool,
     /// Frames that failed.
     failures: AtomicU64,
     /// What the daemon counts over all its sessions.
@@ -140,6 +147,9 @@ impl Live {
             why: Mutex::new(String::new()),
             failed: AtomicBool::new(false),
             left_open: AtomicBool::new(false),
+            ended_for_good: AtomicBool::new(false),
+            marked: OnceCell::new(),
+            closed: AtomicBool::new(false),
             failures: AtomicU64::new(0),
         }
     }
@@ -155,12 +165,38 @@ impl Live {
 
     /// It ends for now, and goes on with the next daemon.
     pub(crate) fn leave(&self, why: &str) {
-        self.left_open.store(true, Ordering::Relaxed);
+        self.left_open.store(true, Ordering::SeqCst);
         self.stop(why);
     }
 
+    /// Whether it goes on with the next daemon: it was left, and nobody has asked it to end for good.
     pub(crate) fn is_left_open(&self) -> bool {
-        self.left_open.load(Ordering::Relaxed)
+        self.left_open.load(Ordering::SeqCst) && !self.ended_for_good.load(Ordering::SeqCst)
+    }
+
+    /// As [`Live::stop`], and it does not go on with the next daemon even where this one is being stopped.
+    pub(crate) fn end_for_good(&self, why: &str) {
+        self.ended_for_good.store(true, Ordering::SeqCst);
+        self.stop(why);
+    }
+
+    /// Whether its end is kept: in its file, or apart from it.
+    pub(crate) fn end_is_kept(&self) -> bool {
+        self.is_closed() || self.marked.get().is_some_and(Marked::is_kept)
+    }
+
+    /// Of a session that has ended: whether nothing keeps the next daemon from going on with it.
+    pub(crate) fn goes_on_with_the_next_daemon(&self) -> bool {
+        self.left_open.load(Ordering::SeqCst) && !self.end_is_kept()
+    }
+
+    pub(crate) fn is_closed(&self) -> bool {
+        self.closed.load(Ordering::SeqCst)
+    }
+
+    /// Its file says that it has ended.
+    pub(crate) fn set_closed(&self) {
+        self.closed.store(true, Ordering::SeqCst);
     }
 
     pub(crate) fn path(&self) -> PathBuf {

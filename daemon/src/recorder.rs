@@ -38,6 +38,8 @@ const HURRY: usize = QUEUE / 2;
 const MOST_TOGETHER: usize = 64;
 /// Between looks for more of them.
 const LOOK: Duration = Duration::from_millis(1);
+/// How often the end of a session is tried on a locked file, each time for a quarter of a second.
+const LOCKED_AT_THE_END: u32 = 8;
 /// A disk that takes longer for a write is one that hangs.
 const FOR_A_WRITE: Duration = Duration::from_secs(60);
 
@@ -52,6 +54,8 @@ pub(crate) enum Order {
     },
     /// A map that was late is ready.
     MapReady,
+    /// It is time to look whether the file is still in its place.
+    LookAtPlace,
     Close {
         at: DateTime<Utc>,
         reason: String,
@@ -139,6 +143,7 @@ impl Recorder {
                 }
                 Order::Event { at, kind, text } => self.event(at, kind, text),
                 Order::MapReady => self.late_map(),
+                Order::LookAtPlace => self.look_at_place(),
                 Order::Close { at, reason } => return self.close(at, &reason),
                 Order::Leave { at, reason } => {
                     self.last_map()?;
@@ -155,6 +160,9 @@ impl Recorder {
                     if let Order::Frame(_) = order {
                         self.live.count_dropped(1);
                     }
+                }
+                if !self.live.is_left_open() {
+                    self.close_if_possible();
                 }
                 return Err(error);
             }
@@ -266,13 +274,44 @@ impl Recorder {
 
     fn close(mut self, at: DateTime<Utc>, reason: &str) -> Result<Option<Baseline>, LogbookError> {
         let kept = self.last_map().and_then(|()| self.keep_baseline(at));
-        let path = self.writer.path().to_owned();
-        let closed = kept.and_then(|kept| self.writer.close(at, reason).map(|()| kept));
-        closed.inspect_err(|error| {
-            if error.is_disk() {
-                crate::keeper::mark_ended(&path, reason);
+        match kept {
+            Ok(kept) => {
+                self.end(at, reason)?;
+                Ok(kept)
             }
-        })
+            Err(error) => {
+                self.close_if_possible();
+                Err(error)
+            }
+        }
+    }
+
+    /// Writes the end of the session, after a write that failed: what could not be written is lost, and the end may be
+    /// written all the same. Where it is not, its mark says it.
+    fn close_if_possible(&mut self) {
+        let (at, reason) = (self.clock.wall(), self.live.stop_reason());
+        if let Err(error) = self.end(at, &reason) {
+            tracing::debug!("{}", chain(&error));
+        }
+    }
+
+    /// A file that another process holds locked, or that is gone, is left: the next part says the end.
+    fn end(&mut self, at: DateTime<Utc>, reason: &str) -> Result<(), LogbookError> {
+        let mut refused = 0;
+        loop {
+            match self.writer.end(at, reason) {
+                Ok(()) => {
+                    self.live.set_closed();
+                    return Ok(());
+                }
+                Err(error) if error.is_locked() && refused < LOCKED_AT_THE_END => refused += 1,
+                Err(error) if (error.is_locked() || error.is_gone()) && refused < u32::MAX => {
+                    self.renew(&error)?;
+                    refused = u32::MAX;
+                }
+                Err(error) => return Err(error),
+            }
+        }
     }
 
     /// The mean of the frames, where there are as many as were wanted.
@@ -337,8 +376,8 @@ fn gather(
     while waiting.is_empty() && frames.len() < MOST_TOGETHER {
         match orders.try_recv() {
             Ok(Order::Frame(frame)) => frames.push(*frame),
-            // looked for before every frame
-            Ok(Order::MapReady) => {}
+            // looked for with every frame
+            Ok(Order::MapReady | Order::LookAtPlace) => {}
             Ok(other) => waiting.push_back(other),
             Err(TryRecvError::Empty) if began.elapsed() < within => std::thread::sleep(LOOK),
             Err(_) => break,

@@ -276,3 +276,10 @@ pub struct SessionSummary {
     /// What a person wanted remembered.
     pub note: String,
 }
+
+impl SessionSummary {
+    /// Id of the session that this file is a part of: its first part's.
+    pub fn session(&self) -> &str {
+        crate::shelf::part_of(&self.id).0
+    }
+}

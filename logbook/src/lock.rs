@@ -62,10 +62,11 @@ pub fn lock(dir: impl AsRef<Path>) -> Result<StateLock, LogbookError> {
         }
         Err(TryLockError::Error(source)) => return Err(io("lock", source)),
     }
-    file.set_len(0)
+    // Who holds it is for people; a full disk that refuses the number is no reason not to start.
+    let _ = file
+        .set_len(0)
         .and_then(|()| file.seek(SeekFrom::Start(0)))
-        .and_then(|_| writeln!(file, "{}", std::process::id()))
-        .map_err(|source| io("write the lock file in", source))?;
+        .and_then(|_| writeln!(file, "{}", std::process::id()));
     Ok(StateLock {
         file,
         dir: dir.to_owned(),

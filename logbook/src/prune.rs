@@ -83,7 +83,7 @@ pub fn mark_exported(path: impl AsRef<Path>, exported: &Exported) -> Result<(), 
     let mark = path.as_ref().with_extension(EXPORTED);
     let text = serde_json::to_string(exported).unwrap_or_default() + "\n";
     std::fs::write(&mark, text)
-        .map_err(|source| LogbookError::disk(&mark, "marking it as exported", source))
+        .map_err(|source| LogbookError::disk(&mark, "mark as exported", source))
 }
 
 /// Whether and when all of a session was exported.
@@ -133,7 +133,7 @@ pub fn prune(
         .filter(|session| session.closed.is_none())
         .map(|session| part_of(&session.id).0)
         .collect();
-    let newest_baseline = crate::latest_baseline(dir)?.map(|(session, _)| session.id);
+    let newest_baseline = crate::latest_baseline(dir, now)?.map(|(session, _)| session.id);
     let mut going = vec![None; sessions.len()];
     // Measurements first: a baseline is small, and goes only when nobody who stays was measured against it.
     let (baselines, measurements): (Vec<usize>, Vec<usize>) =
@@ -270,7 +270,7 @@ fn remove(dir: &Path, removed: &Removed, now: DateTime<Utc>) -> Result<(), Logbo
             .open(&list)?;
         writeln!(file, "{}", serde_json::to_string(&line)?)
     };
-    said().map_err(|source| LogbookError::disk(&list, "writing down what is removed", source))?;
+    said().map_err(|source| LogbookError::disk(&list, "write what is removed to", source))?;
     for file in beside(&removed.path)? {
         std::fs::remove_file(&file).map_err(|source| LogbookError::Io {
             path: file.clone(),

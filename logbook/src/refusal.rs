@@ -21,18 +21,39 @@ pub enum DiskFault {
 pub enum LogbookError {
     /// The disk took no more: full, failing, or no longer writable. Frames acknowledged before are safe.
     #[error(
-        "the disk refused a write to {path} ({attempt}); earlier frames are safe; free space or mend the disk, then start a new session"
+        "the disk refuses: cannot {attempt} {path}; earlier frames are safe; free space or mend the disk, then start a new session"
     )]
     DiskRefused {
         /// The file.
         path: PathBuf,
-        /// What was being written.
+        /// What was attempted, a verb first: it stands before the path.
         attempt: &'static str,
         /// In which way.
         fault: DiskFault,
         /// What the system said.
         #[source]
         source: Box<dyn std::error::Error + Send + Sync>,
+    },
+    /// Another process holds a lock on the file, or on the index of its journal: goes by when it lets go.
+    #[error(
+        "cannot {attempt} {path}: another program holds a lock on it; close the program that has it open (a database browser?)"
+    )]
+    Locked {
+        /// The file.
+        path: PathBuf,
+        /// What was attempted.
+        attempt: &'static str,
+        /// What SQLite said.
+        #[source]
+        source: rusqlite::Error,
+    },
+    /// The file that is written is no longer the one at its path: nobody finds what is written to it.
+    #[error("{path} {why} while it was recorded")]
+    Gone {
+        /// Where it was.
+        path: PathBuf,
+        /// What happened to it, and to which of its files.
+        why: String,
     },
     /// A closed session is not written again.
     #[error("{path} is closed ({reason}); start a new session")]
@@ -185,6 +206,13 @@ impl LogbookError {
     /// Sorts what SQLite said while something was being written.
     pub(crate) fn writing(path: &Path, attempt: &'static str, source: rusqlite::Error) -> Self {
         use rusqlite::ErrorCode::{CannotOpen, DiskFull, ReadOnly, SystemIoFailure};
+        if is_lock(&source) {
+            return Self::Locked {
+                path: path.to_owned(),
+                attempt,
+                source,
+            };
+        }
         let fault = match source.sqlite_error_code() {
             Some(DiskFull) => DiskFault::Full,
             Some(SystemIoFailure) => DiskFault::Broken,
@@ -231,8 +259,13 @@ impl LogbookError {
             },
             Some(DatabaseCorrupt) => Self::Damaged {
                 path: path.to_owned(),
-                place: attempt.to_owned(),
+                place: object_of(attempt).to_owned(),
                 why: source.to_string(),
+            },
+            _ if is_lock(&source) => Self::Locked {
+                path: path.to_owned(),
+                attempt,
+                source,
             },
             _ => Self::Store {
                 path: path.to_owned(),
@@ -257,6 +290,16 @@ impl LogbookError {
         self.disk_fault() == Some(DiskFault::Broken)
     }
 
+    /// Whether another process holds a lock: the same writer may go on when it lets go.
+    pub fn is_locked(&self) -> bool {
+        matches!(self, Self::Locked { .. })
+    }
+
+    /// Whether the file was deleted, moved or replaced: only [`crate::SessionWriter::successor`] goes on.
+    pub fn is_gone(&self) -> bool {
+        matches!(self, Self::Gone { .. })
+    }
+
     /// In which way the disk refused, where it did.
     pub fn disk_fault(&self) -> Option<DiskFault> {
         match self {
@@ -266,11 +309,90 @@ impl LogbookError {
     }
 }
 
+/// Whether SQLite waited for a lock in vain.
+fn is_lock(source: &rusqlite::Error) -> bool {
+    use rusqlite::ErrorCode::{DatabaseBusy, DatabaseLocked, FileLockingProtocolFailed};
+    matches!(
+        source.sqlite_error_code(),
+        Some(DatabaseBusy | DatabaseLocked | FileLockingProtocolFailed)
+    )
+}
+
+/// "the frames" of "read the frames of".
+fn object_of(attempt: &str) -> &str {
+    let object = attempt
+        .split_once(' ')
+        .map_or(attempt, |(_, object)| object);
+    object.strip_suffix(" of").unwrap_or(object)
+}
+
 impl From<crate::codec::EncodeError> for LogbookError {
     fn from(refusal: crate::codec::EncodeError) -> Self {
         match refusal {
             crate::codec::EncodeError::NotFinite(reading) => Self::NotFinite { reading },
             crate::codec::EncodeError::TooMany(has) => Self::TooManyReadings { has },
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Words that an attempt may begin with.
+    const VERBS: [&str; 14] = [
+        "close", "copy", "count", "fold", "list", "lock", "make", "mark", "open", "read", "remove",
+        "rename", "sync", "tell",
+    ];
+
+    /// Every attempt that the sources of this crate name: a literal before the cause of an error.
+    fn attempts() -> Vec<String> {
+        let mut folders = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join("src")];
+        let mut attempts = Vec::new();
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(folder).unwrap() {
+                let path = entry.unwrap().path();
+                if path.is_dir() {
+                    folders.push(path);
+                    continue;
+                }
+                let text = std::fs::read_to_string(&path).unwrap();
+                let text = text.split("#[cfg(test)]").next().unwrap();
+                let words: Vec<&str> = text.split_whitespace().collect();
+                let text = words.join(" ");
+                for (end, _) in text.match_indices("\", source") {
+                    let before = &text[..end];
+                    attempts.push(before.rsplit('"').next().unwrap().to_owned());
+                }
+                for named in text.split("attempt: \"").skip(1) {
+                    attempts.push(named.split('"').next().unwrap().to_owned());
+                }
+            }
+        }
+        attempts
+    }
+
+    #[test]
+    fn every_attempt_reads_as_a_sentence_in_every_error() {
+        let attempts = attempts();
+        assert!(attempts.len() > 30, "{attempts:?}");
+        for attempt in attempts {
+            let verb = attempt.split(' ').next().unwrap();
+            assert!(
+                VERBS.contains(&verb) || verb == "write",
+                "'cannot {attempt} FILE' is no sentence"
+            );
+            assert!(
+                !attempt.ends_with(' ') && !attempt.contains('('),
+                "{attempt}"
+            );
+        }
+    }
+
+    #[test]
+    fn an_object_is_told_without_its_verb() {
+        assert_eq!(object_of("read the frames of"), "the frames");
+        assert_eq!(object_of("tell the size of"), "the size");
+        assert_eq!(object_of("open"), "open");
     }
 }

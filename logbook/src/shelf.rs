@@ -2,10 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
+use chrono::{DateTime, TimeDelta, Utc};
+
 use crate::{LogbookError, SessionKind, SessionReader, SessionSummary};
 
 /// How a session's file name ends.
 pub(crate) const EXTENSION: &str = "tactus";
+
+/// A clock that is set right moves by less between a recording and the next start.
+const CLOCK_STEP: TimeDelta = TimeDelta::minutes(5);
 
 /// What a folder holds.
 #[derive(Debug, Default)]
@@ -157,14 +162,23 @@ pub fn baselines(dir: impl AsRef<Path>) -> Result<Vec<SessionSummary>, LogbookEr
     Ok(sessions)
 }
 
-/// The baseline recorded last, if there is one; sessions that were closed without a baseline in them are passed over.
+/// The baseline recorded last as seen `now`, if there is one; sessions that were closed without a baseline in them are
+/// passed over. One that is dated in the future was recorded while the clock was wrong: it is the last only where there is
+/// no other.
 ///
 /// # Errors
 /// The folder or that baseline cannot be read.
 pub fn latest_baseline(
     dir: impl AsRef<Path>,
+    now: DateTime<Utc>,
 ) -> Result<Option<(SessionSummary, survey::Baseline)>, LogbookError> {
-    for summary in baselines(dir)?.into_iter().rev() {
+    let latest = now
+        .checked_add_signed(CLOCK_STEP)
+        .unwrap_or(DateTime::<Utc>::MAX_UTC);
+    let (past, future): (Vec<_>, Vec<_>) = baselines(dir)?
+        .into_iter()
+        .partition(|summary| summary.started <= latest);
+    for summary in future.into_iter().chain(past).rev() {
         if let Some(baseline) = SessionReader::open(&summary.path)?.baseline()? {
             return Ok(Some((summary, baseline)));
         }

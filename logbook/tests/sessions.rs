@@ -535,8 +535,23 @@ fn sessions_are_listed_and_found_by_the_beginning_of_their_id() {
     assert!(refusal.to_string().contains("20250103_b"), "{refusal}");
     assert_eq!(logbook::baselines(dir.path()).unwrap().len(), 2);
     // The later one was closed before it had a baseline.
-    let (summary, kept) = logbook::latest_baseline(dir.path()).unwrap().unwrap();
+    let now = at(1_000_000_000);
+    let latest = |now| logbook::latest_baseline(dir.path(), now).unwrap().unwrap();
+    let (summary, kept) = latest(now);
     assert_eq!((summary.id.as_str(), kept), ("20250101_b", baseline()));
+    // One that was recorded while the clock was ahead is the last one only where there is no other.
+    let ahead = SessionHeader {
+        kind: SessionKind::Baseline,
+        started: now + chrono::TimeDelta::days(30_000),
+        ..header("20990101_b")
+    };
+    let mut writer = SessionWriter::create(dir.path(), &ahead).unwrap();
+    writer.baseline(&baseline()).unwrap();
+    writer.close(ahead.started, "done").unwrap();
+    assert_eq!(latest(now).0.id, "20250101_b");
+    assert_eq!(latest(ahead.started).0.id, "20990101_b");
+    std::fs::remove_file(dir.path().join("20250101_b.tactus")).unwrap();
+    assert_eq!(latest(now).0.id, "20990101_b");
     drop(running);
 }
 

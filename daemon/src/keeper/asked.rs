@@ -50,6 +50,8 @@ pub(super) struct Assignment {
     pub asked: String,
     /// Where it goes on, and the event that says so.
     pub resumed: Option<(Box<Interrupted>, String)>,
+    /// That event, where it could not be written before the session went on.
+    pub first_event: Option<String>,
     /// The last frame before that.
     pub before: Option<Record>,
 }
@@ -159,6 +161,7 @@ impl Keeper {
             about: about(options, &self.house().setup.config.about)?,
             asked: serde_json::Value::Object(asked).to_string(),
             resumed: None,
+            first_event: None,
             before: None,
         })
     }
@@ -197,6 +200,7 @@ impl Keeper {
             about: about(options, &self.house().setup.config.about)?,
             asked: serde_json::Value::Object(to_json(options)).to_string(),
             resumed: None,
+            first_event: None,
             before: None,
         })
         .await

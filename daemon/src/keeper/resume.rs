@@ -14,15 +14,16 @@ use logbook::{
 use rig::Clock;
 
 use super::Keeper;
+use crate::end_marks::EndMarks;
 use crate::model::chain;
-use crate::rig_assembly::Found;
+use crate::recorder::free_bytes;
 
 /// Between looks for a rig that a session waits for.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
+/// Bytes that are enough to open a session.
+const ROOM_TO_OPEN: u64 = 1 << 20;
 /// Older, and the sheet may have crept away from it.
 const OLD_BASELINE: TimeDelta = TimeDelta::days(7);
-/// Ending of the name of a mark beside a session that must not go on, where the disk was too full to close it.
-const ENDED: &str = "ended";
 
 /// A session as it was found, and the writer that goes on with it.
 pub(super) struct Interrupted {
@@ -40,24 +41,25 @@ enum Never {
     Closed(String),
     /// Not by this daemon as it is now: it stays as it is.
     Left(String),
+    /// Not before the disk takes something again, or another process lets go of the file.
+    Later(String),
 }
 
 impl From<LogbookError> for Never {
     fn from(error: LogbookError) -> Self {
-        Self::Left(chain(&error))
+        match error.is_disk() || error.is_locked() {
+            true => Self::Later(chain(&error)),
+            false => Self::Left(chain(&error)),
+        }
     }
 }
 
 impl From<Fault> for Never {
     fn from(fault: Fault) -> Self {
-        Self::Left(fault.text())
-    }
-}
-
-/// Marks a session that could not be closed, so that it does not go on all the same.
-pub(crate) fn mark_ended(path: &Path, reason: &str) {
-    if let Err(cause) = std::fs::write(path.with_extension(ENDED), reason) {
-        tracing::warn!("{} could not be closed: {cause}", path.display());
+        match fault {
+            Fault::DiskRefused(text) => Self::Later(text),
+            fault => Self::Left(fault.text()),
+        }
     }
 }
 
@@ -83,11 +85,17 @@ impl Keeper {
             Err(_) => return false,
         };
         let mut newest = None;
+        let marks = self.on_ends(EndMarks::reasons).await;
+        let Some(mut ended) = marks else {
+            // a session that has ended cannot be told from one that was interrupted
+            return false;
+        };
         for session in found {
-            let mark = session.path.with_extension(ENDED);
-            let ended = std::fs::read_to_string(&mark).ok();
-            let reason = match (session.kind, &ended) {
-                (_, Some(reason)) => reason.clone(),
+            let id = session.session().to_owned();
+            let mark = ended.remove(&id);
+            let marked = mark.is_some();
+            let reason = match (session.kind, mark) {
+                (_, Some(reason)) => reason,
                 (SessionKind::Baseline, None) => "interrupted before it was complete".to_owned(),
                 (SessionKind::Measurement, None) if newest.is_some() => {
                     "interrupted, and a later session was begun".to_owned()
@@ -97,10 +105,17 @@ impl Keeper {
                     continue;
                 }
             };
-            if self.close_interrupted(&session.path, &reason).await && ended.is_some() {
-                let _ = std::fs::remove_file(mark);
+            if self.close_interrupted(&session.path, &reason).await && marked {
+                self.on_ends(move |ends| ends.clear(&id)).await;
             }
         }
+        // the files of these say it themselves, or are gone
+        self.on_ends(move |ends| {
+            for id in ended.keys() {
+                ends.clear(id);
+            }
+        })
+        .await;
         let Some(path) = newest else {
             return false;
         };
@@ -122,27 +137,61 @@ impl Keeper {
         true
     }
 
+    /// Whether it goes on, or will when the disk takes something again.
     async fn go_on_with(self: &Arc<Self>, path: &Path) -> bool {
         match self.resume(path.to_owned()).await {
             Ok(()) => true,
-            Err(Never::Left(why)) => {
-                let text = format!("{} does not go on: {why}", path.display());
-                self.tell(None, "not-resumed", &text).await;
+            Err(Never::Later(why)) => {
+                let text = format!("{} goes on as soon as that is over: {why}", path.display());
+                self.tell(None, "resume-waits", &text).await;
+                let (keeper, path) = (Arc::clone(self), path.to_owned());
+                tokio::spawn(async move { keeper.go_on_later_with(&path).await });
+                true
+            }
+            Err(never) => {
+                self.does_not_go_on(path, never).await;
                 false
             }
-            Err(Never::Closed(why)) => {
+        }
+    }
+
+    async fn go_on_later_with(self: &Arc<Self>, path: &Path) {
+        loop {
+            tokio::time::sleep(LOOK_AGAIN).await;
+            match self.resume(path.to_owned()).await {
+                Ok(()) => return,
+                Err(Never::Later(why)) => tracing::debug!("{}: {why}", path.display()),
+                Err(never) => return self.does_not_go_on(path, never).await,
+            }
+        }
+    }
+
+    async fn does_not_go_on(&self, path: &Path, never: Never) {
+        match never {
+            Never::Left(why) | Never::Later(why) => {
+                let text = format!("{} does not go on: {why}", path.display());
+                self.tell(None, "not-resumed", &text).await;
+            }
+            Never::Closed(why) => {
                 let text = format!("{} does not go on: {why}", path.display());
                 self.tell(None, "not-resumed", &text).await;
                 self.close_interrupted(path, &format!("interrupted; {why}"))
                     .await;
-                false
             }
         }
     }
 
     async fn resume(self: &Arc<Self>, path: PathBuf) -> Result<(), Never> {
         let house = self.house();
-        let opened = tokio::task::spawn_blocking(move || open(&path)).await;
+        let folder = house.setup.record_directory.clone();
+        let opened = tokio::task::spawn_blocking(move || {
+            open(&path).map_err(|error| match free_bytes(&folder) {
+                // where there is no room for what SQLite puts beside a journal, it speaks of other faults
+                Ok(free) if free < ROOM_TO_OPEN => Never::Later(chain(&error)),
+                _ => error.into(),
+            })
+        })
+        .await;
         let (found, baseline) =
             opened.map_err(|_| Never::Left("it could not be read".to_owned()))??;
         let now = house.clock.wall();
@@ -211,18 +260,9 @@ impl Keeper {
                     .to_owned(),
             ));
         }
-        let known = self.known().instruments;
+        let known = self.known();
         for then in &header.instruments {
-            let now = known.iter().find(|found| found.role == then.role);
-            let same = now.is_some_and(|now| {
-                now.is_same(&Found {
-                    role: now.role,
-                    identity: then.identity.clone(),
-                    address: then.address.clone(),
-                    simulated: now.simulated,
-                })
-            });
-            if !same {
+            if !known.has_recorded(then) {
                 return Err(Never::Closed(format!(
                     "its {} was {}, and is another now",
                     then.role, then.identity

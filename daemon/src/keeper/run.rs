@@ -27,6 +27,8 @@ use crate::watch::{Course, Ended, FrameSource, Watch};
 
 /// Ended sessions that stay on the bus, so that who started one can still ask how it went.
 const REMEMBERED: usize = 16;
+/// Between looks whether the file is still in its place.
+const BETWEEN_LOOKS: Duration = Duration::from_secs(1);
 /// Summaries are at most five a second.
 const BETWEEN_SUMMARIES: Duration = Duration::from_millis(200);
 
@@ -81,8 +83,13 @@ impl Keeper {
         let writer = tokio::task::spawn_blocking(move || match resumed {
             Some((found, text)) => {
                 let mut writer = found.writer;
-                writer.event(started, logbook::RESUMED, &text)?;
-                Ok((writer, Some(text)))
+                // without room, or under a lock, it waits in the recorder as everything else does, and hears of a stop
+                let waits = match writer.event(started, logbook::RESUMED, &text) {
+                    Ok(()) => false,
+                    Err(error) if error.is_full() || error.is_locked() => true,
+                    Err(error) => return Err(error),
+                };
+                Ok((writer, Some((text, waits))))
             }
             None => {
                 let mut writer = SessionWriter::create(&directory, &header)?;
@@ -120,13 +127,15 @@ impl Keeper {
             Arc::clone(&self.observed.tally),
         ));
         live.goes_on_after(writer.acknowledged());
-        if let Some(text) = gone_on {
+        if let Some((text, waits)) = gone_on {
+            order.first_event = waits.then(|| text.clone());
             self.tell_of(started, logbook::RESUMED, &text, Some(&live.facts.id));
         }
         self.inner().active = Some(Arc::clone(&live));
         self.herald.say(&Notice::SessionAdded(Arc::clone(&live)));
         self.herald.say(&Notice::Daemon);
         tokio::spawn(Arc::clone(self).tell_progress(Arc::clone(&live)));
+        tokio::spawn(Arc::clone(self).mark_when_asked_to_end(Arc::clone(&live)));
         let task = tokio::spawn(Arc::clone(self).keep(Arc::clone(&live), writer, order));
         let (keeper, kept) = (Arc::clone(self), Arc::clone(&live));
         tokio::spawn(async move {
@@ -240,7 +249,12 @@ impl Keeper {
             disk: Disk::new(house.setup.config.record.clone(), Box::new(free_bytes)),
             tell: Box::new(move |at, kind, text| speaker.tell_of(at, kind, text, Some(&whose))),
         };
+        if let Some(text) = order.first_event {
+            let (at, kind) = (house.clock.wall(), logbook::RESUMED);
+            let _ = orders.send(Order::Event { at, kind, text }).await;
+        }
         let recording = tokio::task::spawn_blocking(move || recorder.run(queue));
+        tokio::spawn(remind_of_place(orders.downgrade()));
         let keeper = Arc::clone(&self);
         let (speaker, whose) = (Arc::clone(&self), live.facts.id.clone());
         let mut watch = Watch {
@@ -284,7 +298,10 @@ impl Keeper {
         let at = house.clock.wall();
         let last = match live.is_left_open() {
             true => Order::Leave { at, reason },
-            false => Order::Close { at, reason },
+            false => {
+                self.mark_end(&live, &reason).await;
+                Order::Close { at, reason }
+            }
         };
         let _ = orders.send(last).await;
         drop(orders);
@@ -293,6 +310,7 @@ impl Keeper {
             Ok(Err(error)) => Err(chain(&error)),
             Err(_) => Err("the recorder failed".to_owned()),
         };
+        self.settle_end(&live, &ended.text()).await;
         self.finish(&live, &ended, recorded);
     }
 
@@ -370,7 +388,13 @@ impl Keeper {
         recorded: Result<Option<Baseline>, String>,
     ) {
         let fault = match (&recorded, ended) {
-            (Err(disk), _) => Some(format!("the record failed, the source is off: {disk}")),
+            (Err(disk), _) => Some(match live.marked.get() {
+                Some(marked) if !live.is_closed() => format!(
+                    "the record failed, the source is off: {disk}; {}",
+                    marked.text(&live.facts.id)
+                ),
+                _ => format!("the record failed, the source is off: {disk}"),
+            }),
             (Ok(_), Ended::Done(why)) => live.has_failed().then(|| why.clone()),
             (Ok(_), ended) => Some(ended.text()),
         };
@@ -448,6 +472,20 @@ impl Keeper {
                 self.herald.say(&Notice::SessionChanged(live));
                 return;
             }
+        }
+    }
+}
+
+/// As long as the session lasts. A recorder that is busy looks by itself.
+async fn remind_of_place(orders: mpsc::WeakSender<Order>) {
+    loop {
+        tokio::time::sleep(BETWEEN_LOOKS).await;
+        let Some(orders) = orders.upgrade() else {
+            return;
+        };
+        // not in the place of a frame
+        if orders.capacity() > QUEUE / 2 {
+            let _ = orders.try_send(Order::LookAtPlace);
         }
     }
 }

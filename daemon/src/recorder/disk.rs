@@ -1,5 +1,6 @@
 //! The disk under the record: alarm while there is still room, a policy for when there is none, a new part of the session
-//! when the old file cannot be trusted or has grown enough. What is acknowledged stays; what is in hand waits.
+//! when the old file cannot be trusted, is locked or gone, or has grown enough. What is acknowledged stays; what is in
+//! hand waits.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -20,6 +21,8 @@ const LOOK_AGAIN: Duration = Duration::from_millis(200);
 const MEGABYTE: u64 = 1_000_000;
 /// A ring makes room for more than the next frame.
 const LEAST_DELETED: u64 = 16 * MEGABYTE;
+/// A lock that another process holds on the file is waited for, and then the session goes on in the next part.
+const LOCK_PATIENCE: Duration = Duration::from_secs(30);
 
 /// Free bytes of the file system that a folder is on, for whoever is not root.
 ///
@@ -40,10 +43,20 @@ pub(crate) struct Disk {
     low: bool,
     /// The day of the last frame.
     day: Option<chrono::NaiveDate>,
-    /// Since when there has been no room, and why.
-    paused: Option<(Duration, String)>,
+    /// Why nothing can be written at present.
+    paused: Option<Pause>,
+    /// How long a lock is waited for.
+    pub(super) lock_patience: Duration,
     /// Events that wait for room.
     pub(super) unwritten: VecDeque<Unwritten>,
+}
+
+/// A wait of the record, with acquisition held.
+struct Pause {
+    since: Duration,
+    why: String,
+    /// For the holder of a lock, not for room.
+    locked: bool,
 }
 
 impl Disk {
@@ -54,6 +67,7 @@ impl Disk {
             low: false,
             day: None,
             paused: None,
+            lock_patience: LOCK_PATIENCE,
             unwritten: VecDeque::new(),
         }
     }
@@ -74,7 +88,10 @@ impl Recorder {
         self.warn_early(free)?;
         let mut renewed = false;
         loop {
-            if let Some(full) = self.lacks_room(free) {
+            // the reserve is for the end of a session
+            if let Some(full) = self.lacks_room(free)
+                && !self.live.stop_wish().is_asked()
+            {
                 self.pause(full)?;
                 free = self.free();
                 continue;
@@ -87,17 +104,50 @@ impl Recorder {
                     self.go_on();
                     return Ok(last);
                 }
-                Err(error) if error.is_full() => {
-                    self.pause(error)?;
+                Err(error) => {
+                    self.meet(error, &mut renewed)?;
                     free = self.free();
                 }
-                Err(error) if error.is_broken() && !renewed => {
-                    renewed = true;
-                    self.renew(&error)?;
-                }
-                Err(error) => return Err(error),
             }
         }
+    }
+
+    /// What is done about a write that was refused; then it is tried again. A new part is made once.
+    fn meet(&mut self, error: LogbookError, renewed: &mut bool) -> Result<(), LogbookError> {
+        let renews = error.is_broken()
+            || error.is_gone()
+            || error.is_locked() && self.has_waited_for_the_lock();
+        if renews && !*renewed {
+            return match self.renew(&error) {
+                Ok(()) => {
+                    *renewed = true;
+                    Ok(())
+                }
+                // SQLite calls it an I/O error where there is no room for the index of a new journal
+                Err(refused) if refused.is_full() || self.lacks_room_for_a_part() => {
+                    self.pause(refused)
+                }
+                Err(refused) => Err(refused),
+            };
+        }
+        match error.is_full() || error.is_locked() && !*renewed {
+            true => self.pause(error),
+            false => Err(error),
+        }
+    }
+
+    fn lacks_room_for_a_part(&self) -> bool {
+        self.free().is_some_and(|free| free < MEGABYTE)
+    }
+
+    /// Whether it was waited for long enough, or is not waited for because the session is to end.
+    fn has_waited_for_the_lock(&self) -> bool {
+        let now = self.clock.monotonic();
+        let waited = match &self.disk.paused {
+            Some(pause) if pause.locked => now.saturating_sub(pause.since),
+            _ => Duration::ZERO,
+        };
+        waited >= self.disk.lock_patience || self.live.stop_wish().is_asked()
     }
 
     /// Writes something else, under the same rules.
@@ -108,16 +158,11 @@ impl Recorder {
         let mut renewed = false;
         loop {
             match write(&mut self.writer) {
-                Err(error) if error.is_full() => self.pause(error)?,
-                Err(error) if error.is_broken() && !renewed => {
-                    renewed = true;
-                    self.renew(&error)?;
-                }
                 Ok(()) => {
                     self.go_on();
                     return Ok(());
                 }
-                refused => return refused,
+                Err(error) => self.meet(error, &mut renewed)?,
             }
         }
     }
@@ -137,26 +182,54 @@ impl Recorder {
                 self.live.set_path(self.writer.path());
                 Ok(())
             }
-            Err(error) if error.is_broken() => self.renew(&error),
+            Err(error) if error.is_broken() || error.is_gone() => self.renew(&error),
+            // the next frame tries again
+            Err(error) if error.is_locked() => Ok(()),
             Err(error) => self.say("part-refused", &chain(&error)),
         }
     }
 
-    /// An I/O error: nobody knows what of this file is on disk, and asking again may be answered by memory. Behind what
-    /// was acknowledged the session goes on in another file.
-    fn renew(&mut self, error: &LogbookError) -> Result<(), LogbookError> {
+    /// Behind what was acknowledged the session goes on in another file. After an I/O error nobody knows what of the old
+    /// one is on disk, and asking again may be answered by memory; of one that was deleted the frames are copied.
+    pub(super) fn renew(&mut self, error: &LogbookError) -> Result<(), LogbookError> {
         let at = self.clock.wall();
         let why = chain(error);
-        let left = self.writer.successor(at, &why)?;
+        let rescued = error.is_gone().then(|| self.writer.rescue());
+        let kept = match &rescued {
+            None => String::new(),
+            Some(Ok(copy)) => format!("; its frames are in {}", copy.display()),
+            Some(Err(refused)) => format!(
+                "; frames {} to {} were in it and could not be copied ({})",
+                self.writer.header().first_sequence,
+                self.writer.acknowledged(),
+                chain(refused)
+            ),
+        };
+        let left = self.writer.successor(at, &format!("{why}{kept}"))?;
         self.live.set_path(self.writer.path());
+        let todo = match error {
+            LogbookError::Gone { .. } => "do not touch the files of a session that runs",
+            LogbookError::Locked { .. } => {
+                "do not open the files of a session that runs for writing"
+            }
+            _ => "mend the disk",
+        };
         let text = format!(
-            "{} is written no more: {why}; the session goes on in {}; mend the disk",
+            "{} is written no more: {why}{kept}; the session goes on in {}; {todo}",
             left.display(),
             self.writer.path().display()
         );
         // the part says so itself
         (self.tell)(at, "alarm", &text);
         Ok(())
+    }
+
+    /// Looks whether the file is still in its place, where no frame comes by for a while.
+    pub(super) fn look_at_place(&mut self) -> Result<(), LogbookError> {
+        match self.writer.check_place() {
+            Err(gone) => self.renew(&gone),
+            Ok(()) => Ok(()),
+        }
     }
 
     /// Says once that room is running out, and once that there is enough again.
@@ -198,25 +271,31 @@ impl Recorder {
         let free = free.filter(|free| *free < wanted)?;
         Some(LogbookError::DiskRefused {
             path: self.writer.path().to_owned(),
-            attempt: "keeping record.reserve_mb free",
+            attempt: "keep record.reserve_mb free beside",
             fault: DiskFault::Full,
             source: format!("{} MB are left", free / MEGABYTE).into(),
         })
     }
 
-    /// No room: makes some by the policy, or holds acquisition and waits a little. Said once.
+    /// No room, or a lock: makes room by the policy, or holds acquisition and waits a little. Said once.
     fn pause(&mut self, full: LogbookError) -> Result<(), LogbookError> {
-        if self.disk.section.when_full == FullName::Ring && self.delete_oldest()? {
+        let locked = full.is_locked();
+        if !locked && self.disk.section.when_full == FullName::Ring && self.delete_oldest()? {
             return Ok(());
         }
         if self.disk.paused.is_none() {
             let why = chain(&full);
             let text = format!("acquisition pauses, the source is off: {why}");
-            self.disk.paused = Some((self.clock.monotonic(), why));
+            self.disk.paused = Some(Pause {
+                since: self.clock.monotonic(),
+                why,
+                locked,
+            });
             self.live.set_last_error(&text);
             self.live.hold(true);
-            // the record may have no room for it; it has it when there is
-            (self.tell)(self.clock.wall(), "disk-full", &text);
+            // it cannot be written to the record now, which has it afterwards
+            let kind = if locked { "record-locked" } else { "disk-full" };
+            (self.tell)(self.clock.wall(), kind, &text);
         }
         if self.live.stop_wish().is_asked() {
             self.live.hold(false);
@@ -230,17 +309,21 @@ impl Recorder {
 
     /// Something was written: a pause is over.
     fn go_on(&mut self) {
-        let Some((began, why)) = self.disk.paused.take() else {
+        let Some(Pause { since, why, locked }) = self.disk.paused.take() else {
             return;
         };
-        let waited = self.clock.monotonic().saturating_sub(began);
+        let waited = self.clock.monotonic().saturating_sub(since);
         self.live.set_last_error("");
         self.live.hold(false);
+        let (kind, now) = match locked {
+            true => ("record-unlocked", "it can be written again"),
+            false => ("disk-room", "there is room again"),
+        };
         let text = format!(
-            "acquisition had paused for {:.0} s: {why}; there is room again",
+            "acquisition had paused for {:.0} s: {why}; {now}",
             waited.as_secs_f64()
         );
-        self.note("disk-room", &text);
+        self.note(kind, &text);
     }
 
     fn free(&self) -> Option<u64> {

@@ -76,7 +76,14 @@ impl Recorder {
             match self.writer.event(event.at, event.kind, &event.text) {
                 Ok(()) => {}
                 // who writes next finds out
-                Err(error) if error.is_full() || error.is_broken() => return Ok(()),
+                Err(error)
+                    if error.is_full()
+                        || error.is_broken()
+                        || error.is_locked()
+                        || error.is_gone() =>
+                {
+                    return Ok(());
+                }
                 Err(error) => return Err(error),
             }
             self.disk.unwritten.pop_front();

@@ -66,7 +66,9 @@ impl Recorder {
             match self.writer.late_map(sequence, record) {
                 // a roll-over lay between, or the disk: the frame is there, and the map can be made again
                 Err(LogbookError::NoSuchFrame { .. }) => {}
-                Err(error) if error.is_disk() => tracing::debug!("{}", chain(&error)),
+                Err(error) if error.is_disk() || error.is_locked() => {
+                    tracing::debug!("{}", chain(&error));
+                }
                 other => other?,
             }
             self.publish_map(*row);

@@ -23,10 +23,15 @@ pub(super) struct Session1(pub(super) Arc<Live>);
 impl Session1 {
     /// Ends the session and returns when its record is closed and the source is off.
     async fn stop(&self) -> Result<(), Fault> {
-        self.0.stop("stopped on request");
+        self.0.end_for_good("stopped on request");
         let ending = self.0.ended().await;
         if ending.faulted {
             return Err(Fault::Failed(ending.reason));
+        }
+        if self.0.goes_on_with_the_next_daemon() {
+            return Err(Fault::Failed(
+                "the daemon was being stopped already, and the session goes on when it starts again; stop it then".into(),
+            ));
         }
         Ok(())
     }

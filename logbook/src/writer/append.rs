@@ -121,9 +121,10 @@ impl SessionWriter {
             Ok(())
         };
         match store() {
-            Ok(()) => Ok(sequence),
+            // before anything is acknowledged: nobody would find the frames in a file that was deleted
+            Ok(()) => self.place.check(&self.path).map(|()| sequence),
             Err(Unwritten::Refused(refusal)) => Err(refusal),
-            Err(Unwritten::Store(source)) => Err(self.write_failed("writing a frame", source)),
+            Err(Unwritten::Store(source)) => Err(self.write_failed("write a frame to", source)),
         }
     }
 }

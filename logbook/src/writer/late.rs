@@ -36,7 +36,7 @@ impl SessionWriter {
         let stored = store();
         stored.map_err(|source| {
             self.mapper = before;
-            self.write_failed("writing the hash of a map", source)
+            self.write_failed("write the hash of a map to", source)
         })
     }
 }

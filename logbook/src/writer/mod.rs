@@ -3,11 +3,13 @@
 mod append;
 mod late;
 mod parts;
+mod place;
 mod references;
 mod rows;
 mod stretches;
 
-use std::fs::File;
+use std::fs::{DirBuilder, File, OpenOptions};
+use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -19,6 +21,7 @@ use crate::schema;
 use crate::{DiskFault, LogbookError, MapRecord, SessionHeader};
 
 pub use parts::{CONTINUED, RESUMED, Resumed, Taken};
+use place::FilePlace;
 use references::References;
 use rows::Unwritten;
 use stretches::Stretches;
@@ -48,7 +51,12 @@ pub struct SessionWriter {
     settings: Option<(i64, Settings)>,
     mapper: Option<(i64, MapRecord)>,
     broken: bool,
+    /// Where the file and its companions are.
+    place: FilePlace,
 }
+
+/// Waited for a lock of another process, by each write.
+const LOCK_WAIT: Duration = Duration::from_millis(250);
 
 /// What a new file begins with beside its header, in the same transaction.
 #[derive(Debug, Default)]
@@ -87,20 +95,26 @@ impl SessionWriter {
     ) -> Result<Self, LogbookError> {
         check_id(&header.id)?;
         let path = crate::shelf::path_of(dir, &header.id);
-        std::fs::create_dir_all(dir)
-            .map_err(|source| LogbookError::disk(&path, "making its folder", source))?;
+        make_folder(dir)
+            .map_err(|source| LogbookError::disk(&path, "make the folder of", source))?;
         // Made here, not by SQLite, because only this refuses a file that is already there.
-        match File::create_new(&path) {
+        // SQLite gives the journal and its index the same permissions.
+        let new = OpenOptions::new()
+            .write(true)
+            .create_new(true)
+            .mode(0o640)
+            .open(&path);
+        match new {
             Ok(_) => {}
             Err(source) if source.kind() == std::io::ErrorKind::AlreadyExists => {
                 return Err(LogbookError::Exists { path });
             }
-            Err(source) => return Err(LogbookError::disk(&path, "making the file", source)),
+            Err(source) => return Err(LogbookError::disk(&path, "make", source)),
         }
         let laid_out = Self::lay_out(&path, header, storage, beginning).and_then(|connection| {
             File::open(dir)
                 .and_then(|folder| folder.sync_all())
-                .map_err(|source| LogbookError::disk(&path, "syncing its folder", source))?;
+                .map_err(|source| LogbookError::disk(&path, "sync the folder of", source))?;
             Ok(connection)
         });
         let connection = laid_out.inspect_err(|_| {
@@ -123,6 +137,7 @@ impl SessionWriter {
     ) -> Self {
         Self {
             connection,
+            place: FilePlace::of(&path),
             path,
             storage,
             protocol_hash: header.protocol.hash(),
@@ -163,7 +178,7 @@ impl SessionWriter {
             transaction.commit()?;
             Ok(connection)
         };
-        write().map_err(|unwritten| unwritten.told(path, "writing the header"))
+        write().map_err(|unwritten| unwritten.told(path, "write the header of"))
     }
 
     /// The session's file.
@@ -212,9 +227,10 @@ impl SessionWriter {
             Ok(settings) => self.settings = Some((settings, baseline.settings.clone())),
             Err(Unwritten::Refused(refusal)) => return Err(refusal),
             Err(Unwritten::Store(source)) => {
-                return Err(self.write_failed("writing the baseline", source));
+                return Err(self.write_failed("write the baseline to", source));
             }
         }
+        self.place.check(&self.path)?;
         self.take_baseline(baseline.clone());
         Ok(())
     }
@@ -233,7 +249,8 @@ impl SessionWriter {
         self.check_usable()?;
         let at = nanoseconds(at, "an event's time")?;
         rows::write_event(&self.connection, at, kind, text)
-            .map_err(|source| self.write_failed("writing an event", source))
+            .map_err(|source| self.write_failed("write an event to", source))?;
+        self.place.check(&self.path)
     }
 
     /// Says how the session ended and leaves one file, without companions.
@@ -241,12 +258,21 @@ impl SessionWriter {
     /// # Errors
     /// A disk that refuses; the frames are safe all the same, and the session reads as not closed.
     pub fn close(mut self, at: DateTime<Utc>, reason: &str) -> Result<(), LogbookError> {
+        self.end(at, reason)
+    }
+
+    /// Like [`SessionWriter::close`], for a caller who tries again where it is refused. Nothing may be written afterwards.
+    ///
+    /// # Errors
+    /// As [`SessionWriter::close`].
+    pub fn end(&mut self, at: DateTime<Utc>, reason: &str) -> Result<(), LogbookError> {
         self.mark_closed(at, reason)?;
         self.fold()
     }
 
     fn mark_closed(&mut self, at: DateTime<Utc>, reason: &str) -> Result<(), LogbookError> {
         self.check_usable()?;
+        self.place.check(&self.path)?;
         let at = nanoseconds(at, "the end of the session")?;
         self.connection
             .execute(
@@ -254,7 +280,8 @@ impl SessionWriter {
                 params![at, reason],
             )
             .map(|_| ())
-            .map_err(|source| self.write_failed("closing the session", source))
+            .map_err(|source| self.write_failed("close", source))?;
+        self.place.check(&self.path)
     }
 
     /// Folds the journal into the file, so that a closed session is one file.
@@ -273,8 +300,13 @@ impl SessionWriter {
             {
                 Ok(())
             }
-            Err(source) => Err(self.write_failed("folding the journal in", source)),
+            Err(source) => Err(self.write_failed("fold the journal into", source)),
         }
+    }
+
+    #[cfg(test)]
+    pub(crate) fn connection_for_tests(&self) -> &Connection {
+        &self.connection
     }
 
     fn check_usable(&self) -> Result<(), LogbookError> {
@@ -283,7 +315,7 @@ impl SessionWriter {
         }
         Err(LogbookError::DiskRefused {
             path: self.path.clone(),
-            attempt: "anything after a failed write",
+            attempt: "write anything more to",
             fault: DiskFault::Broken,
             source: "after an I/O error nobody knows what reached the disk".into(),
         })
@@ -313,6 +345,7 @@ fn open_for_writing(path: &Path) -> rusqlite::Result<Connection> {
 fn adjust(connection: &Connection, storage: Storage) -> rusqlite::Result<()> {
     connection.pragma_update(None, "synchronous", "EXTRA")?;
     connection.pragma_update(None, "foreign_keys", true)?;
+    connection.busy_timeout(LOCK_WAIT)?;
     if let Some(pages) = storage.page_limit {
         connection.pragma_update_and_check(None, "max_page_count", pages, |_| Ok(()))?;
     }
@@ -320,6 +353,11 @@ fn adjust(connection: &Connection, storage: Storage) -> rusqlite::Result<()> {
         connection.pragma_update_and_check(None, "wal_autocheckpoint", pages, |_| Ok(()))?;
     }
     Ok(())
+}
+
+/// For sessions: readable by their group, and by no stranger.
+fn make_folder(dir: &Path) -> std::io::Result<()> {
+    DirBuilder::new().recursive(true).mode(0o750).create(dir)
 }
 
 /// `<file>-wal` and `<file>-shm`, as SQLite names them.

@@ -68,7 +68,7 @@ impl SessionWriter {
         let path = path.as_ref();
         // First through eyes that change nothing: a stranger's file is not touched.
         let header = SessionReader::open(path)?.header().clone();
-        let opening = |source| LogbookError::writing(path, "opening the session again", source);
+        let opening = |source| LogbookError::writing(path, "open", source);
         let connection = open_for_writing(path).map_err(opening)?;
         let session = SessionReader::over(connection, path.to_owned())?;
         if let Some(closing) = session.closed() {
@@ -213,7 +213,7 @@ impl SessionWriter {
             if SessionReader::open(&path)?.closed().is_some() {
                 return Ok(());
             }
-            let failed = |source| LogbookError::writing(&path, "closing the earlier part", source);
+            let failed = |source| LogbookError::writing(&path, "close", source);
             let connection = open_for_writing(&path).map_err(failed)?;
             adjust(&connection, Storage::default()).map_err(failed)?;
             connection

@@ -126,3 +126,24 @@ fn an_event_that_meets_a_full_disk_waits_for_room_and_ends_no_session() {
             .is_some()
     );
 }
+
+#[test]
+fn a_lock_that_lasts_is_left_behind_for_the_next_part() {
+    let (scene, mut recorder, queue, tell) = Scene::new();
+    recorder.disk.lock_patience = Duration::ZERO;
+    let first = scene.live.path();
+    let other = Connection::open(&first).unwrap();
+    other.execute_batch("BEGIN IMMEDIATE").unwrap();
+    tell.send(Do::Map).unwrap();
+    scene.frame(1);
+    let recording = std::thread::spawn(move || recorder.run(queue));
+    until(scene.live.follow_durable(), |durable| *durable == 1);
+    scene.close();
+    recording.join().unwrap().unwrap();
+    assert_eq!(*scene.said.lock().unwrap(), ["alarm"]);
+    assert_ne!(scene.live.path(), first);
+    let (maps, events) = scene.recorded();
+    assert_eq!(maps, [true]);
+    assert_eq!(events, [logbook::CONTINUED]);
+    drop(other);
+}
