@@ -10,6 +10,7 @@
 //! - **event**: something a person should find later, with its time
 //! - **part**: one file of a session that was rolled over; it says which one it goes on from
 //! - **chronicle**: events that belong to no session, as lines of JSON, bounded in size
+//! - **index**: what the sessions of a folder are, remembered; a cache and nothing else
 //! - **closed**: how a session ended; a session whose writer was killed has no such entry, and is read all the same
 //!
 //! What may befall it: [`SessionWriter::resume`] goes on after a crash, [`SessionWriter::roll`] in the next part,
@@ -47,6 +48,7 @@
 mod chronicle;
 pub mod codec;
 mod header;
+mod index;
 mod lock;
 mod prune;
 mod reader;
@@ -65,6 +67,7 @@ pub use header::{
     About, Closing, Event, InstrumentRecord, MapRecord, Record, SessionHeader, SessionKind,
     SessionSummary,
 };
+pub use index::Index;
 pub use lock::{StateLock, lock};
 pub use prune::{
     Exported, Pruned, Removed, Retention, Spared, exported, folder_bytes, mark_exported, prune,

@@ -1,16 +1,14 @@
 //! The folder of sessions.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use chrono::{DateTime, TimeDelta, Utc};
+use chrono::{DateTime, Utc};
 
-use crate::{LogbookError, SessionKind, SessionReader, SessionSummary};
+use crate::{Index, LogbookError, SessionKind, SessionReader, SessionSummary};
 
 /// How a session's file name ends.
 pub(crate) const EXTENSION: &str = "tactus";
-
-/// A clock that is set right moves by less between a recording and the next start.
-const CLOCK_STEP: TimeDelta = TimeDelta::minutes(5);
 
 /// What a folder holds.
 #[derive(Debug, Default)]
@@ -27,7 +25,7 @@ pub struct Unreadable {
     /// The file.
     pub path: PathBuf,
     /// Why.
-    pub why: LogbookError,
+    pub why: Arc<LogbookError>,
 }
 
 /// Lists the sessions of a folder, by start; a folder that is not there holds none. What cannot be read is listed beside.
@@ -35,17 +33,14 @@ pub struct Unreadable {
 /// # Errors
 /// The folder cannot be read.
 pub fn list(dir: impl AsRef<Path>) -> Result<Listing, LogbookError> {
-    let mut listing = Listing::default();
-    for path in files(dir.as_ref())? {
-        match SessionReader::open(&path).and_then(|session| session.summary()) {
-            Ok(summary) => listing.sessions.push(summary),
-            Err(why) => listing.unreadable.push(Unreadable { path, why }),
-        }
-    }
-    listing
-        .sessions
-        .sort_by(|a, b| (a.started, &a.id).cmp(&(b.started, &b.id)));
-    Ok(listing)
+    Ok(index(dir)?.listing())
+}
+
+/// The sessions of a folder as they are now; what is remembered of them is not opened again.
+fn index(dir: impl AsRef<Path>) -> Result<Index, LogbookError> {
+    let mut index = Index::load(dir);
+    index.refresh()?;
+    Ok(index)
 }
 
 /// Sessions that were not closed and that no other part goes on from, the newest first: what may be resumed.
@@ -53,16 +48,7 @@ pub fn list(dir: impl AsRef<Path>) -> Result<Listing, LogbookError> {
 /// # Errors
 /// The folder cannot be read.
 pub fn interrupted(dir: impl AsRef<Path>) -> Result<Vec<SessionSummary>, LogbookError> {
-    let sessions = list(dir)?.sessions;
-    let continued: Vec<String> = sessions
-        .iter()
-        .filter_map(|session| session.continues.clone())
-        .collect();
-    Ok(sessions
-        .into_iter()
-        .rev()
-        .filter(|session| session.closed.is_none() && !continued.contains(&session.id))
-        .collect())
+    Ok(index(dir)?.interrupted())
 }
 
 /// The part that goes on from `id`, if one beside its file does.
@@ -172,18 +158,7 @@ pub fn latest_baseline(
     dir: impl AsRef<Path>,
     now: DateTime<Utc>,
 ) -> Result<Option<(SessionSummary, survey::Baseline)>, LogbookError> {
-    let latest = now
-        .checked_add_signed(CLOCK_STEP)
-        .unwrap_or(DateTime::<Utc>::MAX_UTC);
-    let (past, future): (Vec<_>, Vec<_>) = baselines(dir)?
-        .into_iter()
-        .partition(|summary| summary.started <= latest);
-    for summary in future.into_iter().chain(past).rev() {
-        if let Some(baseline) = SessionReader::open(&summary.path)?.baseline()? {
-            return Ok(Some((summary, baseline)));
-        }
-    }
-    Ok(None)
+    index(dir)?.latest_baseline(now)
 }
 
 pub(crate) fn files(dir: &Path) -> Result<Vec<PathBuf>, LogbookError> {

@@ -596,3 +596,93 @@ fn a_reader_in_the_same_process_leaves_the_writer_its_locks() {
     assert_eq!(held(), before);
     writer.append(&frame(2), None).unwrap();
 }
+
+/// A folder with three closed sessions, and an index that knows all that does not change any more.
+fn indexed() -> (tempfile::TempDir, logbook::Index) {
+    let dir = tempfile::tempdir().unwrap();
+    for id in ["a", "b", "c"] {
+        let mut writer = SessionWriter::create(dir.path(), &header(id)).unwrap();
+        writer.append(&frame(1), None).unwrap();
+        writer.close(at(2), "done").unwrap();
+    }
+    let mut index = logbook::Index::load(dir.path());
+    assert_eq!(index.unknown().unwrap(), 3);
+    // what was written within the last tick of the clock may change again and look the same
+    while index.unknown().unwrap() > 0 {
+        index.refresh().unwrap();
+    }
+    index.save().unwrap();
+    (dir, index)
+}
+
+#[test]
+fn an_index_opens_only_what_has_changed() {
+    let (dir, mut index) = indexed();
+    let file = |id: &str| dir.path().join(format!("{id}.tactus"));
+    let kept = |index: &logbook::Index| index.sessions().into_iter().cloned().collect::<Vec<_>>();
+    assert_eq!(kept(&index).len(), 3);
+    // another process finds it
+    let again = logbook::Index::load(dir.path());
+    assert_eq!((again.unknown().unwrap(), kept(&again)), (0, kept(&index)));
+
+    // a session that is written is read each time
+    let mut writer = SessionWriter::create(dir.path(), &header("d")).unwrap();
+    for frames in 1..=3 {
+        writer.append(&frame(frames), None).unwrap();
+        index.refresh().unwrap();
+        let open = index.sessions().into_iter().find(|open| open.id == "d");
+        let open = open.unwrap();
+        assert_eq!((open.frames, &open.closed), (frames, &None));
+    }
+    assert_eq!(index.interrupted()[0].id, "d");
+    index.save().unwrap();
+    writer.close(at(9), "done").unwrap();
+    // one that has been replaced, one that has gone, one that was damaged, and a pipe, which is not waited for
+    std::fs::copy(file("a"), file("b")).unwrap();
+    std::fs::remove_file(file("a")).unwrap();
+    std::fs::write(file("c"), "SQLite format 3, but no more").unwrap();
+    let made = std::process::Command::new("mkfifo")
+        .arg(file("pipe"))
+        .status();
+    assert!(made.unwrap().success());
+    for index in [&mut index, &mut logbook::Index::load(dir.path())] {
+        index.refresh().unwrap();
+        let ids: Vec<&str> = index
+            .sessions()
+            .iter()
+            .map(|kept| kept.id.as_str())
+            .collect();
+        assert_eq!(ids, ["a", "d"]);
+        assert!(index.interrupted().is_empty());
+        let unreadable = index.unreadable();
+        assert_eq!(unreadable.len(), 2);
+        assert!(unreadable[1].why.to_string().contains("no regular file"));
+    }
+}
+
+#[test]
+fn a_damaged_index_costs_a_reading_and_nothing_else() {
+    let (dir, _) = indexed();
+    let whole = logbook::list(dir.path()).unwrap().sessions;
+    let path = dir.path().join("sessions-1.index");
+    let bytes = std::fs::read(&path).unwrap();
+    let seen = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        logbook::list(dir.path()).unwrap().sessions
+    };
+    for place in (0..bytes.len()).step_by(7) {
+        let mut damaged = bytes.clone();
+        damaged[place] ^= 1 << (place % 8);
+        assert_eq!(seen(&damaged), whole, "a bit of byte {place}");
+    }
+    for length in (0..bytes.len()).step_by(31) {
+        assert_eq!(seen(&bytes[..length]), whole, "{length} bytes");
+    }
+    // what is kept behind a torn line is kept in a line of its own
+    std::fs::write(&path, &bytes[..bytes.len() - 9]).unwrap();
+    let mut index = logbook::Index::load(dir.path());
+    assert_eq!(index.unknown().unwrap(), 1);
+    index.refresh().unwrap();
+    index.save().unwrap();
+    assert_eq!(logbook::Index::load(dir.path()).unknown().unwrap(), 0);
+}

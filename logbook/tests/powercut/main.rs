@@ -130,7 +130,7 @@ fn held(folder: &Path) -> (BTreeMap<u64, Frame>, Vec<String>, Option<Baseline>, 
     let listing = logbook::list(folder).unwrap();
     for unreadable in &listing.unreadable {
         assert!(
-            matches!(unreadable.why, LogbookError::NotASession { .. }),
+            matches!(*unreadable.why, LogbookError::NotASession { .. }),
             "{}",
             unreadable.why
         );
