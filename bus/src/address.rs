@@ -44,6 +44,10 @@ impl fmt::Display for Address {
     }
 }
 
+/// What an `ERROR` of the daemon begins with that has no place for another connection (D-Bus specification,
+/// authentication protocol).
+pub const BUSY: &str = "busy: ";
+
 /// Why no daemon was reached.
 #[derive(Debug, thiserror::Error)]
 pub enum ConnectError {
@@ -57,12 +61,20 @@ pub enum ConnectError {
     },
     /// The socket is there, but this user may not use it.
     #[error(
-        "not allowed to talk to the daemon at {address}: {cause}; its user, root and the group tactus are, with at most 32 connections a user"
+        "not allowed to talk to the daemon at {address}: {cause}; its user, root and the group tactus are"
     )]
     NotAuthorized {
         /// Where.
         address: Address,
         /// What the system says.
+        cause: String,
+    },
+    /// The daemon has as many connections of this user, or of all, as there may be.
+    #[error("the daemon at {address} is busy: {cause}")]
+    Busy {
+        /// Where.
+        address: Address,
+        /// What the daemon says.
         cause: String,
     },
     /// None of the usual places has one.
@@ -100,7 +112,9 @@ pub async fn connect(address: Option<&Address>) -> Result<(Connection, Address),
     for address in search_order(runtime_directory) {
         match reach(&address).await {
             Ok(connection) => return Ok((connection, address)),
-            Err(refusal @ ConnectError::NotAuthorized { .. }) => return Err(refusal),
+            Err(refusal @ (ConnectError::NotAuthorized { .. } | ConnectError::Busy { .. })) => {
+                return Err(refusal);
+            }
             Err(ConnectError::NoDaemon { address, cause }) => {
                 tried.push(format!("{address} ({cause})"));
             }
@@ -134,10 +148,7 @@ async fn reach(address: &Address) -> Result<Connection, ConnectError> {
                 .p2p()
                 .build()
                 .await
-                .map_err(|cause| ConnectError::NotAuthorized {
-                    address: address.clone(),
-                    cause: cause.to_string(),
-                });
+                .map_err(|cause| turned_away(address, &cause.to_string()));
         }
     };
     let connection = bus
@@ -153,6 +164,21 @@ async fn reach(address: &Address) -> Result<Connection, ConnectError> {
         Ok(true) => Ok(connection),
         Ok(false) => Err(no_daemon(format!("nobody owns {BUS_NAME}"))),
         Err(cause) => Err(no_daemon(cause.to_string())),
+    }
+}
+
+/// Why the daemon has closed a connection before it was made: it says so where it is busy, and says nothing to strangers.
+fn turned_away(address: &Address, cause: &str) -> ConnectError {
+    let address = address.clone();
+    match cause.split_once(BUSY) {
+        Some((_, said)) => ConnectError::Busy {
+            address,
+            cause: said.trim().to_owned(),
+        },
+        None => ConnectError::NotAuthorized {
+            address,
+            cause: cause.to_owned(),
+        },
     }
 }
 

@@ -33,7 +33,7 @@ use std::pin::Pin;
 
 use zbus::{ObjectPath, export::futures_core::Stream};
 
-pub use address::{Address, AddressError, ConnectError, connect, search_order};
+pub use address::{Address, AddressError, BUSY, ConnectError, connect, search_order};
 pub use fault::Fault;
 pub use instrument1::Instrument1Proxy;
 pub use manager1::{

@@ -33,7 +33,7 @@ fn speed(text: &str) -> Result<f64, String> {
     long_about = "Controls a running tactusd over D-Bus (status, baseline, start, stop, watch, plan) and reads what was \
                   recorded without one (sessions, export, replay). A research instrument, not a medical device.",
     after_help = "Exit codes: 0 done, 1 failed, 2 usage, 3 no daemon, no such session or baseline, 4 not authorised, \
-                  5 instrument fault, 6 timeout, 78 configuration.\n\
+                  5 instrument fault, 6 timeout, 75 busy (try again later), 78 configuration.\n\
                   With --json every command that prints data prints one object a line; cli/JSON.md documents the fields.",
     propagate_version = true,
     infer_subcommands = false

@@ -139,6 +139,7 @@ fn unreached(error: &ConnectError) -> Failure {
         ConnectError::NotAuthorized { .. } => Failure::NotAuthorised(format!(
             "{error}; `sudo usermod -aG tactus USER` adds a user"
         )),
+        ConnectError::Busy { .. } => Failure::Busy(format!("{error}; try again")),
         ConnectError::NoDaemon { address, cause } => nobody(&[format!("{address} ({cause})")]),
         ConnectError::Nowhere { tried } => nobody(tried),
     }
@@ -206,7 +207,9 @@ pub(crate) fn fault(what: &str, fault: &Fault) -> Failure {
         Fault::NotAuthorized(_) => {
             Failure::NotAuthorised(advise("ask for the group tactus, or run as root"))
         }
-        Fault::LimitsExceeded(_) => Failure::Failed(advise("end what is not needed any more")),
+        Fault::LimitsExceeded(_) => {
+            Failure::Busy(advise("end what is not needed any more, or try again"))
+        }
         Fault::InvalidOption(_) => Failure::Usage(said),
         Fault::NoFrame(_) => Failure::Failed(advise("`tactus watch` waits for the first")),
         Fault::Unsupported(_) | Fault::Failed(_) => Failure::Failed(said),
@@ -238,6 +241,7 @@ fn undelivered(what: &str, name: &str, said: &str) -> Failure {
         "ServiceUnknown" | "NameHasNoOwner" | "NoReply" | "Disconnected" | "NoServer" => {
             gone(what, said)
         }
+        "LimitsExceeded" | "NoMemory" => Failure::Busy(format!("{what}: {said}; try again")),
         "Timeout" | "TimedOut" => Failure::Timeout(format!("{what}: {said}")),
         _ => Failure::Failed(format!("{what}: {said} ({name})")),
     }
@@ -268,7 +272,7 @@ mod tests {
             (Fault::ModelMismatch(text()), 78, "--model one-step"),
             (Fault::InstrumentFault(text()), 5, "tactus instruments"),
             (Fault::NotAuthorized(text()), 4, "group tactus"),
-            (Fault::LimitsExceeded(text()), 1, "end what is not needed"),
+            (Fault::LimitsExceeded(text()), 75, "try again"),
             (Fault::InvalidOption(text()), 2, "so it is"),
             (Fault::DiskRefused(text()), 1, "free space"),
             (Fault::NoFrame(text()), 1, "tactus watch"),
@@ -293,6 +297,7 @@ mod tests {
         assert_eq!(code(Error::UnknownMethod(text())), 3);
         assert_eq!(code(Error::ServiceUnknown(text())), 3);
         assert_eq!(code(Error::AccessDenied(text())), 4);
+        assert_eq!(code(Error::LimitsExceeded(text())), 75);
         assert_eq!(code(Error::Failed(text())), 1);
     }
 

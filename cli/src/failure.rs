@@ -25,6 +25,9 @@ pub(crate) enum Failure {
     /// The thing waited for did not come.
     #[error("{0}")]
     Timeout(String),
+    /// The daemon is busy, or as many of something are open as there may be: the same command may succeed later.
+    #[error("{0}")]
+    Busy(String),
     /// A file, model or recording that does not fit.
     #[error("{0}")]
     Configuration(String),
@@ -35,7 +38,7 @@ pub(crate) enum Failure {
 
 impl Failure {
     /// The exit code: 0 done, 1 failed, 2 usage, 3 no daemon, no such session or baseline, 4 not authorised,
-    /// 5 instrument fault, 6 timeout, 78 configuration.
+    /// 5 instrument fault, 6 timeout, 75 busy (try again later), 78 configuration.
     pub(crate) fn code(&self) -> u8 {
         match self {
             Self::Closed => 0,
@@ -45,6 +48,8 @@ impl Failure {
             Self::NotAuthorised(_) => 4,
             Self::Instrument(_) => 5,
             Self::Timeout(_) => 6,
+            // EX_TEMPFAIL
+            Self::Busy(_) => 75,
             Self::Configuration(_) => 78,
         }
     }
@@ -92,6 +97,7 @@ mod tests {
         assert_eq!(Failure::NotAuthorised(text()).code(), 4);
         assert_eq!(Failure::Instrument(text()).code(), 5);
         assert_eq!(Failure::Timeout(text()).code(), 6);
+        assert_eq!(Failure::Busy(text()).code(), 75);
         assert_eq!(Failure::Configuration(text()).code(), 78);
     }
 
