@@ -12,7 +12,7 @@ use tokio::sync::Notify;
 
 use crate::ring::Ring;
 
-/// How long a reader may take for what is left after the end.
+/// How long a reader may take for all that is left after the end: then it is let go.
 const LAST_WORDS: Duration = Duration::from_secs(30);
 
 /// What a reader asked for.
@@ -37,6 +37,8 @@ struct Reader {
     wanted: Wanted,
     waiting: Mutex<Waiting>,
     news: Notify,
+    /// Told once, when the session has ended.
+    over: Notify,
 }
 
 #[derive(Debug)]
@@ -71,6 +73,7 @@ impl Readers {
                 gone: false,
             }),
             news: Notify::new(),
+            over: Notify::new(),
         });
         let mut readers = self.lock();
         // where nothing is published, many may have come and gone
@@ -112,6 +115,9 @@ impl Readers {
                 drop(waiting);
                 reader.news.notify_one();
             }
+            if ended {
+                reader.over.notify_one();
+            }
         }
         if ended {
             readers.clear();
@@ -123,29 +129,36 @@ impl Readers {
     }
 }
 
-/// Writes what waits, at the reader's own pace.
+/// Writes what waits, at the reader's own pace, but not much longer than there is something to write: one that does not
+/// read any more is let go when its session has ended.
 async fn serve(reader: Arc<Reader>, mut socket: UnixStream) {
+    let late = async {
+        reader.over.notified().await;
+        tokio::time::sleep(LAST_WORDS).await;
+    };
+    tokio::select! {
+        () = write(&reader, &mut socket) => {}
+        () = late => {}
+    }
+    reader.waiting().gone = true;
+}
+
+/// Writes until the end is written, or the reader has gone.
+async fn write(reader: &Reader, socket: &mut UnixStream) {
     loop {
         let (record, ended) = {
             let mut waiting = reader.waiting();
             (waiting.ring.pop(), waiting.ended)
         };
-        let written = match record {
-            Some(record) if ended => {
-                match tokio::time::timeout(LAST_WORDS, socket.write_all(&record)).await {
-                    Ok(written) => written.is_ok(),
-                    Err(_) => false,
-                }
-            }
+        let goes_on = match record {
             Some(record) => socket.write_all(&record).await.is_ok(),
             None if ended => false,
             None => tokio::select! {
                 () = reader.news.notified() => true,
-                () = gone(&socket) => false,
+                () = gone(socket) => false,
             },
         };
-        if !written {
-            reader.waiting().gone = true;
+        if !goes_on {
             return;
         }
     }
@@ -267,5 +280,33 @@ mod tests {
             stays.read_to_end(&mut bytes).map(|_| bytes)
         });
         assert!(!read.await.unwrap().unwrap().is_empty());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_reader_that_does_not_read_is_let_go_after_the_end() {
+        let readers = Readers::default();
+        let wanted = Wanted {
+            frames: true,
+            maps: false,
+            pressure: false,
+            ring: 4,
+        };
+        let (place, given_back) = tokio::sync::oneshot::channel::<()>();
+        let fd = readers.add(wanted, place).unwrap();
+        // more than the socket holds: a write is under way when the end comes
+        for sequence in 1..=500 {
+            readers.publish(&frame(sequence));
+            tokio::task::yield_now().await;
+        }
+        readers.publish(&Record {
+            body: Body::End {
+                reason: "over".into(),
+            },
+            ..frame(500)
+        });
+        // by the clock of the test, which runs when nothing else does
+        let let_go = tokio::time::timeout(2 * LAST_WORDS, given_back).await;
+        let_go.expect("it is let go").unwrap_err();
+        drop(fd);
     }
 }

@@ -49,6 +49,8 @@ pub(crate) struct MetricsSection {
     pub listen: Option<String>,
     /// Whether other machines may scrape.
     pub beyond_localhost: bool,
+    /// Names under which they know this machine, where they do not ask by its address.
+    pub names: Vec<String>,
 }
 
 impl MetricsSection {

@@ -167,15 +167,18 @@ fn worst_contact(directory: &Path) -> Option<String> {
 #[derive(Debug, Default)]
 struct Listening {
     wanted: Option<SocketAddr>,
+    names: Vec<String>,
     door: Option<Door>,
 }
 
 impl Listening {
     /// Opens, moves or closes it. An address that cannot be had is tried again, and said.
     async fn keep_open(&mut self, keeper: &Arc<Keeper>) {
-        let wanted = keeper.house().setup.config.metrics.address();
-        if wanted != self.wanted {
+        let section = keeper.house().setup.config.metrics.clone();
+        let wanted = section.address();
+        if wanted != self.wanted || section.names != self.names {
             (self.wanted, self.door) = (wanted, None);
+            self.names = section.names;
         }
         let (Some(address), None) = (wanted, &self.door) else {
             keeper
@@ -195,7 +198,7 @@ impl Listening {
                 metrics::page(&health, maps, &keeper.house().setup.config.notify)
             }
         };
-        match Door::open(address, metrics::CONTENT_TYPE, page).await {
+        match Door::open(address, self.names.clone(), metrics::CONTENT_TYPE, page).await {
             Ok(door) => {
                 tracing::info!("metrics at http://{}/metrics", door.address);
                 keeper.observed.set_metrics(Some(door.address));

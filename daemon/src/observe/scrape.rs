@@ -1,17 +1,18 @@
 //! The door for whoever scrapes: HTTP/1.1, one page, read only, every length, time and number of callers bounded.
 
-use std::net::SocketAddr;
+use std::collections::VecDeque;
+use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
-use tokio::net::TcpListener;
-use tokio::sync::Semaphore;
-use tokio::task::JoinSet;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::task::AbortHandle;
 
 /// Bytes of a request with all its headers.
 const LONGEST: usize = 8192;
-/// Callers at once; others are hung up on.
+/// Callers at once. One more takes the place of the one that has been there longest: who asks and reads is gone in a
+/// moment, so it is the slow who make way, and however many they are, the page is served.
 const CALLERS: usize = 8;
 /// A caller is done with by then.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -47,12 +48,14 @@ impl Drop for Door {
 }
 
 impl Door {
-    /// Opens it; `page` makes what is at `/metrics`.
+    /// Opens it for callers who know this machine by its address or one of these names; `page` makes what is at
+    /// `/metrics`.
     ///
     /// # Errors
     /// The address cannot be had.
     pub(crate) async fn open<F>(
         address: SocketAddr,
+        names: Vec<String>,
         content: &'static str,
         page: impl Fn() -> F + Send + Sync + 'static,
     ) -> std::io::Result<Self>
@@ -61,42 +64,74 @@ impl Door {
     {
         let listener = TcpListener::bind(address).await?;
         let address = listener.local_addr()?;
-        let task = tokio::spawn(listen(listener, content, Arc::new(page)));
+        let task = tokio::spawn(listen(listener, names.into(), content, Arc::new(page)));
         Ok(Self { address, task })
     }
 }
 
 async fn listen<F>(
     listener: TcpListener,
+    names: Arc<[String]>,
     content: &'static str,
     page: Arc<impl Fn() -> F + Send + Sync + 'static>,
 ) where
     F: Future<Output = String> + Send + 'static,
 {
-    let places = Arc::new(Semaphore::new(CALLERS));
-    // callers go when the door does
-    let mut callers = JoinSet::new();
+    let mut callers = Callers::default();
     loop {
-        while callers.try_join_next().is_some() {}
         let Ok((stream, _)) = listener.accept().await else {
             // no descriptors: a moment later there may be some
             tokio::time::sleep(Duration::from_millis(100)).await;
             continue;
         };
-        let Ok(place) = Arc::clone(&places).try_acquire_owned() else {
-            continue;
-        };
-        let page = Arc::clone(&page);
-        callers.spawn(async move {
-            let _place = place;
-            let _ = tokio::time::timeout(PATIENCE, talk(stream, content, page.as_ref())).await;
+        callers.make_room();
+        let (names, page) = (Arc::clone(&names), Arc::clone(&page));
+        let caller = tokio::spawn(async move {
+            let _ = tokio::time::timeout(PATIENCE, attend(stream, &names, content, page.as_ref()))
+                .await;
         });
+        callers.0.push_back(caller.abort_handle());
     }
+}
+
+/// Those who are talked with, the first the one that has been there longest; they go when the door does.
+#[derive(Debug, Default)]
+struct Callers(VecDeque<AbortHandle>);
+
+impl Callers {
+    fn make_room(&mut self) {
+        self.0.retain(|caller| !caller.is_finished());
+        while self.0.len() >= CALLERS
+            && let Some(longest) = self.0.pop_front()
+        {
+            longest.abort();
+        }
+    }
+}
+
+impl Drop for Callers {
+    fn drop(&mut self) {
+        self.0.iter().for_each(AbortHandle::abort);
+    }
+}
+
+async fn attend<F: Future<Output = String>>(
+    stream: TcpStream,
+    names: &[String],
+    content: &'static str,
+    page: &(impl Fn() -> F + Sync),
+) -> std::io::Result<()> {
+    let known = Known {
+        own: stream.local_addr()?.ip(),
+        names,
+    };
+    talk(stream, &known, content, page).await
 }
 
 /// One question, one answer.
 async fn talk<S, F>(
     mut stream: S,
+    known: &Known<'_>,
     content: &'static str,
     page: &(impl Fn() -> F + Sync),
 ) -> std::io::Result<()>
@@ -105,7 +140,7 @@ where
     F: Future<Output = String>,
 {
     let head = head(&mut stream).await?;
-    let (bodiless, answer) = match head.as_deref().map(question) {
+    let (bodiless, answer) = match head.as_deref().map(|head| question(head, known)) {
         None => (
             false,
             Answer::refusal("431 Request Header Fields Too Large"),
@@ -164,17 +199,28 @@ enum Method {
     Head,
 }
 
-/// What is asked; the headers say nothing that matters here.
-fn question(head: &[u8]) -> Result<Method, &'static str> {
+/// What is asked, and of whom; the other headers say nothing that matters here.
+fn question(head: &[u8], known: &Known<'_>) -> Result<Method, &'static str> {
     const BAD: &str = "400 Bad Request";
     let head = std::str::from_utf8(head).map_err(|_| BAD)?;
-    let line = head.split("\r\n").next().unwrap_or_default();
+    let mut lines = head.split("\r\n");
+    let line = lines.next().unwrap_or_default();
     let words: Vec<&str> = line.split(' ').collect();
     let [method, target, version] = words[..] else {
         return Err(BAD);
     };
-    if !matches!(version, "HTTP/1.1" | "HTTP/1.0") {
-        return Err(BAD);
+    let hosts: Vec<&str> = lines
+        .filter_map(|line| line.split_once(':'))
+        .filter(|(name, _)| name.eq_ignore_ascii_case("host"))
+        .map(|(_, value)| value.trim())
+        .collect();
+    match (version, hosts[..].first()) {
+        _ if hosts.len() > 1 => return Err(BAD),
+        ("HTTP/1.1" | "HTTP/1.0", Some(host)) if known.is(host) => {}
+        // a page of a stranger in the browser of somebody here, whose name has been made to mean this machine
+        ("HTTP/1.1" | "HTTP/1.0", Some(_)) => return Err("421 Misdirected Request"),
+        ("HTTP/1.0", None) => {}
+        _ => return Err(BAD),
     }
     let method = match method {
         "GET" => Method::Get,
@@ -187,11 +233,39 @@ fn question(head: &[u8]) -> Result<Method, &'static str> {
     }
 }
 
+/// By what a caller may know this machine. Any other name may be a stranger's.
+#[derive(Debug)]
+struct Known<'a> {
+    /// The address at which the caller came.
+    own: IpAddr,
+    /// As configured.
+    names: &'a [String],
+}
+
+impl Known<'_> {
+    /// Whether a host, with or without a port, is this machine: `localhost`, a loopback address, the address at which the
+    /// caller came, or a configured name.
+    fn is(&self, host: &str) -> bool {
+        let name = match host.strip_prefix('[') {
+            Some(rest) => rest.split(']').next().unwrap_or_default(),
+            None => host.split(':').next().unwrap_or_default(),
+        };
+        if let Ok(address) = name.parse::<IpAddr>() {
+            let address = address.to_canonical();
+            return address.is_loopback() || address == self.own.to_canonical();
+        }
+        let name = name.strip_suffix('.').unwrap_or(name);
+        let configured = self.names.iter().map(String::as_str);
+        configured
+            .chain(["localhost"])
+            .any(|known| known.eq_ignore_ascii_case(name))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use tokio::io::DuplexStream;
-    use tokio::net::TcpStream;
 
     const DEADLINE: Duration = Duration::from_secs(120);
 
@@ -199,7 +273,11 @@ mod tests {
         let (mut caller, stream): (DuplexStream, _) = tokio::io::duplex(64 * 1024);
         caller.write_all(request).await.unwrap();
         let page = || async { "tactus_well 1\n# EOF\n".to_owned() };
-        let _ = talk(stream, "text/x", &page).await;
+        let known = Known {
+            own: IpAddr::from([192, 0, 2, 7]),
+            names: &["rig.example".to_owned()],
+        };
+        let _ = talk(stream, &known, "text/x", &page).await;
         let mut answer = Vec::new();
         caller.read_to_end(&mut answer).await.unwrap();
         String::from_utf8(answer).unwrap()
@@ -207,7 +285,7 @@ mod tests {
 
     #[tokio::test]
     async fn one_page_is_served_and_nothing_else() {
-        let answer = ask(b"GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n").await;
+        let answer = ask(b"GET /metrics HTTP/1.1\r\nHost: localhost:9617\r\n\r\n").await;
         assert!(answer.starts_with("HTTP/1.1 200 OK\r\nContent-Type: text/x\r\n"));
         assert!(
             answer.ends_with("\r\n\r\ntactus_well 1\n# EOF\n"),
@@ -216,11 +294,15 @@ mod tests {
         let answer = ask(b"HEAD /metrics?a=b HTTP/1.0\r\n\r\n").await;
         assert!(answer.contains("Content-Length: 20") && answer.ends_with("\r\n\r\n"));
         for (request, status) in [
-            (&b"GET / HTTP/1.1\r\n\r\n"[..], "404"),
-            (b"GET /metrics/../etc HTTP/1.1\r\n\r\n", "404"),
-            (b"POST /metrics HTTP/1.1\r\n\r\n", "405"),
+            (&b"GET / HTTP/1.1\r\nHost: [::1]\r\n\r\n"[..], "404"),
+            (
+                b"GET /metrics/../etc HTTP/1.1\r\nHost: [::1]\r\n\r\n",
+                "404",
+            ),
+            (b"POST /metrics HTTP/1.1\r\nHost: [::1]\r\n\r\n", "405"),
             (b"GET /metrics HTTP/9\r\n\r\n", "400"),
             (b"GET /metrics\r\n\r\n", "400"),
+            (b"GET /metrics HTTP/1.1\r\n\r\n", "400"),
             (b"\r\n\r\n", "400"),
             (b"\xff\xfe\r\n\r\n", "400"),
         ] {
@@ -237,45 +319,59 @@ mod tests {
         assert!(ask(&line).await.starts_with("HTTP/1.1 431"));
     }
 
-    /// Callers that say nothing take every place, and give it back when their time is over.
     #[tokio::test]
-    async fn silent_callers_are_bounded_in_number_and_time() {
+    async fn a_host_that_is_not_ours_is_refused() {
+        for (host, status) in [
+            ("127.0.0.1:9617", "200"),
+            ("127.0.0.2", "200"),
+            ("[::1]:9617", "200"),
+            ("LocalHost.", "200"),
+            ("192.0.2.7:9617", "200"),
+            ("192.0.2.8:9617", "421"),
+            ("Rig.example:9617", "200"),
+            ("other.example", "421"),
+            ("attacker.example:9617", "421"),
+            ("localhost.attacker.example", "421"),
+            ("127.0.0.1.attacker.example", "421"),
+            ("[::1", "200"),
+            ("", "421"),
+            ("localhost\r\nHost: attacker.example", "400"),
+        ] {
+            for version in ["HTTP/1.0", "HTTP/1.1"] {
+                let request = format!("GET /metrics {version}\r\nhOST: {host}\r\n\r\n");
+                let answer = ask(request.as_bytes()).await;
+                let wanted = format!("HTTP/1.1 {status}");
+                assert!(answer.starts_with(&wanted), "{host}: {answer}");
+            }
+        }
+    }
+
+    #[tokio::test]
+    async fn silent_callers_make_way_and_are_hung_up_on() {
         let local = SocketAddr::from(([127, 0, 0, 1], 0));
         let page = || async { "page".to_owned() };
-        let door = Door::open(local, "text/x", page).await.unwrap();
-        let mut silent = Vec::new();
-        for _ in 0..CALLERS {
+        let door = Door::open(local, Vec::new(), "text/x", page).await.unwrap();
+        let silent = async |said: &[u8]| {
             let mut caller = TcpStream::connect(door.address).await.unwrap();
-            caller.write_all(b"GET /met").await.unwrap();
-            silent.push(caller);
+            caller.write_all(said).await.unwrap();
+            caller
+        };
+        let mut callers = Vec::new();
+        for _ in 0..CALLERS {
+            callers.push(silent(b"GET /met").await);
         }
-        // places are taken in the order of connections, so the next one finds none
-        let mut late = TcpStream::connect(door.address).await.unwrap();
+        // in the order of connections: the first two make way for these
+        let mut late = silent(b"GET /metrics HTTP/1.0\r\n\r\n").await;
+        callers.push(silent(b"").await);
         let mut answer = Vec::new();
-        let hung_up = tokio::time::timeout(DEADLINE, late.read_to_end(&mut answer)).await;
-        let _ = hung_up.unwrap();
-        assert!(answer.is_empty());
-        for mut caller in silent {
+        let answered = tokio::time::timeout(DEADLINE, late.read_to_end(&mut answer)).await;
+        answered.unwrap().unwrap();
+        assert!(answer.starts_with(b"HTTP/1.1 200"));
+        for mut caller in callers {
             let mut answer = Vec::new();
             let over = tokio::time::timeout(DEADLINE, caller.read_to_end(&mut answer)).await;
             let _ = over.unwrap();
             assert!(answer.is_empty());
         }
-        // a place is free a moment after its caller was hung up on
-        let answered = async {
-            loop {
-                let mut caller = TcpStream::connect(door.address).await.unwrap();
-                let mut answer = Vec::new();
-                let request = b"GET /metrics HTTP/1.1\r\n\r\n";
-                if caller.write_all(request).await.is_ok()
-                    && caller.read_to_end(&mut answer).await.is_ok()
-                    && !answer.is_empty()
-                {
-                    return answer;
-                }
-            }
-        };
-        let answer = tokio::time::timeout(DEADLINE, answered).await.unwrap();
-        assert!(answer.starts_with(b"HTTP/1.1 200"));
     }
 }
