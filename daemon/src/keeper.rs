@@ -23,7 +23,7 @@ use chrono::{DateTime, Utc};
 use logbook::LogbookError;
 use rig::{Clock, SystemClock, Tape};
 use survey::{Baseline, Settings};
-use tokio::sync::Notify;
+use tokio::sync::{Notify, watch};
 
 use crate::claims::Claims;
 use crate::end_marks::EndMarks;
@@ -34,6 +34,7 @@ use crate::model::chain;
 use crate::observe::Observed;
 use crate::prepare::{FramesFrom, Prepared, RigPlan, Setup};
 use crate::pulse::Pulse;
+use crate::records::Records;
 use crate::rig_assembly::{Assembled, Bench};
 use crate::session::{Event, State};
 use crate::watch::FrameSource;
@@ -58,6 +59,10 @@ pub(crate) struct Keeper {
     pub herald: Herald,
     /// What its observers go by.
     pub observed: Observed,
+    /// The sessions on disk.
+    pub records: Records,
+    /// Whether the record has been read; no session is started before.
+    begun: watch::Sender<bool>,
     /// What was said lately over the wires.
     pub tape: Tape,
     pub pulse: Arc<Pulse>,
@@ -129,6 +134,8 @@ impl Keeper {
             frames,
             file,
         } = prepared;
+        let records = Records::of(&setup.record_directory);
+        let slow = records.takes_long();
         let (source, settings, plan, baseline) = match frames {
             FramesFrom::Rig(plan) => {
                 let settings = plan.settings();
@@ -136,12 +143,10 @@ impl Keeper {
                     rig,
                     plan: Arc::clone(&plan),
                 };
-                let latest = logbook::latest_baseline(&setup.record_directory, clock.wall());
-                let latest = latest.unwrap_or_else(|error| {
-                    tracing::warn!("the last baseline cannot be read: {}", chain(&error));
-                    None
-                });
-                let baseline = latest.map(|(_, baseline)| baseline);
+                let baseline = match slow {
+                    true => None,
+                    false => latest_baseline(&records, clock.wall()),
+                };
                 (source, Some(settings), Some(plan), baseline)
             }
             FramesFrom::Recording {
@@ -172,6 +177,8 @@ impl Keeper {
             })),
             herald: Herald::default(),
             observed,
+            records,
+            begun: watch::Sender::new(!slow),
             tape,
             pulse: Arc::default(),
             ends: Arc::new(ends),
@@ -198,6 +205,49 @@ impl Keeper {
                 test: None,
             }),
         })
+    }
+
+    /// Whether so many sessions are to be read that it is done beside the start, by [`Keeper::read_the_record`].
+    pub(crate) fn has_much_to_read(&self) -> bool {
+        !*self.begun.borrow()
+    }
+
+    /// Reads the record, however long that takes, and takes the last baseline from it.
+    pub(crate) async fn read_the_record(self: &Arc<Self>) {
+        let keeper = Arc::clone(self);
+        let now = self.house().clock.wall();
+        let found =
+            tokio::task::spawn_blocking(move || latest_baseline(&keeper.records, now)).await;
+        if !self.is_recording()
+            && let Ok(Some(baseline)) = found
+        {
+            self.inner().baseline = Some(Arc::new(baseline));
+            self.herald.say(&Notice::Daemon);
+        }
+    }
+
+    /// The record has been read, and what was interrupted goes on: sessions may be started.
+    pub(crate) fn begin_to_start(&self) {
+        self.begun.send_replace(true);
+    }
+
+    /// Waits until sessions may be started.
+    async fn may_start(&self) {
+        // the sender lives in self
+        let _ = self.begun.subscribe().wait_for(|begun| *begun).await;
+    }
+
+    /// So many sessions of the record, the newest first, where named those that come after the one with this id.
+    ///
+    /// # Errors
+    /// The record cannot be read, or there is no such session.
+    pub(crate) fn listed(
+        &self,
+        count: usize,
+        before: Option<&str>,
+    ) -> Result<Vec<bus::SessionSummary>, Fault> {
+        let active = self.active().map(|live| live.facts.id.clone());
+        self.records.listed(count, before, active.as_deref())
     }
 
     /// Holds what was claimed as long as it lives.
@@ -334,6 +384,13 @@ impl Keeper {
             FrameSource::Recording(_) => Ok(()),
         }
     }
+}
+
+fn latest_baseline(records: &Records, now: DateTime<Utc>) -> Option<Baseline> {
+    records.latest_baseline(now).unwrap_or_else(|error| {
+        tracing::warn!("the last baseline cannot be read: {}", chain(&error));
+        None
+    })
 }
 
 /// A logbook's refusal as a fault on the bus.

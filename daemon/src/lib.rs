@@ -11,6 +11,7 @@
 //! - **care**: self-test and wear of relays; **discovery**: what is there, proposed and never used
 //! - **journal**: where the log goes, and with which fields
 //! - **observe**: how the daemon is, for `tactus status`, metrics, notifications and summaries
+//! - **records**: the sessions on disk; **reading**: work for clients who look, on threads that nothing else needs
 //! - **herald**: carries news to every connection; **ring**: what a reader of the full-rate stream has not read yet
 //!
 //! ```
@@ -42,8 +43,10 @@ mod place;
 mod prepare;
 mod problems;
 mod pulse;
+mod reading;
 mod recorder;
 mod recording;
+mod records;
 mod report;
 mod rig_assembly;
 mod ring;
@@ -83,7 +86,7 @@ const NOT_FOR_STRANGERS: Mode = Mode::WGRP.union(Mode::RWXO);
 /// An instrument that does not answer, or that could not be made safe.
 const INSTRUMENT: u8 = 5;
 
-/// Threads for what blocks: the disk, simulated instruments. On a busy machine each overlap takes one more, and while there
+/// Threads for what blocks: the disk of the session, simulated instruments; reading for clients has its own. On a busy machine each overlap takes one more, and while there
 /// is work none is given back: a million frames beside compilers made 28 of them, and 2 MB of memory.
 const BLOCKING: usize = 12;
 
@@ -233,7 +236,9 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
         );
         keeper.tell(None, "opened", &text).await;
     }
-    let goes_on = keeper.resume_interrupted().await;
+    // a record that takes long to read holds up neither the readiness nor a stop
+    let reads = keeper.has_much_to_read();
+    let goes_on = !reads && keeper.resume_interrupted().await;
     tracing::info!("ready on {}", offer.ways.join(", "));
     if let Some(closed) = closed {
         let text = format!("the source is off, verified; nothing is measured: {closed}");
@@ -243,12 +248,14 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
         sd_notify::NotifyState::Ready,
         sd_notify::NotifyState::Status("idle"),
     ]);
-    if start
-        && !goes_on
-        && let Err(fault) = keeper.start_session(&bus::Options::new()).await
-    {
-        tracing::error!("the scheduled session could not be started: {fault}");
-    }
+    let begins = begin(std::sync::Arc::clone(&keeper), start && !goes_on, reads);
+    let beginning = match reads {
+        true => Some(tokio::spawn(begins)),
+        false => {
+            begins.await;
+            None
+        }
+    };
     let (why, for_good) = loop {
         tokio::select! {
             _ = terminate.recv() => break ("the daemon was stopped (SIGTERM)", false),
@@ -262,6 +269,11 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
         sd_notify::NotifyState::Status("stopping"),
     ]);
     tracing::info!("{why}");
+    if let Some(beginning) = beginning {
+        // no session may begin any more
+        beginning.abort();
+        let _ = beginning.await;
+    }
     let safe = keeper.shut_down(why, for_good).await;
     keeper.tell(None, "stopped", why).await;
     keeper.herald.farewell().await;
@@ -317,6 +329,22 @@ fn is_left_by_us(prepared: &Prepared, assembled: &Assembled) -> bool {
                 !then.is_empty() && then.iter().all(|one| assembled.known.has_recorded(one))
             })
     })
+}
+
+/// Starts what is scheduled; where the record `reads` long, that comes first, and what was interrupted goes on.
+async fn begin(keeper: std::sync::Arc<Keeper>, start: bool, reads: bool) {
+    let mut goes_on = false;
+    if reads {
+        keeper.read_the_record().await;
+        goes_on = keeper.resume_interrupted().await;
+        keeper.begin_to_start();
+    }
+    if start
+        && !goes_on
+        && let Err(fault) = keeper.start_session(&bus::Options::new()).await
+    {
+        tracing::error!("the scheduled session could not be started: {fault}");
+    }
 }
 
 /// SIGHUP: says so to systemd, too, whose notify-reload waits for it.

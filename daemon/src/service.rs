@@ -2,8 +2,9 @@
 
 mod access;
 mod caller;
+mod gate;
 mod instrument1;
-mod limit;
+pub(crate) mod limit;
 mod manager1;
 mod offer;
 mod peer;
@@ -23,7 +24,8 @@ use zbus::{Connection, fdo::ObjectManager};
 use crate::herald::Notice;
 use crate::keeper::Keeper;
 use crate::live::{Live, Published};
-use access::{Door, Guarded};
+use access::Guarded;
+use gate::Gate;
 use instrument1::Instrument1;
 use manager1::{Manager1, Manager1Signals};
 use session1::{Session1, Session1Signals};
@@ -38,39 +40,44 @@ const ROLES: [&str; 4] = ["source", "switch", "voltmeter", "switch+voltmeter"];
 const TO_SAY: Duration = Duration::from_millis(500);
 
 /// Puts the manager, the instruments and the sessions on a connection before it hears anything.
-fn furnish<'a>(mut builder: Builder<'a>, keeper: &Arc<Keeper>, door: Door) -> Builder<'a> {
-    let manager = Guarded::new(Manager1(Arc::clone(keeper), door), door);
+fn furnish<'a>(mut builder: Builder<'a>, keeper: &Arc<Keeper>, gate: &Arc<Gate>) -> Builder<'a> {
+    let manager = Guarded::new(Manager1(Arc::clone(keeper), Arc::clone(gate)), gate);
     builder = builder
         .serve_at(ROOT_PATH, ObjectManager)
         .serve_at(ROOT_PATH, manager);
     if keeper.house().bench.is_some() {
-        let simulation = Guarded::new(Simulation1(Arc::clone(keeper)), door);
+        let simulation = Guarded::new(Simulation1(Arc::clone(keeper)), gate);
         builder = builder.serve_at(ROOT_PATH, simulation);
     }
     for found in keeper.known().instruments {
         let instrument = Instrument1::new(Arc::clone(keeper), found.role);
-        builder = builder.serve_at(instrument.path(), Guarded::new(instrument, door));
+        builder = builder.serve_at(instrument.path(), Guarded::new(instrument, gate));
     }
     for live in keeper.sessions() {
         if let Ok(path) = bus::session_path(&live.facts.id) {
-            builder = builder.serve_at(path, Guarded::new(Session1(live), door));
+            builder = builder.serve_at(path, Guarded::new(Session1(live), gate));
         }
     }
     builder
 }
 
 /// Puts a session on a connection, if it is not there yet.
-async fn show(server: &ObjectServer, live: &Arc<Live>, door: Door) -> zbus::Result<()> {
+async fn show(server: &ObjectServer, live: &Arc<Live>, gate: &Arc<Gate>) -> zbus::Result<()> {
     if let Ok(path) = bus::session_path(&live.facts.id) {
-        let session = Guarded::new(Session1(Arc::clone(live)), door);
+        let session = Guarded::new(Session1(Arc::clone(live)), gate);
         server.at(path, session).await?;
     }
     Ok(())
 }
 
 /// Says one piece of news; `false` when the connection is of no use any more.
-async fn say(connection: &Connection, keeper: &Arc<Keeper>, door: Door, notice: Notice) -> bool {
-    match tokio::time::timeout(TO_SAY, speak(connection, keeper, door, notice)).await {
+async fn say(
+    connection: &Connection,
+    keeper: &Arc<Keeper>,
+    gate: &Arc<Gate>,
+    notice: Notice,
+) -> bool {
+    match tokio::time::timeout(TO_SAY, speak(connection, keeper, gate, notice)).await {
         Ok(Ok(())) => true,
         Ok(Err(error)) => {
             tracing::debug!("a connection failed: {error}");
@@ -86,12 +93,12 @@ async fn say(connection: &Connection, keeper: &Arc<Keeper>, door: Door, notice: 
 async fn speak(
     connection: &Connection,
     keeper: &Arc<Keeper>,
-    door: Door,
+    gate: &Arc<Gate>,
     notice: Notice,
 ) -> zbus::Result<()> {
     let server = connection.object_server();
     match notice {
-        Notice::SessionAdded(live) => show(server, &live, door).await,
+        Notice::SessionAdded(live) => show(server, &live, gate).await,
         Notice::SessionRemoved(id) => {
             if let Ok(path) = bus::session_path(&id) {
                 match server.remove::<Guarded<Session1>, _>(path).await {
@@ -102,7 +109,7 @@ async fn speak(
             Ok(())
         }
         Notice::SessionChanged(live) => {
-            let Some(session) = session(server, &live, door).await? else {
+            let Some(session) = session(server, &live, gate).await? else {
                 return Ok(());
             };
             let emitter = session.signal_emitter();
@@ -112,7 +119,7 @@ async fn speak(
             object.end_reason_changed(emitter).await
         }
         Notice::FrameDone(live, published) => {
-            let Some(session) = session(server, &live, door).await? else {
+            let Some(session) = session(server, &live, gate).await? else {
                 return Ok(());
             };
             let wall_ns = crate::recorder::nanoseconds(published.frame.wall);
@@ -162,7 +169,7 @@ async fn speak(
             Ok(())
         }
         Notice::Pulse => Ok(()),
-        Notice::Furniture => refurnish(server, keeper, door).await,
+        Notice::Furniture => refurnish(server, keeper, gate).await,
         Notice::Happened(happening) => {
             let manager = server.interface::<_, Guarded<Manager1>>(ROOT_PATH).await?;
             let details = Options::new().with_some("session", happening.session.as_deref());
@@ -176,19 +183,23 @@ async fn speak(
 }
 
 /// After a reload: the instruments that there are now, and a hand on the sheet where it is simulated.
-async fn refurnish(server: &ObjectServer, keeper: &Arc<Keeper>, door: Door) -> zbus::Result<()> {
+async fn refurnish(
+    server: &ObjectServer,
+    keeper: &Arc<Keeper>,
+    gate: &Arc<Gate>,
+) -> zbus::Result<()> {
     let known = keeper.known().instruments;
     for role in ROLES {
         let instrument = Instrument1::new(Arc::clone(keeper), role);
         let path = instrument.path();
         if known.iter().any(|found| found.role == role) {
-            server.at(path, Guarded::new(instrument, door)).await?;
+            server.at(path, Guarded::new(instrument, gate)).await?;
         } else {
             gone(server.remove::<Guarded<Instrument1>, _>(path).await)?;
         }
     }
     if keeper.house().bench.is_some() {
-        let simulation = Guarded::new(Simulation1(Arc::clone(keeper)), door);
+        let simulation = Guarded::new(Simulation1(Arc::clone(keeper)), gate);
         server.at(ROOT_PATH, simulation).await?;
     } else {
         gone(server.remove::<Guarded<Simulation1>, _>(ROOT_PATH).await)?;
@@ -213,12 +224,12 @@ fn gone<T>(removed: zbus::Result<T>) -> zbus::Result<()> {
 async fn session(
     server: &ObjectServer,
     live: &Arc<Live>,
-    door: Door,
+    gate: &Arc<Gate>,
 ) -> zbus::Result<Option<InterfaceRef<Guarded<Session1>>>> {
     let Ok(path) = bus::session_path(&live.facts.id) else {
         return Ok(None);
     };
-    show(server, live, door).await?;
+    show(server, live, gate).await?;
     server
         .interface::<_, Guarded<Session1>>(path)
         .await

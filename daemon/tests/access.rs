@@ -299,7 +299,7 @@ async fn a_polkit_that_never_answers_is_a_refusal() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn one_client_has_four_questions_open_and_all_together_thirty_two() {
+async fn one_user_has_eight_questions_open_on_all_connections() {
     let (say, said) = watch::channel(false);
     let Some(scene) = Scene::set("system", Some(Says::YesWhen(said))).await else {
         return;
@@ -320,7 +320,7 @@ async fn one_client_has_four_questions_open_and_all_together_thirty_two() {
     };
     let mut asked = scene.asked.subscribe();
     let mut questions = JoinSet::new();
-    for client in 1..=8 {
+    for client in 1..=2 {
         let manager = Manager1Proxy::new(&scene.broker.connect().await)
             .await
             .unwrap();
@@ -330,10 +330,9 @@ async fn one_client_has_four_questions_open_and_all_together_thirty_two() {
         within(asked.wait_for(|asked| asked.len() == client * 4))
             .await
             .unwrap();
-        refused(&manager, "you have 4 questions to polkit").await;
     }
-    refused(&scene.manager, "all together have 32 questions").await;
-    assert_eq!(scene.asked.borrow().len(), 32, "polkit is not asked");
+    refused(&scene.manager, "you have 8 questions to polkit").await;
+    assert_eq!(scene.asked.borrow().len(), 8, "polkit is not asked");
     // looking needs no question
     assert_eq!(scene.manager.state().await.unwrap(), "idle");
 

@@ -166,6 +166,19 @@ async fn a_schedule_ends_by_itself_and_summaries_reach_the_last_frame() {
     let listed = daemon.manager.list_sessions(&Options::new()).await.unwrap();
     assert_eq!((listed[0].frames, listed[0].state.as_str()), (40, "closed"));
     assert_eq!(listed[1].kind, "baseline");
+    // page by page
+    let first = Options::new().with("count", 1_u64);
+    let page = daemon.manager.list_sessions(&first).await.unwrap();
+    assert_eq!((page.len(), &page[0].id), (1, &listed[0].id));
+    let rest = Options::new().with("before", page[0].id.as_str());
+    let page = daemon.manager.list_sessions(&rest).await.unwrap();
+    assert_eq!((page.len(), &page[0].id), (1, &listed[1].id));
+    let gone = Options::new().with("before", "gone");
+    let refused = daemon.manager.list_sessions(&gone).await;
+    assert!(
+        matches!(refused, Err(bus::Fault::NoSession(_))),
+        "{refused:?}"
+    );
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -282,7 +282,8 @@ impl Index {
     /// # Errors
     /// The file cannot be written; nothing but time is lost by that.
     pub fn save(&mut self) -> Result<(), LogbookError> {
-        let failed = |source| LogbookError::disk(&self.dir.join(FILE), "write the index to", source);
+        let failed =
+            |source| LogbookError::disk(&self.dir.join(FILE), "write the index to", source);
         let kept = self.entries.len();
         let lines = self
             .lines

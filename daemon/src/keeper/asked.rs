@@ -9,7 +9,7 @@ use survey::{Baseline, Settings};
 
 use super::Keeper;
 use super::resume::{Interrupted, to_json};
-use crate::config::{AboutSection, RangesName};
+use crate::config::{AboutSection, RangesName, SurveySection};
 use crate::live::Live;
 use crate::measuring::Measuring;
 use crate::model::{self, Model, ModelFault, chain};
@@ -76,6 +76,11 @@ fn known(of_its_own: &[&'static str]) -> Vec<&'static str> {
     [of_its_own, &bus::MEASURING_OPTIONS].concat()
 }
 
+/// The plan of a rig that is surveyed like this.
+fn adjusted(setup: &Setup, survey: SurveySection) -> Result<RigPlan, Fault> {
+    prepare::adjusted(setup, survey).map_err(|problems| Fault::InvalidOption(problems.join("; ")))
+}
+
 impl Keeper {
     /// Starts a measurement.
     ///
@@ -86,6 +91,7 @@ impl Keeper {
         self: &Arc<Self>,
         options: &Options,
     ) -> Result<Arc<Live>, Fault> {
+        self.may_start().await;
         let order = self.measurement(options, None).await?;
         self.begin(order).await
     }
@@ -187,6 +193,7 @@ impl Keeper {
             count: Some(frames),
             ..Schedule::default()
         };
+        self.may_start().await;
         self.begin(Assignment {
             work: Work::Baseline,
             schedule,
@@ -212,11 +219,18 @@ impl Keeper {
     /// An option that cannot be; a recording.
     pub(crate) async fn plan_with(&self, options: &Options) -> Result<Arc<RigPlan>, Fault> {
         options.only(&bus::MEASURING_OPTIONS)?;
-        let own = self.own_plan(options).await?;
-        let plan = own.or_else(|| self.house().plan.clone());
-        let plan = plan.ok_or_else(no_plan)?;
-        let measuring = Measuring::of(Some(Arc::clone(&plan)), self.baseline().as_deref());
-        Ok(measuring.now().unwrap_or(plan))
+        let own = self.own_survey(options)?;
+        let (house, baseline) = (self.house(), self.baseline());
+        let made = move || -> Result<Arc<RigPlan>, Fault> {
+            let plan = match own {
+                Some(survey) => Arc::new(adjusted(&house.setup, survey)?),
+                None => house.plan.clone().ok_or_else(no_plan)?,
+            };
+            let measuring = Measuring::of(Some(Arc::clone(&plan)), baseline.as_deref());
+            Ok(measuring.now().unwrap_or(plan))
+        };
+        // somebody only looks: not on the threads that sessions need
+        crate::reading::read(made).await?
     }
 
     fn chosen_baseline(&self, id: Option<&str>) -> Result<Arc<Baseline>, Fault> {
@@ -248,6 +262,18 @@ impl Keeper {
 
     /// The plan of a session that says how it measures; `None` where it measures as configured.
     async fn own_plan(&self, options: &Options) -> Result<Option<Arc<RigPlan>>, Fault> {
+        let Some(survey) = self.own_survey(options)? else {
+            return Ok(None);
+        };
+        let house = self.house();
+        match tokio::task::spawn_blocking(move || adjusted(&house.setup, survey)).await {
+            Ok(plan) => plan.map(|plan| Some(Arc::new(plan))),
+            Err(_) => Err(Fault::Failed("the plan could not be made".into())),
+        }
+    }
+
+    /// How a session measures that says so; `None` where it measures as configured.
+    fn own_survey(&self, options: &Options) -> Result<Option<SurveySection>, Fault> {
         let house = self.house();
         let mut survey = house.setup.config.survey.clone();
         let configured = survey.clone();
@@ -281,13 +307,7 @@ impl Keeper {
                 "a recording was measured as it was; leave out how to measure".into(),
             ));
         }
-        let adjusted =
-            tokio::task::spawn_blocking(move || prepare::adjusted(&house.setup, survey)).await;
-        match adjusted {
-            Ok(Ok(plan)) => Ok(Some(Arc::new(plan))),
-            Ok(Err(problems)) => Err(Fault::InvalidOption(problems.join("; "))),
-            Err(_) => Err(Fault::Failed("the plan could not be made".into())),
-        }
+        Ok(Some(survey))
     }
 
     fn check_baseline(

@@ -71,8 +71,8 @@ impl Keeper {
         if !house.setup.config.record.resume || self.is_recording() {
             return false;
         }
-        let directory = house.setup.record_directory.clone();
-        let found = tokio::task::spawn_blocking(move || logbook::interrupted(&directory)).await;
+        let keeper = Arc::clone(self);
+        let found = tokio::task::spawn_blocking(move || keeper.records.interrupted()).await;
         let found = match found {
             Ok(Ok(found)) => found,
             Ok(Err(error)) => {

@@ -5,6 +5,7 @@
 //! would need a row of its own, and no interface has one to set.
 
 use std::fmt::Write;
+use std::sync::Arc;
 
 use async_trait::async_trait;
 use bus::{Fault, MANAGER_INTERFACE, SESSION_INTERFACE, SIMULATION_INTERFACE};
@@ -13,8 +14,9 @@ use zbus::names::{InterfaceName, MemberName};
 use zbus::object_server::{DispatchResult, Interface, ObjectServer, SignalEmitter};
 use zbus::{BoxDBusError, Connection, OwnedVariant, Variant, fdo};
 
-use super::limit::{self, CALLS, QUESTIONS};
-use super::{caller, polkit};
+use super::gate::{Client, Gate};
+use super::limit::{ACTS, LOOKS, Limit, QUESTIONS, SAFETY, WAITS};
+use super::polkit;
 
 /// What a caller wants to do, as coarse as permission is given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,50 +46,142 @@ impl Action {
     }
 }
 
-/// Every method, and what it does.
-const METHODS: &[(&str, &str, Action)] = &[
-    (MANAGER_INTERFACE, "StartSession", Action::Control),
-    (MANAGER_INTERFACE, "RecordBaseline", Action::Baseline),
-    (MANAGER_INTERFACE, "ListSessions", Action::Observe),
-    (MANAGER_INTERFACE, "Plan", Action::Observe),
-    (MANAGER_INTERFACE, "PlanWith", Action::Observe),
-    (MANAGER_INTERFACE, "Geometry", Action::Observe),
-    (MANAGER_INTERFACE, "Baseline", Action::Observe),
-    (MANAGER_INTERFACE, "Health", Action::Observe),
+/// What a call takes, and what becomes of it when its caller leaves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Lane {
+    /// Answered at once; ends with its caller.
+    Look,
+    /// Waits for a frame or for the end of a session; ends with its caller.
+    Wait,
+    /// Changes something; runs to its end.
+    Act,
+    /// Makes the rig safe, with places of its own; runs to its end.
+    Safe,
+}
+
+impl Lane {
+    fn places(self) -> &'static Limit {
+        match self {
+            Self::Look => &LOOKS,
+            Self::Wait => &WAITS,
+            Self::Act => &ACTS,
+            Self::Safe => &SAFETY,
+        }
+    }
+
+    /// Whether an answer that nobody waits for any more is given up.
+    fn ends_with_its_caller(self) -> bool {
+        matches!(self, Self::Look | Self::Wait)
+    }
+}
+
+/// Every method, what it does, and how it is answered.
+const METHODS: &[(&str, &str, Action, Lane)] = &[
+    (
+        MANAGER_INTERFACE,
+        "StartSession",
+        Action::Control,
+        Lane::Act,
+    ),
+    (
+        MANAGER_INTERFACE,
+        "RecordBaseline",
+        Action::Baseline,
+        Lane::Act,
+    ),
+    (
+        MANAGER_INTERFACE,
+        "ListSessions",
+        Action::Observe,
+        Lane::Look,
+    ),
+    (MANAGER_INTERFACE, "Plan", Action::Observe, Lane::Look),
+    (MANAGER_INTERFACE, "PlanWith", Action::Observe, Lane::Look),
+    (MANAGER_INTERFACE, "Geometry", Action::Observe, Lane::Look),
+    (MANAGER_INTERFACE, "Baseline", Action::Observe, Lane::Look),
+    (MANAGER_INTERFACE, "Health", Action::Observe, Lane::Look),
     // runs a program that only the configuration names
-    (MANAGER_INTERFACE, "NotifyTest", Action::Control),
+    (MANAGER_INTERFACE, "NotifyTest", Action::Control, Lane::Act),
     // injects current and moves every relay
-    (MANAGER_INTERFACE, "TestInstruments", Action::Instruments),
+    (
+        MANAGER_INTERFACE,
+        "TestInstruments",
+        Action::Instruments,
+        Lane::Act,
+    ),
     // asks the instruments over their wires
-    (MANAGER_INTERFACE, "Relays", Action::Instruments),
+    (MANAGER_INTERFACE, "Relays", Action::Instruments, Lane::Act),
     // speaks to addresses that the caller names
-    (MANAGER_INTERFACE, "Discover", Action::Instruments),
-    (MANAGER_INTERFACE, "OpenAll", Action::Instruments),
-    (MANAGER_INTERFACE, "AcceptInstruments", Action::Instruments),
-    (MANAGER_INTERFACE, "Transcript", Action::Instruments),
-    (MANAGER_INTERFACE, "Reload", Action::Reload),
-    (SESSION_INTERFACE, "Stop", Action::Control),
-    (SESSION_INTERFACE, "Suspend", Action::Control),
-    (SESSION_INTERFACE, "Resume", Action::Control),
-    (SESSION_INTERFACE, "Step", Action::Control),
-    (SESSION_INTERFACE, "Wait", Action::Observe),
-    (SESSION_INTERFACE, "LatestFrame", Action::Observe),
-    (SESSION_INTERFACE, "LatestMap", Action::Observe),
-    (SESSION_INTERFACE, "LatestPressure", Action::Observe),
-    (SESSION_INTERFACE, "OpenStream", Action::Observe),
-    (SIMULATION_INTERFACE, "Press", Action::Instruments),
-    (SIMULATION_INTERFACE, "Release", Action::Instruments),
+    (
+        MANAGER_INTERFACE,
+        "Discover",
+        Action::Instruments,
+        Lane::Act,
+    ),
+    (
+        MANAGER_INTERFACE,
+        "OpenAll",
+        Action::Instruments,
+        Lane::Safe,
+    ),
+    (
+        MANAGER_INTERFACE,
+        "AcceptInstruments",
+        Action::Instruments,
+        Lane::Act,
+    ),
+    (
+        MANAGER_INTERFACE,
+        "Transcript",
+        Action::Instruments,
+        Lane::Act,
+    ),
+    (MANAGER_INTERFACE, "Reload", Action::Reload, Lane::Act),
+    (SESSION_INTERFACE, "Stop", Action::Control, Lane::Safe),
+    (SESSION_INTERFACE, "Suspend", Action::Control, Lane::Safe),
+    (SESSION_INTERFACE, "Resume", Action::Control, Lane::Act),
+    (SESSION_INTERFACE, "Step", Action::Control, Lane::Wait),
+    (SESSION_INTERFACE, "Wait", Action::Observe, Lane::Wait),
+    (
+        SESSION_INTERFACE,
+        "LatestFrame",
+        Action::Observe,
+        Lane::Look,
+    ),
+    (SESSION_INTERFACE, "LatestMap", Action::Observe, Lane::Look),
+    (
+        SESSION_INTERFACE,
+        "LatestPressure",
+        Action::Observe,
+        Lane::Look,
+    ),
+    (SESSION_INTERFACE, "OpenStream", Action::Observe, Lane::Look),
+    (
+        SIMULATION_INTERFACE,
+        "Press",
+        Action::Instruments,
+        Lane::Act,
+    ),
+    (
+        SIMULATION_INTERFACE,
+        "Release",
+        Action::Instruments,
+        Lane::Act,
+    ),
 ];
 
 /// Every property that can be set, and what setting it does. `Properties.Set` passes the bus's own policy.
 const SETTERS: &[(&str, &str, Action)] = &[];
 
-fn action(
-    table: &[(&str, &str, Action)],
-    interface: &InterfaceName<'_>,
-    member: &str,
-) -> Option<Action> {
-    table
+fn method(interface: &InterfaceName<'_>, member: &str) -> Option<(Action, Lane)> {
+    METHODS
+        .iter()
+        .find(|(of, named, ..)| *of == interface.as_str() && *named == member)
+        .map(|(_, _, action, lane)| (*action, *lane))
+}
+
+fn setter(interface: &InterfaceName<'_>, member: &str) -> Option<Action> {
+    SETTERS
         .iter()
         .find(|(of, named, _)| *of == interface.as_str() && *named == member)
         .map(|(_, _, action)| *action)
@@ -109,7 +203,8 @@ impl Door {
     async fn admit(
         self,
         connection: &Connection,
-        header: Option<&Header<'_>>,
+        header: &Header<'_>,
+        client: &Client,
         action: Option<Action>,
         what: &str,
     ) -> Result<(), Fault> {
@@ -126,24 +221,21 @@ impl Door {
         if self == Self::Peer {
             return Ok(());
         }
-        let Some((header, sender)) =
-            header.and_then(|header| Some((header, header.sender()?.to_owned())))
-        else {
+        let Some(sender) = header.sender() else {
             return refused("the message does not say who sends it");
         };
         if self == Self::Session {
-            return match caller::of(connection, &sender).await {
-                Ok(caller) if caller.is_ours() => Ok(()),
-                Ok(_) => refused("only the daemon's own user may, on the session bus"),
-                Err(error) => refused(&format!("the bus does not say who asks: {error}")),
+            return match client.caller.is_ours() {
+                true => Ok(()),
+                false => refused("only the daemon's own user may, on the session bus"),
             };
         }
-        let _place = QUESTIONS.take(limit::client(connection, header))?;
+        let _place = QUESTIONS.take(client.user)?;
         let interactive = header
             .primary()
             .flags()
             .contains(Flags::ALLOW_INTERACTIVE_AUTH);
-        match polkit::ask(connection, &sender, id, interactive).await {
+        match polkit::ask(connection, sender, id, interactive).await {
             polkit::Answer::Granted => Ok(()),
             polkit::Answer::Refused => {
                 refused(&format!("polkit does not allow you the action {id}"))
@@ -151,13 +243,12 @@ impl Door {
             polkit::Answer::Broken(why) => refused(&format!(
                 "polkit was asked for the action {id} and gave no answer ({why})"
             )),
-            polkit::Answer::Absent => match caller::of(connection, &sender).await {
-                Ok(caller) if caller.is_ours() || caller.is_member() => Ok(()),
-                Ok(_) => refused(
-                    "only root, the daemon's user and the group tactus may, where there is no polkit",
-                ),
-                Err(error) => refused(&format!("the bus does not say who asks: {error}")),
-            },
+            polkit::Answer::Absent if client.caller.is_ours() || client.caller.is_member() => {
+                Ok(())
+            }
+            polkit::Answer::Absent => refused(
+                "only root, the daemon's user and the group tactus may, where there is no polkit",
+            ),
         }
     }
 }
@@ -165,12 +256,15 @@ impl Door {
 /// An object behind the gate.
 pub(super) struct Guarded<I> {
     object: I,
-    door: Door,
+    gate: Arc<Gate>,
 }
 
 impl<I> Guarded<I> {
-    pub(super) fn new(object: I, door: Door) -> Self {
-        Self { object, door }
+    pub(super) fn new(object: I, gate: &Arc<Gate>) -> Self {
+        Self {
+            object,
+            gate: Arc::clone(gate),
+        }
     }
 }
 
@@ -231,10 +325,9 @@ impl<I: Interface> Interface for Guarded<I> {
         let DispatchResult::Async(set) = set else {
             return set;
         };
-        let action = action(SETTERS, &I::name(), property_name);
+        let action = setter(&I::name(), property_name);
         DispatchResult::Async(Box::pin(async move {
-            self.door
-                .admit(connection, header, action, property_name)
+            admit_setter(&self.gate, connection, header, action, property_name)
                 .await
                 .map_err(boxed)?;
             set.await
@@ -250,12 +343,9 @@ impl<I: Interface> Interface for Guarded<I> {
         header: Option<&Header<'_>>,
         emitter: &SignalEmitter<'_>,
     ) -> Option<Result<(), BoxDBusError>> {
-        let action = action(SETTERS, &I::name(), property_name);
-        if let Err(refusal) = self
-            .door
-            .admit(connection, header, action, property_name)
-            .await
-        {
+        let action = setter(&I::name(), property_name);
+        let admitted = admit_setter(&self.gate, connection, header, action, property_name).await;
+        if let Err(refusal) = admitted {
             return Some(Err(boxed(refusal)));
         }
         self.object
@@ -270,9 +360,8 @@ impl<I: Interface> Interface for Guarded<I> {
         msg: &'call Message,
         name: MemberName<'call>,
     ) -> DispatchResult<'call> {
-        let door = self.door;
         let answered = self.object.call(server, connection, msg, name.clone());
-        behind::<I>(door, answered, connection, msg, name)
+        behind::<I>(&self.gate, answered, connection, msg, name)
     }
 
     fn call_mut<'call>(
@@ -282,9 +371,9 @@ impl<I: Interface> Interface for Guarded<I> {
         msg: &'call Message,
         name: MemberName<'call>,
     ) -> DispatchResult<'call> {
-        let door = self.door;
+        let gate = Arc::clone(&self.gate);
         let answered = self.object.call_mut(server, connection, msg, name.clone());
-        behind::<I>(door, answered, connection, msg, name)
+        behind::<I>(&gate, answered, connection, msg, name)
     }
 
     fn introspect_to_writer(&self, writer: &mut dyn Write, level: usize) {
@@ -294,7 +383,7 @@ impl<I: Interface> Interface for Guarded<I> {
 
 /// The call, not begun before it is admitted.
 fn behind<'call, I: Interface>(
-    door: Door,
+    gate: &Arc<Gate>,
     answered: DispatchResult<'call>,
     connection: &'call Connection,
     msg: &'call Message,
@@ -303,17 +392,47 @@ fn behind<'call, I: Interface>(
     let DispatchResult::Async(answered) = answered else {
         return answered;
     };
-    let action = action(METHODS, &I::name(), name.as_str());
+    let row = method(&I::name(), name.as_str());
+    let gate = Arc::clone(gate);
     DispatchResult::Async(Box::pin(async move {
         let header = msg.header();
-        let _place = CALLS
-            .take(limit::client(connection, &header))
-            .map_err(boxed)?;
-        door.admit(connection, Some(&header), action, name.as_str())
-            .await
-            .map_err(boxed)?;
-        answered.await
+        let found = gate.client(connection, &header).await.map_err(boxed)?;
+        let Some(client) = found else {
+            return Ok(());
+        };
+        let action = row.map(|(action, _)| action);
+        let admitted = gate
+            .door
+            .admit(connection, &header, &client, action, name.as_str());
+        // nobody waits for the answer to a question whose asker has left
+        let Some(admitted) = client.while_present(admitted).await else {
+            return Ok(());
+        };
+        admitted.map_err(boxed)?;
+        let lane = row.map_or(Lane::Look, |(_, lane)| lane);
+        let _place = lane.places().take(client.user).map_err(boxed)?;
+        let answered = gate.acting(client.user.calls(answered));
+        match lane.ends_with_its_caller() {
+            true => client.while_present(answered).await.unwrap_or(Ok(())),
+            false => answered.await,
+        }
     }))
+}
+
+/// Lets the sender of a message set a property, or says why not.
+async fn admit_setter(
+    gate: &Gate,
+    connection: &Connection,
+    header: Option<&Header<'_>>,
+    action: Option<Action>,
+    what: &str,
+) -> Result<(), Fault> {
+    let left = || Fault::NotAuthorized(format!("{what}: its sender has left"));
+    let header = header.ok_or_else(left)?;
+    let client = gate.client(connection, header).await?.ok_or_else(left)?;
+    gate.door
+        .admit(connection, header, &client, action, what)
+        .await
 }
 
 fn boxed(refusal: Fault) -> BoxDBusError {

@@ -8,6 +8,8 @@ use tokio::net::UnixStream;
 use zbus::names::{BusName, UniqueName};
 use zbus::{Connection, fdo::DBusProxy};
 
+use super::limit::User;
+
 /// The group that may do what the daemon's own user may.
 pub(super) const GROUP: &str = "tactus";
 /// More groups than a user has.
@@ -18,6 +20,8 @@ const MOST_GROUPS: usize = 4096;
 pub(super) struct Caller {
     user: u32,
     groups: Vec<u32>,
+    /// As its places are counted: found out once, because many calls may come.
+    counted: User,
 }
 
 /// The sender of a message on a bus.
@@ -34,7 +38,7 @@ pub(super) async fn of(connection: &Connection, sender: &UniqueName<'_>) -> zbus
         .ok_or_else(|| zbus::Error::Failure("it does not know the user".into()))?;
     // a bus that says no groups (before dbus 1.14) leaves root and our own user
     let groups = credentials.unix_group_ids().cloned().unwrap_or_default();
-    Ok(Caller { user, groups })
+    Ok(Caller::new(user, groups))
 }
 
 impl Caller {
@@ -47,15 +51,30 @@ impl Caller {
         let who = stream.peer_cred()?;
         let mut groups = peer_groups(stream)?;
         groups.push(who.gid());
-        Ok(Self {
-            user: who.uid(),
+        Ok(Self::new(who.uid(), groups))
+    }
+
+    fn new(user: u32, groups: Vec<u32>) -> Self {
+        let mut caller = Self {
+            user,
             groups,
-        })
+            counted: User {
+                id: user,
+                trusted: false,
+            },
+        };
+        caller.counted.trusted = caller.is_ours() || caller.is_member();
+        caller
     }
 
     /// Its user's number; in a user namespace, that of all users whose own is not visible there.
     pub(super) fn user(&self) -> u32 {
         self.user
+    }
+
+    /// As places are counted.
+    pub(super) fn counted(&self) -> User {
+        self.counted
     }
 
     /// Root, or the daemon's own user.
@@ -126,10 +145,9 @@ mod tests {
                 .all(|group| caller.groups.contains(&group.as_raw())),
             "{caller:?} is not of all of {own:?}"
         );
-        let stranger = Caller {
-            user: 4_000_000_000,
-            groups: vec![4_000_000_000],
-        };
+        assert!(caller.counted().trusted);
+        let stranger = Caller::new(4_000_000_000, vec![4_000_000_000]);
         assert!(!stranger.is_ours() && !stranger.is_member());
+        assert!(!stranger.counted().trusted);
     }
 }

@@ -6,14 +6,16 @@ use bus::{Fault, Options, ROOT_PATH, RelayWear, SeenInstrument, SessionSummary, 
 use zbus::object_server::{ObjectServer, SignalEmitter};
 use zbus::{ObjectPath, OwnedVariant, interface};
 
-use super::access::Door;
-use crate::keeper::{Keeper, disk_fault, no_baseline, no_plan};
+use super::gate::Gate;
+use crate::keeper::{Keeper, no_baseline, no_plan};
 use crate::live::Live;
-use crate::model::chain;
 use crate::report;
 
-/// The manager on one connection, and the way on which its callers come.
-pub(super) struct Manager1(pub(super) Arc<Keeper>, pub(super) Door);
+/// Sessions in one answer: some 300 kB. Who wants more asks for those before the last one.
+const MOST_LISTED: u64 = 1000;
+
+/// The manager on one connection, and the gate through which its callers come.
+pub(super) struct Manager1(pub(super) Arc<Keeper>, pub(super) Arc<Gate>);
 
 /// The daemon itself.
 #[interface(name = "org.tactus.Tactus1.Manager1")]
@@ -31,7 +33,7 @@ impl Manager1 {
         #[zbus(object_server)] server: &ObjectServer,
     ) -> Result<ObjectPath<'static>, Fault> {
         let live = self.0.start_session(&options).await?;
-        shown(server, &live, self.1).await
+        shown(server, &live, &self.1).await
     }
 
     /// Records a baseline and returns its session at once; when it has ended it is the current baseline. Options:
@@ -43,31 +45,20 @@ impl Manager1 {
         #[zbus(object_server)] server: &ObjectServer,
     ) -> Result<ObjectPath<'static>, Fault> {
         let live = self.0.record_baseline(&options).await?;
-        shown(server, &live, self.1).await
+        shown(server, &live, &self.1).await
     }
 
     /// What the logbook holds, newest first: id, kind, state (`open`, `closed`, `interrupted`), start in ns since 1970
-    /// UTC, frames, whether simulated, file, and `note`, `reason`, `ended_ns` where there are any. Option: `count` (t).
+    /// UTC, frames, whether simulated, file, and `note`, `reason`, `ended_ns` where there are any. At most 1000 in one
+    /// answer. Options: `count` (t), fewer than that; `before` (s, an id), those that come after it in the list.
     #[zbus(out_args("sessions"))]
     async fn list_sessions(&self, options: Options) -> Result<Vec<SessionSummary>, Fault> {
-        options.only(&["count"])?;
-        let count = options.whole("count")?.unwrap_or(u64::MAX);
-        let directory = self.0.house().setup.record_directory.clone();
-        let listing = tokio::task::spawn_blocking(move || logbook::list(directory))
-            .await
-            .map_err(|_| Fault::Failed("the logbook could not be read".into()))?
-            .map_err(|error| disk_fault(&error))?;
-        for unreadable in &listing.unreadable {
-            tracing::warn!("{}: {}", unreadable.path.display(), chain(&unreadable.why));
-        }
-        let active = self.0.active().map(|live| live.facts.id.clone());
-        Ok(listing
-            .sessions
-            .iter()
-            .rev()
-            .take(usize::try_from(count).unwrap_or(usize::MAX))
-            .map(|summary| report::session(summary, active.as_deref()))
-            .collect())
+        options.only(&["count", "before"])?;
+        let count = options.whole("count")?.unwrap_or(MOST_LISTED);
+        let count = usize::try_from(count.min(MOST_LISTED)).unwrap_or(usize::MAX);
+        let before = options.text("before")?.map(str::to_owned);
+        let keeper = Arc::clone(&self.0);
+        crate::reading::read(move || keeper.listed(count, before.as_deref())).await?
     }
 
     /// The plan of a frame, without moving anything.
@@ -389,9 +380,9 @@ impl Manager1 {
 async fn shown(
     server: &ObjectServer,
     live: &Arc<Live>,
-    door: Door,
+    gate: &Arc<Gate>,
 ) -> Result<ObjectPath<'static>, Fault> {
-    super::show(server, live, door)
+    super::show(server, live, gate)
         .await
         .map_err(Fault::Connection)?;
     bus::session_path(&live.facts.id)

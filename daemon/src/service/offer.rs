@@ -5,12 +5,14 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use bus::BUS_NAME;
+use tokio::runtime::Handle;
 use tokio::task::JoinSet;
 use zbus::Connection;
 use zbus::connection::Builder;
 use zbus::fdo::{RequestNameFlags, RequestNameReply};
 
 use super::access::Door;
+use super::gate::{Gate, Threads};
 use super::peer;
 use crate::config::BusSection;
 use crate::keeper::Keeper;
@@ -26,6 +28,7 @@ const TO_CONNECT: Duration = Duration::from_secs(5);
 #[derive(Debug)]
 pub(crate) struct Offer {
     _tasks: JoinSet<()>,
+    _threads: [Threads; 2],
     /// For a person.
     pub ways: Vec<String>,
 }
@@ -38,6 +41,8 @@ pub(crate) enum OfferError {
         path: PathBuf,
         cause: std::io::Error,
     },
+    #[error("no threads to serve clients on: {0}")]
+    Threads(std::io::Error),
     #[error("the {which} bus was asked for and is not there: {cause}")]
     NoBus {
         which: &'static str,
@@ -55,14 +60,23 @@ impl Offer {
     ) -> Result<Self, OfferError> {
         let mut tasks = JoinSet::new();
         let mut ways = Vec::new();
+        // sessions run here; clients are served on threads of their own, those of the peer socket apart from the buses'
+        let acting = Handle::current();
+        let threads = [
+            Threads::start("peer").map_err(OfferError::Threads)?,
+            Threads::start("bus").map_err(OfferError::Threads)?,
+        ];
+        let [peers, buses] = [threads[0].handle(), threads[1].handle()];
         if section.peer
             && let Some(path) = &section.peer_path
         {
+            let _entered = peers.enter();
             let listener = peer::bind(path).map_err(|cause| OfferError::Peer {
                 path: path.clone(),
                 cause,
             })?;
-            tasks.spawn(peer::serve(listener, Arc::clone(keeper)));
+            let served = peer::serve(listener, Arc::clone(keeper), acting.clone());
+            tasks.spawn_on(served, peers);
             ways.push(format!("unix:{}", path.display()));
         }
         for (door, wanted) in [
@@ -70,13 +84,18 @@ impl Offer {
             (Door::System, section.system),
         ] {
             if wanted {
-                let connection = connect(door, keeper).await?;
-                tasks.spawn(stay(door, connection, Arc::clone(keeper)));
+                let (held, home) = (Arc::clone(keeper), acting.clone());
+                let connected = buses.spawn(async move { connect(door, &held, &home).await });
+                let no_bus = |_| OfferError::Threads(std::io::ErrorKind::Interrupted.into());
+                let connection = connected.await.map_err(no_bus)??;
+                let stays = stay(door, connection, Arc::clone(keeper), acting.clone());
+                tasks.spawn_on(stays, buses);
                 ways.push(word(door).to_owned());
             }
         }
         Ok(Self {
             _tasks: tasks,
+            _threads: threads,
             ways,
         })
     }
@@ -90,22 +109,40 @@ fn word(door: Door) -> &'static str {
     }
 }
 
+/// A connection to a bus, its gate, and the task that hears who leaves.
+struct Connected {
+    connection: Connection,
+    gate: Arc<Gate>,
+    _follows: JoinSet<()>,
+}
+
 /// Connects, puts everything there, and only then asks for the name.
-async fn connect(door: Door, keeper: &Arc<Keeper>) -> Result<Connection, OfferError> {
+async fn connect(
+    door: Door,
+    keeper: &Arc<Keeper>,
+    acting: &Handle,
+) -> Result<Connected, OfferError> {
     let which = word(door);
     let no_bus = |cause| OfferError::NoBus { which, cause };
     let builder = match door {
         Door::System => Builder::system(),
         _ => Builder::session(),
     };
-    let connection = super::furnish(builder, keeper, door)
+    let gate = Gate::of_bus(door, acting.clone());
+    let connection = super::furnish(builder, keeper, &gate)
         .build()
         .await
         .map_err(no_bus)?;
+    let connected = Connected {
+        _follows: gate.follow(&connection).await.map_err(no_bus)?,
+        connection,
+        gate,
+    };
+    let connection = &connected.connection;
     // neither replaceable nor replacing: a second daemon must not steal the name
     let flags = RequestNameFlags::DO_NOT_QUEUE;
     match connection.request_name_with_flags(BUS_NAME, flags).await {
-        Ok(RequestNameReply::PrimaryOwner | RequestNameReply::AlreadyOwner) => Ok(connection),
+        Ok(RequestNameReply::PrimaryOwner | RequestNameReply::AlreadyOwner) => Ok(connected),
         Ok(RequestNameReply::Exists | RequestNameReply::InQueue) | Err(zbus::Error::NameTaken) => {
             Err(OfferError::Owned { which })
         }
@@ -114,7 +151,7 @@ async fn connect(door: Door, keeper: &Arc<Keeper>) -> Result<Connection, OfferEr
 }
 
 /// Carries news to one bus, and comes back when the bus does.
-async fn stay(door: Door, mut connection: Connection, keeper: Arc<Keeper>) {
+async fn stay(door: Door, mut connected: Connected, keeper: Arc<Keeper>, acting: Handle) {
     let which = word(door);
     let mut news = keeper.herald.listen();
     let part = match which {
@@ -122,29 +159,33 @@ async fn stay(door: Door, mut connection: Connection, keeper: Arc<Keeper>) {
         _ => Part::SessionBus,
     };
     loop {
+        let Connected {
+            connection, gate, ..
+        } = &connected;
         loop {
             tokio::select! {
                 () = connection.closed() => break,
                 notice = news.recv() => {
                     let Some(notice) = notice else { return };
-                    if !super::say(&connection, &keeper, door, notice).await {
+                    if !super::say(connection, &keeper, gate, notice).await {
                         break;
                     }
                     keeper.pulse.rest(part);
                 }
             }
         }
-        let _ = tokio::time::timeout(super::TO_SAY, connection.close()).await;
+        let _ = tokio::time::timeout(super::TO_SAY, connection.clone().close()).await;
+        gate.all_left();
         tracing::warn!("the {which} bus is gone; acquisition goes on");
         let mut pause = LOOK_AGAIN.0;
-        connection = loop {
+        connected = loop {
             tokio::time::sleep(pause).await;
             keeper.pulse.rest(part);
             pause = (pause * 2).min(LOOK_AGAIN.1);
             news = keeper.herald.listen();
             // a bus that is there and frozen does not answer at all
-            match tokio::time::timeout(TO_CONNECT, connect(door, &keeper)).await {
-                Ok(Ok(connection)) => break connection,
+            match tokio::time::timeout(TO_CONNECT, connect(door, &keeper, &acting)).await {
+                Ok(Ok(connected)) => break connected,
                 Ok(Err(error)) => tracing::debug!("{error}"),
                 Err(_) => tracing::debug!("the {which} bus does not answer"),
             }

@@ -7,17 +7,23 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use rustix::net::RecvFlags;
-use tokio::io::Interest;
+use tokio::io::{AsyncReadExt, AsyncWriteExt, Interest};
 use tokio::net::{UnixListener, UnixStream};
+use tokio::runtime::Handle;
+use tokio::sync::Semaphore;
 use zbus::connection::Builder;
 
-use super::access::Door;
 use super::caller::{Caller, GROUP};
+use super::gate::Gate;
 use super::limit::CONNECTIONS;
 use crate::keeper::Keeper;
 
 /// How long a client may take to introduce itself.
 const TO_GREET: Duration = Duration::from_secs(5);
+
+/// Clients that are told at once that there is no place for them, and how long each may take to listen.
+const MOST_TOLD: usize = 16;
+const TO_READ: Duration = Duration::from_secs(1);
 
 /// A socket that is removed again.
 #[derive(Debug)]
@@ -70,12 +76,12 @@ pub(super) fn bind(path: &Path) -> io::Result<Listener> {
     })
 }
 
-/// Serves everybody who may be served, for ever.
-pub(super) async fn serve(listener: Listener, keeper: Arc<Keeper>) {
+/// Serves everybody who may be served, for ever; `acting` is where sessions run.
+pub(super) async fn serve(listener: Listener, keeper: Arc<Keeper>, acting: Handle) {
     loop {
         match listener.socket.accept().await {
             Ok((stream, _)) => {
-                tokio::spawn(attend(stream, Arc::clone(&keeper)));
+                tokio::spawn(attend(stream, Arc::clone(&keeper), acting.clone()));
             }
             Err(error) => {
                 let text = format!("the peer socket: {error}");
@@ -87,7 +93,7 @@ pub(super) async fn serve(listener: Listener, keeper: Arc<Keeper>) {
 }
 
 /// One client, until it goes.
-async fn attend(stream: UnixStream, keeper: Arc<Keeper>) {
+async fn attend(stream: UnixStream, keeper: Arc<Keeper>, acting: Handle) {
     let caller = Caller::at(&stream).ok();
     let Some(caller) = caller.filter(|caller| caller.is_ours() || caller.is_member()) else {
         let text =
@@ -95,7 +101,7 @@ async fn attend(stream: UnixStream, keeper: Arc<Keeper>) {
         keeper.observed.aloud.say("strangers", None, &text);
         return;
     };
-    let _place = match CONNECTIONS.take(caller.user()) {
+    let _place = match CONNECTIONS.take(caller.counted()) {
         Ok(place) => place,
         Err(refusal) => {
             let text = format!(
@@ -104,6 +110,7 @@ async fn attend(stream: UnixStream, keeper: Arc<Keeper>) {
                 refusal.text()
             );
             keeper.observed.aloud.say("peers-refused", None, &text);
+            say_busy(stream, &refusal).await;
             return;
         }
     };
@@ -128,7 +135,8 @@ async fn attend(stream: UnixStream, keeper: Arc<Keeper>) {
     if let Some(claimed) = claimed {
         builder = builder.user_id(claimed);
     }
-    let greeted = super::furnish(builder, &keeper, Door::Peer).build();
+    let gate = Gate::of_peer(caller, acting);
+    let greeted = super::furnish(builder, &keeper, &gate).build();
     let connection = match tokio::time::timeout(TO_GREET, greeted).await {
         Ok(Ok(connection)) => connection,
         Ok(Err(error)) => {
@@ -139,17 +147,40 @@ async fn attend(stream: UnixStream, keeper: Arc<Keeper>) {
     };
     loop {
         tokio::select! {
-            () = connection.closed() => return,
+            () = connection.closed() => break,
             notice = news.recv() => {
-                let Some(notice) = notice else { return };
-                if !super::say(&connection, &keeper, Door::Peer, notice).await {
+                let Some(notice) = notice else { break };
+                if !super::say(&connection, &keeper, &gate, notice).await {
                     // answers that wait for a reader who never reads end with the socket
                     let _ = hang_up.shutdown(std::net::Shutdown::Both);
-                    return;
+                    break;
                 }
             }
         }
     }
+    gate.all_left();
+}
+
+/// Says that there is no place, so that the client can tell it from a refusal, and closes; to a few at a time, for each
+/// takes a descriptor.
+async fn say_busy(mut stream: UnixStream, refusal: &bus::Fault) {
+    static SAID: Semaphore = Semaphore::const_new(MOST_TOLD);
+    let Ok(_place) = SAID.try_acquire() else {
+        return;
+    };
+    let line = format!("ERROR {}{}\r\n", bus::BUSY, refusal.text());
+    let said = async {
+        stream.write_all(line.as_bytes()).await?;
+        // a client that is hung up on before it has written its first line sees an error of the socket, and not this
+        let mut first = [0; 128];
+        loop {
+            let read = stream.read(&mut first).await?;
+            if read == 0 || first[..read].contains(&b'\n') {
+                return Ok::<(), io::Error>(());
+            }
+        }
+    };
+    let _ = tokio::time::timeout(TO_READ, said).await;
 }
 
 /// The user number in a member's first line, looked at and left there. In the unit's user namespace the kernel gives the
@@ -193,8 +224,6 @@ fn claim(first: &[u8]) -> Option<u32> {
 
 #[cfg(test)]
 mod tests {
-    use tokio::io::{AsyncReadExt, AsyncWriteExt};
-
     use super::*;
 
     #[tokio::test]

@@ -3,11 +3,10 @@
 use std::sync::Arc;
 
 use bus::{Fault, Options};
-use zbus::message::Header;
 use zbus::object_server::SignalEmitter;
-use zbus::{Connection, OwnedFd, interface};
+use zbus::{OwnedFd, interface};
 
-use super::limit::{self, STREAMS};
+use super::limit::{STREAMS, User};
 use crate::live::Live;
 use crate::recorder::{nanoseconds, volts};
 use crate::stream::Wanted;
@@ -168,12 +167,7 @@ impl Session1 {
     /// A descriptor from which every frame and map can be read. Options: `frames` (b), `maps` (b), both true by
     /// default; `pressure` (b), false by default; `ring` (t), records held for a slow reader, 64 by default.
     #[zbus(out_args("stream"))]
-    async fn open_stream(
-        &self,
-        options: Options,
-        #[zbus(connection)] connection: &Connection,
-        #[zbus(header)] header: Header<'_>,
-    ) -> Result<OwnedFd, Fault> {
+    async fn open_stream(&self, options: Options) -> Result<OwnedFd, Fault> {
         options.only(&["frames", "maps", "pressure", "ring"])?;
         self.running()?;
         let ring = options.whole("ring")?.unwrap_or(RING.0);
@@ -189,7 +183,7 @@ impl Session1 {
             pressure: options.flag("pressure")?.unwrap_or(false),
             ring: ring as usize,
         };
-        let place = STREAMS.take(limit::client(connection, &header))?;
+        let place = STREAMS.take(User::calling())?;
         let descriptor = self
             .0
             .readers

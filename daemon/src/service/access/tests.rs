@@ -16,9 +16,12 @@ fn named<'a>(xml: &'a str, element: &str, containing: &str) -> Vec<&'a str> {
         .collect()
 }
 
-fn rows<'a>(table: &[(&'a str, &'a str, Action)]) -> BTreeSet<(&'a str, &'a str)> {
-    let rows: BTreeSet<_> = table.iter().map(|(of, member, _)| (*of, *member)).collect();
-    assert_eq!(rows.len(), table.len(), "a row is there twice");
+fn rows<'a>(
+    table: impl ExactSizeIterator<Item = (&'a str, &'a str)>,
+) -> BTreeSet<(&'a str, &'a str)> {
+    let all = table.len();
+    let rows: BTreeSet<_> = table.collect();
+    assert_eq!(rows.len(), all, "a row is there twice");
     rows
 }
 
@@ -39,8 +42,10 @@ fn every_method_and_every_property_to_set_has_its_row() {
         );
     }
     assert!(methods.contains(&(MANAGER_INTERFACE, "OpenAll")));
-    assert_eq!(methods, rows(METHODS));
-    assert_eq!(setters, rows(SETTERS));
+    let in_table = METHODS.iter().map(|(of, member, ..)| (*of, *member));
+    assert_eq!(methods, rows(in_table));
+    let in_table = SETTERS.iter().map(|(of, member, _)| (*of, *member));
+    assert_eq!(setters, rows(in_table));
     // the reading of the XML finds a property to set where there is one
     let xml = "<property name=\"A\" type=\"s\" access=\"readwrite\"/><property name=\"B\" access=\"read\"/>";
     assert_eq!(named(xml, "property", "write"), ["A"]);
@@ -56,8 +61,9 @@ fn every_action_that_is_asked_about_is_declared_to_polkit() {
         .collect();
     let asked: BTreeSet<&str> = METHODS
         .iter()
-        .chain(SETTERS)
-        .filter_map(|(_, _, action)| action.id())
+        .map(|(_, _, action, _)| action)
+        .chain(SETTERS.iter().map(|(_, _, action)| action))
+        .filter_map(|action| action.id())
         .collect();
     assert_eq!(declared, asked);
     // the daemon is not root: polkit tells it about others only as the owner of the action
@@ -67,4 +73,20 @@ fn every_action_that_is_asked_about_is_declared_to_polkit() {
     assert_eq!(owners, declared.len());
     let rules = include_str!("../../../../systemd/org.tactus.Tactus1.rules");
     assert!(rules.contains("\"org.tactus.Tactus1.\"") && rules.contains("\"tactus\""));
+}
+
+#[test]
+fn looks_never_take_the_places_of_calls_that_make_safe() {
+    for (interface, member, action, lane) in METHODS {
+        let looks = *action == Action::Observe;
+        let own = matches!(lane, Lane::Act | Lane::Safe);
+        assert!(!(looks && own), "{interface}.{member}");
+    }
+    let safe: Vec<&str> = METHODS
+        .iter()
+        .filter(|(.., lane)| *lane == Lane::Safe)
+        .map(|(_, member, ..)| *member)
+        .collect();
+    assert_eq!(safe, ["OpenAll", "Stop", "Suspend"]);
+    assert!(!std::ptr::eq(Lane::Look.places(), Lane::Safe.places()));
 }

@@ -1,0 +1,255 @@
+//! The gate in front of the objects of one connection: who calls, whether the caller is still there, on which threads the
+//! call is answered.
+//!
+//! A call that looks or waits ends when its caller leaves the bus, or the peer's connection ends, and gives its place
+//! back. A call that changes something runs to its end once it has begun: dropped half-way it would leave the rig or the
+//! record in between.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+
+use bus::Fault;
+use tokio::runtime::{Builder, Handle, Runtime};
+use tokio::sync::{OnceCell, watch};
+use tokio::task::JoinSet;
+use zbus::message::{Header, Type};
+use zbus::names::UniqueName;
+use zbus::{Connection, MatchRule, MessageStream};
+
+use super::access::Door;
+use super::caller::{self, Caller};
+use super::limit::User;
+
+/// Threads for each way to the daemon: one may be busy with a long answer and another goes on.
+const THREADS: usize = 2;
+
+/// The gate of one connection.
+#[derive(Debug)]
+pub(super) struct Gate {
+    pub(super) door: Door,
+    /// Where sessions run.
+    acting: Handle,
+    /// Who has called and has not left, by unique name.
+    present: Mutex<BTreeMap<String, Present>>,
+    /// Whether those who leave are heard of.
+    follows: watch::Sender<bool>,
+}
+
+/// Somebody who has called and has not left.
+#[derive(Debug)]
+struct Present {
+    caller: Arc<OnceCell<Arc<Caller>>>,
+    /// Dropped when they leave.
+    stays: watch::Sender<()>,
+}
+
+impl Present {
+    fn new(caller: OnceCell<Arc<Caller>>) -> Self {
+        Self {
+            caller: Arc::new(caller),
+            stays: watch::Sender::new(()),
+        }
+    }
+}
+
+/// The caller of one call.
+#[derive(Debug)]
+pub(super) struct Client {
+    pub(super) caller: Arc<Caller>,
+    /// As its places are counted.
+    pub(super) user: User,
+    stays: watch::Receiver<()>,
+}
+
+impl Client {
+    /// Awaits something, no longer than the caller is there; `None` where it left first.
+    pub(super) async fn while_present<T>(&self, future: impl Future<Output = T>) -> Option<T> {
+        let mut stays = self.stays.clone();
+        tokio::select! {
+            biased;
+            done = future => Some(done),
+            _ = stays.changed() => None,
+        }
+    }
+}
+
+impl Gate {
+    /// The gate of a connection to a bus; `acting` is where sessions run. Nobody is answered before [`Gate::follow`].
+    pub(super) fn of_bus(door: Door, acting: Handle) -> Arc<Self> {
+        Arc::new(Self {
+            door,
+            acting,
+            present: Mutex::default(),
+            follows: watch::Sender::new(false),
+        })
+    }
+
+    /// The gate of a connection to the peer socket, until [`Gate::all_left`].
+    pub(super) fn of_peer(caller: Caller, acting: Handle) -> Arc<Self> {
+        let peer = Present::new(OnceCell::new_with(Some(Arc::new(caller))));
+        Arc::new(Self {
+            door: Door::Peer,
+            acting,
+            present: Mutex::new(BTreeMap::from([(String::new(), peer)])),
+            follows: watch::Sender::new(true),
+        })
+    }
+
+    fn present(&self) -> MutexGuard<'_, BTreeMap<String, Present>> {
+        self.present.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Hears who leaves the bus, until the task is dropped or the bus is gone.
+    ///
+    /// # Errors
+    /// The bus does not tell.
+    pub(super) async fn follow(
+        self: &Arc<Self>,
+        connection: &Connection,
+    ) -> zbus::Result<JoinSet<()>> {
+        let rule = MatchRule::builder()
+            .msg_type(Type::Signal)
+            .sender("org.freedesktop.DBus")
+            .interface("org.freedesktop.DBus")
+            .member("NameOwnerChanged")
+            .build()?;
+        let mut changes = MessageStream::for_match_rule(rule, connection, None).await?;
+        let gate = Arc::downgrade(self);
+        let mut task = JoinSet::new();
+        task.spawn(async move {
+            while let Some(Ok(change)) = bus::next(&mut changes).await {
+                let Some(gate) = gate.upgrade() else { return };
+                let body = change.body();
+                if let Ok((name, _, owner)) = body.deserialize::<(&str, &str, &str)>()
+                    && owner.is_empty()
+                {
+                    gate.present().remove(name);
+                }
+            }
+            if let Some(gate) = Weak::upgrade(&gate) {
+                gate.all_left();
+            }
+        });
+        self.follows.send_replace(true);
+        Ok(task)
+    }
+
+    /// The connection has ended: nobody is there any more.
+    pub(super) fn all_left(&self) {
+        self.present().clear();
+    }
+
+    /// Who sent a message; `None` where they have left already.
+    ///
+    /// # Errors
+    /// The message or the bus does not say who.
+    pub(super) async fn client(
+        &self,
+        connection: &Connection,
+        header: &Header<'_>,
+    ) -> Result<Option<Client>, Fault> {
+        if self.door == Door::Peer {
+            let present = self.present();
+            let Some(peer) = present.get("") else {
+                return Ok(None);
+            };
+            let caller = peer.caller.get().map(Arc::clone);
+            return Ok(caller.map(|caller| Client::new(caller, &peer.stays)));
+        }
+        let sender = header
+            .sender()
+            .ok_or_else(|| refusal("the message does not say who sends it"))?;
+        let mut follows = self.follows.subscribe();
+        if follows.wait_for(|follows| *follows).await.is_err() {
+            return Ok(None);
+        }
+        // there before the bus is asked: who leaves after its answer is heard of and taken out
+        let (cell, stays) = {
+            let mut present = self.present();
+            let known = present
+                .entry(sender.to_string())
+                .or_insert_with(|| Present::new(OnceCell::new()));
+            (Arc::clone(&known.caller), known.stays.subscribe())
+        };
+        match cell.get_or_try_init(|| ask(connection, sender)).await {
+            Ok(caller) => Ok(Some(Client {
+                user: caller.counted(),
+                caller: Arc::clone(caller),
+                stays,
+            })),
+            Err(error) => {
+                self.present().remove(sender.as_str());
+                tracing::debug!("the bus does not say who {sender} is: {error}");
+                Err(refusal(&format!("the bus does not say who asks: {error}")))
+            }
+        }
+    }
+
+    /// Answers on this thread, and starts whatever the answer starts (tasks, timers, work that blocks) where sessions
+    /// run.
+    pub(super) async fn acting<T>(&self, answered: impl Future<Output = T>) -> T {
+        let mut answered = std::pin::pin!(answered);
+        std::future::poll_fn(|context| {
+            let _entered = self.acting.enter();
+            answered.as_mut().poll(context)
+        })
+        .await
+    }
+}
+
+impl Client {
+    fn new(caller: Arc<Caller>, stays: &watch::Sender<()>) -> Self {
+        Self {
+            user: caller.counted(),
+            caller,
+            stays: stays.subscribe(),
+        }
+    }
+}
+
+fn refusal(why: &str) -> Fault {
+    Fault::NotAuthorized(why.to_owned())
+}
+
+async fn ask(connection: &Connection, sender: &UniqueName<'_>) -> zbus::Result<Arc<Caller>> {
+    caller::of(connection, sender).await.map(Arc::new)
+}
+
+/// Threads that speak with clients, apart from those on which sessions run: clients that keep them busy hold up one
+/// another, and no frame.
+#[derive(Debug)]
+pub(super) struct Threads {
+    handle: Handle,
+    runtime: Option<Runtime>,
+}
+
+impl Threads {
+    /// Starts them.
+    ///
+    /// # Errors
+    /// The system gives no more threads.
+    pub(super) fn start(name: &str) -> std::io::Result<Self> {
+        let runtime = Builder::new_multi_thread()
+            .thread_name(name)
+            .worker_threads(THREADS)
+            .max_blocking_threads(THREADS)
+            .enable_all()
+            .build()?;
+        Ok(Self {
+            handle: runtime.handle().clone(),
+            runtime: Some(runtime),
+        })
+    }
+
+    pub(super) fn handle(&self) -> &Handle {
+        &self.handle
+    }
+}
+
+impl Drop for Threads {
+    fn drop(&mut self) {
+        if let Some(runtime) = self.runtime.take() {
+            runtime.shutdown_background();
+        }
+    }
+}
