@@ -55,7 +55,7 @@ pub use golden::{Expected, Golden, GoldenError, Line, Step};
 pub use hanging::{Hanging, HangingError};
 pub use phantom::{Load, LoadError, PhantomError, Scene, SceneError, Shape};
 pub use profile::{Board, Mainframe, Pace, Profile, ProfileError, SecondClient, Source};
-pub use program::run;
+pub use program::{command, run};
 pub use recording::{Against, Closeness, Played, ReplayError, golden_of, replay};
 pub use serve::{Ready, ServeError, ServeOptions, Server, serve};
 pub use simulated::{Instrument, Messages, RigError, Said, SimulatedRig, Wire};

@@ -64,6 +64,11 @@ use output::Printer;
 
 pub use duration::{SpanError, parse_span};
 
+/// The definition of the command line: every command and option, for reference pages and completions.
+pub fn command() -> clap::Command {
+    Arguments::command()
+}
+
 /// Runs `tactus` with the arguments of the process, the program's name first, and returns its exit code.
 pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
     let arguments = match Arguments::try_parse_from(args) {

@@ -90,6 +90,11 @@ const INSTRUMENT: u8 = 5;
 /// is work none is given back: a million frames beside compilers made 28 of them, and 2 MB of memory.
 const BLOCKING: usize = 12;
 
+/// The definition of the command line: every command and option, for reference pages and completions.
+pub fn command() -> clap::Command {
+    <Args as clap::CommandFactory>::command()
+}
+
 /// The program `tactusd`. `args` begin with the program's name, as [`std::env::args_os`] gives them.
 ///
 /// Exit codes: 0 done or stopped cleanly, 1 failed, 2 usage, 5 an instrument fault at `--safe-off`, 78 configuration.

@@ -51,6 +51,11 @@ use clap::{CommandFactory, Parser};
 use args::{Arguments, Command};
 use failure::Failure;
 
+/// The definition of the command line: every command and option, for reference pages and completions.
+pub fn command() -> clap::Command {
+    Arguments::command()
+}
+
 /// The whole program: `words` are the arguments with the program's name first. 0 done, 1 failed, 2 usage.
 pub fn run(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     let arguments = match Arguments::try_parse_from(words) {
