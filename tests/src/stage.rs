@@ -245,6 +245,14 @@ impl Stage {
         listen(command)
     }
 
+    /// Runs a command made by [`Stage::command`] and waits for its end.
+    ///
+    /// # Errors
+    /// As [`Stage::tactus`].
+    pub fn run_command(&self, command: Command) -> Result<Spoken, StageError> {
+        listen(command)
+    }
+
     /// Runs any of the programs and waits for its end.
     ///
     /// # Errors

@@ -21,6 +21,7 @@ mod baseline_then_press;
 mod cli_speaks_json;
 mod instruments_are_found_and_never_used;
 mod kill_nine_loses_nothing_acknowledged;
+mod manual;
 mod test_one_is_found;
 mod the_contract_is_what_we_say;
 mod the_house;

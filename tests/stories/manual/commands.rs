@@ -1,0 +1,126 @@
+//! Every command line and every flag that a page names is one of the programs' own.
+
+use clap::error::ErrorKind;
+use clap::{Arg, Command};
+
+use super::pages;
+
+/// The programs, as they define themselves.
+pub fn programs() -> [Command; 4] {
+    [
+        cli::command(),
+        daemon::command(),
+        bench::command(),
+        lab::command(),
+    ]
+}
+
+fn program(name: &str) -> Option<Command> {
+    programs()
+        .into_iter()
+        .find(|program| program.get_name() == name)
+}
+
+#[test]
+fn command_lines_of_all_pages_parse() {
+    let mut wrong = Vec::new();
+    let mut parsed = 0;
+    for page in pages::all() {
+        for block in page.blocks() {
+            if !block.is_shell() {
+                for line in block.text.lines().map(str::trim) {
+                    let first = line.split(' ').next().unwrap_or_default();
+                    if block.info == [""] && program(first).is_some() {
+                        wrong.push(format!(
+                            "{}: `{line}` stands in no console block",
+                            page.path
+                        ));
+                    }
+                }
+                continue;
+            }
+            for line in block.commands(&page) {
+                let Some(program) = program(&line.words[0]) else {
+                    continue;
+                };
+                parsed += 1;
+                match program.try_get_matches_from(&line.words) {
+                    Ok(_) => {}
+                    Err(refusal)
+                        if matches!(
+                            refusal.kind(),
+                            ErrorKind::DisplayHelp | ErrorKind::DisplayVersion
+                        ) => {}
+                    Err(refusal) => wrong.push(format!("{}: {refusal}", line.place)),
+                }
+            }
+        }
+    }
+    println!("{parsed} command lines parsed");
+    assert!(parsed > 50, "only {parsed} command lines were found");
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn commands_and_flags_named_in_the_text_exist() {
+    let programs = programs();
+    let mut wrong = Vec::new();
+    let mut named = 0;
+    for page in pages::manual() {
+        for (code, line) in page.code() {
+            let words: Vec<&str> = code.split_whitespace().collect();
+            let Some(first) = words.first() else { continue };
+            let place = format!("{}:{line}", page.path);
+            if let Some(program) = program(first) {
+                named += 1;
+                if let Err(unknown) = walk(&program, &words[1..]) {
+                    wrong.push(format!("{place}: `{code}`: {unknown}"));
+                }
+            } else if let Some(flag) = first.strip_prefix("--") {
+                named += 1;
+                if !programs.iter().any(|program| has_flag(program, flag, true)) {
+                    wrong.push(format!("{place}: no program has `--{flag}`"));
+                }
+            }
+        }
+    }
+    println!("{named} commands and flags named in the text");
+    assert!(named > 50, "only {named} were found");
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// Follows subcommands as far as they go; every flag on the way must exist.
+fn walk(program: &Command, words: &[&str]) -> Result<(), String> {
+    let mut path = vec![program];
+    let mut positional = false;
+    for word in words {
+        let command = path[path.len() - 1];
+        if let Some(flag) = word.strip_prefix("--") {
+            // those of a command, and the global ones of the commands above it
+            if !path.iter().any(|command| has_flag(command, flag, false)) {
+                return Err(format!("`{}` has no `--{flag}`", command.get_name()));
+            }
+            positional = true;
+        } else if word.starts_with(['<', '[']) {
+            // a usage line
+            positional = true;
+        } else if let Some(below) = command.find_subcommand(word) {
+            path.push(below);
+        } else if command.has_subcommands() && !positional {
+            return Err(format!("`{}` has no `{word}`", command.get_name()));
+        }
+    }
+    Ok(())
+}
+
+fn has_flag(command: &Command, flag: &str, below: bool) -> bool {
+    let flag = flag.split('=').next().unwrap_or(flag);
+    let named = |arg: &Arg| arg.get_long() == Some(flag);
+    flag == "help"
+        || flag == "version"
+        || command.get_arguments().any(named)
+        || below
+            && command
+                .get_subcommands()
+                .any(|command| has_flag(command, flag, true))
+}

@@ -1,0 +1,159 @@
+//! The console blocks of README and manual run, page by page, on a simulated rig.
+//!
+//! Each page has a stage of its own, with the rig of the stories as `config.toml`, and its blocks run in their order. The
+//! daemon is started by the page's own `tactusd --config config.toml`, or before its first `tactus`. `SESSION` stands for
+//! the last measured session; where a page has measured none, one of three frames is measured for it.
+//! A block with `norun` in its info string needs real instruments, hours, or another program; it is counted.
+
+use stories::{Keeper, Spoken, Stage};
+
+use super::pages::{self, CommandLine, Page};
+use crate::scenery::{self, Needs, ask};
+
+#[test]
+fn readme_session_runs() {
+    play_all(|path| path == "README.md", 8);
+}
+
+#[test]
+fn tutorials_run() {
+    play_all(|path| path.starts_with("docs/tutorials/"), 12);
+}
+
+#[test]
+fn how_to_pages_run() {
+    play_all(|path| path.starts_with("docs/how-to/"), 15);
+}
+
+#[test]
+fn other_pages_run() {
+    let elsewhere = |path: &str| {
+        path != "README.md"
+            && !path.starts_with("docs/tutorials/")
+            && !path.starts_with("docs/how-to/")
+    };
+    play_all(elsewhere, 0);
+}
+
+fn play_all(chosen: impl Fn(&str) -> bool, at_least: usize) {
+    let mut run = 0;
+    for page in pages::manual() {
+        if chosen(&page.path) {
+            let Some(count) = play(&page) else { return };
+            run += count;
+        }
+    }
+    assert!(run >= at_least, "only {run} command lines were run");
+}
+
+/// Runs a page's blocks and gives the number of its lines; `None` where the rig at hand is not the simulated one.
+fn play(page: &Page) -> Option<usize> {
+    let blocks = page.blocks();
+    let (left, run): (Vec<_>, Vec<_>) = blocks
+        .iter()
+        .filter(|block| block.is("console"))
+        .partition(|block| block.is("norun"));
+    let lines: Vec<CommandLine> = run.iter().flat_map(|block| block.commands(page)).collect();
+    let left: usize = left.iter().map(|block| block.commands(page).len()).sum();
+    if lines.len() + left > 0 {
+        println!(
+            "{}: {} command lines run, {left} marked norun",
+            page.path,
+            lines.len()
+        );
+    }
+    if lines.is_empty() {
+        return Some(0);
+    }
+    let mut player = Player {
+        stage: scenery::set(Needs::SIMULATED, scenery::NOISY)?,
+        keeper: None,
+    };
+    for line in &lines {
+        player.play(line);
+    }
+    Some(lines.len())
+}
+
+struct Player {
+    stage: Stage,
+    keeper: Option<Keeper>,
+}
+
+impl Player {
+    fn play(&mut self, line: &CommandLine) {
+        let place = &line.place;
+        let program = line.words[0].as_str();
+        assert!(
+            ["tactus", "tactusd", "tactus-bench", "tactus-lab"].contains(&program),
+            "{place}: `{program}` cannot be run here: mark the block `console,norun`"
+        );
+        if program == "tactusd" && line.words[1..] == ["--config", "config.toml"] {
+            assert!(self.keeper.is_none(), "{place}: the daemon runs already");
+            self.start_daemon();
+            return;
+        }
+        if program == "tactus" {
+            self.start_daemon();
+        }
+        let words: Vec<String> = line
+            .words
+            .iter()
+            .map(|word| match word.as_str() {
+                "SESSION" => self.session(),
+                _ => word.clone(),
+            })
+            .collect();
+        let ended = self.run(&words);
+        assert_eq!(
+            ended.code,
+            Some(0),
+            "{place}: `{}` ended so:\n{}{}",
+            words.join(" "),
+            ended.stdout,
+            ended.stderr
+        );
+        if let Some(out) = words.iter().position(|word| word == "--out") {
+            let path = self.stage.path().join(&words[out + 1]);
+            assert!(path.exists(), "{place}: it wrote no {}", words[out + 1]);
+        }
+    }
+
+    fn start_daemon(&mut self) {
+        if self.keeper.is_none() {
+            self.keeper = Some(scenery::start(&self.stage));
+        }
+    }
+
+    /// The last session that was measured; one is measured where there is none.
+    fn session(&mut self) -> String {
+        let measured = |stage: &Stage| {
+            let sessions = ask(stage, &["sessions"]);
+            let last = sessions
+                .iter()
+                .rfind(|session| session["kind"] == "measurement");
+            last.and_then(|session| session["id"].as_str().map(str::to_owned))
+        };
+        if let Some(id) = measured(&self.stage) {
+            return id;
+        }
+        self.start_daemon();
+        scenery::baseline(&self.stage, 2);
+        scenery::measure(&self.stage, 3)
+    }
+
+    fn run(&self, words: &[String]) -> Spoken {
+        let mut command = self.stage.command(&words[0]);
+        command
+            .args(&words[1..])
+            .current_dir(self.stage.path())
+            .env(
+                "TACTUS_BUS",
+                format!("unix:{}", self.stage.peer_path().display()),
+            )
+            .env("TACTUS_STATE", self.stage.state_path());
+        self.stage
+            .run_command(command)
+            .unwrap_or_else(|fault| panic!("{fault}"))
+    }
+}

@@ -1,0 +1,14 @@
+//! The Markdown pages of the repository against the programs: links, commands, reference pages, console blocks.
+//!
+//! - **pages**: the pages, their links, headings and command lines
+//! - **links**: every relative link and anchor exists
+//! - **commands**: every command line and every flag named is one of the programs' own
+//! - **reference**: the generated pages are what the programs say of themselves
+//! - **console**: the console blocks of README and manual run on a simulated rig
+
+mod commands;
+mod console;
+mod links;
+mod pages;
+mod promises;
+mod reference;

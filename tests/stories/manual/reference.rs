@@ -1,0 +1,110 @@
+//! The reference pages of commands and configuration are what the programs say of themselves.
+
+use clap::Command;
+use clap_markdown::MarkdownOptions;
+
+use super::{commands, pages};
+
+const WRITE: &str = "TACTUS_WRITE_REFERENCE";
+
+#[test]
+fn reference_pages_are_generated_from_the_programs() {
+    let mut generated: Vec<(String, String)> = commands::programs()
+        .iter()
+        .map(|program| {
+            let name = program.get_name();
+            (format!("commands-{name}.md"), command_page(program))
+        })
+        .collect();
+    generated.push(("configuration.md".to_owned(), configuration_page()));
+    let folder = pages::root().join("docs/reference");
+    let mut stale = Vec::new();
+    for (name, text) in generated {
+        let path = folder.join(&name);
+        if std::env::var_os(WRITE).is_some() {
+            std::fs::write(&path, &text).expect("the manual can be written");
+        }
+        let kept = std::fs::read_to_string(&path).unwrap_or_default();
+        if kept != text {
+            let line = kept
+                .lines()
+                .zip(text.lines())
+                .position(|(kept, generated)| kept != generated)
+                .map_or("its end".to_owned(), |line| format!("line {}", line + 1));
+            stale.push(format!("docs/reference/{name} differs from {line} on"));
+        }
+    }
+    assert!(
+        stale.is_empty(),
+        "{}\nwrite them anew: {WRITE}=1 cargo test -p stories --test stories manual::reference",
+        stale.join("\n")
+    );
+}
+
+/// Marks a page that nobody should edit.
+fn generated(from: &str) -> String {
+    format!(
+        "<!-- Generated from {from}. Do not edit: \
+         {WRITE}=1 cargo test -p stories --test stories manual::reference -->\n\n"
+    )
+}
+
+fn command_page(program: &Command) -> String {
+    let name = program.get_name();
+    let options = MarkdownOptions::new()
+        .title(format!("Commands of `{name}`"))
+        .show_footer(false);
+    let page = clap_markdown::help_markdown_command_custom(program, &options);
+    let lines: Vec<&str> = page.lines().map(str::trim_end).collect();
+    let head = generated("the program's own definitions");
+    format!("{head}{}\n", lines.join("\n").trim())
+}
+
+/// The complete example, a heading a table.
+fn configuration_page() -> String {
+    let example = std::fs::read_to_string(pages::root().join("config.toml"))
+        .expect("the complete example ships with the project");
+    let mut page = generated("config.toml")
+        + "# Configuration\n\nEvery key of `config.toml`, with its default or its form. This is the complete example \
+           `config.toml` of the repository, a heading for each table. `tactusd --check` reports every problem as \
+           file:line:column; `tactusd --print-config` prints a configuration with all defaults in it.\n\n";
+    let mut open = false;
+    let mut pending: Vec<&str> = Vec::new();
+    for line in example.lines() {
+        if let Some(table) = table_name(line) {
+            // what stands between the last blank line and a table belongs to the table
+            let above = pending
+                .iter()
+                .rposition(|line| line.is_empty())
+                .map_or(pending.len(), |blank| blank + 1);
+            let comments = match open {
+                true => pending.split_off(above),
+                false => Vec::new(),
+            };
+            close(&mut page, &mut pending, open);
+            page += &format!("## {table}\n\n");
+            pending = comments;
+            open = true;
+        }
+        pending.push(line);
+    }
+    close(&mut page, &mut pending, open);
+    page.trim_end().to_owned() + "\n"
+}
+
+/// The name of a table, also of one that is commented out.
+fn table_name(line: &str) -> Option<&str> {
+    let line = line.strip_prefix("# ").unwrap_or(line);
+    let (name, _) = line.strip_prefix('[')?.split_once(']')?;
+    let is_name = |letter: char| letter.is_ascii_lowercase() || ".-_".contains(letter);
+    name.chars().all(is_name).then_some(name)
+}
+
+fn close(page: &mut String, pending: &mut Vec<&str>, open: bool) {
+    let text = pending.join("\n");
+    let text = text.trim();
+    if open || !text.is_empty() {
+        *page += &format!("```toml\n{text}\n```\n\n");
+    }
+    pending.clear();
+}
