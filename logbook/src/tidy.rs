@@ -3,6 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
+use rusqlite::config::DbConfig;
 use rusqlite::{Connection, OpenFlags};
 
 use crate::shelf::{continued_by, files};
@@ -66,8 +67,9 @@ fn is_stub(path: &Path, bytes: u64) -> bool {
         let journal = std::fs::metadata(beside(path, "-wal"));
         return journal.map_or(true, |journal| journal.len() == 0);
     }
-    // what its journals hold is played back on the way
+    // what its journals hold is read with it, and they stay as they are
     let tables = open(path).and_then(|connection| {
+        connection.set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true)?;
         connection.query_row("SELECT count(*) FROM sqlite_master", [], |row| {
             row.get::<_, i64>(0)
         })
@@ -138,19 +140,13 @@ mod tests {
         assert!(beside(&path, "-wal").exists());
         // the reader goes without tidying up, as one does that was killed
         reader
-            .set_db_config(
-                rusqlite::config::DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE,
-                true,
-            )
+            .set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true)
             .unwrap();
         drop(reader);
         let running = begun("running");
         running
             .connection_for_tests()
-            .set_db_config(
-                rusqlite::config::DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE,
-                true,
-            )
+            .set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true)
             .unwrap();
         let goes_on = running.path().to_owned();
         drop(running);

@@ -20,6 +20,8 @@ use crate::recorder::free_bytes;
 
 /// Between looks for a rig that a session waits for.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
+/// Between looks for a disk that takes something again: it gets there from the one above.
+const LOOK_AGAIN_AT_MOST: Duration = Duration::from_secs(10);
 /// Bytes that are enough to open a session.
 const ROOM_TO_OPEN: u64 = 1 << 20;
 /// Older, and the sheet may have crept away from it.
@@ -156,8 +158,10 @@ impl Keeper {
     }
 
     async fn go_on_later_with(self: &Arc<Self>, path: &Path) {
+        let mut pause = LOOK_AGAIN;
         loop {
-            tokio::time::sleep(LOOK_AGAIN).await;
+            tokio::time::sleep(pause).await;
+            pause = (pause * 2).min(LOOK_AGAIN_AT_MOST);
             match self.resume(path.to_owned()).await {
                 Ok(()) => return,
                 Err(Never::Later(why)) => tracing::debug!("{}: {why}", path.display()),

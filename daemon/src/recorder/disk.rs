@@ -92,7 +92,10 @@ impl Recorder {
             if let Some(full) = self.lacks_room(free)
                 && !self.live.stop_wish().is_asked()
             {
-                self.pause(full)?;
+                let waited = self.pause(full);
+                if !self.live.stop_wish().is_asked() {
+                    waited?;
+                }
                 free = self.free();
                 continue;
             }
