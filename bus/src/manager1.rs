@@ -47,7 +47,8 @@ pub trait Manager1 {
     /// once; it ends by itself and is then the current baseline.
     fn record_baseline(&self, options: &Options) -> Result<OwnedObjectPath, Fault>;
 
-    /// What the logbook holds, newest first: option `count` (t).
+    /// What the logbook holds, newest first, at most 1000 sessions: options `count` (t), `before` (s, the id behind which the
+    /// list goes on).
     fn list_sessions(&self, options: &Options) -> Result<Vec<SessionSummary>, Fault>;
 
     /// The plan of a frame, without moving anything: that of the running session, else the configured one.

@@ -6,7 +6,7 @@
 //! record in between.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use bus::Fault;
 use tokio::runtime::{Builder, Handle, Runtime};
@@ -62,6 +62,14 @@ pub(super) struct Client {
 }
 
 impl Client {
+    fn new(caller: Arc<Caller>, stays: &watch::Sender<()>) -> Self {
+        Self {
+            user: caller.counted(),
+            caller,
+            stays: stays.subscribe(),
+        }
+    }
+
     /// Awaits something, no longer than the caller is there; `None` where it left first.
     pub(super) async fn while_present<T>(&self, future: impl Future<Output = T>) -> Option<T> {
         let mut stays = self.stays.clone();
@@ -126,7 +134,7 @@ impl Gate {
                     gate.present().remove(name);
                 }
             }
-            if let Some(gate) = Weak::upgrade(&gate) {
+            if let Some(gate) = gate.upgrade() {
                 gate.all_left();
             }
         });
@@ -194,16 +202,6 @@ impl Gate {
             answered.as_mut().poll(context)
         })
         .await
-    }
-}
-
-impl Client {
-    fn new(caller: Arc<Caller>, stays: &watch::Sender<()>) -> Self {
-        Self {
-            user: caller.counted(),
-            caller,
-            stays: stays.subscribe(),
-        }
     }
 }
 
