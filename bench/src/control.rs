@@ -1,7 +1,7 @@
 //! The control socket of a served rig: faults and presses, as lines of words; every answer is a line of JSON.
 
 use std::io::{self, BufRead, BufReader, Write};
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -22,8 +22,9 @@ const PATIENCE: Duration = Duration::from_secs(30);
 /// # Errors
 /// A path that cannot be had.
 pub(crate) fn listen(path: &Path) -> io::Result<UnixListener> {
-    if std::os::unix::net::UnixStream::connect(path).is_err() {
-        // Left over by one that was killed.
+    let socket = std::fs::symlink_metadata(path).is_ok_and(|found| found.file_type().is_socket());
+    if socket && std::os::unix::net::UnixStream::connect(path).is_err() {
+        // Left over by one that was killed; what is no socket is somebody's file.
         std::fs::remove_file(path).ok();
     }
     let listener = UnixListener::bind(path)?;
@@ -180,5 +181,24 @@ fn the_only_one() -> Result<PathBuf, String> {
                 paths.join(", ")
             ))
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn a_socket_takes_the_place_of_a_dead_socket_only() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("control");
+        std::fs::write(&path, "precious").unwrap();
+        assert!(listen(&path).is_err());
+        assert_eq!(std::fs::read(&path).unwrap(), b"precious");
+        std::fs::remove_file(&path).unwrap();
+        drop(listen(&path).unwrap());
+        // its name is still there, and nobody listens
+        assert!(path.exists());
+        listen(&path).unwrap();
     }
 }

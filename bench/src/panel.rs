@@ -65,6 +65,8 @@ fn erase(drawn: &mut Drawn, out: &mut impl Write) -> io::Result<()> {
 fn show(drawn: &mut Drawn, out: &mut impl Write) -> io::Result<()> {
     for line in drawn.text.lines() {
         // Without wrapping, so that a line is a line.
+        // clients of the instruments are quoted in it
+        let line = survey::printable(line);
         writeln!(out, "\x1b[?7l{line}\x1b[?7h")?;
     }
     drawn.lines = drawn.text.lines().count();

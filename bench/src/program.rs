@@ -8,8 +8,9 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::SystemTime;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use keysight_34980a::Module;
+use outfile::OutPath;
 use phantom::Scene;
 use rig::transcript::TranscriptWriter;
 use tokio::signal::unix::{SignalKind, signal};
@@ -122,7 +123,7 @@ struct Serve {
     /// Write what is said to the instruments, and what they answer, to a new file: a transcript for `golden` and
     /// `replay`.
     #[arg(long, value_name = "FILE")]
-    record: Option<PathBuf>,
+    record: Option<OutPath>,
     /// Announce the instruments by mDNS.
     #[arg(long)]
     announce: bool,
@@ -154,14 +155,22 @@ pub fn command() -> clap::Command {
 
 /// Runs `tactus-bench`; the first argument is the program's name.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
-    let arguments = match Arguments::try_parse_from(arguments) {
-        Ok(arguments) => arguments,
+    let command = Arguments::command();
+    let parsed = command.clone().try_get_matches_from(arguments);
+    let (matches, arguments) = match parsed.and_then(|matches| {
+        let arguments = Arguments::from_arg_matches(&matches)?;
+        Ok((matches, arguments))
+    }) {
+        Ok(parsed) => parsed,
         Err(refusal) => {
             // Nothing is left to be told when even this cannot be printed.
             refusal.print().ok();
             return ExitCode::from(u8::try_from(refusal.exit_code()).unwrap_or(2));
         }
     };
+    if let Err(refused) = outfile::check_arguments(&command, &matches) {
+        return fail(&refused, CONFIGURATION);
+    }
     let asked = match arguments.command {
         Command::Serve(asked) => asked,
         Command::Fault(Words { control, words }) => return tell(&control, &words.join(" ")),
@@ -253,7 +262,7 @@ fn tell(to: &Control, line: &str) -> ExitCode {
     match control::ask(to.control.as_deref(), line) {
         Ok(_) => ExitCode::SUCCESS,
         Err(refusal) => {
-            eprintln!("tactus-bench: {refusal}");
+            eprintln!("tactus-bench: {}", survey::printable(&refusal));
             ExitCode::FAILURE
         }
     }
@@ -271,7 +280,7 @@ fn show(of: &Control, json: bool) -> ExitCode {
     match told {
         Ok(text) => say(&text),
         Err(refusal) => {
-            eprintln!("tactus-bench: {refusal}");
+            eprintln!("tactus-bench: {}", survey::printable(&refusal));
             ExitCode::FAILURE
         }
     }
@@ -333,19 +342,40 @@ async fn serve_until_stopped(
 
 /// Prints the chain of causes once, at the edge.
 fn fail(fault: &dyn std::error::Error, code: u8) -> ExitCode {
-    eprint!("tactus-bench: {fault}");
+    let mut text = fault.to_string();
     let mut cause = fault.source();
     while let Some(below) = cause {
-        eprint!(": {below}");
+        text.push_str(&format!(": {below}"));
         cause = below.source();
     }
-    eprintln!();
+    eprintln!("tactus-bench: {}", survey::printable_lines(&text));
     ExitCode::from(code)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn no_output_replaces_what_is_not_its_own() {
+        let paths = outfile::trial::Paths {
+            outputs: &[
+                ("golden --out", "golden t --instrument 6221 --out {}"),
+                ("serve --record", "serve --record {}"),
+            ],
+            inputs: &[
+                "fault --control",
+                "golden file",
+                "press --control",
+                "release --control",
+                "replay file",
+                // a socket, which is bound where nothing has its name
+                "serve --control",
+                "status --control",
+            ],
+        };
+        outfile::trial::attack_every_output(&Arguments::command(), &paths, run);
+    }
 
     #[test]
     fn every_command_of_the_chapter_is_understood() {

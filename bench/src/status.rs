@@ -99,7 +99,7 @@ impl fmt::Display for Status {
         write!(
             f,
             "error    {}",
-            self.last_error.as_deref().unwrap_or("none")
+            survey::printable(self.last_error.as_deref().unwrap_or("none"))
         )
     }
 }

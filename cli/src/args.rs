@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
+use outfile::{Existing, GrowingFolder, OutFolder, OutPath};
 
 use crate::about::About;
 use crate::choices::{BaselineChoice, Format, Geometry, MethodChoice, Scale};
@@ -142,8 +143,23 @@ pub enum Command {
     #[command(hide = true)]
     Man {
         /// An existing folder
-        folder: PathBuf,
+        folder: GrowingFolder,
     },
+}
+
+/// Whether files that exist are replaced.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct Replacing {
+    /// Replace files that exist; recorded sessions are never replaced
+    #[arg(long)]
+    pub force: bool,
+}
+
+impl Replacing {
+    /// As the writing of files takes it.
+    pub fn existing(self) -> Existing {
+        Existing::forced(self.force)
+    }
 }
 
 /// What is asked of the instruments.
@@ -219,9 +235,12 @@ pub struct Transcript {
     /// How many of the last frames; the daemon keeps record.transcripts of them (8 by default)
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub frames: u32,
-    /// Write it to a new file
+    /// Write it to a file
     #[arg(long, value_name = "FILE")]
-    pub out: Option<PathBuf>,
+    pub out: Option<OutPath>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub replacing: Replacing,
 }
 
 /// What is asked of recorded sessions.
@@ -399,7 +418,10 @@ pub struct Export {
     pub format: Format,
     /// File to write (csv: its baseline goes beside it as NAME.baseline.csv, its protocol and bare frames as the case folder NAME.case/)
     #[arg(long, short, value_name = "PATH")]
-    pub out: PathBuf,
+    pub out: OutPath,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub replacing: Replacing,
     /// Which frame's map to draw (default: the last one)
     #[arg(long, value_name = "SEQUENCE")]
     pub frame: Option<u64>,
@@ -439,10 +461,13 @@ pub struct Replay {
     pub count: Option<u64>,
     /// Write the maps as CSV, a row a frame, a column a triangle of the region
     #[arg(long, value_name = "FILE")]
-    pub out: Option<PathBuf>,
-    /// Write a picture of each map into this directory
+    pub out: Option<OutPath>,
+    /// Write a picture of each map into this directory, which is new or empty
     #[arg(long, value_name = "DIR")]
-    pub png: Option<PathBuf>,
+    pub png: Option<OutFolder>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub replacing: Replacing,
     /// Scale of the maps: `own` or LOW,HIGH
     #[arg(
         long,

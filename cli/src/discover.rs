@@ -5,6 +5,7 @@ use std::io::Write;
 
 use bus::{Discovery, Options, SeenInstrument};
 use serde::Serialize;
+use survey::printable;
 
 use crate::args::Discover;
 use crate::connection::{Daemon, fault};
@@ -64,7 +65,7 @@ fn show(found: Discovery, printer: &mut Printer<impl Write>) -> Result<(), Failu
         return Ok(());
     }
     for note in &found.notes {
-        printer.text(&format!("note: {note}"))?;
+        printer.text(&format!("note: {}", printable(note)))?;
     }
     if found.seen.is_empty() {
         return printer.text(
@@ -97,7 +98,11 @@ fn show(found: Discovery, printer: &mut Printer<impl Write>) -> Result<(), Failu
         printer.text("\nLines for a configuration (nothing is used before one names it):")?;
     }
     for seen in proposals {
-        printer.text(&format!("# {}\n{}", seen.identity, seen.proposal))?;
+        printer.text(&format!(
+            "# {}\n{}",
+            printable(&seen.identity),
+            seen.proposal
+        ))?;
     }
     Ok(())
 }

@@ -3,6 +3,7 @@
 use std::io::Write;
 
 use serde::Serialize;
+use survey::printable;
 
 use crate::args::Global;
 use crate::failure::Failure;
@@ -37,7 +38,12 @@ pub(crate) fn run(
             text: event.text.clone(),
         };
         printer.record(&line, |line| {
-            format!("{}  {:17}  {}", local(event.at), line.kind, line.text)
+            format!(
+                "{}  {:17}  {}",
+                local(event.at),
+                printable(&line.kind),
+                printable(&line.text)
+            )
         })?;
     }
     Ok(())

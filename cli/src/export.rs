@@ -1,10 +1,11 @@
 //! `tactus export`: a recorded session as tables that any program reads, or a frame's map as a picture.
 
 use std::fmt::Write as _;
-use std::io::{BufWriter, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use logbook::{Record, SessionHeader, SessionKind};
+use outfile::{Existing, OutFile};
 use serde::Serialize;
 use survey::{Amps, Baseline, Protocol, Reading};
 
@@ -78,21 +79,32 @@ fn tables(
             format!("{:<9} {}", written.what, written.path)
         })
     };
-    let mut file = File::create(&export.out)?;
-    file.write(frames_heading(header.protocol.len()).as_bytes())?;
-    let folder = export.out.with_extension("case");
-    make_folder(&folder)?;
-    let mut case = File::create(&folder.join("frames.csv"))?;
-    case.write(case_heading(&header.protocol).as_bytes())?;
+    let existing = export.replacing.existing();
+    // nothing can lie beside a device or a pipe
+    let beside = (!outfile::is_stream(&export.out)).then(|| Beside::of(&export.out));
+    let mut file = OutFile::create(&export.out, existing)?;
+    file.put(frames_heading(header.protocol.len()).as_bytes())?;
+    let mut case = match &beside {
+        Some(beside) => {
+            outfile::check(&beside.baseline, existing)?;
+            outfile::make_folder(&beside.case, existing)?;
+            let mut case = OutFile::create(&beside.case.join("frames.csv"), existing)?;
+            case.put(case_heading(&header.protocol).as_bytes())?;
+            Some(case)
+        }
+        None => None,
+    };
     let bar = progress(session.len()? as usize, printer.is_terminal());
     let (mut written, mut damaged, mut current) = (0, 0, None);
     let mut last = header.first_sequence - 1;
     for record in session.frames() {
         match record {
             Ok(record) => {
-                file.write(frame_row(&record).as_bytes())?;
-                let label = format!("f{}", record.frame.sequence);
-                case.write(bare_row(&label, &record.frame.readings).as_bytes())?;
+                file.put(frame_row(&record).as_bytes())?;
+                if let Some(case) = &mut case {
+                    let label = format!("f{}", record.frame.sequence);
+                    case.put(bare_row(&label, &record.frame.readings).as_bytes())?;
+                }
                 current.get_or_insert(record.frame.settings.current);
                 last = record.frame.sequence;
                 written += 1;
@@ -106,21 +118,24 @@ fn tables(
     }
     bar.finish_and_clear();
     say(printer, "frames", &file.finish()?, written)?;
-    if let Some(baseline) = &baseline {
-        let path = export.out.with_extension("baseline.csv");
-        replace_file(&path, baseline_table(&header.protocol, baseline).as_bytes())?;
-        say(printer, "baseline", &path, baseline.frames)?;
+    if let (Some(beside), Some(case)) = (&beside, case) {
+        if let Some(baseline) = &baseline {
+            let table = baseline_table(&header.protocol, baseline);
+            outfile::write(&beside.baseline, existing, table.as_bytes())?;
+            say(printer, "baseline", &beside.baseline, baseline.frames)?;
+        }
+        case.finish()?;
+        beside_frames(&beside.case, header, current, baseline.as_ref(), existing)?;
+        say(printer, "case", &beside.case, written)?;
     }
-    case.finish()?;
-    beside_frames(&folder, header, current, baseline.as_ref())?;
-    say(printer, "case", &folder, written)?;
     if damaged > 0 {
         return Err(Failure::Failed(format!(
             "{damaged} damaged frames of session {} are left out; the others are written",
             header.id
         )));
     }
-    for part in session.each() {
+    // what went into a device or a pipe may be nowhere, and `sessions prune --exported-only` believes the mark
+    for part in session.each().iter().filter(|_| beside.is_some()) {
         let own = part
             .last_sequence()
             .map_err(|error| state::refused(&error))?;
@@ -128,6 +143,21 @@ fn tables(
         crate::upkeep::mark(part, own.min(last), &export.out);
     }
     Ok(())
+}
+
+/// What a table of frames has beside it.
+struct Beside {
+    baseline: PathBuf,
+    case: PathBuf,
+}
+
+impl Beside {
+    fn of(frames: &Path) -> Self {
+        Self {
+            baseline: frames.with_extension("baseline.csv"),
+            case: frames.with_extension("case"),
+        }
+    }
 }
 
 /// Columns of the table of frames: what a person looks for first, then the voltages.
@@ -213,15 +243,16 @@ fn beside_frames(
     header: &SessionHeader,
     current: Option<Amps>,
     baseline: Option<&Baseline>,
+    existing: Existing,
 ) -> Result<(), Failure> {
     let current = current
         .or(baseline.map(|baseline| baseline.settings.current))
         .unwrap_or(Amps(1.0));
     let protocol = eit::protocol_text(&header.protocol, &vec![current.0; header.protocol.len()]);
-    replace_file(&folder.join("protocol.csv"), protocol.as_bytes())?;
+    outfile::write(&folder.join("protocol.csv"), existing, protocol.as_bytes())?;
     if let Some(baseline) = baseline {
         let table = case_heading(&header.protocol) + &bare_row("baseline", &baseline.readings);
-        replace_file(&folder.join("baseline.csv"), table.as_bytes())?;
+        outfile::write(&folder.join("baseline.csv"), existing, table.as_bytes())?;
     }
     Ok(())
 }
@@ -304,7 +335,7 @@ fn picture(
         Format::Svg => ("svg", drawing::svg(&eye.field, &map, &style)?.into_bytes()),
         Format::Png | Format::Csv => ("png", drawing::png(&eye.field, &map, &style)?),
     };
-    replace_file(&export.out, &bytes)?;
+    outfile::write(&export.out, export.replacing.existing(), &bytes)?;
     for remark in &eye.remarks {
         printer.text(remark)?;
     }
@@ -327,61 +358,4 @@ fn picture(
             drawing::place(written.found_mm)
         )
     })
-}
-
-/// Makes a folder where there is none.
-pub(crate) fn make_folder(folder: &Path) -> Result<(), Failure> {
-    std::fs::create_dir_all(folder)
-        .map_err(|error| Failure::failed(&format!("{} cannot be made", folder.display()), &error))
-}
-
-/// A file that appears whole under its name, or not at all.
-pub(crate) struct File {
-    path: PathBuf,
-    part: PathBuf,
-    writer: BufWriter<std::fs::File>,
-}
-
-impl File {
-    pub(crate) fn create(path: &Path) -> Result<Self, Failure> {
-        let mut name = path
-            .file_name()
-            .map(ToOwned::to_owned)
-            .ok_or_else(|| Failure::Usage(format!("{} is no name for a file", path.display())))?;
-        name.push(".part");
-        let part = path.with_file_name(name);
-        let file = std::fs::File::create(&part).map_err(|error| unwritable(path, &error))?;
-        Ok(Self {
-            path: path.to_owned(),
-            part,
-            writer: BufWriter::new(file),
-        })
-    }
-
-    pub(crate) fn write(&mut self, bytes: &[u8]) -> Result<(), Failure> {
-        self.writer
-            .write_all(bytes)
-            .map_err(|error| unwritable(&self.path, &error))
-    }
-
-    pub(crate) fn finish(mut self) -> Result<PathBuf, Failure> {
-        self.writer
-            .flush()
-            .and_then(|()| self.writer.get_ref().sync_all())
-            .and_then(|()| std::fs::rename(&self.part, &self.path))
-            .map_err(|error| unwritable(&self.path, &error))?;
-        Ok(self.path)
-    }
-}
-
-/// Writes a whole file in place of an older one.
-pub(crate) fn replace_file(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
-    let mut file = File::create(path)?;
-    file.write(bytes)?;
-    file.finish()?;
-    Ok(())
-}
-
-fn unwritable(path: &Path, error: &std::io::Error) -> Failure {
-    Failure::failed(&format!("{} cannot be written", path.display()), error)
 }

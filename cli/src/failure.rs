@@ -4,6 +4,8 @@ use std::error::Error;
 use std::fmt::Write as _;
 use std::process::ExitCode;
 
+use outfile::OutFileError;
+
 /// The kinds of failure, each with its exit code. The message says what to do next.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Failure {
@@ -69,6 +71,12 @@ impl Failure {
     }
 }
 
+impl From<OutFileError> for Failure {
+    fn from(error: OutFileError) -> Self {
+        Self::Failed(chain(&error))
+    }
+}
+
 /// An error and all its causes, joined by colons; a cause already told by its parent is not repeated.
 pub(crate) fn chain(error: &dyn Error) -> String {
     let mut text = error.to_string();
@@ -80,7 +88,7 @@ pub(crate) fn chain(error: &dyn Error) -> String {
         }
         cause = error.source();
     }
-    text
+    survey::printable(&text).into_owned()
 }
 
 #[cfg(test)]

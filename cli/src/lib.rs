@@ -54,12 +54,14 @@ mod watch;
 
 use std::ffi::OsString;
 use std::io::Write;
+use std::path::Path;
 use std::process::ExitCode;
 
-use clap::{CommandFactory, Parser};
+use clap::{CommandFactory, FromArgMatches};
 
 use args::{Arguments, BaselineCommand, Command, InstrumentsCommand, NotifyCommand};
 use failure::Failure;
+use outfile::Existing;
 use output::Printer;
 
 pub use duration::{SpanError, parse_span};
@@ -71,8 +73,13 @@ pub fn command() -> clap::Command {
 
 /// Runs `tactus` with the arguments of the process, the program's name first, and returns its exit code.
 pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
-    let arguments = match Arguments::try_parse_from(args) {
-        Ok(arguments) => arguments,
+    let command = Arguments::command();
+    let parsed = command.clone().try_get_matches_from(args);
+    let (matches, arguments) = match parsed.and_then(|matches| {
+        let arguments = Arguments::from_arg_matches(&matches)?;
+        Ok((matches, arguments))
+    }) {
+        Ok(parsed) => parsed,
         Err(refusal) => {
             let code = u8::try_from(refusal.exit_code()).unwrap_or(2);
             // Nothing can be said where the terminal itself has gone.
@@ -81,12 +88,70 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
         }
     };
     let mut printer = Printer::stdout(arguments.global.json, arguments.global.colour);
-    match dispatch(arguments, &mut printer) {
+    let outputs = outfile::check_arguments(&command, &matches).map_err(Failure::from);
+    match outputs.and_then(|()| dispatch(arguments, &mut printer)) {
         Ok(()) | Err(Failure::Closed) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("tactus: {failure}");
+            output::complain(&format!("tactus: {failure}"));
             failure.exit_code()
         }
+    }
+}
+
+/// Writes the manual pages; the generator's own way to write them replaces what it finds.
+fn manual(folder: &Path) -> Result<(), Failure> {
+    fn pages(command: &clap::Command, folder: &Path) -> Result<(), Failure> {
+        for inner in command
+            .get_subcommands()
+            .filter(|inner| !inner.is_hide_set())
+        {
+            pages(inner, folder)?;
+        }
+        let page = clap_mangen::Man::new(command.clone());
+        let mut text = Vec::new();
+        page.render(&mut text)
+            .map_err(|error| Failure::failed("a manual page cannot be rendered", &error))?;
+        outfile::write(&folder.join(page.get_filename()), Existing::Refuse, &text)?;
+        Ok(())
+    }
+    let mut command = Arguments::command().disable_help_subcommand(true);
+    command.build();
+    pages(&command, folder)
+}
+
+#[cfg(test)]
+mod outputs {
+    use clap::CommandFactory;
+    use outfile::trial::{Paths, attack_every_output};
+
+    use crate::args::Arguments;
+
+    #[test]
+    fn no_output_replaces_what_is_not_its_own() {
+        let paths = Paths {
+            outputs: &[
+                ("export --out", "export s --format csv --out {}"),
+                ("replay --out", "replay s --out {}"),
+                ("replay --png", "replay s --png {}"),
+                ("transcript --out", "transcript --out {}"),
+                ("man folder", "man {}"),
+            ],
+            inputs: &[
+                "--state",
+                "doctor --config",
+                "export --case",
+                "export --model",
+                "replay --case",
+                "replay --frames",
+                "replay --model",
+                // a new session file, by the logbook, which replaces nothing
+                "sessions repair --out",
+                "start --model",
+            ],
+        };
+        attack_every_output(&Arguments::command(), &paths, |words| {
+            crate::run(words.into_iter())
+        });
     }
 }
 
@@ -105,8 +170,7 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
             clap_complete::generate(shell, &mut Arguments::command(), "tactus", &mut script);
             printer.raw(&script)
         }
-        Command::Man { folder } => clap_mangen::generate_to(Arguments::command(), &folder)
-            .map_err(|error| Failure::failed("the manual pages cannot be written", &error)),
+        Command::Man { folder } => manual(&folder),
         live => {
             let runtime = tokio::runtime::Builder::new_current_thread()
                 .enable_all()

@@ -9,11 +9,12 @@ use bus::next;
 use chrono::{DateTime, Utc};
 use logbook::SessionReader;
 use serde::Serialize;
+use survey::printable;
 
 use crate::args::{Global, Log};
 use crate::connection::{Daemon, fault};
 use crate::failure::{Failure, chain};
-use crate::output::Printer;
+use crate::output::{Printer, complain};
 use crate::sessions::{local, utc};
 use crate::state;
 
@@ -37,12 +38,12 @@ impl Line {
             format!(
                 "{}  {:17}  {}{}",
                 local(line.at),
-                line.kind,
+                printable(&line.kind),
                 match &line.session {
-                    Some(session) => format!("{session}: "),
+                    Some(session) => format!("{}: ", printable(session)),
                     None => String::new(),
                 },
-                line.text
+                printable(&line.text)
             )
         })
     }
@@ -135,7 +136,7 @@ fn recorded(place: &Path, log: &Log, since: Option<DateTime<Utc>>) -> impl Itera
                 kind: event.kind,
                 text: event.text,
             })),
-            Err(error) => eprintln!("tactus: {}", chain(&error)),
+            Err(error) => complain(&format!("tactus: {}", chain(&error))),
         }
     }
     let files = std::fs::read_dir(place).into_iter().flatten().flatten();
@@ -149,7 +150,7 @@ fn recorded(place: &Path, log: &Log, since: Option<DateTime<Utc>>) -> impl Itera
         }
         match of_session(&file) {
             Ok(events) => lines.extend(events),
-            Err(error) => eprintln!("tactus: {}: {}", file.display(), chain(&error)),
+            Err(error) => complain(&format!("tactus: {}: {}", file.display(), chain(&error))),
         }
     }
     let log = log.clone();

@@ -3,6 +3,7 @@
 use std::io::{IsTerminal, Write};
 
 use serde::Serialize;
+use survey::{printable_json, printable_lines};
 
 use crate::failure::Failure;
 
@@ -113,12 +114,15 @@ impl<W: Write> Printer<W> {
         record: &T,
         person: impl FnOnce(&T) -> String,
     ) -> Result<(), Failure> {
-        let line = if self.json {
-            serde_json::to_string(record)
-                .map_err(|error| Failure::failed("an answer cannot be written as JSON", &error))?
-        } else {
-            person(record)
-        };
+        let line =
+            if self.json {
+                let json = serde_json::to_string(record);
+                printable_json(json.map_err(|error| {
+                    Failure::failed("an answer cannot be written as JSON", &error)
+                })?)
+            } else {
+                printable_lines(&person(record)).into_owned()
+            };
         self.line(&line)
     }
 
@@ -127,7 +131,15 @@ impl<W: Write> Printer<W> {
         if self.json {
             return Ok(());
         }
-        self.line(text)
+        self.line(&printable_lines(text))
+    }
+
+    /// Prints a map of the program's own drawing, which has the terminal's own sequences in it; with `--json` nothing.
+    pub(crate) fn drawn(&mut self, map: &str) -> Result<(), Failure> {
+        if self.json {
+            return Ok(());
+        }
+        self.line(map)
     }
 
     /// Prints bytes as they are (a script for a shell, a CSV table).
@@ -146,6 +158,11 @@ impl<W: Write> Printer<W> {
             .and_then(|()| self.sink.flush())
             .map_err(|error| written(&error))
     }
+}
+
+/// Tells a person something on standard error.
+pub(crate) fn complain(text: &str) {
+    eprintln!("{}", printable_lines(text));
 }
 
 fn written(error: &std::io::Error) -> Failure {
@@ -178,6 +195,33 @@ mod tests {
         })
         .unwrap();
         assert_eq!(text.sink(), b"state: idle\n");
+    }
+
+    #[test]
+    fn nothing_that_acts_on_a_terminal_is_printed() {
+        #[derive(Serialize)]
+        struct Note {
+            text: String,
+        }
+        let text = "\x1b[2J\u{202e}\u{9b}\r\0".to_owned();
+        let note = Note { text };
+        let mut json = Printer::into(true, Vec::new());
+        json.record(&note, |_| unreachable!()).unwrap();
+        let json = String::from_utf8(json.sink()).unwrap();
+        assert!(
+            json.trim_end()
+                .chars()
+                .all(|letter| letter.is_ascii_graphic()),
+            "{json:?}"
+        );
+        let back: serde_json::Value = serde_json::from_str(&json).unwrap();
+        assert_eq!(back["text"], note.text);
+        let mut person = Printer::into(false, Vec::new());
+        person.record(&note, |note| note.text.clone()).unwrap();
+        person.text(&note.text).unwrap();
+        let shown = String::from_utf8(person.sink()).unwrap();
+        let line = "\\u{1b}[2J\\u{202e}\\u{9b}\\r\\0\n";
+        assert_eq!(shown, [line, line].concat());
     }
 
     #[test]

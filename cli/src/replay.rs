@@ -3,12 +3,12 @@
 use std::io::{IsTerminal, Write};
 
 use indicatif::{ProgressBar, ProgressStyle};
+use outfile::OutFile;
 use serde::Serialize;
 use survey::Map;
 
 use crate::args::{Global, Replay};
 use crate::drawing;
-use crate::export::{File, make_folder, replace_file};
 use crate::eye::{Eye, Scene};
 use crate::failure::Failure;
 use crate::output::Printer;
@@ -52,10 +52,14 @@ pub(crate) fn run(
     )?;
     let count = recording.len()?;
     introduce(&recording, count, &eye, printer)?;
+    let existing = replay.replacing.existing();
     if let Some(directory) = &replay.png {
-        make_folder(directory)?;
+        outfile::make_folder(directory, existing)?;
     }
-    let mut maps = replay.out.as_deref().map(File::create).transpose()?;
+    let mut maps = match &replay.out {
+        Some(path) => Some(OutFile::create(path, existing)?),
+        None => None,
+    };
     let progress = progress(count, printer.is_terminal());
     let draw = printer.is_terminal() && !replay.no_map;
     let mut verdict = Verdict::default();
@@ -71,7 +75,7 @@ pub(crate) fn run(
         let found = eye.field.found(&map);
         verdict.take(&recorded, &map);
         if let Some(file) = &mut maps {
-            file.write(&row(&map))?;
+            file.put(&row(&map))?;
         }
         let style = || {
             drawing::style(
@@ -85,7 +89,8 @@ pub(crate) fn run(
             None => None,
             Some(directory) => {
                 let path = directory.join(format!("frame-{:06}.png", recorded.sequence));
-                replace_file(&path, &drawing::png(&eye.field, &map, &style())?)?;
+                let png = drawing::png(&eye.field, &map, &style())?;
+                outfile::write(&path, existing, &png)?;
                 Some(path.display().to_string())
             }
         };
@@ -106,7 +111,7 @@ pub(crate) fn run(
             printer.record(&line, sentence)?;
             if draw {
                 let style = drawing::terminal_style(printer, style());
-                printer.text(&drawing::terminal(&eye.field, &map, &style)?)?;
+                printer.drawn(&drawing::terminal(&eye.field, &map, &style)?)?;
             }
             Ok(())
         })?;

@@ -2,7 +2,6 @@
 //! look at what was said over the wires.
 
 use std::io::Write;
-use std::path::Path;
 
 use bus::Options;
 use serde::Serialize;
@@ -70,9 +69,9 @@ pub(crate) async fn transcript(
         ));
     }
     match &asked.out {
-        None => printer.raw(lines.as_bytes()),
+        None => printer.raw(survey::printable_json(lines).as_bytes()),
         Some(path) => {
-            write_new(path, &lines)?;
+            outfile::write(path, asked.replacing.existing(), lines.as_bytes())?;
             let count = lines.lines().count();
             let text = format!(
                 "{count} lines are in {}; `tactus-bench replay {0}` plays them to the simulators",
@@ -81,14 +80,4 @@ pub(crate) async fn transcript(
             done("written", text, printer)
         }
     }
-}
-
-/// Nobody's file is overwritten.
-fn write_new(path: &Path, text: &str) -> Result<(), Failure> {
-    let made = std::fs::File::options()
-        .write(true)
-        .create_new(true)
-        .open(path);
-    made.and_then(|mut file| file.write_all(text.as_bytes()))
-        .map_err(|cause| Failure::failed(&format!("{} cannot be written", path.display()), &cause))
 }

@@ -6,10 +6,11 @@ use std::path::PathBuf;
 use chrono::{DateTime, Local, SecondsFormat, Utc};
 use logbook::SessionSummary;
 use serde::Serialize;
+use survey::printable;
 
 use crate::args::Global;
 use crate::failure::Failure;
-use crate::output::Printer;
+use crate::output::{Printer, complain};
 use crate::state;
 use crate::table::columns;
 
@@ -75,20 +76,20 @@ pub(crate) fn run(global: &Global, printer: &mut Printer<impl Write>) -> Result<
             Err(_) if !place.exists() => continue,
             Err(error) if places.len() == 1 => return Err(state::refused(&error)),
             Err(error) => {
-                eprintln!(
+                complain(&format!(
                     "tactus: {} is left out: {}",
                     place.display(),
                     crate::failure::chain(&error)
-                );
+                ));
                 continue;
             }
         };
         for unreadable in &listing.unreadable {
-            eprintln!(
+            complain(&format!(
                 "tactus: {} is left out: {}",
-                unreadable.path.display(),
+                printable(&unreadable.path.to_string_lossy()),
                 crate::failure::chain(&unreadable.why)
-            );
+            ));
         }
         sessions.extend(listing.sessions);
     }

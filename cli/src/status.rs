@@ -219,6 +219,7 @@ fn for_a_person(status: &Status) -> String {
         "daemon     tactusd {} at {}",
         status.version, status.bus
     ));
+    let lines: Vec<_> = lines.iter().map(|line| survey::printable(line)).collect();
     lines.join("\n")
 }
 

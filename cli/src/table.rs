@@ -1,9 +1,18 @@
 //! Columns for a person: as wide as their widest entry, two spaces between.
 
+use std::borrow::Cow;
+
+use survey::printable;
+
 /// Aligns rows under a heading; the last column is not padded.
 pub(crate) fn columns<const N: usize>(heading: [&str; N], rows: &[[String; N]]) -> String {
+    // a cell is a cell, whatever somebody else has written into it
+    let rows: Vec<[Cow<'_, str>; N]> = rows
+        .iter()
+        .map(|row| row.each_ref().map(|cell| printable(cell)))
+        .collect();
     let mut widths = heading.map(|title| title.chars().count());
-    for row in rows {
+    for row in &rows {
         for (width, cell) in widths.iter_mut().zip(row) {
             *width = (*width).max(cell.chars().count());
         }
@@ -19,8 +28,8 @@ pub(crate) fn columns<const N: usize>(heading: [&str; N], rows: &[[String; N]]) 
         text.push('\n');
     };
     push(heading);
-    for row in rows {
-        push(std::array::from_fn(|column| row[column].as_str()));
+    for row in &rows {
+        push(row.each_ref().map(|cell| &**cell));
     }
     text
 }

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::args::{Global, Prune, Repair, SessionsCommand, Verify};
 use crate::failure::{Failure, chain};
-use crate::output::Printer;
+use crate::output::{Printer, complain};
 use crate::replay::progress;
 use crate::state;
 
@@ -59,7 +59,7 @@ fn verify(
         let found = match found {
             Ok(found) => found,
             Err(LogbookError::NotASession { why, .. }) if asked.all => {
-                eprintln!("tactus: {} is left out: {why}", file.display());
+                complain(&format!("tactus: {} is left out: {why}", file.display()));
                 continue;
             }
             Err(error) => return Err(state::refused(&error)),
@@ -246,10 +246,10 @@ pub(crate) fn mark(session: &logbook::SessionReader, last: u64, to: &std::path::
             .to_string(),
     };
     if let Err(error) = logbook::mark_exported(session.path(), &exported) {
-        eprintln!(
+        complain(&format!(
             "tactus: not marked as exported, so `sessions prune --exported-only` will pass it over: {}",
             chain(&error)
-        );
+        ));
     }
 }
 

@@ -280,7 +280,7 @@ impl<'a, W: Write> Viewer<'a, W> {
             let style = drawing::terminal_style(self.printer, style);
             let shown = pressure.as_ref().unwrap_or(map);
             self.printer
-                .text(&drawing::terminal(field, shown, &style)?)?;
+                .drawn(&drawing::terminal(field, shown, &style)?)?;
         }
         Ok(())
     }

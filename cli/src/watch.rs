@@ -5,6 +5,7 @@ use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
 use bus::{Options, Session1Proxy};
+use survey::printable;
 use tokio::time::Instant;
 
 use crate::args::Watch;
@@ -12,7 +13,7 @@ use crate::connection::Daemon;
 use crate::drawing::Field;
 use crate::duration::display_span;
 use crate::failure::Failure;
-use crate::output::Printer;
+use crate::output::{Printer, complain};
 use crate::viewer::Viewer;
 
 /// How often the daemon is asked whether a session has begun.
@@ -76,7 +77,7 @@ pub(crate) async fn run(
                 .flatten()
                 .unwrap_or_default();
             if flags != before {
-                eprintln!("{}", quality(done.sequence, flags));
+                complain(&quality(done.sequence, &printable(flags)));
                 flags.clone_into(&mut before);
             }
         }
@@ -86,7 +87,7 @@ pub(crate) async fn run(
     let told = async {
         while let Some(signal) = bus::next(&mut news).await {
             if let Ok(told) = signal.args() {
-                eprintln!("{}: {}", told.kind, told.text);
+                complain(&format!("{}: {}", told.kind, printable(told.text)));
             }
         }
         std::future::pending().await

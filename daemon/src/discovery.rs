@@ -11,6 +11,7 @@ use std::net::SocketAddr;
 use std::time::Duration;
 
 use rig::Link;
+use survey::{printable, printable_within};
 
 use crate::place::Place;
 
@@ -18,6 +19,9 @@ use crate::place::Place;
 const PATIENCE: Duration = Duration::from_secs(2);
 /// Where a 34980A listens (fact sheet lxi-discovery, section 2).
 const SCPI_RAW: u16 = 5025;
+
+/// Characters kept of what an instrument or an announcement says of itself; an identity has some 50.
+const LONGEST_TEXT: usize = 200;
 
 /// What to look for, and where.
 #[derive(Debug, Clone)]
@@ -236,6 +240,7 @@ fn add(all: &mut Vec<Seen>, one: Seen) {
 }
 
 fn seen(address: String, identity: String, found_by: &str, name: &str, in_use: bool) -> Seen {
+    let identity = printable_within(&identity, LONGEST_TEXT).into_owned();
     let (proposal, remark) = propose(&address, &identity);
     Seen {
         proposal,
@@ -243,7 +248,7 @@ fn seen(address: String, identity: String, found_by: &str, name: &str, in_use: b
         address,
         identity,
         found_by: found_by.to_owned(),
-        name: name.to_owned(),
+        name: printable_within(name, LONGEST_TEXT).into_owned(),
         in_use,
     }
 }
@@ -251,7 +256,9 @@ fn seen(address: String, identity: String, found_by: &str, name: &str, in_use: b
 /// The lines that a configuration would have for it, by the model that it names itself.
 fn propose(address: &str, identity: &str) -> (String, String) {
     let model = identity.split(',').nth(1).unwrap_or_default().trim();
-    let section = |name: &str| format!("[{name}]\naddress = \"{address}\"");
+    // an address may name a host as somebody else wrote it, and these lines are copied into a configuration
+    let address = toml::Value::String(printable(address).into_owned());
+    let section = |name: &str| format!("[{name}]\naddress = {address}");
     if model.eq_ignore_ascii_case("MODEL 6221") {
         (section("source"), String::new())
     } else if model.eq_ignore_ascii_case("34980A") {
@@ -313,6 +320,53 @@ mod tests {
         assert!(lines.starts_with("[switch]\n"), "{lines}");
         let (lines, remark) = propose("tcp:h:5025", "Somebody,Oscilloscope,1,1");
         assert!(lines.is_empty() && remark.contains("no driver"), "{remark}");
+    }
+
+    #[test]
+    fn what_a_stranger_says_is_no_line_of_a_configuration() {
+        let hostile = "x\n[notify]\ncommand = [\"sh\"]\r\u{1b}[2J\u{202e}\u{9b}\0\"\"\"".to_owned()
+            + &"long".repeat(10_000);
+        let gpio = format!("T,{},1,1", gpio_mux::MODEL);
+        let all = [
+            seen("tcp:h:1".into(), hostile.clone(), "mdns", &hostile, false),
+            seen(
+                format!("tcp:{hostile}:1"),
+                SOURCE.into(),
+                "mdns",
+                &hostile,
+                false,
+            ),
+            seen(format!("tcp:{hostile}:2"), gpio, "mdns", "", false),
+            Seen {
+                remark: hostile.clone(),
+                ..seen(hostile.clone(), String::new(), "mdns", "", false)
+            },
+        ];
+        let found = Found {
+            seen: all.to_vec(),
+            notes: vec![hostile.clone()],
+        };
+        let text = crate::report::found_lines(&found, false).join("\n");
+        assert!(text.lines().all(|line| {
+            line.starts_with('#')
+                || ["[source]", "[switch]", "[wiring]", "kind = \"gpio-board\""].contains(&line)
+                || line.starts_with("address = ")
+        }));
+        for line in crate::report::found_lines(&found, true) {
+            let value: serde_json::Value = serde_json::from_str(&line).unwrap();
+            assert!(value.is_object());
+            assert!(
+                line.chars()
+                    .all(|letter| letter.is_ascii_graphic() || letter == ' ')
+            );
+        }
+        assert!(!text.contains(|letter: char| letter.is_control() && letter != '\n'));
+        assert!(!text.contains('\u{202e}'));
+        // what is proposed is read as what was seen
+        let proposed: toml::Table = toml::from_str(&all[1].proposal).unwrap();
+        assert_eq!(proposed.len(), 1);
+        let address = proposed["source"]["address"].as_str().unwrap();
+        assert_eq!(address, &*printable(&all[1].address));
     }
 
     #[tokio::test]

@@ -5,6 +5,9 @@
 
 use std::io::IsTerminal;
 
+use survey::printable;
+use tracing_subscriber::field::MakeExt;
+use tracing_subscriber::fmt::format::debug_fn;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 
@@ -23,7 +26,16 @@ pub(crate) fn begin() {
             let to_stderr = tracing_subscriber::fmt::layer()
                 .with_writer(std::io::stderr)
                 .with_ansi(std::io::stderr().is_terminal())
-                .with_target(false);
+                .with_target(false)
+                // what instruments and clients say is in some of it
+                .fmt_fields(debug_fn(|to, field, value| {
+                    let text = format!("{value:?}");
+                    match field.name() {
+                        "message" => write!(to, "{}", printable(&text)),
+                        name => write!(to, "{name}={}", printable(&text)),
+                    }
+                }))
+                .map_fmt_fields(|fields| fields.delimited(" "));
             log.with(to_stderr).try_init()
         }
     };

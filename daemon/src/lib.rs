@@ -498,17 +498,22 @@ fn print_plan(prepared: &Prepared, json: bool) -> ExitCode {
 
 fn complain(problems: &[Problem]) -> ExitCode {
     for problem in problems {
-        let _ = writeln!(std::io::stderr(), "{problem}");
+        let problem = problem.to_string();
+        let _ = writeln!(std::io::stderr(), "{}", survey::printable(&problem));
     }
     ExitCode::from(CONFIGURATION)
 }
 
 fn fail(text: &str) -> ExitCode {
-    let _ = writeln!(std::io::stderr(), "tactusd: {text}");
+    let _ = writeln!(
+        std::io::stderr(),
+        "tactusd: {}",
+        survey::printable_lines(text)
+    );
     ExitCode::FAILURE
 }
 
 /// To standard output; a reader that has gone is no failure.
 fn say(text: &str) {
-    let _ = writeln!(std::io::stdout(), "{text}");
+    let _ = writeln!(std::io::stdout(), "{}", survey::printable_lines(text));
 }

@@ -1,11 +1,12 @@
 //! The daemon's manual pages, from what the program itself knows: its command line, and the complete example.
 
+use std::io;
 use std::path::Path;
-use std::{fs, io};
 
 use clap::CommandFactory;
 use clap_mangen::Man;
 use clap_mangen::roff::{Roff, bold, roman};
+use outfile::{Existing, OutFileError};
 
 use crate::args::Args;
 
@@ -16,10 +17,14 @@ const EXAMPLE: &str = include_str!("../../config.toml");
 pub(crate) fn write(folder: &Path) -> io::Result<()> {
     let mut daemon = Vec::new();
     Man::new(Args::command()).section("8").render(&mut daemon)?;
-    fs::write(folder.join("tactusd.8"), daemon)?;
+    put(&folder.join("tactusd.8"), &daemon)?;
     let mut file = Vec::new();
     configuration().to_writer(&mut file)?;
-    fs::write(folder.join("tactus.toml.5"), file)
+    put(&folder.join("tactus.toml.5"), &file)
+}
+
+fn put(path: &Path, page: &[u8]) -> io::Result<()> {
+    outfile::write(path, Existing::Refuse, page).map_err(OutFileError::into_io)
 }
 
 fn configuration() -> Roff {
@@ -56,7 +61,7 @@ mod tests {
     fn the_pages_have_every_option_and_every_key() {
         let folder = tempfile::tempdir().unwrap();
         write(folder.path()).unwrap();
-        let page = |name: &str| fs::read_to_string(folder.path().join(name)).unwrap();
+        let page = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
         assert!(page("tactusd.8").contains("safe\\-off"));
         let keys = page("tactus.toml.5");
         for line in EXAMPLE.lines().filter(|line| line.contains(" = ")) {

@@ -387,5 +387,6 @@ pub(crate) fn chain(error: &dyn std::error::Error) -> String {
         }
         cause = inner.source();
     }
-    text
+    // instruments and files are quoted in errors; an error is one line of log, record and bus
+    survey::printable(&text).into_owned()
 }

@@ -6,7 +6,7 @@ use bus::{
     BaselineReport, Options, PlanReport, RelayWear, SeenInstrument, SessionSummary, TestLine,
     TestReport,
 };
-use survey::Baseline;
+use survey::{Baseline, printable, printable_json};
 
 use crate::care::{Line, Report, Wear};
 use crate::discovery::{Found, Seen};
@@ -166,22 +166,28 @@ pub(crate) fn found_lines(found: &Found, json: bool) -> Vec<String> {
                 "proposal": some(&seen.proposal),
                 "remark": some(&seen.remark),
             });
-            lines.push(object.to_string());
+            lines.push(printable_json(object.to_string()));
             continue;
         }
         let said = some(&seen.identity).unwrap_or_else(|| seen.remark.clone());
         lines.push(
-            format!("# {said} (found by {} {})", seen.found_by, seen.name).replace(" )", ")"),
+            format!(
+                "# {} (found by {} {})",
+                printable(&said),
+                seen.found_by,
+                printable(&seen.name)
+            )
+            .replace(" )", ")"),
         );
         lines.push(match seen.proposal.as_str() {
-            "" => format!("# {} {}", seen.address, seen.remark),
+            "" => format!("# {} {}", printable(&seen.address), printable(&seen.remark)),
             proposal => proposal.to_owned(),
         });
     }
     for note in &found.notes {
         lines.push(match json {
-            true => serde_json::json!({"event": "note", "text": note}).to_string(),
-            false => format!("# note: {note}"),
+            true => printable_json(serde_json::json!({"event": "note", "text": note}).to_string()),
+            false => format!("# note: {}", printable(note)),
         });
     }
     if lines.is_empty() {
@@ -242,7 +248,7 @@ pub(crate) fn session(summary: &logbook::SessionSummary, active: Option<&str>) -
     };
     let ended = summary.closed.as_ref();
     SessionSummary {
-        id: summary.id.clone(),
+        id: without_nul(&summary.id),
         kind: summary.kind.as_str().to_owned(),
         state: state.to_owned(),
         started_ns: nanoseconds(summary.started),
@@ -250,10 +256,16 @@ pub(crate) fn session(summary: &logbook::SessionSummary, active: Option<&str>) -
         simulated: summary.simulated,
         path: summary.path.display().to_string(),
         more: Options::new()
-            .with("note", summary.note.as_str())
-            .with_some("reason", ended.map(|closing| closing.reason.as_str()))
+            .with("note", without_nul(&summary.note))
+            .with_some("reason", ended.map(|closing| without_nul(&closing.reason)))
             .with_some("ended_ns", ended.map(|closing| nanoseconds(closing.at))),
     }
+}
+
+/// Text of a session's file, which anybody may have written: the bus carries any character but this one, and one message
+/// that has it ends the connection.
+fn without_nul(text: &str) -> String {
+    text.replace('\0', "\\0")
 }
 
 /// A lost rig that is being looked for.

@@ -17,6 +17,7 @@ use crate::known::Known;
 use crate::multiplexer::Multiplexer;
 use crate::place::Place;
 use crate::prepare::RigPlan;
+use survey::printable_within;
 
 /// How long opening a connection may take.
 const TO_CONNECT: Duration = Duration::from_secs(5);
@@ -204,7 +205,7 @@ pub(crate) async fn assemble(
     // whatever the others turn out to be, the source is off before they are asked
     let found = |role, identity: &str, place: &Place| Found {
         role,
-        identity: identity.to_owned(),
+        identity: printable_within(identity, 200).into_owned(),
         address: place.to_string(),
         simulated: *place == Place::Simulated,
     };

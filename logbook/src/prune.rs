@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
+use outfile::Existing;
 use serde::{Deserialize, Serialize};
 
 use crate::shelf::{files, list, part_of};
@@ -82,8 +83,9 @@ pub struct Exported {
 pub fn mark_exported(path: impl AsRef<Path>, exported: &Exported) -> Result<(), LogbookError> {
     let mark = path.as_ref().with_extension(EXPORTED);
     let text = serde_json::to_string(exported).unwrap_or_default() + "\n";
-    std::fs::write(&mark, text)
-        .map_err(|source| LogbookError::disk(&mark, "mark as exported", source))
+    // whoever owns the folder may have put a link there, and root may be the one who exports
+    outfile::write(&mark, Existing::Replace, text.as_bytes())
+        .map_err(|refused| LogbookError::disk(&mark, "mark as exported", refused.into_io()))
 }
 
 /// Whether and when all of a session was exported.

@@ -153,6 +153,7 @@ fn demo() -> Result<(), Failure> {
             &session,
             "--format",
             "csv",
+            "--force",
             "--out",
             &csv.display().to_string(),
         ])?

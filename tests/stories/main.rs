@@ -23,6 +23,7 @@ mod instruments_are_found_and_never_used;
 mod kill_nine_loses_nothing_acknowledged;
 mod manual;
 mod test_one_is_found;
+mod text_from_outside_acts_on_nothing;
 mod the_contract_is_what_we_say;
 mod the_house;
 mod the_paper_is_run_over_scpi;

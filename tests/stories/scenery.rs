@@ -122,7 +122,10 @@ pub fn measure(stage: &Stage, count: usize) -> String {
 pub fn export_csv(stage: &Stage, id: &str) -> String {
     let csv = stage.path().join(format!("{id}.csv"));
     let out = csv.display().to_string();
-    ask(stage, &["export", id, "--format", "csv", "--out", &out]);
+    ask(
+        stage,
+        &["export", id, "--format", "csv", "--force", "--out", &out],
+    );
     std::fs::read_to_string(csv).expect("the export was written")
 }
 

@@ -8,12 +8,13 @@ use cargo_metadata::{DependencyKind, Metadata, MetadataCommand, Package};
 /// Arrows of design.md. A room may know fewer, never more; development dependencies are held to the same.
 const MAY_KNOW: &[(&str, &[&str])] = &[
     ("survey", &[]),
+    ("outfile", &[]),
     ("scpi", &[]),
     ("bus", &[]),
     ("picture", &["survey"]),
-    ("logbook", &["survey"]),
-    ("eit", &["survey"]),
-    ("rig", &["survey"]),
+    ("logbook", &["outfile", "survey"]),
+    ("eit", &["outfile", "survey"]),
+    ("rig", &["outfile", "survey"]),
     ("phantom", &["eit", "survey"]),
     ("keithley-6221", &["rig", "scpi", "survey"]),
     ("keysight-34980a", &["rig", "scpi", "survey"]),
@@ -21,6 +22,7 @@ const MAY_KNOW: &[(&str, &[&str])] = &[
     (
         "bench",
         &[
+            "outfile",
             "phantom",
             "keithley-6221",
             "keysight-34980a",
@@ -32,7 +34,9 @@ const MAY_KNOW: &[(&str, &[&str])] = &[
     ),
     (
         "lab",
-        &["bench", "phantom", "eit", "picture", "logbook", "survey"],
+        &[
+            "bench", "phantom", "eit", "picture", "logbook", "outfile", "survey",
+        ],
     ),
     (
         "daemon",
@@ -41,6 +45,7 @@ const MAY_KNOW: &[(&str, &[&str])] = &[
             "logbook",
             "bench",
             "eit",
+            "outfile",
             "picture",
             "keithley-6221",
             "keysight-34980a",
@@ -49,7 +54,10 @@ const MAY_KNOW: &[(&str, &[&str])] = &[
             "survey",
         ],
     ),
-    ("cli", &["bus", "logbook", "eit", "picture", "survey"]),
+    (
+        "cli",
+        &["bus", "logbook", "eit", "outfile", "picture", "survey"],
+    ),
 ];
 
 fn metadata() -> Metadata {

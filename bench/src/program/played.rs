@@ -1,10 +1,10 @@
 //! `tactus-bench golden` and `tactus-bench replay`: transcripts played to simulators.
 
-use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use keysight_34980a::Module;
+use outfile::{Existing, OutPath};
 use rig::transcript::read_transcript;
 
 use super::{CONFIGURATION, Fault, fail, say, scene_named, slot};
@@ -20,9 +20,12 @@ pub(super) struct MakeGolden {
     /// Which instrument's part of it: 6221, 34980a, gpio.
     #[arg(long, value_name = "NAME", value_parser = instrument)]
     instrument: Instrument,
-    /// Where the golden is written; without it to standard output. A file that is there is not overwritten.
+    /// Where the golden is written; without it to standard output.
     #[arg(long, short, value_name = "FILE")]
-    out: Option<PathBuf>,
+    out: Option<OutPath>,
+    /// Replace a file that exists; recorded sessions are never replaced.
+    #[arg(long)]
+    force: bool,
     /// What the golden is to cite beside the transcript: a section of a manual, the unit's serial number.
     #[arg(long, value_name = "WORDS")]
     cites: Vec<String>,
@@ -119,12 +122,7 @@ fn written_golden(asked: &MakeGolden) -> Result<(Golden, Option<String>), Fault>
     let text = golden.to_string();
     let place = match &asked.out {
         Some(path) => {
-            let made = std::fs::File::options()
-                .write(true)
-                .create_new(true)
-                .open(path);
-            made.and_then(|mut file| file.write_all(text.as_bytes()))
-                .map_err(|fault| format!("{} cannot be written: {fault}", path.display()))?;
+            outfile::write(path, Existing::forced(asked.force), text.as_bytes())?;
             path.display().to_string()
         }
         None => "the golden".to_owned(),

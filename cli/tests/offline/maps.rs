@@ -190,7 +190,9 @@ fn a_session_that_was_rolled_over_is_one() {
             .collect();
         done(
             folder,
-            &["export", id, "--format", "csv", "--out", "out.csv"],
+            &[
+                "export", id, "--format", "csv", "--force", "--out", "out.csv",
+            ],
         );
         let files = ["out.csv", "out.baseline.csv", "out.case/frames.csv"];
         let texts = files.map(|file| std::fs::read_to_string(folder.join(file)).unwrap());

@@ -230,7 +230,7 @@ fn the_tolerance_of_a_map_lies_between_rounding_and_noise() {
             let mut words = vec!["replay", "out.case", "--frames", "altered.csv"];
             words.extend(["--baseline", "out.case/baseline.csv", "--no-map"]);
             words.extend(["--preset", "disc-tank", "--noise-v", "3e-6"]);
-            words.extend(["--method", method, "--out", "maps.csv"]);
+            words.extend(["--method", method, "--force", "--out", "maps.csv"]);
             done(folder.path(), &words);
             let maps = std::fs::read_to_string(folder.path().join("maps.csv")).unwrap();
             let last = maps.lines().last().unwrap();

@@ -53,6 +53,7 @@ impl Keeper {
         text: &str,
         session: Option<&str>,
     ) {
+        let text = &*survey::printable(text);
         if kind == "frame-failed" {
             self.observed.tally.gap(at, text);
         }

@@ -4,6 +4,7 @@
 use chrono::{DateTime, Utc};
 use logbook::LogbookError;
 use rig::Clock;
+use survey::printable;
 
 use super::Recorder;
 
@@ -29,6 +30,7 @@ impl Recorder {
     /// for.
     pub(super) fn note(&mut self, kind: &'static str, text: &str) {
         let at = self.clock.wall();
+        let text = &*printable(text);
         (self.tell)(at, kind, text);
         self.disk.unwritten.push_back(Unwritten {
             at,
@@ -47,6 +49,7 @@ impl Recorder {
         kind: &'static str,
         text: String,
     ) -> Result<(), LogbookError> {
+        let text = printable(&text).into_owned();
         self.disk.unwritten.push_back(Unwritten { at, kind, text });
         self.settle()
     }

@@ -197,11 +197,11 @@ impl TranscriptWriter {
     /// # Errors
     /// A file that cannot be made, or is there already.
     pub fn create(path: &Path) -> Result<Self, TranscriptError> {
-        let made = File::options().write(true).create_new(true).open(path);
+        let made = outfile::create_in_place(path);
         Ok(Self {
-            file: BufWriter::new(made.map_err(|cause| TranscriptError::Unwritable {
+            file: BufWriter::new(made.map_err(|refused| TranscriptError::Unwritable {
                 path: path.to_owned(),
-                cause,
+                cause: refused.into_io(),
             })?),
             path: path.to_owned(),
         })

@@ -215,7 +215,7 @@ fn beside_scipy(
         has_region: true,
     };
     let folder = tempfile::tempdir()?;
-    case.write(folder.path())?;
+    case.write(folder.path(), outfile::Existing::Refuse)?;
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/scipy_reference.py");
     let output = std::process::Command::new(&words[python + 1])
         .args([script.as_ref(), folder.path()])

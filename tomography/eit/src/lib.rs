@@ -73,6 +73,8 @@ pub use one_step::{
     CLIPPED, EXPECTED_CHANGE, Hyper, MODEL_SHARE, OneStep, OneStepError, OneStepOptions, Scale,
     UNEXPLAINED,
 };
+/// What becomes of a file that has the name of a model or case already.
+pub use outfile::Existing;
 pub use preset::{DiscTank, PaperSheet, Preset, SheetElectrode};
 pub use prior::{Prior, SMOOTH_LENGTH_M};
 pub use processor::cpu_features;

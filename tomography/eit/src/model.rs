@@ -7,9 +7,11 @@
 mod file;
 
 use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use outfile::{Existing, OutFileError};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use survey::{Map, MapUnit, Protocol, Reading};
@@ -22,6 +24,8 @@ use crate::{
 };
 
 const VERSION: u32 = 2;
+/// A file of more bytes is no model: the deep network of the paper has 50 MB.
+const LARGEST: u64 = 1 << 30;
 
 /// What kind of network a file holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -124,7 +128,7 @@ pub struct Model {
 /// Why a model cannot be read, written or used.
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
-    /// The file cannot be read or written.
+    /// The file cannot be read.
     #[error("model file {} cannot be accessed", .path.display())]
     Io {
         /// The file.
@@ -133,6 +137,9 @@ pub enum ModelError {
         #[source]
         cause: std::io::Error,
     },
+    /// The file cannot be written, or must not be.
+    #[error(transparent)]
+    Unwritten(#[from] OutFileError),
     /// The file ends before its content does.
     #[error("model file {} is truncated: copy it again", .path.display())]
     Truncated {
@@ -390,18 +397,12 @@ impl Trained {
     }
 }
 
-/// Writes a model; a file that is there is replaced whole or not at all.
+/// Writes a model, whole or not at all.
 ///
 /// # Errors
-/// [`ModelError::Io`].
-pub fn save(path: &Path, model: &Model) -> Result<(), ModelError> {
-    let failed = |cause| ModelError::Io {
-        path: path.to_owned(),
-        cause,
-    };
-    let beside = path.with_extension("safetensors.part");
-    std::fs::write(&beside, file::bytes(model)?.0).map_err(failed)?;
-    std::fs::rename(&beside, path).map_err(failed)
+/// [`ModelError::Unwritten`].
+pub fn save(path: &Path, existing: Existing, model: &Model) -> Result<(), ModelError> {
+    Ok(outfile::write(path, existing, &file::bytes(model)?.0)?)
 }
 
 /// Reads a model and checks that its content fits together.
@@ -413,17 +414,28 @@ pub fn load(path: &Path) -> Result<Model, ModelError> {
         path: path.to_owned(),
         cause,
     };
+    let foreign = |why: &str| ModelError::Foreign {
+        path: path.to_owned(),
+        why: why.to_owned(),
+    };
+    // a pipe is opened only when somebody writes to it
+    let kind = std::fs::metadata(path).map_err(failed)?;
+    if !kind.is_file() {
+        return Err(foreign("it is no regular file"));
+    }
     let file = File::open(path).map_err(failed)?;
     let length = file.metadata().map_err(failed)?.len();
-    if length == 0 {
+    if length > LARGEST {
+        return Err(foreign("it is larger than 1 GiB"));
+    }
+    // Read and not mapped: who rewrites a mapped file ends the process that reads it (SIGBUS).
+    let mut bytes = Vec::with_capacity(usize::try_from(length).unwrap_or(0));
+    file.take(LARGEST).read_to_end(&mut bytes).map_err(failed)?;
+    if bytes.is_empty() {
         return Err(ModelError::Truncated {
             path: path.to_owned(),
         });
     }
-    // SAFETY: the mapping is private to this function and read once into owned values; `save` replaces files by a
-    // rename, so a file that is mapped is not written to by this house.
-    #[allow(unsafe_code)]
-    let bytes = unsafe { memmap2::Mmap::map(&file) }.map_err(failed)?;
     file::parse(path, &bytes)
 }
 

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use eit::{
-    Case, CaseError, DiscTank, PaperSheet, frames_text, read_frames, read_named_frames,
+    Case, CaseError, DiscTank, Existing, PaperSheet, frames_text, read_frames, read_named_frames,
     read_protocol,
 };
 use survey::Protocol;
@@ -41,7 +41,7 @@ fn source_chain(error: &dyn std::error::Error) -> String {
 fn a_case_comes_back_bit_for_bit() {
     let folder = tempfile::tempdir().unwrap();
     let case = tank_case();
-    case.write(folder.path()).unwrap();
+    case.write(folder.path(), Existing::Refuse).unwrap();
     let read = Case::read(folder.path()).unwrap();
     assert_eq!(read, case);
     assert_eq!(read.mesh.hash(), case.mesh.hash());
@@ -75,7 +75,7 @@ fn a_region_comes_back_in_its_order() {
         sigma: [].into(),
         has_region: true,
     };
-    case.write(folder.path()).unwrap();
+    case.write(folder.path(), Existing::Refuse).unwrap();
     assert_eq!(Case::read(folder.path()).unwrap(), case);
 }
 
@@ -92,7 +92,7 @@ fn change(folder: &Path, file: &str, change: impl Fn(Vec<String>) -> Vec<String>
 #[test]
 fn faults_name_file_and_line() {
     let folder = tempfile::tempdir().unwrap();
-    tank_case().write(folder.path()).unwrap();
+    tank_case().write(folder.path(), Existing::Refuse).unwrap();
     let line = |at: usize, text: &'static str| {
         move |mut lines: Vec<String>| {
             text.clone_into(&mut lines[at - 1]);
@@ -171,7 +171,7 @@ fn faults_name_file_and_line() {
 fn faulty_meshes_name_file_and_line() {
     let folder = tempfile::tempdir().unwrap();
     let case = tank_case();
-    case.write(folder.path()).unwrap();
+    case.write(folder.path(), Existing::Refuse).unwrap();
     let [a, b, c] = case.mesh.triangles()[4];
     let count = case.mesh.nodes().len();
     let of_line = |at: usize, text: String| {

@@ -105,7 +105,7 @@ fn a_deep_model_comes_back_from_its_file_as_it_was() {
     let [baseline, frame] = frames(0.01);
     for precision in [Precision::F32, Precision::F16, Precision::Int8] {
         let model = model(precision);
-        save(&path, &model).unwrap();
+        save(&path, eit::Existing::Replace, &model).unwrap();
         let loaded = load(&path).unwrap();
         assert_eq!(loaded.metadata(), model.metadata());
         assert_eq!(loaded.network(), model.network());
@@ -128,7 +128,7 @@ fn a_deep_model_comes_back_from_its_file_as_it_was() {
 fn a_bit_that_has_turned_in_a_weight_is_found() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("deep.safetensors");
-    save(&path, &model(Precision::Int8)).unwrap();
+    save(&path, eit::Existing::Refuse, &model(Precision::Int8)).unwrap();
     let mut bytes = std::fs::read(&path).unwrap();
     let last = bytes.len() - 7;
     bytes[last] ^= 1;

@@ -99,7 +99,7 @@ fn a_small_network_finds_a_large_press() {
 fn a_model_comes_back_from_its_file_as_it_was() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.safetensors");
-    save(&path, model()).unwrap();
+    save(&path, eit::Existing::Refuse, model()).unwrap();
     let loaded = load(&path).unwrap();
     assert_eq!(loaded.hash(), model().hash());
     assert_eq!(loaded.network(), model().network());
@@ -178,7 +178,7 @@ fn far_from_its_training_the_network_says_so() {
 fn files_that_are_no_models_are_refused_by_what_they_are() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("m.safetensors");
-    save(&path, model()).unwrap();
+    save(&path, eit::Existing::Refuse, model()).unwrap();
     let good = std::fs::read(&path).unwrap();
     let refusal = |bytes: &[u8]| {
         std::fs::write(&path, bytes).unwrap();
@@ -224,7 +224,7 @@ fn files_that_are_no_models_are_refused_by_what_they_are() {
 fn a_bit_that_has_turned_anywhere_is_found() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("m.safetensors");
-    save(&path, model()).unwrap();
+    save(&path, eit::Existing::Refuse, model()).unwrap();
     let good = std::fs::read(&path).unwrap();
     let header = 8 + u64::from_le_bytes(good[..8].try_into().unwrap()) as usize;
     for place in (8..header)
@@ -265,7 +265,7 @@ fn forged(good: &[u8], from: &str, to: &str) -> Vec<u8> {
 fn a_number_that_only_asks_for_memory_is_refused_whatever_the_checksum_says() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("m.safetensors");
-    save(&path, model()).unwrap();
+    save(&path, eit::Existing::Refuse, model()).unwrap();
     let good = std::fs::read(&path).unwrap();
     for electrodes in [9, u64::MAX >> 1] {
         let said = format!("\"electrodes\":{electrodes}");

@@ -11,6 +11,7 @@ mod tradeoff;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use outfile::{Existing, GrowingFolder, OutFolder, OutPath};
 
 pub(crate) use calibrate::CalibrateOptions;
 pub(crate) use paper::PaperOptions;
@@ -26,6 +27,21 @@ pub(crate) use tradeoff::{AdviseOptions, PanelName, TradeoffOptions};
 pub(crate) struct Arguments {
     #[command(subcommand)]
     pub(crate) command: Command,
+}
+
+/// Whether files that exist are replaced.
+#[derive(Debug, Clone, Copy, Default, Args)]
+pub(crate) struct Replacing {
+    /// Replace files that exist; recorded sessions are never replaced
+    #[arg(long)]
+    pub(crate) force: bool,
+}
+
+impl Replacing {
+    /// As the writing of files takes it.
+    pub(crate) fn existing(self) -> Existing {
+        Existing::forced(self.force)
+    }
 }
 
 #[derive(Debug, Subcommand)]
@@ -94,9 +110,11 @@ pub(crate) struct MeshOptions {
     /// Current of every reading in protocol.csv, mA
     #[arg(long, value_name = "MA", default_value_t = 1.0)]
     pub(crate) current_ma: f64,
-    /// Folder to write
+    /// Folder to write, new or empty
     #[arg(long, value_name = "DIR")]
-    pub(crate) out: PathBuf,
+    pub(crate) out: OutFolder,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
     /// Print the quality as one JSON object
     #[arg(long)]
     pub(crate) json: bool,
@@ -176,7 +194,9 @@ pub(crate) struct DeepOptions {
     pub(crate) checkpoint: Option<PathBuf>,
     /// Model file to write
     #[arg(long, value_name = "FILE")]
-    pub(crate) out: PathBuf,
+    pub(crate) out: OutPath,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
     /// Print what the training found as one JSON object
     #[arg(long)]
     pub(crate) json: bool,
@@ -224,7 +244,9 @@ pub(crate) struct TrainOptions {
     pub(crate) case: Option<PathBuf>,
     /// Model file to write
     #[arg(long, value_name = "FILE")]
-    pub(crate) out: PathBuf,
+    pub(crate) out: OutPath,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
     /// Print what the training found as one JSON object
     #[arg(long)]
     pub(crate) json: bool,
@@ -320,9 +342,11 @@ pub(crate) struct JudgeOptions {
     /// Case folder of the paper's sheet to reconstruct on [default: the preset at 1 mA]
     #[arg(long, value_name = "DIR")]
     pub(crate) case: Option<PathBuf>,
-    /// Folder to write
+    /// Folder to write, new or empty
     #[arg(long, value_name = "DIR")]
-    pub(crate) out: PathBuf,
+    pub(crate) out: OutFolder,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
 }
 
 #[derive(Debug, Args)]
@@ -359,7 +383,9 @@ pub(crate) struct LinearOptions {
     pub(crate) case: Option<PathBuf>,
     /// Model file to write
     #[arg(long, value_name = "FILE")]
-    pub(crate) out: PathBuf,
+    pub(crate) out: OutPath,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
     /// Print what the training found as one JSON object
     #[arg(long)]
     pub(crate) json: bool,
@@ -385,7 +411,7 @@ pub(crate) struct DatasetOptions {
     pub(crate) case: Option<PathBuf>,
     /// Folder of the shards
     #[arg(long, value_name = "DIR")]
-    pub(crate) out: PathBuf,
+    pub(crate) out: GrowingFolder,
 }
 
 #[derive(Debug, Args)]
@@ -407,7 +433,9 @@ pub(crate) struct EvaluateOptions {
     pub(crate) count: Option<usize>,
     /// Draw accuracy against time, PNG
     #[arg(long, value_name = "FILE")]
-    pub(crate) picture: Option<PathBuf>,
+    pub(crate) picture: Option<OutPath>,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
     /// Print one JSON object a set and method
     #[arg(long)]
     pub(crate) json: bool,

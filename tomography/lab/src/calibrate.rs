@@ -29,7 +29,7 @@ pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
     let chosen = choice::asked(&options.method, &words(options), &options.case, &frames)?;
     let choice = choice::prepare(&chosen, &case, &recording)?;
     for note in &choice.notes {
-        eprintln!("tactus-lab: {note}");
+        eprintln!("tactus-lab: {}", survey::printable(&note));
     }
     let known = presses
         .iter()
@@ -60,17 +60,17 @@ pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
         .map_err(|fault| Failure::of("no calibration", &fault))?;
     let text = toml::to_string_pretty(&calibration)
         .map_err(|fault| Failure::of("the calibration cannot be written down", &fault))?;
-    write(&options.out, text)?;
+    write(&options.out, options.replacing.existing(), text)?;
     if options.json {
         let line = serde_json::json!({
-            "calibration": options.out,
+            "calibration": options.out.display().to_string(),
             "method": calibration.method,
             "presses": calibration.presses,
             "rms": calibration.rms,
             "loss": calibration.loss,
             "kpa": calibration.kpa,
         });
-        println!("{line}");
+        println!("{}", survey::printable_json(line.to_string()));
     } else {
         println!(
             "{}: {} presses by '{}'; the load in newtons comes back within {:.0} % (rms), up to {:.0} kPa at a loss of {:.2}",

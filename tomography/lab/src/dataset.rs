@@ -10,11 +10,14 @@ mod read;
 use std::fs::{File, OpenOptions};
 use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::ops::Range;
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 use eit::model::fingerprint;
 use eit::{Case, Preset, Sample, Samples, Simulation, TrainingSettings};
+use outfile::Existing;
 use rayon::prelude::*;
+use rustix::fs::OFlags;
 use serde_json::json;
 
 use crate::args::DatasetOptions;
@@ -48,8 +51,7 @@ pub(crate) fn dataset(options: &DatasetOptions) -> Result<(), Failure> {
         settings.cases = cases;
     }
     let (index, of) = shard(&options.shard)?;
-    std::fs::create_dir_all(&options.out)
-        .map_err(|cause| Failure::of(&format!("cannot make {}", options.out.display()), &cause))?;
+    outfile::make_folder(&options.out, Existing::Replace)?;
     let sigma0 = geometry::sigma0(&case);
     let simulation = Simulation::new(
         &case.mesh,
@@ -81,7 +83,17 @@ pub(crate) fn dataset(options: &DatasetOptions) -> Result<(), Failure> {
             paths.manifest.display()
         )));
     }
-    let kept = make(&simulation, &header, range.clone(), &paths.part)?;
+    let head = format!("{header}\n");
+    // between the last record and the manifest lies a rename, where a run may have been killed
+    for path in [&paths.part, &paths.whole] {
+        if !begins(path, &head)? {
+            return Err(Failure::because(format!(
+                "{} is no shard of this set: remove it, or give another --out",
+                path.display()
+            )));
+        }
+    }
+    let kept = make(&simulation, &head, range.clone(), &paths.part)?;
     let bytes = std::fs::metadata(&paths.part).map_or(0, |data| data.len());
     let hash = read::hash_of(&paths.part)?;
     std::fs::rename(&paths.part, &paths.whole)
@@ -94,7 +106,7 @@ pub(crate) fn dataset(options: &DatasetOptions) -> Result<(), Failure> {
         "cases": range.len(),
         "header": header,
     });
-    crate::failure::write(&paths.manifest, format!("{manifest:#}\n"))?;
+    crate::failure::write(&paths.manifest, Existing::Refuse, format!("{manifest:#}\n"))?;
     println!(
         "{}: cases {} to {} of {}, {kept} of them from an earlier run, sha256 {hash}",
         paths.whole.display(),
@@ -152,10 +164,27 @@ fn header(
     })
 }
 
+/// Whether a file is absent, or begins as the shard does: with the header, or with the part of it that a killed run wrote.
+fn begins(path: &Path, head: &str) -> Result<bool, Failure> {
+    let failed = |cause: std::io::Error| Failure::of(&format!("{}", path.display()), &cause);
+    match std::fs::symlink_metadata(path) {
+        Ok(found) if found.is_file() => {}
+        Ok(_) => return Ok(false),
+        Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => return Ok(true),
+        Err(cause) => return Err(failed(cause)),
+    }
+    let mut begin = Vec::new();
+    let file = File::open(path).map_err(failed)?;
+    file.take(head.len() as u64)
+        .read_to_end(&mut begin)
+        .map_err(failed)?;
+    Ok(head.as_bytes().starts_with(&begin))
+}
+
 /// Writes the records that are missing; gives the number of those that were there.
 fn make(
     simulation: &Simulation,
-    header: &serde_json::Value,
+    head: &str,
     range: Range<usize>,
     part: &Path,
 ) -> Result<usize, Failure> {
@@ -165,10 +194,10 @@ fn make(
         .write(true)
         .create(true)
         .truncate(false)
+        .custom_flags((OFlags::NOFOLLOW | OFlags::CLOEXEC).bits() as i32)
         .open(part)
         .map_err(failed)?;
-    let head = format!("{header}\n");
-    let (kept, end) = resume(&file, &head, simulation.inputs(), range.len()).map_err(failed)?;
+    let (kept, end) = resume(&file, head, simulation.inputs(), range.len()).map_err(failed)?;
     file.set_len(end).map_err(failed)?;
     let mut writer = BufWriter::new(file);
     writer.seek(SeekFrom::Start(end)).map_err(failed)?;

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 
 use picture::{WorkPoint, work_precision_png};
 
-use crate::args::{EvaluateOptions, JudgeOptions, JudgeSet};
+use crate::args::{EvaluateOptions, JudgeOptions, JudgeSet, Replacing};
 use crate::failure::Failure;
 use crate::judge;
 pub(crate) use figures::{Figures, OfFrame, average, figures, mean_and_deviation, of_frames};
@@ -118,8 +118,7 @@ pub(crate) fn evaluate(options: &EvaluateOptions) -> Result<(), Failure> {
             &PAPER,
         )
         .map_err(|fault| Failure::of("the picture", &fault))?;
-        std::fs::write(path, png)
-            .map_err(|cause| Failure::of(&format!("cannot write {}", path.display()), &cause))?;
+        outfile::write(path, options.replacing.existing(), &png)?;
     }
     Ok(())
 }
@@ -148,7 +147,7 @@ fn show(figures: &Figures, noise_figure: Option<f64>, novel_share: Option<f64>, 
             "novel_share": novel_share,
             "frame_ms": figures.ms,
         });
-        println!("{line}");
+        println!("{}", survey::printable_json(line.to_string()));
     } else {
         println!(
             "{:<22} {:<24} {:>6} {:>8.2} {:>8.2} {:>6.3} {:>6.3} {:>6.3} {:>6.3} {:>9.2} {:>6.3} {:>6.3} {:>6.3} {:>6.3} {:>6} {:>5} {:>9.3}",
@@ -201,7 +200,8 @@ impl Made {
                 spray: None,
                 measures: Vec::new(),
                 case: None,
-                out: out.clone(),
+                out: out.clone().into_os_string().into(),
+                replacing: Replacing::default(),
             })?;
             made.sets.push(out);
         }

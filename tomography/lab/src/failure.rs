@@ -4,6 +4,8 @@ use std::fmt;
 use std::path::Path;
 use std::process::ExitCode;
 
+use outfile::{Existing, OutFileError};
+
 /// A failure with its whole chain of causes, and whether the command line is to blame.
 #[derive(Debug)]
 pub(crate) struct Failure {
@@ -53,8 +55,17 @@ impl fmt::Display for Failure {
     }
 }
 
+impl From<OutFileError> for Failure {
+    fn from(refused: OutFileError) -> Self {
+        // the error names the file; only a cause of the system follows
+        match std::error::Error::source(&refused) {
+            Some(cause) => Self::of(&refused.to_string(), &cause),
+            None => Self::because(refused.to_string()),
+        }
+    }
+}
+
 /// Writes a result file.
-pub(crate) fn write(path: &Path, text: String) -> Result<(), Failure> {
-    std::fs::write(path, text)
-        .map_err(|cause| Failure::of(&format!("cannot write {}", path.display()), &cause))
+pub(crate) fn write(path: &Path, existing: Existing, text: String) -> Result<(), Failure> {
+    Ok(outfile::write(path, existing, text.as_bytes())?)
 }

@@ -19,13 +19,13 @@ pub(crate) fn mesh(options: &MeshOptions) -> Result<(), Failure> {
         )));
     }
     let case = case(&preset, options.current_ma * 1e-3)?;
-    case.write(&options.out)
+    case.write(&options.out, options.replacing.existing())
         .map_err(|fault| Failure::of("cannot write the case", &fault))?;
     let mesh = &case.mesh;
     let quality = mesh.quality();
     if options.json {
         let line = serde_json::json!({
-            "case": options.out,
+            "case": options.out.display().to_string(),
             "nodes": mesh.nodes().len(),
             "triangles": mesh.triangles().len(),
             "region_triangles": mesh.region().len(),
@@ -37,7 +37,7 @@ pub(crate) fn mesh(options: &MeshOptions) -> Result<(), Failure> {
             "electrode_edges": mesh.electrode_edges().iter().map(Vec::len).collect::<Vec<_>>(),
             "geometry": mesh.hash(),
         });
-        println!("{line}");
+        println!("{}", survey::printable_json(line.to_string()));
     } else {
         println!(
             "{}: {} nodes, {} triangles ({} in the region), {} electrodes, {} readings, angles {:.1} to {:.1} degrees, {} or more edges an electrode",

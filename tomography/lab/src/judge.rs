@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use eit::{Case, Mesh, frames_text, matrix_text};
 use nalgebra::DMatrix;
+use outfile::Existing;
 use phantom::{
     FINER, Load, Phantom, Scene, Shape, SpraySettings, across, loss_of_pressure, paper,
     pressure_kpa,
@@ -196,9 +197,10 @@ pub(crate) fn make(options: &JudgeOptions) -> Result<usize, Failure> {
         bar.inc(1);
     }
     bar.finish_and_clear();
-    put(&options.out, &case, &frames, truth, drawn.len())?;
+    let existing = options.replacing.existing();
+    put(&options.out, existing, &case, &frames, truth)?;
     if drawn.iter().all(|pressed| pressed.disc.is_some()) {
-        write(&options.out.join("presses.csv"), presses)?;
+        write(&options.out.join("presses.csv"), existing, presses)?;
     }
     let said = serde_json::json!({
         "set": options.set.name(),
@@ -206,26 +208,27 @@ pub(crate) fn make(options: &JudgeOptions) -> Result<usize, Failure> {
         "seed": options.seed,
         "frames": count,
     });
-    write(&options.out.join(SAID), format!("{said}\n"))?;
+    write(&options.out.join(SAID), existing, format!("{said}\n"))?;
     Ok(count)
 }
 
 fn put(
     folder: &Path,
+    existing: Existing,
     case: &Case,
     frames: &[Vec<f64>],
     truth: Vec<f64>,
-    count: usize,
 ) -> Result<(), Failure> {
-    case.write(folder)
+    case.write(folder, existing)
         .map_err(|fault| Failure::of("cannot write the case", &fault))?;
     let frames: Vec<Vec<Option<f64>>> = frames
         .iter()
         .map(|frame| frame.iter().copied().map(Some).collect())
         .collect();
-    write(&folder.join("frames.csv"), frames_text(&frames))?;
-    let truth = DMatrix::from_row_slice(count, case.mesh.region().len(), &truth);
-    write(&folder.join("truth.csv"), matrix_text(&truth))
+    write(&folder.join("frames.csv"), existing, frames_text(&frames))?;
+    let triangles = case.mesh.region().len();
+    let truth = DMatrix::from_row_slice(truth.len() / triangles, triangles, &truth);
+    write(&folder.join("truth.csv"), existing, matrix_text(&truth))
 }
 
 /// Relative change of every triangle of the case's region: covered shares, overlaps multiply.

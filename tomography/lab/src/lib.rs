@@ -46,7 +46,7 @@ mod workplace;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-use clap::{CommandFactory, Parser};
+use clap::{CommandFactory, FromArgMatches};
 
 use args::{Arguments, Command};
 use failure::Failure;
@@ -58,18 +58,27 @@ pub fn command() -> clap::Command {
 
 /// The whole program: `words` are the arguments with the program's name first. 0 done, 1 failed, 2 usage.
 pub fn run(words: impl IntoIterator<Item = OsString>) -> ExitCode {
-    let arguments = match Arguments::try_parse_from(words) {
-        Ok(arguments) => arguments,
+    let command = Arguments::command();
+    let parsed = command.clone().try_get_matches_from(words);
+    let (matches, arguments) = match parsed.and_then(|matches| {
+        let arguments = Arguments::from_arg_matches(&matches)?;
+        Ok((matches, arguments))
+    }) {
+        Ok(parsed) => parsed,
         Err(refusal) => {
             // --help and --version come this way too, and are no failure; a closed terminal is not ours to report
             let _ = refusal.print();
             return ExitCode::from(if refusal.use_stderr() { 2 } else { 0 });
         }
     };
-    match perform(&arguments.command) {
+    let outputs = outfile::check_arguments(&command, &matches).map_err(Failure::from);
+    match outputs.and_then(|()| perform(&arguments.command)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("tactus-lab: {failure}");
+            eprintln!(
+                "tactus-lab: {}",
+                survey::printable_lines(&failure.to_string())
+            );
             failure.code()
         }
     }
@@ -98,5 +107,96 @@ fn perform(command: &Command) -> Result<(), Failure> {
             clap_complete::generate(*shell, &mut command, "tactus-lab", &mut std::io::stdout());
             Ok(())
         }
+    }
+}
+
+#[cfg(test)]
+mod outputs {
+    use clap::CommandFactory;
+    use outfile::trial::{Paths, attack_every_output};
+
+    use crate::args::Arguments;
+
+    #[test]
+    fn no_output_replaces_what_is_not_its_own() {
+        let paths = Paths {
+            outputs: &[
+                (
+                    "calibrate --out",
+                    "calibrate --case c --method best --out {}",
+                ),
+                ("dataset --out", "dataset --out {}"),
+                ("evaluate --picture", "evaluate --picture {}"),
+                ("forward --out", "forward --case c --sigma s --out {}"),
+                (
+                    "forward --potentials",
+                    "forward --case c --sigma s --out {} --potentials {}",
+                ),
+                (
+                    "jacobian --centres",
+                    "jacobian --case c --sigma s --out {} --cells-mm 5 --centres {}",
+                ),
+                ("jacobian --out", "jacobian --case c --sigma s --out {}"),
+                ("judge --out", "judge --set presses-10 --out {}"),
+                ("mesh --out", "mesh --preset disc-tank --out {}"),
+                ("paper --out", "paper --quick --out {}"),
+                (
+                    "reconstruct --out",
+                    "reconstruct --case c --frames f --out {}",
+                ),
+                ("scene run --logbook", "scene run quiet --logbook {}"),
+                ("scene run --out", "scene run quiet --out {}"),
+                ("stability --out", "stability --only 1 --out {}"),
+                ("tradeoff --out", "tradeoff --quick --out {}"),
+                ("train dnn --out", "train dnn --profile paper --out {}"),
+                (
+                    "train linear --out",
+                    "train linear --profile paper --out {}",
+                ),
+                ("train rbf --out", "train rbf --profile paper --out {}"),
+                (
+                    "transfer --admittance",
+                    "transfer --case c --sigma s --admittance {}",
+                ),
+                (
+                    "transfer --impedance",
+                    "transfer --case c --sigma s --impedance {}",
+                ),
+            ],
+            inputs: &[
+                "advise --table",
+                "calibrate --case",
+                "calibrate --frames",
+                "calibrate --presses",
+                "dataset --case",
+                "dataset --settings",
+                "evaluate --model",
+                "evaluate --set",
+                "forward --case",
+                "forward --sigma-rows",
+                "jacobian --case",
+                "judge --case",
+                "merit --images",
+                "merit --targets",
+                "merit --truth",
+                "paper --resident",
+                "reconstruct --calibration",
+                "reconstruct --case",
+                "reconstruct --frames",
+                "reconstruct --model",
+                "train dnn --case",
+                // replaced where it is a checkpoint of the same training, else refused
+                "train dnn --checkpoint",
+                "train dnn --dataset",
+                "train dnn --settings",
+                "train linear --case",
+                "train linear --dataset",
+                "train linear --repeats",
+                "train rbf --case",
+                "train rbf --dataset",
+                "transfer --case",
+            ],
+        };
+        attack_every_output(&Arguments::command(), &paths, crate::run);
     }
 }

@@ -77,20 +77,20 @@ pub(crate) fn train_linear(options: &LinearOptions) -> Result<(), Failure> {
         options.precision.into(),
         &format!("linear {profile}"),
     )?;
-    model::save(&options.out, &model)
+    model::save(&options.out, options.replacing.existing(), &model)
         .map_err(|fault| Failure::of("cannot write the model", &fault))?;
     let Report::Deep(report) = &model.metadata().report else {
         unreachable!("a network of one layer was trained");
     };
     if options.json {
         let line = serde_json::json!({
-            "model": options.out,
+            "model": options.out.display().to_string(),
             "hash": model.hash(),
             "name": model.metadata().name,
             "training": model.metadata().training,
             "report": report,
         });
-        println!("{line}");
+        println!("{}", survey::printable_json(line.to_string()));
     } else {
         println!(
             "{}: {} of {} samples; loss on held-out cases {:.3}, {:.0} % of an empty map's\nsha256 {}",

@@ -84,7 +84,7 @@ pub(crate) fn merit(options: &MeritOptions) -> Result<(), Failure> {
                 "ssim": ssim,
                 "dice": dice,
             });
-            println!("{line}");
+            println!("{}", survey::printable_json(line.to_string()));
         } else {
             let figures = [
                 Some(merit.amplitude),

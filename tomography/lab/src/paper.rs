@@ -13,6 +13,8 @@ mod sweeps;
 
 use std::path::PathBuf;
 
+use outfile::Existing;
+
 use crate::args::PaperOptions;
 use crate::failure::{Failure, write};
 use crate::workplace::Workplace;
@@ -25,11 +27,11 @@ pub(crate) fn paper(options: &PaperOptions) -> Result<(), Failure> {
         return plan::print_resident(file);
     }
     let plan = Plan::new(options.full, options.seed);
-    let folder = options
-        .out
-        .clone()
-        .unwrap_or_else(|| PathBuf::from(format!("paper-{}", plan.name)));
-    let place = Workplace::new(folder)?;
+    let folder = match &options.out {
+        Some(folder) => folder.to_path_buf(),
+        None => PathBuf::from(format!("paper-{}", plan.name)),
+    };
+    let place = Workplace::new(folder, "paper", options.replacing.existing())?;
     place.write("settings.json", &plan.described())?;
     let case = place.case()?;
     if options.figure == Some(3) {
@@ -63,7 +65,7 @@ pub(crate) fn paper(options: &PaperOptions) -> Result<(), Failure> {
     )?;
     let page = page::page(&plan, &models, &experiments, &claims, &drawn);
     let path = place.path("index.html");
-    write(&path, page)?;
+    write(&path, Existing::Replace, page)?;
     for claim in &claims {
         if options.json {
             println!("{}", claim.described());

@@ -29,7 +29,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
         .transpose()?;
     let choice = choice::prepare(options, &case, &recording)?;
     for note in &choice.notes {
-        eprintln!("tactus-lab: {note}");
+        eprintln!("tactus-lab: {}", survey::printable(&note));
     }
     let (centroids, areas) = (case.mesh.region_centroids(), case.mesh.region_areas());
     let bar = progress::bar(recording.frames.len(), "frames");
@@ -80,7 +80,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
                 "newtons": pressure.as_ref().map(|pressure| pressure.newtons),
                 "largest_kpa": pressure.as_ref().map(eit::Pressure::largest_kpa),
             });
-            println!("{line}");
+            println!("{}", survey::printable_json(line.to_string()));
         }
         if map.method.ends_with(eit::CLIPPED) {
             eprintln!(
@@ -90,7 +90,11 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
         maps.extend(pressure.map_or(map.values, |pressure| pressure.kpa));
     }
     let maps = DMatrix::from_row_slice(recording.frames.len(), areas.len(), &maps);
-    write(&options.out, matrix_text(&maps))?;
+    write(
+        &options.out,
+        options.replacing.existing(),
+        matrix_text(&maps),
+    )?;
     if options.timing {
         eprintln!("frame {:.3} ms", median(&mut times));
     }

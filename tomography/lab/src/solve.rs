@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use eit::{Case, Forward, Parameters, Workspace, digits, frames_text, matrix_text};
+use outfile::Existing;
 use rayon::prelude::*;
 
 use crate::args::{ForwardOptions, JacobianOptions, Of, TransferOptions};
@@ -62,9 +63,10 @@ pub(crate) fn forward(options: &ForwardOptions) -> Result<(), Failure> {
     if let [one] = &conductances[..] {
         let readings = solve(&mut workspace, one)?;
         let text = readings.iter().map(|volts| digits(*volts) + "\n").collect();
-        write(&options.out, text)?;
+        write(&options.out, options.replacing.existing(), text)?;
         if let Some(path) = &options.potentials {
-            potentials(&case, &mut workspace, one, path)?;
+            let existing = options.replacing.existing();
+            potentials(&case, &mut workspace, one, path, existing)?;
         }
     } else {
         if let Some(first) = conductances.first() {
@@ -87,7 +89,11 @@ pub(crate) fn forward(options: &ForwardOptions) -> Result<(), Failure> {
                 .collect()
         });
         bar.finish_and_clear();
-        write(&options.out, frames_text(&solved?))?;
+        write(
+            &options.out,
+            options.replacing.existing(),
+            frames_text(&solved?),
+        )?;
     }
     if options.timing {
         let mut times = Vec::with_capacity(RUNS);
@@ -129,6 +135,7 @@ fn potentials(
     workspace: &mut Workspace<'_>,
     named: &Named,
     path: &std::path::Path,
+    existing: Existing,
 ) -> Result<(), Failure> {
     let failed = |fault| Failure::of(&format!("the forward model of {}", named.name), &fault);
     let drives = case.protocol.drives();
@@ -142,7 +149,7 @@ fn potentials(
             .map_or(1.0, |(_, current)| *current);
         row *= current;
     }
-    write(path, matrix_text(&rows))
+    write(path, existing, matrix_text(&rows))
 }
 
 /// The sensitivity at the protocol's currents.
@@ -170,7 +177,8 @@ pub(crate) fn jacobian(options: &JacobianOptions) -> Result<(), Failure> {
             let rows = centres
                 .iter()
                 .map(|[x, y]| format!("{},{}\n", digits(*x), digits(*y)));
-            write(path, String::from("x_m,y_m\n") + &rows.collect::<String>())?;
+            let text = String::from("x_m,y_m\n") + &rows.collect::<String>();
+            write(path, options.replacing.existing(), text)?;
         }
     }
     let mut jacobian = match options.of {
@@ -187,7 +195,11 @@ pub(crate) fn jacobian(options: &JacobianOptions) -> Result<(), Failure> {
     for (mut row, current) in jacobian.row_iter_mut().zip(&case.currents) {
         row *= *current;
     }
-    write(&options.out, matrix_text(&jacobian))
+    write(
+        &options.out,
+        options.replacing.existing(),
+        matrix_text(&jacobian),
+    )
 }
 
 /// Y and Z of Eq. 2.
@@ -200,11 +212,11 @@ pub(crate) fn transfer(options: &TransferOptions) -> Result<(), Failure> {
     let failed = |fault| Failure::of("the forward model", &fault);
     if let Some(path) = &options.admittance {
         let admittance = model.transfer_admittance(&sigma).map_err(failed)?;
-        write(path, matrix_text(&admittance))?;
+        write(path, options.replacing.existing(), matrix_text(&admittance))?;
     }
     if let Some(path) = &options.impedance {
         let impedance = model.transfer_impedance(&sigma).map_err(failed)?;
-        write(path, matrix_text(&impedance))?;
+        write(path, options.replacing.existing(), matrix_text(&impedance))?;
     }
     Ok(())
 }

@@ -106,12 +106,12 @@ pub(crate) fn stability(options: &StabilityOptions) -> Result<(), Failure> {
         print!("{table}");
     }
     if let Some(folder) = &options.out {
-        std::fs::create_dir_all(folder)
-            .map_err(|cause| Failure::of(&format!("cannot make {}", folder.display()), &cause))?;
-        write(&folder.join("table.txt"), table)?;
+        let existing = options.replacing.existing();
+        outfile::make_folder(folder, existing)?;
+        write(&folder.join("table.txt"), existing, table)?;
         let lines = serde_json::Value::Array(lines(&found));
-        write(&folder.join("table.json"), format!("{lines:#}\n"))?;
-        plots::draw(folder)?;
+        write(&folder.join("table.json"), existing, format!("{lines:#}\n"))?;
+        plots::draw(folder, existing)?;
     }
     let broken: Vec<String> = found
         .iter()

@@ -21,6 +21,8 @@ mod uncertainty;
 use std::path::PathBuf;
 use std::time::Instant;
 
+use outfile::Existing;
+
 use crate::args::{PanelName, TradeoffOptions};
 use crate::failure::{Failure, write};
 use crate::workplace::Workplace;
@@ -72,11 +74,11 @@ pub(crate) fn tradeoff(options: &TradeoffOptions) -> Result<(), Failure> {
         full: options.full,
         seed: options.seed,
     };
-    let folder = options
-        .out
-        .clone()
-        .unwrap_or_else(|| PathBuf::from(format!("tradeoff-{}", effort.name())));
-    let place = Workplace::new(folder)?;
+    let folder = match &options.out {
+        Some(folder) => folder.to_path_buf(),
+        None => PathBuf::from(format!("tradeoff-{}", effort.name())),
+    };
+    let place = Workplace::new(folder, "tradeoff", options.replacing.existing())?;
     let wanted = |name: &PanelName| options.only.is_empty() || options.only.contains(name);
     let mut panels = Vec::new();
     for name in PanelName::ALL.into_iter().filter(wanted) {
@@ -89,7 +91,7 @@ pub(crate) fn tradeoff(options: &TradeoffOptions) -> Result<(), Failure> {
     }
     if options.only.is_empty() {
         let path = place.path("index.html");
-        write(&path, page::page(&effort, &panels))?;
+        write(&path, Existing::Replace, page::page(&effort, &panels))?;
         if !options.json {
             println!("{}", path.display());
         }

@@ -7,6 +7,7 @@ use eit::{
     Case, Jitter, Model, Network, Noise, Preset, Report, Samples, Simulation, TrainingReport,
     TrainingSettings, model, train_rbf_on,
 };
+use outfile::Existing;
 
 use crate::args::{self, Profile};
 use crate::dataset::DataSet;
@@ -77,18 +78,18 @@ pub(crate) fn train(network: &args::Network) -> Result<(), Failure> {
     };
     let samples = set.as_ref().map(|set| set as &dyn Samples);
     let model = network_for(&case, settings, samples, &format!("rbf {profile}"))?;
-    model::save(&options.out, &model)
+    model::save(&options.out, options.replacing.existing(), &model)
         .map_err(|fault| Failure::of("cannot write the model", &fault))?;
     let report = found(&model);
     if options.json {
         let line = serde_json::json!({
-            "model": options.out,
+            "model": options.out.display().to_string(),
             "hash": model.hash(),
             "name": model.metadata().name,
             "training": model.metadata().training,
             "report": report,
         });
-        println!("{line}");
+        println!("{}", survey::printable_json(line.to_string()));
     } else {
         println!(
             "{}: {} of {} simulated cases, {} of them without a load\n\
@@ -202,9 +203,13 @@ pub(crate) fn kept(
     if let Some(path) = path {
         let kept = path
             .parent()
-            .map_or(Ok(()), std::fs::create_dir_all)
-            .map_err(|cause| cause.to_string())
-            .and_then(|()| model::save(&path, &model).map_err(|fault| fault.to_string()));
+            .map_or(Ok(()), |folder| {
+                outfile::make_folder(folder, Existing::Replace)
+            })
+            .map_err(|refused| refused.to_string())
+            .and_then(|()| {
+                model::save(&path, Existing::Replace, &model).map_err(|fault| fault.to_string())
+            });
         match kept {
             Ok(()) => eprintln!(
                 "tactus-lab: the trained network is kept in {}",

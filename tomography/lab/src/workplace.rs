@@ -4,10 +4,14 @@ use std::path::{Path, PathBuf};
 
 use clap::Parser;
 use eit::Case;
+use outfile::Existing;
 
 use crate::args::Arguments;
 use crate::failure::{Failure, write};
 use crate::geometry;
+
+/// Name of the file that says which command a folder belongs to.
+const MADE_BY: &str = ".tactus-lab";
 
 /// The folder that everything goes to.
 pub(crate) struct Workplace {
@@ -15,11 +19,18 @@ pub(crate) struct Workplace {
 }
 
 impl Workplace {
-    pub(crate) fn new(folder: PathBuf) -> Result<Self, Failure> {
+    /// Makes the folder of a command, or goes on in one that the same command has made. What lies in it is its own and is
+    /// replaced; so another folder is refused unless it is empty or `existing` says otherwise.
+    pub(crate) fn new(folder: PathBuf, command: &str, existing: Existing) -> Result<Self, Failure> {
+        let made_by = folder.join(MADE_BY);
+        let own = std::fs::read_to_string(&made_by).is_ok_and(|text| text.trim_end() == command);
+        if !own {
+            outfile::make_folder(&folder, existing)?;
+            write(&made_by, existing, format!("{command}\n"))?;
+        }
         for inner in ["models", "sets"] {
             let path = folder.join(inner);
-            std::fs::create_dir_all(&path)
-                .map_err(|cause| Failure::of(&format!("cannot make {}", path.display()), &cause))?;
+            outfile::make_folder(&path, Existing::Replace)?;
         }
         Ok(Self { folder })
     }
@@ -29,13 +40,11 @@ impl Workplace {
     }
 
     pub(crate) fn write(&self, name: &str, value: &serde_json::Value) -> Result<(), Failure> {
-        write(&self.path(name), format!("{value:#}\n"))
+        self.write_bytes(name, format!("{value:#}\n").as_bytes())
     }
 
     pub(crate) fn write_bytes(&self, name: &str, bytes: &[u8]) -> Result<(), Failure> {
-        let path = self.path(name);
-        std::fs::write(&path, bytes)
-            .map_err(|cause| Failure::of(&format!("cannot write {}", path.display()), &cause))
+        Ok(outfile::write(&self.path(name), Existing::Replace, bytes)?)
     }
 
     /// The paper's sheet as a case folder.
@@ -56,11 +65,7 @@ impl Workplace {
         let parsed =
             parsed(&said, &path).map_err(|fault| Failure::because(format!("{said}: {fault}")))?;
         crate::perform(&parsed.command)?;
-        // whole or not at all: who is stopped here finds no half of a command
-        let part = beside.with_extension("part");
-        write(&part, format!("{said}\n"))?;
-        std::fs::rename(&part, &beside)
-            .map_err(|cause| Failure::of(&format!("cannot write {}", beside.display()), &cause))?;
+        write(&beside, Existing::Replace, format!("{said}\n"))?;
         Ok(path)
     }
 }
@@ -89,11 +94,11 @@ fn made_by(beside: &Path, path: &Path) -> Result<Option<String>, Failure> {
 
 fn parsed(said: &str, path: &Path) -> Result<Arguments, clap::Error> {
     let words = ["tactus-lab"].into_iter().chain(said.split(' '));
-    Arguments::try_parse_from(
-        words
-            .map(std::ffi::OsString::from)
-            .chain(["--out".into(), path.into()]),
-    )
+    Arguments::try_parse_from(words.map(std::ffi::OsString::from).chain([
+        "--force".into(),
+        "--out".into(),
+        path.into(),
+    ]))
 }
 
 /// `models/dnn.safetensors` is told about in `models/dnn.safetensors.command`.

@@ -34,8 +34,9 @@ fn the_solved_case_by_the_command_line() {
         folder.path().join("J.csv"),
     );
     for name in ["homog", "one", "random"] {
-        let line =
-            format!("forward --case {{}} --sigma {name} --out {{}} --potentials {{}} --timing");
+        let line = format!(
+            "forward --force --case {{}} --sigma {name} --out {{}} --potentials {{}} --timing"
+        );
         let said = done(&words(&line, &[&case, &v, &u]));
         assert!(said.contains("forward "), "{said}");
         let exact = |letter: &str| numbers(&case.join(format!("{letter}_exact_{name}.csv")));
@@ -55,7 +56,7 @@ fn the_solved_case_by_the_command_line() {
         ("laplace", "0.001"),
     ] {
         let line = format!(
-            "reconstruct --case {{}} --method one-step --prior {prior} --lambda {lambda} --frames {{}} --baseline {{}} --out {{}}"
+            "reconstruct --force --case {{}} --method one-step --prior {prior} --lambda {lambda} --frames {{}} --baseline {{}} --out {{}}"
         );
         let maps = folder.path().join("maps.csv");
         let (frame, baseline) = (case.join("v_exact_one.csv"), case.join("v_exact_homog.csv"));
@@ -89,7 +90,7 @@ fn a_small_network_is_trained_kept_and_used() {
         std::fs::read(path("a.safetensors")).unwrap(),
         std::fs::read(path("b.safetensors")).unwrap()
     );
-    let use_it = "reconstruct --case {} --model {} --frames {} --out {} --json";
+    let use_it = "reconstruct --force --case {} --model {} --frames {} --out {} --json";
     let output = lab(&words(
         use_it,
         &[
@@ -213,7 +214,7 @@ fn a_small_deep_network_is_trained_kept_and_used() {
         ("--set colour.width=3", "colour"),
     ] {
         let (code, said) = refused(
-            &format!("{train} {wrong}"),
+            &format!("{train} --force {wrong}"),
             &[&settings, &files[0], &files[1]],
         );
         assert_eq!(code, Some(2), "{said}");
@@ -303,15 +304,16 @@ fn frames_without_noise_make_good_maps() {
         .collect();
     let (one, homog) = (case.join("v_exact_one.csv"), case.join("v_exact_homog.csv"));
     for noise in ["", " --noise-v 1e-8", " --noise-v 1e-9", " --noise-v 1e-15"] {
-        let alone =
-            format!("reconstruct --case {{}} --frames {{}} --baseline {{}} --out {{}}{noise}");
+        let alone = format!(
+            "reconstruct --force --case {{}} --frames {{}} --baseline {{}} --out {{}}{noise}"
+        );
         let said = done(&words(&alone, &[&case, &one, &homog, &path("alone.csv")]));
         assert_eq!(
             said.contains("lambda is raised to"),
             !noise.is_empty(),
             "{said}"
         );
-        let both = format!("reconstruct --case {{}} --frames {{}} --out {{}}{noise}");
+        let both = format!("reconstruct --force --case {{}} --frames {{}} --out {{}}{noise}");
         done(&words(&both, &[&case, &path("two.csv"), &path("both.csv")]));
         let both = numbers(&path("both.csv"));
         assert!(both[0].iter().all(|x| *x == 0.0));

@@ -48,7 +48,7 @@ fn a_set_is_the_same_however_it_is_cut_stopped_and_read() {
     assert!(std::fs::read(&shard).unwrap() == bytes);
     // what is incomplete is refused
     let model = folder.path().join("a.safetensors");
-    let train = "train linear --profile matched --dataset {} --case {} --out {}";
+    let train = "train linear --force --profile matched --dataset {} --case {} --out {}";
     let said = refused(train, &[&parts, &case, &model]);
     assert!(
         said.contains("75 of 150 cases") && said.contains("shard-1-of-2.tset"),
@@ -79,7 +79,7 @@ fn a_set_is_the_same_however_it_is_cut_stopped_and_read() {
     done(&words(train, &[&whole, &case, &other]));
     assert!(std::fs::read(&model).unwrap() == std::fs::read(&other).unwrap());
     for train in [SMALL_DEEP, "train rbf --profile matched --neurons 8"] {
-        let line = format!("{train} --dataset {{}} --case {{}} --out {{}}");
+        let line = format!("{train} --force --dataset {{}} --case {{}} --out {{}}");
         done(&words(&line, &[&parts, &case, &model]));
         done(&words(&line, &[&whole, &case, &other]));
         assert!(std::fs::read(&model).unwrap() == std::fs::read(&other).unwrap());
@@ -109,7 +109,7 @@ fn a_set_is_the_same_however_it_is_cut_stopped_and_read() {
         "{said}"
     );
     for train in [SMALL_DEEP, "train rbf --profile matched --neurons 8"] {
-        let line = format!("{train} --dataset {{}} --case {{}} --out {{}}");
+        let line = format!("{train} --force --dataset {{}} --case {{}} --out {{}}");
         let said = refused(&line, &[&parts, &case, &model]);
         assert!(
             said.contains("shard-0-of-2.tset") && said.contains("reading 0 of case 0"),

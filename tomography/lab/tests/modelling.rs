@@ -82,7 +82,7 @@ fn many_conductances_have_the_same_readings_on_any_number_of_threads() {
         let standing: Vec<Vec<f64>> = rows[k].iter().map(|value| vec![*value]).collect();
         tank.put("one.csv", &standing);
         for (plain, most) in [("", 0.0), (" --plain", 1e-12)] {
-            let line = format!("forward --case {{}} --sigma {{}} --out {{}}{plain}");
+            let line = format!("forward --force --case {{}} --sigma {{}} --out {{}}{plain}");
             done(&words(
                 &line,
                 &[
@@ -109,7 +109,7 @@ fn sensitivities_to_regions_cells_logarithms_and_contacts() {
         .collect();
     tank.put("tank/roi.csv", &region);
     let table = |options: &str| {
-        let line = format!("jacobian --case {{}} --sigma homog --out {{}}{options}");
+        let line = format!("jacobian --force --case {{}} --sigma homog --out {{}}{options}");
         done(&words(&line, &[&tank.path("tank"), &tank.path("J.csv")]));
         numbers(&tank.path("J.csv"))
     };
@@ -126,7 +126,7 @@ fn sensitivities_to_regions_cells_logarithms_and_contacts() {
     let (sum, all): (f64, f64) = (cells[9].iter().sum(), part[9].iter().sum());
     assert!((sum / all - 1.0).abs() < 1e-12);
     for options in ["--of contact --region", "--cells-mm 0", "--cells-mm nan"] {
-        let line = format!("jacobian --case {{}} --sigma homog --out {{}} {options}");
+        let line = format!("jacobian --force --case {{}} --sigma homog --out {{}} {options}");
         let output = lab(&words(&line, &[&tank.path("tank"), &tank.path("J.csv")]));
         assert_eq!(output.status.code(), Some(2), "{options}");
     }
@@ -140,7 +140,7 @@ fn transfer_matrices_are_inverse_and_read_what_the_model_reads() {
         &[&tank.path("tank"), &tank.path("Y.csv"), &tank.path("Z.csv")],
     ));
     done(&words(
-        "forward --case {} --sigma homog --out {}",
+        "forward --force --case {} --sigma homog --out {}",
         &[&tank.path("tank"), &tank.path("v.csv")],
     ));
     let (y, z) = (numbers(&tank.path("Y.csv")), numbers(&tank.path("Z.csv")));
@@ -174,7 +174,7 @@ fn transfer_matrices_are_inverse_and_read_what_the_model_reads() {
 fn bad_conductances_meshes_and_protocols_are_named() {
     let tank = Tank::new();
     let forward = |sigma: &str| {
-        let line = format!("forward --case {{}} --sigma {sigma} --out {{}}");
+        let line = format!("forward --force --case {{}} --sigma {sigma} --out {{}}");
         refused(&line, &[&tank.path("tank"), &tank.path("v.csv")])
     };
     let elements = tank.elements();
@@ -191,7 +191,7 @@ fn bad_conductances_meshes_and_protocols_are_named() {
         rows[1][4] = value;
         tank.put("rows.csv", &rows);
         let said = refused(
-            "forward --case {} --sigma-rows {} --out {}",
+            "forward --force --case {} --sigma-rows {} --out {}",
             &[
                 &tank.path("tank"),
                 &tank.path("rows.csv"),
@@ -209,7 +209,7 @@ fn bad_conductances_meshes_and_protocols_are_named() {
     // a triangle without conductance is a load of 100 %: taken, and said
     tank.put("hole.csv", &conductance(6, 0.0));
     let said = done(&words(
-        "forward --case {} --sigma {} --out {}",
+        "forward --force --case {} --sigma {} --out {}",
         &[
             &tank.path("tank"),
             &tank.path("hole.csv"),
@@ -275,7 +275,7 @@ fn bad_conductances_meshes_and_protocols_are_named() {
             .collect()
     });
     let said = done(&words(
-        "forward --case {} --sigma homog --out {}",
+        "forward --force --case {} --sigma homog --out {}",
         &[&tank.path("tank"), &tank.path("v.csv")],
     ));
     assert!(

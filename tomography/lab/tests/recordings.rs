@@ -61,7 +61,7 @@ fn kuopio_four_targets_with_one_hyper_parameter() {
     done(&words(tank, &[&case]));
     let mesh = Case::read(&case).unwrap().mesh;
     let mean = |how: &str| {
-        let line = format!("reconstruct --case {{}} {how} --frames {{}} --out {{}}");
+        let line = format!("reconstruct --force --case {{}} {how} --frames {{}} --out {{}}");
         let said = done(&words(
             &line,
             &[&case, &data.join("adj16_frames.csv"), &maps],
@@ -103,8 +103,9 @@ fn ottawa_the_ball_is_found_within_two_centimetres() {
         "--method one-step",
         "--method best",
     ] {
-        let line =
-            format!("reconstruct --case {{}} {how} --negate --frames {{}} --out {{}} --timing");
+        let line = format!(
+            "reconstruct --force --case {{}} {how} --negate --frames {{}} --out {{}} --timing"
+        );
         let said = done(&words(&line, &[&case, &data.join("frames.csv"), &maps]));
         assert!(said.contains("frame ") && said.contains(" ms"), "{said}");
         for (row, truth) in [(1, [0.0, 0.0]), (2, [0.0, 0.07])] {

@@ -7,7 +7,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
-use eit::{Case, Mesh, Table, frames_text, read_frames, read_protocol};
+use eit::{Case, Existing, Mesh, Table, frames_text, read_frames, read_protocol};
 use libfuzzer_sys::fuzz_target;
 use survey::Protocol;
 
@@ -43,7 +43,7 @@ fuzz_target!(|bytes: &[u8]| {
     let path = folder.path.join(FILES[which]);
     put(&path, &text);
     if let Ok(case) = Case::read(&folder.path) {
-        case.write(&folder.again).expect("a case that was read");
+        case.write(&folder.again, Existing::Replace).expect("a case that was read");
         let again = Case::read(&folder.again).expect("a case that was written");
         assert_eq!(again, case);
         let _ = std::fs::remove_dir_all(&folder.again);
@@ -114,7 +114,7 @@ fn small() -> Folder {
         has_region: true,
         protocol: protocol.clone(),
     };
-    case.write(&path).expect("a small case");
+    case.write(&path, Existing::Replace).expect("a small case");
     assert_eq!(Case::read(&path).expect("a small case"), case);
     let frames = [vec![Some(1e-3); protocol.len()], vec![None; protocol.len()]];
     put(&path.join("frames.csv"), frames_text(&frames).as_bytes());

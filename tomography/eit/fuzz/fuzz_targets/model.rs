@@ -242,7 +242,7 @@ fn make() -> Made {
     )
     .expect("a small model");
     let path = folder.join("fuzzed.safetensors");
-    save(&path, &model).expect("a temporary file");
+    save(&path, eit::Existing::Replace, &model).expect("a temporary file");
     let bytes = std::fs::read(&path).expect("the model's file");
 
     let (_, info) = SafeTensors::read_metadata(&bytes).expect("its header");

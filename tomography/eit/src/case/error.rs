@@ -10,7 +10,10 @@ use crate::MeshError;
 /// Why a folder is not a case, or a file not what it should be. Lines are counted from 1.
 #[derive(Debug, thiserror::Error)]
 pub enum CaseError {
-    /// The file cannot be read or written.
+    /// A file cannot be written, or must not be.
+    #[error(transparent)]
+    Unwritten(#[from] outfile::OutFileError),
+    /// The file cannot be read.
     #[error("{}", .path.display())]
     Io {
         /// The file.

@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use outfile::Existing;
+
 use super::text::{digits, line};
 use super::{Case, CaseError, protocol_text};
 
@@ -9,15 +11,11 @@ impl Case {
     /// Writes the folder, which is made if need be.
     ///
     /// # Errors
-    /// A file that cannot be written.
-    pub fn write(&self, folder: &Path) -> Result<(), CaseError> {
-        std::fs::create_dir_all(folder).map_err(|cause| CaseError::Io {
-            path: folder.to_owned(),
-            cause,
-        })?;
+    /// A file that cannot be written, or must not be.
+    pub fn write(&self, folder: &Path, existing: Existing) -> Result<(), CaseError> {
+        outfile::make_folder(folder, Existing::Replace)?;
         let put = |name: &str, text: String| {
-            let path = folder.join(name);
-            std::fs::write(&path, text).map_err(|cause| CaseError::Io { path, cause })
+            outfile::write(&folder.join(name), existing, text.as_bytes())
         };
         let mut text = String::from("x_m,y_m\n");
         for [x, y] in self.mesh.nodes() {

@@ -217,6 +217,18 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
     };
     let metadata: Metadata =
         serde_json::from_value(said).map_err(|fault| damaged(fault.to_string()))?;
+    // programs print these and record them
+    for (what, text) in [
+        ("name", &metadata.name),
+        ("normalisation", &metadata.normalisation),
+        ("build", &metadata.build),
+    ] {
+        if survey::printable(text) != text.as_str() {
+            return Err(damaged(format!(
+                "its {what} has characters that cannot be shown"
+            )));
+        }
+    }
     let tensors = SafeTensors::deserialize(bytes).map_err(|fault| damaged(fault.to_string()))?;
     // the hash of the file and the checksum within it each read every byte: side by side they cost one
     let (hash, summed) = rayon::join(

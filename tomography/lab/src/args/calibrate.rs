@@ -3,6 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use outfile::OutPath;
+
+use super::Replacing;
 
 #[derive(Debug, Args)]
 pub(crate) struct CalibrateOptions {
@@ -27,7 +30,9 @@ pub(crate) struct CalibrateOptions {
     pub(crate) baseline: String,
     /// File to write
     #[arg(long, value_name = "FILE")]
-    pub(crate) out: PathBuf,
+    pub(crate) out: OutPath,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
     /// Print what was found as one JSON object
     #[arg(long)]
     pub(crate) json: bool,

@@ -3,6 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use outfile::GrowingFolder;
+
+use super::Replacing;
 
 #[derive(Debug, Args)]
 pub(crate) struct PaperOptions {
@@ -20,7 +23,9 @@ pub(crate) struct PaperOptions {
     pub(crate) seed: u64,
     /// Folder of the page, its figures and tables [default: paper-quick or paper-full]
     #[arg(long, value_name = "DIR")]
-    pub(crate) out: Option<PathBuf>,
+    pub(crate) out: Option<GrowingFolder>,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
     /// Print the table of claims as one JSON object a line
     #[arg(long)]
     pub(crate) json: bool,

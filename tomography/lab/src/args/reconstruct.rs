@@ -4,8 +4,9 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::Args;
+use outfile::OutPath;
 
-use super::Method;
+use super::{Method, Replacing};
 
 /// How lambda is chosen where nobody says the noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -88,7 +89,9 @@ pub(crate) struct ReconstructOptions {
     pub(crate) cases: usize,
     /// Maps: a row for each frame of the file, a column a triangle of the region
     #[arg(long, value_name = "FILE")]
-    pub(crate) out: PathBuf,
+    pub(crate) out: OutPath,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
     /// A calibration of this mesh and method, made by `calibrate`: maps in kPa, and each frame's load in newtons
     #[arg(long, value_name = "FILE")]
     pub(crate) calibration: Option<PathBuf>,

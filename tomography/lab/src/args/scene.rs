@@ -1,8 +1,9 @@
 //! Options of `tactus-lab scene`.
 
-use std::path::PathBuf;
-
 use clap::{Args, Subcommand};
+use outfile::{GrowingFolder, OutFolder};
+
+use super::Replacing;
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum SceneCommand {
@@ -71,8 +72,10 @@ pub(crate) struct RunOptions {
     pub(crate) session: SessionOptions,
     /// Folder to write: a case with frames.csv, truth.csv and judged.json
     #[arg(long, value_name = "DIR", required_unless_present = "logbook")]
-    pub(crate) out: Option<PathBuf>,
+    pub(crate) out: Option<OutFolder>,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
     /// Folder of sessions to write one into, which `tactus` reads as the daemon's own
     #[arg(long, value_name = "DIR")]
-    pub(crate) logbook: Option<PathBuf>,
+    pub(crate) logbook: Option<GrowingFolder>,
 }

@@ -3,6 +3,9 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use outfile::OutPath;
+
+use super::Replacing;
 
 #[derive(Debug, Args)]
 pub(crate) struct ForwardOptions {
@@ -17,10 +20,12 @@ pub(crate) struct ForwardOptions {
     pub(crate) sigma_rows: Option<PathBuf>,
     /// Readings, V, with 17 digits: one a line; of several conductances a row each
     #[arg(long, value_name = "FILE")]
-    pub(crate) out: PathBuf,
+    pub(crate) out: OutPath,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
     /// Electrode voltages too, a row a drive, mean over the electrodes zero (one conductance)
     #[arg(long, value_name = "FILE")]
-    pub(crate) potentials: Option<PathBuf>,
+    pub(crate) potentials: Option<OutPath>,
     /// Leave out the refinement: some digits of fifteen for half the time
     #[arg(long)]
     pub(crate) plain: bool,
@@ -62,10 +67,12 @@ pub(crate) struct JacobianOptions {
     pub(crate) cells_mm: Option<f64>,
     /// Centres of the squares: x_m, y_m, a row a column of the sensitivity
     #[arg(long, value_name = "FILE", requires = "cells_mm")]
-    pub(crate) centres: Option<PathBuf>,
+    pub(crate) centres: Option<OutPath>,
     /// Sensitivity, a row a reading
     #[arg(long, value_name = "FILE")]
-    pub(crate) out: PathBuf,
+    pub(crate) out: OutPath,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
 }
 
 #[derive(Debug, Args)]
@@ -78,8 +85,10 @@ pub(crate) struct TransferOptions {
     pub(crate) sigma: String,
     /// Transfer admittance Y, siemens: i = Y v
     #[arg(long, value_name = "FILE", required_unless_present = "impedance")]
-    pub(crate) admittance: Option<PathBuf>,
+    pub(crate) admittance: Option<OutPath>,
     /// Transfer impedance Z, ohm: v = Z i where the currents sum to zero, mean of v zero
     #[arg(long, value_name = "FILE")]
-    pub(crate) impedance: Option<PathBuf>,
+    pub(crate) impedance: Option<OutPath>,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
 }

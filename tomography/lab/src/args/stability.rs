@@ -1,8 +1,9 @@
 //! Options of `tactus-lab stability`.
 
-use std::path::PathBuf;
-
 use clap::Args;
+use outfile::OutFolder;
+
+use super::Replacing;
 
 #[derive(Debug, Args)]
 pub(crate) struct StabilityOptions {
@@ -11,7 +12,9 @@ pub(crate) struct StabilityOptions {
     pub(crate) only: Vec<u8>,
     /// Write the table (table.txt, table.json) and the plots of contrast, contact impedance and sliver angle (PNG, SVG)
     #[arg(long, value_name = "DIR")]
-    pub(crate) out: Option<PathBuf>,
+    pub(crate) out: Option<OutFolder>,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
     /// Print one JSON object a line of the table
     #[arg(long)]
     pub(crate) json: bool,

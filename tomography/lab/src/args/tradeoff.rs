@@ -3,6 +3,9 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use outfile::GrowingFolder;
+
+use super::Replacing;
 
 /// One diagram of error against time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -68,7 +71,9 @@ pub(crate) struct TradeoffOptions {
     pub(crate) seed: u64,
     /// Folder of the page, its figures and tables [default: tradeoff-quick or tradeoff-full]
     #[arg(long, value_name = "DIR")]
-    pub(crate) out: Option<PathBuf>,
+    pub(crate) out: Option<GrowingFolder>,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
     /// Print every point as one JSON object a line
     #[arg(long)]
     pub(crate) json: bool,

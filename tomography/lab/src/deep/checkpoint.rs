@@ -1,10 +1,10 @@
 //! A training in a file: written whole or not at all after each epoch, read by a run of the same settings.
 
 use std::collections::HashMap;
-use std::fs::File;
 use std::io;
 use std::path::Path;
 
+use outfile::{Existing, OutFile};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
 
@@ -80,23 +80,25 @@ pub(super) fn write(
             .expect("the length is that of the bytes");
         (name, view)
     });
-    let beside = path.with_extension("part");
-    let written = safetensors::serialize_to_file(
+    // what is replaced has been read as a checkpoint of this training; a torn file leaves nothing behind
+    let file =
+        OutFile::create(path, Existing::Replace).map_err(|refused| failed(refused.into_io()))?;
+    let Some(temporary) = file.temporary_path() else {
+        let text = "a checkpoint is read again, which a device or a pipe cannot be";
+        return Err(failed(io::Error::other(text)));
+    };
+    safetensors::serialize_to_file(
         views,
         Some(HashMap::from([(KEY.to_owned(), text)])),
-        &beside,
+        temporary,
     )
     .map_err(|fault| match fault {
-        safetensors::SafeTensorError::IoError(cause) => cause,
-        other => io::Error::other(other),
-    })
-    .and_then(|()| File::open(&beside)?.sync_all())
-    .and_then(|()| std::fs::rename(&beside, path));
-    if written.is_err() {
-        // a torn file is of no use, and its room may be what is missing
-        let _ = std::fs::remove_file(&beside);
-    }
-    written.map_err(failed)
+        safetensors::SafeTensorError::IoError(cause) => failed(cause),
+        other => failed(io::Error::other(other)),
+    })?;
+    file.finish()
+        .map(drop)
+        .map_err(|refused| failed(refused.into_io()))
 }
 
 /// Reads a checkpoint into a network of the same shape; `None` where there is none.

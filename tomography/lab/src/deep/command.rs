@@ -54,10 +54,16 @@ pub(crate) fn train_deep(options: &DeepOptions) -> Result<(), Failure> {
         Profile::Paper => "paper",
         Profile::Matched => "matched",
     };
-    let checkpoint = options
-        .checkpoint
-        .clone()
-        .unwrap_or_else(|| options.out.with_extension("checkpoint"));
+    let checkpoint = match &options.checkpoint {
+        Some(path) => path.clone(),
+        None if outfile::is_stream(&options.out) => {
+            return Err(Failure::usage(format!(
+                "{} is no file, so nothing can be kept beside it: say by --checkpoint where the training is kept",
+                options.out.display()
+            )));
+        }
+        None => options.out.with_extension("checkpoint"),
+    };
     let model = trained(
         &case,
         &settings,
@@ -66,7 +72,7 @@ pub(crate) fn train_deep(options: &DeepOptions) -> Result<(), Failure> {
         &format!("dnn {profile}"),
         &checkpoint,
     )?;
-    model::save(&options.out, &model)
+    model::save(&options.out, options.replacing.existing(), &model)
         .map_err(|fault| Failure::of("cannot write the model", &fault))?;
     // the model holds what the checkpoint was for
     let _ = std::fs::remove_file(&checkpoint);
@@ -75,14 +81,14 @@ pub(crate) fn train_deep(options: &DeepOptions) -> Result<(), Failure> {
     };
     if options.json {
         let line = serde_json::json!({
-            "model": options.out,
+            "model": options.out.display().to_string(),
             "hash": model.hash(),
             "name": model.metadata().name,
             "training": model.metadata().training,
             "report": report,
             "noise_figure": model.metadata().noise_figure,
         });
-        println!("{line}");
+        println!("{}", survey::printable_json(line.to_string()));
     } else {
         println!("{}", told(&options.out, &model, report));
     }

@@ -3,12 +3,9 @@
 //! The readings come straight from the phantom, in virtual time; through instruments and their text they come from
 //! `tactus-bench` or the daemon's simulated rig, which take the same scenes.
 
-use std::fs::File;
-use std::io::{BufWriter, Write};
-use std::path::Path;
-
 use eit::{Preset, frames_text, matrix_text};
 use nalgebra::DMatrix;
+use outfile::OutFile;
 use phantom::{Load, Phantom, Preview};
 
 use super::record::Session;
@@ -32,13 +29,14 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
             "the scene's mesh is the one to reconstruct on: give its [mesh] another fineness or seeding",
         ));
     }
+    let existing = options.replacing.existing();
     let mut folder = match &options.out {
         None => None,
         Some(out) => {
-            case.write(out)
+            case.write(out, existing)
                 .map_err(|fault| Failure::of("cannot write the case", &fault))?;
             let [frames, truth] =
-                ["frames.csv", "truth.csv"].map(|name| Rows::create(&out.join(name)));
+                ["frames.csv", "truth.csv"].map(|name| OutFile::create(&out.join(name), existing));
             Some((frames?, truth?))
         }
     };
@@ -69,7 +67,8 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
             let readings = readings.iter().map(|volts| Some(volts.0)).collect();
             let text = frames_text(&[readings]);
             let row = text.split_once('\n').map_or("", |(_, row)| row);
-            frames.put(if frame == 0 { &text } else { row })?;
+            let rows = if frame == 0 { &text } else { row };
+            frames.put(rows.as_bytes())?;
             if frame > 0 {
                 let row = match &known {
                     Some((same, row)) if *same == loads => row,
@@ -79,7 +78,7 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
                         &known.insert((loads, row)).1
                     }
                 };
-                truth.put(row)?;
+                truth.put(row.as_bytes())?;
             }
         }
         bar.inc(1);
@@ -91,8 +90,8 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
         super::in_words(&scan)
     );
     if let (Some((frames, truth)), Some(out)) = (folder, &options.out) {
-        frames.end()?;
-        truth.end()?;
+        frames.finish()?;
+        truth.finish()?;
         let said = serde_json::json!({
             "set": name,
             "noise_v": noise,
@@ -100,7 +99,7 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
             "frames": scan.frames - 1,
             "every_s": scan.begin(1).as_secs_f64(),
         });
-        write(&out.join(judge::SAID), format!("{said}\n"))?;
+        write(&out.join(judge::SAID), existing, format!("{said}\n"))?;
         println!("{}: {words}", out.display());
     }
     if let Some(session) = session {
@@ -122,36 +121,5 @@ fn preset(sheet: &Preset) -> Preset {
             seeding: 0,
             ..tank
         }),
-    }
-}
-
-/// A file of rows, written as they come: a month of them is more than one wants in memory.
-struct Rows {
-    file: BufWriter<File>,
-    name: String,
-}
-
-impl Rows {
-    fn create(path: &Path) -> Result<Self, Failure> {
-        let name = path.display().to_string();
-        match File::create(path) {
-            Ok(file) => Ok(Self {
-                file: BufWriter::new(file),
-                name,
-            }),
-            Err(cause) => Err(Failure::of(&format!("cannot write {name}"), &cause)),
-        }
-    }
-
-    fn put(&mut self, text: &str) -> Result<(), Failure> {
-        self.file
-            .write_all(text.as_bytes())
-            .map_err(|cause| Failure::of(&format!("cannot write {}", self.name), &cause))
-    }
-
-    fn end(mut self) -> Result<(), Failure> {
-        self.file
-            .flush()
-            .map_err(|cause| Failure::of(&format!("cannot write {}", self.name), &cause))
     }
 }

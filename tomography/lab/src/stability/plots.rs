@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use outfile::Existing;
 use picture::{Axis, Curve, Curves};
 
 use super::bordered::Ground;
@@ -17,10 +18,11 @@ const LEAST: f64 = 1e-17;
 const MOST: f64 = 1e3;
 
 /// Draws all three, each as PNG and SVG.
-pub(super) fn draw(folder: &Path) -> Result<(), Failure> {
+pub(super) fn draw(folder: &Path, existing: Existing) -> Result<(), Failure> {
     let tank = Tank::small()?;
     put(
         folder,
+        existing,
         "contrast",
         &Curves {
             title: "Error of V against the contrast of a patch",
@@ -34,6 +36,7 @@ pub(super) fn draw(folder: &Path) -> Result<(), Failure> {
     )?;
     put(
         folder,
+        existing,
         "contact",
         &Curves {
             title: "Error of V against contact resistance",
@@ -47,6 +50,7 @@ pub(super) fn draw(folder: &Path) -> Result<(), Failure> {
     )?;
     put(
         folder,
+        existing,
         "sliver",
         &Curves {
             title: "Change of V by one sliver against its angle",
@@ -60,14 +64,13 @@ pub(super) fn draw(folder: &Path) -> Result<(), Failure> {
     )
 }
 
-fn put(folder: &Path, name: &str, curves: &Curves<'_>) -> Result<(), Failure> {
+fn put(folder: &Path, existing: Existing, name: &str, curves: &Curves<'_>) -> Result<(), Failure> {
     let undrawn = |fault| Failure::of(&format!("cannot draw {name}"), &fault);
     let png = picture::curves_png(curves).map_err(undrawn)?;
     let svg = picture::curves_svg(curves).map_err(undrawn)?;
     for (ending, bytes) in [("png", png.as_slice()), ("svg", svg.as_bytes())] {
         let path = folder.join(format!("{name}.{ending}"));
-        std::fs::write(&path, bytes)
-            .map_err(|cause| Failure::of(&format!("cannot write {}", path.display()), &cause))?;
+        outfile::write(&path, existing, bytes)?;
     }
     Ok(())
 }

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use outfile::Existing;
 use phantom::Scene;
 
 use super::panel::{Panel, Point, quantile};
@@ -36,7 +37,7 @@ impl Trained {
         {
             Some(seconds) if took < 0.5 * seconds => seconds,
             _ => {
-                crate::failure::write(&kept, format!("{took}\n"))?;
+                crate::failure::write(&kept, Existing::Replace, format!("{took}\n"))?;
                 took
             }
         };
@@ -238,7 +239,7 @@ fn scenes(
                 false => format!("{line}\n"),
             });
             let scene = place.path(&format!("sets/{name}-{seed}.toml"));
-            crate::failure::write(&scene, lines.collect())?;
+            crate::failure::write(&scene, Existing::Replace, lines.collect())?;
             let file = scene.display().to_string();
             let folder = place.made(
                 &format!("sets/{name}-{seed}"),

@@ -161,26 +161,27 @@ fn a_checkpoint_that_cannot_be_written_leaves_the_last_one() {
     let path = folder.path().join("toy.checkpoint");
     let toy = Toy::new(140);
     let noise = noise(&toy);
-    let part = |epochs: usize| {
+    let part = |path: &std::path::Path, epochs: usize| {
         let recipe = Recipe {
-            checkpoint: Some((&path, "toy".to_owned())),
+            checkpoint: Some((path, "toy".to_owned())),
             ..recipe(&toy, &noise, epochs)
         };
         train(&recipe, &|_| {})
     };
-    part(1).unwrap();
+    part(&path, 1).unwrap();
     let good = std::fs::read(&path).unwrap();
-    // as on a full disk, the file beside cannot be written
-    std::fs::create_dir(path.with_extension("part")).unwrap();
-    let fault = part(2).unwrap_err();
+    // a name that is never written to stands for a full disk
+    let unwritable = folder.path().join("toy.tactus");
+    std::fs::copy(&path, &unwritable).unwrap();
+    let fault = part(&unwritable, 2).unwrap_err();
     assert!(
         matches!(&fault, DeepFault::Checkpoint(CheckpointFault::Unwritten { path, .. })
-            if path.ends_with("toy.checkpoint")),
+            if path.ends_with("toy.tactus")),
         "{fault}"
     );
-    assert_eq!(std::fs::read(&path).unwrap(), good);
-    std::fs::remove_dir(path.with_extension("part")).unwrap();
-    let resumed = part(3).unwrap();
+    assert_eq!(std::fs::read(&unwritable).unwrap(), good);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+    let resumed = part(&path, 3).unwrap();
     assert_eq!(
         resumed.0,
         train(&recipe(&toy, &noise, 3), &|_| {}).unwrap().0

@@ -1,0 +1,166 @@
+//! Files that appear whole under their names, or not at all.
+
+use std::fs::{File, Permissions};
+use std::io::{BufWriter, ErrorKind, Write};
+use std::os::fd::AsFd;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+
+use tempfile::NamedTempFile;
+
+use crate::check::{Stream, Target, check_folder, folder_of, open_stream, target};
+use crate::{Existing, OutFileError};
+
+/// A file under way. Dropped before [`OutFile::finish`] it leaves nothing behind; a device or FIFO keeps what it got.
+#[derive(Debug)]
+pub struct OutFile {
+    path: PathBuf,
+    existing: Existing,
+    sink: Sink,
+}
+
+#[derive(Debug)]
+enum Sink {
+    Temporary(BufWriter<NamedTempFile>),
+    Stream(BufWriter<File>),
+}
+
+impl OutFile {
+    /// Begins a file.
+    ///
+    /// # Errors
+    /// See [`OutFileError`].
+    pub fn create(path: &Path, existing: Existing) -> Result<Self, OutFileError> {
+        let sink = match target(path, existing)? {
+            Target::Stream(stream) => Sink::Stream(BufWriter::new(open(path, stream)?)),
+            Target::New | Target::Replaced => Sink::Temporary(BufWriter::new(
+                temporary(path).map_err(OutFileError::io(path))?,
+            )),
+        };
+        Ok(Self {
+            path: path.to_owned(),
+            existing,
+            sink,
+        })
+    }
+
+    /// Writes, with the file's name in the error.
+    ///
+    /// # Errors
+    /// The disk is full or gone.
+    pub fn put(&mut self, bytes: &[u8]) -> Result<(), OutFileError> {
+        self.write_all(bytes).map_err(OutFileError::io(&self.path))
+    }
+
+    /// Where the content is until [`OutFile::finish`], for writers that take a path only; `None` for a device or FIFO.
+    pub fn temporary_path(&self) -> Option<&Path> {
+        match &self.sink {
+            Sink::Temporary(writer) => Some(writer.get_ref().path()),
+            Sink::Stream(_) => None,
+        }
+    }
+
+    /// Puts the file in its place, durably.
+    ///
+    /// # Errors
+    /// The disk is full or gone, or the name has been taken since [`OutFile::create`].
+    pub fn finish(mut self) -> Result<PathBuf, OutFileError> {
+        self.flush().map_err(OutFileError::io(&self.path))?;
+        let path = self.path;
+        let written = match self.sink {
+            Sink::Stream(_) => return Ok(path),
+            Sink::Temporary(writer) => writer
+                .into_inner()
+                .map_err(|fault| OutFileError::io(&path)(fault.into_error()))?,
+        };
+        let synced = written.as_file().sync_all();
+        synced.map_err(OutFileError::io(&path))?;
+        // what has the name now may be another thing than at the beginning
+        let placed = match target(&path, self.existing)? {
+            Target::New => written.persist_noclobber(&path),
+            Target::Replaced => written.persist(&path),
+            Target::Stream(_) => return Err(OutFileError::Exists(path)),
+        };
+        placed.map_err(|fault| match fault.error.kind() {
+            ErrorKind::AlreadyExists => OutFileError::Exists(path.clone()),
+            _ => OutFileError::io(&path)(fault.error),
+        })?;
+        // not every file system can sync a folder; the file itself is on disk
+        let _unsynced = File::open(folder_of(&path)).and_then(|folder| folder.sync_all());
+        Ok(path)
+    }
+}
+
+impl Write for OutFile {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        match &mut self.sink {
+            Sink::Temporary(writer) => writer.write(bytes),
+            Sink::Stream(writer) => writer.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        match &mut self.sink {
+            Sink::Temporary(writer) => writer.flush(),
+            Sink::Stream(writer) => writer.flush(),
+        }
+    }
+}
+
+/// Writes a whole file.
+///
+/// # Errors
+/// See [`OutFileError`].
+pub fn write(path: &Path, existing: Existing, bytes: &[u8]) -> Result<(), OutFileError> {
+    let mut file = OutFile::create(path, existing)?;
+    file.put(bytes)?;
+    file.finish()?;
+    Ok(())
+}
+
+/// Makes a file whose content must be under its name while it grows (a transcript): a new one always, never one in place
+/// of another.
+///
+/// # Errors
+/// See [`OutFileError`].
+pub fn create_in_place(path: &Path) -> Result<File, OutFileError> {
+    match target(path, Existing::Refuse)? {
+        Target::Stream(stream) => open(path, stream),
+        Target::New | Target::Replaced => {
+            File::create_new(path).map_err(|cause| match cause.kind() {
+                ErrorKind::AlreadyExists => OutFileError::Exists(path.to_owned()),
+                _ => OutFileError::io(path)(cause),
+            })
+        }
+    }
+}
+
+/// Makes a folder and those above it, as [`check_folder`] allows.
+///
+/// # Errors
+/// See [`OutFileError`].
+pub fn make_folder(path: &Path, existing: Existing) -> Result<(), OutFileError> {
+    check_folder(path, existing)?;
+    std::fs::create_dir_all(path).map_err(OutFileError::io(path))
+}
+
+fn open(path: &Path, stream: Stream) -> Result<File, OutFileError> {
+    let own = match stream {
+        Stream::Named => return open_stream(path),
+        Stream::Output => std::io::stdout().as_fd().try_clone_to_owned(),
+        Stream::Error => std::io::stderr().as_fd().try_clone_to_owned(),
+    };
+    own.map(File::from).map_err(OutFileError::io(path))
+}
+
+/// In the same folder, so that it can be renamed; with the permissions that the umask leaves.
+fn temporary(path: &Path) -> std::io::Result<NamedTempFile> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let prefix: String = std::iter::once('.').chain(name.chars().take(60)).collect();
+    tempfile::Builder::new()
+        .prefix(&format!("{prefix}."))
+        .suffix(".part")
+        .rand_bytes(12)
+        .permissions(Permissions::from_mode(0o666))
+        .tempfile_in(folder_of(path))
+}

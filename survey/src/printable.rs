@@ -1,0 +1,124 @@
+//! Text from outside, as it may be shown.
+//!
+//! Instruments, announcements on the network, session files, models and configurations hold text that somebody else wrote.
+//! Printed as it is it could move the cursor, clear a terminal, reverse the direction of writing, or begin a line that
+//! looks like the program's own. Everything of that kind passes one of these functions before it is printed, logged or
+//! recorded as part of a sentence.
+
+use std::borrow::Cow;
+use std::fmt::Write as _;
+
+/// The text on one line: every character that is not simply seen (controls, line ends, marks of direction, what has no
+/// width) as its escape, `\n` or `\u{202e}`.
+///
+/// ```
+/// assert_eq!(survey::printable("10 µV"), "10 µV");
+/// assert_eq!(survey::printable("a\n[notify]\x1b[2J\0"), "a\\n[notify]\\u{1b}[2J\\0");
+/// ```
+pub fn printable(text: &str) -> Cow<'_, str> {
+    escaped(text, is_seen)
+}
+
+/// The same for text of several lines of the program's own, of which only parts are from outside and have been made
+/// [`printable`]: line ends stay.
+pub fn printable_lines(text: &str) -> Cow<'_, str> {
+    escaped(text, |letter| letter == '\n' || is_seen(letter))
+}
+
+/// As [`printable`], and no longer than so many characters: what is cut off is replaced by `...`.
+pub fn printable_within(text: &str, most: usize) -> Cow<'_, str> {
+    match text.char_indices().nth(most) {
+        None => printable(text),
+        Some((end, _)) => Cow::Owned(format!("{}...", printable(&text[..end]))),
+    }
+}
+
+/// JSON with the same characters as `\uXXXX`: the same values, and safe to show. The text must be JSON, in which such
+/// characters stand in strings only.
+///
+/// ```
+/// assert_eq!(survey::printable_json("{\"note\":\"\u{202e}\"}".to_owned()), r#"{"note":"\u202e"}"#);
+/// ```
+pub fn printable_json(json: String) -> String {
+    if json.chars().all(is_seen) {
+        return json;
+    }
+    let mut shown = String::with_capacity(json.len() + 16);
+    for letter in json.chars() {
+        if is_seen(letter) || letter == '\n' {
+            shown.push(letter);
+            continue;
+        }
+        for unit in letter.encode_utf16(&mut [0; 2]) {
+            let _infallible = write!(shown, "\\u{unit:04x}");
+        }
+    }
+    shown
+}
+
+fn escaped(text: &str, stays: impl Fn(char) -> bool) -> Cow<'_, str> {
+    if text.chars().all(&stays) {
+        return Cow::Borrowed(text);
+    }
+    let mut shown = String::with_capacity(text.len() + 16);
+    for letter in text.chars() {
+        if stays(letter) {
+            shown.push(letter);
+        } else {
+            shown.extend(letter.escape_debug());
+        }
+    }
+    Cow::Owned(shown)
+}
+
+/// Whether a character is a letter, a sign, a mark on a letter or a space, and nothing that acts.
+fn is_seen(letter: char) -> bool {
+    match letter {
+        ' '..='~' => true,
+        // the line and the paragraph separator
+        '\u{2028}' | '\u{2029}' => false,
+        _ if letter.is_control() => false,
+        _ if letter.is_whitespace() => true,
+        // after another character, so that a mark on a letter is not escaped for being one
+        _ => {
+            let mut pair = String::from("x");
+            pair.push(letter);
+            pair.escape_debug().count() == 2
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn plain_text_of_any_language_is_not_touched() {
+        for text in [
+            "KEITHLEY INSTRUMENTS INC.,MODEL 6221,1234567,D04",
+            "said \"why\" in C:\\folder, 10\u{a0}µV, 2\u{2009}Ω",
+            "Zürich cafe\u{301} 日本語 नमस्ते שלום ✓",
+        ] {
+            assert!(matches!(printable(text), Cow::Borrowed(same) if same == text));
+            assert_eq!(printable_json(text.to_owned()), text);
+        }
+    }
+
+    #[test]
+    fn what_acts_on_a_terminal_is_escaped() {
+        for (text, shown) in [
+            ("a\r\nb", "a\\r\\nb"),
+            ("\x1b[2J", "\\u{1b}[2J"),
+            ("\u{9b}2J\u{7f}", "\\u{9b}2J\\u{7f}"),
+            ("\u{202e}txt\u{2066}", "\\u{202e}txt\\u{2066}"),
+            ("\u{200b}\u{feff}\u{e0041}", "\\u{200b}\\u{feff}\\u{e0041}"),
+            ("\u{2028}\u{2029}\0", "\\u{2028}\\u{2029}\\0"),
+        ] {
+            assert_eq!(printable(text), shown);
+            assert!(printable_json(text.to_owned()).is_ascii());
+        }
+        assert_eq!(printable_lines("a\n\x1bb"), "a\n\\u{1b}b");
+        assert_eq!(printable_within("\u{1b}abc", 2), "\\u{1b}a...");
+        assert_eq!(printable_within("abc", 3), "abc");
+    }
+}
