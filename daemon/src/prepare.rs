@@ -1,6 +1,8 @@
 //! What a configuration means: everything found out that can be found out without touching an instrument.
 
 mod costs;
+#[cfg(test)]
+mod mutated;
 mod numbers;
 mod played;
 mod rig_plan;
