@@ -242,7 +242,7 @@ impl Sheet {
             source_resistance: seen(needs.source_resistance, [METER_HI, METER_LO]),
             load_resistance: Ohms(seen(needs.load_resistance, SOURCE).0 + leads),
             at,
-            integration: Duration::from_secs_f64(taken.nplc / self.line_hz),
+            integration: survey::duration(taken.nplc / self.line_hz),
             range: taken.range,
             nplc: taken.nplc,
             relay: taken.relay,

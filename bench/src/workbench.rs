@@ -144,7 +144,7 @@ impl Bench {
         self.elapsed
             + match self.pace {
                 Pace::Real => passed,
-                Pace::Scaled(speed) => passed.mul_f64(speed),
+                Pace::Scaled(speed) => survey::duration(passed.as_secs_f64() * speed),
                 Pace::Instant => Duration::ZERO,
             }
     }
@@ -233,7 +233,7 @@ impl Bench {
         }
         let wait = match self.pace {
             Pace::Real => busy,
-            Pace::Scaled(speed) => busy.div_f64(speed),
+            Pace::Scaled(speed) => survey::duration(busy.as_secs_f64() / speed),
             Pace::Instant => {
                 self.elapsed += busy;
                 Duration::ZERO

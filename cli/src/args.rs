@@ -10,19 +10,11 @@ use crate::about::About;
 use crate::choices::{BaselineChoice, Format, Geometry, MethodChoice, Scale};
 use crate::duration::{SpanError, parse_span};
 use crate::measuring::Measuring;
+use crate::numbers::speed;
 use crate::output::Colour;
 
 fn span(text: &str) -> Result<Duration, SpanError> {
     parse_span(text)
-}
-
-fn speed(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(speed) if speed >= 0.0 && speed.is_finite() => Ok(speed),
-        _ => Err(
-            "1 is the recording's own rate, 10 ten times faster, 0 as fast as possible".to_owned(),
-        ),
-    }
 }
 
 /// Everything a person may say to `tactus`.

@@ -5,12 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use serde::Deserialize;
 
-fn above_zero(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
-        _ => Err("it must be a number above 0, for example 2e-6".to_owned()),
-    }
-}
+use crate::numbers::{above_zero, degrees, electrodes, exponent, millimetres};
 
 /// How voltages become a map.
 #[derive(Debug, Clone, Args)]
@@ -26,7 +21,7 @@ pub struct MethodChoice {
     #[arg(long, value_enum, value_name = "PRIOR", conflicts_with = "model")]
     pub prior: Option<Prior>,
     /// Exponent of the NOSER prior (default: what the session used, else 0.5 with --prior noser, 0.25 without)
-    #[arg(long, value_name = "P", conflicts_with = "model")]
+    #[arg(long, value_name = "P", conflicts_with = "model", value_parser = exponent, allow_hyphen_values = true)]
     pub exponent: Option<f64>,
     /// Hyper-parameter of the one-step method (default: what the session used, else from the noise)
     #[arg(long, value_name = "X", conflicts_with_all = ["model", "noise_v"], value_parser = above_zero, allow_hyphen_values = true)]
@@ -47,19 +42,20 @@ pub struct Geometry {
     #[arg(long, value_enum, value_name = "NAME")]
     pub preset: Option<PresetName>,
     /// Number of electrodes (default: what the protocol says)
-    #[arg(long, value_name = "N", requires = "preset")]
+    #[arg(long, value_name = "N", requires = "preset", value_parser = electrodes)]
     pub electrodes: Option<usize>,
     /// Width of a disc tank, mm
-    #[arg(long, value_name = "MM", requires = "preset")]
+    #[arg(long, value_name = "MM", requires = "preset", value_parser = millimetres, allow_hyphen_values = true)]
     pub diameter_mm: Option<f64>,
     /// Width of an electrode of a disc tank as seen from the centre, degrees (assumed where nobody tells it)
-    #[arg(long, value_name = "DEG", requires = "preset")]
+    #[arg(long, value_name = "DEG", requires = "preset", value_parser = degrees, allow_hyphen_values = true)]
     pub arc_deg: Option<f64>,
     /// Direction of a disc tank's first electrode, degrees counter-clockwise from +x
     #[arg(
         long,
         value_name = "DEG",
         requires = "preset",
+        value_parser = degrees,
         allow_hyphen_values = true
     )]
     pub first_deg: Option<f64>,

@@ -32,8 +32,6 @@ pub enum SpanError {
     Range(String),
 }
 
-const LONGEST: f64 = 100.0 * 365.25 * 86_400.0;
-
 /// Reads a span: one or more numbers (a decimal point is allowed), each with its unit `ms`, `s`, `m` (or `min`), `h`, `d`.
 ///
 /// # Errors
@@ -83,10 +81,10 @@ pub fn parse_span(text: &str) -> Result<Duration, SpanError> {
         seconds += number * scale;
         rest = tail.trim_start();
     }
-    if !(seconds > 0.0 && seconds < LONGEST) {
+    if !(seconds > 0.0 && seconds < survey::LONGEST_S) {
         return Err(SpanError::Range(trimmed.to_owned()));
     }
-    Ok(Duration::from_secs_f64(seconds))
+    Ok(survey::duration(seconds))
 }
 
 /// Writes a span shortly: `850 ms`, `12.5 s`, `3 min 20 s`, `2 h 5 min`.

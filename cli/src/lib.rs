@@ -36,6 +36,7 @@ mod instruments;
 mod log;
 mod measuring;
 mod notify;
+mod numbers;
 mod output;
 mod parts;
 mod plan;

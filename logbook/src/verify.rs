@@ -16,7 +16,7 @@ const USUAL: f64 = 5.0;
 /// Closer than this nothing is a gap, s: a frame that was late.
 const LEAST: f64 = 1.0;
 /// An event may be written so long after the frame that it explains the lack of.
-const LATER: TimeDelta = TimeDelta::seconds(5);
+const LATER: TimeDelta = TimeDelta::try_seconds(5).unwrap();
 
 /// Something that is not as it should be.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]

@@ -5,7 +5,6 @@ mod taken;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use chrono::TimeDelta;
 use logbook::{
     Exported, RESUMED, Retention, SessionHeader, SessionKind, SessionReader, SessionWriter, prune,
     repair, verify,
@@ -337,7 +336,13 @@ fn only_what_was_exported_to_its_last_frame_goes() {
     };
     mark(&paths[1], 5);
     mark(&paths[3], 4);
-    let pruned = prune(dir.path(), &retention, now + TimeDelta::days(1), false).unwrap();
+    let pruned = prune(
+        dir.path(),
+        &retention,
+        now + std::time::Duration::from_secs(86_400),
+        false,
+    )
+    .unwrap();
     assert_eq!(ids(&pruned).0, ["m1"], "{pruned:?}");
     assert!(!paths[1].exists() && paths[3].exists());
 }

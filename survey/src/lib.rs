@@ -17,6 +17,7 @@
 //! # Ok::<(), survey::ProtocolError>(())
 //! ```
 
+mod bounds;
 mod frame;
 mod map;
 mod pattern;
@@ -28,6 +29,7 @@ mod sketch;
 mod units;
 mod wiring;
 
+pub use bounds::{Bounds, LONGEST_S, OutOfBounds, duration};
 pub use frame::{Baseline, BaselineError, Extra, Frame, Precautions, Reading, Settings};
 pub use map::{Map, MapUnit};
 pub use pattern::{Measurement, Protocol, ProtocolError, half, sheffield, skip};

@@ -265,7 +265,7 @@ impl Month {
                 let id = self.keeper.as_ref().map_or(0, Keeper::id);
                 let daemon = Pid::from_raw(id.try_into()?).ok_or("no daemon runs")?;
                 kill_process(daemon, Signal::STOP)?;
-                std::thread::sleep(Duration::from_secs_f64(20.0 * EVERY_S));
+                std::thread::sleep(survey::duration(20.0 * EVERY_S));
                 kill_process(daemon, Signal::CONT)?;
             }
         }

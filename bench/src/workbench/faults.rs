@@ -54,7 +54,7 @@ impl Bench {
         let left = self.time_line.front()?.at.saturating_sub(self.now());
         match self.pace {
             Pace::Real => Some(left),
-            Pace::Scaled(speed) => Some(left.div_f64(speed)),
+            Pace::Scaled(speed) => Some(survey::duration(left.as_secs_f64() / speed)),
             Pace::Instant => None,
         }
     }

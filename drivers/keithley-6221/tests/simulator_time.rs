@@ -13,7 +13,7 @@ fn instrument() -> Simulator6221 {
 }
 
 fn seconds(at: f64) -> Duration {
-    Duration::from_secs_f64(at)
+    survey::duration(at)
 }
 
 /// Settings of a sweep or wave, and its start.

@@ -314,7 +314,7 @@ impl<S: Stream> Keysight34980a<S> {
         } else {
             scan.iter().map(channel).sum()
         };
-        let own = Duration::from_secs_f64(1.5 * f64::from(meter.averages) * seconds);
+        let own = survey::duration(1.5 * f64::from(meter.averages) * seconds);
         link + meter.deadline.unwrap_or(own)
     }
 }

@@ -119,7 +119,7 @@ fn a_measurement_in_memory_ends_in_its_own_time() {
         unit.hear("INIT;*OPC", START, &mut sheet).busy,
         Duration::ZERO
     );
-    let half = START + Duration::from_secs_f64(length / 2.0);
+    let half = START + survey::duration(length / 2.0);
     let heard = unit.hear("STAT:OPER:COND?;*ESR?;:INIT;:SYST:ERR?", half, &mut sheet);
     assert_eq!(heard.text.as_deref(), Some("+16;+0;-213,\"Init ignored\""));
     let waited = unit.hear("*OPC?;*ESR?;:STAT:OPER:COND?", half, &mut sheet);
@@ -130,7 +130,7 @@ fn a_measurement_in_memory_ends_in_its_own_time() {
     // Cut off in the middle, only what was measured by then is there.
     let later = START * 3;
     unit.hear("INIT", later, &mut sheet);
-    let cut = later + Duration::from_secs_f64(length / 2.0 + 1e-3);
+    let cut = later + survey::duration(length / 2.0 + 1e-3);
     let answer = unit.hear("ABOR;:FETC?", cut, &mut sheet).text.unwrap();
     assert_eq!(answer.split(',').count(), 5);
 }

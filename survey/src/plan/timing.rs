@@ -5,6 +5,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::{Plan, Step};
+use crate::bounds::duration;
 
 /// What the instruments cost in time, for [`Plan::duration`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -40,7 +41,7 @@ impl Timing {
             relay_close: Duration::from_micros(500),
             relay_open: Duration::from_micros(500),
             scan_period: Duration::from_millis(2),
-            reading_period: Duration::from_secs_f64(1.0 / 3000.0),
+            reading_period: duration(1.0 / 3000.0),
             nplc,
             line_hz,
             autozero: false,
@@ -200,7 +201,7 @@ impl Plan {
             })
             .sum();
         let ranges = self.range_changes() as f64 * timing.range_command.as_secs_f64();
-        Duration::from_secs_f64(seconds + ranges)
+        duration(seconds + ranges)
     }
 
     /// How long one answer of the voltmeter may take: the readings of the longest question with their periods, and a
@@ -211,6 +212,6 @@ impl Plan {
             .iter()
             .map(|step| timing.answer(step))
             .fold(0.0, f64::max);
-        Duration::from_secs_f64(1.2 * longest)
+        duration(1.2 * longest)
     }
 }

@@ -456,13 +456,13 @@ mod tests {
     pub(super) fn context(range: f64, nplc: f64) -> ReadingContext {
         ReadingContext {
             at: Duration::ZERO,
-            integration: Duration::from_secs_f64(nplc / 50.0),
+            integration: survey::duration(nplc / 50.0),
             range: Volts(range),
             nplc,
             relay: None,
             flowing: Amps(1e-3),
             source_range: Amps(2e-3),
-            since_change: Duration::from_secs_f64(nplc / 50.0 + 1e-3),
+            since_change: survey::duration(nplc / 50.0 + 1e-3),
             source_resistance: Ohms(1e3),
             load_resistance: Ohms(1e3),
         }

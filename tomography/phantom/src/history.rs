@@ -72,7 +72,7 @@ impl History {
             return;
         };
         let steps = (at.as_secs_f64() / every.as_secs_f64()).floor();
-        let at = Duration::from_secs_f64(steps * every.as_secs_f64()).min(at);
+        let at = survey::duration(steps * every.as_secs_f64()).min(at);
         if self.last.is_some_and(|last| at > last) {
             let past = self.past(at);
             self.follow(past, places);

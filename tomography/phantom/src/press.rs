@@ -196,7 +196,11 @@ impl TimedLoad {
             let steps = self.steps(behind);
             // A moment that rounding has put before its step is passed over.
             (stage[1] + 1..steps)
-                .map(|step| from + (to - from).mul_f64(f64::from(step) / f64::from(steps)))
+                .map(|step| {
+                    from + survey::duration(
+                        f64::from(step) / f64::from(steps) * (to - from).as_secs_f64(),
+                    )
+                })
                 .find(|moment| *moment > after)
                 .unwrap_or(to)
         });

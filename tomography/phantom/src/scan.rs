@@ -72,7 +72,7 @@ impl Scan {
 
     /// How long the voltmeter integrates.
     pub fn integration(&self) -> Duration {
-        Duration::from_secs_f64(self.nplc / self.line_hz)
+        survey::duration(self.nplc / self.line_hz)
     }
 
     /// How long a frame takes.

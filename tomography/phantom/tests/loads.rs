@@ -12,7 +12,7 @@ fn phantom(text: &str) -> Phantom {
 }
 
 fn seconds(seconds: f64) -> Duration {
-    Duration::from_secs_f64(seconds)
+    survey::duration(seconds)
 }
 
 fn apart(one: &DMatrix<f64>, other: &DMatrix<f64>) -> f64 {

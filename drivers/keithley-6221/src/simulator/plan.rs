@@ -81,7 +81,7 @@ pub(super) fn plan_sweep(
         }
         Ok(Point {
             level,
-            delay: Duration::from_secs_f64(of(&delays, k).unwrap_or(1.0)),
+            delay: survey::duration(of(&delays, k).unwrap_or(1.0)),
             limit: of(&limits, k).map(Volts),
             range,
         })

@@ -119,7 +119,7 @@ impl Sweep {
         let line = |parameter| values.get(parameter) as u8;
         let arm = match values.get(Parameter::ArmSource) as u8 {
             0 => Arm::Immediate,
-            1 => Arm::Timer(Duration::from_secs_f64(values.get(Parameter::ArmTimer)).as_nanos()),
+            1 => Arm::Timer(survey::duration(values.get(Parameter::ArmTimer)).as_nanos()),
             2 => Arm::Event(Trigger::Bus),
             3 => Arm::Event(Trigger::Link(line(Parameter::ArmInput))),
             4 => Arm::EitherEdge,

@@ -23,7 +23,7 @@ impl Talk {
 
     /// Lets the time be so many seconds after power on; the load is looked at.
     pub fn at(&mut self, seconds: f64) -> &mut Self {
-        self.now = Duration::from_secs_f64(seconds);
+        self.now = survey::duration(seconds);
         self.source.load_changed(self.now, &mut self.load);
         self
     }

@@ -241,7 +241,7 @@ impl Meter {
     fn pace(&self) -> Pace {
         match self.source {
             TriggerSource::Immediate => Pace::Continuous,
-            TriggerSource::Timer => Pace::Timer(Duration::from_secs_f64(self.timer)),
+            TriggerSource::Timer => Pace::Timer(survey::duration(self.timer)),
             TriggerSource::Bus | TriggerSource::External | TriggerSource::Alarm(_) => {
                 Pace::Triggered
             }

@@ -112,7 +112,7 @@ impl Setup {
             }
             None => integration.max(1.0 / READINGS_PER_SECOND),
         };
-        Duration::from_secs_f64(seconds)
+        survey::duration(seconds)
     }
 
     /// `timing` is that of what the channel measures.

@@ -40,7 +40,7 @@ impl Session {
                 }
             })
             .collect();
-        let started = DateTime::UNIX_EPOCH + TimeDelta::days(10_957);
+        let started = DateTime::UNIX_EPOCH + Duration::from_secs(10_957 * 86_400);
         let header = SessionHeader {
             seed: Some(scene.seed),
             simulated: true,

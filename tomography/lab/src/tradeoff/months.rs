@@ -71,7 +71,7 @@ pub(super) fn panel(effort: &Effort) -> Result<Panel, Failure> {
             let mut month = Month::new(&sheet, effect, 100 * effort.seed + draw, &protocol)?;
             let baseline = month.frame(Duration::ZERO, None)?;
             for (day, zero) in days.iter().zip(&mut zero[drift]) {
-                let at = Duration::from_secs_f64(86_400.0 * day);
+                let at = survey::duration(86_400.0 * day);
                 let map = method
                     .reconstruct(&baseline, &month.frame(at, None)?)
                     .map_err(|fault| Failure::of("one-step", &fault))?;
@@ -86,7 +86,7 @@ pub(super) fn panel(effort: &Effort) -> Result<Panel, Failure> {
             let mut month = Month::new(&sheet, effect, 100 * effort.seed + draw, &protocol)?;
             let baseline = month.frame(Duration::ZERO, None)?;
             for (day, place) in days.iter().zip(&mut place[drift]) {
-                let at = Duration::from_secs_f64(86_400.0 * day);
+                let at = survey::duration(86_400.0 * day);
                 let mut errors = 0.0;
                 for press in PRESSES_MM {
                     let map = method

@@ -4,8 +4,6 @@
 //! section 2.1), updated exactly over any step: z' = e z + sqrt(1 - e^2) n, e = exp(-dt / tau). Leave it out when
 //! autozero is on.
 
-use std::time::Duration;
-
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use survey::Volts;
@@ -75,7 +73,7 @@ impl AutozeroOff {
     fn new(settings: &AutozeroOffSettings, stream: ChaCha8Rng) -> Self {
         Self {
             settings: settings.clone(),
-            zero: Wander::new(Duration::from_secs_f64(settings.tau_s), stream),
+            zero: Wander::new(survey::duration(settings.tau_s), stream),
         }
     }
 }

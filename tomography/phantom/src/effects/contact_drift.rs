@@ -72,8 +72,8 @@ impl ContactDrift {
 
 impl OnContacts for ContactDrift {
     fn act(&mut self, at: Duration, contacts: &mut [f64]) {
-        let tau = Duration::from_secs_f64(self.settings.tau_h * 3600.0);
-        let at = Duration::from_secs_f64(self.epoch(at) as f64 * self.settings.every_s);
+        let tau = survey::duration(self.settings.tau_h * 3600.0);
+        let at = survey::duration(self.epoch(at) as f64 * self.settings.every_s);
         for electrode in self.contacts.len()..contacts.len() {
             let stream = stream(self.seed, &format!("contact-drift {electrode}"));
             self.contacts.push(Wander::new(tau, stream));

@@ -128,7 +128,7 @@ impl Creep {
             terms: terms
                 .map(|(percent, tau)| [percent / 100.0, *tau])
                 .collect(),
-            every: Duration::from_secs_f64(settings.every_s),
+            every: survey::duration(settings.every_s),
             last: Vec::new(),
             held: Vec::new(),
         }

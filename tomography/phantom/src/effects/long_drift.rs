@@ -95,7 +95,7 @@ struct Walk {
 impl LongDrift {
     fn new(settings: &LongDriftSettings, seed: u64) -> Self {
         let wander = HOURS.map(|hours| {
-            let tau = Duration::from_secs_f64(hours * 3600.0);
+            let tau = survey::duration(hours * 3600.0);
             Wander::new(tau, stream(seed, &format!("long-drift {hours} h")))
         });
         Self {
@@ -114,7 +114,7 @@ impl OnSheet for LongDrift {
     fn act(&mut self, at: Duration, _places: &[[f64; 2]], sigma: &mut [f64]) {
         let settings = &self.settings;
         let seconds = self.epoch(at) as f64 * settings.every_s;
-        let at = Duration::from_secs_f64(seconds);
+        let at = survey::duration(seconds);
         let share = settings.wander_percent / 100.0 / (HOURS.len() as f64).sqrt();
         let wandered: f64 = self
             .wander

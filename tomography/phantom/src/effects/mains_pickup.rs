@@ -102,7 +102,7 @@ mod tests {
         });
         let sum: f64 = (0..1000)
             .map(|k| {
-                let at = Duration::from_secs_f64(k as f64 * 0.123_456_7);
+                let at = survey::duration(k as f64 * 0.123_456_7);
                 let context = ReadingContext {
                     at,
                     ..context(1.0, nplc)

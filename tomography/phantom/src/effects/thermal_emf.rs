@@ -5,7 +5,6 @@
 //! reversal removes it.
 
 use std::collections::BTreeMap;
-use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use survey::{Relay, Volts};
@@ -71,7 +70,7 @@ impl ThermalEmf {
 
 impl OnReading for ThermalEmf {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        let (seed, tau) = (self.seed, Duration::from_secs_f64(self.settings.tau_s));
+        let (seed, tau) = (self.seed, survey::duration(self.settings.tau_s));
         let channel = self.channels.entry(context.relay).or_insert_with(|| {
             // A stream for each channel: the order in which they are read changes no number.
             let name = format!("thermal-emf {:?}", context.relay.map(|relay| relay.0));

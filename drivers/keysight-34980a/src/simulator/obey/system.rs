@@ -1,7 +1,5 @@
 //! What the commands of the mainframe and its status do (sections 1, 3 and 7).
 
-use std::time::Duration;
-
 use scpi::{StatusRegister, quote};
 
 use super::{Reply, Turn, join, yes_no};
@@ -48,7 +46,7 @@ impl Simulator34980a {
             System::ReleaseLock => self.sessions.release_lock(turn.session),
             System::LockName => return Ok(Some(self.sessions.name(turn.session))),
             System::LockOwner => return Ok(Some(self.sessions.owner())),
-            System::Delay(time) => turn.now += Duration::from_secs_f64(time),
+            System::Delay(time) => turn.now += survey::duration(time),
             System::SetDisplay(text) => self.display = text,
             System::Display => return Ok(Some(quote(&self.display))),
             System::ClearDisplay => self.display.clear(),
