@@ -93,7 +93,9 @@ impl Options {
             _ => return Err(wrong_type(key, "a number (d)")),
         };
         if !number.is_finite() {
-            return Err(wrong_type(key, "a finite number"));
+            return Err(Fault::InvalidOption(format!(
+                "option '{key}' is {number}; it must be a finite number"
+            )));
         }
         Ok(Some(number))
     }

@@ -1,8 +1,9 @@
 //! A panic anywhere in the daemon is heard, and answered by switching the source off.
 //!
-//! Acquisition sees to its own panics; whatever else fails (the recorder, a call from the bus) ends the session that
-//! runs, and the source is verified off at once, not at the end of the frame. Where the daemon's own head fails, nobody
-//! is left who has the instruments: they are reached anew.
+//! Acquisition sees to its own panics; whatever else fails (the recorder, a call that acts) ends the session that runs,
+//! and the source is verified off at once, not at the end of the frame. Where the daemon's own head fails, nobody is left
+//! who has the instruments: they are reached anew. Only a panic of what merely answers a client ends no more than that
+//! answer ([`crate::containment`]).
 
 use std::panic::AssertUnwindSafe;
 use std::sync::{Arc, LazyLock, Once};
@@ -11,6 +12,7 @@ use std::time::Duration;
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::watch;
 
+use crate::containment;
 use crate::keeper::Keeper;
 use crate::model::chain;
 use crate::prepare::RigPlan;
@@ -27,9 +29,8 @@ pub(crate) fn install() {
     INSTALLED.call_once(|| {
         let prints = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |panic| {
-            if crate::mapper::answers_for_this_thread() {
-                // it costs maps, not the session
-                return prints(panic);
+            if containment::is_contained() {
+                return containment::log(panic);
             }
             let place = panic
                 .location()
@@ -110,7 +111,7 @@ async fn last_resort(rig: &RigPlan) {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use std::time::Instant;
 
     use bench::{Instrument, Pace, Profile, Scene, ServeOptions, SimulatedRig};
@@ -121,11 +122,16 @@ mod tests {
     use crate::prepare::{FramesFrom, prepare};
     use crate::rig_assembly::{Closed, assemble};
 
-    const DEADLINE: Duration = Duration::from_secs(120);
+    pub(crate) const DEADLINE: Duration = Duration::from_secs(120);
     /// A process has one hook: the panic of one test must not be heard by the other's keeper.
     static ALONE: tokio::sync::Mutex<()> = tokio::sync::Mutex::const_new(());
 
-    async fn current_flows(sheet: &SimulatedRig) {
+    /// No other test panics or waits for a panic as long as this is held.
+    pub(crate) async fn alone() -> tokio::sync::MutexGuard<'static, ()> {
+        ALONE.lock().await
+    }
+
+    pub(crate) async fn current_flows(sheet: &SimulatedRig) {
         let flows = async {
             while !sheet.source_output().0 {
                 tokio::task::yield_now().await;
@@ -136,7 +142,7 @@ mod tests {
             .expect("a frame has begun");
     }
 
-    const CONFIG: &str = "[rig]\nkind = \"simulated\"\n[geometry]\npreset = \"disc-tank\"\n[geometry.disc-tank]\n\
+    pub(crate) const CONFIG: &str = "[rig]\nkind = \"simulated\"\n[geometry]\npreset = \"disc-tank\"\n[geometry.disc-tank]\n\
                           electrodes = 16\n[survey]\nelectrodes = 16\n[record]\ndirectory = \"state\"\n[bus]\n\
                           peer_path = \"peer\"\n";
 

@@ -24,6 +24,7 @@ mod args;
 mod care;
 mod claims;
 mod config;
+mod containment;
 mod discovery;
 mod end_marks;
 mod guard;
@@ -38,6 +39,7 @@ mod measuring;
 mod mishap;
 mod model;
 mod multiplexer;
+mod numbers;
 mod observe;
 mod place;
 mod prepare;
@@ -283,7 +285,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     keeper.tell(None, "stopped", why).await;
     keeper.herald.farewell().await;
     keeper.observed.chronicle.close().await;
-    drop(offer);
+    offer.close().await;
     safe
 }
 

@@ -1,8 +1,6 @@
 //! Maps are made on a thread of their own: a method that is slow, hangs or fails leaves frames without a map, never the
 //! record without a frame.
 
-use std::cell::Cell;
-use std::panic::AssertUnwindSafe;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
 use std::time::{Duration, Instant};
 
@@ -11,6 +9,7 @@ use logbook::MapRecord;
 use survey::{Baseline, Map, Reading};
 use tokio::sync::mpsc::WeakSender;
 
+use crate::containment;
 use crate::model::{Model, chain};
 use crate::recorder::Order;
 
@@ -20,17 +19,6 @@ const PATIENCE: Duration = Duration::from_secs(2);
 const GRACE: Duration = Duration::from_millis(250);
 /// Between looks at whether more frames are waiting.
 const LOOK: Duration = Duration::from_millis(2);
-
-thread_local! {
-    /// Whether a panic of this thread is caught and answered where it happens.
-    static CONTAINED: Cell<bool> = const { Cell::new(false) };
-}
-
-/// Whether the panic that is under way on this thread is the mapper's own to answer: its thread, or one of the threads
-/// that reconstruction spreads over, whose panics come back to whoever waits for them.
-pub(crate) fn answers_for_this_thread() -> bool {
-    CONTAINED.get() || rayon::current_thread_index().is_some()
-}
 
 /// What maps are made with.
 pub(crate) struct Means {
@@ -99,12 +87,11 @@ impl Mapper {
         std::thread::Builder::new()
             .name("maps".to_owned())
             .spawn(move || {
-                CONTAINED.set(true);
                 while let Ok(readings) = asked.recv() {
                     let begun = Instant::now();
-                    let attempt = AssertUnwindSafe(|| means.make(&readings));
-                    let outcome = std::panic::catch_unwind(attempt)
-                        .unwrap_or_else(|panic| Err(Failure::Broken(said(panic.as_ref()))));
+                    // it costs maps, not the session
+                    let outcome = containment::run(|| means.make(&readings))
+                        .unwrap_or_else(|panicked| Err(Failure::Broken(panicked.message)));
                     let broken = matches!(outcome, Err(Failure::Broken(_)));
                     let made = Made {
                         outcome,
@@ -228,12 +215,4 @@ impl Means {
             refused,
         })
     }
-}
-
-fn said(panic: &(dyn std::any::Any + Send)) -> String {
-    let text = panic
-        .downcast_ref::<&str>()
-        .map(ToString::to_string)
-        .or_else(|| panic.downcast_ref::<String>().cloned());
-    text.unwrap_or_else(|| "it said nothing".to_owned())
 }

@@ -16,7 +16,7 @@ use std::time::Duration;
 use rig::MeterSettings;
 use sha2::{Digest, Sha256};
 use survey::{
-    Amps, Limits, Plan, Protocol, ProtocolError, RangeRule, Relay, Settings, Step, Timing,
+    Amps, Limits, Plan, Protocol, ProtocolError, RangeRule, Relay, Settings, Step, Timing, duration,
 };
 
 pub(crate) use costs::{costs, resolution};
@@ -288,9 +288,9 @@ fn understand(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepare
         config_hash: hash.iter().map(|byte| format!("{byte:02x}")).collect(),
         config_toml,
         schedule: Schedule {
-            every: seconds(config.schedule.every_s.unwrap_or(0.0)),
+            every: duration(config.schedule.every_s.unwrap_or(0.0)),
             count: config.schedule.count,
-            lasts: config.schedule.for_s.map(seconds),
+            lasts: config.schedule.for_s.map(duration),
         },
         record_directory: config.record.directory.clone()?,
         transcripts: config.record.transcripts,
@@ -317,13 +317,6 @@ fn asked(
         .survey
         .electrodes
         .or_else(|| geometry.map(Geometry::electrodes))?;
-    if electrodes > MOST_ELECTRODES {
-        findings.add(
-            "survey.electrodes",
-            format!("{electrodes} electrodes are too many, {MOST_ELECTRODES} is the most"),
-        );
-        return None;
-    }
     findings.taken(
         "survey.electrodes",
         protocol(electrodes, &config.survey).map_err(|cause| chain(&cause)),
@@ -341,17 +334,6 @@ fn protocol(electrodes: usize, survey: &SurveySection) -> Result<Protocol, Proto
         false => pattern.collect(),
     };
     Protocol::new(electrodes, questions)
-}
-
-/// Largest ring: its 64,768 readings are far beyond any switch.
-const MOST_ELECTRODES: usize = 256;
-
-/// A hundred years, s: nothing that a person schedules takes longer, and clocks can still add to it.
-pub(crate) const LONGEST_S: f64 = 100.0 * 365.25 * 86_400.0;
-
-/// Seconds as time, [`LONGEST_S`] at most.
-pub(crate) fn seconds(seconds: f64) -> Duration {
-    Duration::try_from_secs_f64(seconds.min(LONGEST_S)).unwrap_or_default()
 }
 
 impl Prepared {

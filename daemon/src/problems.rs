@@ -58,7 +58,10 @@ impl Source {
                 .map(|fault| self.at(fault.span(), fault.message().to_owned()))
                 .collect());
         }
-        let mut problems = Vec::new();
+        let mut problems: Vec<Problem> = crate::numbers::take_out(table.get_mut())
+            .into_iter()
+            .map(|(span, text)| self.at(Some(span), text))
+            .collect();
         loop {
             let fault = match Config::deserialize(toml::Deserializer::from(table.clone())) {
                 Ok(config) if problems.is_empty() => return Ok(config),

@@ -4,12 +4,12 @@
 //! each user may have a few requests, they are served by turns, and a request whose caller has left is passed over.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 use bus::Fault;
 use tokio::sync::oneshot;
 
+use crate::containment;
 use crate::service::limit::{READS, User};
 
 /// Threads; two, so that one long answer does not hold up all others.
@@ -121,7 +121,7 @@ impl Pool {
             if let Some(job) = waiting.next() {
                 drop(waiting);
                 // its caller is told by the answer that does not come
-                let _ = catch_unwind(AssertUnwindSafe(job));
+                let _ = containment::run(job);
                 waiting = self.waiting();
             } else {
                 waiting.idle += 1;

@@ -9,8 +9,6 @@ use survey::{
     Amps, Baseline, BaselineError, Frame, Precautions, Protocol, Reading, Settings, Volts,
 };
 
-use crate::prepare::seconds;
-
 /// Why a recording cannot be played.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum RecordingError {
@@ -181,10 +179,9 @@ impl Recording {
             return Ok(None);
         }
         let offset = match &self.tape {
-            Tape::Csv { .. } => self
-                .playing
-                .frames_per_s
-                .map_or(Duration::ZERO, |rate| seconds(self.position as f64 / rate)),
+            Tape::Csv { .. } => self.playing.frames_per_s.map_or(Duration::ZERO, |rate| {
+                survey::duration(self.position as f64 / rate)
+            }),
             Tape::Session { reader, first, .. } => reader
                 .frame(reader.header().first_sequence + self.position)?
                 .frame
@@ -192,7 +189,7 @@ impl Recording {
                 .saturating_sub(*first),
         };
         let due = if self.playing.speed > 0.0 {
-            seconds(offset.as_secs_f64() / self.playing.speed)
+            survey::duration(offset.as_secs_f64() / self.playing.speed)
         } else {
             Duration::ZERO
         };

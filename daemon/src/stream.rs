@@ -10,6 +10,7 @@ use tokio::io::{AsyncWriteExt, Interest};
 use tokio::net::UnixStream;
 use tokio::sync::Notify;
 
+use crate::containment::{Ends, answer};
 use crate::ring::Ring;
 
 /// How long a reader may take for all that is left after the end: then it is let go.
@@ -81,7 +82,8 @@ impl Readers {
         readers.push(Arc::clone(&reader));
         drop(readers);
         tokio::spawn(async move {
-            serve(reader, ours).await;
+            // a panic is logged where it happens; the reader finds its stream closed
+            let _ = answer(Ends::Answer, serve(reader, ours)).await;
             drop(place);
         });
         Ok(theirs.into())

@@ -68,7 +68,10 @@ fn each_bad_input_is_named_at_its_place() {
             more("[wiring]\nelectrodes = 26\n"),
             ":20:14: wiring.electrodes: wiring '34924A pairs in slot 1' has 26 electrodes, the survey asks 16",
         ),
-        (more("[wiring]\nslot = 9\n"), "slot 9 does not exist"),
+        (
+            more("[wiring]\nslot = 9\n"),
+            "wiring.slot: 9 is not from 1 to 8",
+        ),
         (
             more("[model]\nfile = \"nowhere.safetensors\"\n"),
             "nowhere.safetensors",
@@ -97,7 +100,7 @@ fn each_bad_input_is_named_at_its_place() {
         ),
         (
             more("[model]\nnoise_uv = -2.0\n"),
-            "must be a positive number",
+            "model.noise_uv: -2 is not from 1e-6 to 1000000000",
         ),
         (
             more("[model]\nnoise_uv = 2.0\nlambda = 1.0\n"),
@@ -113,7 +116,7 @@ fn each_bad_input_is_named_at_its_place() {
         ),
         (
             more("[model]\nmap_error = 2.0\n"),
-            "must be above 0 and below 1",
+            "model.map_error: 2 is not above 0 and below 1",
         ),
         (with("[record]", "current_ua = 200000.0\n[record]"), "over"),
         (

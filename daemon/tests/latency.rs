@@ -46,7 +46,7 @@ async fn a_frame_is_durable_before_it_is_said_and_how_long_that_takes_is_printed
         );
         let duration_s = arguments.summary.number("duration_s").unwrap().unwrap();
         let last_reading =
-            Duration::from_nanos(arguments.wall_ns as u64) + Duration::from_secs_f64(duration_s);
+            Duration::from_nanos(arguments.wall_ns as u64) + survey::duration(duration_s);
         took.push(now.saturating_sub(last_reading));
     }
     assert!(!took.is_empty(), "no frame was said");

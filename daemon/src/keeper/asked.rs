@@ -5,15 +5,17 @@ use std::sync::Arc;
 
 use bus::{Fault, Options};
 use logbook::{About, LogbookError, Record};
-use survey::{Baseline, Settings};
+use survey::{Baseline, Settings, duration};
 
 use super::Keeper;
 use super::resume::{Interrupted, to_json};
 use crate::config::{AboutSection, RangesName, SurveySection};
+use crate::containment;
 use crate::live::Live;
 use crate::measuring::Measuring;
 use crate::model::{self, Model, ModelFault, chain};
-use crate::prepare::{self, RigPlan, Setup, seconds};
+use crate::numbers::{self, number, whole, words};
+use crate::prepare::{self, RigPlan, Setup};
 use crate::schedule::Schedule;
 use crate::session::Work;
 
@@ -59,7 +61,7 @@ pub(super) struct Assignment {
 /// What a lab needs to know: as configured, where the options do not say otherwise.
 fn about(options: &Options, given: &AboutSection) -> Result<About, Fault> {
     let word = |key: &str, given: &str| -> Result<String, Fault> {
-        Ok(options.text(key)?.unwrap_or(given).to_owned())
+        Ok(words(options, key)?.unwrap_or(given).to_owned())
     };
     Ok(About {
         sheet: word("sheet", &given.sheet)?,
@@ -108,31 +110,22 @@ impl Keeper {
         options.only(&known(
             &[&bus::SESSION_OPTIONS[..], &bus::ABOUT_OPTIONS].concat(),
         ))?;
-        let not_negative = |key: &str| match options.number(key)? {
-            Some(value) if value < 0.0 => Err(Fault::InvalidOption(format!(
-                "option '{key}' is {value}; it must be 0 or more"
-            ))),
-            value => Ok(value),
-        };
         let given = self.house().setup.schedule;
         let step = options.flag("step")?.unwrap_or(false);
         let schedule = Schedule {
-            every: not_negative("every_s")?.map_or(given.every, seconds),
-            count: options.whole("count")?.or(given.count),
-            lasts: not_negative("for_s")?.map(seconds).or(given.lasts),
+            every: number(options, "every_s", numbers::EVERY_S)?.map_or(given.every, duration),
+            count: whole(options, "count", numbers::COUNT)?.or(given.count),
+            lasts: number(options, "for_s", numbers::FOR_S)?
+                .map(duration)
+                .or(given.lasts),
         };
-        if schedule.count == Some(0) {
-            return Err(Fault::InvalidOption(
-                "option 'count' is 0; it must be 1 or more".into(),
-            ));
-        }
-        let speed = not_negative("speed")?;
+        let speed = number(options, "speed", numbers::SPEED)?;
         if speed.is_some() && !self.is_recording() {
             return Err(Fault::InvalidOption(
                 "option 'speed' is for recordings; a rig has its own rate".into(),
             ));
         }
-        let note = options.text("note")?.unwrap_or_default().to_owned();
+        let note = words(options, "note")?.unwrap_or_default().to_owned();
         let baseline = match own {
             Some(own) => own,
             None => self.chosen_baseline(options.text("baseline")?)?,
@@ -183,12 +176,7 @@ impl Keeper {
         options.only(&known(
             &[&["frames", "note"][..], &bus::ABOUT_OPTIONS].concat(),
         ))?;
-        let frames = options.whole("frames")?.unwrap_or(BASELINE_FRAMES);
-        if frames == 0 {
-            return Err(Fault::InvalidOption(
-                "option 'frames' is 0; it must be 1 or more".into(),
-            ));
-        }
+        let frames = whole(options, "frames", numbers::BASELINE_FRAMES)?.unwrap_or(BASELINE_FRAMES);
         let schedule = Schedule {
             count: Some(frames),
             ..Schedule::default()
@@ -199,7 +187,7 @@ impl Keeper {
             schedule,
             speed: self.is_recording().then_some(0.0),
             step: false,
-            note: options.text("note")?.unwrap_or_default().to_owned(),
+            note: words(options, "note")?.unwrap_or_default().to_owned(),
             frames,
             baseline: None,
             model: None,
@@ -277,16 +265,18 @@ impl Keeper {
         let house = self.house();
         let mut survey = house.setup.config.survey.clone();
         let configured = survey.clone();
-        let (number, flag) = (|key| options.number(key), |key| options.flag(key));
-        survey.nplc = number("nplc")?.unwrap_or(survey.nplc);
-        survey.settle_ms = number("settle_ms")?.unwrap_or(survey.settle_ms);
-        survey.channel_delay_ms = number("channel_delay_ms")?.unwrap_or(survey.channel_delay_ms);
+        let number = |key, bounds| number(options, key, bounds);
+        let flag = |key| options.flag(key);
+        survey.nplc = number("nplc", numbers::NPLC)?.unwrap_or(survey.nplc);
+        survey.settle_ms = number("settle_ms", numbers::SETTLE_MS)?.unwrap_or(survey.settle_ms);
+        survey.channel_delay_ms = number("channel_delay_ms", numbers::CHANNEL_DELAY_MS)?
+            .unwrap_or(survey.channel_delay_ms);
         survey.autozero = flag("autozero")?.unwrap_or(survey.autozero);
         survey.reversal = flag("reversal")?.unwrap_or(survey.reversal);
-        if let Some(averages) = options.whole("averages")? {
+        if let Some(averages) = whole(options, "averages", numbers::AVERAGES)? {
             survey.averages = u32::try_from(averages).unwrap_or(u32::MAX);
         }
-        if let Some(every) = options.whole("zero_every")? {
+        if let Some(every) = whole(options, "zero_every", numbers::ZERO_EVERY)? {
             survey.zero_every = Some(every).filter(|every| *every > 0);
         }
         survey.ranges = match options.text("ranges")? {
@@ -337,7 +327,7 @@ impl Keeper {
             )));
         }
         let house = self.house();
-        let loaded = tokio::task::spawn_blocking(move || {
+        let loaded = containment::blocking(move || {
             let Setup {
                 config,
                 geometry,

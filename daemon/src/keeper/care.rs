@@ -15,6 +15,7 @@ use crate::care::{Asked, ProbeError, Report, Wear, judge, wear};
 use crate::discovery::{Found, Search, discover};
 use crate::herald::Notice;
 use crate::model::{DEFAULT_NOISE_UV, chain};
+use crate::numbers::{self, number};
 use crate::place::Place;
 use crate::prepare::RigPlan;
 use crate::session::{Event, Work};
@@ -64,16 +65,11 @@ impl Keeper {
         options: &Options,
     ) -> Result<Found, Fault> {
         options.only(&["within_s", "mdns", "broadcast"])?;
-        let within = options.number("within_s")?.unwrap_or(3.0);
-        if !(0.0..=60.0).contains(&within) {
-            return Err(Fault::InvalidOption(format!(
-                "option 'within_s' is {within}; it is 0 to 60"
-            )));
-        }
+        let within = number(options, "within_s", numbers::WITHIN_S)?.unwrap_or(3.0);
         let addresses: Result<Vec<Place>, _> = addresses.iter().map(|text| text.parse()).collect();
         let in_use = self.known().instruments.into_iter();
         let search = Search {
-            within: Duration::from_secs_f64(within),
+            within: survey::duration(within),
             mdns: options.flag("mdns")?.unwrap_or(true),
             broadcast: options.flag("broadcast")?.unwrap_or(true),
             addresses: addresses.map_err(|refusal| Fault::InvalidOption(refusal.to_string()))?,

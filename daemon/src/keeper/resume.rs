@@ -24,8 +24,10 @@ const LOOK_AGAIN: Duration = Duration::from_secs(1);
 const LOOK_AGAIN_AT_MOST: Duration = Duration::from_secs(10);
 /// Bytes that are enough to open a session.
 const ROOM_TO_OPEN: u64 = 1 << 20;
+/// Over this time the times that a session began again are counted.
+const AN_HOUR: TimeDelta = TimeDelta::try_hours(1).unwrap();
 /// Older, and the sheet may have crept away from it.
-const OLD_BASELINE: TimeDelta = TimeDelta::days(7);
+const OLD_BASELINE: TimeDelta = TimeDelta::try_days(7).unwrap();
 
 /// A session as it was found, and the writer that goes on with it.
 pub(super) struct Interrupted {
@@ -211,7 +213,7 @@ impl Keeper {
         }
         let lately = found.resumed.before.iter();
         let lately = lately
-            .filter(|at| now.signed_duration_since(**at) < TimeDelta::hours(1))
+            .filter(|at| now.signed_duration_since(**at) < AN_HOUR)
             .count() as u64;
         if lately >= record.resume_per_hour {
             return Err(Never::Closed(format!(
@@ -316,8 +318,9 @@ fn open(path: &Path) -> Result<(Interrupted, Option<survey::Baseline>), LogbookE
 fn cause(found: &Interrupted, last: DateTime<Utc>, now: DateTime<Utc>) -> String {
     // not from /proc, which the unit hides
     let up = rustix::time::clock_gettime(rustix::time::ClockId::Boottime);
-    let booted = now - TimeDelta::seconds(up.tv_sec);
-    match (found.stopped, booted > last) {
+    let booted = TimeDelta::try_seconds(up.tv_sec).and_then(|up| now.checked_sub_signed(up));
+    let restarted = booted.is_some_and(|booted| booted > last);
+    match (found.stopped, restarted) {
         (true, true) => "the daemon was stopped, and the machine restarted".to_owned(),
         (true, false) => "the daemon was stopped and started again".to_owned(),
         (false, true) => {

@@ -29,6 +29,8 @@ use crate::watch::{Course, Ended, FrameSource, Watch};
 const REMEMBERED: usize = 16;
 /// Between looks whether the file is still in its place.
 const BETWEEN_LOOKS: Duration = Duration::from_secs(1);
+/// Transcripts of failed frames that a session leaves on disk: each is some 100 kB, and the first ones say most.
+const TRANSCRIPTS: u64 = 100;
 /// Summaries are at most five a second.
 const BETWEEN_SUMMARIES: Duration = Duration::from_millis(200);
 
@@ -365,6 +367,16 @@ impl Keeper {
             .instrument(journal)
             .await;
         self.take_down(Some(whom), error).await;
+        if failures > TRANSCRIPTS {
+            if failures == TRANSCRIPTS + 1 {
+                let text = format!(
+                    "{TRANSCRIPTS} transcripts of failed frames are kept for this session; what was said for later ones \
+                     is not"
+                );
+                self.tell(Some(whom), "transcript", &text).await;
+            }
+            return;
+        }
         let name = format!("{}-failed-{failures}.transcript.jsonl", whom.live.facts.id);
         let path = self.house().setup.record_directory.join(name);
         let tape = self.tape.clone();

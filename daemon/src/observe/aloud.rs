@@ -32,7 +32,7 @@ impl Tone {
     fn of(kind: &str) -> Self {
         match kind {
             "alarm" | "source-unknown" | "frame-failed" | "others-found" | "relays-closed"
-            | "method-suspended" => Self::Error,
+            | "method-suspended" | "contained-panic" => Self::Error,
             "started" | "stopped" | "daily" | "trouble-over" => Self::Info,
             _ => Self::Warn,
         }
@@ -50,6 +50,10 @@ struct Said {
 }
 
 impl Aloud {
+    pub(crate) const fn new() -> Self {
+        Self(Mutex::new(BTreeMap::new()))
+    }
+
     /// Says something in the journal, or counts it.
     pub(crate) fn say(&self, kind: &'static str, session: Option<&str>, text: &str) {
         match self.voice(kind) {

@@ -144,9 +144,9 @@ mod tests {
         let mut now = begin;
         let mut set_back = false;
         for tick in 0_u64..3 * 17_280 {
-            now += chrono::TimeDelta::seconds(5);
+            now += std::time::Duration::from_secs(5);
             if lines.len() == 1 && !set_back {
-                now -= chrono::TimeDelta::hours(1);
+                now -= std::time::Duration::from_secs(3600);
                 set_back = true;
             }
             if !daily.is_over(now) {

@@ -6,6 +6,7 @@ use std::time::Duration;
 use bus::Options;
 use chrono::{DateTime, Utc};
 use rig::Clock;
+use survey::duration;
 
 use super::disk::Room;
 use super::tally::{Gap, LastFrame, read};
@@ -225,10 +226,8 @@ impl Health {
         limits: &NotifySection,
         add: &mut impl FnMut(&'static str, String),
     ) {
-        let patience = session
-            .period
-            .mul_f64(limits.no_frame_periods)
-            .max(Duration::from_secs_f64(limits.no_frame_s));
+        let patience = duration(session.period.as_secs_f64() * limits.no_frame_periods)
+            .max(duration(limits.no_frame_s));
         if let Some(quiet) = session.quiet.filter(|quiet| *quiet > patience) {
             let text = format!(
                 "session {} has had no frame for {:.1} s; one is due every {:.1} s",

@@ -46,6 +46,7 @@ pub(crate) async fn observe(keeper: Arc<Keeper>) {
     loop {
         ticks.tick().await;
         keeper.observed.aloud.catch_up();
+        crate::containment::catch_up();
         door.keep_open(&keeper).await;
         let health = keeper.health().await;
         judge(&keeper, &mut alarm, &health, &messages).await;
@@ -74,7 +75,7 @@ async fn judge(
     if health.relays.is_none() {
         unsure.push("relay-life");
     }
-    let again = Duration::from_secs_f64(limits.again_s);
+    let again = survey::duration(limits.again_s);
     for message in alarm.judge(Instant::now(), &troubles, &lingering, &unsure, again) {
         let kind = match message.phase {
             Phase::Ended => "trouble-over",
@@ -107,7 +108,7 @@ async fn run_command(keeper: &Arc<Keeper>, message: &Message, health: &Health) -
     let house = keeper.house();
     let limits = &house.setup.config.notify;
     let letter = letter(message, health, limits);
-    let deadline = Duration::from_secs_f64(limits.deadline_s);
+    let deadline = survey::duration(limits.deadline_s);
     deliver(&limits.command, &letter, deadline).await
 }
 

@@ -9,6 +9,8 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::AbortHandle;
 
+use crate::containment::{Ends, answer};
+
 /// Bytes of a request with all its headers.
 const LONGEST: usize = 8192;
 /// Callers at once. One more takes the place of the one that has been there longest: who asks and reads is gone in a
@@ -87,8 +89,8 @@ async fn listen<F>(
         callers.make_room();
         let (names, page) = (Arc::clone(&names), Arc::clone(&page));
         let caller = tokio::spawn(async move {
-            let _ = tokio::time::timeout(PATIENCE, attend(stream, &names, content, page.as_ref()))
-                .await;
+            let attended = attend(stream, &names, content, page.as_ref());
+            let _ = answer(Ends::Answer, tokio::time::timeout(PATIENCE, attended)).await;
         });
         callers.0.push_back(caller.abort_handle());
     }

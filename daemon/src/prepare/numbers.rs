@@ -1,77 +1,15 @@
-//! Numbers that cannot be, whatever the rest of the configuration says.
+//! Settings that contradict each other, whatever the rest of the configuration says. Each number by itself has been checked
+//! when the file was read ([`crate::numbers`]).
 
 use super::Findings;
 use crate::config::{Config, MethodName};
+use crate::numbers::too_long;
 
 /// Adds a problem for each.
 pub(super) fn check(config: &Config, findings: &mut Findings<'_>) {
     let survey = &config.survey;
-    let positive = [
-        ("survey.current_ua", survey.current_ua),
-        ("survey.compliance_v", survey.compliance_v),
-        ("survey.range_v", survey.range_v),
-    ];
-    for (key, value) in positive {
-        if !(value > 0.0 && value.is_finite()) {
-            findings.add(key, format!("{value} is not a positive number"));
-        }
-    }
-    let not_negative = [
-        ("survey.settle_ms", Some(survey.settle_ms)),
-        ("survey.channel_delay_ms", Some(survey.channel_delay_ms)),
-        ("schedule.every_s", config.schedule.every_s),
-        ("schedule.for_s", config.schedule.for_s),
-        (
-            "recording.speed",
-            config.recording.as_ref().and_then(|r| r.speed),
-        ),
-    ];
-    for (key, value) in not_negative {
-        if let Some(value) = value
-            && !(value >= 0.0 && value.is_finite())
-        {
-            findings.add(key, format!("{value} is not a number from 0 on"));
-        }
-    }
-    let longest = [
-        ("survey.settle_ms", Some(survey.settle_ms), 60e3),
-        (
-            "survey.channel_delay_ms",
-            Some(survey.channel_delay_ms),
-            60e3,
-        ),
-        (
-            "schedule.every_s",
-            config.schedule.every_s,
-            super::LONGEST_S,
-        ),
-        ("schedule.for_s", config.schedule.for_s, super::LONGEST_S),
-    ];
-    for (key, value, most) in longest {
-        if let Some(value) = value.filter(|value| *value > most) {
-            findings.add(key, format!("{value} is too long, {most} is the most"));
-        }
-    }
-    if !(1..=1000).contains(&survey.averages) {
-        findings.add(
-            "survey.averages",
-            format!("{} is not from 1 to 1000", survey.averages),
-        );
-    }
     if survey.channel_delay_ms.fract() != 0.0 {
         findings.add("survey.channel_delay_ms", "whole milliseconds only");
-    }
-    if !(1.0..=100.0).contains(&survey.range_margin) {
-        findings.add(
-            "survey.range_margin",
-            format!("{} is not from 1 to 100", survey.range_margin),
-        );
-    }
-    if survey.zero_every == Some(0) {
-        findings.add(
-            "survey.zero_every",
-            "0 frames; 1 or more, or delete this key",
-        );
     }
     if survey.zero_every.is_some() && survey.reversal {
         findings.add(
@@ -79,44 +17,25 @@ pub(super) fn check(config: &Config, findings: &mut Findings<'_>) {
             "current reversal cancels offsets already; delete this key, or set reversal = false",
         );
     }
-    if config.schedule.count == Some(0) {
-        findings.add("schedule.count", "0 frames are no session; 1 or more");
-    }
-    if config.schedule.for_s == Some(0.0) {
-        findings.add("schedule.for_s", "0 s are no session");
-    }
-    if let Some(rate) = config.recording.as_ref().and_then(|r| r.frames_per_s)
-        && !(rate > 0.0 && rate.is_finite())
-    {
-        findings.add(
-            "recording.frames_per_s",
-            format!("{rate} is not a positive number"),
-        );
-    }
     of_notify(config, findings);
     of_the_method(config, findings);
-    let allowed = [0.02, 0.2, 1.0, 2.0, 10.0, 20.0, 100.0, 200.0];
-    if !allowed.contains(&survey.nplc) {
-        findings.add(
-            "survey.nplc",
-            format!(
-                "{} is none of 0.02, 0.2, 1, 2, 10, 20, 100, 200",
-                survey.nplc
-            ),
-        );
-    }
-    let ranges = [0.1, 1.0, 10.0, 100.0, 300.0];
-    if survey.range_v > 0.0 && !ranges.contains(&survey.range_v) {
-        findings.add(
-            "survey.range_v",
-            format!("{} is none of 0.1, 1, 10, 100, 300", survey.range_v),
-        );
-    }
-    if ![50.0, 60.0].contains(&survey.line_hz) {
-        findings.add(
-            "survey.line_hz",
-            format!("{} is neither 50 nor 60", survey.line_hz),
-        );
+    of_about(config, findings);
+}
+
+/// Free words are kept with every session.
+fn of_about(config: &Config, findings: &mut Findings<'_>) {
+    let about = &config.about;
+    for (key, words) in [
+        ("about.sheet", &about.sheet),
+        ("about.foam", &about.foam),
+        ("about.ink", &about.ink),
+        ("about.operator", &about.operator),
+        ("about.wiring", &about.wiring),
+        ("about.calibration", &about.calibration),
+    ] {
+        if let Some(why) = too_long(words) {
+            findings.add(key, why);
+        }
     }
 }
 
@@ -178,28 +97,9 @@ fn of_total_variation(config: &Config, findings: &mut Findings<'_>) {
     }
 }
 
-/// From when on something is trouble.
+/// Who is told of troubles.
 fn of_notify(config: &Config, findings: &mut Findings<'_>) {
     let notify = &config.notify;
-    for (key, value, most) in [
-        ("notify.disk_days", notify.disk_days, 36_525.0),
-        ("notify.relay_life", notify.relay_life, 1.0),
-        ("notify.baseline_days", notify.baseline_days, 36_525.0),
-        ("notify.no_frame_periods", notify.no_frame_periods, 1e6),
-        ("notify.no_frame_s", notify.no_frame_s, super::LONGEST_S),
-        ("notify.deadline_s", notify.deadline_s, 600.0),
-        ("notify.again_s", notify.again_s, super::LONGEST_S),
-    ] {
-        if !(value > 0.0 && value <= most) {
-            findings.add(key, format!("{value} is not above 0 and at most {most}"));
-        }
-    }
-    if notify.no_frame_periods < 1.0 {
-        findings.add(
-            "notify.no_frame_periods",
-            "a frame may take a whole period; 1 or more",
-        );
-    }
     if let Some(program) = notify.command.first()
         && !program.starts_with('/')
     {

@@ -8,11 +8,12 @@ use keysight_34980a::Module;
 use rig::MeterSettings;
 use survey::{
     Amps, Injection, Measurement, Plan, PlanError, Protocol, RangeRule, Timing, Volts, WiringError,
+    duration,
 };
 
 use super::wired::{self, Wired};
-use super::{Findings, Places, RigPlan, seconds};
-use crate::config::{Config, EnableName, RangesName, RigKind, WiringKind};
+use super::{Findings, Places, RigPlan};
+use crate::config::{Config, EnableName, InstrumentSection, RangesName, RigKind, WiringKind};
 use crate::model::{Geometry, chain};
 use crate::place::Place;
 
@@ -64,7 +65,7 @@ pub(super) fn rig_plan(
     let injection = Injection {
         current: Amps(survey.current_ua * 1e-6),
         compliance: Volts(survey.compliance_v),
-        settle: seconds(survey.settle_ms * 1e-3),
+        settle: duration(survey.settle_ms * 1e-3),
         reversal: survey.reversal,
     };
     let plan = Plan::injecting(protocol, &wired.wiring, injection).map_err(|cause| match cause {
@@ -89,7 +90,7 @@ pub(super) fn rig_plan(
     let timing = Timing {
         autozero: survey.autozero,
         averages: survey.averages,
-        channel_delay: seconds(survey.channel_delay_ms * 1e-3),
+        channel_delay: duration(survey.channel_delay_ms * 1e-3),
         ..timing
     };
     if let Err(faults) = plan.check(&limits) {
@@ -264,7 +265,7 @@ fn fits(
 const ANSWER: Duration = Duration::from_secs(5);
 
 fn deadline(given_ms: Option<f64>) -> Duration {
-    given_ms.map_or(ANSWER, |given_ms| seconds(given_ms * 1e-3))
+    given_ms.map_or(ANSWER, |given_ms| duration(given_ms * 1e-3))
 }
 
 fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
@@ -297,6 +298,7 @@ fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
             enable: EnableName::Low,
         });
     }
+    let shared = mainframe.then(|| one_deadline(config, findings)).flatten();
     let mut read = sections.into_iter().map(|(name, section)| {
         let Some(section) = section else {
             if name == "voltmeter" && mainframe {
@@ -323,7 +325,18 @@ fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
                 );
                 None
             }
-            Ok(place) => Some((place, deadline(section.deadline_ms))),
+            Ok(Place::Gpiochip { .. }) if section.deadline_ms.is_some() => {
+                findings.add(
+                    &format!("{name}.deadline_ms"),
+                    "the lines of a gpiochip are set at once, nothing is waited for; delete this key",
+                );
+                None
+            }
+            Ok(place) => {
+                let own = section.deadline_ms;
+                let given = if name == "source" { own } else { shared.or(own) };
+                Some((place, deadline(given)))
+            }
             Err(refusal) => {
                 findings.add(&format!("{name}.address"), refusal.to_string());
                 None
@@ -345,6 +358,23 @@ fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
         return None;
     }
     Some(places)
+}
+
+/// The deadline of the mainframe that both switches and measures, whichever section says it.
+fn one_deadline(config: &Config, findings: &mut Findings<'_>) -> Option<f64> {
+    let of = |section: &Option<InstrumentSection>| section.as_ref()?.deadline_ms;
+    let (switch, voltmeter) = (of(&config.switch), of(&config.voltmeter));
+    if let (Some(switch), Some(voltmeter)) = (switch, voltmeter)
+        && switch != voltmeter
+    {
+        findings.add(
+            "switch.deadline_ms",
+            format!(
+                "{switch} here and {voltmeter} in [voltmeter], which is the same instrument; say it once"
+            ),
+        );
+    }
+    voltmeter.or(switch)
 }
 
 /// The level that enables a chip of a board on a gpiochip: low, unless said.

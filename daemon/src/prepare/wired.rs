@@ -6,7 +6,9 @@ use std::time::Duration;
 
 use keysight_34980a::Module;
 use serde::Deserialize;
-use survey::{Amps, Limits, OwnWiring, Relay, Sensing, Timing, Transition, Volts, Wiring};
+use survey::{
+    Amps, Limits, OwnWiring, Relay, Sensing, Timing, Transition, Volts, Wiring, duration,
+};
 
 use super::Findings;
 use crate::config::{Config, WiringKind};
@@ -188,7 +190,7 @@ impl Wired {
         Timing {
             relay_close: slowest(|module| module.model().close_time()),
             relay_open: slowest(|module| module.model().open_time()),
-            scan_period: Duration::from_secs_f64(1.0 / f64::from(rate.unwrap_or(100))),
+            scan_period: duration(1.0 / f64::from(rate.unwrap_or(100))),
             ..Timing::reed(nplc, line_hz)
         }
     }

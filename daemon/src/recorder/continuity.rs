@@ -7,7 +7,7 @@ use survey::{Frame, Reading};
 use super::{Recorder, Row};
 
 /// What a clock that is kept by NTP does not move at once.
-const CLOCK_STEP: TimeDelta = TimeDelta::seconds(1);
+const CLOCK_STEP: TimeDelta = TimeDelta::try_seconds(1).unwrap();
 /// A sheet that was left alone changes by less while the daemon is away: of a reading, in the median.
 const PLAUSIBLE: f64 = 0.1;
 

@@ -17,6 +17,7 @@ use zbus::{BoxDBusError, Connection, OwnedVariant, Variant, fdo};
 use super::gate::{Client, Gate};
 use super::limit::{ACTS, LOOKS, Limit, QUESTIONS, SAFETY, WAITS};
 use super::polkit;
+use crate::containment::{self, Ends, Panicked, answer};
 
 /// What a caller wants to do, as coarse as permission is given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -293,9 +294,12 @@ impl<I: Interface> Interface for Guarded<I> {
         header: Option<&Header<'_>>,
         emitter: &SignalEmitter<'_>,
     ) -> Option<Result<OwnedVariant, BoxDBusError>> {
-        self.object
-            .get(property_name, server, connection, header, emitter)
+        let got = self
+            .object
+            .get(property_name, server, connection, header, emitter);
+        answer(Ends::Answer, got)
             .await
+            .unwrap_or_else(|panicked| Some(Err(boxed(panicked.into()))))
     }
 
     async fn get_all(
@@ -305,9 +309,10 @@ impl<I: Interface> Interface for Guarded<I> {
         header: Option<&Header<'_>>,
         emitter: &SignalEmitter<'_>,
     ) -> fdo::Result<std::collections::HashMap<String, OwnedVariant>> {
-        self.object
-            .get_all(server, connection, header, emitter)
+        let got = self.object.get_all(server, connection, header, emitter);
+        answer(Ends::Answer, got)
             .await
+            .unwrap_or_else(|panicked| Err(fdo::Error::Failed(panicked.to_string())))
     }
 
     fn set<'call>(
@@ -330,7 +335,7 @@ impl<I: Interface> Interface for Guarded<I> {
             admit_setter(&self.gate, connection, header, action, property_name)
                 .await
                 .map_err(boxed)?;
-            set.await
+            flat(answer(Ends::Session, set).await)
         }))
     }
 
@@ -348,9 +353,12 @@ impl<I: Interface> Interface for Guarded<I> {
         if let Err(refusal) = admitted {
             return Some(Err(boxed(refusal)));
         }
-        self.object
-            .set_mut(property_name, value, server, connection, header, emitter)
+        let set = self
+            .object
+            .set_mut(property_name, value, server, connection, header, emitter);
+        answer(Ends::Session, set)
             .await
+            .unwrap_or_else(|panicked| Some(Err(boxed(panicked.into()))))
     }
 
     fn call<'call>(
@@ -360,7 +368,8 @@ impl<I: Interface> Interface for Guarded<I> {
         msg: &'call Message,
         name: MemberName<'call>,
     ) -> DispatchResult<'call> {
-        let answered = self.object.call(server, connection, msg, name.clone());
+        let object = &self.object;
+        let answered = containment::run(|| object.call(server, connection, msg, name.clone()));
         behind::<I>(&self.gate, answered, connection, msg, name)
     }
 
@@ -372,25 +381,31 @@ impl<I: Interface> Interface for Guarded<I> {
         name: MemberName<'call>,
     ) -> DispatchResult<'call> {
         let gate = Arc::clone(&self.gate);
-        let answered = self.object.call_mut(server, connection, msg, name.clone());
+        let object = &mut self.object;
+        let answered = containment::run(|| object.call_mut(server, connection, msg, name.clone()));
         behind::<I>(&gate, answered, connection, msg, name)
     }
 
     fn introspect_to_writer(&self, writer: &mut dyn Write, level: usize) {
-        self.object.introspect_to_writer(writer, level);
+        // what was written before a panic is all there is
+        let _ = containment::run(|| self.object.introspect_to_writer(writer, level));
     }
 }
 
-/// The call, not begun before it is admitted.
+/// The call, not begun before it is admitted. What looks ends with its own panic; one of what acts ends the session, too.
 fn behind<'call, I: Interface>(
     gate: &Arc<Gate>,
-    answered: DispatchResult<'call>,
+    answered: Result<DispatchResult<'call>, Panicked>,
     connection: &'call Connection,
     msg: &'call Message,
     name: MemberName<'call>,
 ) -> DispatchResult<'call> {
-    let DispatchResult::Async(answered) = answered else {
-        return answered;
+    let answered = match answered {
+        Ok(DispatchResult::Async(answered)) => answered,
+        Ok(other) => return other,
+        Err(panicked) => {
+            return DispatchResult::Async(Box::pin(async move { Err(boxed(panicked.into())) }));
+        }
     };
     let row = method(&I::name(), name.as_str());
     let gate = Arc::clone(gate);
@@ -411,12 +426,21 @@ fn behind<'call, I: Interface>(
         admitted.map_err(boxed)?;
         let lane = row.map_or(Lane::Look, |(_, lane)| lane);
         let _place = lane.places().take(client.user).map_err(boxed)?;
-        let answered = gate.acting(client.user.calls(answered));
+        let ends = match action {
+            Some(Action::Observe) | None => Ends::Answer,
+            Some(_) => Ends::Session,
+        };
+        let answered = answer(ends, gate.acting(client.user.calls(answered)));
         match lane.ends_with_its_caller() {
-            true => client.while_present(answered).await.unwrap_or(Ok(())),
-            false => answered.await,
+            true => client.while_present(answered).await.map_or(Ok(()), flat),
+            false => flat(answered.await),
         }
     }))
+}
+
+/// A caught panic as the refusal of the call.
+fn flat(answered: Result<Result<(), BoxDBusError>, Panicked>) -> Result<(), BoxDBusError> {
+    answered.unwrap_or_else(|panicked| Err(boxed(panicked.into())))
 }
 
 /// Lets the sender of a message set a property, or says why not.
@@ -439,5 +463,7 @@ fn boxed(refusal: Fault) -> BoxDBusError {
     Box::new(refusal)
 }
 
+#[cfg(test)]
+mod panics;
 #[cfg(test)]
 mod tests;

@@ -231,6 +231,7 @@ impl Threads {
             .thread_name(name)
             .worker_threads(THREADS)
             .max_blocking_threads(THREADS)
+            .on_thread_start(crate::containment::mark_thread)
             .enable_all()
             .build()?;
         Ok(Self {

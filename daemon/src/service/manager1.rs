@@ -9,6 +9,7 @@ use zbus::{ObjectPath, OwnedVariant, interface};
 use super::gate::Gate;
 use crate::keeper::{Keeper, no_baseline, no_plan};
 use crate::live::Live;
+use crate::numbers::{self, whole};
 use crate::report;
 
 /// Sessions in one answer: some 300 kB. Who wants more asks for those before the last one.
@@ -54,7 +55,7 @@ impl Manager1 {
     #[zbus(out_args("sessions"))]
     async fn list_sessions(&self, options: Options) -> Result<Vec<SessionSummary>, Fault> {
         options.only(&["count", "before"])?;
-        let count = options.whole("count")?.unwrap_or(MOST_LISTED);
+        let count = whole(&options, "count", numbers::LISTED)?.unwrap_or(MOST_LISTED);
         let count = usize::try_from(count.min(MOST_LISTED)).unwrap_or(usize::MAX);
         let before = options.text("before")?.map(str::to_owned);
         let keeper = Arc::clone(&self.0);
@@ -248,7 +249,7 @@ impl Manager1 {
     #[zbus(out_args("lines"))]
     async fn transcript(&self, options: Options) -> Result<String, Fault> {
         options.only(&["frames"])?;
-        let frames = options.whole("frames")?.unwrap_or(1);
+        let frames = whole(&options, "frames", numbers::TRANSCRIPT_FRAMES)?.unwrap_or(1);
         let frames = usize::try_from(frames).unwrap_or(usize::MAX);
         let entries = crate::transcripts::last(&self.0.tape, frames);
         crate::transcripts::text(&entries).map_err(|error| Fault::Failed(error.to_string()))

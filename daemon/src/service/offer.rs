@@ -27,7 +27,7 @@ const TO_CONNECT: Duration = Duration::from_secs(5);
 /// The ways on which the daemon is offered, until dropped.
 #[derive(Debug)]
 pub(crate) struct Offer {
-    _tasks: JoinSet<()>,
+    tasks: JoinSet<()>,
     _threads: [Threads; 2],
     /// For a person.
     pub ways: Vec<String>,
@@ -94,10 +94,15 @@ impl Offer {
             }
         }
         Ok(Self {
-            _tasks: tasks,
+            tasks,
             _threads: threads,
             ways,
         })
+    }
+
+    /// Ends it; nothing of it is left when this returns.
+    pub(crate) async fn close(mut self) {
+        self.tasks.shutdown().await;
     }
 }
 

@@ -16,10 +16,14 @@ use zbus::connection::Builder;
 use super::caller::{Caller, GROUP};
 use super::gate::Gate;
 use super::limit::CONNECTIONS;
+use crate::containment::{Ends, answer};
 use crate::keeper::Keeper;
 
 /// How long a client may take to introduce itself.
 const TO_GREET: Duration = Duration::from_secs(5);
+
+/// Bytes of a client's first line; those of clients have some thirty.
+const FIRST_LINE: usize = 256;
 
 /// Clients that are told at once that there is no place for them, and how long each may take to listen.
 const MOST_TOLD: usize = 16;
@@ -81,7 +85,8 @@ pub(super) async fn serve(listener: Listener, keeper: Arc<Keeper>, acting: Handl
     loop {
         match listener.socket.accept().await {
             Ok((stream, _)) => {
-                tokio::spawn(attend(stream, Arc::clone(&keeper), acting.clone()));
+                let attended = attend(stream, Arc::clone(&keeper), acting.clone());
+                tokio::spawn(answer(Ends::Answer, attended));
             }
             Err(error) => {
                 let text = format!("the peer socket: {error}");
@@ -114,12 +119,19 @@ async fn attend(stream: UnixStream, keeper: Arc<Keeper>, acting: Handle) {
             return;
         }
     };
+    let greeted_by = tokio::time::Instant::now() + TO_GREET;
+    let first = match tokio::time::timeout_at(greeted_by, first_line(&stream)).await {
+        Ok(Ok(first)) => first,
+        Ok(Err(why)) => {
+            let user = caller.user();
+            let text = format!("a connection of user {user} to the peer socket was closed: {why}");
+            return keeper.observed.aloud.say("greetings", None, &text);
+        }
+        Err(_) => return tracing::debug!("a client has connected and said nothing"),
+    };
     let claimed = match caller.is_ours() {
         true => None,
-        false => tokio::time::timeout(TO_GREET, claimed(&stream))
-            .await
-            .ok()
-            .flatten(),
+        false => claim(&first),
     };
     let Ok(stream) = stream.into_std() else {
         return;
@@ -137,7 +149,7 @@ async fn attend(stream: UnixStream, keeper: Arc<Keeper>, acting: Handle) {
     }
     let gate = Gate::of_peer(caller, acting);
     let greeted = super::furnish(builder, &keeper, &gate).build();
-    let connection = match tokio::time::timeout(TO_GREET, greeted).await {
+    let connection = match tokio::time::timeout_at(greeted_by, greeted).await {
         Ok(Ok(connection)) => connection,
         Ok(Err(error)) => {
             tracing::debug!("a client did not come to speak: {error}");
@@ -183,32 +195,43 @@ async fn say_busy(mut stream: UnixStream, refusal: &bus::Fault) {
     let _ = tokio::time::timeout(TO_READ, said).await;
 }
 
-/// The user number in a member's first line, looked at and left there. In the unit's user namespace the kernel gives the
-/// numbers of other users as one and the same, and zbus would find that the member lies about its own. Who it is has been
-/// decided by its group; the number decides nothing.
-async fn claimed(stream: &UnixStream) -> Option<u32> {
-    let mut first = [0; 128];
+/// A client's first line, looked at and left there. zbus panics where a line is nothing but a line feed, and reads without
+/// end where there is none.
+async fn first_line(stream: &UnixStream) -> Result<Vec<u8>, String> {
+    let mut first = [0; FIRST_LINE];
     loop {
-        stream.readable().await.ok()?;
+        let ready = stream.ready(Interest::READABLE).await;
+        let ready = ready.map_err(|error| format!("it cannot be read: {error}"))?;
         let peeked = stream.try_io(Interest::READABLE, || {
             Ok(rustix::net::recv(stream, &mut first[..], RecvFlags::PEEK)?.1)
         });
-        match peeked {
-            Ok(0) => return None,
-            Ok(count) if count == first.len() || first[..count].contains(&b'\n') => {
-                return claim(&first[..count]);
-            }
-            // there is no waiting for more than what is there and not taken
-            Ok(_) => tokio::time::sleep(Duration::from_millis(5)).await,
-            Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
-            Err(error) => {
-                tracing::debug!("a client's first line cannot be looked at: {error}");
-                return None;
-            }
+        let seen = match peeked {
+            Ok(count) => &first[..count],
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => continue,
+            Err(error) => return Err(format!("it cannot be read: {error}")),
+        };
+        if let Some(end) = seen.iter().position(|byte| *byte == b'\n') {
+            let line = &seen[..=end];
+            return match line.starts_with(b"\0AUTH") && line.ends_with(b"\r\n") {
+                true => Ok(line.to_vec()),
+                false => Err("its first line is no AUTH behind a zero byte".to_owned()),
+            };
         }
+        if seen.len() == first.len() {
+            return Err(format!("its first line is longer than {FIRST_LINE} bytes"));
+        }
+        if seen.is_empty() || ready.is_read_closed() {
+            return Err("it was closed before its first line had ended".to_owned());
+        }
+        // there is no waiting for more than what is there and not taken
+        tokio::time::sleep(Duration::from_millis(5)).await;
     }
 }
 
+/// The user number in a member's first line. In the unit's user namespace the kernel gives the numbers of other users as
+/// one and the same, and zbus would find that the member lies about its own. Who it is has been decided by its group; the
+/// number decides nothing.
+///
 /// `AUTH EXTERNAL` and a number in hexadecimal digits of its decimal ones, behind a zero byte (D-Bus specification,
 /// authentication protocol).
 fn claim(first: &[u8]) -> Option<u32> {
@@ -245,13 +268,13 @@ mod tests {
         let (ours, mut theirs) = UnixStream::pair().unwrap();
         // as libdbus does: the zero byte first
         theirs.write_all(b"\0").await.unwrap();
-        let looks = tokio::spawn(async move { (claimed(&ours).await, ours) });
+        let looks = tokio::spawn(async move { (first_line(&ours).await, ours) });
         theirs
             .write_all(b"AUTH EXTERNAL 31303030\r\n")
             .await
             .unwrap();
         let (seen, mut ours) = looks.await.unwrap();
-        assert_eq!(seen, Some(1000));
+        assert_eq!(claim(&seen.unwrap()), Some(1000));
         let mut byte = [1];
         ours.read_exact(&mut byte).await.unwrap();
         assert_eq!(byte, [0], "nothing was taken");

@@ -8,11 +8,12 @@ use zbus::{OwnedFd, interface};
 
 use super::limit::{STREAMS, User};
 use crate::live::Live;
+use crate::numbers::{self, checked, whole};
 use crate::recorder::{nanoseconds, volts};
 use crate::stream::Wanted;
 
-/// Records held for a slow reader where nobody says, and at most.
-const RING: (u64, u64) = (64, 4096);
+/// Records held for a slow reader where nobody says.
+const RING: u64 = 64;
 
 /// The object of one session.
 pub(super) struct Session1(pub(super) Arc<Live>);
@@ -53,6 +54,7 @@ impl Session1 {
     /// they are taken, or when a recording ends before.
     async fn step(&self, frames: u64) -> Result<u64, Fault> {
         self.running()?;
+        checked("frames", frames as f64, numbers::COUNT)?;
         let upto = self.0.grant(frames).ok_or_else(|| {
             Fault::Unsupported(
                 "this session has a schedule; start one with the option 'step'".into(),
@@ -170,13 +172,7 @@ impl Session1 {
     async fn open_stream(&self, options: Options) -> Result<OwnedFd, Fault> {
         options.only(&["frames", "maps", "pressure", "ring"])?;
         self.running()?;
-        let ring = options.whole("ring")?.unwrap_or(RING.0);
-        if !(1..=RING.1).contains(&ring) {
-            return Err(Fault::InvalidOption(format!(
-                "option 'ring' is {ring}; it must be 1 to {}",
-                RING.1
-            )));
-        }
+        let ring = whole(&options, "ring", numbers::RING)?.unwrap_or(RING);
         let wanted = Wanted {
             frames: options.flag("frames")?.unwrap_or(true),
             maps: options.flag("maps")?.unwrap_or(true),

@@ -6,6 +6,7 @@ use bus::Fault;
 use zbus::interface;
 
 use crate::keeper::Keeper;
+use crate::numbers::{self, checked};
 use crate::simulation;
 
 /// Only on the root object of a simulated rig.
@@ -25,6 +26,14 @@ impl Simulation1 {
         size_m: f64,
         loss: f64,
     ) -> Result<(), Fault> {
+        for (what, value, bounds) in [
+            ("x_m", x_m, numbers::PLACE_M),
+            ("y_m", y_m, numbers::PLACE_M),
+            ("size_m", size_m, numbers::SIZE_M),
+            ("loss", loss, numbers::LOSS),
+        ] {
+            checked(what, value, bounds)?;
+        }
         let bench = self.bench()?;
         simulation::press(&bench, shape, [x_m, y_m], size_m, loss).map_err(Fault::InvalidOption)
     }

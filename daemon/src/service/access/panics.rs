@@ -1,0 +1,191 @@
+//! An object that panics wherever it is asked, while a session runs.
+
+use std::collections::HashMap;
+
+use bus::ROOT_PATH;
+use rig::{SystemClock, Tape};
+use zbus::connection::Builder;
+
+use super::super::caller::Caller;
+use super::super::gate::Threads;
+use super::*;
+use crate::containment::blocking;
+use crate::guard::{self, tests as guarded};
+use crate::keeper::Keeper;
+use crate::prepare::{FramesFrom, prepare};
+use crate::rig_assembly::{Closed, assemble};
+
+/// It answers under the manager's name: the table of actions knows its methods.
+struct Panics;
+
+#[async_trait]
+impl Interface for Panics {
+    fn name() -> InterfaceName<'static> {
+        InterfaceName::from_static_str_unchecked(MANAGER_INTERFACE)
+    }
+
+    async fn get(
+        &self,
+        _: &str,
+        _: &ObjectServer,
+        _: &Connection,
+        _: Option<&Header<'_>>,
+        _: &SignalEmitter<'_>,
+    ) -> Option<Result<OwnedVariant, BoxDBusError>> {
+        panic!("one property")
+    }
+
+    async fn get_all(
+        &self,
+        _: &ObjectServer,
+        _: &Connection,
+        _: Option<&Header<'_>>,
+        _: &SignalEmitter<'_>,
+    ) -> fdo::Result<HashMap<String, OwnedVariant>> {
+        panic!("all properties")
+    }
+
+    async fn set_mut(
+        &mut self,
+        _: &str,
+        _: &Variant<'_>,
+        _: &ObjectServer,
+        _: &Connection,
+        _: Option<&Header<'_>>,
+        _: &SignalEmitter<'_>,
+    ) -> Option<Result<(), BoxDBusError>> {
+        None
+    }
+
+    fn call<'call>(
+        &'call self,
+        _: &'call ObjectServer,
+        _: &'call Connection,
+        _: &'call Message,
+        name: MemberName<'call>,
+    ) -> DispatchResult<'call> {
+        match name.as_str() {
+            "Plan" => panic!("before the call begins"),
+            "Geometry" => DispatchResult::Async(Box::pin(async {
+                tokio::task::yield_now().await;
+                panic!("during the call")
+            })),
+            "ListSessions" => DispatchResult::Async(Box::pin(async {
+                let read = blocking(|| panic!("on a thread that blocks")).await;
+                read.map_err(|_| boxed(Fault::Failed("not read".into())))
+            })),
+            "OpenAll" => DispatchResult::Async(Box::pin(async { panic!("while acting") })),
+            _ => DispatchResult::NotFound,
+        }
+    }
+
+    fn call_mut<'call>(
+        &'call mut self,
+        _: &'call ObjectServer,
+        _: &'call Connection,
+        _: &'call Message,
+        _: MemberName<'call>,
+    ) -> DispatchResult<'call> {
+        DispatchResult::NotFound
+    }
+
+    fn introspect_to_writer(&self, _: &mut dyn Write, _: usize) {
+        panic!("introspection")
+    }
+}
+
+/// The text of the error that a call is answered with.
+async fn refusal<B>(client: &Connection, interface: &str, method: &str, body: &B) -> String
+where
+    B: serde::Serialize + zbus::DynamicType + Sync,
+{
+    let call = client.call_method(None::<&str>, ROOT_PATH, Some(interface), method, body);
+    let answered = tokio::time::timeout(guarded::DEADLINE, call).await;
+    match answered.expect("every call is answered") {
+        Ok(answer) => panic!("{method} was answered: {answer}"),
+        Err(error) => error.to_string(),
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_panic_while_answering_leaves_the_session_running() {
+    let _alone = guarded::alone().await;
+    guard::install();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("config.toml");
+    let scene = folder.path().join("scene.toml");
+    std::fs::write(scene, "[disc-tank]\nelectrodes = 16\n").unwrap();
+    // in real time: the session is in the middle of a frame as long as the test lasts
+    let scene = "kind = \"simulated\"\nscene = \"scene.toml\"";
+    let config = guarded::CONFIG.replace("kind = \"simulated\"", scene);
+    std::fs::write(&path, config).unwrap();
+    let prepared = prepare(&path).unwrap_or_else(|problems| panic!("{problems:?}"));
+    let bench = crate::bench_of(&prepared).unwrap();
+    let tape = Tape::new(2);
+    let FramesFrom::Rig(plan) = &prepared.frames else {
+        panic!("it is a rig");
+    };
+    let assembled = assemble(plan, &bench, &tape, Closed::Refuse, None)
+        .await
+        .unwrap();
+    let sheet = bench.clone().unwrap();
+    let keeper = Keeper::new(prepared, bench, Some(assembled), tape, SystemClock::new());
+    let panics = guard::listen();
+    tokio::spawn(guard::keep(std::sync::Arc::clone(&keeper), guard::listen()));
+    let options = bus::Options::new().with("frames", 1000_u64);
+    let live = keeper.record_baseline(&options).await.unwrap();
+    guarded::current_flows(&sheet).await;
+
+    let threads = Threads::start("clients").unwrap();
+    let (ours, theirs) = tokio::net::UnixStream::pair().unwrap();
+    let caller = Caller::at(&ours).unwrap();
+    let gate = Gate::of_peer(caller, tokio::runtime::Handle::current());
+    let (ours, theirs) = (ours.into_std().unwrap(), theirs.into_std().unwrap());
+    let serving = threads.handle().spawn(
+        Builder::unix_stream(ours)
+            .server(zbus::Guid::generate())
+            .p2p()
+            .serve_at(ROOT_PATH, Guarded::new(Panics, &gate))
+            .build(),
+    );
+    let client = Builder::unix_stream(theirs).p2p().build().await.unwrap();
+    let _server = serving.await.unwrap().unwrap();
+
+    let properties = "org.freedesktop.DBus.Properties";
+    for _ in 0..3 {
+        for (interface, method, said) in [
+            (MANAGER_INTERFACE, "Plan", "before the call begins"),
+            (MANAGER_INTERFACE, "Geometry", "during the call"),
+            (MANAGER_INTERFACE, "ListSessions", "not read"),
+        ] {
+            let answer = refusal(&client, interface, method, &()).await;
+            assert!(answer.contains(said), "{method}: {answer}");
+            assert!(
+                method == "ListSessions" || answer.contains("please report it"),
+                "{answer}"
+            );
+        }
+        let one = refusal(&client, properties, "Get", &(MANAGER_INTERFACE, "State")).await;
+        assert!(one.contains("one property"), "{one}");
+        let all = refusal(&client, properties, "GetAll", &(MANAGER_INTERFACE,)).await;
+        assert!(all.contains("all properties"), "{all}");
+        let introspect = "org.freedesktop.DBus.Introspectable";
+        let shown =
+            client.call_method(None::<&str>, ROOT_PATH, Some(introspect), "Introspect", &());
+        tokio::time::timeout(guarded::DEADLINE, shown)
+            .await
+            .unwrap()
+            .unwrap();
+    }
+    assert!(!panics.has_changed().unwrap(), "none was the daemon's own");
+    assert!(live.progress().ended.is_none());
+    assert_eq!(keeper.source_state(), "in use");
+    guarded::current_flows(&sheet).await;
+
+    // what has instruments in its hands ends the session as well, and the source is off
+    let acting = refusal(&client, MANAGER_INTERFACE, "OpenAll", &()).await;
+    assert!(acting.contains("while acting"), "{acting}");
+    let ended = tokio::time::timeout(guarded::DEADLINE, live.ended()).await;
+    assert!(ended.unwrap().faulted);
+    assert!(!sheet.source_output().0);
+}
