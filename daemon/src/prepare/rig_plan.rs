@@ -401,3 +401,48 @@ fn enable(config: &Config, findings: &mut Findings<'_>) -> EnableName {
     }
     enable
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{FramesFrom, prepare};
+    use super::*;
+
+    /// Deadlines of source, switch and voltmeter, or what is wrong, for keys of their sections.
+    fn deadlines(source: &str, switch: &str, voltmeter: &str) -> Result<[Duration; 3], String> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("config.toml");
+        let config = format!(
+            "[rig]\nkind = \"instruments\"\n[record]\ndirectory = \"state\"\n[survey]\nelectrodes = 8\n\
+             [geometry]\npreset = \"disc-tank\"\n[geometry.disc-tank]\nelectrodes = 8\n\
+             [source]\naddress = \"tcp:a:1\"\n{source}\n[switch]\naddress = \"tcp:b:2\"\n{switch}\n{voltmeter}"
+        );
+        std::fs::write(&path, config).unwrap();
+        let prepared = prepare(&path).map_err(|problems| {
+            let said: Vec<String> = problems.iter().map(ToString::to_string).collect();
+            said.join("\n")
+        })?;
+        let FramesFrom::Rig(plan) = prepared.frames else {
+            panic!("it is a rig");
+        };
+        let places = &plan.instruments;
+        Ok([&places.source, &places.switch, &places.voltmeter].map(|place| place.1))
+    }
+
+    #[test]
+    fn a_deadline_of_the_switch_is_used_or_refused() {
+        let seconds = |each: [u64; 3]| Ok(each.map(Duration::from_secs));
+        let voltmeter = "[voltmeter]\naddress = \"tcp:b:2\"\n";
+        let (one, two) = ("deadline_ms = 1000", "deadline_ms = 2000");
+        assert_eq!(deadlines(two, one, ""), seconds([2, 1, 1]));
+        // the switch is the mainframe that measures, whichever section says it
+        assert_eq!(deadlines("", one, voltmeter), seconds([5, 1, 1]));
+        let measures = format!("{voltmeter}{one}");
+        assert_eq!(deadlines("", "", &measures), seconds([5, 1, 1]));
+        assert_eq!(deadlines("", one, &measures), seconds([5, 1, 1]));
+        let refused = deadlines("", two, &measures).unwrap_err();
+        assert!(
+            refused.contains("switch.deadline_ms: 2000 here and 1000 in [voltmeter]"),
+            "{refused}"
+        );
+    }
+}
