@@ -542,7 +542,7 @@ fn sessions_are_listed_and_found_by_the_beginning_of_their_id() {
     // One that was recorded while the clock was ahead is the last one only where there is no other.
     let ahead = SessionHeader {
         kind: SessionKind::Baseline,
-        started: now + chrono::TimeDelta::days(30_000),
+        started: now + std::time::Duration::from_secs(30_000 * 86_400),
         ..header("20990101_b")
     };
     let mut writer = SessionWriter::create(dir.path(), &ahead).unwrap();
