@@ -28,7 +28,7 @@ const NEW: &str = "sessions-1.index.new";
 /// time by the kernel's clock tick, 10 ms at most.
 const SETTLES: Duration = Duration::from_millis(100);
 /// A clock that is set right moves by less between a recording and the next start.
-const CLOCK_STEP: TimeDelta = TimeDelta::minutes(5);
+const CLOCK_STEP: TimeDelta = TimeDelta::try_minutes(5).unwrap();
 /// Lines beyond those that are needed before the file is written anew.
 const SPARE_LINES: usize = 200;
 /// Bytes of a line's checksum.
