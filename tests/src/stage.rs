@@ -1,5 +1,6 @@
 //! A temporary rig: configuration, state directory, peer socket, and the processes that use them.
 
+use std::ffi::OsString;
 use std::io::{self, Read};
 use std::os::unix::net::UnixDatagram;
 use std::path::{Path, PathBuf};
@@ -63,6 +64,7 @@ pub enum StageError {
 pub struct Stage {
     folder: tempfile::TempDir,
     program: PathBuf,
+    launcher: Vec<OsString>,
 }
 
 /// What a program said and how it ended.
@@ -102,6 +104,7 @@ impl Stage {
         let stage = Self {
             folder,
             program: program.into(),
+            launcher: Vec::new(),
         };
         stage.configure(config)?;
         std::fs::write(stage.path().join("profile.toml"), INSTANT)
@@ -139,9 +142,22 @@ impl Stage {
         self.folder.path().join("peer")
     }
 
+    /// Has every program from now on started by this command line, as an argument of it (`nsenter`, `prlimit`).
+    pub fn launch_by(&mut self, launcher: impl IntoIterator<Item = impl Into<OsString>>) {
+        self.launcher = launcher.into_iter().map(Into::into).collect();
+    }
+
     /// The command that runs one of the programs.
     pub fn command(&self, program: &str) -> Command {
-        let mut command = Command::new(&self.program);
+        let mut words = self.launcher.iter().map(OsString::as_os_str);
+        let mut command = match words.next() {
+            Some(launcher) => {
+                let mut command = Command::new(launcher);
+                command.args(words).arg(&self.program);
+                command
+            }
+            None => Command::new(&self.program),
+        };
         command.arg(program).stdin(Stdio::null());
         for variable in [
             "TACTUS_BUS",
@@ -238,10 +254,23 @@ impl Stage {
     /// It cannot be started, or does not end before the deadline. A failing exit code is no error here:
     /// see [`Spoken::succeeded`].
     pub fn tactus(&self, args: &[&str]) -> Result<Spoken, StageError> {
+        self.tactus_with(args, |_| {})
+    }
+
+    /// Like [`Stage::tactus`], with a last word on the command (environment, more arguments).
+    ///
+    /// # Errors
+    /// As [`Stage::tactus`].
+    pub fn tactus_with(
+        &self,
+        args: &[&str],
+        adjust: impl FnOnce(&mut Command),
+    ) -> Result<Spoken, StageError> {
         let mut command = self.command("tactus");
         command.env("TACTUS_BUS", format!("unix:{}", self.peer_path().display()));
         command.env("TACTUS_STATE", self.state_path());
         command.args(args);
+        adjust(&mut command);
         listen(command)
     }
 
@@ -369,6 +398,11 @@ impl Keeper {
     /// Its process id.
     pub fn id(&self) -> u32 {
         self.child.id()
+    }
+
+    /// Whether it has not ended.
+    pub fn is_running(&mut self) -> bool {
+        matches!(self.child.try_wait(), Ok(None))
     }
 
     /// What it has said on standard error so far.

@@ -1,0 +1,182 @@
+//! Many calls at once by several users, until it is ended.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use bus::BUS_NAME;
+use tokio::task::JoinSet;
+use zbus::Connection;
+use zbus::message::Flags;
+
+use crate::calls::Call;
+use crate::site::within;
+use crate::system_bus::SystemBus;
+use crate::users::User;
+
+/// How wide a flood is.
+#[derive(Debug, Clone, Copy)]
+pub struct Width {
+    /// Connections of each user.
+    pub connections: usize,
+    /// Calls that wait at once on each of them.
+    pub at_once: usize,
+}
+
+/// What is not answered in this time is left to itself: the next call follows, and the connection stays.
+const PATIENCE: Duration = Duration::from_millis(500);
+
+/// A flood under way.
+pub struct Flood {
+    over: Arc<AtomicBool>,
+    workers: JoinSet<()>,
+    answers: Answers,
+    /// Calls sent, and how many there are.
+    turn: Arc<AtomicUsize>,
+    calls: usize,
+}
+
+/// How often each kind of answer came.
+pub type Counts = BTreeMap<String, usize>;
+type Answers = Arc<Mutex<Counts>>;
+
+impl Flood {
+    /// Sends these calls in turn, again and again, by each of the users.
+    pub async fn begin(bus: &SystemBus, users: &[User], width: Width, calls: Vec<Call>) -> Self {
+        let mut flood = Self {
+            over: Arc::default(),
+            workers: JoinSet::new(),
+            answers: Arc::default(),
+            turn: Arc::default(),
+            calls: calls.len(),
+        };
+        let calls = Arc::new(calls);
+        for user in users {
+            for _ in 0..width.connections {
+                let connection = user.come_to_bus(bus.socket()).await.unwrap();
+                for _ in 0..width.at_once {
+                    flood.workers.spawn(work(
+                        connection.clone(),
+                        Arc::clone(&calls),
+                        Arc::clone(&flood.turn),
+                        Arc::clone(&flood.over),
+                        Arc::clone(&flood.answers),
+                    ));
+                }
+            }
+        }
+        flood
+    }
+
+    /// Sends one call as fast as the bus takes it, without asking for an answer.
+    pub async fn begin_unanswered(
+        bus: &SystemBus,
+        users: &[User],
+        width: Width,
+        call: &Call,
+    ) -> Self {
+        let mut flood = Self {
+            over: Arc::default(),
+            workers: JoinSet::new(),
+            answers: Arc::default(),
+            turn: Arc::default(),
+            calls: 0,
+        };
+        for user in users {
+            for _ in 0..width.connections {
+                let connection = user.come_to_bus(bus.socket()).await.unwrap();
+                let message = zbus::Message::method_call(call.path.clone(), call.member.clone())
+                    .destination(BUS_NAME)
+                    .interface(call.interface.clone())
+                    .with_flags(Flags::NO_REPLY_EXPECTED)
+                    .build(&())
+                    .unwrap();
+                let (over, answers) = (Arc::clone(&flood.over), Arc::clone(&flood.answers));
+                flood.workers.spawn(async move {
+                    while !over.load(Ordering::Relaxed) {
+                        let kind = match connection.send(&message).await {
+                            Ok(()) => "sent".to_owned(),
+                            Err(error) => kind(&error),
+                        };
+                        *answers.lock().unwrap().entry(kind).or_default() += 1;
+                    }
+                });
+            }
+        }
+        flood
+    }
+
+    /// Waits until every call has been sent once.
+    pub async fn has_gone_round(&self) {
+        let round = async {
+            while self.turn.load(Ordering::Relaxed) < self.calls {
+                tokio::time::sleep(Duration::from_millis(20)).await;
+            }
+        };
+        within(round).await;
+    }
+
+    /// How many answers came so far, of whatever kind.
+    pub fn answered(&self) -> usize {
+        self.answers.lock().unwrap().values().sum()
+    }
+
+    /// Ends it, closes its connections, and says what the answers were.
+    pub async fn end(mut self) -> Counts {
+        self.over.store(true, Ordering::Relaxed);
+        while let Some(worker) = self.workers.join_next().await {
+            worker.unwrap();
+        }
+        std::mem::take(&mut self.answers.lock().unwrap())
+    }
+}
+
+async fn work(
+    connection: Connection,
+    calls: Arc<Vec<Call>>,
+    turn: Arc<AtomicUsize>,
+    over: Arc<AtomicBool>,
+    answers: Answers,
+) {
+    while !over.load(Ordering::Relaxed) {
+        let call = &calls[turn.fetch_add(1, Ordering::Relaxed) % calls.len()];
+        let kind = match tokio::time::timeout(PATIENCE, send(&connection, call)).await {
+            Ok(Ok(())) => "answered".to_owned(),
+            Ok(Err(error)) => kind(&error),
+            Err(_) => "not answered in time".to_owned(),
+        };
+        *answers.lock().unwrap().entry(kind).or_default() += 1;
+    }
+}
+
+async fn send(connection: &Connection, call: &Call) -> zbus::Result<()> {
+    let (path, interface, member) = (
+        call.path.as_str(),
+        call.interface.as_str(),
+        call.member.as_str(),
+    );
+    let sent = match &call.body {
+        Some(body) => {
+            connection
+                .call_method(Some(BUS_NAME), path, Some(interface), member, body)
+                .await
+        }
+        None => {
+            connection
+                .call_method(Some(BUS_NAME), path, Some(interface), member, &())
+                .await
+        }
+    };
+    sent.map(|_| ())
+}
+
+/// The name of an error, without its text.
+fn kind(error: &zbus::Error) -> String {
+    use zbus::DBusError;
+    match error {
+        zbus::Error::MethodError(name, _, _) => name.to_string(),
+        zbus::Error::FDO(error) => error.name().to_string(),
+        other => other.to_string(),
+    }
+}
