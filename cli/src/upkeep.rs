@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use chrono::Utc;
-use logbook::{LogbookError, Retention, Verified};
+use logbook::{Retention, Verified};
 use serde::Serialize;
 
 use crate::args::{Global, Prune, Repair, SessionsCommand, Verify};
@@ -56,14 +56,7 @@ fn verify(
         let bar = progress(frames as usize, printer.is_terminal());
         let found = logbook::verify(file, |done| bar.set_position(done));
         bar.finish_and_clear();
-        let found = match found {
-            Ok(found) => found,
-            Err(LogbookError::NotASession { why, .. }) if asked.all => {
-                complain(&format!("tactus: {} is left out: {why}", file.display()));
-                continue;
-            }
-            Err(error) => return Err(state::refused(&error)),
-        };
+        let found = found.map_err(|error| state::refused(&error))?;
         checked += 1;
         let line = Checked {
             whole: found.findings.is_empty(),

@@ -49,6 +49,7 @@ mod chronicle;
 pub mod codec;
 mod header;
 mod index;
+mod inodes;
 mod lock;
 mod prune;
 mod reader;

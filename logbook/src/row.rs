@@ -12,9 +12,51 @@ use crate::{Closing, MapRecord, SessionHeader, SessionKind};
 /// Numbers and texts of a row, hashed so that none is taken for its neighbour; absent values are told from all others.
 pub(crate) struct Digest8(Sha256);
 
+/// The checksum of a session's header, which goes into that of every other row: a row of another session is none of
+/// this one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Seal([u8; 8]);
+
+impl Seal {
+    /// Of a header; its JSON is the same for the same header.
+    pub(crate) fn of(header: &SessionHeader) -> serde_json::Result<Self> {
+        let text = serde_json::to_string(header)?;
+        let digest = Digest8(Sha256::new()).text("session").text(text.as_str());
+        Ok(Self(digest.finish()))
+    }
+
+    /// As the header's row has it.
+    pub(crate) fn bytes(self) -> [u8; 8] {
+        self.0
+    }
+
+    /// The beginning of a checksum of a row of a table.
+    fn row(self, table: &str) -> Digest8 {
+        Digest8(Sha256::new()).text(table).bytes(self.0.as_slice())
+    }
+}
+
 impl Digest8 {
-    pub(crate) fn new() -> Self {
-        Self(Sha256::new())
+    /// A negative zero comes back from SQLite as a positive one.
+    fn real(self, number: impl Into<Option<f64>>) -> Self {
+        self.number(number.into().map(|number| (number + 0.0).to_bits() as i64))
+    }
+
+    /// Texts, blobs and numbers of a column of any type are told from one another.
+    fn value(self, value: Option<&Value>) -> Self {
+        match value {
+            None | Some(Value::Null) => self.number(0),
+            Some(Value::Integer(number)) => self.number(1).number(*number),
+            Some(Value::Real(number)) => self.number(2).real(*number),
+            Some(Value::Text(text)) => self.number(3).text(text.as_str()),
+            Some(Value::Blob(bytes)) => self.number(4).bytes(bytes.as_slice()),
+        }
+    }
+
+    /// Four bytes, as the rows of large tables have them.
+    fn finish4(self) -> i64 {
+        let [a, b, c, d, ..] = self.finish();
+        i64::from(i32::from_le_bytes([a, b, c, d]))
     }
 
     pub(crate) fn number(mut self, number: impl Into<Option<i64>>) -> Self {
@@ -65,18 +107,8 @@ pub(crate) struct FrameRow {
 }
 
 impl FrameRow {
-    pub(crate) fn checksum(&self) -> i64 {
-        let number;
-        let hash = match &self.map_hash {
-            Some(Value::Blob(bytes)) => Some(bytes.as_slice()),
-            Some(Value::Text(text)) => Some(text.as_bytes()),
-            Some(Value::Integer(trace)) => {
-                number = trace.to_be_bytes();
-                Some(number.as_slice())
-            }
-            _ => None,
-        };
-        let [a, b, c, d, ..] = Digest8::new()
+    pub(crate) fn checksum(&self, seal: Seal) -> i64 {
+        seal.row("frame")
             .number(self.sequence)
             .number(self.stretch)
             .number(self.tick)
@@ -84,12 +116,11 @@ impl FrameRow {
             .number(self.duration)
             .number(self.reference)
             .number(self.flags)
-            .number(self.loop_sum.map(|sum| sum.to_bits() as i64))
+            .real(self.loop_sum)
             .text(self.remarks.as_deref())
-            .bytes(hash)
+            .value(self.map_hash.as_ref())
             .bytes(self.blob.as_slice())
-            .finish();
-        i64::from(i32::from_le_bytes([a, b, c, d]))
+            .finish4()
     }
 }
 
@@ -144,9 +175,8 @@ impl Stretch {
             .wrapping_mul(self.period)
     }
 
-    /// Over this row and the settings that it names: a frame's current is a number too.
-    pub(crate) fn checksum(&self, settings: &Settings) -> [u8; 8] {
-        Digest8::new()
+    pub(crate) fn checksum(&self, seal: Seal) -> [u8; 8] {
+        seal.row("stretch")
             .number(self.id)
             .number(self.settings)
             .number(self.mapper)
@@ -155,57 +185,114 @@ impl Stretch {
             .number(self.monotonic)
             .number(self.wall)
             .number(self.period)
-            .bytes(settings_digest(settings).as_slice())
             .finish()
     }
 }
 
-/// Of settings as they come back from the file.
-fn settings_digest(settings: &Settings) -> [u8; 8] {
+/// Of settings as they come back from the file; a frame's current is a number too.
+pub(crate) fn settings_checksum(seal: Seal, id: i64, settings: &Settings) -> [u8; 8] {
     let precautions = serde_json::to_string(&settings.precautions).unwrap_or_default();
-    Digest8::new()
+    seal.row("settings")
+        .number(id)
         .text(settings.protocol_hash.as_str())
-        .number(settings.current.0.to_bits() as i64)
-        .number(settings.range.0.to_bits() as i64)
-        .number(settings.nplc.to_bits() as i64)
+        .real(settings.current.0)
+        .real(settings.range.0)
+        .real(settings.nplc)
         .number(settings.settle.as_nanos() as i64)
         .text(settings.wiring.as_str())
         .text(precautions.as_str())
         .finish()
 }
 
-pub(crate) fn event_checksum(at: i64, kind: &str, text: &str) -> [u8; 8] {
-    Digest8::new().number(at).text(kind).text(text).finish()
+/// Of who made a map: all of its trace but hash and sum.
+pub(crate) fn mapper_checksum(seal: Seal, id: i64, map: &MapRecord) -> [u8; 8] {
+    seal.row("mapper")
+        .number(id)
+        .text(map.method.as_str())
+        .text(map.model_hash.as_deref())
+        .text(map.build.as_str())
+        .text(map.cpu.as_str())
+        .finish()
 }
 
-/// Over everything of a header; its JSON is the same for the same header.
-pub(crate) fn header_checksum(header: &SessionHeader) -> serde_json::Result<[u8; 8]> {
-    let text = serde_json::to_string(header)?;
-    Ok(Digest8::new().text(text.as_str()).finish())
+pub(crate) fn late_map_checksum(
+    seal: Seal,
+    sequence: i64,
+    number: i64,
+    mapper: i64,
+    trace: &Value,
+) -> i64 {
+    seal.row("late_map")
+        .number(sequence)
+        .number(number)
+        .number(mapper)
+        .value(Some(trace))
+        .finish4()
+}
+
+pub(crate) fn event_checksum(seal: Seal, id: i64, at: i64, kind: &str, text: &str) -> [u8; 8] {
+    seal.row("event")
+        .number(id)
+        .number(at)
+        .text(kind)
+        .text(text)
+        .finish()
 }
 
 pub(crate) fn baseline_checksum(
+    seal: Seal,
     baseline: &Baseline,
+    settings: i64,
     wall: i64,
     readings: &[u8],
     deviation: &[u8],
 ) -> [u8; 8] {
-    Digest8::new()
+    seal.row("baseline")
         .text(baseline.id.as_str())
         .number(wall)
         .number(baseline.frames as i64)
+        .number(settings)
         .number(i64::from(baseline.simulated))
-        .bytes(settings_digest(&baseline.settings).as_slice())
         .bytes(readings)
         .bytes(deviation)
         .finish()
 }
 
-pub(crate) fn reference_checksum(id: i64, against_baseline: bool, readings: &[u8]) -> [u8; 8] {
-    Digest8::new()
+pub(crate) fn reference_checksum(
+    seal: Seal,
+    id: i64,
+    against_baseline: bool,
+    readings: &[u8],
+) -> [u8; 8] {
+    seal.row("reference")
         .number(id)
         .number(i64::from(against_baseline))
         .bytes(readings)
+        .finish()
+}
+
+/// What a session held when it was closed. Rows of most tables are numbered without a gap, so the last number is their
+/// count.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Tally {
+    /// Sequence of the last frame; one less than the first would have where there is none.
+    pub(crate) last: u64,
+    pub(crate) frames: u64,
+    pub(crate) baselines: u64,
+    pub(crate) events: u64,
+    pub(crate) references: u64,
+    pub(crate) stretches: u64,
+    pub(crate) settings: u64,
+    pub(crate) mappers: u64,
+    pub(crate) late_maps: u64,
+}
+
+pub(crate) fn closing_checksum(seal: Seal, at: i64, reason: &str, tally: &str) -> [u8; 8] {
+    seal.row("closing")
+        .number(at)
+        .text(reason)
+        .text(tally)
         .finish()
 }
 
@@ -297,15 +384,23 @@ impl From<rusqlite::Error> for HeaderFault {
     }
 }
 
-pub(crate) fn header_row(row: &Row<'_>) -> Result<(SessionHeader, Option<Closing>), HeaderFault> {
+/// What the header's row says about the end of its session.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum End {
+    /// Nothing: it runs, or its writer was killed.
+    Open,
+    Closed(Closing, Tally),
+    /// Something that does not agree with its checksum: it was closed, how is not known.
+    Damaged(Closing),
+}
+
+pub(crate) fn header_row(row: &Row<'_>) -> Result<(SessionHeader, Seal, End), HeaderFault> {
     let content = |what: &str, cause: &dyn std::fmt::Display| {
         HeaderFault::Content(format!("{what}: {cause}"))
     };
     let text = |name: &str| row.get::<_, String>(name);
     let kind = text("kind")?;
     let seed: Option<String> = row.get("seed")?;
-    let closed_ns: Option<i64> = row.get("closed_ns")?;
-    let reason: Option<String> = row.get("closed_reason")?;
     let header = SessionHeader {
         id: text("id")?,
         kind: SessionKind::parse(&kind).ok_or_else(|| content("kind", &kind))?,
@@ -332,13 +427,38 @@ pub(crate) fn header_row(row: &Row<'_>) -> Result<(SessionHeader, Option<Closing
         first_sequence: u64::try_from(row.get::<_, i64>("first_sequence")?)
             .map_err(|cause| content("first sequence", &cause))?,
     };
-    let checksum = header_checksum(&header).map_err(|cause| content("checksum", &cause))?;
-    if row.get::<_, Vec<u8>>("checksum")? != checksum {
+    let seal = Seal::of(&header).map_err(|cause| content("checksum", &cause))?;
+    if row.get::<_, Vec<u8>>("checksum")? != seal.bytes() {
         return Err(HeaderFault::Content("its checksum does not agree".into()));
     }
-    let closed = closed_ns.map(|at| Closing {
-        at: DateTime::from_timestamp_nanos(at),
-        reason: reason.unwrap_or_default(),
-    });
-    Ok((header, closed))
+    let end = end(row, seal);
+    Ok((header, seal, end))
+}
+
+fn end(row: &Row<'_>, seal: Seal) -> End {
+    let read = || -> rusqlite::Result<_> {
+        let at: Option<i64> = row.get("closed_ns")?;
+        let texts: [Option<String>; 2] = [row.get("closed_reason")?, row.get("closed_tally")?];
+        let checksum: Option<Vec<u8>> = row.get("closed_checksum")?;
+        Ok((at, texts, checksum))
+    };
+    let whole = match read() {
+        Ok((None, [None, None], None)) => return End::Open,
+        Ok((Some(at), [Some(reason), Some(tally)], Some(checksum))) => {
+            let agrees = checksum == closing_checksum(seal, at, &reason, &tally);
+            let tally = serde_json::from_str(&tally).ok().filter(|_| agrees);
+            tally.map(|tally| {
+                let at = DateTime::from_timestamp_nanos(at);
+                End::Closed(Closing { at, reason }, tally)
+            })
+        }
+        _ => None,
+    };
+    whole.unwrap_or_else(|| {
+        let at = row.get("closed_ns").unwrap_or_default();
+        End::Damaged(Closing {
+            at: DateTime::from_timestamp_nanos(at),
+            reason: "closed; the entry that says why is damaged".into(),
+        })
+    })
 }

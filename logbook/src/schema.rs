@@ -7,7 +7,7 @@
 //!
 //! | table | holds |
 //! |---|---|
-//! | `session` | one row: id, kind, start, build, seed (decimal text), configuration and its hash, model and geometry hash, protocol, instruments and modules (JSON), what a lab needs to know (JSON), the options it was started with (JSON), the part that it goes on from and the sequence of its first frame, and, once closed, when and why |
+//! | `session` | one row: id, kind, start, build, seed (decimal text), configuration and its hash, model and geometry hash, protocol, instruments and modules (JSON), what a lab needs to know (JSON), the options it was started with (JSON), the part that it goes on from and the sequence of its first frame; and, once closed, when, why, and how many rows each table had (JSON), with a checksum of its own |
 //! | `settings` | one row for each way in which frames were taken; what was done against noise, offset and drift as JSON |
 //! | `mapper` | one row for each method, model, build and CPU that made maps |
 //! | `baseline` | the baseline in use: readings and deviations as [`crate::codec`] blobs |
@@ -15,7 +15,7 @@
 //! | `stretch` | one row for frames that were taken alike: settings, mapper, whether simulated; and a first frame with its times and the distance of frames |
 //! | `frame` | one row a frame: its times against its stretch's, readings as a blob of [`crate::codec`], quality flags (bits in the order of [`survey::QualityFlag`]), largest sum round the ring, what is rare as JSON (readings that no load explains, driving electrodes in compliance), the trace of its map, big-endian in a number: the first 4 bytes of its hash, the 4 bytes (little-endian, single precision) of its [`survey::Map::signed_sum`]; 8 bytes of a hash where there is no sum; a text where the hash is no SHA-256 |
 //! | `taken` | a view: monotonic and wall time of each frame |
-//! | `late_map` | the trace of a map that was made after its frame had been written |
+//! | `late_map` | the trace of a map that was made after its frame had been written; numbered in the order of writing |
 //! | `event` | time, one word, one sentence |
 //!
 //! `frame.reference` says what the blob's differences are taken against: NULL nothing, 0 the baseline, n the row n of
@@ -23,16 +23,24 @@
 //! monotonic = the stretch's + (sequence - the stretch's) x period + tick, wall = the stretch's + as much + skew. What
 //! follows from the readings (how many are not ok, how far reciprocal twins differ) is not kept.
 //!
-//! `checksum` is the beginning of the SHA-256 over the row's content: 4 bytes of a frame, 8 of all others; a row that
-//! does not agree with it is an error, never a number.
+//! `checksum` is the beginning of the SHA-256 over the name of the table, the header's checksum, the row's number and its
+//! content: 4 bytes of frames and late maps, 8 of all others; a row that does not agree with it is an error, never a
+//! number. Rows of `event`, `reference`, `stretch`, `settings`, `mapper` and (column `number`) `late_map` are numbered
+//! from 1 without a gap, frames from the header's first sequence: a row that is missing between two others is known, and
+//! one behind the last by the closing's counts. Of a session that was not closed the last rows of a table may be
+//! missing unknown, unless a later row refers to them.
+//!
+//! A file with any other table, view, trigger or index, or with other columns, is refused before a row of it is read.
 
-use rusqlite::Connection;
+use std::sync::OnceLock;
+
+use rusqlite::{Connection, Row};
 
 /// "Tact" in ASCII.
 pub const APPLICATION_ID: i32 = 0x5461_6374;
 
 /// Version of the layout; a file with another one is refused.
-pub const VERSION: i64 = 4;
+pub const VERSION: i64 = 5;
 
 const TABLES: &str = "
 CREATE TABLE session (
@@ -57,7 +65,9 @@ CREATE TABLE session (
     first_sequence INTEGER NOT NULL CHECK (first_sequence > 0),
     checksum BLOB NOT NULL,
     closed_ns INTEGER,
-    closed_reason TEXT
+    closed_reason TEXT,
+    closed_tally TEXT,
+    closed_checksum BLOB
 ) STRICT;
 CREATE TABLE settings (
     id INTEGER PRIMARY KEY,
@@ -67,14 +77,16 @@ CREATE TABLE settings (
     nplc REAL NOT NULL,
     settle_ns INTEGER NOT NULL,
     wiring TEXT NOT NULL,
-    precautions TEXT NOT NULL
+    precautions TEXT NOT NULL,
+    checksum BLOB NOT NULL
 ) STRICT;
 CREATE TABLE mapper (
     id INTEGER PRIMARY KEY,
     method TEXT NOT NULL,
     model_hash TEXT,
     build TEXT NOT NULL,
-    cpu TEXT NOT NULL
+    cpu TEXT NOT NULL,
+    checksum BLOB NOT NULL
 ) STRICT;
 CREATE TABLE baseline (
     only INTEGER PRIMARY KEY CHECK (only = 1),
@@ -126,8 +138,10 @@ CREATE VIEW taken AS SELECT
 FROM frame JOIN stretch ON stretch.id = frame.stretch;
 CREATE TABLE late_map (
     sequence INTEGER PRIMARY KEY REFERENCES frame (sequence),
+    number INTEGER NOT NULL,
     mapper INTEGER NOT NULL REFERENCES mapper (id),
-    map_hash ANY NOT NULL
+    map_hash ANY NOT NULL,
+    checksum INTEGER NOT NULL
 ) STRICT;
 CREATE TABLE event (
     id INTEGER PRIMARY KEY,
@@ -145,4 +159,51 @@ pub(crate) fn lay_out(connection: &Connection) -> rusqlite::Result<()> {
     connection.execute_batch(TABLES)?;
     connection.pragma_update(None, "application_id", APPLICATION_ID)?;
     connection.pragma_update(None, "user_version", VERSION)
+}
+
+/// An entry of `sqlite_schema`.
+type Entry = [String; 4];
+
+/// Says how a file's tables differ from those that [`lay_out`] makes; `None` where they do not.
+pub(crate) fn difference(connection: &Connection) -> rusqlite::Result<Option<String>> {
+    static LAYOUT: OnceLock<Vec<Entry>> = OnceLock::new();
+    let layout = match LAYOUT.get() {
+        Some(layout) => layout,
+        None => {
+            let model = Connection::open_in_memory()?;
+            lay_out(&model)?;
+            let made = entries(&model, usize::MAX)?;
+            LAYOUT.get_or_init(|| made)
+        }
+    };
+    let found = entries(connection, layout.len() + 1)?;
+    let strange = found.iter().find(|entry| !layout.contains(entry));
+    let missing = layout.iter().find(|entry| !found.contains(entry));
+    Ok(match (strange, missing) {
+        (Some([kind, name, ..]), _) => {
+            let name: String = name.chars().take(64).collect();
+            Some(format!(
+                "its {kind} {name:?} is not one of layout {VERSION}"
+            ))
+        }
+        (None, Some([kind, name, ..])) => Some(format!("it has no {kind} {name:?}")),
+        (None, None) if found.len() != layout.len() => Some("it has a table twice".into()),
+        (None, None) => None,
+    })
+}
+
+fn entries(connection: &Connection, most: usize) -> rusqlite::Result<Vec<Entry>> {
+    let most = i64::try_from(most).unwrap_or(i64::MAX);
+    let entry = |row: &Row<'_>| -> rusqlite::Result<Entry> {
+        // an index that SQLite makes by itself has no text
+        let text = |column| {
+            row.get::<_, Option<String>>(column)
+                .map(Option::unwrap_or_default)
+        };
+        Ok([text(0)?, text(1)?, text(2)?, text(3)?])
+    };
+    connection
+        .prepare("SELECT type, name, tbl_name, sql FROM sqlite_schema LIMIT ?1")?
+        .query_map([most], entry)?
+        .collect()
 }

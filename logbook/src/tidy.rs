@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, OpenFlags};
 
+use crate::inodes::InWriting;
 use crate::shelf::{continued_by, files};
+use crate::writer::set_aside_journal;
 use crate::{LogbookError, SessionReader, schema};
 
 /// Ending of a copy that was being made of a file; see [`crate::SessionWriter::rescue`].
@@ -80,12 +82,19 @@ fn is_stub(path: &Path, bytes: u64) -> bool {
 /// Folds the journal of a session in that is closed, or that another part goes on from; whether it was.
 fn fold(path: &Path) -> Result<bool, LogbookError> {
     let session = SessionReader::open(path)?;
+    if session.is_folded() {
+        // a journal that is none of it
+        return Ok(false);
+    }
     let over = session.closed().is_some() || continued_by(path, &session.header().id)?.is_some();
     drop(session);
     if !over {
         return Ok(false);
     }
     let failed = |source| LogbookError::writing(path, "fold the journal into", source);
+    set_aside_journal(path)?;
+    let _in_writing =
+        InWriting::new(path).map_err(|source| LogbookError::disk(path, "open", source))?;
     let connection = open(path).map_err(failed)?;
     connection
         .pragma_update(None, "synchronous", "EXTRA")

@@ -6,7 +6,8 @@ use chrono::{DateTime, TimeDelta, Utc};
 use serde::Serialize;
 
 use crate::prune::pruned_parts;
-use crate::shelf::{folder_of, part_of};
+use crate::shelf::{folder_of, id_of, part_of};
+use crate::writer::CONTINUED_IN;
 use crate::{CUT, Event, LogbookError, RESUMED, Record, SessionReader};
 
 /// A scheduled session has a gap where frames are further apart than this many periods: one was left out.
@@ -23,7 +24,8 @@ const LATER: TimeDelta = TimeDelta::try_seconds(5).unwrap();
 pub struct Finding {
     /// Id of the part.
     pub part: String,
-    /// One word for a machine: `header`, `damaged`, `missing`, `chain`, `baseline`, `event`, `gap`.
+    /// One word for a machine: `unreadable`, `header`, `closing`, `damaged`, `missing`, `chain`, `baseline`, `event`,
+    /// `gap`.
     pub kind: &'static str,
     /// A sentence for a person.
     pub text: String,
@@ -79,16 +81,21 @@ pub fn parts(path: impl AsRef<Path>) -> Result<Vec<PathBuf>, LogbookError> {
 /// Reads all of a session, whatever part of it is named. `progress` is told how many frames have been read.
 ///
 /// # Errors
-/// The folder cannot be read, or a file is no session at all. Damage is a finding, not an error.
+/// The folder cannot be read. A file that cannot be read is a finding, not an error, and so is damage.
 pub fn verify(
     path: impl AsRef<Path>,
     mut progress: impl FnMut(u64),
 ) -> Result<Verified, LogbookError> {
     let path = path.as_ref();
     let mut look = Look::default();
-    for part in parts(path)? {
-        look.part(&part, &mut progress)?;
+    let mut files = parts(path)?;
+    if files.is_empty() {
+        files.push(path.to_owned());
     }
+    for file in &files {
+        look.part(file, &mut progress);
+    }
+    look.ends(folder_of(path));
     let gaps = look.gaps();
     for gap in gaps.iter().filter(|gap| gap.explained.is_none()) {
         let part = look.part_of_frame(gap.after);
@@ -102,7 +109,10 @@ pub fn verify(
         );
     }
     Ok(Verified {
-        session: look.session,
+        session: match look.session.is_empty() {
+            true => part_of(id_of(path)).0.to_owned(),
+            false => look.session,
+        },
         parts: look.parts.into_iter().map(|(id, _)| id).collect(),
         frames: look.frames,
         closed: look.closed,
@@ -125,6 +135,12 @@ struct Look {
     session: String,
     /// Ids, and the sequence that each begins with.
     parts: Vec<(String, u64)>,
+    /// Which part each one says that it goes on from.
+    continues: Vec<(String, String)>,
+    /// What each part that was closed says about it.
+    closings: Vec<(String, String)>,
+    /// Files that are no session, and why: parts whose making was cut short, or all that is left of one.
+    strangers: Vec<(String, String)>,
     frames: u64,
     closed: bool,
     /// Seconds between neighbours that may be further apart than they should.
@@ -156,22 +172,31 @@ impl Look {
             .unwrap_or_default()
     }
 
-    fn part(&mut self, path: &Path, progress: &mut impl FnMut(u64)) -> Result<(), LogbookError> {
-        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    fn part(&mut self, path: &Path, progress: &mut impl FnMut(u64)) {
+        let stem = id_of(path);
         let session = match SessionReader::open(path) {
             Ok(session) => session,
-            // The making of a part that was cut short: it never held anything.
-            Err(LogbookError::NotASession { .. }) if !self.parts.is_empty() => return Ok(()),
             Err(damage @ LogbookError::Damaged { .. }) => {
-                self.found(&stem, "header", damage.to_string());
-                return Ok(());
+                return self.found(stem, "header", damage.to_string());
             }
-            Err(refusal) => return Err(refusal),
+            Err(stranger @ LogbookError::NotASession { .. }) => {
+                return self.strangers.push((stem.to_owned(), stranger.to_string()));
+            }
+            Err(refusal) => return self.found(stem, "unreadable", with_cause(&refusal)),
         };
         let header = session.header().clone();
         let id = header.id.clone();
         self.session = header.session().to_owned();
         self.closed = session.closed().is_some();
+        if let Some(earlier) = &header.continues {
+            self.continues.push((id.clone(), earlier.clone()));
+        }
+        if let Some(closing) = session.closed() {
+            self.closings.push((id.clone(), closing.reason.clone()));
+        }
+        for (kind, text) in session.faults() {
+            self.found(&id, kind, text);
+        }
         self.period = serde_json::from_str::<serde_json::Value>(&header.asked)
             .ok()
             .and_then(|asked| asked["every_s"].as_f64())
@@ -231,7 +256,40 @@ impl Look {
             }
             Err(damage) => self.found(&id, "damaged", damage.to_string()),
         }
-        Ok(())
+    }
+
+    /// Whether the parts that the others speak of are there. A file that is no session is none of them: its making was
+    /// cut short, and the session went on in another part.
+    fn ends(&mut self, folder: &Path) {
+        let ids: Vec<&str> = self.parts.iter().map(|(id, _)| id.as_str()).collect();
+        let mut found = Vec::new();
+        for (id, reason) in &self.closings {
+            let Some(next) = reason.strip_prefix(CONTINUED_IN) else {
+                continue;
+            };
+            let is_known = ids.contains(&next) || self.strangers.iter().any(|(id, _)| id == next);
+            if !is_known && !pruned_parts(folder).contains(next) {
+                let text = format!("it was closed as continued in {next}, which is not there");
+                found.push((id.clone(), "chain", text));
+            }
+        }
+        for (stem, why) in &self.strangers {
+            let number = part_of(stem).1;
+            let is_named = self
+                .closings
+                .iter()
+                .any(|(_, reason)| reason.strip_prefix(CONTINUED_IN) == Some(stem.as_str()));
+            let was_passed_over = self
+                .continues
+                .iter()
+                .any(|(later, earlier)| part_of(later).1 > number && part_of(earlier).1 < number);
+            if is_named || !was_passed_over {
+                found.push((stem.clone(), "unreadable", why.clone()));
+            }
+        }
+        for (part, kind, text) in found {
+            self.found(&part, kind, text);
+        }
     }
 
     fn chain(&mut self, folder: &Path, continues: &Option<String>, first: u64, id: &str) {
@@ -332,4 +390,16 @@ impl Look {
             })
             .collect()
     }
+}
+
+/// An error with what caused it, in one line.
+fn with_cause(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(deeper) = cause {
+        text.push_str(": ");
+        text.push_str(&deeper.to_string());
+        cause = deeper.source();
+    }
+    text
 }

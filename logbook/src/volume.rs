@@ -2,10 +2,8 @@
 
 use std::path::Path;
 
-use rusqlite::{Connection, OpenFlags};
-
-use crate::LogbookError;
 use crate::shelf::{folder_of, part_of, path_of};
+use crate::{LogbookError, SessionReader};
 
 /// What the newest part of a session holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,24 +32,12 @@ pub fn volume(path: impl AsRef<Path>) -> Result<Volume, LogbookError> {
         (part, path) = (next, later(next));
     }
     let path = path.as_path();
-    let failed = |source| LogbookError::reading(path, "tell the size of", source);
-    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
-    // not by any other way: to open and close the file beside SQLite would drop its locks
-    let connection = Connection::open_with_flags(path, flags).map_err(failed)?;
-    connection
-        .query_row(
-            "SELECT page_count * page_size, (SELECT coalesce(max(sequence), 0) FROM frame) \
-             FROM pragma_page_count, pragma_page_size",
-            [],
-            |row| {
-                Ok(Volume {
-                    part,
-                    bytes: row.get::<_, i64>(0)?.unsigned_abs(),
-                    frames: row.get::<_, i64>(1)?.unsigned_abs(),
-                })
-            },
-        )
-        .map_err(failed)
+    let session = SessionReader::open(path)?;
+    Ok(Volume {
+        part,
+        bytes: session.bytes()?,
+        frames: session.last_sequence()?,
+    })
 }
 
 #[cfg(test)]

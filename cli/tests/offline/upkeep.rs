@@ -60,6 +60,41 @@ fn a_whole_record_is_verified_and_a_damaged_one_is_not() {
 }
 
 #[test]
+fn verify_of_all_fails_where_a_file_is_no_session_any_more() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = session(folder.path());
+    let whole = std::fs::read(&path).unwrap();
+    let damages: [(&str, Vec<u8>); 4] = [
+        ("empty", Vec::new()),
+        ("a damaged beginning", [b"x", &whole[1..]].concat()),
+        ("another application id", {
+            let mut bytes = whole.clone();
+            bytes[68] ^= 1;
+            bytes
+        }),
+        ("cut off", whole[..50].to_vec()),
+    ];
+    for (name, bytes) in damages {
+        std::fs::write(&path, bytes).unwrap();
+        for format in [
+            &["sessions", "verify", "--all"][..],
+            &["sessions", "verify", "--all", "--json"],
+        ] {
+            let output = tactus(folder.path(), format);
+            let said = String::from_utf8_lossy(&output.stdout).into_owned();
+            assert_eq!(output.status.code(), Some(1), "{name}: {said}");
+            assert!(said.contains("unreadable"), "{name}: {said}");
+            if format.contains(&"--json") {
+                let line = &lines(&said)[0];
+                assert_eq!(line["whole"], false, "{name}: {said}");
+                assert_eq!(line["session"], "m20270115_1", "{name}: {said}");
+                assert_eq!(line["findings"][0]["part"], "m20270115_1", "{name}: {said}");
+            }
+        }
+    }
+}
+
+#[test]
 fn a_repair_is_a_new_file_with_all_that_is_good_and_leaves_the_old_one_as_it_is() {
     let folder = tempfile::tempdir().unwrap();
     let path = session_of(folder.path(), "m1", NOISE);

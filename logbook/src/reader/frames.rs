@@ -8,7 +8,10 @@ use survey::{Checks, Frame, Quality, QualityFlag, Settings};
 
 use super::{SessionReader, microseconds, wall};
 use crate::codec::{self, Reference};
-use crate::row::{Remarks, StoredFrame, Stretch, reference_checksum, unpack_trace};
+use crate::row::{
+    Remarks, StoredFrame, Stretch, late_map_checksum, mapper_checksum, reference_checksum,
+    unpack_trace,
+};
 use crate::{LogbookError, MapRecord, Record};
 
 /// How many frames are fetched at a time while iterating.
@@ -44,7 +47,7 @@ impl SessionReader {
 
     /// The sequence of the next frame behind one.
     pub(crate) fn sequence_behind(&self, sequence: u64) -> Result<Option<u64>, LogbookError> {
-        self.connection
+        self.ask()
             .prepare_cached("SELECT min(sequence) FROM frame WHERE sequence > ?1")
             .and_then(|mut statement| {
                 statement.query_row([sequence as i64], |row| row.get::<_, Option<i64>>(0))
@@ -53,8 +56,8 @@ impl SessionReader {
             .map_err(|source| LogbookError::reading(&self.path, "read the frames of", source))
     }
 
-    fn row(&self, sequence: u64) -> Result<Option<StoredFrame>, LogbookError> {
-        self.connection
+    pub(super) fn row(&self, sequence: u64) -> Result<Option<StoredFrame>, LogbookError> {
+        self.ask()
             .prepare_cached("SELECT * FROM frame WHERE sequence = ?1")
             .and_then(|mut statement| {
                 statement
@@ -92,55 +95,92 @@ impl SessionReader {
     }
 
     fn page(&self, from: i64) -> Result<VecDeque<StoredFrame>, LogbookError> {
+        let room = self.bytes()?;
         let read = || -> rusqlite::Result<VecDeque<StoredFrame>> {
-            self.connection
-                .prepare_cached(
-                    "SELECT * FROM frame WHERE sequence >= ?1 ORDER BY sequence LIMIT ?2",
-                )?
-                .query_map(params![from, PAGE], StoredFrame::read)?
-                .collect()
+            let mut statement = self.ask().prepare_cached(
+                "SELECT * FROM frame WHERE sequence >= ?1 ORDER BY sequence LIMIT ?2",
+            )?;
+            let mut rows = statement.query(params![from, PAGE])?;
+            let (mut page, mut bytes) = (VecDeque::new(), 0);
+            while let Some(row) = rows.next()? {
+                let stored = StoredFrame::read(row)?;
+                bytes += stored.row.blob.len() as u64;
+                if bytes > room {
+                    // pages that several rows claim: no more of it comes into memory
+                    let size = stored.row.blob.len() as i64;
+                    return Err(rusqlite::Error::IntegralValueOutOfRange(10, size));
+                }
+                page.push_back(stored);
+            }
+            Ok(page)
         };
         read().map_err(|source| LogbookError::reading(&self.path, "read the frames of", source))
     }
 
-    fn map_record(&self, id: i64, hash: &Value) -> Result<MapRecord, LogbookError> {
+    pub(super) fn map_record(&self, id: i64, hash: &Value) -> Result<MapRecord, LogbookError> {
         let (hash, sum) = unpack_trace(hash)
             .ok_or_else(|| self.damaged("the hash of a map".into(), "it is no hash"))?;
-        self.connection
-            .prepare_cached("SELECT method, model_hash, build, cpu FROM mapper WHERE id = ?1")
+        let row = self
+            .ask()
+            .prepare_cached(
+                "SELECT method, model_hash, build, cpu, checksum FROM mapper WHERE id = ?1",
+            )
             .and_then(|mut statement| {
-                statement.query_row([id], |row| {
-                    Ok(MapRecord {
+                let row = |row: &rusqlite::Row<'_>| {
+                    let record = MapRecord {
                         hash,
                         sum,
                         method: row.get(0)?,
                         model_hash: row.get(1)?,
                         build: row.get(2)?,
                         cpu: row.get(3)?,
-                    })
-                })
+                    };
+                    Ok((record, row.get::<_, Vec<u8>>(4)?))
+                };
+                statement.query_row([id], row).optional()
             })
-            .map_err(|source| LogbookError::reading(&self.path, "read the map methods of", source))
+            .map_err(|source| {
+                LogbookError::reading(&self.path, "read the map methods of", source)
+            })?;
+        let place = || format!("map method {id}");
+        let Some((record, checksum)) = row else {
+            return Err(self.damaged(place(), "it is not there"));
+        };
+        if checksum != mapper_checksum(self.seal, id, &record) {
+            return Err(self.damaged(place(), "its checksum does not agree"));
+        }
+        Ok(record)
     }
 
     /// Of a map that was made after its frame had been written.
-    fn late_map(&self, sequence: i64) -> Result<Option<MapRecord>, LogbookError> {
+    pub(super) fn late_map(&self, sequence: i64) -> Result<Option<MapRecord>, LogbookError> {
         let late = self
-            .connection
-            .prepare_cached("SELECT mapper, map_hash FROM late_map WHERE sequence = ?1")
+            .ask()
+            .prepare_cached(
+                "SELECT number, mapper, map_hash, checksum FROM late_map WHERE sequence = ?1",
+            )
             .and_then(|mut statement| {
-                let row = |row: &rusqlite::Row<'_>| Ok((row.get::<_, i64>(0)?, row.get(1)?));
+                let row = |row: &rusqlite::Row<'_>| {
+                    let numbers: [i64; 3] = [row.get(0)?, row.get(1)?, row.get(3)?];
+                    Ok((numbers, row.get::<_, Value>(2)?))
+                };
                 statement.query_row([sequence], row).optional()
             })
             .map_err(|source| LogbookError::reading(&self.path, "read the late maps of", source))?;
-        late.map(|(mapper, hash): (i64, Value)| self.map_record(mapper, &hash))
-            .transpose()
+        let Some(([number, mapper, checksum], trace)) = late else {
+            return Ok(None);
+        };
+        if checksum != late_map_checksum(self.seal, sequence, number, mapper, &trace) {
+            let place = format!("the late map of frame {sequence}");
+            return Err(self.damaged(place, "its checksum does not agree"));
+        }
+        self.map_record(mapper, &trace).map(Some)
     }
 
     fn unpack(&self, stored: StoredFrame, known: &mut Known) -> Result<Record, LogbookError> {
         let StoredFrame { row, checksum } = stored;
         let place = || format!("frame {}", row.sequence);
-        if checksum != row.checksum() {
+        if checksum != row.checksum(self.seal) {
             return Err(self.damaged(place(), "its checksum does not agree"));
         }
         if let Some(reference) = row.reference
@@ -209,7 +249,7 @@ impl SessionReader {
     }
 
     /// A stretch and its settings.
-    fn stretch(&self, of: i64, id: i64) -> Result<(Stretch, Settings), LogbookError> {
+    pub(super) fn stretch(&self, of: i64, id: i64) -> Result<(Stretch, Settings), LogbookError> {
         let place = format!("stretch {id}, which frame {of} belongs to");
         let row = self
             .connection
@@ -226,23 +266,23 @@ impl SessionReader {
                         wall: row.get("wall_us")?,
                         period: row.get("period_us")?,
                     };
-                    let settings = self.settings_row(stretch.settings)?;
-                    Ok((stretch, settings, row.get::<_, Vec<u8>>("checksum")?))
+                    Ok((stretch, row.get::<_, Vec<u8>>("checksum")?))
                 };
                 statement.query_row([id], row).optional()
             })
             .map_err(|source| LogbookError::reading(&self.path, "read a stretch of", source))?;
-        let Some((stretch, settings, checksum)) = row else {
-            return Err(self.damaged(place, "it or its settings are not there"));
+        let Some((stretch, checksum)) = row else {
+            return Err(self.damaged(place, "it is not there"));
         };
-        if checksum != stretch.checksum(&settings) {
+        if checksum != stretch.checksum(self.seal) {
             return Err(self.damaged(place, "its checksum does not agree"));
         }
+        let settings = self.settings(stretch.settings)?;
         Ok((stretch, settings))
     }
 
     /// What a frame's differences refer to.
-    fn reference(&self, of: i64, reference: i64) -> Result<Reference, LogbookError> {
+    pub(super) fn reference(&self, of: i64, reference: i64) -> Result<Reference, LogbookError> {
         if reference == 0 {
             return self.baseline_reference(&format!("frame {of}"));
         }
@@ -266,7 +306,7 @@ impl SessionReader {
         let Some((against_baseline, blob, checksum)) = row else {
             return Err(self.damaged(place, "it is not there"));
         };
-        if checksum != reference_checksum(reference, against_baseline, &blob) {
+        if checksum != reference_checksum(self.seal, reference, against_baseline, &blob) {
             return Err(self.damaged(place, "its checksum does not agree"));
         }
         let against = if against_baseline {

@@ -1,58 +1,71 @@
 //! Reading a session: closed, or left behind by a writer that was killed, or still being written.
 
 mod frames;
+mod guard;
+mod opening;
 mod order;
+mod tables;
 
 use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
-use rusqlite::{Connection, OpenFlags, OptionalExtension};
+use rusqlite::{Connection, OptionalExtension};
 use survey::{Amps, Baseline, Checks, Settings, Volts};
 
 use crate::codec::Reference;
-use crate::row::{HeaderFault, baseline_checksum, event_checksum, header_row};
+use crate::row::{
+    End, HeaderFault, Seal, baseline_checksum, event_checksum, header_row, settings_checksum,
+};
 use crate::{Closing, Event, LogbookError, SessionHeader, SessionSummary, Taken, codec, schema};
+use guard::Guard;
+use opening::Mode;
 
 pub use frames::Frames;
+pub(crate) use opening::companion;
 pub(crate) use order::SMALLEST;
 
-/// A session's file, opened for reading; it is never changed.
+/// A session's file, opened for reading; neither it nor anything beside it is ever changed.
 #[derive(Debug)]
 pub struct SessionReader {
     connection: Connection,
+    guard: Guard,
     path: PathBuf,
+    mode: Mode,
     header: SessionHeader,
-    closed: Option<Closing>,
+    seal: Seal,
+    end: End,
     /// Made when the first frame is read.
     checks: OnceCell<Checks>,
 }
 
 impl SessionReader {
-    /// Opens a session file. What a killed writer has left in the journal beside it is part of the session.
+    /// Opens a session file. What a killed writer has left in the journal beside it is part of the session; a rollback
+    /// journal is not, and is never played back.
     ///
     /// # Errors
-    /// No such file, not a session, a newer schema, or damage to the header.
+    /// No such file, no regular file, not a session, another schema, or damage to the header.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, LogbookError> {
-        let path = path.as_ref().to_owned();
-        // SQLite says "unable to open" for everything; the system says why. Asked about, never opened: to close a file that
-        // SQLite has open in this process, too, would drop the locks of its writer.
-        std::fs::metadata(&path).map_err(|source| LogbookError::Io {
-            path: path.clone(),
-            attempt: "open",
-            source,
-        })?;
-        undo_half_a_change(&path);
-        let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
-        let connection = Connection::open_with_flags(&path, flags)
-            .map_err(|source| LogbookError::reading(&path, "read the header of", source))?;
-        Self::over(connection, path)
+        let path = path.as_ref();
+        let is_closed = |connection: &Connection| {
+            let sql = "SELECT closed_ns IS NOT NULL FROM session";
+            connection
+                .query_row(sql, [], |row| row.get(0))
+                .unwrap_or(false)
+        };
+        let opened = opening::open(path, is_closed)?;
+        Self::over(opened.connection, path.to_owned(), opened.mode)
     }
 
-    /// Reads the header through a connection that is there.
-    pub(crate) fn over(connection: Connection, path: PathBuf) -> Result<Self, LogbookError> {
+    /// Reads the header through a connection that writes.
+    pub(crate) fn of_writer(connection: Connection, path: PathBuf) -> Result<Self, LogbookError> {
+        Self::over(connection, path, Mode::Wal)
+    }
+
+    fn over(mut connection: Connection, path: PathBuf, mode: Mode) -> Result<Self, LogbookError> {
         let failed = |source| LogbookError::reading(&path, "read the header of", source);
+        let mut guard = Guard::over(&mut connection).map_err(failed)?;
         let number = |name: &str| -> Result<i64, LogbookError> {
             connection
                 .pragma_query_value(None, name, |row| row.get(0))
@@ -73,27 +86,46 @@ impl SessionReader {
                 reads: schema::VERSION,
             });
         }
+        let damaged = |place: &str, why: String| LogbookError::Damaged {
+            path: path.clone(),
+            place: place.to_owned(),
+            why,
+        };
+        if let Some(why) = schema::difference(&connection).map_err(failed)? {
+            return Err(damaged("its tables", why));
+        }
+        guard.allow_pages(number("page_count")?.unsigned_abs());
         let row = connection
             .query_row("SELECT * FROM session", [], |row| Ok(header_row(row)))
+            .optional()
             .map_err(failed)?;
-        let (header, closed) = match row {
-            Ok(read) => read,
-            Err(HeaderFault::Store(source)) => return Err(failed(source)),
-            Err(HeaderFault::Content(why)) => {
-                return Err(LogbookError::Damaged {
-                    path,
-                    place: "its header".into(),
-                    why,
-                });
-            }
+        let (header, seal, end) = match row {
+            Some(Ok(read)) => read,
+            Some(Err(HeaderFault::Store(source))) => return Err(failed(source)),
+            Some(Err(HeaderFault::Content(why))) => return Err(damaged("its header", why)),
+            None => return Err(damaged("its header", "it is not there".into())),
         };
         Ok(Self {
             connection,
+            guard,
             path,
+            mode,
             header,
-            closed,
+            seal,
+            end,
             checks: OnceCell::new(),
         })
+    }
+
+    /// Whether no journal beside the file is part of it.
+    pub(crate) fn is_folded(&self) -> bool {
+        self.mode == Mode::Rollback
+    }
+
+    /// What a question is asked through: each has its own share of work.
+    fn ask(&self) -> &Connection {
+        self.guard.begin();
+        &self.connection
     }
 
     /// With what the session was taken.
@@ -108,12 +140,17 @@ impl SessionReader {
 
     /// How the session had ended when it was opened here; `None` while it runs, or when its writer was killed.
     pub fn closed(&self) -> Option<&Closing> {
-        self.closed.as_ref()
+        match &self.end {
+            End::Open => None,
+            End::Closed(closing, _) | End::Damaged(closing) => Some(closing),
+        }
     }
 
-    /// What this reader reads through.
-    pub(crate) fn into_connection(self) -> Connection {
-        self.connection
+    /// What this reader reads through, without its limit of work, and what its rows' checksums begin with.
+    pub(crate) fn into_connection(self) -> rusqlite::Result<(Connection, Seal)> {
+        let mut connection = self.connection;
+        connection.progress_handler(0, None::<fn() -> bool>)?;
+        Ok((connection, self.seal))
     }
 
     /// Frames in the file now.
@@ -130,7 +167,7 @@ impl SessionReader {
 
     /// Sequence of the first frame that is there.
     pub(crate) fn first_present(&self) -> Result<Option<u64>, LogbookError> {
-        self.connection
+        self.ask()
             .query_row("SELECT min(sequence) FROM frame", [], |row| {
                 row.get::<_, Option<i64>>(0)
             })
@@ -140,7 +177,7 @@ impl SessionReader {
 
     /// The largest id in a table; 0 where there is none.
     pub(crate) fn last_number(&self, table: &'static str) -> Result<i64, LogbookError> {
-        self.connection
+        self.ask()
             .query_row(
                 &format!("SELECT coalesce(max(id), 0) FROM {table}"),
                 [],
@@ -151,19 +188,29 @@ impl SessionReader {
 
     /// When the last frame was taken, whether or not its readings are whole.
     pub(crate) fn last_taken(&self) -> Result<Option<Taken>, LogbookError> {
-        self.connection
-            .query_row(
-                "SELECT wall_us, monotonic_us FROM taken WHERE sequence = ?1",
-                [self.last_sequence()? as i64],
-                |row| {
-                    Ok(Taken {
-                        wall: wall(row.get(0)?),
-                        monotonic: microseconds(row.get(1)?),
-                    })
-                },
-            )
-            .optional()
-            .map_err(|source| LogbookError::reading(&self.path, "read the last frame of", source))
+        let last = self.last_sequence()?;
+        let Some(row) = self.row(last)? else {
+            return Ok(None);
+        };
+        // Without its stretch nobody knows when it was.
+        let Ok((stretch, _)) = self.stretch(last as i64, row.row.stretch) else {
+            return Ok(None);
+        };
+        let (monotonic_us, wall_us) = stretch.times(&row.row);
+        Ok(Some(Taken {
+            wall: wall(wall_us),
+            monotonic: microseconds(monotonic_us),
+        }))
+    }
+
+    /// How many late maps were written.
+    pub(crate) fn late_maps_written(&self) -> Result<u64, LogbookError> {
+        self.ask()
+            .query_row("SELECT coalesce(max(number), 0) FROM late_map", [], |row| {
+                row.get::<_, i64>(0)
+            })
+            .map(i64::unsigned_abs)
+            .map_err(|source| LogbookError::reading(&self.path, "count the late maps of", source))
     }
 
     /// Whether there is no frame.
@@ -189,7 +236,7 @@ impl SessionReader {
             frames: self.len()?,
             first_sequence: self.header.first_sequence,
             continues: self.header.continues.clone(),
-            closed: self.closed.clone(),
+            closed: self.closed().cloned(),
             simulated: self.header.simulated,
             electrodes: self.header.protocol.electrodes(),
             readings: self.header.protocol.len(),
@@ -202,32 +249,35 @@ impl SessionReader {
     /// # Errors
     /// The file cannot be read, or its baseline is damaged.
     pub fn baseline(&self) -> Result<Option<Baseline>, LogbookError> {
+        type Stored = (String, i64, i64, i64, bool, [Vec<u8>; 3]);
         let row = self
-            .connection
+            .ask()
             .query_row(
                 "SELECT id, wall_ns, frames, settings, simulated, readings, deviation, checksum FROM baseline",
                 [],
-                |row| {
-                    let baseline = Baseline {
-                        id: row.get(0)?,
-                        readings: Vec::new(),
-                        deviation: Vec::new(),
-                        frames: row.get::<_, i64>(2)? as usize,
-                        wall: DateTime::from_timestamp_nanos(row.get(1)?),
-                        settings: self.settings_row(row.get(3)?)?,
-                        simulated: row.get(4)?,
-                    };
-                    let blobs = [row.get(5)?, row.get(6)?, row.get::<_, Vec<u8>>(7)?];
-                    Ok((baseline, row.get::<_, i64>(1)?, blobs))
+                |row| -> rusqlite::Result<Stored> {
+                    let blobs = [row.get(5)?, row.get(6)?, row.get(7)?];
+                    Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?, row.get(4)?, blobs))
                 },
             )
             .optional()
             .map_err(|source| LogbookError::reading(&self.path, "read the baseline of", source))?;
-        let Some((mut baseline, wall, [readings, deviation, checksum])) = row else {
+        let Some((id, wall, frames, settings, simulated, blobs)) = row else {
             return Ok(None);
         };
+        let [readings, deviation, checksum] = blobs;
+        let mut baseline = Baseline {
+            id,
+            readings: Vec::new(),
+            deviation: Vec::new(),
+            frames: frames as usize,
+            wall: DateTime::from_timestamp_nanos(wall),
+            settings: self.settings(settings)?,
+            simulated,
+        };
         let place = || "its baseline".to_owned();
-        if checksum != baseline_checksum(&baseline, wall, &readings, &deviation) {
+        let own = baseline_checksum(self.seal, &baseline, settings, wall, &readings, &deviation);
+        if checksum != own {
             return Err(self.damaged(place(), "its checksum does not agree"));
         }
         let unpack = |blob: &[u8]| {
@@ -259,23 +309,38 @@ impl SessionReader {
     /// Events that agree with their checksums, and the numbers of those that do not.
     pub(crate) fn events_and_damaged(&self) -> Result<(Vec<Event>, Vec<i64>), LogbookError> {
         let mut damaged = Vec::new();
+        let room = self.bytes()?;
         let mut read = || -> rusqlite::Result<Vec<Event>> {
-            let mut events = Vec::new();
+            let (mut events, mut bytes) = (Vec::new(), 0);
             let mut statement = self
-                .connection
+                .ask()
                 .prepare_cached("SELECT id, at_ns, kind, text, checksum FROM event ORDER BY id")?;
             let mut rows = statement.query([])?;
             while let Some(row) = rows.next()? {
-                let (at, kind, text) = (row.get(1)?, row.get(2)?, row.get::<_, String>(3)?);
+                let number = row.get(0)?;
+                let (at, kind, text) = (
+                    row.get(1)?,
+                    row.get::<_, String>(2)?,
+                    row.get::<_, String>(3)?,
+                );
+                bytes += (kind.len() + text.len()) as u64;
+                if bytes > room {
+                    // pages that several rows claim: no more of it comes into memory
+                    return Err(rusqlite::Error::IntegralValueOutOfRange(
+                        3,
+                        text.len() as i64,
+                    ));
+                }
                 let event = Event {
                     at: DateTime::from_timestamp_nanos(at),
                     kind,
                     text,
                 };
-                if row.get::<_, Vec<u8>>(4)? == event_checksum(at, &event.kind, &event.text) {
+                let own = event_checksum(self.seal, number, at, &event.kind, &event.text);
+                if row.get::<_, Vec<u8>>(4)? == own {
                     events.push(event);
                 } else {
-                    damaged.push(row.get(0)?);
+                    damaged.push(number);
                 }
             }
             Ok(events)
@@ -288,7 +353,7 @@ impl SessionReader {
     /// One event by its number, if it is there and agrees with its checksum.
     pub(crate) fn event(&self, number: i64) -> Result<Option<Event>, LogbookError> {
         let read = || -> rusqlite::Result<Option<(Event, i64, Vec<u8>)>> {
-            self.connection
+            self.ask()
                 .prepare_cached("SELECT at_ns, kind, text, checksum FROM event WHERE id = ?1")?
                 .query_row([number], |row| {
                     let at = row.get(0)?;
@@ -306,32 +371,59 @@ impl SessionReader {
         let Some((event, at, checksum)) = row else {
             return Ok(None);
         };
-        if checksum == event_checksum(at, &event.kind, &event.text) {
+        if checksum == event_checksum(self.seal, number, at, &event.kind, &event.text) {
             Ok(Some(event))
         } else {
             Err(self.damaged(format!("event {number}"), "its checksum does not agree"))
         }
     }
 
-    fn settings_row(&self, id: i64) -> rusqlite::Result<Settings> {
-        self.connection
+    fn settings(&self, id: i64) -> Result<Settings, LogbookError> {
+        let row = self
+            .ask()
             .prepare_cached(
-                "SELECT protocol_hash, current_a, range_v, nplc, settle_ns, wiring, precautions FROM settings
+                "SELECT protocol_hash, current_a, range_v, nplc, settle_ns, wiring, precautions, checksum FROM settings
                  WHERE id = ?1",
-            )?
-            .query_row([id], |row| {
-                let precautions: String = row.get(6)?;
-                Ok(Settings {
-                    protocol_hash: row.get(0)?,
-                    current: Amps(row.get(1)?),
-                    range: Volts(row.get(2)?),
-                    nplc: row.get(3)?,
-                    settle: Duration::from_nanos(row.get::<_, i64>(4)?.max(0) as u64),
-                    wiring: row.get(5)?,
-                    // Damage shows in the checksum of whatever names these settings.
-                    precautions: serde_json::from_str(&precautions).unwrap_or_default(),
-                })
+            )
+            .and_then(|mut statement| {
+                let row = |row: &rusqlite::Row<'_>| {
+                    let precautions: String = row.get(6)?;
+                    let settings = Settings {
+                        protocol_hash: row.get(0)?,
+                        current: Amps(row.get(1)?),
+                        range: Volts(row.get(2)?),
+                        nplc: row.get(3)?,
+                        settle: Duration::from_nanos(row.get::<_, i64>(4)?.max(0) as u64),
+                        wiring: row.get(5)?,
+                        // Damage shows in the checksum.
+                        precautions: serde_json::from_str(&precautions).unwrap_or_default(),
+                    };
+                    Ok((settings, row.get::<_, Vec<u8>>(7)?))
+                };
+                statement.query_row([id], row).optional()
             })
+            .map_err(|source| LogbookError::reading(&self.path, "read the settings of", source))?;
+        let place = || format!("settings {id}");
+        let Some((settings, checksum)) = row else {
+            return Err(self.damaged(place(), "they are not there"));
+        };
+        if checksum != settings_checksum(self.seal, id, &settings) {
+            return Err(self.damaged(place(), "their checksum does not agree"));
+        }
+        Ok(settings)
+    }
+
+    /// What the file has room for, so that no more than that is read into memory at once.
+    pub(crate) fn bytes(&self) -> Result<u64, LogbookError> {
+        let count = |name: &str| -> rusqlite::Result<u64> {
+            self.connection
+                .pragma_query_value(None, name, |row| row.get::<_, i64>(0))
+                .map(i64::unsigned_abs)
+        };
+        let bytes = || -> rusqlite::Result<u64> {
+            Ok(count("page_count")?.saturating_mul(count("page_size")?))
+        };
+        bytes().map_err(|source| LogbookError::reading(&self.path, "tell the size of", source))
     }
 
     pub(crate) fn damaged(&self, place: String, why: impl Into<String>) -> LogbookError {
@@ -340,20 +432,6 @@ impl SessionReader {
             place,
             why: why.into(),
         }
-    }
-}
-
-/// A power cut while a file was begun or closed leaves a rollback journal beside it, which only somebody who may write
-/// can play back; who may not is told by the opening that follows.
-fn undo_half_a_change(path: &Path) {
-    let mut journal = path.as_os_str().to_owned();
-    journal.push("-journal");
-    if !Path::new(&journal).exists() {
-        return;
-    }
-    let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
-    if let Ok(connection) = Connection::open_with_flags(path, flags) {
-        let _ = connection.pragma_query_value(None, "schema_version", |row| row.get::<_, i64>(0));
     }
 }
 

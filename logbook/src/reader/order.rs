@@ -2,7 +2,6 @@
 
 use super::SessionReader;
 use crate::LogbookError;
-use crate::schema::PAGE;
 
 /// No row of a frame is smaller than so many bytes, so a file of some size has no more of them than that.
 pub(crate) const SMALLEST: i64 = 36;
@@ -48,13 +47,14 @@ impl SessionReader {
 
     /// Of all rows, one after the other; no more than the file has room for, where a forged one leads round in circles.
     fn scan(&self, what: &str) -> Result<Option<i64>, LogbookError> {
-        let pages = self
-            .connection
-            .pragma_query_value(None, "page_count", |row| row.get::<_, i64>(0))
-            .map_err(|source| LogbookError::reading(&self.path, "count the pages of", source))?;
-        let most = pages.saturating_mul(i64::from(PAGE) / SMALLEST);
         let sql = format!("SELECT {what} FROM (SELECT sequence FROM frame LIMIT ?1)");
-        self.frame_number(&sql, [most])
+        self.frame_number(&sql, [self.most_rows()])
+    }
+
+    /// Rows that the file has room for.
+    pub(super) fn most_rows(&self) -> i64 {
+        self.bytes()
+            .map_or(0, |bytes| (bytes / SMALLEST as u64) as i64)
     }
 
     fn frame_number(
@@ -62,7 +62,7 @@ impl SessionReader {
         sql: &str,
         values: impl rusqlite::Params,
     ) -> Result<Option<i64>, LogbookError> {
-        self.connection
+        self.ask()
             .query_row(sql, values, |row| row.get(0))
             .map_err(|source| LogbookError::reading(&self.path, "count the frames of", source))
     }
@@ -87,7 +87,7 @@ impl SessionReader {
 
     /// Numbers below the first frame's, or not above the one before; some of them.
     fn out_of_order(&self) -> rusqlite::Result<Vec<i64>> {
-        let mut statement = self.connection.prepare("SELECT sequence FROM frame")?;
+        let mut statement = self.ask().prepare("SELECT sequence FROM frame")?;
         let mut rows = statement.query([])?;
         let (mut before, mut found) = (self.header.first_sequence as i64 - 1, Vec::new());
         while let Some(row) = rows.next()? {

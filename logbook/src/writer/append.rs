@@ -62,8 +62,10 @@ impl SessionWriter {
         if written.is_err() {
             (self.references, self.stretches, self.settings, self.mapper) = before;
         }
-        self.sequence = written?;
-        Ok(self.sequence)
+        let last = written?;
+        self.frames += last - self.sequence;
+        self.sequence = last;
+        Ok(last)
     }
 
     fn write_frames<'a>(
@@ -72,6 +74,7 @@ impl SessionWriter {
     ) -> Result<u64, LogbookError> {
         let wants = self.header.protocol.len();
         let mut sequence = self.sequence;
+        let seal = self.seal;
         let store = || -> Result<(), Unwritten> {
             let transaction = self.connection.transaction()?;
             for (frame, map, quality) in frames {
@@ -79,9 +82,14 @@ impl SessionWriter {
                 check_length(frame.readings.len(), wants)?;
                 let packed = self.references.pack(&frame.readings)?;
                 let settings =
-                    rows::known_settings(&transaction, &mut self.settings, &frame.settings)?;
+                    rows::known_settings(&transaction, seal, &mut self.settings, &frame.settings)?;
                 let mapper = match map {
-                    Some(map) => Some(rows::known_mapper(&transaction, &mut self.mapper, map)?),
+                    Some(map) => Some(rows::known_mapper(
+                        &transaction,
+                        seal,
+                        &mut self.mapper,
+                        map,
+                    )?),
                     None => None,
                 };
                 let standing = Standing {
@@ -92,16 +100,15 @@ impl SessionWriter {
                     mapper,
                     simulated: frame.simulated,
                 };
-                let place = self
-                    .stretches
-                    .place(&transaction, &standing, &frame.settings)?;
+                let place = self.stretches.place(&transaction, seal, &standing)?;
                 let quality = match quality {
                     Some(kept) => kept.clone(),
                     None => self.checks.of(frame),
                 };
-                rows::write_reference(&transaction, &packed)?;
+                rows::write_reference(&transaction, seal, &packed)?;
                 rows::write_frame(
                     &transaction,
+                    seal,
                     &FrameRow {
                         sequence: sequence as i64,
                         stretch: place.stretch,

@@ -4,7 +4,7 @@ use rusqlite::params;
 
 use super::SessionWriter;
 use super::rows::known_mapper;
-use crate::row::pack_trace;
+use crate::row::{late_map_checksum, pack_trace};
 use crate::{LogbookError, MapRecord};
 
 impl SessionWriter {
@@ -24,19 +24,27 @@ impl SessionWriter {
             });
         }
         let before = self.mapper.clone();
+        let (seal, number) = (self.seal, self.late_maps as i64 + 1);
         let mut store = || -> rusqlite::Result<()> {
             let transaction = self.connection.transaction()?;
-            let mapper = known_mapper(&transaction, &mut self.mapper, map)?;
+            let mapper = known_mapper(&transaction, seal, &mut self.mapper, map)?;
+            let (sequence, trace) = (sequence as i64, pack_trace(map));
+            let checksum = late_map_checksum(seal, sequence, number, mapper, &trace);
             transaction.execute(
-                "INSERT INTO late_map (sequence, mapper, map_hash) VALUES (?1, ?2, ?3)",
-                params![sequence as i64, mapper, pack_trace(map)],
+                "INSERT INTO late_map (sequence, number, mapper, map_hash, checksum) VALUES (?1, ?2, ?3, ?4, ?5)",
+                params![sequence, number, mapper, trace, checksum],
             )?;
             transaction.commit()
         };
-        let stored = store();
-        stored.map_err(|source| {
-            self.mapper = before;
-            self.write_failed("write the hash of a map to", source)
-        })
+        match store() {
+            Ok(()) => {
+                self.late_maps += 1;
+                Ok(())
+            }
+            Err(source) => {
+                self.mapper = before;
+                Err(self.write_failed("write the hash of a map to", source))
+            }
+        }
     }
 }

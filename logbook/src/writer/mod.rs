@@ -17,10 +17,14 @@ use chrono::{DateTime, Utc};
 use rusqlite::{Connection, OpenFlags, params};
 use survey::{Baseline, Checks, Settings};
 
+use crate::inodes::InWriting;
+use crate::reader::companion;
+use crate::row::{Seal, Tally, closing_checksum};
 use crate::schema;
 use crate::{DiskFault, LogbookError, MapRecord, SessionHeader};
 
 pub use parts::{CONTINUED, RESUMED, Resumed, Taken};
+pub(crate) use parts::{CONTINUED_IN, set_aside_journal};
 use place::FilePlace;
 use references::References;
 use rows::Unwritten;
@@ -39,13 +43,19 @@ pub struct Storage {
 #[derive(Debug)]
 pub struct SessionWriter {
     connection: Connection,
+    /// Dropped after the connection.
+    _in_writing: InWriting,
     path: PathBuf,
     header: SessionHeader,
+    seal: Seal,
     storage: Storage,
     protocol_hash: String,
     baseline: Option<Baseline>,
     checks: Checks,
     sequence: u64,
+    /// Rows of frames and of late maps.
+    frames: u64,
+    late_maps: u64,
     references: References,
     stretches: Stretches,
     settings: Option<(i64, Settings)>,
@@ -111,17 +121,22 @@ impl SessionWriter {
             }
             Err(source) => return Err(LogbookError::disk(&path, "make", source)),
         }
-        let laid_out = Self::lay_out(&path, header, storage, beginning).and_then(|connection| {
+        let laid_out = Self::lay_out(&path, header, storage, beginning).and_then(|laid_out| {
             File::open(dir)
                 .and_then(|folder| folder.sync_all())
                 .map_err(|source| LogbookError::disk(&path, "sync the folder of", source))?;
-            Ok(connection)
+            Ok(laid_out)
         });
-        let connection = laid_out.inspect_err(|_| {
+        let (connection, in_writing, seal) = laid_out.inspect_err(|_| {
             // A file without a header is no session; nothing was acknowledged, so nothing is lost.
             discard(&path);
         })?;
-        let mut writer = Self::over(connection, path, header.clone(), storage);
+        let mut writer = Self::over(
+            (connection, in_writing, seal),
+            path,
+            header.clone(),
+            storage,
+        );
         if let Some(baseline) = beginning.baseline {
             writer.take_baseline(baseline.clone());
         }
@@ -130,20 +145,24 @@ impl SessionWriter {
 
     /// Around a file with a header and no frame yet.
     fn over(
-        connection: Connection,
+        (connection, in_writing, seal): (Connection, InWriting, Seal),
         path: PathBuf,
         header: SessionHeader,
         storage: Storage,
     ) -> Self {
         Self {
             connection,
+            _in_writing: in_writing,
             place: FilePlace::of(&path),
             path,
+            seal,
             storage,
             protocol_hash: header.protocol.hash(),
             baseline: None,
             checks: Checks::new(&header.protocol),
             sequence: header.first_sequence - 1,
+            frames: 0,
+            late_maps: 0,
             references: References::default(),
             stretches: Stretches::default(),
             settings: None,
@@ -158,27 +177,30 @@ impl SessionWriter {
         header: &SessionHeader,
         storage: Storage,
         beginning: &Beginning<'_>,
-    ) -> Result<Connection, LogbookError> {
+    ) -> Result<(Connection, InWriting, Seal), LogbookError> {
         let started = nanoseconds(header.started, "the start of the session")?;
-        let write = || -> Result<Connection, Unwritten> {
-            let mut connection = open_for_writing(path)?;
+        let (connection, in_writing) = open_for_writing(path, "write the header of")?;
+        let write = |mut connection: Connection| -> Result<(Connection, Seal), Unwritten> {
             connection.pragma_update(None, "page_size", schema::PAGE)?;
             adjust(&connection, storage)?;
             connection.pragma_update(None, "journal_mode", "WAL")?;
             let transaction = connection.transaction()?;
             schema::lay_out(&transaction)?;
-            rows::write_header(&transaction, header, started)?;
+            let seal = rows::write_header(&transaction, header, started)?;
             if let Some(baseline) = beginning.baseline {
-                rows::write_baseline(&transaction, baseline)?;
+                rows::write_baseline(&transaction, seal, baseline)?;
             }
             if let Some((at, kind, text)) = beginning.event {
                 let at = nanoseconds(at, "an event's time")?;
-                rows::write_event(&transaction, at, kind, text)?;
+                rows::write_event(&transaction, seal, at, kind, text)?;
             }
             transaction.commit()?;
-            Ok(connection)
+            Ok((connection, seal))
         };
-        write().map_err(|unwritten| unwritten.told(path, "write the header of"))
+        match write(connection) {
+            Ok((connection, seal)) => Ok((connection, in_writing, seal)),
+            Err(unwritten) => Err(unwritten.told(path, "write the header of")),
+        }
     }
 
     /// The session's file.
@@ -217,9 +239,10 @@ impl SessionWriter {
         let wants = self.header.protocol.len();
         check_length(baseline.readings.len(), wants)?;
         check_length(baseline.deviation.len(), wants)?;
+        let seal = self.seal;
         let write = |connection: &mut Connection| -> Result<i64, Unwritten> {
             let transaction = connection.transaction()?;
-            let settings = rows::write_baseline(&transaction, baseline)?;
+            let settings = rows::write_baseline(&transaction, seal, baseline)?;
             transaction.commit()?;
             Ok(settings)
         };
@@ -248,7 +271,7 @@ impl SessionWriter {
     pub fn event(&mut self, at: DateTime<Utc>, kind: &str, text: &str) -> Result<(), LogbookError> {
         self.check_usable()?;
         let at = nanoseconds(at, "an event's time")?;
-        rows::write_event(&self.connection, at, kind, text)
+        rows::write_event(&self.connection, self.seal, at, kind, text)
             .map_err(|source| self.write_failed("write an event to", source))?;
         self.place.check(&self.path)
     }
@@ -274,12 +297,13 @@ impl SessionWriter {
         self.check_usable()?;
         self.place.check(&self.path)?;
         let at = nanoseconds(at, "the end of the session")?;
-        self.connection
-            .execute(
-                "UPDATE session SET closed_ns = ?1, closed_reason = ?2",
-                params![at, reason],
-            )
-            .map(|_| ())
+        let tally = Tally {
+            last: self.sequence,
+            frames: self.frames,
+            late_maps: self.late_maps,
+            ..Tally::default()
+        };
+        write_closing(&self.connection, self.seal, at, reason, tally)
             .map_err(|source| self.write_failed("close", source))?;
         self.place.check(&self.path)
     }
@@ -335,9 +359,48 @@ impl SessionWriter {
     }
 }
 
-fn open_for_writing(path: &Path) -> rusqlite::Result<Connection> {
+/// Says how a session ended and what it holds: beside what the tally has already, how many rows the small tables have.
+fn write_closing(
+    connection: &Connection,
+    seal: Seal,
+    at: i64,
+    reason: &str,
+    tally: Tally,
+) -> rusqlite::Result<()> {
+    let last = |table: &'static str| -> rusqlite::Result<u64> {
+        let key = if table == "baseline" { "only" } else { "id" };
+        let sql = format!("SELECT coalesce(max({key}), 0) FROM {table}");
+        connection
+            .query_row(&sql, [], |row| row.get::<_, i64>(0))
+            .map(i64::unsigned_abs)
+    };
+    let tally = Tally {
+        baselines: last("baseline")?,
+        events: last("event")?,
+        references: last("reference")?,
+        stretches: last("stretch")?,
+        settings: last("settings")?,
+        mappers: last("mapper")?,
+        ..tally
+    };
+    let tally = rows::json(serde_json::to_string(&tally))?;
+    connection.execute(
+        "UPDATE session SET closed_ns = ?1, closed_reason = ?2, closed_tally = ?3, closed_checksum = ?4",
+        params![at, reason, tally, closing_checksum(seal, at, reason, &tally)],
+    )?;
+    Ok(())
+}
+
+fn open_for_writing(
+    path: &Path,
+    attempt: &'static str,
+) -> Result<(Connection, InWriting), LogbookError> {
+    let in_writing =
+        InWriting::new(path).map_err(|source| LogbookError::disk(path, attempt, source))?;
     let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
-    Connection::open_with_flags(path, flags)
+    let connection = Connection::open_with_flags(path, flags)
+        .map_err(|source| LogbookError::writing(path, attempt, source))?;
+    Ok((connection, in_writing))
 }
 
 /// A sync for each transaction; and of the folder where a rollback journal is deleted, which SQLite uses while it
@@ -358,13 +421,6 @@ fn adjust(connection: &Connection, storage: Storage) -> rusqlite::Result<()> {
 /// For sessions: readable by their group, and by no stranger.
 fn make_folder(dir: &Path) -> std::io::Result<()> {
     DirBuilder::new().recursive(true).mode(0o750).create(dir)
-}
-
-/// `<file>-wal` and `<file>-shm`, as SQLite names them.
-fn companion(path: &Path, end: &str) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(end);
-    name.into()
 }
 
 /// Takes away a file that holds nothing yet; its journal first, which would be taken for another file's.

@@ -9,9 +9,13 @@ use std::time::Duration;
 
 use chrono::{DateTime, Utc};
 use rusqlite::config::DbConfig;
-use rusqlite::params;
 
-use super::{Beginning, SessionWriter, Storage, adjust, discard, nanoseconds, open_for_writing};
+use super::{
+    Beginning, SessionWriter, Storage, adjust, discard, nanoseconds, open_for_writing,
+    write_closing,
+};
+use crate::reader::companion;
+use crate::row::Tally;
 use crate::shelf::{self, part_of};
 use crate::{LogbookError, SessionHeader, SessionReader};
 
@@ -19,6 +23,9 @@ use crate::{LogbookError, SessionHeader, SessionReader};
 pub const RESUMED: &str = "restarted";
 /// Kind of the event that a part begins with which goes on from another one.
 pub const CONTINUED: &str = "continued";
+
+/// How the reason of a closed part begins that another one goes on from; the id of that part follows.
+pub(crate) const CONTINUED_IN: &str = "continued in ";
 
 /// Frames at the end that are checked before a session goes on; `tactus sessions verify` checks all.
 const CHECKED: u64 = 64;
@@ -66,11 +73,12 @@ impl SessionWriter {
         storage: Storage,
     ) -> Result<(Self, Resumed), LogbookError> {
         let path = path.as_ref();
+        set_aside_journal(path)?;
         // First through eyes that change nothing: a stranger's file is not touched.
         let header = SessionReader::open(path)?.header().clone();
         let opening = |source| LogbookError::writing(path, "open", source);
-        let connection = open_for_writing(path).map_err(opening)?;
-        let session = SessionReader::over(connection, path.to_owned())?;
+        let (connection, in_writing) = open_for_writing(path, "open")?;
+        let session = SessionReader::of_writer(connection, path.to_owned())?;
         if let Some(closing) = session.closed() {
             return Err(LogbookError::Closed {
                 path: path.to_owned(),
@@ -88,10 +96,14 @@ impl SessionWriter {
         let baseline = session.baseline()?;
         let reference = session.last_number("reference")?;
         let stretch = session.last_number("stretch")?;
-        let connection = session.into_connection();
+        let (frames, late_maps) = (session.rows()?, session.late_maps_written()?);
+        let (connection, seal) = session.into_connection().map_err(opening)?;
         adjust(&connection, storage).map_err(opening)?;
-        let mut writer = Self::over(connection, path.to_owned(), header, storage);
+        let open = (connection, in_writing, seal);
+        let mut writer = Self::over(open, path.to_owned(), header, storage);
         writer.sequence = resumed.acknowledged;
+        writer.frames = frames;
+        writer.late_maps = late_maps;
         writer.references.resume_after(reference);
         writer.stretches.resume_after(stretch);
         if let Some(baseline) = baseline {
@@ -210,17 +222,21 @@ impl SessionWriter {
         };
         let close = || -> Result<(), LogbookError> {
             let path = shelf::path_of(dir, earlier);
+            let failed = |source| LogbookError::writing(&path, "close", source);
             if SessionReader::open(&path)?.closed().is_some() {
                 return Ok(());
             }
-            let failed = |source| LogbookError::writing(&path, "close", source);
-            let connection = open_for_writing(&path).map_err(failed)?;
+            let (connection, _in_writing) = open_for_writing(&path, "close")?;
+            let session = SessionReader::of_writer(connection, path.clone())?;
+            let tally = Tally {
+                last: session.last_sequence()?,
+                frames: session.rows()?,
+                late_maps: session.late_maps_written()?,
+                ..Tally::default()
+            };
+            let (connection, seal) = session.into_connection().map_err(failed)?;
             adjust(&connection, Storage::default()).map_err(failed)?;
-            connection
-                .execute(
-                    "UPDATE session SET closed_ns = ?1, closed_reason = ?2",
-                    params![at, continued_in(&self.header.id)],
-                )
+            write_closing(&connection, seal, at, &continued_in(&self.header.id), tally)
                 .map_err(failed)?;
             connection
                 .pragma_update(None, "journal_mode", "DELETE")
@@ -257,6 +273,19 @@ fn next_part(
             made => return made,
         }
     }
+}
+
+/// Moves a rollback journal away that lies beside a session with a write-ahead log: SQLite would play it back, and the
+/// session has none while it is written.
+pub(crate) fn set_aside_journal(path: &Path) -> Result<(), LogbookError> {
+    let journal = companion(path, "-journal");
+    let log = companion(path, "-wal");
+    let is_written = std::fs::metadata(log).is_ok_and(|found| found.len() > 0);
+    if !is_written || std::fs::symlink_metadata(&journal).is_err() {
+        return Ok(());
+    }
+    std::fs::rename(&journal, companion(path, "-journal-set-aside"))
+        .map_err(|source| LogbookError::disk(&journal, "rename", source))
 }
 
 fn found(session: &SessionReader) -> Result<Resumed, LogbookError> {
@@ -297,7 +326,7 @@ fn check_end(session: &SessionReader, last: u64) -> Result<(), LogbookError> {
 }
 
 fn continued_in(id: &str) -> String {
-    format!("continued in {id}")
+    format!("{CONTINUED_IN}{id}")
 }
 
 fn behind(id: &str, acknowledged: u64, why: &str) -> String {

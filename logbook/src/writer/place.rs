@@ -5,7 +5,7 @@ use std::fs::File;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-use rusqlite::params;
+use rusqlite::{Connection, params};
 
 use super::{SessionWriter, companion};
 use crate::LogbookError;
@@ -106,6 +106,11 @@ impl SessionWriter {
         self.connection
             .execute("VACUUM INTO ?1", params![to])
             .map_err(failed)?;
+        // as a session that is not closed: the mode says so, too
+        let as_written = |copy: &Path| -> rusqlite::Result<()> {
+            Connection::open(copy)?.pragma_update(None, "journal_mode", "WAL")
+        };
+        as_written(beside).map_err(failed)?;
         let written = File::open(beside).and_then(|copy| copy.sync_all());
         written.map_err(|source| LogbookError::disk(beside, "sync", source))
     }

@@ -9,12 +9,12 @@ use super::references::Packed;
 use super::{nanoseconds, span};
 use crate::codec::{EncodeError, Reference, encode};
 use crate::row::{
-    FrameRow, Remarks, Stretch, baseline_checksum, event_checksum, header_checksum,
-    reference_checksum,
+    FrameRow, Remarks, Seal, Stretch, baseline_checksum, event_checksum, mapper_checksum,
+    reference_checksum, settings_checksum,
 };
 use crate::{LogbookError, MapRecord, SessionHeader};
 
-fn json<T>(value: serde_json::Result<T>) -> rusqlite::Result<T> {
+pub(super) fn json<T>(value: serde_json::Result<T>) -> rusqlite::Result<T> {
     value.map_err(|cause| rusqlite::Error::ToSqlConversionFailure(cause.into()))
 }
 
@@ -22,7 +22,8 @@ pub(super) fn write_header(
     transaction: &Connection,
     header: &SessionHeader,
     started: i64,
-) -> rusqlite::Result<()> {
+) -> rusqlite::Result<Seal> {
+    let seal = json(Seal::of(header))?;
     transaction.execute(
         "INSERT INTO session (only, id, kind, started_ns, simulated, build, seed, config_toml, config_hash,
             model_hash, geometry_hash, protocol, instruments, modules, note, about, asked, continues, first_sequence,
@@ -47,15 +48,16 @@ pub(super) fn write_header(
             header.asked,
             header.continues,
             header.first_sequence as i64,
-            json(header_checksum(header))?,
+            seal.bytes(),
         ],
     )?;
-    Ok(())
+    Ok(seal)
 }
 
 /// Writes a baseline and returns its settings' row.
 pub(super) fn write_baseline(
     transaction: &Connection,
+    seal: Seal,
     baseline: &Baseline,
 ) -> Result<i64, Unwritten> {
     let readings = encode(&baseline.readings, &Reference::NONE)?;
@@ -67,8 +69,8 @@ pub(super) fn write_baseline(
     let deviation = encode(&deviation, &Reference::NONE)?;
     let wall = nanoseconds(baseline.wall, "the baseline's wall time")?;
     let settle = span(baseline.settings.settle, "the settling time")?;
-    let settings = settings_id(transaction, &baseline.settings, settle)?;
-    let checksum = baseline_checksum(baseline, wall, &readings, &deviation);
+    let settings = settings_id(transaction, seal, &baseline.settings, settle)?;
+    let checksum = baseline_checksum(seal, baseline, settings, wall, &readings, &deviation);
     transaction.execute(
         "INSERT INTO baseline (only, id, wall_ns, frames, settings, simulated, readings, deviation, checksum)
          VALUES (1, ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
@@ -86,20 +88,33 @@ pub(super) fn write_baseline(
     Ok(settings)
 }
 
+/// The number of the next row of a table.
+fn next_id(connection: &Connection, table: &'static str) -> rusqlite::Result<i64> {
+    connection
+        .prepare_cached(&format!("SELECT coalesce(max(id), 0) + 1 FROM {table}"))?
+        .query_row([], |row| row.get(0))
+}
+
 pub(super) fn write_event(
     transaction: &Connection,
+    seal: Seal,
     at: i64,
     kind: &str,
     text: &str,
 ) -> rusqlite::Result<()> {
+    let id = next_id(transaction, "event")?;
+    let checksum = event_checksum(seal, id, at, kind, text);
     transaction
-        .prepare_cached("INSERT INTO event (at_ns, kind, text, checksum) VALUES (?1, ?2, ?3, ?4)")?
-        .execute(params![at, kind, text, event_checksum(at, kind, text)])?;
+        .prepare_cached(
+            "INSERT INTO event (id, at_ns, kind, text, checksum) VALUES (?1, ?2, ?3, ?4, ?5)",
+        )?
+        .execute(params![id, at, kind, text, checksum])?;
     Ok(())
 }
 
 pub(super) fn settings_id(
     connection: &Connection,
+    seal: Seal,
     settings: &Settings,
     settle: i64,
 ) -> rusqlite::Result<i64> {
@@ -124,15 +139,30 @@ pub(super) fn settings_id(
     if let Some(id) = known {
         return Ok(id);
     }
+    let id = next_id(connection, "settings")?;
     connection.execute(
-        "INSERT INTO settings (protocol_hash, current_a, range_v, nplc, settle_ns, wiring, precautions)
-         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
-        values,
+        "INSERT INTO settings (id, protocol_hash, current_a, range_v, nplc, settle_ns, wiring, precautions, checksum)
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
+        params![
+            id,
+            settings.protocol_hash,
+            settings.current.0,
+            settings.range.0,
+            settings.nplc,
+            settle,
+            settings.wiring,
+            precautions,
+            settings_checksum(seal, id, settings),
+        ],
     )?;
-    Ok(connection.last_insert_rowid())
+    Ok(id)
 }
 
-pub(super) fn mapper_id(connection: &Connection, map: &MapRecord) -> rusqlite::Result<i64> {
+pub(super) fn mapper_id(
+    connection: &Connection,
+    seal: Seal,
+    map: &MapRecord,
+) -> rusqlite::Result<i64> {
     let values = params![map.method, map.model_hash, map.build, map.cpu];
     let known = connection
         .query_row(
@@ -144,11 +174,19 @@ pub(super) fn mapper_id(connection: &Connection, map: &MapRecord) -> rusqlite::R
     if let Some(id) = known {
         return Ok(id);
     }
+    let id = next_id(connection, "mapper")?;
     connection.execute(
-        "INSERT INTO mapper (method, model_hash, build, cpu) VALUES (?1, ?2, ?3, ?4)",
-        values,
+        "INSERT INTO mapper (id, method, model_hash, build, cpu, checksum) VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
+        params![
+            id,
+            map.method,
+            map.model_hash,
+            map.build,
+            map.cpu,
+            mapper_checksum(seal, id, map),
+        ],
     )?;
-    Ok(connection.last_insert_rowid())
+    Ok(id)
 }
 
 /// Why a transaction was not finished: by the file, or by what was to be written.
@@ -187,6 +225,7 @@ impl From<EncodeError> for Unwritten {
 
 pub(super) fn known_settings(
     transaction: &Connection,
+    seal: Seal,
     known: &mut Option<(i64, Settings)>,
     settings: &Settings,
 ) -> Result<i64, Unwritten> {
@@ -196,13 +235,14 @@ pub(super) fn known_settings(
         return Ok(*id);
     }
     let settle = span(settings.settle, "the settling time")?;
-    let id = settings_id(transaction, settings, settle)?;
+    let id = settings_id(transaction, seal, settings, settle)?;
     *known = Some((id, settings.clone()));
     Ok(id)
 }
 
 pub(super) fn known_mapper(
     transaction: &Connection,
+    seal: Seal,
     known: &mut Option<(i64, MapRecord)>,
     map: &MapRecord,
 ) -> rusqlite::Result<i64> {
@@ -219,12 +259,16 @@ pub(super) fn known_mapper(
     {
         return Ok(*id);
     }
-    let id = mapper_id(transaction, map)?;
+    let id = mapper_id(transaction, seal, map)?;
     *known = Some((id, map.clone()));
     Ok(id)
 }
 
-pub(super) fn write_reference(transaction: &Connection, packed: &Packed) -> rusqlite::Result<()> {
+pub(super) fn write_reference(
+    transaction: &Connection,
+    seal: Seal,
+    packed: &Packed,
+) -> rusqlite::Result<()> {
     let Some(new) = &packed.written else {
         return Ok(());
     };
@@ -236,15 +280,15 @@ pub(super) fn write_reference(transaction: &Connection, packed: &Packed) -> rusq
             new.id,
             new.against_baseline,
             new.blob,
-            reference_checksum(new.id, new.against_baseline, &new.blob),
+            reference_checksum(seal, new.id, new.against_baseline, &new.blob),
         ])?;
     Ok(())
 }
 
 pub(super) fn write_stretch(
     transaction: &Connection,
+    seal: Seal,
     stretch: &Stretch,
-    settings: &Settings,
 ) -> rusqlite::Result<()> {
     transaction
         .prepare_cached(
@@ -260,12 +304,16 @@ pub(super) fn write_stretch(
             stretch.monotonic,
             stretch.wall,
             stretch.period,
-            stretch.checksum(settings),
+            stretch.checksum(seal),
         ])?;
     Ok(())
 }
 
-pub(super) fn write_frame(transaction: &Connection, row: &FrameRow) -> rusqlite::Result<()> {
+pub(super) fn write_frame(
+    transaction: &Connection,
+    seal: Seal,
+    row: &FrameRow,
+) -> rusqlite::Result<()> {
     transaction
         .prepare_cached(
             "INSERT INTO frame (sequence, stretch, tick_us, skew_us, duration_us, reference, flags, loop_sum, remarks,
@@ -284,7 +332,7 @@ pub(super) fn write_frame(transaction: &Connection, row: &FrameRow) -> rusqlite:
             row.remarks,
             row.map_hash,
             row.blob,
-            row.checksum(),
+            row.checksum(seal),
         ])?;
     Ok(())
 }

@@ -2,10 +2,9 @@
 //! a few bytes.
 
 use rusqlite::Connection;
-use survey::Settings;
 
 use super::rows::write_stretch;
-use crate::row::Stretch;
+use crate::row::{Seal, Stretch};
 
 /// Beyond so many microseconds a frame's times take more than three bytes: a clock has been set, or the rate is another.
 const FAR: i64 = 1 << 23;
@@ -49,8 +48,8 @@ impl Stretches {
     pub(super) fn place(
         &mut self,
         transaction: &Connection,
+        seal: Seal,
         frame: &Standing,
-        settings: &Settings,
     ) -> rusqlite::Result<Place> {
         let alike = self.known.iter().position(|known| {
             (known.settings, known.mapper, known.simulated)
@@ -92,7 +91,7 @@ impl Stretches {
             wall: frame.wall,
             period,
         };
-        write_stretch(transaction, &stretch, settings)?;
+        write_stretch(transaction, seal, &stretch)?;
         self.last_id = stretch.id;
         let place = apart(&stretch);
         if alike.is_some() {

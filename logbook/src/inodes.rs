@@ -1,0 +1,57 @@
+//! The files that this process is writing.
+//!
+//! POSIX locks belong to the process: closing any descriptor of a file drops the locks that SQLite holds on it through
+//! another one, and then another process takes the session for unused. So a file that is in this list is opened only
+//! by SQLite itself, and looking at it first happens under the list's lock.
+
+use std::collections::BTreeMap;
+use std::fs::Metadata;
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Device and inode, which stay the same when a file is renamed.
+type Inode = (u64, u64);
+
+/// How many writers each has: while a session is resumed there may be two for a moment.
+static WRITTEN: Mutex<BTreeMap<Inode, u32>> = Mutex::new(BTreeMap::new());
+
+fn written() -> MutexGuard<'static, BTreeMap<Inode, u32>> {
+    WRITTEN.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn inode(of: &Metadata) -> Inode {
+    (of.dev(), of.ino())
+}
+
+/// Keeps a file in the list; dropped after the connection that writes it.
+#[derive(Debug)]
+pub(crate) struct InWriting(Inode);
+
+impl InWriting {
+    /// Adds a file that is about to be opened for writing.
+    pub(crate) fn new(path: &Path) -> std::io::Result<Self> {
+        let mut list = written();
+        let inode = inode(&std::fs::metadata(path)?);
+        *list.entry(inode).or_default() += 1;
+        Ok(Self(inode))
+    }
+}
+
+impl Drop for InWriting {
+    fn drop(&mut self) {
+        let mut list = written();
+        if let Some(writers) = list.get_mut(&self.0) {
+            *writers -= 1;
+            if *writers == 0 {
+                list.remove(&self.0);
+            }
+        }
+    }
+}
+
+/// Looks at a file, unless this process writes it: `None` then. No writer of this process begins meanwhile.
+pub(crate) fn unless_in_writing<T>(of: &Metadata, look: impl FnOnce() -> T) -> Option<T> {
+    let list = written();
+    (!list.contains_key(&inode(of))).then(look)
+}

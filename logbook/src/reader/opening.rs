@@ -1,0 +1,245 @@
+//! How a session's file is opened so that nothing beside it or in it changes, whoever wrote it.
+//!
+//! | the file is | read how |
+//! |---|---|
+//! | in rollback mode: closed and folded | `immutable`: no locks, and journals beside it are not looked at |
+//! | in WAL mode, its journal empty or not there | the same |
+//! | in WAL mode, with journal and index | read-only with a read-only index: sees what its writer has acknowledged |
+//! | in WAL mode, with a journal alone | the index is made in memory |
+//!
+//! A rollback journal is never played back: a session is in WAL mode from before its header until after its last
+//! entry, so none that lies beside it can belong to its content.
+
+use std::fs::{File, Metadata, OpenOptions};
+use std::io::{ErrorKind, Read};
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+
+use rusqlite::config::DbConfig;
+use rusqlite::limits::Limit;
+use rusqlite::{Connection, OpenFlags};
+use rustix::fs::OFlags;
+
+use crate::LogbookError;
+use crate::inodes::unless_in_writing;
+
+/// The beginning of every SQLite file.
+const MAGIC: &[u8; 16] = b"SQLite format 3\0";
+/// Bytes of SQLite's header that are looked at.
+const HEAD: usize = 100;
+/// Where the header says how the file is read: 1 with a rollback journal, 2 with a write-ahead log.
+const READ_VERSION: usize = 19;
+/// The longest text or blob of a row, bytes: the protocol of 256 electrodes is of 4 MB.
+const LONGEST: u64 = 16 << 20;
+/// No file is too small for its own schema.
+const SHORTEST: u64 = 1 << 20;
+/// The longest statement, and the longest entry of a schema, bytes.
+const SQL: i32 = 20_000;
+
+/// What the beginning of a file says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Mode {
+    /// Folded: whole without a journal.
+    Rollback,
+    /// What is in the journal beside it is part of it.
+    Wal,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Way {
+    Immutable,
+    WithIndex,
+    IndexInMemory,
+}
+
+/// A file as it was opened.
+pub(crate) struct Opened {
+    pub(crate) connection: Connection,
+    pub(crate) mode: Mode,
+}
+
+/// Opens a file for reading.
+///
+/// # Errors
+/// It is not there, no regular file, no SQLite file, or a rollback journal lies beside a session that is not closed.
+pub(crate) fn open(
+    path: &Path,
+    is_closed: impl Fn(&Connection) -> bool,
+) -> Result<Opened, LogbookError> {
+    let io = |source| LogbookError::Io {
+        path: path.to_owned(),
+        attempt: "open",
+        source,
+    };
+    // SQLite looks for a journal beside the file itself, not beside a link to it.
+    let real = std::fs::canonicalize(path).map_err(io)?;
+    let found = std::fs::metadata(&real).map_err(io)?;
+    check_regular(path, &found)?;
+    let mode = match unless_in_writing(&found, || look(path, &real)) {
+        Some(mode) => mode?,
+        None => Mode::Wal,
+    };
+    let [journal, wal, index] = ["-journal", "-wal", "-shm"].map(|end| companion(&real, end));
+    if mode == Mode::Wal {
+        for beside in [&wal, &index] {
+            if let Ok(found) = std::fs::metadata(beside) {
+                check_regular(beside, &found)?;
+            }
+        }
+    }
+    let length = |path: &Path| std::fs::metadata(path).map_or(0, |found| found.len());
+    let way = match mode {
+        Mode::Rollback => Way::Immutable,
+        Mode::Wal if length(&wal) == 0 => Way::Immutable,
+        Mode::Wal if index.exists() => Way::WithIndex,
+        Mode::Wal => Way::IndexInMemory,
+    };
+    let size = found.len() + length(&wal);
+    if way != Way::Immutable && journal.symlink_metadata().is_ok() {
+        // The power was cut while a closed session was folded: then all of it is in the file.
+        let alone = connect(path, &real, Way::Immutable, size)?;
+        if is_closed(&alone) {
+            return Ok(Opened {
+                connection: alone,
+                mode,
+            });
+        }
+        return Err(LogbookError::Damaged {
+            path: path.to_owned(),
+            place: "its folder".into(),
+            why: format!(
+                "{} lies beside it, which no session has while it is written; move that file away",
+                journal.display()
+            ),
+        });
+    }
+    let connection = connect(path, &real, way, size)?;
+    Ok(Opened { connection, mode })
+}
+
+/// Refuses what is no regular file: opening a FIFO would wait for its other end.
+pub(crate) fn check_regular(path: &Path, found: &Metadata) -> Result<(), LogbookError> {
+    let kind = found.file_type();
+    let what = match kind {
+        _ if kind.is_file() => return Ok(()),
+        _ if kind.is_dir() => "a folder",
+        _ if kind.is_fifo() => "a FIFO",
+        _ if kind.is_socket() => "a socket",
+        _ if kind.is_char_device() || kind.is_block_device() => "a device",
+        _ => "no regular file",
+    };
+    Err(LogbookError::NotASession {
+        path: path.to_owned(),
+        why: format!("it is {what}"),
+    })
+}
+
+fn look(path: &Path, real: &Path) -> Result<Mode, LogbookError> {
+    let io = |source| LogbookError::Io {
+        path: path.to_owned(),
+        attempt: "open",
+        source,
+    };
+    let refused = |why: &str| LogbookError::NotASession {
+        path: path.to_owned(),
+        why: why.to_owned(),
+    };
+    // should it have become a FIFO or a terminal since
+    let flags = OFlags::NONBLOCK | OFlags::NOCTTY;
+    let mut file: File = OpenOptions::new()
+        .read(true)
+        .custom_flags(flags.bits() as i32)
+        .open(real)
+        .map_err(io)?;
+    check_regular(path, &file.metadata().map_err(io)?)?;
+    let mut head = [0; HEAD];
+    match file.read_exact(&mut head) {
+        Ok(()) => {}
+        Err(short) if short.kind() == ErrorKind::UnexpectedEof => {
+            let empty = file.metadata().map_err(io)?.len() == 0;
+            return Err(refused(if empty {
+                "it is empty (or its writer was killed before the header was written)"
+            } else {
+                "it is not an SQLite file"
+            }));
+        }
+        Err(source) => return Err(io(source)),
+    }
+    if !head.starts_with(MAGIC) {
+        return Err(refused("it is not an SQLite file"));
+    }
+    Ok(match head[READ_VERSION] {
+        1 => Mode::Rollback,
+        _ => Mode::Wal,
+    })
+}
+
+fn connect(path: &Path, real: &Path, way: Way, size: u64) -> Result<Connection, LogbookError> {
+    let open = || -> rusqlite::Result<Connection> {
+        let flags = OpenFlags::SQLITE_OPEN_READ_ONLY
+            | OpenFlags::SQLITE_OPEN_NO_MUTEX
+            | OpenFlags::SQLITE_OPEN_URI;
+        let parameters = match way {
+            Way::Immutable => "immutable=1",
+            Way::WithIndex => "readonly_shm=1",
+            // a layer without locks: the index is in memory only for who is alone
+            Way::IndexInMemory => "vfs=unix-none",
+        };
+        let connection = Connection::open_with_flags(uri(real, parameters), flags)?;
+        limit(&connection, size)?;
+        if way == Way::IndexInMemory {
+            connection.pragma_update(None, "locking_mode", "EXCLUSIVE")?;
+        }
+        Ok(connection)
+    };
+    open().map_err(|source| LogbookError::reading(path, "open", source))
+}
+
+/// Takes from SQLite what no session needs, so that a file made to harm reaches less of it.
+fn limit(connection: &Connection, size: u64) -> rusqlite::Result<()> {
+    use DbConfig::{
+        SQLITE_DBCONFIG_DEFENSIVE, SQLITE_DBCONFIG_ENABLE_TRIGGER, SQLITE_DBCONFIG_ENABLE_VIEW,
+        SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, SQLITE_DBCONFIG_TRUSTED_SCHEMA,
+    };
+    for (what, on) in [
+        (SQLITE_DBCONFIG_DEFENSIVE, true),
+        (SQLITE_DBCONFIG_TRUSTED_SCHEMA, false),
+        (SQLITE_DBCONFIG_ENABLE_VIEW, false),
+        (SQLITE_DBCONFIG_ENABLE_TRIGGER, false),
+        (SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true),
+    ] {
+        connection.set_db_config(what, on)?;
+    }
+    // no row is longer than its file
+    let longest = size.clamp(SHORTEST, LONGEST) as i32;
+    connection.set_limit(Limit::SQLITE_LIMIT_LENGTH, longest)?;
+    connection.set_limit(Limit::SQLITE_LIMIT_SQL_LENGTH, SQL)?;
+    connection.set_limit(Limit::SQLITE_LIMIT_ATTACHED, 0)?;
+    connection.pragma_update(None, "mmap_size", 0)?;
+    connection.pragma_update(None, "cell_size_check", true)?;
+    connection.pragma_update(None, "temp_store", "MEMORY")
+}
+
+/// `file:` and the path, with everything escaped that means something in a URI.
+fn uri(path: &Path, parameters: &str) -> PathBuf {
+    let mut uri = String::from("file:");
+    for &byte in path.as_os_str().as_bytes() {
+        match byte {
+            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'/' | b'-' | b'_' | b'.' | b'~' => {
+                uri.push(char::from(byte));
+            }
+            _ => uri.push_str(&format!("%{byte:02X}")),
+        }
+    }
+    uri.push('?');
+    uri.push_str(parameters);
+    uri.into()
+}
+
+/// `<file>-wal` and the like, as SQLite names them.
+pub(crate) fn companion(path: &Path, end: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(end);
+    name.into()
+}
