@@ -3,7 +3,8 @@
 //! An SQLite database, `application_id` 0x54616374 ("Tact"), `user_version` [`VERSION`]. While it is written it is in
 //! WAL mode with `synchronous = EXTRA`; closing it leaves a single file in rollback mode, readable from a read-only disk.
 //! Columns say their unit: `_ns` and `_us` are nanoseconds and microseconds, of wall times since 1970 UTC, `_a` and `_v`
-//! amperes and volts; electrodes are counted from 0. Pages are of 16 KiB.
+//! amperes and volts; electrodes are counted from 0. Pages are of 512 bytes, so that the
+//! commit of one row writes little.
 //!
 //! | table | holds |
 //! |---|---|
@@ -152,8 +153,11 @@ CREATE TABLE event (
 ) STRICT;
 ";
 
-/// Bytes of a page. Rows of some 530 bytes leave little unused at its end, rows of 1,490 too.
-pub(crate) const PAGE: u32 = 16_384;
+/// Bytes of a page. A commit writes each page that it changes whole, so that small ones write less; most of a row lies
+/// on pages of its own, which it fills.
+pub(crate) const PAGE: u32 = 512;
+/// Pages in the journal beyond which it is folded into the file: 2 MB, at a frame a second some 20 minutes.
+pub(crate) const JOURNAL: u32 = 4000;
 
 pub(crate) fn lay_out(connection: &Connection) -> rusqlite::Result<()> {
     connection.execute_batch(TABLES)?;

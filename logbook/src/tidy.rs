@@ -163,7 +163,10 @@ mod tests {
         let blank = dir.join("blank.tactus");
         Connection::open(&blank)
             .unwrap()
-            .pragma_update(None, "journal_mode", "WAL")
+            .execute_batch(&format!(
+                "PRAGMA page_size = {}; PRAGMA journal_mode = WAL",
+                schema::PAGE
+            ))
             .unwrap();
         assert!(std::fs::metadata(&blank).unwrap().len() > 0);
         std::fs::write(dir.join("half.rescue"), "half").unwrap();

@@ -291,7 +291,7 @@ fn a_torn_journal_costs_at_most_the_frame_that_was_not_acknowledged() {
     writer.append(&frame(5), None).unwrap();
     std::fs::copy(writer.path(), copy.path().join("torn.tactus")).unwrap();
     let whole = std::fs::read(journal(dir.path())).unwrap();
-    std::fs::write(journal(copy.path()), &whole[..acknowledged as usize + 700]).unwrap();
+    std::fs::write(journal(copy.path()), &whole[..acknowledged as usize + 300]).unwrap();
     let session = SessionReader::open(copy.path().join("torn.tactus")).unwrap();
     assert_eq!(session.len().unwrap(), 4);
     assert_is(&session.frame(4).unwrap(), 4);
@@ -301,7 +301,7 @@ fn a_torn_journal_costs_at_most_the_frame_that_was_not_acknowledged() {
 fn a_full_disk_is_said_and_the_frames_before_are_whole() {
     let dir = tempfile::tempdir().unwrap();
     let storage = Storage {
-        page_limit: Some(30),
+        page_limit: Some(960),
         ..Storage::default()
     };
     let mut writer = SessionWriter::create_with(dir.path(), &header("full"), storage).unwrap();

@@ -53,15 +53,15 @@ fn a_frame_of_a_day_takes(digits: Digits) -> f64 {
 }
 
 #[test]
-fn a_frame_in_steps_of_a_tenth_of_a_microvolt_takes_550_bytes() {
+fn a_frame_in_steps_of_a_tenth_of_a_microvolt_takes_570_bytes() {
     let bytes = a_frame_of_a_day_takes(Digits::Tenths);
     println!("{bytes:.1} bytes a frame; entropy of the noise 476");
-    assert!(bytes <= 550.0, "{bytes:.1}");
+    assert!(bytes <= 570.0, "{bytes:.1}");
 }
 
 #[test]
-fn a_frame_of_nine_live_digits_takes_1500_bytes() {
+fn a_frame_of_nine_live_digits_takes_1560_bytes() {
     let bytes = a_frame_of_a_day_takes(Digits::Nine);
     println!("{bytes:.1} bytes a frame; entropy of the noise 1428");
-    assert!(bytes <= 1500.0, "{bytes:.1}");
+    assert!(bytes <= 1560.0, "{bytes:.1}");
 }

@@ -33,9 +33,9 @@ use stretches::Stretches;
 /// Bounds of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Storage {
-    /// Largest number of 16 KiB pages; beyond it a write is refused as by a full disk. `None` for no limit.
+    /// Largest number of 512-byte pages; beyond it a write is refused as by a full disk. `None` for no limit.
     pub page_limit: Option<u32>,
-    /// Pages in the journal beyond which it is folded into the file; `None` for 1000, which are 16 MB.
+    /// Pages in the journal beyond which it is folded into the file; `None` for 4000, which are 2 MB.
     pub journal_pages: Option<u32>,
 }
 
@@ -412,10 +412,8 @@ fn adjust(connection: &Connection, storage: Storage) -> rusqlite::Result<()> {
     if let Some(pages) = storage.page_limit {
         connection.pragma_update_and_check(None, "max_page_count", pages, |_| Ok(()))?;
     }
-    if let Some(pages) = storage.journal_pages {
-        connection.pragma_update_and_check(None, "wal_autocheckpoint", pages, |_| Ok(()))?;
-    }
-    Ok(())
+    let journal = storage.journal_pages.unwrap_or(schema::JOURNAL);
+    connection.pragma_update_and_check(None, "wal_autocheckpoint", journal, |_| Ok(()))
 }
 
 /// For sessions: readable by their group, and by no stranger.

@@ -6,7 +6,7 @@ use rusqlite::Connection;
 use super::*;
 
 /// Pages that the record may have.
-const PAGES: u32 = 200;
+const PAGES: u32 = 6400;
 
 /// What fills the record to its last page, and the last page of its events.
 struct Ballast(Connection);
@@ -21,19 +21,21 @@ impl Ballast {
         other
             .execute(
                 "INSERT INTO event (at_ns, kind, text, checksum) VALUES (0, 'ballast', ?1, x'00')",
-                ["x".repeat(16_300)],
+                ["x".repeat(440)],
             )
             .unwrap();
         other
             .execute("CREATE TABLE ballast (bytes BLOB)", [])
             .unwrap();
-        let more = "INSERT INTO ballast VALUES (zeroblob(16000))";
-        let full = loop {
-            if let Err(refused) = other.execute(more, []) {
-                break refused.sqlite_error_code();
-            }
-        };
-        assert_eq!(full, Some(rusqlite::ErrorCode::DiskFull));
+        for bytes in [16_000, 400] {
+            let full = loop {
+                let more = "INSERT INTO ballast VALUES (zeroblob(?1))";
+                if let Err(refused) = other.execute(more, [bytes]) {
+                    break refused.sqlite_error_code();
+                }
+            };
+            assert_eq!(full, Some(rusqlite::ErrorCode::DiskFull));
+        }
         Self(other)
     }
 
