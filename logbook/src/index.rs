@@ -103,7 +103,6 @@ struct Line {
 struct Candidate {
     name: String,
     stamp: Stamp,
-    regular: bool,
 }
 
 impl Index {
@@ -152,24 +151,12 @@ impl Index {
         let names: BTreeSet<&str> = candidates.iter().map(|file| file.name.as_str()).collect();
         self.entries.retain(|name, _| names.contains(name.as_str()));
         self.unsaved.retain(|name| names.contains(name.as_str()));
-        for Candidate {
-            name,
-            stamp,
-            regular,
-        } in candidates
-        {
+        for Candidate { name, stamp } in candidates {
             if self.knows(&name, &stamp) {
                 continue;
             }
             let path = self.dir.join(&name);
-            let found = match regular {
-                true => SessionReader::open(&path).and_then(|session| session.summary()),
-                // a pipe would be waited for
-                false => Err(LogbookError::NotASession {
-                    path,
-                    why: "it is no regular file".into(),
-                }),
-            };
+            let found = SessionReader::open(&path).and_then(|session| session.summary());
             let entry = Entry {
                 settled: stamp.is_settled(now()),
                 stamp,
@@ -398,7 +385,6 @@ impl Index {
                     file: FileStamp::of(&found),
                     journals: journals.collect(),
                 },
-                regular: found.is_file(),
             });
         }
         Ok(candidates)
