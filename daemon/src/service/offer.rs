@@ -15,6 +15,7 @@ use super::access::Door;
 use super::gate::{Gate, Threads};
 use super::peer;
 use crate::config::BusSection;
+use crate::containment::{Ends, answer};
 use crate::keeper::Keeper;
 use crate::pulse::Part;
 
@@ -172,7 +173,8 @@ async fn stay(door: Door, mut connected: Connected, keeper: Arc<Keeper>, acting:
                 () = connection.closed() => break,
                 notice = news.recv() => {
                     let Some(notice) = notice else { return };
-                    if !super::say(connection, &keeper, gate, notice).await {
+                    let said = super::say(connection, &keeper, gate, notice);
+                    if !matches!(answer(Ends::Answer, said).await, Ok(true)) {
                         break;
                     }
                     keeper.pulse.rest(part);
@@ -189,7 +191,13 @@ async fn stay(door: Door, mut connected: Connected, keeper: Arc<Keeper>, acting:
             pause = (pause * 2).min(LOOK_AGAIN.1);
             news = keeper.herald.listen();
             // a bus that is there and frozen does not answer at all
-            match tokio::time::timeout(TO_CONNECT, connect(door, &keeper, &acting)).await {
+            let again = tokio::time::timeout(TO_CONNECT, connect(door, &keeper, &acting));
+            let again = match answer(Ends::Answer, again).await {
+                Ok(again) => again,
+                // it has been logged
+                Err(_) => continue,
+            };
+            match again {
                 Ok(Ok(connected)) => break connected,
                 Ok(Err(error)) => tracing::debug!("{error}"),
                 Err(_) => tracing::debug!("the {which} bus does not answer"),

@@ -88,7 +88,6 @@ impl OnReading for MainsPickup {
 
 #[cfg(test)]
 mod tests {
-    use std::time::Duration;
 
     use super::super::tests::context;
     use super::*;
