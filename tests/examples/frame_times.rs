@@ -92,7 +92,7 @@ fn measure() -> Result<(), Failure> {
     let stage = Stage::new(SIMULATED)?;
     std::fs::write(
         stage.path().join("scene.toml"),
-        include_str!("../rigs/two-microvolts.toml"),
+        stories::TWO_MICROVOLTS,
     )?;
     let keeper = stage.start_daemon()?;
     stage

@@ -62,7 +62,7 @@ impl Site {
             return None;
         }
         let alone = ONE_AT_A_TIME.lock().await;
-        let stage = Stage::with_program(CONFIG, env!("CARGO_BIN_EXE_demo")).unwrap();
+        let stage = Stage::with_program(CONFIG, env!("CARGO_BIN_EXE_programs")).unwrap();
         std::fs::write(stage.path().join("profile.toml"), PROFILE).unwrap();
         std::fs::write(stage.path().join("scene.toml"), SCENE).unwrap();
         let passable = std::os::unix::fs::PermissionsExt::from_mode(0o711);

@@ -1,23 +1,17 @@
-//! The stage on which the stories and the demo are played: real programs, real processes, one binary.
-//!
-//! `cargo run -p` and `cargo test --workspace` build no other package's binary, so the binary of this package can be
-//! any of the four programs ([`act_as`]); a [`Stage`] starts it as `tactusd` and speaks to it as `tactus`. Nothing here
-//! knows how to reach a frame except through those two.
-//!
-//! - **stage**: a temporary folder with a configuration, a state directory and a peer socket
-//! - **keeper**: the daemon as a child process, ready when it has told so on its notify socket
-//!
-//! ```no_run
-//! let stage = stories::Stage::new(stories::SIMULATED)?;
-//! let keeper = stage.start_daemon()?;
-//! let status = stage.tactus(&["status", "--json"])?.succeeded()?;
-//! println!("{}", status.stdout);
-//! keeper.stop()?;
-//! # Ok::<(), stories::StageError>(())
-//! ```
+//! What the system tests (stories) share: the temporary rig of [`demo`], and a binary that is any of the four programs.
 
-mod programs;
-mod stage;
+use std::ffi::OsString;
+use std::process::ExitCode;
 
-pub use programs::act_as;
-pub use stage::{DEADLINE, Keeper, SIMULATED, Spoken, Stage, StageError};
+pub use demo::{DEADLINE, Keeper, SIMULATED, Spoken, Stage, StageError, TWO_MICROVOLTS};
+
+/// Runs one of the four programs when the first argument names it; `None` when it names none.
+///
+/// `args` are those of the process; the first one is this binary itself.
+pub fn act_as(args: impl Iterator<Item = OsString>) -> Option<ExitCode> {
+    let args: Vec<OsString> = args.collect();
+    if args.get(1).is_some_and(|program| program == "tactus-lab") {
+        return Some(lab::run(args.into_iter().skip(1)));
+    }
+    demo::act_as(args.into_iter())
+}

@@ -31,7 +31,7 @@ fn two_announced_simulators_are_each_listed_once() {
         return;
     };
     let alone = Command::new("unshare")
-        .args(["--net", "sh", "-c", ALONE, env!("CARGO_BIN_EXE_demo")])
+        .args(["--net", "sh", "-c", ALONE, env!("CARGO_BIN_EXE_programs")])
         .arg(stage.path())
         .output();
     let said = match &alone {

@@ -28,7 +28,7 @@ impl Needs {
 }
 
 /// 2 uV of voltmeter noise.
-pub const NOISY: &str = include_str!("../rigs/two-microvolts.toml");
+pub const NOISY: &str = stories::TWO_MICROVOLTS;
 /// No effect at all.
 pub const QUIET: &str = "seed = 1\n";
 
@@ -47,7 +47,7 @@ pub fn set_with(needs: Needs, scene: &str, adjust: impl FnOnce(&str) -> String) 
         }
         Some(path) => real_rig(Path::new(&path), needs)?,
     };
-    let stage = Stage::with_program(&config, env!("CARGO_BIN_EXE_demo"))
+    let stage = Stage::with_program(&config, env!("CARGO_BIN_EXE_programs"))
         .expect("a temporary folder can be made");
     std::fs::write(stage.path().join("scene.toml"), scene)
         .expect("the story's folder can be written");

@@ -58,6 +58,12 @@ const MAY_KNOW: &[(&str, &[&str])] = &[
         "cli",
         &["bus", "logbook", "eit", "outfile", "picture", "survey"],
     ),
+    (
+        "demo",
+        &[
+            "bench", "daemon", "cli", "bus", "logbook", "eit", "phantom", "picture", "survey",
+        ],
+    ),
 ];
 
 fn metadata() -> Metadata {

@@ -1,8 +1,9 @@
 //! `cargo demo`: the main job, whole, on the simulated rig.
 //!
-//! The real `tactusd` and the real `tactus`, each a process, over the peer socket: a baseline, the paper's Test #1 one
-//! position after the other, every frame read back through SCPI text, recorded, and reconstructed by the one-step
-//! method and by the two RBF networks that ship. This binary is all of them: it re-executes itself.
+//! The real `tactusd` and the real `tactus`, each a process of its own, over the peer socket: records a baseline, presses
+//! the 16 positions of the paper's Test #1 one after the other, reads every frame as SCPI text, records it, and
+//! reconstructs it by the one-step method and by the two RBF networks that ship. This binary is each of the programs: it
+//! starts itself again.
 
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -11,9 +12,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use bus::{Address, Manager1Proxy, Session1Proxy, Simulation1Proxy};
+use demo::{Stage, act_as};
 use eit::{Mesh, Preset, Reconstructor};
 use picture::{Grid, Scale, Scales, Sheet, Style, TerminalColour, TerminalStyle, TruePlace};
-use stories::{Stage, act_as};
 use survey::{Baseline, Frame, Map};
 
 type Failure = Box<dyn std::error::Error>;
@@ -22,7 +23,7 @@ type Failure = Box<dyn std::error::Error>;
 const DIAMETER_M: f64 = 0.010;
 const LOSS: f64 = 0.5;
 /// One voltmeter range for all readings and 2 uV of noise.
-const SCENE: &str = include_str!("../rigs/two-microvolts.toml");
+const SCENE: &str = demo::TWO_MICROVOLTS;
 /// How many frames make the baseline.
 const BASELINE_FRAMES: &str = "10";
 
@@ -62,14 +63,15 @@ fn demo() -> Result<(), Failure> {
     let out = out_folder()?;
     let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
     println!(
-        "Tactus demo: the paper's Test #1 on a SIMULATED rig. A research instrument, not a medical device.\n"
+        "Tactus demo, about 5 s: presses a SIMULATED sheet at 16 places, records every frame, shows the maps and their errors.\n\
+         The paper's Test #1. A research instrument, not a medical device.\n"
     );
 
     say(
         begun,
         "starting tactusd on the simulated rig (instant time, 2 uV of voltmeter noise)",
     );
-    let stage = Stage::new(stories::SIMULATED)?;
+    let stage = Stage::new(demo::SIMULATED)?;
     std::fs::write(stage.path().join("scene.toml"), SCENE)?;
     let keeper = stage.start_daemon()?;
 

@@ -1,11 +1,11 @@
-//! One binary, four programs.
+//! One binary, several programs.
 
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-/// Runs one of the house's programs when the first argument names it; `None` when it names none.
+/// Runs `tactusd`, `tactus` or `tactus-bench` when the first argument names it; `None` when it names none of them.
 ///
-/// `args` are those of the process, the first being this binary itself.
+/// `args` are those of the process; the first one is this binary itself.
 pub fn act_as(mut args: impl Iterator<Item = OsString>) -> Option<ExitCode> {
     args.next();
     let program = args.next()?;
@@ -13,7 +13,6 @@ pub fn act_as(mut args: impl Iterator<Item = OsString>) -> Option<ExitCode> {
         "tactusd" => |args| daemon::run(args),
         "tactus" => |args| cli::run(args),
         "tactus-bench" => |args| bench::run(args),
-        "tactus-lab" => |args| lab::run(args),
         _ => return None,
     };
     let args: Vec<OsString> = std::iter::once(program).chain(args).collect();

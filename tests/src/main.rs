@@ -1,0 +1,10 @@
+//! Any of the four programs, named by the first argument: what the system tests start.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    stories::act_as(std::env::args_os()).unwrap_or_else(|| {
+        eprintln!("the first argument must be tactusd, tactus, tactus-bench or tactus-lab");
+        ExitCode::from(2)
+    })
+}
