@@ -143,6 +143,8 @@ fn a_mutated_model_is_refused_or_is_the_same_model() {
     let path = folder.path().join("model.safetensors");
     let model = model();
     save(&path, Existing::Refuse, &model).unwrap();
+    // numbers of its metadata come back within their last digit
+    let model = load(&path).unwrap();
     let whole = std::fs::read(&path).unwrap();
     let header = 8 + u64::from_le_bytes(*whole.first_chunk().unwrap()) as usize;
     for seed in 0..mutations() {
