@@ -24,7 +24,7 @@ use zbus::{Connection, fdo::ObjectManager};
 use crate::herald::Notice;
 use crate::keeper::Keeper;
 use crate::live::{Live, Published};
-use access::Guarded;
+use access::{Door, Guarded};
 use gate::Gate;
 use instrument1::Instrument1;
 use manager1::{Manager1, Manager1Signals};
@@ -38,6 +38,11 @@ const ROLES: [&str; 4] = ["source", "switch", "voltmeter", "switch+voltmeter"];
 
 /// One frozen listener must not hold the others back: what cannot be said in this time ends the connection.
 const TO_SAY: Duration = Duration::from_millis(500);
+
+/// A bus is one connection for all who are on it: a notice waits behind the answers of everybody's calls, and leaving the bus
+/// would lose the answer to a stop. Its other end is the broker, which does not stop reading; one that has died is found by
+/// this, well within systemd's patience.
+const TO_SAY_ON_A_BUS: Duration = Duration::from_secs(5);
 
 /// Puts the manager, the instruments and the sessions on a connection before it hears anything.
 fn furnish<'a>(mut builder: Builder<'a>, keeper: &Arc<Keeper>, gate: &Arc<Gate>) -> Builder<'a> {
@@ -77,7 +82,11 @@ async fn say(
     gate: &Arc<Gate>,
     notice: Notice,
 ) -> bool {
-    match tokio::time::timeout(TO_SAY, speak(connection, keeper, gate, notice)).await {
+    let patience = match gate.door {
+        Door::Peer => TO_SAY,
+        Door::Session | Door::System => TO_SAY_ON_A_BUS,
+    };
+    match tokio::time::timeout(patience, speak(connection, keeper, gate, notice)).await {
         Ok(Ok(())) => true,
         Ok(Err(error)) => {
             tracing::debug!("a connection failed: {error}");
