@@ -77,7 +77,7 @@ pub(crate) async fn test(
                     if let Some(step) = step.as_ref().filter(|_| bar)
                         && let Ok(step) = step.args()
                     {
-                        eprint!("\r\x1b[K{:>4}/{} {}", step.done, step.total, survey::printable(&step.what));
+                        eprint!("\r\x1b[K{:>4}/{} {}", step.done, step.total, survey::printable(step.what));
                     }
                     // without a connection only the answer's own error can come
                     if step.is_none() { std::future::pending::<()>().await; }

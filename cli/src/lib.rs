@@ -120,42 +120,6 @@ fn manual(folder: &Path) -> Result<(), Failure> {
     pages(&command, folder)
 }
 
-#[cfg(test)]
-mod outputs {
-    use clap::CommandFactory;
-    use outfile::trial::{Paths, attack_every_output};
-
-    use crate::args::Arguments;
-
-    #[test]
-    fn no_output_replaces_what_is_not_its_own() {
-        let paths = Paths {
-            outputs: &[
-                ("export --out", "export s --format csv --out {}"),
-                ("replay --out", "replay s --out {}"),
-                ("replay --png", "replay s --png {}"),
-                ("transcript --out", "transcript --out {}"),
-                ("man folder", "man {}"),
-            ],
-            inputs: &[
-                "--state",
-                "doctor --config",
-                "export --case",
-                "export --model",
-                "replay --case",
-                "replay --frames",
-                "replay --model",
-                // a new session file, by the logbook, which replaces nothing
-                "sessions repair --out",
-                "start --model",
-            ],
-        };
-        attack_every_output(&Arguments::command(), &paths, |words| {
-            crate::run(words.into_iter())
-        });
-    }
-}
-
 fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
     let Arguments { global, command } = arguments;
     match command {
@@ -228,5 +192,41 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                 }
             })
         }
+    }
+}
+
+#[cfg(test)]
+mod outputs {
+    use clap::CommandFactory;
+    use outfile::trial::{Paths, attack_every_output};
+
+    use crate::args::Arguments;
+
+    #[test]
+    fn no_output_replaces_what_is_not_its_own() {
+        let paths = Paths {
+            outputs: &[
+                ("export --out", "export s --format csv --out {}"),
+                ("replay --out", "replay s --out {}"),
+                ("replay --png", "replay s --png {}"),
+                ("transcript --out", "transcript --out {}"),
+                ("man folder", "man {}"),
+            ],
+            inputs: &[
+                "--state",
+                "doctor --config",
+                "export --case",
+                "export --model",
+                "replay --case",
+                "replay --frames",
+                "replay --model",
+                // a new session file, by the logbook, which replaces nothing
+                "sessions repair --out",
+                "start --model",
+            ],
+        };
+        attack_every_output(&Arguments::command(), &paths, |words| {
+            crate::run(words.into_iter())
+        });
     }
 }

@@ -210,7 +210,19 @@ pub(crate) fn load(path: &Path) -> Result<(Source, Config), Vec<Problem>> {
         }]
     })?;
     let source = Source::new(path, text);
-    let config = source.read()?;
+    let config = match source.read() {
+        (Some(config), problems) if problems.is_empty() => config,
+        (config, found) => {
+            let mut findings = Findings {
+                source: &source,
+                found,
+            };
+            if let Some(config) = config {
+                numbers::check(&config, &mut findings);
+            }
+            return Err(findings.found);
+        }
+    };
     let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     let folder = absolute.parent().unwrap_or(Path::new("/"));
     Ok((source, config.resolved(folder)))

@@ -49,23 +49,25 @@ impl Source {
         }
     }
 
-    /// Parses; every unknown key and every value of the wrong kind is a problem of its own.
-    pub(crate) fn read(&self) -> Result<Config, Vec<Problem>> {
+    /// Parses; every unknown key and every value of the wrong kind is a problem of its own. Where only numbers are out of
+    /// their bounds there is a configuration as well, with their defaults, so that the rest of it can be checked.
+    pub(crate) fn read(&self) -> (Option<Config>, Vec<Problem>) {
         let (mut table, faults) = DeTable::parse_recoverable(&self.text);
         if !faults.is_empty() {
-            return Err(faults
+            let problems = faults
                 .iter()
                 .map(|fault| self.at(fault.span(), fault.message().to_owned()))
-                .collect());
+                .collect();
+            return (None, problems);
         }
         let mut problems: Vec<Problem> = crate::numbers::take_out(table.get_mut())
             .into_iter()
             .map(|(span, text)| self.at(Some(span), text))
             .collect();
+        let of_bounds = problems.len();
         loop {
             let fault = match Config::deserialize(toml::Deserializer::from(table.clone())) {
-                Ok(config) if problems.is_empty() => return Ok(config),
-                Ok(_) => return Err(problems),
+                Ok(config) => return ((problems.len() == of_bounds).then_some(config), problems),
                 Err(fault) => fault,
             };
             let span = fault.span();
@@ -73,7 +75,7 @@ impl Source {
             // what is wrong is taken out, so that the next fault shows
             let removed = span.is_some_and(|span| remove(table.get_mut(), &span));
             if !removed {
-                return Err(problems);
+                return (None, problems);
             }
         }
     }
@@ -187,10 +189,8 @@ mod tests {
     use super::*;
 
     fn problems(text: &str) -> Vec<String> {
-        Source::new(Path::new("c.toml"), text.to_owned())
-            .read()
-            .map(|_| Vec::new())
-            .unwrap_or_else(|problems| problems.iter().map(Problem::to_string).collect())
+        let (_, problems) = Source::new(Path::new("c.toml"), text.to_owned()).read();
+        problems.iter().map(Problem::to_string).collect()
     }
 
     #[test]

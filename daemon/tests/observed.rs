@@ -329,7 +329,7 @@ fn what_cannot_be_is_said_with_its_place() {
         ":22:11: notify.command: 'mail' is no absolute path",
         ":23:14: notify.relay_life: 1.5 is not above 0 and at most 1",
         ":24:11: notify.again_s: 0 is not above 0",
-        ":25:20: notify.no_frame_periods: a frame may take a whole period; 1 or more",
+        ":25:20: notify.no_frame_periods: 0.5 is not from 1 to 1000000",
     ] {
         assert!(wrong.contains(wanted), "{wanted}\n{wrong}");
     }

@@ -84,8 +84,14 @@ async fn what_cannot_be_is_refused_by_name() {
             Options::new().with("every_s", "fast"),
             "'every_s' must be a number",
         ),
-        (Options::new().with("every_s", -1.0), "'every_s' is -1"),
-        (Options::new().with("count", 0_u64), "'count' is 0"),
+        (
+            Options::new().with("every_s", -1.0),
+            "'every_s': -1 is not from 0",
+        ),
+        (
+            Options::new().with("count", 0_u64),
+            "'count': 0 is not from 1",
+        ),
         (Options::new().with("speed", 2.0), "for recordings"),
         (
             Options::new().with("model", "relative.safetensors"),

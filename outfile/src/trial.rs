@@ -91,7 +91,7 @@ fn collect(
         };
         format!("{above} {arg}").trim().to_owned()
     };
-    let path = ValueParser::from(clap::value_parser!(PathBuf)).type_id();
+    let path = clap::value_parser!(PathBuf).type_id();
     let file = ValueParser::from(clap::value_parser!(OutPath)).type_id();
     let folder = ValueParser::from(clap::value_parser!(crate::OutFolder)).type_id();
     let forced = command.get_arguments().any(|arg| arg.get_id() == "force");

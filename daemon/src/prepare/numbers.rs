@@ -8,8 +8,12 @@ use crate::numbers::too_long;
 /// Adds a problem for each.
 pub(super) fn check(config: &Config, findings: &mut Findings<'_>) {
     let survey = &config.survey;
-    if survey.channel_delay_ms.fract() != 0.0 {
-        findings.add("survey.channel_delay_ms", "whole milliseconds only");
+    let delay = survey.channel_delay_ms;
+    if delay.fract() != 0.0 {
+        findings.add(
+            "survey.channel_delay_ms",
+            format!("{delay:?} is none of the whole numbers of milliseconds"),
+        );
     }
     if survey.zero_every.is_some() && survey.reversal {
         findings.add(

@@ -29,7 +29,7 @@ pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
     let chosen = choice::asked(&options.method, &words(options), &options.case, &frames)?;
     let choice = choice::prepare(&chosen, &case, &recording)?;
     for note in &choice.notes {
-        eprintln!("tactus-lab: {}", survey::printable(&note));
+        eprintln!("tactus-lab: {}", survey::printable(note));
     }
     let known = presses
         .iter()

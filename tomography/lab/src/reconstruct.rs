@@ -29,7 +29,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
         .transpose()?;
     let choice = choice::prepare(options, &case, &recording)?;
     for note in &choice.notes {
-        eprintln!("tactus-lab: {}", survey::printable(&note));
+        eprintln!("tactus-lab: {}", survey::printable(note));
     }
     let (centroids, areas) = (case.mesh.region_centroids(), case.mesh.region_areas());
     let bar = progress::bar(recording.frames.len(), "frames");
