@@ -160,9 +160,10 @@ impl<W: Write> Printer<W> {
     }
 }
 
-/// Tells a person something on standard error.
+/// Tells a person something on standard error. Further lines of it are indented, so that a text from outside begins no line
+/// that looks like one of ours.
 pub(crate) fn complain(text: &str) {
-    eprintln!("{}", printable_lines(text));
+    eprintln!("{}", printable_lines(text.trim_end()).replace('\n', "\n  "));
 }
 
 fn written(error: &std::io::Error) -> Failure {

@@ -239,7 +239,8 @@ impl Keeper {
             ))),
             Err(error @ (LogbookError::NoSuchSession { .. } | LogbookError::BadId { .. })) => {
                 Err(Fault::NoSession(format!(
-                    "there is no baseline '{id}': {}; `tactus sessions` lists the recorded ones",
+                    "there is no baseline '{}': {}; `tactus sessions` lists the recorded ones",
+                    survey::printable(id),
                     chain(&error)
                 )))
             }
