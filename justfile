@@ -22,4 +22,4 @@ docs:
 
 # write the generated reference pages anew
 reference:
-    TACTUS_WRITE_REFERENCE=1 cargo test -p stories --test stories manual::reference
+    TACTUS_WRITE_REFERENCE=1 cargo test -p tactus-tests --test stories manual::reference

@@ -1,6 +1,6 @@
 //! What a lab needs to know later of what it measures: options of `start` and of `baseline record`.
 
-use bus::Options;
+use dbus::Options;
 use clap::Args;
 
 /// Free words, kept with the record.

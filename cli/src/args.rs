@@ -124,7 +124,7 @@ pub enum Command {
     Plan(Plan),
     /// Read the daemon's configuration again; a bad one changes nothing (78) and its problems are told
     Reload,
-    /// Print what was said over the wires for the last frames, as lines of JSON that tactus-bench replay plays
+    /// Print what was said over the wires for the last frames, as lines of JSON that tactus-sim replay plays
     Transcript(Transcript),
     /// Print the completion script of a shell
     Completions {

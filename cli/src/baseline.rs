@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use bus::{BaselineReport, Options};
+use dbus::{BaselineReport, Options};
 use chrono::{DateTime, Local, SecondsFormat};
 use serde::Serialize;
 use survey::{Amps, Volts};

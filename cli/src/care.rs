@@ -3,7 +3,7 @@
 use std::io::{IsTerminal, Write};
 use std::time::Duration;
 
-use bus::{Options, RelayWear, TestReport};
+use dbus::{Options, RelayWear, TestReport};
 use serde::Serialize;
 use survey::{Ohms, Volts};
 
@@ -73,7 +73,7 @@ pub(crate) async fn test(
         let next = tokio::time::timeout(daemon.patience, async {
             tokio::select! {
                 report = &mut report => Some(report),
-                step = bus::next(&mut progress) => {
+                step = dbus::next(&mut progress) => {
                     if let Some(step) = step.as_ref().filter(|_| bar)
                         && let Ok(step) = step.args()
                     {
@@ -274,7 +274,7 @@ fn span(seconds: f64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use bus::TestLine;
+    use dbus::TestLine;
 
     use super::*;
 

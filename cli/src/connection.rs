@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use bus::{Address, ConnectError, Fault, Instrument1Proxy, Manager1Proxy, Session1Proxy};
+use dbus::{Address, ConnectError, Fault, Instrument1Proxy, Manager1Proxy, Session1Proxy};
 use zbus::DBusError;
 use zbus::proxy::CacheProperties;
 use zbus::{Connection, ObjectPath};
@@ -35,7 +35,7 @@ pub(crate) async fn open(global: &Global) -> Result<Daemon, Failure> {
         .map(|text| text.parse::<Address>())
         .transpose()
         .map_err(|error| Failure::Usage(error.to_string()))?;
-    let reached = tokio::time::timeout(global.timeout, bus::connect(wanted.as_ref()))
+    let reached = tokio::time::timeout(global.timeout, dbus::connect(wanted.as_ref()))
         .await
         .map_err(|_| late("the daemon", global.timeout))?;
     let (connection, address) = reached.map_err(|error| unreached(&error))?;
@@ -115,7 +115,7 @@ impl Daemon {
 
     /// The session of that id, running or ended a short while ago.
     pub(crate) async fn named(&self, id: &str) -> Result<Session1Proxy<'static>, Failure> {
-        let path = bus::session_path(id).map_err(|error| Failure::Usage(error.to_string()))?;
+        let path = dbus::session_path(id).map_err(|error| Failure::Usage(error.to_string()))?;
         let session = self.session(path).await?;
         match self.ask("the session", session.id()).await {
             Ok(_) => Ok(session),

@@ -3,7 +3,7 @@
 
 use std::io::Write;
 
-use bus::{Discovery, Options, SeenInstrument};
+use dbus::{Discovery, Options, SeenInstrument};
 use serde::Serialize;
 use survey::printable;
 

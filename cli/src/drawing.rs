@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use eit::Mesh;
-use picture::{Sheet, Style, TerminalStyle};
+use render::{Sheet, Style, TerminalStyle};
 use survey::Map;
 
 use crate::choices::Scale;
@@ -40,7 +40,7 @@ impl Field {
     ///
     /// # Errors
     /// Indices or counts that do not fit together.
-    pub(crate) fn from_bus(geometry: bus::Geometry) -> Result<Self, Failure> {
+    pub(crate) fn from_bus(geometry: dbus::Geometry) -> Result<Self, Failure> {
         let (Some(triangles), Some(outline)) = (geometry.corners(), geometry.loops()) else {
             return Err(Failure::Failed(
                 "the daemon's geometry does not fit together; is it of another version than this tactus?".to_owned(),
@@ -79,10 +79,10 @@ impl Field {
     }
 }
 
-fn scale(scale: Scale) -> picture::Scale {
+fn scale(scale: Scale) -> render::Scale {
     match scale {
-        Scale::Own => picture::Scale::Own,
-        Scale::Fixed(low, high) => picture::Scale::Fixed(low, high),
+        Scale::Own => render::Scale::Own,
+        Scale::Fixed(low, high) => render::Scale::Fixed(low, high),
     }
 }
 
@@ -112,18 +112,18 @@ pub(crate) fn terminal_style(printer: &Printer<impl Write>, style: Style) -> Ter
 }
 
 pub(crate) fn png(field: &Field, map: &Map, style: &Style) -> Result<Vec<u8>, Failure> {
-    picture::png(&field.sheet, map, style)
+    render::png(&field.sheet, map, style)
         .map_err(|error| Failure::failed("the picture cannot be drawn", &error))
 }
 
 pub(crate) fn svg(field: &Field, map: &Map, style: &Style) -> Result<String, Failure> {
-    picture::svg(&field.sheet, map, style)
+    render::svg(&field.sheet, map, style)
         .map_err(|error| Failure::failed("the picture cannot be drawn", &error))
 }
 
 /// The map as terminal cells.
 pub(crate) fn terminal(field: &Field, map: &Map, style: &TerminalStyle) -> Result<String, Failure> {
-    picture::terminal(&field.sheet, map, style)
+    render::terminal(&field.sheet, map, style)
         .map_err(|error| Failure::failed("the map cannot be drawn", &error))
 }
 
@@ -146,15 +146,15 @@ mod tests {
 
     use super::*;
 
-    fn geometry() -> bus::Geometry {
-        bus::Geometry {
+    fn geometry() -> dbus::Geometry {
+        dbus::Geometry {
             mesh_hash: "m".into(),
             nodes: vec![0.0, 0.0, 0.03, 0.0, 0.0, 0.03],
             triangles: vec![0, 1, 2],
             outline: vec![0.0, 0.0, 0.03, 0.0, 0.0, 0.03],
             outline_lengths: vec![3],
             electrodes: vec![0.0, 0.0],
-            more: bus::Options::new(),
+            more: dbus::Options::new(),
         }
     }
 
@@ -179,7 +179,7 @@ mod tests {
 
     #[test]
     fn a_geometry_that_does_not_fit_together_is_refused() {
-        let wrong = bus::Geometry {
+        let wrong = dbus::Geometry {
             triangles: vec![0, 1, 7],
             ..geometry()
         };

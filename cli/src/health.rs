@@ -1,6 +1,6 @@
 //! Whether the daemon is well, as it tells it itself.
 
-use bus::{Fault, Options};
+use dbus::{Fault, Options};
 use chrono::DateTime;
 use serde::Serialize;
 

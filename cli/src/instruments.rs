@@ -26,7 +26,7 @@ pub(crate) async fn run(daemon: &Daemon, printer: &mut Printer<impl Write>) -> R
         .ask("the instruments", daemon.manager.instruments())
         .await?
     {
-        let id = bus::id_of(path.as_str())
+        let id = dbus::id_of(path.as_str())
             .unwrap_or(path.as_str())
             .to_owned();
         let proxy = daemon.instrument(path.into()).await?;

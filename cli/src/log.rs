@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::Path;
 use std::time::{Duration, SystemTime};
 
-use bus::next;
+use dbus::next;
 use chrono::{DateTime, Utc};
 use logbook::SessionReader;
 use serde::Serialize;

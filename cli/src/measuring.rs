@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use bus::Options;
+use dbus::Options;
 use clap::{Args, ValueEnum};
 
 use crate::duration::parse_span as span;

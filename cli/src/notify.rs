@@ -45,7 +45,7 @@ pub(crate) async fn test(
     let told = daemon
         .ask("the command", daemon.manager.notify_test())
         .await?;
-    let read = || -> Result<Fared, bus::Fault> {
+    let read = || -> Result<Fared, dbus::Fault> {
         Ok(Fared {
             event: "notified",
             done: told.flag("done")?.unwrap_or(false),

@@ -88,20 +88,20 @@ impl<W: Write> Printer<W> {
     }
 
     /// How a map is coloured here.
-    pub(crate) fn map_colour(&self) -> picture::TerminalColour {
+    pub(crate) fn map_colour(&self) -> render::TerminalColour {
         let wanted = match self.colour {
             Colour::Always => true,
             Colour::Never => false,
             Colour::Auto => self.terminal && std::env::var_os("NO_COLOR").is_none(),
         };
         if !wanted {
-            return picture::TerminalColour::Plain;
+            return render::TerminalColour::Plain;
         }
         let says = std::env::var("COLORTERM").unwrap_or_default();
         if self.colour == Colour::Always || says == "truecolor" || says == "24bit" {
-            picture::TerminalColour::TrueColour
+            render::TerminalColour::TrueColour
         } else {
-            picture::TerminalColour::Ansi256
+            render::TerminalColour::Ansi256
         }
     }
 

@@ -4,7 +4,7 @@
 use std::io::Write;
 use std::time::Duration;
 
-use bus::{Options, PlanReport};
+use dbus::{Options, PlanReport};
 use serde::Serialize;
 use survey::{Amps, Volts};
 
@@ -122,13 +122,13 @@ fn from_report(report: PlanReport) -> Result<Plan, Failure> {
     })
 }
 
-fn measuring(more: &Options) -> Result<Option<Measuring>, bus::Fault> {
+fn measuring(more: &Options) -> Result<Option<Measuring>, dbus::Fault> {
     let Some(nplc) = more.number("nplc")? else {
         return Ok(None);
     };
-    let number = |key| Ok::<f64, bus::Fault>(more.number(key)?.unwrap_or(0.0));
-    let whole = |key| Ok::<u64, bus::Fault>(more.whole(key)?.unwrap_or(0));
-    let flag = |key| Ok::<bool, bus::Fault>(more.flag(key)?.unwrap_or(false));
+    let number = |key| Ok::<f64, dbus::Fault>(more.number(key)?.unwrap_or(0.0));
+    let whole = |key| Ok::<u64, dbus::Fault>(more.whole(key)?.unwrap_or(0));
+    let flag = |key| Ok::<bool, dbus::Fault>(more.flag(key)?.unwrap_or(false));
     Ok(Some(Measuring {
         nplc,
         averages: whole("averages")?,
@@ -150,7 +150,7 @@ fn measuring(more: &Options) -> Result<Option<Measuring>, bus::Fault> {
     }))
 }
 
-fn costs(more: &Options) -> Result<Vec<Cost>, bus::Fault> {
+fn costs(more: &Options) -> Result<Vec<Cost>, dbus::Fault> {
     let mut costs = Vec::new();
     for setting in COSTING {
         let seconds = more.number(&format!("cost_{setting}_s"))?;

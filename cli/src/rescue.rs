@@ -3,7 +3,7 @@
 
 use std::io::Write;
 
-use bus::Options;
+use dbus::Options;
 use serde::Serialize;
 
 use crate::args::Transcript;
@@ -74,7 +74,7 @@ pub(crate) async fn transcript(
             outfile::write(path, asked.replacing.existing(), lines.as_bytes())?;
             let count = lines.lines().count();
             let text = format!(
-                "{count} lines are in {}; `tactus-bench replay {0}` plays them to the simulators",
+                "{count} lines are in {}; `tactus-sim replay {0}` plays them to the simulators",
                 path.display()
             );
             done("written", text, printer)

@@ -4,7 +4,7 @@ use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use bus::{Options, Session1Proxy};
+use dbus::{Options, Session1Proxy};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
@@ -205,7 +205,7 @@ pub(crate) async fn follow(
         loop {
             tokio::select! {
                 reason = &mut wait => break reason.map_err(|error| fault("the session", &error)),
-                Some(frame) = bus::next(&mut frames) => {
+                Some(frame) = dbus::next(&mut frames) => {
                     if let Ok(frame) = frame.args() {
                         bar.set_position(frame.sequence);
                         taken = frame.sequence;
@@ -344,7 +344,7 @@ mod tests {
             "planned",
         ])
         .unwrap();
-        let known = [&bus::SESSION_OPTIONS[..], &bus::MEASURING_OPTIONS].concat();
+        let known = [&dbus::SESSION_OPTIONS[..], &dbus::MEASURING_OPTIONS].concat();
         options.only(&known).unwrap();
         assert_eq!(options.whole("averages").unwrap(), Some(4));
         assert_eq!(options.flag("reversal").unwrap(), Some(true));

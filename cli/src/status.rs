@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use bus::{Fault, Options, Session1Proxy};
+use dbus::{Fault, Options, Session1Proxy};
 use serde::Serialize;
 use survey::MapUnit;
 

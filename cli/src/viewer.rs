@@ -3,8 +3,8 @@
 use std::io::Write;
 use std::time::Duration;
 
-use bus::Session1Proxy;
-use bus::stream::{Body, Decoder, Record};
+use dbus::Session1Proxy;
+use dbus::stream::{Body, Decoder, Record};
 use chrono::{DateTime, Local, SecondsFormat};
 use serde::Serialize;
 use survey::{Map, MapUnit};

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
-use bus::{Options, Session1Proxy};
+use dbus::{Options, Session1Proxy};
 use survey::printable;
 use tokio::time::Instant;
 
@@ -68,7 +68,7 @@ pub(crate) async fn run(
     let mut frames = daemon.ask("the frames", listening).await?;
     let judged = async {
         let mut before = String::new();
-        while let Some(signal) = bus::next(&mut frames).await {
+        while let Some(signal) = dbus::next(&mut frames).await {
             let Ok(done) = signal.args() else { continue };
             let flags = done
                 .summary
@@ -85,7 +85,7 @@ pub(crate) async fn run(
     };
     // a suspended session sends no frames: why, and which try this is, is told beside the maps
     let told = async {
-        while let Some(signal) = bus::next(&mut news).await {
+        while let Some(signal) = dbus::next(&mut news).await {
             if let Ok(told) = signal.args() {
                 complain(&format!("{}: {}", told.kind, printable(told.text)));
             }

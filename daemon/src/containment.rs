@@ -11,7 +11,7 @@ use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind};
 use std::pin::pin;
 use std::task::Poll;
 
-use bus::Fault;
+use dbus::Fault;
 use tokio::task::JoinHandle;
 
 use crate::observe::Aloud;

@@ -114,8 +114,8 @@ async fn last_resort(rig: &RigPlan) {
 pub(crate) mod tests {
     use std::time::Instant;
 
-    use bench::{Instrument, Pace, Profile, Scene, ServeOptions, SimulatedRig};
-    use bus::Options;
+    use simulator::{Instrument, Pace, Profile, Scene, ServeOptions, SimulatedRig};
+    use dbus::Options;
     use rig::{Stop, SystemClock, Tape};
 
     use super::*;
@@ -205,7 +205,7 @@ pub(crate) mod tests {
             ..ServeOptions::default()
         };
         let server = others
-            .block_on(bench::serve(sheet.clone(), &options))
+            .block_on(simulator::serve(sheet.clone(), &options))
             .unwrap();
         let (source, mainframe) = (&server.ready().source, &server.ready().mainframe);
         let config = CONFIG

@@ -18,7 +18,7 @@ use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 
-use bus::Fault;
+use dbus::Fault;
 use chrono::{DateTime, Utc};
 use logbook::LogbookError;
 use rig::{Clock, SystemClock, Tape};
@@ -245,7 +245,7 @@ impl Keeper {
         &self,
         count: usize,
         before: Option<&str>,
-    ) -> Result<Vec<bus::SessionSummary>, Fault> {
+    ) -> Result<Vec<dbus::SessionSummary>, Fault> {
         let active = self.active().map(|live| live.facts.id.clone());
         self.records.listed(count, before, active.as_deref())
     }

@@ -348,7 +348,7 @@ async fn begin(keeper: std::sync::Arc<Keeper>, start: bool, reads: bool) {
     }
     if start
         && !goes_on
-        && let Err(fault) = keeper.start_session(&bus::Options::new()).await
+        && let Err(fault) = keeper.start_session(&dbus::Options::new()).await
     {
         tracing::error!("the scheduled session could not be started: {fault}");
     }
@@ -391,7 +391,7 @@ fn bench_of(prepared: &Prepared) -> Result<Bench, String> {
         FramesFrom::Rig(plan) => plan
             .bench
             .as_ref()
-            .map(|(profile, scene)| bench::SimulatedRig::new(profile, scene.clone()))
+            .map(|(profile, scene)| simulator::SimulatedRig::new(profile, scene.clone()))
             .transpose()
             .map_err(|error| chain(&error)),
         FramesFrom::Recording { .. } => Ok(None),

@@ -3,7 +3,7 @@
 //!
 //! What follows from two of them together is in [`crate::prepare`].
 
-use bus::{Fault, Options};
+use dbus::{Fault, Options};
 use survey::Bounds::{self, Above, Between, OneOf, Within};
 use survey::LONGEST_S;
 use toml::de::{DeTable, DeValue};

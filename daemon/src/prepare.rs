@@ -80,7 +80,7 @@ pub(crate) struct RigPlan {
     /// What the slots must hold; none where a multiplexer board switches.
     pub modules: BTreeMap<u32, keysight_34980a::Module>,
     pub instruments: Places,
-    pub bench: Option<(bench::Profile, bench::Scene)>,
+    pub bench: Option<(simulator::Profile, simulator::Scene)>,
 }
 
 impl RigPlan {

@@ -6,7 +6,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
-use bus::Fault;
+use dbus::Fault;
 use tokio::sync::oneshot;
 
 use crate::containment;

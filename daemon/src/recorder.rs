@@ -15,7 +15,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bus::stream::{Body, Record};
+use dbus::stream::{Body, Record};
 use chrono::{DateTime, Utc};
 use eit::Pressure;
 use logbook::{LogbookError, SessionWriter};

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use bus::Fault;
+use dbus::Fault;
 use chrono::{DateTime, Utc};
 use logbook::{Index, LogbookError, SessionSummary};
 use survey::Baseline;
@@ -99,7 +99,7 @@ impl Records {
         count: usize,
         before: Option<&str>,
         active: Option<&str>,
-    ) -> Result<Vec<bus::SessionSummary>, Fault> {
+    ) -> Result<Vec<dbus::SessionSummary>, Fault> {
         let known = self.now().map_err(|error| disk_fault(&error))?;
         let sessions = known.index.sessions();
         let from = match before {

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use bus::{
+use dbus::{
     BaselineReport, Options, PlanReport, RelayWear, SeenInstrument, SessionSummary, TestLine,
     TestReport,
 };
@@ -86,11 +86,11 @@ pub(crate) fn measuring(more: &Options) -> BTreeMap<String, serde_json::Value> {
 }
 
 /// What is needed to draw a map.
-pub(crate) fn geometry(geometry: &Geometry) -> bus::Geometry {
+pub(crate) fn geometry(geometry: &Geometry) -> dbus::Geometry {
     let mesh = &geometry.mesh;
     let flat = |points: &[[f64; 2]]| points.iter().flatten().copied().collect::<Vec<f64>>();
     let outline = mesh.outline();
-    bus::Geometry {
+    dbus::Geometry {
         mesh_hash: mesh.hash().to_owned(),
         nodes: flat(mesh.nodes()),
         triangles: mesh

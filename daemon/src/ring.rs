@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use bus::stream::set_gap;
+use dbus::stream::set_gap;
 
 /// Records waiting for one reader.
 #[derive(Debug)]
@@ -43,7 +43,7 @@ impl Ring {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bus::stream::{Body, Decoder, Record};
+    use dbus::stream::{Body, Decoder, Record};
 
     fn record(sequence: u64) -> Arc<[u8]> {
         let record = Record {

@@ -15,7 +15,7 @@ mod simulation1;
 use std::sync::Arc;
 use std::time::Duration;
 
-use bus::{Options, ROOT_PATH};
+use dbus::{Options, ROOT_PATH};
 use eit::Pressure;
 use zbus::connection::Builder;
 use zbus::object_server::{InterfaceRef, ObjectServer};
@@ -59,7 +59,7 @@ fn furnish<'a>(mut builder: Builder<'a>, keeper: &Arc<Keeper>, gate: &Arc<Gate>)
         builder = builder.serve_at(instrument.path(), Guarded::new(instrument, gate));
     }
     for live in keeper.sessions() {
-        if let Ok(path) = bus::session_path(&live.facts.id) {
+        if let Ok(path) = dbus::session_path(&live.facts.id) {
             builder = builder.serve_at(path, Guarded::new(Session1(live), gate));
         }
     }
@@ -68,7 +68,7 @@ fn furnish<'a>(mut builder: Builder<'a>, keeper: &Arc<Keeper>, gate: &Arc<Gate>)
 
 /// Puts a session on a connection, if it is not there yet.
 async fn show(server: &ObjectServer, live: &Arc<Live>, gate: &Arc<Gate>) -> zbus::Result<()> {
-    if let Ok(path) = bus::session_path(&live.facts.id) {
+    if let Ok(path) = dbus::session_path(&live.facts.id) {
         let session = Guarded::new(Session1(Arc::clone(live)), gate);
         server.at(path, session).await?;
     }
@@ -109,7 +109,7 @@ async fn speak(
     match notice {
         Notice::SessionAdded(live) => show(server, &live, gate).await,
         Notice::SessionRemoved(id) => {
-            if let Ok(path) = bus::session_path(&id) {
+            if let Ok(path) = dbus::session_path(&id) {
                 match server.remove::<Guarded<Session1>, _>(path).await {
                     Ok(_) | Err(zbus::Error::InterfaceNotFound) => {}
                     Err(error) => return Err(error),
@@ -235,7 +235,7 @@ async fn session(
     live: &Arc<Live>,
     gate: &Arc<Gate>,
 ) -> zbus::Result<Option<InterfaceRef<Guarded<Session1>>>> {
-    let Ok(path) = bus::session_path(&live.facts.id) else {
+    let Ok(path) = dbus::session_path(&live.facts.id) else {
         return Ok(None);
     };
     show(server, live, gate).await?;

@@ -1,6 +1,6 @@
 //! The simulated rig as the daemon has it: its scene, and a hand on its sheet.
 
-use bench::{Load, Scene, Shape, SimulatedRig};
+use simulator::{Load, Scene, Shape, SimulatedRig};
 
 /// A scene that ships with the bench, by name, or a file, by path.
 pub(crate) fn load_scene(name_or_path: &str) -> Result<Scene, String> {

@@ -5,7 +5,7 @@ use std::os::fd::OwnedFd;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use bus::stream::{Body, Record};
+use dbus::stream::{Body, Record};
 use tokio::io::{AsyncWriteExt, Interest};
 use tokio::net::UnixStream;
 use tokio::sync::Notify;
@@ -191,7 +191,7 @@ async fn gone(socket: &UnixStream) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bus::stream::Decoder;
+    use dbus::stream::Decoder;
     use std::io::{Read, Write};
 
     fn frame(sequence: u64) -> Record {

@@ -9,7 +9,7 @@ use std::path::Path;
 use std::process::{Command, Output};
 use std::sync::Arc;
 
-use bus::{BUS_NAME, Fault, INTERFACE_XML, Manager1Proxy, Options, ROOT_PATH, Simulation1Proxy};
+use dbus::{BUS_NAME, Fault, INTERFACE_XML, Manager1Proxy, Options, ROOT_PATH, Simulation1Proxy};
 use stage::broker::Broker;
 use stage::{Running, SMALL, Stage, within};
 use tokio::sync::watch;
@@ -125,7 +125,7 @@ impl Scene {
         as_nobody(
             Command::new("busctl")
                 .arg(format!("--address={}", self.broker.address))
-                .args(["call", BUS_NAME, ROOT_PATH, bus::MANAGER_INTERFACE])
+                .args(["call", BUS_NAME, ROOT_PATH, dbus::MANAGER_INTERFACE])
                 .args(method),
         )
     }
@@ -185,7 +185,7 @@ async fn polkit_is_asked_for_each_action_about_the_sender_and_not_for_looking() 
     within(session.wait()).await.unwrap();
     let step = Options::new().with("step", true);
     let path = scene.manager.start_session(&step).await.unwrap();
-    let session = bus::Session1Proxy::builder(&scene.client)
+    let session = dbus::Session1Proxy::builder(&scene.client)
         .path(path)
         .build()
         .await
@@ -223,7 +223,7 @@ async fn what_polkit_refuses_is_not_done_even_for_root() {
     // the peer socket knows no polkit
     scene.daemon.baseline(1).await;
     let running = scene.daemon.start(Options::new().with("step", true)).await;
-    let session = bus::Session1Proxy::builder(&scene.client)
+    let session = dbus::Session1Proxy::builder(&scene.client)
         .path(running.inner().path().to_owned())
         .build()
         .await
@@ -264,8 +264,8 @@ async fn no_property_of_any_interface_can_be_set() {
     let mut tried = 0;
     for (interface, xml) in INTERFACE_XML {
         let path = match interface {
-            bus::SESSION_INTERFACE => path.as_str(),
-            bus::INSTRUMENT_INTERFACE => instrument.as_str(),
+            dbus::SESSION_INTERFACE => path.as_str(),
+            dbus::INSTRUMENT_INTERFACE => instrument.as_str(),
             _ => ROOT_PATH,
         };
         let properties = PropertiesProxy::builder(&scene.client)

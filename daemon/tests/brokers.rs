@@ -4,7 +4,7 @@ mod stage;
 
 use std::process::Command;
 
-use bus::{BUS_NAME, Options, ROOT_PATH};
+use dbus::{BUS_NAME, Options, ROOT_PATH};
 use stage::broker::Broker;
 use stage::{SMALL, Stage, within};
 use zbus::fdo::DBusProxy;
@@ -32,7 +32,7 @@ async fn busctl_alone_suffices_and_the_name_cannot_be_stolen() {
             "call",
             BUS_NAME,
             &path,
-            bus::SESSION_INTERFACE,
+            dbus::SESSION_INTERFACE,
             "LatestMap",
         ])
         .output();
@@ -89,7 +89,7 @@ async fn a_bus_that_restarts_has_the_daemon_again_and_no_frame_was_lost() {
     let session = daemon.start(Options::new()).await;
     drop(broker);
     let mut durable = session.receive_frame_done().await.unwrap();
-    let before = within(bus::next(&mut durable))
+    let before = within(dbus::next(&mut durable))
         .await
         .unwrap()
         .args()
@@ -108,15 +108,15 @@ async fn a_bus_that_restarts_has_the_daemon_again_and_no_frame_was_lost() {
         .await
         .unwrap()
     {
-        within(bus::next(&mut owners)).await.unwrap();
+        within(dbus::next(&mut owners)).await.unwrap();
     }
-    let again = bus::Manager1Proxy::builder(&connection)
+    let again = dbus::Manager1Proxy::builder(&connection)
         .path(ROOT_PATH)
         .build()
         .await
         .unwrap();
     // the session that ran all the while is there too
-    let same = bus::Session1Proxy::builder(&connection)
+    let same = dbus::Session1Proxy::builder(&connection)
         .path(session.inner().path().to_owned())
         .build()
         .await
@@ -125,7 +125,7 @@ async fn a_bus_that_restarts_has_the_daemon_again_and_no_frame_was_lost() {
     let mut done = same.receive_frame_done().await.unwrap();
     while within(again.state()).await.unwrap() != "acquiring" {
         eprintln!("not yet: {:?}", same.last_error().await);
-        within(bus::next(&mut done)).await.unwrap();
+        within(dbus::next(&mut done)).await.unwrap();
     }
     assert!(within(same.frames_durable()).await.unwrap() >= before);
     within(same.stop()).await.unwrap();

@@ -2,7 +2,7 @@
 
 mod stage;
 
-use bus::{Fault, Options, TestReport};
+use dbus::{Fault, Options, TestReport};
 use stage::{SMALL, Stage, within};
 
 const QUIET: &str = "[disc-tank]\nelectrodes = 16\n[effects.voltmeter-noise]\nuv = 2.0\n";
@@ -251,7 +251,7 @@ async fn a_stop_in_the_middle_leaves_the_source_off() {
     let test = tokio::spawn(async move { manager.test_instruments(&Options::new()).await });
     // the second step: current flows, or is about to
     for _ in 0..2 {
-        within(bus::next(&mut progress)).await.unwrap();
+        within(dbus::next(&mut progress)).await.unwrap();
     }
     assert_eq!(daemon.manager.state().await.unwrap(), "testing");
     let (status, log) = daemon.terminate().await;

@@ -1,10 +1,10 @@
-//! What the running daemon shows is what `bus/xml` says.
+//! What the running daemon shows is what `dbus/xml` says.
 
 mod stage;
 
 use std::collections::BTreeMap;
 
-use bus::{INTERFACE_XML, Options, ROOT_PATH};
+use dbus::{INTERFACE_XML, Options, ROOT_PATH};
 use stage::{SMALL, Stage, within};
 use zbus::fdo::IntrospectableProxy;
 
@@ -38,7 +38,7 @@ async fn introspection_is_what_the_xml_says() {
     let mut shown = BTreeMap::new();
     for path in [ROOT_PATH, instrument.as_str(), session.as_str()] {
         let object = IntrospectableProxy::builder(&daemon.connection)
-            .destination(bus::BUS_NAME)
+            .destination(dbus::BUS_NAME)
             .path(path.to_owned())
             .build()
             .await
@@ -46,7 +46,7 @@ async fn introspection_is_what_the_xml_says() {
         shown.extend(interfaces(&within(object.introspect()).await.unwrap()));
     }
     if std::env::var_os("TACTUS_WRITE_XML").is_some() {
-        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../bus/xml");
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../dbus/xml");
         for (name, text) in &shown {
             let indented = indented(text);
             std::fs::write(format!("{folder}/{name}.xml"), indented).unwrap();
@@ -99,7 +99,7 @@ async fn the_object_manager_lists_everything() {
     let daemon = stage.start().await;
     daemon.baseline(1).await;
     let manager = zbus::fdo::ObjectManagerProxy::builder(&daemon.connection)
-        .destination(bus::BUS_NAME)
+        .destination(dbus::BUS_NAME)
         .path(ROOT_PATH)
         .build()
         .await

@@ -2,14 +2,14 @@
 //!
 //! Each test runs itself once more in a network of its own, where nobody else announces anything and the port mapper's
 //! port is free; where none can be had it says so. Sharing a host with avahi and python-zeroconf, lxi-tools among them, is
-//! `bench/tests/clients.rs`; that a running daemon uses nothing that it found is a story.
+//! `simulator/tests/clients.rs`; that a running daemon uses nothing that it found is a story.
 
 mod stage;
 
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};
 
-use bench::{Profile, ServeOptions, SimulatedRig};
+use simulator::{Profile, ServeOptions, SimulatedRig};
 use mdns_sd::{IfKind, ServiceDaemon, ServiceEvent};
 use serde_json::Value;
 use stage::{instant, within};
@@ -124,7 +124,7 @@ async fn two_announced_simulators_are_listed_once_by_their_own_words_and_say_goo
         port_vxi11: Some(0),
         ..options
     };
-    let server = bench::serve(rig.clone(), &options).await.unwrap();
+    let server = simulator::serve(rig.clone(), &options).await.unwrap();
     let browser = ServiceDaemon::new().unwrap();
     browser.enable_interface(IfKind::LoopbackV4).unwrap();
 
@@ -236,7 +236,7 @@ async fn without_multicast_that_is_said_and_addresses_are_asked_all_the_same() {
         return;
     }
     let (rig, options) = listening();
-    let server = bench::serve(rig.clone(), &options).await.unwrap();
+    let server = simulator::serve(rig.clone(), &options).await.unwrap();
     let address = format!("tcp:{}", server.ready().source);
     // the same twice, and one where nobody is
     let asked = vec![
@@ -314,7 +314,7 @@ async fn who_answers_a_vxi_11_broadcast_is_one_instrument_and_is_asked_who_it_is
         port_vxi11: Some(0),
         ..options
     };
-    let server = bench::serve(rig.clone(), &options).await.unwrap();
+    let server = simulator::serve(rig.clone(), &options).await.unwrap();
     let core = server.ready().vxi11.clone().unwrap();
     let core: u16 = core.rsplit(':').next().unwrap().parse().unwrap();
     let mapper = UdpSocket::bind("0.0.0.0:111").await.unwrap();
@@ -342,7 +342,7 @@ async fn who_answers_a_vxi_11_broadcast_is_one_instrument_and_is_asked_who_it_is
         port_vxi11: Some(core),
         ..options
     };
-    let server = bench::serve(rig.clone(), &options).await.unwrap();
+    let server = simulator::serve(rig.clone(), &options).await.unwrap();
     let (found, _) = discovered(Vec::new()).await;
     let mainframe = one(&found, "34980A").expect("it answered");
     assert!(

@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use bus::{Fault, Options, Session1Proxy};
+use dbus::{Fault, Options, Session1Proxy};
 use logbook::{SessionKind, SessionReader};
 use rustix::fs::FlockOperation;
 use stage::{Running, SMALL, Stage, told, within};
@@ -19,7 +19,7 @@ fn resuming() -> String {
 async fn durable(session: &Session1Proxy<'_>, frames: u64) {
     let mut done = session.receive_frame_done().await.unwrap();
     while session.frames_durable().await.unwrap() < frames {
-        within(bus::next(&mut done)).await.unwrap();
+        within(dbus::next(&mut done)).await.unwrap();
     }
 }
 
@@ -238,7 +238,7 @@ async fn a_daemon_restarted_on_a_full_disk_goes_on_when_room_returns() {
     std::fs::remove_file(state.join("ballast")).unwrap();
     more_room(&state);
     while daemon.manager.active_session().await.unwrap().as_str() == "/" {
-        within(bus::next(&mut happened)).await.unwrap();
+        within(dbus::next(&mut happened)).await.unwrap();
     }
     let path = daemon.manager.active_session().await.unwrap();
     let session = daemon.session(&path).await;

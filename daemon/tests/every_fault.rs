@@ -7,8 +7,8 @@
 
 mod stage;
 
-use bench::{Fault, Instrument, Pace, Profile, Scene, ServeOptions, SimulatedRig};
-use bus::{Options, Session1Proxy};
+use simulator::{Fault, Instrument, Pace, Profile, Scene, ServeOptions, SimulatedRig};
+use dbus::{Options, Session1Proxy};
 use logbook::SessionReader;
 use stage::{DEADLINE, Running, Stage, assert_whole};
 
@@ -27,7 +27,7 @@ enum Course {
 }
 use Course::{Marked, Recovers, Unseen};
 
-/// Faults of a rig with the pair wiring, in the words of `tactus-bench fault`.
+/// Faults of a rig with the pair wiring, in the words of `tactus-sim fault`.
 const ON_TCP: &[(&str, Course)] = &[
     ("drop 34980a", Recovers(None)),
     ("wire 34980a cut", Recovers(Some("wire 34980a sound"))),
@@ -75,7 +75,7 @@ const UNPLUGGED: &[(&str, Course)] = &[("serial unplug", Recovers(Some("serial p
 /// A served rig and a daemon that measures on it.
 struct Play {
     rig: SimulatedRig,
-    _server: bench::Server,
+    _server: simulator::Server,
     _stage: Stage,
     daemon: Running,
     session: Session1Proxy<'static>,
@@ -97,7 +97,7 @@ impl Play {
             port_34980a: 0,
             ..ServeOptions::default()
         };
-        let server = bench::serve(rig.clone(), &options)
+        let server = simulator::serve(rig.clone(), &options)
             .await
             .expect("ports are free");
         let ready = server.ready();
@@ -129,7 +129,7 @@ impl Play {
     }
 
     /// Waits for a frame that began after now.
-    async fn next_frame(&self) -> bus::LatestFrame {
+    async fn next_frame(&self) -> dbus::LatestFrame {
         let acquired = self.session.frames_acquired().await.expect("it answers");
         let mut done = self.session.receive_frame_done().await.expect("a stream");
         within("a frame", async {
@@ -139,7 +139,7 @@ impl Play {
                 {
                     return frame;
                 }
-                bus::next(&mut done).await;
+                dbus::next(&mut done).await;
             }
         })
         .await
@@ -198,7 +198,7 @@ impl Play {
                         let signal = tokio::select! {
                             // what has been told comes before a frame that came after it
                             biased;
-                            signal = bus::next(&mut happened) => signal.expect("the daemon runs"),
+                            signal = dbus::next(&mut happened) => signal.expect("the daemon runs"),
                             // what passes by itself may have passed while the source was switched off, which is said
                             // twice where need be, or between two frames: once more
                             _ = self.next_frame(), if told.is_empty() && mend.is_none() => {

@@ -2,8 +2,8 @@
 
 mod stage;
 
-use bench::{Instrument, Pace, Profile, Said, Scene, SimulatedRig, Wire};
-use bus::{Fault, Options};
+use simulator::{Instrument, Pace, Profile, Said, Scene, SimulatedRig, Wire};
+use dbus::{Fault, Options};
 use logbook::SessionReader;
 use stage::{
     Measuring, SMALL, Stage, assert_off_before_anything_else, on_tcp, on_tcp_with, told, within,
@@ -57,7 +57,7 @@ async fn a_file_that_cannot_be_written_is_left_and_the_session_goes_on_in_the_ne
         "{alarm}"
     );
     let mut frames = session.receive_frame_done().await.unwrap();
-    within(bus::next(&mut frames)).await.unwrap();
+    within(dbus::next(&mut frames)).await.unwrap();
     drop(frames);
     let second = session.path().await.unwrap();
     assert!(second != first && second.contains("_p"), "{second}");
@@ -102,7 +102,7 @@ async fn a_lost_source_suspends_the_session_and_is_verified_off_before_it_goes_o
     rig.set_wire(Instrument::Source, Wire::Cut);
     let mut kinds: Vec<String> = Vec::new();
     loop {
-        let signal = within(bus::next(&mut happened)).await.unwrap();
+        let signal = within(dbus::next(&mut happened)).await.unwrap();
         let told = signal.args().unwrap();
         let again = kinds.last().is_some_and(|last| last == told.kind);
         // how many tries it takes until this test has mended the wire is the machine's affair
@@ -159,7 +159,7 @@ async fn a_lost_source_suspends_the_session_and_is_verified_off_before_it_goes_o
     assert!(daemon.manager.recovery().await.unwrap().is_empty());
     let acquired = session.frames_acquired().await.unwrap();
     while session.frames_acquired().await.unwrap() < acquired + 2 {
-        within(bus::next(&mut frames)).await.unwrap();
+        within(dbus::next(&mut frames)).await.unwrap();
     }
     within(session.stop()).await.unwrap();
     let record = SessionReader::open(session.path().await.unwrap()).unwrap();
@@ -195,7 +195,7 @@ async fn both_links_lost_is_an_alarm_and_whichever_comes_back_first_is_made_safe
     let step = tokio::spawn(async move { stepped.step(1).await });
     let mut kinds = Vec::new();
     loop {
-        let signal = within(bus::next(&mut happened)).await.unwrap();
+        let signal = within(dbus::next(&mut happened)).await.unwrap();
         let told = signal.args().unwrap();
         kinds.push(told.kind.to_string());
         match told.kind {
@@ -236,7 +236,7 @@ async fn a_stop_ends_a_session_that_waits_for_its_rig() {
         ..
     } = Measuring::begin().await;
     rig.set_wire(Instrument::Mainframe, Wire::Cut);
-    while within(bus::next(&mut happened))
+    while within(dbus::next(&mut happened))
         .await
         .unwrap()
         .args()
@@ -284,16 +284,16 @@ async fn a_client_that_goes_away_ends_nothing() {
     let stage = Stage::new(SMALL);
     let daemon = stage.start().await;
     daemon.baseline(1).await;
-    let address = bus::Address::Unix(stage.path().join("run/peer"));
-    let (client, _) = bus::connect(Some(&address)).await.unwrap();
-    let manager = bus::Manager1Proxy::new(&client).await.unwrap();
+    let address = dbus::Address::Unix(stage.path().join("run/peer"));
+    let (client, _) = dbus::connect(Some(&address)).await.unwrap();
+    let manager = dbus::Manager1Proxy::new(&client).await.unwrap();
     let path = manager.start_session(&Options::new()).await.unwrap();
     client.close().await.unwrap();
     drop(manager);
     let session = daemon.session(&path).await;
     let mut frames = session.receive_frame_done().await.unwrap();
     for _ in 0..3 {
-        within(bus::next(&mut frames)).await.unwrap();
+        within(dbus::next(&mut frames)).await.unwrap();
     }
     assert_eq!(session.state().await.unwrap(), "running");
     within(session.stop()).await.unwrap();
@@ -363,7 +363,7 @@ async fn a_daemon_that_is_killed_leaves_what_was_acknowledged_and_the_next_makes
         mut frames,
         ..
     } = Measuring::begin().await;
-    let signal = within(bus::next(&mut frames)).await.unwrap();
+    let signal = within(dbus::next(&mut frames)).await.unwrap();
     let acknowledged = signal.args().unwrap().sequence;
     let path = session.path().await.unwrap();
     daemon.kill().await;

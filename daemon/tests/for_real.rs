@@ -8,8 +8,8 @@ mod stage;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use bench::{Profile, ServeOptions, Server, SimulatedRig};
-use bus::{FrameDoneStream, Options, Session1Proxy};
+use simulator::{Profile, ServeOptions, Server, SimulatedRig};
+use dbus::{FrameDoneStream, Options, Session1Proxy};
 use logbook::{Record, SessionReader};
 use rustix::process::Signal;
 use stage::{
@@ -31,7 +31,7 @@ fn lacks(required: &str, why: &str) {
 async fn frames_go_on(session: &Session1Proxy<'_>, frames: &mut FrameDoneStream, more: u64) {
     let before = within(session.frames_durable()).await.unwrap();
     while within(session.frames_durable()).await.unwrap() < before + more {
-        within(bus::next(frames)).await.unwrap();
+        within(dbus::next(frames)).await.unwrap();
     }
 }
 
@@ -153,7 +153,7 @@ impl Cabled {
             port_34980a: 0,
             ..ServeOptions::default()
         };
-        let server = bench::serve(rig.clone(), &options).await.unwrap();
+        let server = simulator::serve(rig.clone(), &options).await.unwrap();
         let stage = Stage::new(&config_for(
             &Cable::Source.place(&server.ready().source),
             &Cable::Mainframe.place(&server.ready().mainframe),
@@ -201,7 +201,7 @@ async fn a_pulled_cable_leaves_tcp_half_open_and_the_session_goes_on_when_it_is_
         let mut kinds = Vec::new();
         let mut back = false;
         loop {
-            let signal = within(bus::next(&mut happened)).await.unwrap();
+            let signal = within(dbus::next(&mut happened)).await.unwrap();
             let told = signal.args().unwrap();
             println!("{cut:?}: {}: {}", told.kind, told.text);
             kinds.push(told.kind.to_string());
@@ -281,7 +281,7 @@ async fn a_source_that_keeps_its_place_for_a_lost_client_is_had_back() {
     let had_back = async {
         let mut back = false;
         loop {
-            let signal = within(bus::next(&mut happened)).await.unwrap();
+            let signal = within(dbus::next(&mut happened)).await.unwrap();
             let told = signal.args().unwrap();
             println!("{}: {}", told.kind, told.text);
             match told.kind {

@@ -2,7 +2,7 @@
 
 mod stage;
 
-use bus::Address;
+use dbus::Address;
 use stage::{Measuring, Running, within};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::UnixStream;
@@ -40,7 +40,7 @@ async fn goes_on(measuring: &mut Measuring, end: &mut JoinHandle<String>, after:
     for _ in 0..2 {
         let frame = async {
             tokio::select! {
-                frame = bus::next(&mut measuring.frames) => frame.is_some(),
+                frame = dbus::next(&mut measuring.frames) => frame.is_some(),
                 why = &mut *end => panic!("after {after} the session ended: {why:?}"),
             }
         };
@@ -134,8 +134,8 @@ async fn who_connects_and_says_nothing_is_dropped_and_holds_nobody_up() {
     }
     // another one is served meanwhile
     let address = Address::Unix(socket.clone());
-    let (other, _) = within(bus::connect(Some(&address))).await.unwrap();
-    let manager = bus::Manager1Proxy::new(&other).await.unwrap();
+    let (other, _) = within(dbus::connect(Some(&address))).await.unwrap();
+    let manager = dbus::Manager1Proxy::new(&other).await.unwrap();
     assert_ne!(within(manager.state()).await.unwrap(), "faulted");
     for mut stream in silent {
         let mut answer = Vec::new();
@@ -147,7 +147,7 @@ async fn who_connects_and_says_nothing_is_dropped_and_holds_nobody_up() {
     for _ in 0..30 {
         let connected = async {
             loop {
-                match bus::connect(Some(&address)).await {
+                match dbus::connect(Some(&address)).await {
                     Ok((other, _)) => return other,
                     // a place is given back when the daemon notices that it was left
                     Err(_) => tokio::task::yield_now().await,

@@ -4,7 +4,7 @@ mod stage;
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use bus::Options;
+use dbus::Options;
 use stage::{Stage, within};
 
 const PAPER: &str = r#"
@@ -33,7 +33,7 @@ async fn a_frame_is_durable_before_it_is_said_and_how_long_that_takes_is_printed
     loop {
         let signal = tokio::select! {
             biased;
-            signal = within(bus::next(&mut signals)) => signal.unwrap(),
+            signal = within(dbus::next(&mut signals)) => signal.unwrap(),
             _ = &mut ended => break,
         };
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap();

@@ -4,8 +4,8 @@ mod stage;
 
 use std::os::fd::OwnedFd;
 
-use bus::stream::{Body, Decoder};
-use bus::{Address, ConnectError, Fault, Manager1Proxy, Options, Session1Proxy};
+use dbus::stream::{Body, Decoder};
+use dbus::{Address, ConnectError, Fault, Manager1Proxy, Options, Session1Proxy};
 use stage::broker::Broker;
 use stage::{Running, SMALL, Stage, within};
 use tokio::task::JoinSet;
@@ -13,7 +13,7 @@ use zbus::Connection;
 
 async fn come(stage: &Stage) -> Result<Connection, ConnectError> {
     let address = Address::Unix(stage.path().join("run/peer"));
-    let (connection, _) = within(bus::connect(Some(&address))).await?;
+    let (connection, _) = within(dbus::connect(Some(&address))).await?;
     Ok(connection)
 }
 
@@ -158,8 +158,8 @@ async fn of_session(
 /// Sends a call of Wait and goes, without waiting for anything.
 async fn wait_and_go(connection: Connection, session: &Session1Proxy<'_>) {
     let call = zbus::message::Message::method_call(session.inner().path(), "Wait")
-        .destination(bus::BUS_NAME)
-        .interface(bus::SESSION_INTERFACE)
+        .destination(dbus::BUS_NAME)
+        .interface(dbus::SESSION_INTERFACE)
         .build(&())
         .unwrap();
     connection.send(&call).await.unwrap();
@@ -232,7 +232,7 @@ async fn a_flood_of_looks_does_not_hold_up_a_stop() {
         };
         let own = of_session(&session, &own).await;
         let mut frames = own.receive_frame_done().await.unwrap();
-        within(bus::next(&mut frames)).await.unwrap();
+        within(dbus::next(&mut frames)).await.unwrap();
         let mut looks = JoinSet::new();
         for _ in 0..18 {
             let manager = Manager1Proxy::new(&broker.connect().await).await.unwrap();

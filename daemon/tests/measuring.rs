@@ -2,7 +2,7 @@
 
 mod stage;
 
-use bus::{Fault, Options};
+use dbus::{Fault, Options};
 use stage::{SMALL, Stage, within};
 
 #[tokio::test(flavor = "multi_thread")]
@@ -62,7 +62,7 @@ async fn a_plan_says_what_each_setting_would_cost_before_a_session_runs() {
     let daemon = stage.start().await;
     let manager = &daemon.manager;
     let plainest = manager.plan().await.unwrap();
-    let costs = |plan: &bus::PlanReport| {
+    let costs = |plan: &dbus::PlanReport| {
         plan.more
             .0
             .keys()
@@ -96,7 +96,7 @@ async fn a_plan_says_what_each_setting_would_cost_before_a_session_runs() {
             "{setting}: {cost}, {longer}"
         );
         let gained = number(format!("gain_{setting}"));
-        let noise = |plan: &bus::PlanReport| plan.more.number("noise_v").unwrap().unwrap();
+        let noise = |plan: &dbus::PlanReport| plan.more.number("noise_v").unwrap().unwrap();
         assert!((gained / gain - 1.0).abs() < 1e-9, "{setting}: {gained}");
         assert!(
             (noise(&plainest) / noise(&with) / gain - 1.0).abs() < 1e-9,
@@ -167,7 +167,7 @@ async fn a_zero_current_frame_is_taken_and_told_and_the_next_session_knows_its_b
     within(session.wait()).await.unwrap();
     // one before the first frame of each session, one after the second
     for _ in 0..3 {
-        let signal = within(bus::next(&mut happened)).await.unwrap();
+        let signal = within(dbus::next(&mut happened)).await.unwrap();
         let told = signal.args().unwrap();
         assert_eq!(told.kind, "zero", "{}", told.text);
         assert!(told.text.contains("208 of 208 readings"), "{}", told.text);
@@ -195,7 +195,7 @@ async fn an_overload_has_the_next_larger_range_from_the_next_frame_on_and_everyb
     daemon.baseline(2).await;
     let before = manager.plan().await.unwrap();
     assert_eq!(before.more.flag("planned_ranges").unwrap(), Some(true));
-    let noise = |plan: &bus::PlanReport, key| plan.more.number(key).unwrap().unwrap();
+    let noise = |plan: &dbus::PlanReport, key| plan.more.number(key).unwrap().unwrap();
     assert!(noise(&before, "noise_v") < 0.2 * noise(&before, "noise_fixed_v"));
 
     let session = daemon.start(Options::new().with("step", true)).await;
@@ -206,7 +206,7 @@ async fn an_overload_has_the_next_larger_range_from_the_next_frame_on_and_everyb
     let frame = session.latest_frame().await.unwrap();
     let overloads = frame.quality.whole("overloads").unwrap().unwrap();
     assert!((1..104).contains(&overloads), "{overloads} overloads");
-    let signal = within(bus::next(&mut happened)).await.unwrap();
+    let signal = within(dbus::next(&mut happened)).await.unwrap();
     let told = signal.args().unwrap();
     assert_eq!(told.kind, "ranges");
     let says = format!("{overloads} of {overloads} overloaded readings have the next larger range");
@@ -233,16 +233,16 @@ const RING: usize = 16;
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_wiring_file_over_rs232_and_tcp_takes_a_frame_and_is_compared_with_the_modules_found() {
-    let scene = bench::Scene::parse("scene", "[disc-tank]\nelectrodes = 16\n").unwrap();
-    let profile = bench::Profile::load("pairs-34924a").unwrap();
-    let rig = bench::SimulatedRig::new(&profile.at_pace(bench::Pace::Instant), scene).unwrap();
-    let options = bench::ServeOptions {
+    let scene = simulator::Scene::parse("scene", "[disc-tank]\nelectrodes = 16\n").unwrap();
+    let profile = simulator::Profile::load("pairs-34924a").unwrap();
+    let rig = simulator::SimulatedRig::new(&profile.at_pace(simulator::Pace::Instant), scene).unwrap();
+    let options = simulator::ServeOptions {
         port_6221: 0,
         port_34980a: 0,
         serial_6221: true,
-        ..bench::ServeOptions::default()
+        ..simulator::ServeOptions::default()
     };
-    let server = bench::serve(rig.clone(), &options).await.unwrap();
+    let server = simulator::serve(rig.clone(), &options).await.unwrap();
     let ready = server.ready();
     let relays = |from: usize| {
         let each: Vec<String> = (0..RING).map(|pair| format!("[{}]", from + pair)).collect();

@@ -5,7 +5,7 @@ mod stage;
 
 use std::collections::HashMap;
 
-use bus::{Fault, MANAGER_INTERFACE, Options, ROOT_PATH, SESSION_INTERFACE};
+use dbus::{Fault, MANAGER_INTERFACE, Options, ROOT_PATH, SESSION_INTERFACE};
 use stage::{Measuring, SMALL, Stage, told, within};
 use zbus::{Connection, OwnedVariant};
 
@@ -187,7 +187,7 @@ async fn a_load_with_any_number_is_refused_by_name_or_taken() {
     }
     let mut frames = session.receive_frame_done().await.unwrap();
     for _ in 0..2 {
-        within(bus::next(&mut frames)).await.unwrap();
+        within(dbus::next(&mut frames)).await.unwrap();
     }
     assert_eq!(session.state().await.unwrap(), "running");
 }

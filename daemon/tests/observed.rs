@@ -5,7 +5,7 @@ mod stage;
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use bus::Options;
+use dbus::Options;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 

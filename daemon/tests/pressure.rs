@@ -2,8 +2,8 @@
 
 mod stage;
 
-use bus::stream::{Body, Decoder};
-use bus::{Fault, Options, Session1Proxy};
+use dbus::stream::{Body, Decoder};
+use dbus::{Fault, Options, Session1Proxy};
 use stage::{SMALL, Stage, within};
 use tokio::io::AsyncReadExt;
 

@@ -4,7 +4,7 @@ mod stage;
 
 use std::fmt::Write;
 
-use bus::{Fault, Options};
+use dbus::{Fault, Options};
 use logbook::SessionReader;
 use stage::{Stage, within};
 use survey::Protocol;

@@ -2,8 +2,8 @@
 
 mod stage;
 
-use bench::{Against, Closeness, Pace, Profile, Scene, SimulatedRig, replay};
-use bus::{Fault, Options};
+use simulator::{Against, Closeness, Pace, Profile, Scene, SimulatedRig, replay};
+use dbus::{Fault, Options};
 use rig::transcript::{parse_transcript, read_transcript};
 use stage::{Running, SMALL, Stage, told, within};
 

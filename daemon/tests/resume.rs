@@ -2,8 +2,8 @@
 
 mod stage;
 
-use bench::{Pace, Profile, Scene, SimulatedRig};
-use bus::{Options, Session1Proxy};
+use simulator::{Pace, Profile, Scene, SimulatedRig};
+use dbus::{Options, Session1Proxy};
 use logbook::{Event, RESUMED, SessionReader};
 use stage::{Running, SMALL, Stage, within};
 
@@ -15,7 +15,7 @@ fn resuming() -> String {
 async fn durable(session: &Session1Proxy<'_>, frames: u64) {
     let mut done = session.receive_frame_done().await.unwrap();
     while session.frames_durable().await.unwrap() < frames {
-        within(bus::next(&mut done)).await.unwrap();
+        within(dbus::next(&mut done)).await.unwrap();
     }
 }
 

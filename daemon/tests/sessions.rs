@@ -5,7 +5,7 @@ mod stage;
 use std::io::{BufRead, Write};
 use std::process::{Command, Stdio};
 
-use bus::{Fault, Options};
+use dbus::{Fault, Options};
 use logbook::SessionReader;
 use stage::{SMALL, Stage, within};
 
@@ -42,7 +42,7 @@ async fn a_press_is_found_measured_recorded_and_said() {
     press.release().await.unwrap();
     assert_eq!(within(session.step(1)).await.unwrap(), 3);
     let empty = session.latest_map().await.unwrap();
-    let largest = |map: &bus::LatestMap| map.more.number("largest_loss").unwrap().unwrap_or(0.0);
+    let largest = |map: &dbus::LatestMap| map.more.number("largest_loss").unwrap().unwrap_or(0.0);
     assert!(
         largest(&empty) < 0.1 * largest(&map),
         "nothing is pressed any more"
@@ -152,7 +152,7 @@ async fn a_schedule_ends_by_itself_and_summaries_reach_the_last_frame() {
     let begun = std::time::Instant::now();
     assert_eq!(within(session.step(40)).await.unwrap(), 40);
     loop {
-        let signal = within(bus::next(&mut summaries)).await.unwrap();
+        let signal = within(dbus::next(&mut summaries)).await.unwrap();
         let arguments = signal.args().unwrap();
         told.push(arguments.sequence);
         if arguments.sequence == 40 {
@@ -182,7 +182,7 @@ async fn a_schedule_ends_by_itself_and_summaries_reach_the_last_frame() {
     let gone = Options::new().with("before", "gone");
     let refused = daemon.manager.list_sessions(&gone).await;
     assert!(
-        matches!(refused, Err(bus::Fault::NoSession(_))),
+        matches!(refused, Err(dbus::Fault::NoSession(_))),
         "{refused:?}"
     );
 }
@@ -202,7 +202,7 @@ async fn twenty_lines_of_python_read_the_stream() {
     let reader = Command::new("python3")
         .arg(concat!(
             env!("CARGO_MANIFEST_DIR"),
-            "/../bus/stream_reader.py"
+            "/../dbus/stream_reader.py"
         ))
         .stdin(Stdio::from(descriptor))
         .stdout(Stdio::piped())
@@ -241,7 +241,7 @@ async fn suspension_is_between_frames_and_a_term_signal_closes_the_record() {
     daemon.baseline(2).await;
     let session = daemon.start(Options::new()).await;
     let properties = zbus::fdo::PropertiesProxy::builder(&daemon.connection)
-        .destination(bus::BUS_NAME)
+        .destination(dbus::BUS_NAME)
         .path(session.inner().path().to_owned())
         .build()
         .await
@@ -249,12 +249,12 @@ async fn suspension_is_between_frames_and_a_term_signal_closes_the_record() {
     let mut states = properties.receive_properties_changed().await.unwrap();
     session.suspend().await.unwrap();
     while session.state().await.unwrap() != "suspended" {
-        within(bus::next(&mut states)).await.unwrap();
+        within(dbus::next(&mut states)).await.unwrap();
     }
     assert_eq!(daemon.manager.state().await.unwrap(), "suspended");
     session.resume().await.unwrap();
     while session.state().await.unwrap() != "running" {
-        within(bus::next(&mut states)).await.unwrap();
+        within(dbus::next(&mut states)).await.unwrap();
     }
     let path = session.path().await.unwrap();
     let (status, log) = daemon.terminate().await;
@@ -327,8 +327,8 @@ async fn a_reader_of_the_bus_that_freezes_is_let_go_and_the_others_go_on() {
     let socket = frozen.get_mut();
     socket.write_all(b"BEGIN\r\n").unwrap();
     for _ in 0..100 {
-        let question = zbus::Message::method_call(bus::ROOT_PATH, "Geometry")
-            .interface(bus::MANAGER_INTERFACE)
+        let question = zbus::Message::method_call(dbus::ROOT_PATH, "Geometry")
+            .interface(dbus::MANAGER_INTERFACE)
             .build(&())
             .unwrap();
         socket.write_all(question.data()).unwrap();

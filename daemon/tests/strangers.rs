@@ -2,12 +2,12 @@
 
 mod stage;
 
-use bench::{Instrument, Profile, SimulatedRig};
-use bus::{Fault, Options};
+use simulator::{Instrument, Profile, SimulatedRig};
+use dbus::{Fault, Options};
 use stage::{Measuring, Stage, instant, on_tcp, serve, told, within};
 
 /// The ports at which a server listens.
-fn ports(server: &bench::Server) -> (u16, u16) {
+fn ports(server: &simulator::Server) -> (u16, u16) {
     let port = |address: &str| address.rsplit(':').next().unwrap().parse().unwrap();
     (
         port(&server.ready().source),
@@ -61,7 +61,7 @@ async fn another_serial_number_waits_for_a_person() {
         .unwrap()
         != Some(true)
     {
-        within(bus::next(&mut happened)).await.unwrap();
+        within(dbus::next(&mut happened)).await.unwrap();
     }
     let agreed = daemon.manager.accept_instruments().await.unwrap();
     assert!(agreed.contains("7654321"), "{agreed}");
@@ -106,7 +106,7 @@ async fn what_was_exchanged_while_no_daemon_ran_waits_for_a_person() {
     assert_untouched(&stranger);
     let mut happened = daemon.manager.receive_happened().await.unwrap();
     while daemon.manager.accept_instruments().await.is_err() {
-        within(bus::next(&mut happened)).await.unwrap();
+        within(dbus::next(&mut happened)).await.unwrap();
     }
     told(&mut happened, "reconnected").await;
     daemon.baseline(1).await;

@@ -4,7 +4,7 @@ mod stage;
 
 use std::time::Duration;
 
-use bus::Options;
+use dbus::Options;
 use stage::{SMALL, Stage, within};
 use tokio::net::UnixDatagram;
 

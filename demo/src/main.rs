@@ -11,10 +11,10 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Instant;
 
-use bus::{Address, Manager1Proxy, Session1Proxy, Simulation1Proxy};
+use dbus::{Address, Manager1Proxy, Session1Proxy, Simulation1Proxy};
 use demo::{Stage, act_as};
 use eit::{Mesh, Preset, Reconstructor};
-use picture::{Grid, Scale, Scales, Sheet, Style, TerminalColour, TerminalStyle, TruePlace};
+use render::{Grid, Scale, Scales, Sheet, Style, TerminalColour, TerminalStyle, TruePlace};
 use survey::{Baseline, Frame, Map};
 
 type Failure = Box<dyn std::error::Error>;
@@ -197,10 +197,10 @@ async fn press_all(
     sheet: &Sheet,
     begun: Instant,
 ) -> Result<Vec<Map>, Failure> {
-    let (connection, _) = bus::connect(Some(&Address::Unix(stage.peer_path()))).await?;
+    let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path()))).await?;
     let hand = Simulation1Proxy::new(&connection).await?;
     let manager = Manager1Proxy::new(&connection).await?;
-    let recording = Session1Proxy::new(&connection, bus::session_path(session)?).await?;
+    let recording = Session1Proxy::new(&connection, dbus::session_path(session)?).await?;
     let geometry = manager.geometry().await?;
     let mut maps = Vec::new();
     for (index, truth) in truths.iter().enumerate() {
@@ -243,7 +243,7 @@ async fn press_all(
                 colour: colour(),
                 style,
             };
-            indent(&picture::terminal(sheet, &map, &style)?);
+            indent(&render::terminal(sheet, &map, &style)?);
         }
         maps.push(map);
     }
@@ -377,7 +377,7 @@ fn grid(
             (map.clone(), style)
         })
         .collect();
-    Ok(picture::png_grid(
+    Ok(render::png_grid(
         sheet,
         &panels,
         &Grid {

@@ -1,4 +1,4 @@
-//! Measures frames a second with a sync each, and bytes a frame: `cargo run --release -p logbook --example append_rate`.
+//! Measures frames a second with a sync each, and bytes a frame: `cargo run --release -p tactus-logbook --example append_rate`.
 //! 598 readings whose mean spans 4,700 : 1, noise of 2 uV rms. Name a folder to measure another disk than the temporary
 //! one. The rate is that of the disk's sync; it says nothing about another disk.
 

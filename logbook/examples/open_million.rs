@@ -1,5 +1,5 @@
 //! Measures how long it takes to open a session of a million frames again:
-//! `cargo run --release -p logbook --example open_million`. Another number of frames, and a folder on another disk than
+//! `cargo run --release -p tactus-logbook --example open_million`. Another number of frames, and a folder on another disk than
 //! the temporary one, may be named.
 
 use std::time::Instant;

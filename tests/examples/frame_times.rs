@@ -1,7 +1,7 @@
 //! What a map takes in the daemon, method by method: p50 and p99 of frames that came as SCPI text, beside the paper's.
 //!
 //! ```text
-//! cargo run --release -p stories --example frame_times [-- FRAMES [DEEP.safetensors]]
+//! cargo run --release -p tactus-tests --example frame_times [-- FRAMES [DEEP.safetensors]]
 //! ```
 //!
 //! 200 frames a method where no number is given. Without a file a deep network of the paper's size is trained on a handful of
@@ -11,8 +11,8 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use bus::{Address, Manager1Proxy, Options, Session1Proxy, Simulation1Proxy};
-use stories::{SIMULATED, Stage, act_as};
+use dbus::{Address, Manager1Proxy, Options, Session1Proxy, Simulation1Proxy};
+use tactus_tests::{SIMULATED, Stage, act_as};
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -90,7 +90,7 @@ fn measure() -> Result<(), Failure> {
         ("deep", file(&deep), "5"),
     ];
     let stage = Stage::new(SIMULATED)?;
-    std::fs::write(stage.path().join("scene.toml"), stories::TWO_MICROVOLTS)?;
+    std::fs::write(stage.path().join("scene.toml"), tactus_tests::TWO_MICROVOLTS)?;
     let keeper = stage.start_daemon()?;
     stage
         .tactus(&["baseline", "record", "--frames", "10"])?
@@ -124,7 +124,7 @@ fn measure() -> Result<(), Failure> {
 
 /// Of the map, and until it is on disk: ms, sorted.
 async fn times(stage: &Stage, frames: usize) -> Result<[Vec<f64>; 2], Failure> {
-    let (connection, _) = bus::connect(Some(&Address::Unix(stage.peer_path()))).await?;
+    let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path()))).await?;
     let manager = Manager1Proxy::new(&connection).await?;
     manager.reload().await?;
     let hand = Simulation1Proxy::new(&connection).await?;

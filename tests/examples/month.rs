@@ -2,7 +2,7 @@
 //! has an event that explains it, and the source is off.
 //!
 //! ```text
-//! cargo run -p stories --example month [-- FRAMES [SEED]]
+//! cargo run -p tactus-tests --example month [-- FRAMES [SEED]]
 //! ```
 //!
 //! 4,320 frames where no number is given, a frame every ten minutes of the scene. The instruments are served over TCP by
@@ -13,11 +13,11 @@ use std::collections::BTreeMap;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use bench::{Fault, Pace, Profile, Scene, ServeOptions, SimulatedRig};
+use simulator::{Fault, Pace, Profile, Scene, ServeOptions, SimulatedRig};
 use indicatif::{ProgressBar, ProgressStyle};
 use logbook::{SessionReader, Verified};
 use rustix::process::{Pid, Signal, kill_process};
-use stories::{DEADLINE, Keeper, SIMULATED, Stage, act_as};
+use tactus_tests::{DEADLINE, Keeper, SIMULATED, Stage, act_as};
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -33,7 +33,7 @@ const PEACE: u64 = 60;
 /// What befalls the rig or the daemon.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Blow {
-    /// In the words of `tactus-bench fault`; mended by the other words, where it does not pass by itself.
+    /// In the words of `tactus-sim fault`; mended by the other words, where it does not pass by itself.
     Instruments(&'static str, Option<&'static str>),
     /// SIGKILL, and another daemon.
     Killed,
@@ -106,7 +106,7 @@ fn month() -> Result<(), Failure> {
         port_34980a: 0,
         ..ServeOptions::default()
     };
-    let server = runtime.block_on(bench::serve(rig.clone(), &options))?;
+    let server = runtime.block_on(simulator::serve(rig.clone(), &options))?;
     let (source, mainframe) = (&server.ready().source, &server.ready().mainframe);
     let stage = Stage::with_program(
         &configuration(&source.to_string(), &mainframe.to_string()),

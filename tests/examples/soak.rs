@@ -2,7 +2,7 @@
 //! memory, descriptors and threads are looked at.
 //!
 //! ```text
-//! cargo run -p stories --example soak [-- FRAMES]
+//! cargo run -p tactus-tests --example soak [-- FRAMES]
 //! ```
 //!
 //! A million frames where no number is given (an hour on two cores): an 8-electrode tank whose transfer impedance is solved
@@ -15,7 +15,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use stories::{Keeper, SIMULATED, Stage, act_as};
+use tactus_tests::{Keeper, SIMULATED, Stage, act_as};
 
 type Failure = Box<dyn std::error::Error>;
 

@@ -2,8 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use bus::{BUS_NAME, MANAGER_INTERFACE, ROOT_PATH, SESSION_INTERFACE};
-use bus::{Fault, Manager1Proxy, Options};
+use dbus::{BUS_NAME, MANAGER_INTERFACE, ROOT_PATH, SESSION_INTERFACE};
+use dbus::{Fault, Manager1Proxy, Options};
 use chrono::{DateTime, Utc};
 use logbook::{SessionHeader, SessionWriter};
 use survey::{Amps, Frame, Protocol, Reading, Settings, Volts};

@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeSet, HashMap};
 
-use bus::{INSTRUMENT_INTERFACE, INTERFACE_XML, ROOT_PATH, SESSION_INTERFACE};
+use dbus::{INSTRUMENT_INTERFACE, INTERFACE_XML, ROOT_PATH, SESSION_INTERFACE};
 use zbus::{Structure, Variant};
 
 /// A message body that can be sent many times.
@@ -286,7 +286,7 @@ fn the_calls_cover_every_method_property_and_option() {
         }
     }
     let manager = options(INTERFACE_XML[0].1);
-    for option in bus::SESSION_OPTIONS.iter().chain(&bus::MEASURING_OPTIONS) {
+    for option in dbus::SESSION_OPTIONS.iter().chain(&dbus::MEASURING_OPTIONS) {
         assert!(
             manager.iter().any(|(name, _)| name == option),
             "no option '{option}' in {manager:?}"

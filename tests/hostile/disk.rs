@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use stories::DEADLINE;
+use tactus_tests::DEADLINE;
 
 use crate::files::assert_does_not_go_on;
 use crate::site::Site;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use bus::Session1Proxy;
+use dbus::Session1Proxy;
 use rusqlite::{Connection, TransactionBehavior};
 
 use crate::site::{Daemon, SOON, Site, frames, is_alive, within};

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use bus::BUS_NAME;
+use dbus::BUS_NAME;
 use tokio::task::JoinSet;
 use zbus::Connection;
 use zbus::message::Flags;

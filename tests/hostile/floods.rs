@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 use std::time::Instant;
 
-use stories::DEADLINE;
+use tactus_tests::DEADLINE;
 
 use crate::calls;
 use crate::flood::{Counts, Flood, Width};
@@ -115,7 +115,7 @@ async fn calls_that_want_no_answer_delay_nobody_on_the_peer_socket() {
     let session = daemon.measure().await;
     let call = calls::Call {
         path: session.inner().path().to_string(),
-        interface: bus::SESSION_INTERFACE.to_owned(),
+        interface: dbus::SESSION_INTERFACE.to_owned(),
         member: "Stop".to_owned(),
         body: None,
     };

@@ -4,8 +4,8 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use bus::{Address, Manager1Proxy, Options, Session1Proxy};
-use stories::{DEADLINE, Keeper, Spoken, Stage};
+use dbus::{Address, Manager1Proxy, Options, Session1Proxy};
+use tactus_tests::{DEADLINE, Keeper, Spoken, Stage};
 use tokio::sync::{Mutex, MutexGuard};
 use zbus::Connection;
 use zbus::proxy::CacheProperties;
@@ -101,7 +101,7 @@ impl Site {
     /// A connection of root to the peer socket.
     pub async fn come_to_peer(&self) -> Connection {
         let address = Address::Unix(self.stage.peer_path());
-        bus::connect(Some(&address)).await.unwrap().0
+        dbus::connect(Some(&address)).await.unwrap().0
     }
 
     /// Runs `tactus` as root, on `system` or `peer`.

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use stories::DEADLINE;
+use tactus_tests::DEADLINE;
 
 const POLICY: &str = concat!(
     env!("CARGO_MANIFEST_DIR"),

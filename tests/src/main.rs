@@ -3,8 +3,8 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    stories::act_as(std::env::args_os()).unwrap_or_else(|| {
-        eprintln!("the first argument must be tactusd, tactus, tactus-bench or tactus-lab");
+    tactus_tests::act_as(std::env::args_os()).unwrap_or_else(|| {
+        eprintln!("the first argument must be tactusd, tactus, tactus-sim or tactus-lab");
         ExitCode::from(2)
     })
 }

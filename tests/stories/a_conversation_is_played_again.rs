@@ -15,7 +15,7 @@ fn a_conversation_is_played_again_and_an_altered_reply_is_named() {
     let spoken = spoken.and_then(|spoken| spoken.succeeded());
     let spoken = spoken.unwrap_or_else(|fault| panic!("{fault}"));
     assert!(
-        spoken.stdout.contains("tactus-bench replay"),
+        spoken.stdout.contains("tactus-sim replay"),
         "{}",
         spoken.stdout
     );
@@ -28,7 +28,7 @@ fn a_conversation_is_played_again_and_an_altered_reply_is_named() {
     let scene = stage.path().join("scene.toml").display().to_string();
     let play = |file: &str| {
         let args = ["replay", file, "--profile", &profile, "--scene", &scene];
-        stage.run("tactus-bench", &args).expect("it runs")
+        stage.run("tactus-sim", &args).expect("it runs")
     };
     let played = play(&file);
     assert_eq!(played.code, Some(0), "{}{}", played.stdout, played.stderr);

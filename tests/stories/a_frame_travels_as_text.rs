@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use bench::{Instrument, Pace, Profile, SimulatedRig};
+use simulator::{Instrument, Pace, Profile, SimulatedRig};
 use keithley_6221::Keithley6221;
 use keysight_34980a::Keysight34980a;
 use phantom::Scene;

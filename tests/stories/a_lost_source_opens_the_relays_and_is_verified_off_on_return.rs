@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use bench::{Instrument, Wire};
+use simulator::{Instrument, Wire};
 use keithley_6221::Keithley6221;
 use phantom::Scene;
 use rig::{CurrentSource, Link, Stop, SystemClock};

@@ -1,6 +1,6 @@
 //! Another pattern is a line of the configuration: the linearised method follows, a model trained for another refuses.
 
-use bus::{Address, Simulation1Proxy};
+use dbus::{Address, Simulation1Proxy};
 
 use crate::scenery::{self, Needs, ask, baseline, measure, number};
 
@@ -14,7 +14,7 @@ fn found_with(change: impl FnOnce(&str) -> String) -> Option<usize> {
     baseline(&stage, 4);
     let truth = [0.0847, 0.1387];
     scenery::runtime().block_on(async {
-        let (connection, _) = bus::connect(Some(&Address::Unix(stage.peer_path())))
+        let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
             .await
             .expect("the daemon listens");
         let hand = Simulation1Proxy::new(&connection)

@@ -4,7 +4,7 @@ use std::io::Read;
 use std::os::fd::OwnedFd;
 use std::process::{Child, Command, Stdio};
 
-use bus::{Address, Options, Session1Proxy};
+use dbus::{Address, Options, Session1Proxy};
 
 use crate::scenery::{self, Needs, ask, baseline, has};
 
@@ -86,9 +86,9 @@ fn busctl_alone_reads_a_map() {
     let session = format!("/org/tactus/Tactus1/session/{id}");
     let map = busctl(&[
         "call",
-        bus::BUS_NAME,
+        dbus::BUS_NAME,
         &session,
-        bus::SESSION_INTERFACE,
+        dbus::SESSION_INTERFACE,
         "LatestMap",
     ]);
     let words: Vec<&str> = map.split_whitespace().take(4).collect();
@@ -98,24 +98,24 @@ fn busctl_alone_reads_a_map() {
     assert!((3000..5000).contains(&values), "{values} triangles");
     let frame = busctl(&[
         "call",
-        bus::BUS_NAME,
+        dbus::BUS_NAME,
         &session,
-        bus::SESSION_INTERFACE,
+        dbus::SESSION_INTERFACE,
         "LatestFrame",
     ]);
     assert_eq!(frame.split_whitespace().nth(3), Some("598"), "598 voltages");
     let state = busctl(&[
         "get-property",
-        bus::BUS_NAME,
-        bus::ROOT_PATH,
-        bus::MANAGER_INTERFACE,
+        dbus::BUS_NAME,
+        dbus::ROOT_PATH,
+        dbus::MANAGER_INTERFACE,
         "State",
     ]);
     assert_eq!(state.trim(), "s \"idle\"");
     // the daemon that owns the name keeps it: a second one on another state directory is refused it
     let second = Command::new("busctl")
         .arg(format!("--address={}", broker.address))
-        .args(["status", bus::BUS_NAME])
+        .args(["status", dbus::BUS_NAME])
         .output()
         .expect("busctl runs");
     assert!(second.status.success());
@@ -136,10 +136,10 @@ fn twenty_lines_of_python_read_the_stream() {
         .expect("an id")
         .to_owned();
     let stream: OwnedFd = scenery::runtime().block_on(async {
-        let (connection, _) = bus::connect(Some(&Address::Unix(stage.peer_path())))
+        let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
             .await
             .expect("the daemon listens");
-        let path = bus::session_path(&id).expect("an id makes a path");
+        let path = dbus::session_path(&id).expect("an id makes a path");
         let session = Session1Proxy::new(&connection, path)
             .await
             .expect("the session is there");
@@ -154,7 +154,7 @@ fn twenty_lines_of_python_read_the_stream() {
     let reader = Command::new("python3")
         .arg(concat!(
             env!("CARGO_MANIFEST_DIR"),
-            "/../bus/stream_reader.py"
+            "/../dbus/stream_reader.py"
         ))
         .stdin(Stdio::from(stream))
         .output()

@@ -122,7 +122,7 @@ fn a_baseline_taken_with_other_settings_is_refused() {
         .expect("an id")
         .to_owned();
     keeper.stop().unwrap_or_else(|fault| panic!("{fault}"));
-    let other = stories::SIMULATED.replace("current_ua = 1000.0", "current_ua = 500.0");
+    let other = tactus_tests::SIMULATED.replace("current_ua = 1000.0", "current_ua = 500.0");
     stage
         .configure(&other)
         .expect("the configuration is written");

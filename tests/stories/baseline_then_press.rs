@@ -1,6 +1,6 @@
 //! The main job, by hand: a baseline, a press, and the place is found.
 
-use bus::{Address, Simulation1Proxy};
+use dbus::{Address, Simulation1Proxy};
 
 use crate::scenery::{self, Needs, ask, baseline, measure};
 
@@ -13,7 +13,7 @@ fn a_press_is_found_where_it_was() {
     baseline(&stage, 10);
     let truth = [0.0847, 0.1387];
     scenery::runtime().block_on(async {
-        let (connection, _) = bus::connect(Some(&Address::Unix(stage.peer_path())))
+        let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
             .await
             .expect("the daemon listens");
         let hand = Simulation1Proxy::new(&connection)

@@ -12,7 +12,7 @@ const ALONE: &str = r#"
 set -e
 ip link set lo up multicast on
 ip route add 224.0.0.0/4 dev lo
-"$0" tactus-bench serve --announce --instant --port-6221 0 --port-34980a 0 --port-vxi11 0 > "$1/ready" &
+"$0" tactus-sim serve --announce --instant --port-6221 0 --port-34980a 0 --port-vxi11 0 > "$1/ready" &
 bench=$!
 trap 'kill $bench' EXIT
 for _ in $(seq 600); do [ -s "$1/ready" ] && break; sleep 0.1; done

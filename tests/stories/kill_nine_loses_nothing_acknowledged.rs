@@ -1,6 +1,6 @@
 //! What was acknowledged is on disk, whatever happens to the daemon; and the next one starts on the same record.
 
-use bus::{Address, Session1Proxy};
+use dbus::{Address, Session1Proxy};
 
 use crate::scenery::{self, Needs, ask, baseline};
 
@@ -22,10 +22,10 @@ fn a_killed_daemon_has_kept_every_acknowledged_frame() {
         }
         // the session of the daemon that was killed goes on by itself
         let acknowledged = scenery::runtime().block_on(async {
-            let (connection, _) = bus::connect(Some(&Address::Unix(stage.peer_path())))
+            let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
                 .await
                 .expect("the daemon listens");
-            let path = bus::session_path(&id).expect("an id makes a path");
+            let path = dbus::session_path(&id).expect("an id makes a path");
             let session = Session1Proxy::new(&connection, path)
                 .await
                 .expect("the session is there");

@@ -1,6 +1,6 @@
 //! The whole system, told as tests. Each story is named by its moral; the demo's binary plays the programs in it.
 //!
-//! `TACTUS_RIG=rig.toml cargo test -p stories` plays the same stories on the instruments that `rig.toml` names (a
+//! `TACTUS_RIG=rig.toml cargo test -p tactus-tests` plays the same stories on the instruments that `rig.toml` names (a
 //! configuration of `tactusd`; its record and bus are replaced by the story's own). Each story declares what it needs
 //! and its largest current; what a rig does not have is skipped, and the reason printed.
 
@@ -25,7 +25,7 @@ mod manual;
 mod test_one_is_found;
 mod text_from_outside_acts_on_nothing;
 mod the_contract_is_what_we_say;
-mod the_house;
+mod dependency_rules;
 mod the_paper_is_run_over_scpi;
 mod the_rig_tests_itself;
 mod two_wirings_one_frame;

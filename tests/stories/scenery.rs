@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use stories::{Keeper, SIMULATED, Stage};
+use tactus_tests::{Keeper, SIMULATED, Stage};
 use survey::Amps;
 
 /// What a story needs of a rig.
@@ -28,7 +28,7 @@ impl Needs {
 }
 
 /// 2 uV of voltmeter noise.
-pub const NOISY: &str = stories::TWO_MICROVOLTS;
+pub const NOISY: &str = tactus_tests::TWO_MICROVOLTS;
 /// No effect at all.
 pub const QUIET: &str = "seed = 1\n";
 

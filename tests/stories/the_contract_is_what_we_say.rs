@@ -1,6 +1,6 @@
 //! What the running daemon shows on D-Bus is the XML that is kept in the repository.
 
-use bus::Address;
+use dbus::Address;
 
 use crate::scenery::{self, Needs, ask, baseline};
 
@@ -34,13 +34,13 @@ fn introspection_is_the_xml_in_the_repository() {
         .expect("an id")
         .to_owned();
     scenery::runtime().block_on(async {
-        let (connection, _) = bus::connect(Some(&Address::Unix(stage.peer_path())))
+        let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
             .await
             .expect("the daemon listens");
         let introspect = async |path: &str| -> String {
             let reply = connection
                 .call_method(
-                    Some(bus::BUS_NAME),
+                    Some(dbus::BUS_NAME),
                     path,
                     Some("org.freedesktop.DBus.Introspectable"),
                     "Introspect",
@@ -50,18 +50,18 @@ fn introspection_is_the_xml_in_the_repository() {
                 .expect("every object can be asked");
             reply.body().deserialize().expect("a text")
         };
-        let instruments = bus::Manager1Proxy::new(&connection)
+        let instruments = dbus::Manager1Proxy::new(&connection)
             .await
             .expect("the manager is there")
             .instruments()
             .await
             .expect("instruments are listed");
-        let session = bus::session_path(&id).expect("an id makes a path");
-        for (name, kept) in bus::INTERFACE_XML {
+        let session = dbus::session_path(&id).expect("an id makes a path");
+        for (name, kept) in dbus::INTERFACE_XML {
             let path = match name {
-                bus::INSTRUMENT_INTERFACE => instruments[0].as_str(),
-                bus::SESSION_INTERFACE => session.as_str(),
-                _ => bus::ROOT_PATH,
+                dbus::INSTRUMENT_INTERFACE => instruments[0].as_str(),
+                dbus::SESSION_INTERFACE => session.as_str(),
+                _ => dbus::ROOT_PATH,
             };
             let shown = introspect(path).await;
             let shown = interface(&shown, name)

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use bus::{Address, Manager1Proxy, Options, Session1Proxy, Simulation1Proxy};
+use dbus::{Address, Manager1Proxy, Options, Session1Proxy, Simulation1Proxy};
 use eit::Reconstructor;
 use phantom::{Load, Phantom, Scene, Shape, paper};
 use survey::{Protocol, Reading, Volts};
@@ -65,7 +65,7 @@ fn the_papers_tests_have_the_same_answers_in_the_daemon_and_offline() {
     let _keeper = scenery::start(&stage);
     scenery::baseline(&stage, 1);
     runtime().block_on(async {
-        let (connection, _) = bus::connect(Some(&Address::Unix(stage.peer_path())))
+        let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
             .await
             .expect("the daemon listens");
         let manager = Manager1Proxy::new(&connection).await.expect("its root is there");

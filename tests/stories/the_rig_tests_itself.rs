@@ -4,7 +4,7 @@ use std::io::{BufRead, BufReader};
 use std::process::{Child, Stdio};
 
 use serde_json::Value;
-use stories::Stage;
+use tactus_tests::Stage;
 
 use crate::scenery::{self, Needs, ask, number};
 
@@ -19,7 +19,7 @@ impl Served {
         let path = stage.path().join("served.toml");
         std::fs::write(&path, profile).expect("the story's folder can be written");
         let mut child = stage
-            .command("tactus-bench")
+            .command("tactus-sim")
             .args([
                 "serve",
                 "--port-6221",
@@ -54,7 +54,7 @@ impl Served {
         let mut args = vec!["fault", "--control", self.address("control")];
         args.extend(words.split(' '));
         let told = stage
-            .run("tactus-bench", &args)
+            .run("tactus-sim", &args)
             .and_then(|told| told.succeeded());
         told.unwrap_or_else(|fault| panic!("{fault}"));
     }
@@ -63,7 +63,7 @@ impl Served {
     fn status(&self, stage: &Stage) -> Value {
         let args = ["status", "--json", "--control", self.address("control")];
         let told = stage
-            .run("tactus-bench", &args)
+            .run("tactus-sim", &args)
             .and_then(|told| told.succeeded());
         told.unwrap_or_else(|fault| panic!("{fault}"))
             .json()
@@ -132,7 +132,7 @@ fn over_tcp_a_sound_rig_passes_and_each_fault_is_named() {
     let tcp = |of: &str| format!("tcp:{}", served.address(of));
     let addresses = [("source", tcp("6221")), ("switch", tcp("34980a"))];
     let config = configuration(
-        stories::SIMULATED,
+        tactus_tests::SIMULATED,
         "instruments",
         "pairs-34924a",
         &addresses,
@@ -230,7 +230,7 @@ fn a_source_on_rs232_and_a_board_on_usb_are_a_rig() {
         ("switch", format!("serial:{}", served.address("serial"))),
         ("voltmeter", format!("tcp:{}", served.address("34980a"))),
     ];
-    let config = configuration(stories::SIMULATED, "instruments", "gpio-board", &addresses);
+    let config = configuration(tactus_tests::SIMULATED, "instruments", "gpio-board", &addresses);
     // 5 V of supply leave 4.5 V
     let config = config.replace("compliance_v = 10.0", "compliance_v = 4.0");
     stage
@@ -271,7 +271,7 @@ fn a_simulated_source_beside_a_real_switch_is_said() {
         ("source", "simulated".to_owned()),
         ("switch", format!("tcp:{}", served.address("34980a"))),
     ];
-    let config = configuration(stories::SIMULATED, "mixed", "pairs-34924a", &addresses);
+    let config = configuration(tactus_tests::SIMULATED, "mixed", "pairs-34924a", &addresses);
     stage
         .configure(&config)
         .expect("the configuration can be written");

@@ -204,11 +204,11 @@ async fn system_bus(wanted: &Wanted) -> Vec<Finding> {
         }
     };
     if wanted.bus.system {
-        findings.push(match owned(bus::BUS_NAME).await {
-            Some(true) => Finding::ok("system bus", format!("{} is owned", bus::BUS_NAME)),
+        findings.push(match owned(dbus::BUS_NAME).await {
+            Some(true) => Finding::ok("system bus", format!("{} is owned", dbus::BUS_NAME)),
             _ => Finding::warn(
                 "system bus",
-                format!("nobody owns {}", bus::BUS_NAME),
+                format!("nobody owns {}", dbus::BUS_NAME),
                 "`sudo systemctl start tactusd`",
             ),
         });

@@ -42,14 +42,14 @@ fn map(sequence: u64) -> Record {
 }
 
 fn field() -> Field {
-    Field::from_bus(bus::Geometry {
+    Field::from_bus(dbus::Geometry {
         mesh_hash: "m".into(),
         nodes: vec![0.0, 0.0, 0.03, 0.0, 0.0, 0.03, 0.03, 0.03],
         triangles: vec![0, 1, 2, 1, 3, 2],
         outline: vec![0.0, 0.0, 0.03, 0.0, 0.03, 0.03, 0.0, 0.03],
         outline_lengths: vec![4],
         electrodes: vec![0.0, 0.0],
-        more: bus::Options::new(),
+        more: dbus::Options::new(),
     })
     .unwrap()
 }

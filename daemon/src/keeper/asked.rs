@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use bus::{Fault, Options};
+use dbus::{Fault, Options};
 use logbook::{About, LogbookError, Record};
 use survey::{Baseline, Settings, duration};
 
@@ -75,7 +75,7 @@ fn about(options: &Options, given: &AboutSection) -> Result<About, Fault> {
 
 /// The options known, those that say how a session measures among them.
 fn known(of_its_own: &[&'static str]) -> Vec<&'static str> {
-    [of_its_own, &bus::MEASURING_OPTIONS].concat()
+    [of_its_own, &dbus::MEASURING_OPTIONS].concat()
 }
 
 /// The plan of a rig that is surveyed like this.
@@ -108,7 +108,7 @@ impl Keeper {
         own: Option<Arc<Baseline>>,
     ) -> Result<Assignment, Fault> {
         options.only(&known(
-            &[&bus::SESSION_OPTIONS[..], &bus::ABOUT_OPTIONS].concat(),
+            &[&dbus::SESSION_OPTIONS[..], &dbus::ABOUT_OPTIONS].concat(),
         ))?;
         let given = self.house().setup.schedule;
         let step = options.flag("step")?.unwrap_or(false);
@@ -174,7 +174,7 @@ impl Keeper {
         options: &Options,
     ) -> Result<Arc<Live>, Fault> {
         options.only(&known(
-            &[&["frames", "note"][..], &bus::ABOUT_OPTIONS].concat(),
+            &[&["frames", "note"][..], &dbus::ABOUT_OPTIONS].concat(),
         ))?;
         let frames = whole(options, "frames", numbers::BASELINE_FRAMES)?.unwrap_or(BASELINE_FRAMES);
         let schedule = Schedule {
@@ -206,7 +206,7 @@ impl Keeper {
     /// # Errors
     /// An option that cannot be; a recording.
     pub(crate) async fn plan_with(&self, options: &Options) -> Result<Arc<RigPlan>, Fault> {
-        options.only(&bus::MEASURING_OPTIONS)?;
+        options.only(&dbus::MEASURING_OPTIONS)?;
         let own = self.own_survey(options)?;
         let (house, baseline) = (self.house(), self.baseline());
         let made = move || -> Result<Arc<RigPlan>, Fault> {

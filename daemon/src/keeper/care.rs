@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use bus::{Fault, Options};
+use dbus::{Fault, Options};
 use chrono::SecondsFormat;
 use rig::{Clock, Stop};
 use survey::Relay;

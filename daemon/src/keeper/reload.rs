@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, PoisonError};
 
-use bus::Fault;
+use dbus::Fault;
 
 use super::{House, Keeper};
 use crate::config::Config;
@@ -86,7 +86,7 @@ impl Keeper {
                 let bench = match (kept, &plan.bench) {
                     (Some(bench), _) => Some(bench),
                     (None, Some((profile, scene))) => Some(
-                        bench::SimulatedRig::new(profile, scene.clone())
+                        simulator::SimulatedRig::new(profile, scene.clone())
                             .map_err(|error| Fault::Configuration(chain(&error)))?,
                     ),
                     (None, None) => None,

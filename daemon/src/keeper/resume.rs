@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use bus::{Fault, Options};
+use dbus::{Fault, Options};
 use chrono::{DateTime, TimeDelta, Utc};
 use logbook::{
     LogbookError, Record, Resumed, SessionHeader, SessionKind, SessionReader, SessionWriter,

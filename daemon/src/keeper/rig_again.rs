@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use bus::Fault;
+use dbus::Fault;
 use rig::Clock;
 
 use super::recovery::LOOK_AGAIN;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use bus::Fault;
+use dbus::Fault;
 use chrono::{DateTime, Utc};
 use logbook::{InstrumentRecord, LogbookError, SessionHeader, SessionKind, SessionWriter};
 use rig::Clock;
@@ -436,12 +436,12 @@ impl Keeper {
             Some(text) => Event::Fault(text),
             None => Event::Ended,
         });
-        live.readers.publish(&bus::stream::Record {
+        live.readers.publish(&dbus::stream::Record {
             sequence: live.durable(),
             wall_ns: crate::recorder::nanoseconds(self.house().clock.wall()),
             gap: 0,
             simulated: live.facts.simulated,
-            body: bus::stream::Body::End {
+            body: dbus::stream::Body::End {
                 reason: ending.reason.clone(),
             },
         });

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use bus::Options;
+use dbus::Options;
 use chrono::{DateTime, Utc};
 use rig::Clock;
 use survey::duration;

@@ -174,16 +174,16 @@ fn expected(plan: &Plan, geometry: &Geometry) -> Result<BTreeMap<Measurement, Vo
 fn simulated(
     config: &Config,
     findings: &mut Findings<'_>,
-) -> Option<(bench::Profile, bench::Scene)> {
+) -> Option<(simulator::Profile, simulator::Scene)> {
     let profile = findings.taken(
         "rig.profile",
-        bench::Profile::load(profile_name(config)).map_err(|cause| chain(&cause)),
+        simulator::Profile::load(profile_name(config)).map_err(|cause| chain(&cause)),
     );
     let scene = findings.taken(
         "rig.scene",
         match config.rig.scene.as_deref() {
             Some(scene) => crate::simulation::load_scene(scene),
-            None => Ok(bench::Scene::quiet()),
+            None => Ok(simulator::Scene::quiet()),
         },
     );
     Some((profile?, scene?))
@@ -200,7 +200,7 @@ fn profile_name(config: &Config) -> &str {
 /// Whether the simulated instruments have what the wiring switches; what a real one has is asked when it is connected.
 fn fits(
     config: &Config,
-    profile: &bench::Profile,
+    profile: &simulator::Profile,
     wired: &Wired,
     places: &Places,
     findings: &mut Findings<'_>,

@@ -8,7 +8,7 @@ use std::fmt::Write;
 use std::sync::Arc;
 
 use async_trait::async_trait;
-use bus::{Fault, MANAGER_INTERFACE, SESSION_INTERFACE, SIMULATION_INTERFACE};
+use dbus::{Fault, MANAGER_INTERFACE, SESSION_INTERFACE, SIMULATION_INTERFACE};
 use zbus::message::{Flags, Header, Message};
 use zbus::names::{InterfaceName, MemberName};
 use zbus::object_server::{DispatchResult, Interface, ObjectServer, SignalEmitter};

@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use bus::Fault;
+use dbus::Fault;
 use tokio::runtime::{Builder, Handle, Runtime};
 use tokio::sync::{OnceCell, watch};
 use tokio::task::JoinSet;
@@ -125,7 +125,7 @@ impl Gate {
         let gate = Arc::downgrade(self);
         let mut task = JoinSet::new();
         task.spawn(async move {
-            while let Some(Ok(change)) = bus::next(&mut changes).await {
+            while let Some(Ok(change)) = dbus::next(&mut changes).await {
                 let Some(gate) = gate.upgrade() else { return };
                 let body = change.body();
                 if let Ok((name, _, owner)) = body.deserialize::<(&str, &str, &str)>()

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use bus::ROOT_PATH;
+use dbus::ROOT_PATH;
 use zbus::{ObjectPath, interface};
 
 use crate::keeper::Keeper;
@@ -35,7 +35,7 @@ impl Instrument1 {
 
 /// Where the instrument with this role is; `switch+voltmeter` is `switch_voltmeter` there.
 pub(super) fn path(role: &str) -> ObjectPath<'static> {
-    bus::instrument_path(&role.replace('+', "_"))
+    dbus::instrument_path(&role.replace('+', "_"))
         .unwrap_or_else(|_| ObjectPath::from_static_str_unchecked(ROOT_PATH))
 }
 

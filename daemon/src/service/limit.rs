@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use bus::Fault;
+use dbus::Fault;
 
 /// Calls that are answered at once from memory. A program has a few at a time.
 pub(super) static LOOKS: Limit = Limit::new("calls that are not answered yet", 64, 512);

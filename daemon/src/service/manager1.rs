@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use bus::{Fault, Options, ROOT_PATH, RelayWear, SeenInstrument, SessionSummary, TestLine};
+use dbus::{Fault, Options, ROOT_PATH, RelayWear, SeenInstrument, SessionSummary, TestLine};
 use zbus::object_server::{ObjectServer, SignalEmitter};
 use zbus::{ObjectPath, OwnedVariant, interface};
 
@@ -257,7 +257,7 @@ impl Manager1 {
 
     /// How the daemon is, all at once: whether it is well and what is not, the last frame, what waits for the disk, gaps,
     /// instruments, age of the baseline, days until the disk is full, life left of the relay that will be worn out first.
-    /// Keys are documented in bus/src/manager1.rs; what is not known is left out.
+    /// Keys are documented in dbus/src/manager1.rs; what is not known is left out.
     #[zbus(out_args("health"))]
     async fn health(&self) -> Result<Options, Fault> {
         let health = self.0.health().await;
@@ -341,7 +341,7 @@ impl Manager1 {
     fn active_session(&self) -> ObjectPath<'static> {
         self.0
             .active()
-            .and_then(|live| bus::session_path(&live.facts.id).ok())
+            .and_then(|live| dbus::session_path(&live.facts.id).ok())
             .unwrap_or_else(|| ObjectPath::from_static_str_unchecked("/"))
     }
 
@@ -386,7 +386,7 @@ async fn shown(
     super::show(server, live, gate)
         .await
         .map_err(Fault::Connection)?;
-    bus::session_path(&live.facts.id)
+    dbus::session_path(&live.facts.id)
         .or_else(|_| ObjectPath::try_from(ROOT_PATH))
         .map_err(|error| Fault::Failed(error.to_string()))
 }
@@ -394,7 +394,7 @@ async fn shown(
 /// A plan as its method returns it.
 type Planned = (u64, u64, u64, u64, u64, f64, f64, f64, Vec<String>, Options);
 
-fn planned(plan: bus::PlanReport) -> Planned {
+fn planned(plan: dbus::PlanReport) -> Planned {
     (
         plan.steps,
         plan.injections,

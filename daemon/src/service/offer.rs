@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use bus::BUS_NAME;
+use dbus::BUS_NAME;
 use tokio::runtime::Handle;
 use tokio::task::JoinSet;
 use zbus::Connection;

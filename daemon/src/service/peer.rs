@@ -175,12 +175,12 @@ async fn attend(stream: UnixStream, keeper: Arc<Keeper>, acting: Handle) {
 
 /// Says that there is no place, so that the client can tell it from a refusal, and closes; to a few at a time, for each
 /// takes a descriptor.
-async fn say_busy(mut stream: UnixStream, refusal: &bus::Fault) {
+async fn say_busy(mut stream: UnixStream, refusal: &dbus::Fault) {
     static SAID: Semaphore = Semaphore::const_new(MOST_TOLD);
     let Ok(_place) = SAID.try_acquire() else {
         return;
     };
-    let line = format!("ERROR {}{}\r\n", bus::BUSY, refusal.text());
+    let line = format!("ERROR {}{}\r\n", dbus::BUSY, refusal.text());
     let said = async {
         stream.write_all(line.as_bytes()).await?;
         // a client that is hung up on before it has written its first line sees an error of the socket, and not this

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use bus::{Fault, Options};
+use dbus::{Fault, Options};
 use zbus::object_server::SignalEmitter;
 use zbus::{OwnedFd, interface};
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use bus::Fault;
+use dbus::Fault;
 use zbus::interface;
 
 use crate::keeper::Keeper;
@@ -46,7 +46,7 @@ impl Simulation1 {
 }
 
 impl Simulation1 {
-    fn bench(&self) -> Result<bench::SimulatedRig, Fault> {
+    fn bench(&self) -> Result<simulator::SimulatedRig, Fault> {
         self.0
             .house()
             .bench

@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
-use bench::{Instrument, Pace, Profile, Said, Scene, ServeOptions, SimulatedRig};
-use bus::{Address, Instrument1Proxy, Manager1Proxy, Options, Session1Proxy, Simulation1Proxy};
+use simulator::{Instrument, Pace, Profile, Said, Scene, ServeOptions, SimulatedRig};
+use dbus::{Address, Instrument1Proxy, Manager1Proxy, Options, Session1Proxy, Simulation1Proxy};
 use logbook::Verified;
 use tokio::io::{AsyncBufReadExt, BufReader};
 use zbus::{Connection, OwnedObjectPath};
@@ -166,7 +166,7 @@ impl Stage {
             log
         });
         let address = Address::Unix(self.path().join("run/peer"));
-        let (connection, _) = bus::connect(Some(&address)).await.unwrap();
+        let (connection, _) = dbus::connect(Some(&address)).await.unwrap();
         let manager = Manager1Proxy::new(&connection).await.unwrap();
         Running {
             child,
@@ -258,14 +258,14 @@ pub async fn within<T>(future: impl Future<Output = T>) -> T {
 }
 
 /// A rig on TCP that a test can break, and a configuration for it.
-pub async fn on_tcp() -> (SimulatedRig, bench::Server, String) {
+pub async fn on_tcp() -> (SimulatedRig, simulator::Server, String) {
     let rig = instant(&Profile::default());
     let (server, config) = on_tcp_with(&rig).await;
     (rig, server, config)
 }
 
 /// The same for a rig that there is.
-pub async fn on_tcp_with(rig: &SimulatedRig) -> (bench::Server, String) {
+pub async fn on_tcp_with(rig: &SimulatedRig) -> (simulator::Server, String) {
     let server = serve(rig, (0, 0)).await;
     let config = config_for(&server.ready().source, &server.ready().mainframe);
     (server, config)
@@ -320,24 +320,24 @@ pub fn assert_whole(path: &str) -> Verified {
 }
 
 /// Serves a rig on these ports: the source's and the mainframe's.
-pub async fn serve(rig: &SimulatedRig, ports: (u16, u16)) -> bench::Server {
+pub async fn serve(rig: &SimulatedRig, ports: (u16, u16)) -> simulator::Server {
     let options = ServeOptions {
         port_6221: ports.0,
         port_34980a: ports.1,
         ..ServeOptions::default()
     };
-    bench::serve(rig.clone(), &options).await.unwrap()
+    simulator::serve(rig.clone(), &options).await.unwrap()
 }
 
 /// A session that has its first frame, on a rig on TCP.
 pub struct Measuring {
     pub rig: SimulatedRig,
-    pub server: bench::Server,
+    pub server: simulator::Server,
     pub stage: Stage,
     pub daemon: Running,
     pub session: Session1Proxy<'static>,
-    pub happened: bus::HappenedStream,
-    pub frames: bus::FrameDoneStream,
+    pub happened: dbus::HappenedStream,
+    pub frames: dbus::FrameDoneStream,
 }
 
 impl Measuring {
@@ -349,7 +349,7 @@ impl Measuring {
         let happened = daemon.manager.receive_happened().await.unwrap();
         let session = daemon.start(Options::new()).await;
         let mut frames = session.receive_frame_done().await.unwrap();
-        within(bus::next(&mut frames)).await.unwrap();
+        within(dbus::next(&mut frames)).await.unwrap();
         Self {
             rig,
             server,
@@ -363,9 +363,9 @@ impl Measuring {
 }
 
 /// Waits for something that is told, and gives its text.
-pub async fn told(happened: &mut bus::HappenedStream, kind: &str) -> String {
+pub async fn told(happened: &mut dbus::HappenedStream, kind: &str) -> String {
     loop {
-        let signal = within(bus::next(happened)).await.unwrap();
+        let signal = within(dbus::next(happened)).await.unwrap();
         let told = signal.args().unwrap();
         if told.kind == kind {
             return told.text.to_string();

@@ -1,7 +1,7 @@
 //! What was said lately over the wires of a rig, kept in memory so that a frame which fails can be looked into.
 //!
 //! A tape holds the *opening* (from connecting to the settings read back) and the last reels, one a frame. A reel played
-//! after its opening is a whole conversation: what `tactus-bench replay` plays to instruments that were just switched on.
+//! after its opening is a whole conversation: what `tactus-sim replay` plays to instruments that were just switched on.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

@@ -10,7 +10,7 @@ pub fn programs() -> [Command; 4] {
     [
         cli::command(),
         daemon::command(),
-        bench::command(),
+        simulator::command(),
         lab::command(),
     ]
 }

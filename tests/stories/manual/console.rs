@@ -5,7 +5,7 @@
 //! the last measured session; where a page has measured none, one of three frames is measured for it.
 //! A block with `norun` in its info string needs real instruments, hours, or another program; it is counted.
 
-use stories::{Keeper, Spoken, Stage};
+use tactus_tests::{Keeper, Spoken, Stage};
 
 use super::pages::{self, CommandLine, Page};
 use crate::scenery::{self, Needs, ask};
@@ -85,7 +85,7 @@ impl Player {
         let place = &line.place;
         let program = line.words[0].as_str();
         assert!(
-            ["tactus", "tactusd", "tactus-bench", "tactus-lab"].contains(&program),
+            ["tactus", "tactusd", "tactus-sim", "tactus-lab"].contains(&program),
             "{place}: `{program}` cannot be run here: mark the block `console,norun`"
         );
         if program == "tactusd" && line.words[1..] == ["--config", "config.toml"] {

@@ -36,7 +36,7 @@ fn reference_pages_are_generated_from_the_programs() {
     }
     assert!(
         stale.is_empty(),
-        "{}\nwrite them anew: {WRITE}=1 cargo test -p stories --test stories manual::reference",
+        "{}\nwrite them anew: {WRITE}=1 cargo test -p tactus-tests --test stories manual::reference",
         stale.join("\n")
     );
 }
@@ -45,7 +45,7 @@ fn reference_pages_are_generated_from_the_programs() {
 fn generated(from: &str) -> String {
     format!(
         "<!-- Generated from {from}. Do not edit: \
-         {WRITE}=1 cargo test -p stories --test stories manual::reference -->\n\n"
+         {WRITE}=1 cargo test -p tactus-tests --test stories manual::reference -->\n\n"
     )
 }
 

@@ -1,6 +1,6 @@
 //! How long a frame of the trained networks takes, beside the bandwidth of memory measured in the same run.
 //!
-//! `cargo run --release -p eit --example deep_time [THREADS]`, 2 by default. The deep network has the paper's size and
+//! `cargo run --release -p tactus-eit --example deep_time [THREADS]`, 2 by default. The deep network has the paper's size and
 //! weights that nobody trained; its time does not depend on them. Every figure is the least of many, of rounds in turn.
 
 use std::hint::black_box;

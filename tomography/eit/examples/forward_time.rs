@@ -1,5 +1,5 @@
 //! How long the forward model and what stands on it take at the paper's size:
-//! `cargo run --release -p eit --example forward_time`.
+//! `cargo run --release -p tactus-eit --example forward_time`.
 //!
 //! Shortest and median wall time of each; on a machine with other work the shortest is the honest one. With
 //! `-- --python FILE` (a Python that has scipy) the reference `scipy_reference.py` runs beside it.

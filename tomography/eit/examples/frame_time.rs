@@ -1,5 +1,5 @@
 //! How long a frame of the one-step method takes at the paper's size, from the whole matrix and quickly, and how far the
-//! quick map is from the exact one: `cargo run --release -p eit --example frame_time`. One thread; shortest and median of
+//! quick map is from the exact one: `cargo run --release -p tactus-eit --example frame_time`. One thread; shortest and median of
 //! many, first with nothing between the frames, then with 64 MB of other data read between them, as on a busy machine.
 
 use std::hint::black_box;

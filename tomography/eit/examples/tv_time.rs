@@ -1,5 +1,5 @@
 //! How long total variation takes at the paper's size, and how far from the true minimum it stops:
-//! `cargo run --release -p eit --example tv_time [-- FRAMES [--times-only]]`. One core; the minimum is this room's own interior method
+//! `cargo run --release -p tactus-eit --example tv_time [-- FRAMES [--times-only]]`. One core; the minimum is this room's own interior method
 //! over all triangles, offline, to 2e-9.
 
 use std::sync::Arc;

@@ -1,5 +1,5 @@
 //! What the model-based methods find of simulated presses, with seeds of one's own:
-//! `cargo run --release -p lab --example press_figures -- [FIRST_SEED [PRESSES [METHOD...]]]`.
+//! `cargo run --release -p tactus-lab --example press_figures -- [FIRST_SEED [PRESSES [METHOD...]]]`.
 //!
 //! Discs of 10 and 30 mm take half the conductance at random places of the region; forward data from the phantom's finer
 //! mesh, 2 uV of white noise on baseline and frame. Printed: mean and worst distance of the found place (mm), mean

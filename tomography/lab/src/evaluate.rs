@@ -9,7 +9,7 @@ mod raster;
 
 use std::path::PathBuf;
 
-use picture::{WorkPoint, work_precision_png};
+use render::{WorkPoint, work_precision_png};
 
 use crate::args::{EvaluateOptions, JudgeOptions, JudgeSet, Replacing};
 use crate::failure::Failure;

@@ -1,4 +1,4 @@
-//! What effects cost that a scene does not name: `cargo run --release -p phantom --example absent_effects`.
+//! What effects cost that a scene does not name: `cargo run --release -p tactus-phantom --example absent_effects`.
 //!
 //! Frames of a scene without effects, against the same readings from the forward solution with no effect's code in
 //! between, in turns. Printed are the median of each and its spread, from the first to the third quarter, in ns a reading.

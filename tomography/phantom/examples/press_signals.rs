@@ -1,5 +1,5 @@
 //! What the paper's presses change at the electrodes, and how long the phantom takes:
-//! `cargo run -p phantom --example press_signals`.
+//! `cargo run -p tactus-phantom --example press_signals`.
 
 use std::time::{Duration, Instant};
 

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use bus::ROOT_PATH;
+use dbus::ROOT_PATH;
 use rig::{SystemClock, Tape};
 use zbus::connection::Builder;
 
@@ -132,7 +132,7 @@ async fn a_panic_while_answering_leaves_the_session_running() {
     let keeper = Keeper::new(prepared, bench, Some(assembled), tape, SystemClock::new());
     let panics = guard::listen();
     tokio::spawn(guard::keep(std::sync::Arc::clone(&keeper), guard::listen()));
-    let options = bus::Options::new().with("frames", 1000_u64);
+    let options = dbus::Options::new().with("frames", 1000_u64);
     let live = keeper.record_baseline(&options).await.unwrap();
     guarded::current_flows(&sheet).await;
 

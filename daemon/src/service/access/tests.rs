@@ -29,7 +29,7 @@ fn rows<'a>(
 fn every_method_and_every_property_to_set_has_its_row() {
     let mut methods = BTreeSet::new();
     let mut setters = BTreeSet::new();
-    for (interface, xml) in bus::INTERFACE_XML {
+    for (interface, xml) in dbus::INTERFACE_XML {
         methods.extend(
             named(xml, "method", "")
                 .into_iter()

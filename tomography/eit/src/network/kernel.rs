@@ -1,6 +1,6 @@
 //! Matrix times vector for the three ways of keeping weights. A frame is one pass over all weights, so these loops run at
 //! the speed of memory; the portable ones convert f16 and int8 slower than memory gives them, the vector ones do not
-//! (`cargo run --release -p eit --example deep_time` prints both).
+//! (`cargo run --release -p tactus-eit --example deep_time` prints both).
 //!
 //! The bits of a result depend on the instructions a machine has, never on the number of threads.
 #![allow(unsafe_code)]

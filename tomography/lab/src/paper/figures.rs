@@ -2,7 +2,7 @@
 
 use eit::Case;
 use phantom::paper;
-use picture::{Axis, Curve, Curves, Grid, Scale, Scales, Sheet, Style, TruePlace};
+use render::{Axis, Curve, Curves, Grid, Scale, Scales, Sheet, Style, TruePlace};
 use survey::{Map, MapUnit};
 
 use super::experiments::{Experiments, FIGURES_AT, Outcome};
@@ -28,8 +28,8 @@ pub(super) fn mesh(place: &Workplace, case: &Case) -> Result<Figure, Failure> {
         .collect();
     let title = "Mesh, region of interest and electrodes (the paper's Figure 3A)";
     let sheet = sheet(case);
-    let png = picture::mesh_png(&sheet, &all, title);
-    let svg = picture::mesh_svg(&sheet, &all, title);
+    let png = render::mesh_png(&sheet, &all, title);
+    let svg = render::mesh_svg(&sheet, &all, title);
     put(place, "figure-3", png, svg)?;
     Ok(Figure {
         file: "figure-3.png".to_owned(),
@@ -149,8 +149,8 @@ pub(super) fn sweeps(place: &Workplace, sweeps: &[Sweep]) -> Result<Vec<Figure>,
             put(
                 place,
                 sweep.file,
-                picture::curves_png(&chart),
-                picture::curves_svg(&chart),
+                render::curves_png(&chart),
+                render::curves_svg(&chart),
             )?;
             Ok(Figure {
                 file: format!("{}.png", sweep.file),
@@ -198,8 +198,8 @@ fn both(
         put(
             place,
             &stem,
-            picture::png_grid(&sheet, maps, &grid),
-            picture::svg_grid(&sheet, maps, &grid),
+            render::png_grid(&sheet, maps, &grid),
+            render::svg_grid(&sheet, maps, &grid),
         )?;
         figures.push(Figure {
             file: format!("{stem}.png"),
@@ -218,8 +218,8 @@ fn both(
 fn put(
     place: &Workplace,
     stem: &str,
-    png: Result<Vec<u8>, picture::PictureError>,
-    svg: Result<String, picture::PictureError>,
+    png: Result<Vec<u8>, render::PictureError>,
+    svg: Result<String, render::PictureError>,
 ) -> Result<(), Failure> {
     let failed = |fault| Failure::of(&format!("cannot draw {stem}"), &fault);
     place.write_bytes(&format!("{stem}.png"), &png.map_err(failed)?)?;

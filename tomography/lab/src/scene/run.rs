@@ -1,7 +1,7 @@
 //! `tactus-lab scene run`: frames of a scene in a case folder, as `judge` writes them.
 //!
 //! The readings come straight from the phantom, in virtual time; through instruments and their text they come from
-//! `tactus-bench` or the daemon's simulated rig, which take the same scenes.
+//! `tactus-sim` or the daemon's simulated rig, which take the same scenes.
 
 use eit::{Preset, frames_text, matrix_text};
 use nalgebra::DMatrix;

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use outfile::Existing;
-use picture::{Axis, Curve, Curves};
+use render::{Axis, Curve, Curves};
 
 use super::bordered::Ground;
 use super::contrast::{CENTRE, RADIUS};
@@ -66,8 +66,8 @@ pub(super) fn draw(folder: &Path, existing: Existing) -> Result<(), Failure> {
 
 fn put(folder: &Path, existing: Existing, name: &str, curves: &Curves<'_>) -> Result<(), Failure> {
     let undrawn = |fault| Failure::of(&format!("cannot draw {name}"), &fault);
-    let png = picture::curves_png(curves).map_err(undrawn)?;
-    let svg = picture::curves_svg(curves).map_err(undrawn)?;
+    let png = render::curves_png(curves).map_err(undrawn)?;
+    let svg = render::curves_svg(curves).map_err(undrawn)?;
     for (ending, bytes) in [("png", png.as_slice()), ("svg", svg.as_bytes())] {
         let path = folder.join(format!("{name}.{ending}"));
         outfile::write(&path, existing, bytes)?;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use bench::{FrameTimes, Profile};
+use simulator::{FrameTimes, Profile};
 use eit::{Hyper, Mesh, OneStep, OneStepOptions, PaperSheet, Preset, Reconstructor};
 use nalgebra::{DMatrix, Matrix2};
 use phantom::{FINER, Load, Phantom, Scene, across, table_noise};

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 
-use picture::{Axis, Curve, Curves};
+use render::{Axis, Curve, Curves};
 use serde::{Deserialize, Serialize};
 
 use super::Effort;
@@ -252,8 +252,8 @@ impl Panel {
             front,
         };
         let failed = |fault| Failure::of(&format!("the picture of {}", self.panel), &fault);
-        let png = picture::curves_png(&chart).map_err(failed)?;
-        let svg = picture::curves_svg(&chart).map_err(failed)?;
+        let png = render::curves_png(&chart).map_err(failed)?;
+        let svg = render::curves_svg(&chart).map_err(failed)?;
         let name = self.picture(group);
         place.write_bytes(&format!("{name}.png"), &png)?;
         place.write_bytes(&format!("{name}.svg"), svg.as_bytes())

@@ -1,0 +1,132 @@
+//! What is said aloud: the D-Bus contract of Tactus. Names, paths, interfaces, wire types, the full-rate stream's records.
+//! Nothing of ours inside: no frame, no map, no instrument; daemon and clients convert at their own door.
+//!
+//! - **manager**: the daemon itself (`Manager1` on [`ROOT_PATH`]); **instrument**: one `Instrument1` object each
+//! - **session**: a baseline being recorded or a measurement (`Session1`), live or ended a short while ago
+//! - **fault**: one error name a kind ([`Fault`]); **options**: the last `a{sv}` argument of a method ([`Options`])
+//! - **record**: one frame, map or end in the full-rate stream ([`stream`])
+//!
+//! The proxies ask for every property that may change each time they are asked, so an answer is never older than the
+//! question. The daemon says changes with PropertiesChanged; whoever wants to follow listens to
+//! `zbus::fdo::PropertiesProxy`.
+//!
+//! Three ways lead to the daemon ([`Address`]): the system bus, the session bus, and a unix socket that needs no broker.
+//!
+//! ```
+//! assert_eq!(dbus::session_path("b20261207_1")?.as_str(), "/org/tactus/Tactus1/session/b20261207_1");
+//! assert!(dbus::session_path("not-an-id").is_err(), "a minus is not allowed in an object path");
+//! let address: dbus::Address = "unix:/run/tactus/peer".parse()?;
+//! assert_eq!(address.to_string(), "unix:/run/tactus/peer");
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod address;
+mod fault;
+mod instrument1;
+mod manager1;
+mod options;
+mod session1;
+mod simulation1;
+pub mod stream;
+
+use std::pin::Pin;
+
+use zbus::{ObjectPath, export::futures_core::Stream};
+
+pub use address::{Address, AddressError, BUSY, ConnectError, connect, search_order};
+pub use fault::Fault;
+pub use instrument1::Instrument1Proxy;
+pub use manager1::{
+    ABOUT_OPTIONS, BaselineReport, Discovery, Geometry, Happened, HappenedStream,
+    MEASURING_OPTIONS, Manager1Proxy, PlanReport, RelayWear, SESSION_OPTIONS, SeenInstrument,
+    SessionSummary, TestLine, TestProgress, TestProgressStream, TestReport,
+};
+pub use options::Options;
+pub use session1::{
+    FrameDone, FrameDoneStream, LatestFrame, LatestMap, LatestPressure, Session1Proxy,
+};
+pub use simulation1::Simulation1Proxy;
+
+/// The well-known name; the version is in it.
+pub const BUS_NAME: &str = "org.tactus.Tactus1";
+/// Where the ObjectManager, Manager1 and (on a simulated rig) Simulation1 are.
+pub const ROOT_PATH: &str = "/org/tactus/Tactus1";
+/// Name of the manager's interface.
+pub const MANAGER_INTERFACE: &str = "org.tactus.Tactus1.Manager1";
+/// Name of an instrument's interface.
+pub const INSTRUMENT_INTERFACE: &str = "org.tactus.Tactus1.Instrument1";
+/// Name of a session's interface.
+pub const SESSION_INTERFACE: &str = "org.tactus.Tactus1.Session1";
+/// Name of the interface that presses on a simulated sheet.
+pub const SIMULATION_INTERFACE: &str = "org.tactus.Tactus1.Simulation1";
+/// What every error name begins with.
+pub const ERROR_PREFIX: &str = "org.tactus.Tactus1.Error";
+/// Introspection data of the four interfaces, as the daemon must show it: interface name and XML.
+pub const INTERFACE_XML: [(&str, &str); 4] = [
+    (
+        MANAGER_INTERFACE,
+        include_str!("../xml/org.tactus.Tactus1.Manager1.xml"),
+    ),
+    (
+        INSTRUMENT_INTERFACE,
+        include_str!("../xml/org.tactus.Tactus1.Instrument1.xml"),
+    ),
+    (
+        SESSION_INTERFACE,
+        include_str!("../xml/org.tactus.Tactus1.Session1.xml"),
+    ),
+    (
+        SIMULATION_INTERFACE,
+        include_str!("../xml/org.tactus.Tactus1.Simulation1.xml"),
+    ),
+];
+
+/// An id that cannot be part of an object path.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "'{0}' is not an id of Tactus: only a to z, 0 to 9 and _ are allowed, and at least one of them"
+)]
+pub struct BadId(pub String);
+
+/// The object of a session.
+///
+/// # Errors
+/// An id outside `[a-z0-9_]+`.
+pub fn session_path(id: &str) -> Result<ObjectPath<'static>, BadId> {
+    path("session", id)
+}
+
+/// The object of an instrument.
+///
+/// # Errors
+/// An id outside `[a-z0-9_]+`.
+pub fn instrument_path(id: &str) -> Result<ObjectPath<'static>, BadId> {
+    path("instrument", id)
+}
+
+/// The id at the end of a session's or instrument's object path; `None` for another path.
+pub fn id_of(path: &str) -> Option<&str> {
+    let rest = path.strip_prefix(ROOT_PATH)?;
+    rest.strip_prefix("/session/")
+        .or_else(|| rest.strip_prefix("/instrument/"))
+        .filter(|id| is_id(id))
+}
+
+fn path(kind: &str, id: &str) -> Result<ObjectPath<'static>, BadId> {
+    if !is_id(id) {
+        return Err(BadId(id.to_owned()));
+    }
+    ObjectPath::try_from(format!("{ROOT_PATH}/{kind}/{id}")).map_err(|_| BadId(id.to_owned()))
+}
+
+fn is_id(id: &str) -> bool {
+    !id.is_empty()
+        && id
+            .bytes()
+            .all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_')
+}
+
+/// The next item of a signal or property stream; `None` when the connection is gone.
+pub async fn next<S: Stream + Unpin>(stream: &mut S) -> Option<S::Item> {
+    std::future::poll_fn(|context| Pin::new(&mut *stream).poll_next(context)).await
+}

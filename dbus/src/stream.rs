@@ -1,0 +1,399 @@
+//! Records of the full-rate stream that `Session1.OpenStream` hands out: bytes in, records out, no I/O here.
+//!
+//! All numbers little-endian, nothing padded. Every record is
+//!
+//! | bytes | type | what |
+//! |---|---|---|
+//! | 0 to 3 | u32 | length of what follows |
+//! | 4, 5 | u16 | version, 1 |
+//! | 6, 7 | u16 | kind: 1 frame, 2 map, 3 end, 4 pressure |
+//! | 8 to 15 | u64 | sequence of the frame, from 1 in its session |
+//! | 16 to 23 | i64 | wall time of the frame, ns since 1970 UTC |
+//! | 24 to 31 | u64 | gap: records that this reader lost just before this one, because it read too slowly |
+//! | 32 to 35 | u32 | bit 0: simulated; other bits 0 |
+//! | 36 to 39 | u32 | n |
+//!
+//! and then, for a **frame**, n voltages (f64, V; NaN where the flag is not 0) and n flags (u8: 0 ok, 1 overload,
+//! 2 timeout, 3 not measured); for a **map**, n values (f64, relative change of conductance, a triangle of the region
+//! each), u16 and so many bytes of mesh hash, u16 and so many bytes of method (UTF-8); for **pressure**, n values (f64, kPa, a
+//! triangle of the region each) and the total load (f64, N), just before the map it was made from; for the **end**, n bytes
+//! of reason (UTF-8), after which the descriptor is closed. A reader skips kinds it does not know, by their length, and
+//! refuses other versions. `dbus/stream_reader.py` reads it in some twenty lines.
+//!
+//! ```
+//! use dbus::stream::{Body, Decoder, Record};
+//! let sent = Record { sequence: 7, wall_ns: 0, gap: 2, simulated: true,
+//!     body: Body::Frame { volts: vec![0.25], flags: vec![0] } };
+//! let mut decoder = Decoder::new();
+//! let bytes = sent.encode();
+//! decoder.push(&bytes[..5]);
+//! assert_eq!(decoder.next_record()?, None);
+//! decoder.push(&bytes[5..]);
+//! assert_eq!(decoder.next_record()?, Some(sent));
+//! # Ok::<(), dbus::stream::StreamError>(())
+//! ```
+
+/// Version of the layout.
+pub const VERSION: u16 = 1;
+/// No record is longer; a length beyond it means that the reader is out of step.
+pub const LONGEST: usize = 64 * 1024 * 1024;
+/// Where the gap stands in an encoded record.
+const GAP_AT: usize = 24;
+const HEADER: usize = 40;
+
+/// One record.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Record {
+    /// Sequence of the frame, from 1 in its session.
+    pub sequence: u64,
+    /// Wall time of the frame, ns since 1970 UTC.
+    pub wall_ns: i64,
+    /// Records lost just before this one.
+    pub gap: u64,
+    /// Whether the voltages are simulated.
+    pub simulated: bool,
+    /// What it carries.
+    pub body: Body,
+}
+
+/// What a record carries.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Body {
+    /// Voltages and flags, equally many.
+    Frame {
+        /// V; NaN where the flag is not 0.
+        volts: Vec<f64>,
+        /// 0 ok, 1 overload, 2 timeout, 3 not measured.
+        flags: Vec<u8>,
+    },
+    /// A value a triangle of the region.
+    Map {
+        /// Relative change of conductance.
+        values: Vec<f64>,
+        /// Hash of the mesh.
+        mesh_hash: String,
+        /// How it was made.
+        method: String,
+    },
+    /// The map of the same sequence, which follows, as pressure.
+    Pressure {
+        /// kPa.
+        kpa: Vec<f64>,
+        /// Total load, N.
+        newtons: f64,
+    },
+    /// The session has ended.
+    End {
+        /// Why.
+        reason: String,
+    },
+}
+
+/// Bytes that are not records.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum StreamError {
+    /// Written by another version.
+    #[error(
+        "the stream is of version {0}, this reader knows version {VERSION}; use the client of the daemon's version"
+    )]
+    Version(u16),
+    /// A length that cannot be.
+    #[error("a record of {0} bytes cannot be: the reader is out of step; open the stream again")]
+    Length(usize),
+    /// A count that does not fit the record's length, or text that is not UTF-8.
+    #[error("record {sequence} is malformed ({what}); open the stream again")]
+    Malformed {
+        /// Its sequence.
+        sequence: u64,
+        /// What does not fit.
+        what: &'static str,
+    },
+}
+
+impl Record {
+    /// As bytes, length included.
+    pub fn encode(&self) -> Vec<u8> {
+        let (kind, count) = match &self.body {
+            Body::Frame { volts, .. } => (1_u16, volts.len()),
+            Body::Map { values, .. } => (2, values.len()),
+            Body::End { reason } => (3, reason.len()),
+            Body::Pressure { kpa, .. } => (4, kpa.len()),
+        };
+        let mut bytes = vec![0; 4];
+        bytes.extend(VERSION.to_le_bytes());
+        bytes.extend(kind.to_le_bytes());
+        bytes.extend(self.sequence.to_le_bytes());
+        bytes.extend(self.wall_ns.to_le_bytes());
+        bytes.extend(self.gap.to_le_bytes());
+        bytes.extend(u32::from(self.simulated).to_le_bytes());
+        bytes.extend((count as u32).to_le_bytes());
+        match &self.body {
+            Body::Frame { volts, flags } => {
+                bytes.extend(volts.iter().flat_map(|volts| volts.to_le_bytes()));
+                bytes.extend((0..count).map(|at| flags.get(at).copied().unwrap_or(3)));
+            }
+            Body::Map {
+                values,
+                mesh_hash,
+                method,
+            } => {
+                bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+                for text in [mesh_hash, method] {
+                    let text = &text.as_bytes()[..text.len().min(usize::from(u16::MAX))];
+                    bytes.extend((text.len() as u16).to_le_bytes());
+                    bytes.extend(text);
+                }
+            }
+            Body::End { reason } => bytes.extend(reason.as_bytes()),
+            Body::Pressure { kpa, newtons } => {
+                bytes.extend(kpa.iter().flat_map(|kpa| kpa.to_le_bytes()));
+                bytes.extend(newtons.to_le_bytes());
+            }
+        }
+        let length = (bytes.len() - 4) as u32;
+        bytes[..4].copy_from_slice(&length.to_le_bytes());
+        bytes
+    }
+}
+
+/// Writes the gap into a record that [`Record::encode`] made, so that one encoding serves many readers.
+pub fn set_gap(encoded: &mut [u8], gap: u64) {
+    if let Some(place) = encoded.get_mut(GAP_AT..GAP_AT + 8) {
+        place.copy_from_slice(&gap.to_le_bytes());
+    }
+}
+
+/// Puts bytes together to records, however they were split.
+#[derive(Debug, Default)]
+pub struct Decoder {
+    bytes: Vec<u8>,
+    read: usize,
+}
+
+impl Decoder {
+    /// Empty.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Takes what was read.
+    pub fn push(&mut self, bytes: &[u8]) {
+        self.bytes.drain(..self.read);
+        self.read = 0;
+        self.bytes.extend_from_slice(bytes);
+    }
+
+    /// The next whole record; `None` until more bytes come. Records of unknown kind are skipped.
+    ///
+    /// # Errors
+    /// Another version, or bytes that are not records; the stream is then useless.
+    pub fn next_record(&mut self) -> Result<Option<Record>, StreamError> {
+        loop {
+            let rest = &self.bytes[self.read..];
+            let Some(length) = number::<4>(rest, 0).map(u32::from_le_bytes) else {
+                return Ok(None);
+            };
+            let length = length as usize;
+            if !(HEADER - 4..=LONGEST).contains(&length) {
+                return Err(StreamError::Length(length));
+            }
+            let Some(record) = rest.get(..length + 4) else {
+                return Ok(None);
+            };
+            let decoded = decode(record)?;
+            self.read += length + 4;
+            if decoded.is_some() {
+                return Ok(decoded);
+            }
+        }
+    }
+}
+
+fn decode(record: &[u8]) -> Result<Option<Record>, StreamError> {
+    let short = StreamError::Length(record.len());
+    let read = || {
+        Some((
+            u16::from_le_bytes(number(record, 4)?),
+            u16::from_le_bytes(number(record, 6)?),
+            u64::from_le_bytes(number(record, 8)?),
+            i64::from_le_bytes(number(record, 16)?),
+            u64::from_le_bytes(number(record, GAP_AT)?),
+            u32::from_le_bytes(number(record, 32)?),
+            u32::from_le_bytes(number(record, 36)?) as usize,
+        ))
+    };
+    let (version, kind, sequence, wall_ns, gap, marks, count) = read().ok_or(short)?;
+    if version != VERSION {
+        return Err(StreamError::Version(version));
+    }
+    let malformed = |what| StreamError::Malformed { sequence, what };
+    let body = &record[HEADER..];
+    let body = match kind {
+        1 => {
+            if body.len() != count * 9 {
+                return Err(malformed("the count does not fit the length"));
+            }
+            Body::Frame {
+                volts: floats(&body[..count * 8]),
+                flags: body[count * 8..].to_vec(),
+            }
+        }
+        2 => {
+            let values = body
+                .get(..count * 8)
+                .ok_or_else(|| malformed("the count does not fit the length"))?;
+            let (mesh_hash, rest) =
+                text(&body[count * 8..]).ok_or_else(|| malformed("the mesh hash"))?;
+            let (method, rest) = text(rest).ok_or_else(|| malformed("the method"))?;
+            if !rest.is_empty() {
+                return Err(malformed("bytes after the method"));
+            }
+            Body::Map {
+                values: floats(values),
+                mesh_hash,
+                method,
+            }
+        }
+        3 => {
+            if body.len() != count {
+                return Err(malformed("the count does not fit the length"));
+            }
+            Body::End {
+                reason: String::from_utf8(body.to_vec()).map_err(|_| malformed("the reason"))?,
+            }
+        }
+        4 => {
+            if body.len() != (count + 1) * 8 {
+                return Err(malformed("the count does not fit the length"));
+            }
+            let mut kpa = floats(body);
+            let newtons = kpa.pop().unwrap_or(f64::NAN);
+            Body::Pressure { kpa, newtons }
+        }
+        _ => return Ok(None),
+    };
+    Ok(Some(Record {
+        sequence,
+        wall_ns,
+        gap,
+        simulated: marks & 1 != 0,
+        body,
+    }))
+}
+
+fn number<const N: usize>(bytes: &[u8], at: usize) -> Option<[u8; N]> {
+    bytes.get(at..at + N)?.try_into().ok()
+}
+
+fn floats(bytes: &[u8]) -> Vec<f64> {
+    bytes
+        .chunks_exact(8)
+        .filter_map(|value| number(value, 0).map(f64::from_le_bytes))
+        .collect()
+}
+
+fn text(bytes: &[u8]) -> Option<(String, &[u8])> {
+    let length = usize::from(u16::from_le_bytes(number(bytes, 0)?));
+    let text = bytes.get(2..2 + length)?;
+    Some((String::from_utf8(text.to_vec()).ok()?, &bytes[2 + length..]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn records() -> Vec<Record> {
+        let record = |sequence, body| Record {
+            sequence,
+            wall_ns: -5,
+            gap: sequence,
+            simulated: sequence % 2 == 0,
+            body,
+        };
+        vec![
+            record(
+                1,
+                Body::Frame {
+                    volts: vec![1.0, -0.0, 3e-300],
+                    flags: vec![0, 0, 0],
+                },
+            ),
+            record(
+                2,
+                Body::Map {
+                    values: vec![-0.5; 7],
+                    mesh_hash: "abc".into(),
+                    method: "one-step, λ".into(),
+                },
+            ),
+            record(
+                2,
+                Body::Pressure {
+                    kpa: vec![0.0, 12.5],
+                    newtons: 19.6,
+                },
+            ),
+            record(
+                3,
+                Body::End {
+                    reason: "stopped".into(),
+                },
+            ),
+        ]
+    }
+
+    #[test]
+    fn records_survive_any_splitting() {
+        let bytes: Vec<u8> = records().iter().flat_map(Record::encode).collect();
+        for size in [1, 3, 39, 40, 41, bytes.len()] {
+            let mut decoder = Decoder::new();
+            let mut got = Vec::new();
+            for piece in bytes.chunks(size) {
+                decoder.push(piece);
+                while let Some(record) = decoder.next_record().unwrap() {
+                    got.push(record);
+                }
+            }
+            assert_eq!(got, records(), "pieces of {size}");
+        }
+    }
+
+    #[test]
+    fn a_gap_is_written_into_a_shared_encoding() {
+        let mut bytes = records()[0].encode();
+        set_gap(&mut bytes, 99);
+        let mut decoder = Decoder::new();
+        decoder.push(&bytes);
+        assert_eq!(decoder.next_record().unwrap().unwrap().gap, 99);
+    }
+
+    #[test]
+    fn an_unknown_kind_is_skipped_and_a_foreign_version_refused() {
+        let mut strange = records()[3].encode();
+        strange[6] = 200;
+        let mut decoder = Decoder::new();
+        decoder.push(&strange);
+        decoder.push(&records()[0].encode());
+        assert_eq!(decoder.next_record().unwrap().unwrap().sequence, 1);
+
+        let mut foreign = records()[0].encode();
+        foreign[4] = 9;
+        let mut decoder = Decoder::new();
+        decoder.push(&foreign);
+        assert_eq!(decoder.next_record(), Err(StreamError::Version(9)));
+    }
+
+    #[test]
+    fn lying_counts_and_lengths_are_refused() {
+        for record in records() {
+            let mut bytes = record.encode();
+            bytes[36] = bytes[36].wrapping_add(1);
+            let mut decoder = Decoder::new();
+            decoder.push(&bytes);
+            assert!(decoder.next_record().is_err());
+        }
+        let mut decoder = Decoder::new();
+        decoder.push(&[0xff; 64]);
+        assert!(matches!(decoder.next_record(), Err(StreamError::Length(_))));
+    }
+}

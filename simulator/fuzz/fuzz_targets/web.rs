@@ -1,0 +1,41 @@
+//! Arbitrary bytes at the mainframe's web server: nothing panics or hangs, and whatever is asked, the answer is one of
+//! four whole ones.
+
+#![no_main]
+
+mod empty_bench;
+
+use std::time::Duration;
+
+use simulator::SimulatedRig;
+use empty_bench::{BENCH, Bench, bench};
+use libfuzzer_sys::fuzz_target;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+
+async fn ask(rig: &SimulatedRig, request: &[u8]) {
+    let (mut from, mut to) = tokio::io::split(rig.connect_web());
+    let mut answer = Vec::new();
+    let say = async {
+        // What comes behind a request is not read.
+        to.write_all(request).await.ok();
+        to.shutdown().await.ok();
+    };
+    let (_, read) = tokio::join!(say, from.read_to_end(&mut answer));
+    read.expect("an answer that ends");
+    let answer = String::from_utf8(answer).expect("text");
+    let (head, body) = answer.split_once("\r\n\r\n").expect("a head and a body");
+    let status = head.lines().next().unwrap_or_default();
+    let whole = ["200 OK", "400 Bad Request", "404 Not Found", "405 Method Not Allowed"];
+    assert!(whole.iter().any(|known| status == format!("HTTP/1.1 {known}")));
+    let told = head.lines().find_map(|line| line.strip_prefix("Content-Length: "));
+    assert_eq!(told.and_then(|length| length.parse().ok()), Some(body.len()));
+}
+
+fuzz_target!(|bytes: &[u8]| {
+    BENCH.with(|cell| {
+        let Bench { runtime, rig } = cell.get_or_init(bench);
+        let limit = Duration::from_secs(60);
+        let talk = async { tokio::time::timeout(limit, ask(rig, bytes)).await };
+        runtime.block_on(talk).expect("no request hangs");
+    });
+});

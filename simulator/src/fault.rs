@@ -1,0 +1,415 @@
+//! Faults: what a person or a test may do to the instruments, in words.
+
+use std::fmt;
+use std::str::FromStr;
+use std::time::Duration;
+
+use survey::Relay;
+
+use crate::{Instrument, Wire};
+
+/// Longest time that a fault may name; longer ones are slips of the pen.
+const LONGEST: Duration = Duration::from_secs(86_400);
+
+/// The words of every fault, for people.
+pub(crate) const GRAMMAR: &str = "\
+wire INSTRUMENT cut|silent|sound    connections are closed, or hear and say nothing
+drop INSTRUMENT                     its connections break once, new ones are taken
+late INSTRUMENT SECONDS [COUNT]     the next replies come so much later
+lost INSTRUMENT [COUNT]             the next replies never come
+doubled INSTRUMENT [COUNT]          the next replies come twice
+half-line INSTRUMENT [COUNT]        the next replies break off in the middle
+slow INSTRUMENT SECONDS             every answer takes so much longer; 0 ends it
+reset INSTRUMENT                    power off and on; the board says its banner again
+queue-overflow INSTRUMENT           its error queue is full and more
+stuck-open RELAY                    reads closed when it is told to close, and stays open
+stuck-closed RELAY                  reads open when it is told to open, and stays closed
+free RELAY                          not stuck any more
+slot N empty|filled                 the module is out of its slot, or back in it (with a power cycle)
+voltmeter missing|present           the mainframe has no internal voltmeter (with a power cycle)
+overload on|off                     whatever is measured is over range
+interlock open|closed               of the 6221
+terminal-block N open|shut          of the module in slot N
+pulse 6221 LINE                     on line 1 to 6 of its trigger link
+pulse 34980a                        at its external trigger
+serial unplug|plug                  the board's port is gone, or back
+none                                everything is mended
+INSTRUMENT is 6221, 34980a or board; RELAY is 1003, or on a board pole x 100 + electrode.";
+
+/// What happens to replies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mischief {
+    /// It comes so much later.
+    Late(Duration),
+    /// It never comes.
+    Lost,
+    /// It comes twice.
+    Doubled,
+    /// It breaks off in the middle, without its end.
+    HalfLine,
+}
+
+/// One thing that goes wrong, or is put right again. Written and read in the words of `tactus-sim fault`.
+///
+/// ```
+/// use simulator::{Fault, Instrument, Mischief};
+/// let fault: Fault = "lost 34980a 3".parse()?;
+/// assert_eq!(fault, Fault::Replies(Instrument::Mainframe, Mischief::Lost, 3));
+/// assert_eq!(fault.to_string(), "lost 34980a 3");
+/// assert!("lost 34980b".parse::<Fault>().is_err());
+/// # Ok::<(), simulator::FaultError>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Fault {
+    /// The wire to an instrument is so from now on.
+    Wire(Instrument, Wire),
+    /// Connections break, and new ones are taken at once.
+    Drop(Instrument),
+    /// The next so many replies.
+    Replies(Instrument, Mischief, u32),
+    /// Every answer takes so much longer.
+    Slow(Instrument, Duration),
+    /// Power off and on.
+    Reset(Instrument),
+    /// The error queue is full, and more.
+    QueueOverflow(Instrument),
+    /// Reads as it is told, and stays open.
+    StuckOpen(Relay),
+    /// Reads as it is told, and stays closed.
+    StuckClosed(Relay),
+    /// Not stuck any more.
+    Free(Relay),
+    /// The module is out of this slot, 1 to 8, or back in it.
+    Slot(u32, bool),
+    /// Whether the mainframe has its voltmeter.
+    Voltmeter(bool),
+    /// Whether every reading is over range.
+    Overload(bool),
+    /// Whether the source's interlock is closed.
+    Interlock(bool),
+    /// Whether the terminal block of a slot, 1 to 8, is shut.
+    TerminalBlock(u32, bool),
+    /// A pulse on a line of the source's trigger link (1 to 6), or at the mainframe's external trigger.
+    Pulse(Option<u8>),
+    /// Whether the board's port is there.
+    Serial(bool),
+    /// Everything is mended.
+    None,
+}
+
+/// Why there is no such fault, or not here.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum FaultError {
+    /// Words that mean nothing.
+    #[error("'{words}' is no fault: {why}")]
+    Words {
+        /// What was said.
+        words: String,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// The profile has no such thing.
+    #[error("{0}; the profile of this rig has none")]
+    NotHere(&'static str),
+}
+
+impl Fault {
+    /// What puts it right again; `None` for what passes by itself.
+    pub fn mended(&self) -> Option<Self> {
+        Some(match self {
+            Self::Wire(instrument, Wire::Cut | Wire::Silent) => {
+                Self::Wire(*instrument, Wire::Sound)
+            }
+            Self::Slow(instrument, by) if !by.is_zero() => Self::Slow(*instrument, Duration::ZERO),
+            Self::StuckOpen(relay) | Self::StuckClosed(relay) => Self::Free(*relay),
+            Self::Slot(slot, false) => Self::Slot(*slot, true),
+            Self::Voltmeter(false) => Self::Voltmeter(true),
+            Self::Overload(true) => Self::Overload(false),
+            Self::Interlock(false) => Self::Interlock(true),
+            Self::TerminalBlock(slot, false) => Self::TerminalBlock(*slot, true),
+            Self::Serial(false) => Self::Serial(true),
+            _ => return None,
+        })
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let which =
+            |yes: bool, this: &'static str, that: &'static str| if yes { this } else { that };
+        match self {
+            Self::Wire(instrument, wire) => {
+                let state = match wire {
+                    Wire::Sound => "sound",
+                    Wire::Cut => "cut",
+                    Wire::Silent => "silent",
+                };
+                write!(f, "wire {} {state}", word(*instrument))
+            }
+            Self::Drop(instrument) => write!(f, "drop {}", word(*instrument)),
+            Self::Replies(instrument, mischief, count) => {
+                let at = word(*instrument);
+                match mischief {
+                    Mischief::Late(by) => write!(f, "late {at} {} {count}", by.as_secs_f64()),
+                    Mischief::Lost => write!(f, "lost {at} {count}"),
+                    Mischief::Doubled => write!(f, "doubled {at} {count}"),
+                    Mischief::HalfLine => write!(f, "half-line {at} {count}"),
+                }
+            }
+            Self::Slow(instrument, by) => {
+                write!(f, "slow {} {}", word(*instrument), by.as_secs_f64())
+            }
+            Self::Reset(instrument) => write!(f, "reset {}", word(*instrument)),
+            Self::QueueOverflow(instrument) => write!(f, "queue-overflow {}", word(*instrument)),
+            Self::StuckOpen(relay) => write!(f, "stuck-open {relay}"),
+            Self::StuckClosed(relay) => write!(f, "stuck-closed {relay}"),
+            Self::Free(relay) => write!(f, "free {relay}"),
+            Self::Slot(slot, filled) => {
+                write!(f, "slot {slot} {}", which(*filled, "filled", "empty"))
+            }
+            Self::Voltmeter(here) => write!(f, "voltmeter {}", which(*here, "present", "missing")),
+            Self::Overload(on) => write!(f, "overload {}", which(*on, "on", "off")),
+            Self::Interlock(closed) => write!(f, "interlock {}", which(*closed, "closed", "open")),
+            Self::TerminalBlock(slot, shut) => {
+                write!(f, "terminal-block {slot} {}", which(*shut, "shut", "open"))
+            }
+            Self::Pulse(Some(line)) => write!(f, "pulse 6221 {line}"),
+            Self::Pulse(None) => f.write_str("pulse 34980a"),
+            Self::Serial(plugged) => write!(f, "serial {}", which(*plugged, "plug", "unplug")),
+            Self::None => f.write_str("none"),
+        }
+    }
+}
+
+fn word(instrument: Instrument) -> &'static str {
+    match instrument {
+        Instrument::Source => "6221",
+        Instrument::Mainframe => "34980a",
+        Instrument::Board => "board",
+    }
+}
+
+fn instrument(word: &str) -> Result<Instrument, String> {
+    match word.to_ascii_lowercase().as_str() {
+        "6221" => Ok(Instrument::Source),
+        "34980a" => Ok(Instrument::Mainframe),
+        "board" => Ok(Instrument::Board),
+        other => Err(format!("'{other}' is not 6221, 34980a or board")),
+    }
+}
+
+fn seconds(word: &str) -> Result<Duration, String> {
+    word.parse()
+        .ok()
+        .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
+        .filter(|time| *time <= LONGEST)
+        .ok_or_else(|| format!("'{word}' is not a time of 0 to 86400 seconds"))
+}
+
+fn count(word: Option<&&str>) -> Result<u32, String> {
+    let Some(word) = word else { return Ok(1) };
+    word.parse()
+        .ok()
+        .filter(|count| *count > 0)
+        .ok_or_else(|| format!("'{word}' is not a count of replies"))
+}
+
+fn slot(word: &str) -> Result<u32, String> {
+    word.parse()
+        .ok()
+        .filter(|slot| (1..=8).contains(slot))
+        .ok_or_else(|| format!("there is no slot '{word}', slots are 1 to 8"))
+}
+
+fn relay(word: &str) -> Result<Relay, String> {
+    word.parse()
+        .map(Relay)
+        .map_err(|_| format!("'{word}' is not the number of a relay"))
+}
+
+fn either(word: &str, yes: &str, no: &str) -> Result<bool, String> {
+    match word {
+        word if word == yes => Ok(true),
+        word if word == no => Ok(false),
+        _ => Err(format!("'{word}' is not {no} or {yes}")),
+    }
+}
+
+impl FromStr for Fault {
+    type Err = FaultError;
+
+    fn from_str(text: &str) -> Result<Self, FaultError> {
+        let words: Vec<&str> = text.split_whitespace().collect();
+        let fault = match words.as_slice() {
+            ["wire", at, state] => instrument(at).and_then(|at| {
+                let wire = match *state {
+                    "sound" => Wire::Sound,
+                    "cut" => Wire::Cut,
+                    "silent" => Wire::Silent,
+                    _ => return Err(format!("'{state}' is not cut, silent or sound")),
+                };
+                Ok(Self::Wire(at, wire))
+            }),
+            ["drop", at] => instrument(at).map(Self::Drop),
+            ["late", at, by, rest @ ..] if rest.len() < 2 => instrument(at).and_then(|at| {
+                Ok(Self::Replies(
+                    at,
+                    Mischief::Late(seconds(by)?),
+                    count(rest.first())?,
+                ))
+            }),
+            [kind @ ("lost" | "doubled" | "half-line"), at, rest @ ..] if rest.len() < 2 => {
+                instrument(at).and_then(|at| {
+                    let mischief = match *kind {
+                        "lost" => Mischief::Lost,
+                        "doubled" => Mischief::Doubled,
+                        _ => Mischief::HalfLine,
+                    };
+                    Ok(Self::Replies(at, mischief, count(rest.first())?))
+                })
+            }
+            ["slow", at, by] => instrument(at).and_then(|at| Ok(Self::Slow(at, seconds(by)?))),
+            ["reset", at] => instrument(at).map(Self::Reset),
+            ["queue-overflow", at] => instrument(at).map(Self::QueueOverflow),
+            ["stuck-open", which] => relay(which).map(Self::StuckOpen),
+            ["stuck-closed", which] => relay(which).map(Self::StuckClosed),
+            ["free", which] => relay(which).map(Self::Free),
+            ["slot", number, state] => either(state, "filled", "empty")
+                .and_then(|filled| Ok(Self::Slot(slot(number)?, filled))),
+            ["terminal-block", number, state] => either(state, "shut", "open")
+                .and_then(|shut| Ok(Self::TerminalBlock(slot(number)?, shut))),
+            ["voltmeter", state] => either(state, "present", "missing").map(Self::Voltmeter),
+            ["overload", state] => either(state, "on", "off").map(Self::Overload),
+            ["interlock", state] => either(state, "closed", "open").map(Self::Interlock),
+            ["pulse", "34980a"] => Ok(Self::Pulse(None)),
+            ["pulse", "6221", line] => line
+                .parse()
+                .ok()
+                .filter(|line| (1..=6).contains(line))
+                .map(|line| Self::Pulse(Some(line)))
+                .ok_or_else(|| format!("there is no line '{line}', lines are 1 to 6")),
+            ["serial", state] => either(state, "plug", "unplug").map(Self::Serial),
+            ["none"] => Ok(Self::None),
+            [] => Err("it has no words".to_owned()),
+            [first, ..] => Err(GRAMMAR
+                .lines()
+                .find(|line| line.split_whitespace().next() == Some(first))
+                .and_then(|line| line.split("    ").next())
+                .map_or_else(
+                    || "'tactus-sim fault --help' lists the kinds".to_owned(),
+                    |usage| format!("it is written {usage}"),
+                )),
+        };
+        fault.map_err(|why| FaultError::Words {
+            words: text.trim().to_owned(),
+            why,
+        })
+    }
+}
+
+/// A fault on the instruments' time line.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TimedFault {
+    /// When it happens, by the instruments' clock.
+    pub at: Duration,
+    /// What happens.
+    pub fault: Fault,
+}
+
+impl TimedFault {
+    /// Words on a time line: what happens, and what ends it after the time it lasts.
+    ///
+    /// # Errors
+    /// Words that mean nothing, or that last although what they mean passes by itself.
+    pub(crate) fn read(
+        at: Duration,
+        lasts: Option<Duration>,
+        what: &str,
+    ) -> Result<Vec<Self>, FaultError> {
+        let fault: Fault = what.parse()?;
+        let mut timed = Vec::new();
+        if let Some(lasts) = lasts {
+            let words = |why: &str| FaultError::Words {
+                words: what.to_owned(),
+                why: why.to_owned(),
+            };
+            let mended = fault
+                .mended()
+                .ok_or_else(|| words("it passes by itself, it takes no for_s"))?;
+            let at = at
+                .checked_add(lasts)
+                .ok_or_else(|| words("it would last too long"))?;
+            timed.push(Self { at, fault: mended });
+        }
+        timed.push(Self { at, fault });
+        Ok(timed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_fault_reads_as_it_is_written() {
+        for words in [
+            "wire 6221 cut",
+            "wire board silent",
+            "drop 34980a",
+            "late 6221 0.5 1",
+            "lost 34980a 3",
+            "doubled 6221 1",
+            "half-line board 2",
+            "slow 34980a 1.5",
+            "reset board",
+            "queue-overflow 6221",
+            "stuck-open 1003",
+            "stuck-closed 1036",
+            "free 1003",
+            "slot 3 empty",
+            "voltmeter missing",
+            "overload on",
+            "interlock open",
+            "terminal-block 2 open",
+            "pulse 6221 6",
+            "pulse 34980a",
+            "serial unplug",
+            "none",
+        ] {
+            let fault: Fault = words.parse().unwrap();
+            assert_eq!(fault.to_string(), words);
+            if let Some(mended) = fault.mended() {
+                assert_eq!(mended.to_string().parse::<Fault>().unwrap(), mended);
+                assert_eq!(mended.mended(), None);
+            }
+        }
+        assert_eq!(
+            "lost 6221".parse::<Fault>().unwrap().to_string(),
+            "lost 6221 1"
+        );
+    }
+
+    #[test]
+    fn words_that_mean_nothing_are_told_what_would() {
+        for (words, told) in [
+            ("", "it has no words"),
+            ("fire 6221", "tactus-sim fault --help"),
+            (
+                "wire 6221",
+                "it is written wire INSTRUMENT cut|silent|sound",
+            ),
+            ("wire 6222 cut", "'6222' is not 6221, 34980a or board"),
+            ("late 6221 soon", "'soon' is not a time"),
+            ("late 6221 1e300", "not a time of 0 to 86400 seconds"),
+            ("lost 6221 0", "'0' is not a count"),
+            ("slot 9 empty", "slots are 1 to 8"),
+            ("stuck-open K3", "'K3' is not the number of a relay"),
+            ("pulse 6221 7", "lines are 1 to 6"),
+            ("overload maybe", "'maybe' is not off or on"),
+        ] {
+            let refusal = words.parse::<Fault>().unwrap_err().to_string();
+            assert!(refusal.contains(told), "{words}: {refusal}");
+        }
+    }
+}

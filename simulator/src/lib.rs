@@ -1,0 +1,64 @@
+//! The simulated rig: the drivers' simulators joined to one phantom, in memory or on TCP.
+//!
+//! What this room is for: to let every reading follow from the current that really flows and the relays that are really
+//! closed. The simulators bring behaviour, the phantom brings physics and imperfections; here are the wires between them,
+//! and the streams of bytes that drivers and strangers talk over. Refused at this door: any way from the sheet to a
+//! reading that is not text on a wire, and imperfections of its own.
+//!
+//! - **profile**: the instruments and their time; **scene**: the sheet, its loads and effects (see `phantom`)
+//! - **fixture**: which relay joins what to what; **circuit**: what then flows, for any combination of closed relays
+//! - **golden**: a conversation that a simulator must hold; **transcript**: one that was held (see [`rig::transcript`])
+//! - **wire**: the connection to an instrument, which may be cut or fall silent
+//!
+//! ```
+//! # #[tokio::main(flavor = "current_thread")] async fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use std::time::Duration;
+//! use simulator::{Pace, Profile, SimulatedRig};
+//!
+//! let rig = SimulatedRig::new(&Profile::default().at_pace(Pace::Instant), phantom::Scene::quiet())?;
+//! let mut source = rig::Link::new(rig.connect_6221(), "6221", Duration::from_secs(5));
+//! source.send("SOUR:CURR 1e-3;:OUTP ON").await?;
+//! // Nothing is closed: no current, and the source is in compliance.
+//! assert_eq!(source.ask("STAT:MEAS:COND?").await?, "8");
+//! assert_eq!(rig.flowing(), survey::Amps(0.0));
+//! # Ok(()) }
+//! ```
+
+mod announce;
+mod circuit;
+mod control;
+mod fault;
+mod fixture;
+mod frame_times;
+mod golden;
+mod guest;
+mod hanging;
+mod list;
+mod panel;
+mod profile;
+mod program;
+mod pty;
+mod recording;
+mod serve;
+mod sheet;
+mod simulated;
+mod stand;
+mod status;
+mod telnet;
+mod vxi11;
+mod web;
+mod workbench;
+
+pub use fault::{Fault, FaultError, Mischief, TimedFault};
+pub use frame_times::{FrameTimeError, FrameTimes};
+pub use golden::{Expected, Golden, GoldenError, Line, Step};
+pub use hanging::{Hanging, HangingError};
+pub use phantom::{Load, LoadError, PhantomError, Scene, SceneError, Shape};
+pub use profile::{Board, Mainframe, Pace, Profile, ProfileError, SecondClient, Source};
+pub use program::{command, run};
+pub use recording::{Against, Closeness, Played, ReplayError, golden_of, replay};
+pub use serve::{Ready, ServeError, ServeOptions, Server, serve};
+pub use simulated::{Instrument, Messages, RigError, Said, SimulatedRig, Wire};
+pub use stand::Making;
+pub use status::{Client, SourceStatus, Status};
+pub use vxi11::CoreChannel;

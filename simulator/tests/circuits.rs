@@ -1,0 +1,121 @@
+//! What the voltmeter makes of the network on the bench besides DC volts.
+
+use std::time::Duration;
+
+use simulator::{Hanging, Instrument, Pace, Profile, SimulatedRig};
+use phantom::Scene;
+use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
+
+fn simulated(load: Hanging) -> SimulatedRig {
+    let mut profile = Profile::shipped("pairs-34924a").unwrap();
+    profile.load = load;
+    SimulatedRig::new(&profile.at_pace(Pace::Instant), Scene::quiet()).unwrap()
+}
+
+fn read(rig: &SimulatedRig, question: &str) -> f64 {
+    let answer = rig.hear(Instrument::Mainframe, question).0.unwrap();
+    answer.parse().unwrap()
+}
+
+#[track_caller]
+fn near(value: f64, wanted: f64) {
+    assert!(
+        (value - wanted).abs() < 1e-6 * wanted.abs(),
+        "{value}, not {wanted}"
+    );
+}
+
+#[tokio::test]
+async fn the_test_current_meets_relays_and_load_and_four_wires_the_load_alone() {
+    let rig = simulated("resistor 1 2 470".parse().unwrap());
+    // two poles of a reed with its in-rush resistor, two of the relay to the bus
+    near(
+        read(&rig, "MEAS:RES? AUTO,(@1001)"),
+        470.0 + 2.0 * (100.1 + 0.1),
+    );
+    near(read(&rig, "MEAS:FRES? AUTO,(@1001)"), 470.0);
+    // one end on the resistor, the other in the air
+    assert_eq!(read(&rig, "MEAS:RES? AUTO,(@1002)"), 9.9e37);
+    assert_eq!(read(&rig, "MEAS:FRES? AUTO,(@1002)"), 9.9e37);
+    // the source's own ampere is in the reading, unless it is compensated
+    rig.hear(Instrument::Mainframe, "ROUT:SCAN (@)");
+    rig.hear(Instrument::Mainframe, "ROUT:CLOS (@1036)");
+    rig.hear(Instrument::Source, "SOUR:CURR 1e-4;:OUTP ON");
+    near(read(&rig, "MEAS:RES? 1E3,(@1001)"), 470.0 * 1.1 + 200.4);
+    near(read(&rig, "RES:OCOM ON,(@1001);:READ?"), 470.0 + 200.4);
+    let rig = simulated(Hanging::Nothing);
+    assert_eq!(read(&rig, "MEAS:RES? AUTO,(@1001)"), 9.9e37);
+    // a sheet that is not broken is some hundred ohm between neighbours
+    let sheet = simulated(Hanging::Mesh { ohms: 100.0 });
+    assert!((10.0..100.0).contains(&read(&sheet, "MEAS:FRES? AUTO,(@1003)")));
+}
+
+#[tokio::test]
+async fn a_wave_of_the_source_is_read_as_ac_volts_and_frequency() {
+    let rig = simulated("resistor 1 2 470".parse().unwrap());
+    rig.hear(Instrument::Mainframe, "ROUT:CLOS (@1036)");
+    rig.hear(Instrument::Source, "SOUR:CURR 1e-3;:OUTP ON");
+    assert_eq!(read(&rig, "MEAS:VOLT:AC? AUTO,(@1001)"), 0.0);
+    assert_eq!(read(&rig, "MEAS:FREQ? (@1001)"), 0.0);
+    let wave = "SOUR:WAVE:FUNC SIN;FREQ 123;AMPL 1e-3;OFFS 0;RANG BEST;ARM;INIT";
+    rig.hear(Instrument::Source, wave);
+    assert_eq!(
+        rig.hear(Instrument::Source, "SYST:ERR?").0.unwrap(),
+        "0,\"No error\""
+    );
+    near(read(&rig, "MEAS:VOLT:AC? AUTO,(@1001)"), 0.47 / 2f64.sqrt());
+    near(read(&rig, "MEAS:FREQ? (@1001)"), 123.0);
+    near(read(&rig, "MEAS:PER? (@1001)"), 1.0 / 123.0);
+    // clipped at the voltage limit it comes nearer to a square wave
+    rig.hear(
+        Instrument::Source,
+        "SOUR:WAVE:ABOR;:SOUR:CURR:COMP 0.1;:SOUR:WAVE:ARM;INIT",
+    );
+    let clipped = read(&rig, "MEAS:VOLT:AC? AUTO,(@1001)");
+    let flowing = 0.1 / (470.0 + 200.2);
+    assert!(
+        clipped > 0.8 * 470.0 * flowing && clipped < 470.0 * flowing,
+        "{clipped}"
+    );
+    rig.hear(Instrument::Source, "SOUR:WAVE:ABOR");
+    assert_eq!(read(&rig, "MEAS:VOLT:AC? AUTO,(@1001)"), 0.0);
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_the_source_does_during_a_scan_is_in_the_readings_that_follow() {
+    let mut profile = Profile::shipped("pairs-34924a").unwrap();
+    profile.load = "resistor 1 2 470".parse().unwrap();
+    let rig = SimulatedRig::new(&profile.at_pace(Pace::Real), Scene::quiet()).unwrap();
+    rig.hear(Instrument::Mainframe, "ROUT:CLOS (@1036)");
+    rig.hear(Instrument::Source, "SOUR:CURR 1e-3;:OUTP ON");
+    let (reader, mut writer) = tokio::io::split(rig.connect_34980a());
+    let mut reader = BufReader::new(reader);
+    let mut said = String::new();
+    // five readings of 200 ms and their delay each
+    let scan = "CONF:VOLT:DC 10,(@1001);:VOLT:DC:NPLC 10,(@1001);:ZERO:AUTO OFF,(@1001);:TRIG:COUN 5;*OPC?\n";
+    writer.write_all(scan.as_bytes()).await.unwrap();
+    reader.read_line(&mut said).await.unwrap();
+    writer.write_all(b"*IDN?;:READ?\n").await.unwrap();
+    tokio::time::sleep(Duration::from_millis(500)).await;
+    rig.hear(Instrument::Source, "SOUR:CURR -2e-3");
+    said.clear();
+    reader.read_line(&mut said).await.unwrap();
+    let (identity, readings) = said.trim().split_once(';').unwrap();
+    assert!(identity.starts_with("Agilent"), "{identity}");
+    let readings: Vec<f64> = readings
+        .split(',')
+        .map(|text| text.parse().unwrap())
+        .collect();
+    let before = readings.iter().take_while(|volts| **volts > 0.0).count();
+    assert!((2..=3).contains(&before), "{readings:?}");
+    for (place, volts) in readings.iter().enumerate() {
+        near(*volts, if place < before { 0.47 } else { -0.94 });
+    }
+    // broken off by another client: what has been read is answered
+    writer.write_all(b"READ?\n").await.unwrap();
+    tokio::time::sleep(Duration::from_millis(500)).await;
+    rig.hear(Instrument::Mainframe, "ABOR");
+    said.clear();
+    reader.read_line(&mut said).await.unwrap();
+    assert_eq!(said.trim().split(',').count(), 2, "{said}");
+}

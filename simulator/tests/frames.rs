@@ -1,0 +1,244 @@
+//! A frame through bytes against the bare forward solution.
+
+mod drivers;
+
+use std::time::Duration;
+
+use simulator::{Instrument, SimulatedRig};
+use drivers::{board_rig, frame, mainframe_rig, plan, simulated};
+use phantom::Scene;
+use rig::{CurrentSource, Move, Switch, Voltmeter};
+use survey::{Amps, Dipole, Electrode, Frame, Reading, Relay, Volts, Wiring};
+
+/// Current times transfer impedance, straight from the phantom.
+fn bare(simulated: &SimulatedRig, wiring: &Wiring) -> Vec<f64> {
+    let plan = plan(wiring);
+    simulated.with_phantom(|phantom| {
+        let z = phantom.transfer_impedance(Duration::ZERO).unwrap();
+        let difference =
+            |from: Dipole, at: Electrode| z[(at.0, from.plus.0)] - z[(at.0, from.minus.0)];
+        plan.protocol
+            .measurements()
+            .iter()
+            .map(|question| {
+                let (drive, sense) = (question.drive, question.sense);
+                plan.current.0 * (difference(drive, sense.plus) - difference(drive, sense.minus))
+            })
+            .collect()
+    })
+}
+
+/// Half a unit of the last of nine digits, and the rounding of two ways to the same number.
+fn digits(volts: f64, largest: f64) -> f64 {
+    0.5 * 10.0_f64.powi(volts.abs().log10().floor() as i32 - 8) + 1e-12 * largest
+}
+
+fn assert_bare(simulated: &SimulatedRig, wiring: &Wiring, frame: &Frame) -> f64 {
+    let bare = bare(simulated, wiring);
+    let largest = bare
+        .iter()
+        .fold(0.0_f64, |most, volts| most.max(volts.abs()));
+    let mut worst = 0.0_f64;
+    for (index, (reading, bare)) in frame.readings.iter().zip(&bare).enumerate() {
+        let Reading::Ok(Volts(read)) = reading else {
+            panic!("reading {index} is {reading:?}");
+        };
+        let error = (read - bare).abs();
+        assert!(
+            error <= digits(*bare, largest),
+            "reading {index}: {read} against {bare}"
+        );
+        worst = worst.max(error / largest);
+    }
+    assert_eq!(frame.readings.len(), 598);
+    assert!(frame.compliance.is_empty() && frame.simulated);
+    worst
+}
+
+fn assert_off(simulated: &SimulatedRig) {
+    assert_eq!(simulated.flowing(), Amps(0.0));
+    assert_eq!(simulated.source_output(), (false, Amps(0.0)));
+    assert!(simulated.closed().is_empty(), "{:?}", simulated.closed());
+    assert_eq!(simulated.poles(), [None; 4]);
+}
+
+#[tokio::test]
+async fn every_wiring_reads_the_bare_forward_solution_to_the_digits_sent() {
+    let pairs = Wiring::pairs_34924a(1, 26).unwrap();
+    let rig = simulated("pairs-34924a", Scene::quiet());
+    let scanned = frame(&mainframe_rig(&rig).await, &pairs).await.unwrap();
+    let worst = assert_bare(&rig, &pairs, &scanned);
+    let messages = rig.messages(Instrument::Mainframe);
+    println!(
+        "pairs: {worst:.1e} of the largest reading, {messages:?}, {:?}",
+        rig.now()
+    );
+    assert_eq!((messages.reading, messages.readings), (26, 26 * 26));
+    // The source confirms everything it is told: on two wires only an answer keeps the order of things.
+    let source = rig.messages(Instrument::Source);
+    assert_eq!(source.heard, source.answered);
+    assert_off(&rig);
+
+    let matrix = Wiring::matrix_34932a(1, 26).unwrap();
+    let rig = simulated("matrix-34932a", Scene::quiet());
+    let routed = frame(&mainframe_rig(&rig).await, &matrix).await.unwrap();
+    let worst = assert_bare(&rig, &matrix, &routed);
+    let messages = rig.messages(Instrument::Mainframe);
+    println!(
+        "matrix: {worst:.1e} of the largest reading, {messages:?}, {:?}",
+        rig.now()
+    );
+    assert_eq!((messages.reading, messages.readings), (598, 598));
+    assert_off(&rig);
+
+    let chips = Wiring::gpio_board(26).unwrap();
+    let rig = simulated("gpio-board", Scene::quiet());
+    let multiplexed = frame(&board_rig(&rig).await, &chips).await.unwrap();
+    let worst = assert_bare(&rig, &chips, &multiplexed);
+    println!("board: {worst:.1e} of the largest reading, {:?}", rig.now());
+    assert_off(&rig);
+
+    assert_eq!(scanned.readings, routed.readings);
+    assert_eq!(scanned.readings, multiplexed.readings);
+
+    // the armature twin of M, map F and map Z
+    for (profile, wiring, reading_messages) in [
+        ("pairs-34922a", Wiring::pairs_34922a(1, 26), 26),
+        ("fast-34925a", Wiring::fast_34925a(1, 2, 26), 26),
+        ("matrix-34934a", Wiring::matrix_34934a(1, 26), 598),
+    ] {
+        let wiring = wiring.unwrap();
+        let rig = simulated(profile, Scene::quiet());
+        let further = frame(&mainframe_rig(&rig).await, &wiring).await.unwrap();
+        let worst = assert_bare(&rig, &wiring, &further);
+        println!(
+            "{profile}: {worst:.1e} of the largest reading, {:?}",
+            rig.now()
+        );
+        let messages = rig.messages(Instrument::Mainframe);
+        assert_eq!(messages.reading, reading_messages, "{profile}");
+        assert_off(&rig);
+        assert_eq!(further.readings, scanned.readings, "{profile}");
+    }
+}
+
+#[tokio::test]
+async fn nothing_connected_is_compliance_and_no_current() {
+    let rig = simulated("pairs-34924a", Scene::quiet());
+    let mut source = drivers::source(&rig).await;
+    source.prepare(Amps(1e-3), Volts(4.0)).await.unwrap();
+    source.set_output(true).await.unwrap();
+    assert!(!source.in_compliance().await.unwrap());
+    source.set_current(Amps(1e-3)).await.unwrap();
+    assert!(source.in_compliance().await.unwrap());
+    assert_eq!(rig.flowing(), Amps(0.0));
+    source.off().await.unwrap();
+    assert_off(&rig);
+}
+
+#[tokio::test]
+async fn closing_the_pair_lets_the_current_flow_and_opening_it_stops_it() {
+    let rig = simulated("pairs-34924a", Scene::quiet());
+    let mut source = drivers::source(&rig).await;
+    let mut switch = drivers::mainframe(&rig).await;
+    source.prepare(Amps(1e-3), Volts(4.0)).await.unwrap();
+    source.set_output(true).await.unwrap();
+    source.set_current(Amps(1e-3)).await.unwrap();
+    switch
+        .move_relays(&[Move::Close(vec![Relay(1036)])])
+        .await
+        .unwrap();
+    switch.settle().await.unwrap();
+    assert_eq!(rig.flowing(), Amps(1e-3));
+    // Events latch: the first answer still tells of the open circuit.
+    assert!(source.in_compliance().await.unwrap());
+    assert!(!source.in_compliance().await.unwrap());
+    // Two neighbouring pairs: the source is shorted through electrode 2, little is left for the sheet.
+    switch
+        .move_relays(&[Move::Close(vec![Relay(1037)])])
+        .await
+        .unwrap();
+    switch.settle().await.unwrap();
+    assert_eq!(rig.flowing(), Amps(1e-3));
+    switch
+        .open_verified(&[Relay(1036), Relay(1037)])
+        .await
+        .unwrap();
+    assert_eq!(rig.flowing(), Amps(0.0));
+    assert!(source.in_compliance().await.unwrap());
+    source.off().await.unwrap();
+}
+
+#[tokio::test]
+async fn a_compliance_too_low_flags_every_reading_and_names_the_electrodes() {
+    let wiring = Wiring::pairs_34924a(1, 26).unwrap();
+    let sim = simulated("pairs-34924a", Scene::quiet());
+    let rig = mainframe_rig(&sim).await;
+    let mut plan = plan(&wiring);
+    plan.compliance = Volts(0.2);
+    let frame = rig::acquire(
+        &rig,
+        &plan,
+        drivers::METER,
+        drivers::Frozen,
+        &rig::Stop::never(),
+    )
+    .await
+    .unwrap();
+    assert_eq!(frame.compliance.len(), 26);
+    assert!(
+        frame
+            .readings
+            .iter()
+            .all(|reading| *reading == Reading::NotMeasured)
+    );
+    assert_off(&sim);
+}
+
+#[tokio::test]
+async fn one_wrong_relay_number_and_the_readings_go_wrong() {
+    let right = Wiring::matrix_34932a(1, 26).unwrap();
+    let sim = simulated("matrix-34932a", Scene::quiet());
+    let rig = mainframe_rig(&sim).await;
+    let bare = bare(&sim, &right);
+
+    // Injecting pair 3 is told to use the relay of pair 30, which leads nowhere: compliance, nothing measured.
+    let mut wrong = right.clone();
+    wrong.inject[2].1 = vec![Relay(1614)];
+    let frame_of_nothing = frame(&rig, &wrong).await.unwrap();
+    assert_eq!(frame_of_nothing.compliance, [Electrode(2)]);
+
+    // Measuring pairs 3 and 4 exchanged: both read the other's voltage, everything else is right.
+    let mut wrong = right.clone();
+    let third = wrong.measure[2].1.clone();
+    wrong.measure[2].1 = std::mem::replace(&mut wrong.measure[3].1, third);
+    let exchanged = frame(&rig, &wrong).await.unwrap();
+    let plan = plan(&right);
+    let mut differing = 0;
+    for (question, (reading, bare)) in plan
+        .protocol
+        .measurements()
+        .iter()
+        .zip(exchanged.readings.iter().zip(&bare))
+    {
+        let concerned = [2, 3].contains(&question.sense.plus.0);
+        let differs = reading
+            .volts()
+            .is_none_or(|volts| (volts.0 - bare).abs() > 1e-6);
+        assert!(concerned || !differs, "{question:?}");
+        differing += usize::from(differs);
+    }
+    println!("{differing} readings differ");
+    assert!(differing > 30);
+    assert_off(&sim);
+}
+
+#[tokio::test]
+async fn a_voltmeter_joined_to_nothing_reads_zero() {
+    let sim = simulated("matrix-34932a", Scene::quiet());
+    let mut meter = drivers::mainframe(&sim).await;
+    Voltmeter::prepare(&mut meter, drivers::METER, &[])
+        .await
+        .unwrap();
+    assert_eq!(meter.read().await.unwrap(), Reading::Ok(Volts(0.0)));
+}

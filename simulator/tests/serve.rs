@@ -1,0 +1,157 @@
+//! The program: its ready line, its ports, its serial port, its clean end.
+
+#[allow(dead_code)]
+mod served;
+
+use std::process::Command;
+use std::time::Duration;
+
+use gpio_mux::GpioMux;
+use keithley_6221::Keithley6221;
+use keysight_34980a::Keysight34980a;
+use mdns_sd::{IfKind, ServiceDaemon, ServiceEvent};
+use rig::{Link, Move, Switch, connect_tcp, open_serial};
+use serde_json::Value;
+use served::Served;
+use survey::{Electrode, Relay};
+
+const DEADLINE: Duration = Duration::from_secs(20);
+
+async fn link(served: &Served, instrument: &str) -> Link<rig::BoxStream> {
+    let stream = connect_tcp(served.address(instrument), DEADLINE)
+        .await
+        .unwrap();
+    Link::new(stream, instrument, DEADLINE)
+}
+
+#[tokio::test]
+async fn drivers_talk_to_the_program_over_tcp_and_it_ends_cleanly() {
+    let served = Served::start(&["--slot", "3=34934A,4x128"]);
+    assert_eq!(served.ready["serial"], Value::Null);
+    let source = Keithley6221::connect(link(&served, "6221").await)
+        .await
+        .unwrap();
+    assert!(source.identity().contains("MODEL 6221"));
+    let mainframe = Keysight34980a::connect(link(&served, "34980a").await)
+        .await
+        .unwrap();
+    let modules = mainframe.modules();
+    assert_eq!(modules[0], "34924A".parse().ok());
+    assert_eq!(modules[2], "34934A,4x128".parse().ok());
+    assert_eq!(served.terminate(), Some(0));
+}
+
+#[tokio::test]
+async fn the_mainframe_serves_several_clients_and_the_source_one_after_the_other() {
+    let served = Served::start(&[]);
+    let mut first = link(&served, "34980a").await;
+    let mut second = link(&served, "34980a").await;
+    first.send("ROUT:CLOS (@1036)").await.unwrap();
+    assert_eq!(
+        first.ask("*OPC?").await.unwrap().trim_start_matches('+'),
+        "1"
+    );
+    assert_eq!(second.ask("ROUT:CLOS? (@1036)").await.unwrap(), "1");
+    let mut source = link(&served, "6221").await;
+    source.send("SOUR:CURR 1e-3;:OUTP ON").await.unwrap();
+    assert_eq!(source.ask("OUTP?").await.unwrap(), "1");
+    drop(source);
+    // The output survives its client: the next one finds it on.
+    let mut next = link(&served, "6221").await;
+    assert_eq!(next.ask("OUTP?").await.unwrap(), "1");
+}
+
+#[tokio::test]
+async fn the_board_is_reached_through_its_serial_port_again_and_again() {
+    let served = Served::start(&["--profile", "gpio-board"]);
+    let path = served.ready["serial"].as_str().unwrap();
+    for electrode in [3, 7] {
+        let link = Link::new(open_serial(path, 115_200).unwrap(), path, DEADLINE);
+        let mut board = GpioMux::connect(link).await.unwrap();
+        let relays = [Relay(100 + electrode), Relay(200 + electrode + 1)];
+        board
+            .move_relays(&[Move::Close(relays.to_vec())])
+            .await
+            .unwrap();
+        board.settle().await.unwrap();
+        assert_eq!(board.closed(&relays).await.unwrap(), [true, true]);
+        let plus = Electrode::from_number(electrode as usize);
+        assert_eq!(board.state().await.unwrap().0[0], plus);
+        board.open_verified(&relays).await.unwrap();
+    }
+}
+
+#[tokio::test]
+async fn announced_instruments_are_found_by_name_and_say_goodbye() {
+    let browser = ServiceDaemon::new().unwrap();
+    browser.enable_interface(IfKind::LoopbackV4).unwrap();
+    let events = browser.browse("_scpi-raw._tcp.local.").unwrap();
+    // Another serial number than any other simulator's on this machine.
+    let folder = tempfile::tempdir().unwrap();
+    let profile = folder.path().join("announced.toml");
+    let serial = std::process::id();
+    std::fs::write(&profile, format!("[source]\nserial = \"A{serial}\"\n")).unwrap();
+    let served = Served::start(&["--announce", "--profile", profile.to_str().unwrap()]);
+    let ours = |name: &str| name.contains(&format!("#A{serial}"));
+    let found = tokio::time::timeout(Duration::from_secs(5), async {
+        loop {
+            if let Ok(ServiceEvent::ServiceResolved(service)) = events.recv_async().await
+                && ours(&service.fullname)
+            {
+                return service;
+            }
+        }
+    });
+    let Ok(service) = found.await else {
+        println!("skipped: no multicast reaches this machine's own loopback interface");
+        return;
+    };
+    let port = service.port.to_string();
+    assert!(served.address("6221").ends_with(&port));
+    assert_eq!(
+        service.txt_properties.get_property_val_str("Model"),
+        Some("MODEL 6221")
+    );
+    assert_eq!(served.terminate(), Some(0));
+    tokio::time::timeout(Duration::from_secs(5), async {
+        while let Ok(event) = events.recv_async().await {
+            if matches!(event, ServiceEvent::ServiceRemoved(_, name) if ours(&name)) {
+                return;
+            }
+        }
+    })
+    .await
+    .expect("a goodbye within 5 s of a clean stop");
+    browser.shutdown().unwrap();
+}
+
+#[test]
+fn what_cannot_be_served_is_refused_with_the_right_code() {
+    let run = |arguments: &[&str]| {
+        let ended = Command::new(env!("CARGO_BIN_EXE_tactus-sim"))
+            .args(arguments)
+            .output()
+            .unwrap();
+        (
+            ended.status.code(),
+            String::from_utf8(ended.stderr).unwrap(),
+        )
+    };
+    let (code, told) = run(&["serve", "--slot", "9=34924A"]);
+    assert_eq!(code, Some(2));
+    assert!(told.contains("slots are 1 to 8"), "{told}");
+    let (code, told) = run(&["serve", "--profile", "no-such-profile"]);
+    assert_eq!(code, Some(78));
+    assert!(
+        told.contains("pairs-34924a, ") && told.contains(", gpio-board"),
+        "{told}"
+    );
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = taken.local_addr().unwrap().port().to_string();
+    let (code, told) = run(&["serve", "--port-6221", &port]);
+    assert_eq!(code, Some(1));
+    assert!(
+        told.contains(&port) && told.contains("for the 6221"),
+        "{told}"
+    );
+}

@@ -1,0 +1,201 @@
+//! The bench's own words: wires that break, instruments that lose power, time, presses, any relay that is closed.
+
+#[allow(dead_code)]
+mod drivers;
+
+use std::time::Duration;
+
+use simulator::{Instrument, Pace, Profile, SimulatedRig, Wire};
+use drivers::{frame, mainframe_rig, simulated};
+use phantom::{Load, Scene};
+use rig::{AcquireError, CurrentSource, Move, Switch, acquire};
+use survey::{Amps, Relay, Volts, Wiring};
+
+fn pairs() -> Wiring {
+    Wiring::pairs_34924a(1, 26).unwrap()
+}
+
+#[tokio::test]
+async fn the_meter_sees_four_entries_of_z_times_the_current() {
+    let sim = simulated("matrix-34932a", Scene::quiet());
+    let mut source = drivers::source(&sim).await;
+    let mut switch = drivers::mainframe(&sim).await;
+    source.prepare(Amps(1e-3), Volts(4.0)).await.unwrap();
+    source.set_output(true).await.unwrap();
+    let wiring = Wiring::matrix_34932a(1, 26).unwrap();
+    switch
+        .move_relays(&[Move::Close(vec![Relay(1921)])])
+        .await
+        .unwrap();
+    let mut worst = 0.0_f64;
+    for (drive, inject) in wiring.inject.iter().step_by(5) {
+        for (sense, measure) in &wiring.measure {
+            let closed: Vec<Relay> = inject.iter().chain(measure).copied().collect();
+            switch
+                .move_relays(&[Move::Close(closed.clone())])
+                .await
+                .unwrap();
+            switch.settle().await.unwrap();
+            source.set_current(Amps(1e-3)).await.unwrap();
+            let expected = sim.with_phantom(|phantom| {
+                let z = phantom.transfer_impedance(Duration::ZERO).unwrap();
+                let (a, b) = (drive.plus.0, drive.minus.0);
+                let (k, l) = (sense.plus.0, sense.minus.0);
+                1e-3 * ((z[(k, a)] - z[(k, b)]) - (z[(l, a)] - z[(l, b)]))
+            });
+            worst = worst.max((sim.voltage().0 - expected).abs());
+            switch.open_verified(&closed).await.unwrap();
+        }
+    }
+    println!("largest error {worst:.1e} V of readings up to 1 V");
+    assert!(worst < 1e-12 * 0.3, "{worst:e}");
+    source.off().await.unwrap();
+}
+
+#[tokio::test]
+async fn a_source_cut_off_in_mid_frame_opens_the_relays_and_is_told_unknown() {
+    let sim = simulated("pairs-34924a", Scene::quiet());
+    let rig = mainframe_rig(&sim).await;
+    let cutting = sim.clone();
+    let cut = async move {
+        while cutting.messages(Instrument::Mainframe).reading < 5 {
+            tokio::task::yield_now().await;
+        }
+        cutting.set_wire(Instrument::Source, Wire::Cut);
+    };
+    let wiring = pairs();
+    let (ended, ()) = tokio::join!(frame(&rig, &wiring), cut);
+    let fault = ended.unwrap_err();
+    assert!(matches!(fault, AcquireError::Unsafe { .. }), "{fault}");
+    assert!(fault.cleanup().unwrap().source_state_unknown());
+    assert!(sim.closed().is_empty());
+    // The output stays on when its client vanishes; without a relay it drives nothing.
+    assert!(sim.source_output().0);
+    assert_eq!(sim.flowing(), Amps(0.0));
+    sim.set_wire(Instrument::Source, Wire::Sound);
+    let mut source = drivers::source(&sim).await;
+    source.off().await.unwrap();
+    assert_eq!(sim.source_output(), (false, Amps(0.0)));
+}
+
+#[tokio::test]
+async fn a_mainframe_that_loses_power_in_mid_frame_leaves_the_source_off() {
+    let sim = simulated("pairs-34924a", Scene::quiet());
+    let rig = mainframe_rig(&sim).await;
+    let cutting = sim.clone();
+    let cut = async move {
+        while cutting.messages(Instrument::Mainframe).reading < 5 {
+            tokio::task::yield_now().await;
+        }
+        cutting.power_cycle(Instrument::Mainframe);
+    };
+    let wiring = pairs();
+    let (ended, ()) = tokio::join!(frame(&rig, &wiring), cut);
+    let fault = ended.unwrap_err();
+    assert!(!fault.cleanup().unwrap().source_state_unknown(), "{fault}");
+    assert_eq!(sim.source_output(), (false, Amps(0.0)));
+    // Reeds open without power.
+    assert!(sim.closed().is_empty());
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_silent_wire_is_a_timeout_not_an_answer() {
+    let sim = simulated("pairs-34924a", Scene::quiet());
+    let mut source = drivers::source(&sim).await;
+    sim.set_wire(Instrument::Source, Wire::Silent);
+    let fault = source.off().await.unwrap_err();
+    assert!(fault.to_string().contains("did not answer"), "{fault}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn real_time_takes_what_the_instruments_need() {
+    let profile = Profile::shipped("pairs-34924a").unwrap();
+    // 676 readings of 20 ms with a reed each, and settling: 14.6 s
+    for (pace, seconds) in [(Pace::Real, 14.6), (Pace::Scaled(10.0), 1.46)] {
+        let sim = SimulatedRig::new(&profile.clone().at_pace(pace), Scene::quiet()).unwrap();
+        let rig = mainframe_rig(&sim).await;
+        let before = tokio::time::Instant::now();
+        frame(&rig, &pairs()).await.unwrap();
+        let took = before.elapsed().as_secs_f64();
+        println!("{pace:?}: {took:.2} s");
+        // Every wait is rounded up to the timer's millisecond.
+        assert!((seconds..seconds * 1.25).contains(&took), "{took}");
+    }
+}
+
+#[tokio::test]
+async fn a_press_changes_the_frame_and_release_brings_it_back_to_the_digit() {
+    let sim = simulated("pairs-34924a", Scene::quiet());
+    let rig = mainframe_rig(&sim).await;
+    let untouched = frame(&rig, &pairs()).await.unwrap();
+    sim.press(Load::disc([107.0, 115.0], 10.0, 0.5)).unwrap();
+    let pressed = frame(&rig, &pairs()).await.unwrap();
+    assert_ne!(untouched.readings, pressed.readings);
+    sim.release();
+    assert_eq!(
+        frame(&rig, &pairs()).await.unwrap().readings,
+        untouched.readings
+    );
+}
+
+#[tokio::test]
+async fn the_same_seed_is_the_same_noise() {
+    let scene = "seed = 7\n[effects.voltmeter-noise]\nuv = 2.0\n";
+    let mut frames = Vec::new();
+    for _ in 0..2 {
+        let scene = Scene::parse("noisy.toml", scene).unwrap();
+        let sim = simulated("pairs-34924a", scene);
+        frames.push(frame(&mainframe_rig(&sim).await, &pairs()).await.unwrap());
+    }
+    assert_eq!(frames[0], frames[1]);
+    let quiet = simulated("pairs-34924a", Scene::quiet());
+    let quiet = frame(&mainframe_rig(&quiet).await, &pairs()).await.unwrap();
+    assert_ne!(frames[0].readings, quiet.readings);
+}
+
+#[tokio::test]
+async fn the_transcript_tells_what_went_over_the_wires() {
+    let sim = simulated("pairs-34924a", Scene::quiet());
+    let rig = mainframe_rig(&sim).await;
+    sim.keep_transcript();
+    let plan = drivers::plan(&pairs());
+    acquire(
+        &rig,
+        &plan,
+        drivers::METER,
+        drivers::Frozen,
+        &rig::Stop::never(),
+    )
+    .await
+    .unwrap();
+    let transcript = sim.transcript();
+    let reads = transcript
+        .iter()
+        .filter(|said| said.heard.contains("READ?"));
+    assert_eq!(reads.clone().count(), 26);
+    // The overlap goes out in the segment of the question: close first, then open.
+    let second = reads.clone().nth(1).unwrap();
+    assert!(
+        second.heard.starts_with("ROUT:CLOS (@1037);"),
+        "{}",
+        second.heard
+    );
+    // and the error queue is read behind it
+    let (readings, error) = second.answered.as_ref().unwrap().split_once(';').unwrap();
+    assert_eq!(readings.split(',').count(), 26);
+    assert_eq!(error, "+0,\"No error\"");
+}
+
+#[tokio::test]
+async fn frames_in_instant_time_cost_milliseconds() {
+    let sim = simulated("pairs-34924a", Scene::quiet());
+    let rig = mainframe_rig(&sim).await;
+    frame(&rig, &pairs()).await.unwrap();
+    let before = std::time::Instant::now();
+    for _ in 0..10 {
+        frame(&rig, &pairs()).await.unwrap();
+    }
+    let each = before.elapsed() / 10;
+    println!("{each:?} a frame");
+    assert!(each < Duration::from_secs(1), "{each:?}");
+}
