@@ -6,11 +6,11 @@ use std::time::Duration;
 use clap::{Args, Parser, Subcommand};
 use outfile::{Existing, GrowingFolder, OutFolder, OutPath};
 
-use crate::about::About;
-use crate::choices::{BaselineChoice, Format, Geometry, MethodChoice, Scale};
-use crate::duration::{SpanError, parse_span};
-use crate::measuring::Measuring;
-use crate::numbers::speed;
+use crate::options::about::About;
+use crate::options::choices::{BaselineChoice, Format, Geometry, MethodChoice, Scale};
+use crate::options::duration::{SpanError, parse_span};
+use crate::options::measuring::Measuring;
+use crate::options::numbers::speed;
 use crate::output::Colour;
 
 fn span(text: &str) -> Result<Duration, SpanError> {
@@ -275,7 +275,7 @@ pub struct Prune {
     #[arg(long, value_name = "SPAN", value_parser = span, group = "rule")]
     pub older_than: Option<Duration>,
     /// The oldest sessions of each directory, until the rest takes no more (20GB)
-    #[arg(long, value_name = "SIZE", value_parser = crate::upkeep::parse_size, group = "rule")]
+    #[arg(long, value_name = "SIZE", value_parser = crate::records::maintenance::parse_size, group = "rule")]
     pub keep_bytes: Option<u64>,
     /// Only what `tactus export --format csv` has written whole; alone: all of that
     #[arg(long, group = "rule")]
@@ -493,7 +493,7 @@ mod tests {
     use clap::CommandFactory;
 
     use super::*;
-    use crate::choices::PresetName;
+    use crate::options::choices::PresetName;
 
     fn parse(words: &[&str]) -> Result<Arguments, clap::Error> {
         Arguments::try_parse_from(std::iter::once("tactus").chain(words.iter().copied()))

@@ -17,41 +17,15 @@
 //! assert_eq!(format!("{done:?}"), format!("{:?}", ExitCode::SUCCESS));
 //! ```
 
-mod about;
 mod args;
-mod baseline;
-mod care;
-mod choices;
-mod connection;
-mod discover;
+pub(crate) mod control;
 mod doctor;
-mod drawing;
-mod duration;
-mod events;
-mod export;
-mod eye;
 mod failure;
-mod health;
 mod instruments;
-mod log;
-mod measuring;
-mod notify;
-mod numbers;
+pub(crate) mod maps;
+pub(crate) mod options;
 mod output;
-mod parts;
-mod plan;
-mod recipe;
-mod recording;
-mod replay;
-mod rescue;
-mod session;
-mod sessions;
-mod state;
-mod status;
-mod table;
-mod upkeep;
-mod viewer;
-mod watch;
+pub(crate) mod records;
 
 use std::ffi::OsString;
 use std::io::Write;
@@ -65,7 +39,7 @@ use failure::Failure;
 use outfile::Existing;
 use output::Printer;
 
-pub use duration::{SpanError, parse_span};
+pub use crate::options::duration::{SpanError, parse_span};
 
 /// The definition of the command line: every command and option, for reference pages and completions.
 pub fn command() -> clap::Command {
@@ -123,13 +97,15 @@ fn manual(folder: &Path) -> Result<(), Failure> {
 fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
     let Arguments { global, command } = arguments;
     match command {
-        Command::Sessions { what: None } => sessions::run(&global, printer),
-        Command::Sessions { what: Some(what) } => upkeep::run(&global, &what, printer),
-        Command::Log(log) if !log.follow => log::run(&global, &log, printer),
+        Command::Sessions { what: None } => crate::records::sessions::run(&global, printer),
+        Command::Sessions { what: Some(what) } => {
+            crate::records::maintenance::run(&global, &what, printer)
+        }
+        Command::Log(log) if !log.follow => crate::records::log::run(&global, &log, printer),
         Command::Doctor(asked) => doctor::run(&global, &asked, printer),
-        Command::Events { session } => events::run(&global, &session, printer),
-        Command::Export(export) => export::run(&global, &export, printer),
-        Command::Replay(replay) => replay::run(&global, &replay, printer),
+        Command::Events { session } => crate::records::events::run(&global, &session, printer),
+        Command::Export(export) => crate::records::export::run(&global, &export, printer),
+        Command::Replay(replay) => crate::maps::replay::run(&global, &replay, printer),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Arguments::command(), "tactus", &mut script);
@@ -142,44 +118,54 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                 .build()
                 .map_err(|error| Failure::failed("the program cannot wait for anything", &error))?;
             runtime.block_on(async {
-                let daemon = connection::open(&global).await?;
+                let daemon = crate::control::connection::open(&global).await?;
                 match live {
-                    Command::Status => status::run(&daemon, printer).await,
+                    Command::Status => crate::control::status::run(&daemon, printer).await,
                     Command::Instruments { what: None } => instruments::run(&daemon, printer).await,
                     Command::Instruments {
                         what: Some(InstrumentsCommand::Test { all }),
-                    } => care::test(&daemon, all, printer).await,
+                    } => crate::instruments::self_test::test(&daemon, all, printer).await,
                     Command::Instruments {
                         what: Some(InstrumentsCommand::Relays),
-                    } => care::relays(&daemon, printer).await,
+                    } => crate::instruments::self_test::relays(&daemon, printer).await,
                     Command::Instruments {
                         what: Some(InstrumentsCommand::Discover(discover)),
-                    } => discover::run(&daemon, &discover, printer).await,
+                    } => crate::instruments::discover::run(&daemon, &discover, printer).await,
                     Command::Instruments {
                         what: Some(InstrumentsCommand::OpenAll),
-                    } => rescue::open_all(&daemon, printer).await,
+                    } => crate::instruments::recovery::open_all(&daemon, printer).await,
                     Command::Instruments {
                         what: Some(InstrumentsCommand::Accept),
-                    } => rescue::accept(&daemon, printer).await,
-                    Command::Log(log) => log::follow(&daemon, &log, printer).await,
+                    } => crate::instruments::recovery::accept(&daemon, printer).await,
+                    Command::Log(log) => crate::records::log::follow(&daemon, &log, printer).await,
                     Command::Notify {
                         what: NotifyCommand::Test,
-                    } => notify::test(&daemon, printer).await,
-                    Command::Reload => rescue::reload(&daemon, printer).await,
+                    } => crate::control::notify::test(&daemon, printer).await,
+                    Command::Reload => crate::instruments::recovery::reload(&daemon, printer).await,
                     Command::Transcript(asked) => {
-                        rescue::transcript(&daemon, &asked, printer).await
+                        crate::instruments::recovery::transcript(&daemon, &asked, printer).await
                     }
                     Command::Baseline {
                         what: BaselineCommand::Record(record),
-                    } => baseline::record(&daemon, &record, printer).await,
+                    } => crate::control::baseline::record(&daemon, &record, printer).await,
                     Command::Baseline {
                         what: BaselineCommand::Show,
-                    } => baseline::show(&daemon, printer).await,
-                    Command::Start(start) => session::start(&daemon, &start, printer).await,
-                    Command::Stop(stop) => session::stop(&daemon, &stop, printer).await,
-                    Command::Step(step) => session::step(&daemon, &step, printer).await,
-                    Command::Watch(watch) => watch::run(&daemon, &watch, printer).await,
-                    Command::Plan(asked) => plan::run(&daemon, &asked, printer).await,
+                    } => crate::control::baseline::show(&daemon, printer).await,
+                    Command::Start(start) => {
+                        crate::control::session::start(&daemon, &start, printer).await
+                    }
+                    Command::Stop(stop) => {
+                        crate::control::session::stop(&daemon, &stop, printer).await
+                    }
+                    Command::Step(step) => {
+                        crate::control::session::step(&daemon, &step, printer).await
+                    }
+                    Command::Watch(watch) => {
+                        crate::control::watch::run(&daemon, &watch, printer).await
+                    }
+                    Command::Plan(asked) => {
+                        crate::control::plan::run(&daemon, &asked, printer).await
+                    }
                     Command::Sessions { .. }
                     | Command::Events { .. }
                     | Command::Doctor(_)

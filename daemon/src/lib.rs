@@ -20,45 +20,18 @@
 //! assert_eq!(daemon::run(args.into_iter()), std::process::ExitCode::SUCCESS);
 //! ```
 
+pub(crate) mod acquisition;
 mod args;
-mod care;
-mod claims;
 mod config;
-mod containment;
-mod discovery;
-mod end_marks;
-mod guard;
-mod herald;
-mod journal;
-mod keeper;
-mod known;
-mod live;
+pub(crate) mod events;
+pub(crate) mod instruments;
 mod man;
-mod mapper;
-mod measuring;
-mod mishap;
-mod model;
-mod multiplexer;
-mod numbers;
-mod observe;
-mod place;
-mod prepare;
-mod problems;
-mod pulse;
-mod reading;
-mod recorder;
-mod recording;
-mod records;
-mod report;
-mod rig_assembly;
-mod ring;
-mod schedule;
+mod monitoring;
+mod preparation;
+pub(crate) mod recording;
+mod self_test;
 mod service;
-mod session;
-mod simulation;
-mod stream;
-mod transcripts;
-mod watch;
+pub(crate) mod session;
 
 use std::ffi::OsString;
 use std::io::Write;
@@ -71,13 +44,15 @@ use rustix::process::umask;
 use tokio::signal::unix::{SignalKind, signal};
 
 use crate::args::Args;
-use crate::keeper::Keeper;
-use crate::known::Known;
-use crate::model::chain;
-use crate::prepare::{FramesFrom, Prepared, prepare};
-use crate::problems::Problem;
-use crate::rig_assembly::{Assembled, AssemblyError, Bench, Closed, assemble, make_safe_each};
+use crate::config::problems::Problem;
+use crate::instruments::assembly::{
+    Assembled, AssemblyError, Bench, Closed, assemble, make_safe_each,
+};
+use crate::instruments::identities::Known;
+use crate::preparation::{FramesFrom, Prepared, prepare};
+use crate::recording::model::chain;
 use crate::service::Offer;
+use crate::session::controller::Keeper;
 
 /// `EX_CONFIG`: systemd does not start a broken configuration again.
 const CONFIGURATION: u8 = 78;
@@ -111,7 +86,7 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
             };
         }
     };
-    journal::begin();
+    crate::events::journal::begin();
     if let Some(folder) = &args.man {
         return match man::write(folder) {
             Ok(()) => ExitCode::SUCCESS,
@@ -138,7 +113,7 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
     // what is recorded is for its group to read and for no stranger, also where a person starts the daemon
     let before = umask(NOT_FOR_STRANGERS);
     umask(before | NOT_FOR_STRANGERS);
-    guard::install();
+    crate::instruments::panic_handler::install();
     let rig = match &prepared.frames {
         FramesFrom::Rig(plan) if plan.bench.is_none() => Some(std::sync::Arc::clone(plan)),
         _ => None,
@@ -158,7 +133,8 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
             serve(prepared).await.map_err(|text| (FAILED, text))
         }
     };
-    let Some(outcome) = guard::lived(runtime, rig.as_deref(), life) else {
+    let Some(outcome) = crate::instruments::panic_handler::lived(runtime, rig.as_deref(), life)
+    else {
         return fail("the daemon's own code failed; its log says where, please report it");
     };
     match outcome {
@@ -178,14 +154,14 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     // a limit on file sizes is an error of the write that meets it, not the end of the process
     let _file_size =
         signal(SignalKind::from_raw(libc::SIGXFSZ)).map_err(|cause| cause.to_string())?;
-    let panics = guard::listen();
+    let panics = crate::instruments::panic_handler::listen();
     let tape = rig::Tape::new(prepared.setup.transcripts);
     let _lock = logbook::lock(&prepared.setup.record_directory).map_err(|error| chain(&error))?;
     tidy(prepared.setup.record_directory.clone()).await;
     let clock = SystemClock::new();
     let bench = bench_of(&prepared)?;
     let known = Known::recall(&prepared.setup.record_directory).map_err(|error| chain(&error))?;
-    let mut claims = claims::Claims::default();
+    let mut claims = crate::instruments::lock::Claims::default();
     if let FramesFrom::Rig(plan) = &prepared.frames {
         // before anything is said to an instrument
         claims
@@ -224,9 +200,14 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     let start = prepared.setup.config.schedule.start;
     let keeper = Keeper::new(prepared, bench, assembled, tape, clock);
     keeper.hold(claims);
-    tokio::spawn(guard::keep(std::sync::Arc::clone(&keeper), panics));
-    tokio::spawn(pulse::tell_systemd(std::sync::Arc::downgrade(&keeper)));
-    tokio::spawn(observe::observe(std::sync::Arc::clone(&keeper)));
+    tokio::spawn(crate::instruments::panic_handler::keep(
+        std::sync::Arc::clone(&keeper),
+        panics,
+    ));
+    tokio::spawn(crate::monitoring::heartbeat::tell_systemd(
+        std::sync::Arc::downgrade(&keeper),
+    ));
+    tokio::spawn(crate::monitoring::observe(std::sync::Arc::clone(&keeper)));
     let offer = Offer::open(&section, &keeper)
         .await
         .map_err(|error| chain(&error))?;
@@ -399,7 +380,7 @@ fn bench_of(prepared: &Prepared) -> Result<Bench, String> {
 }
 
 fn print_config(args: &Args) -> ExitCode {
-    match prepare::load(&args.config) {
+    match crate::preparation::load(&args.config) {
         Err(problems) => complain(&problems),
         Ok((_, config)) => match toml::to_string_pretty(&config) {
             Ok(text) => {
@@ -413,8 +394,10 @@ fn print_config(args: &Args) -> ExitCode {
 
 /// `--discover`: before there is a configuration.
 fn print_found(addresses: &[String], json: bool) -> ExitCode {
-    let places: Result<Vec<place::Place>, place::NoPlace> =
-        addresses.iter().map(|address| address.parse()).collect();
+    let places: Result<
+        Vec<crate::instruments::address::Place>,
+        crate::instruments::address::NoPlace,
+    > = addresses.iter().map(|address| address.parse()).collect();
     let addresses = match places {
         Ok(addresses) => addresses,
         Err(refusal) => {
@@ -429,14 +412,14 @@ fn print_found(addresses: &[String], json: bool) -> ExitCode {
         Ok(runtime) => runtime,
         Err(cause) => return fail(&format!("no threads to run on: {cause}")),
     };
-    let search = discovery::Search {
+    let search = crate::instruments::discovery::Search {
         addresses,
-        ..discovery::Search::default()
+        ..crate::instruments::discovery::Search::default()
     };
-    let found = runtime.block_on(discovery::discover(&search));
+    let found = runtime.block_on(crate::instruments::discovery::discover(&search));
     // whoever still listens must not keep the process
     runtime.shutdown_background();
-    for line in report::found_lines(&found, json) {
+    for line in crate::service::objects::report::found_lines(&found, json) {
         say(&line);
     }
     ExitCode::SUCCESS
@@ -446,7 +429,7 @@ fn print_plan(prepared: &Prepared, json: bool) -> ExitCode {
     let FramesFrom::Rig(rig) = &prepared.frames else {
         return fail("a recording has no plan: nothing is measured");
     };
-    let plan = report::plan(rig);
+    let plan = crate::service::objects::report::plan(rig);
     if json {
         let object = serde_json::json!({
             "wiring": rig.plan.wiring.name,
@@ -465,7 +448,7 @@ fn print_plan(prepared: &Prepared, json: bool) -> ExitCode {
                 "relay_voltage_v": rig.limits.relay_voltage.0,
             },
             "simulated": prepared.is_simulated(),
-            "measuring": report::measuring(&plan.more),
+            "measuring": crate::service::objects::report::measuring(&plan.more),
             "lines": plan.lines,
         });
         say(&object.to_string());
@@ -481,7 +464,7 @@ fn print_plan(prepared: &Prepared, json: bool) -> ExitCode {
         plan.reading_messages,
         plan.duration_s
     ));
-    let words: Vec<String> = report::measuring(&plan.more)
+    let words: Vec<String> = crate::service::objects::report::measuring(&plan.more)
         .iter()
         .map(|(key, value)| format!("{key} {value}"))
         .collect();

@@ -9,9 +9,9 @@ mod stage;
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};
 
-use simulator::{Profile, ServeOptions, SimulatedRig};
 use mdns_sd::{IfKind, ServiceDaemon, ServiceEvent};
 use serde_json::Value;
+use simulator::{Profile, ServeOptions, SimulatedRig};
 use stage::{instant, within};
 use tokio::net::UdpSocket;
 

@@ -7,9 +7,9 @@
 
 mod stage;
 
-use simulator::{Fault, Instrument, Pace, Profile, Scene, ServeOptions, SimulatedRig};
 use dbus::{Options, Session1Proxy};
 use logbook::SessionReader;
+use simulator::{Fault, Instrument, Pace, Profile, Scene, ServeOptions, SimulatedRig};
 use stage::{DEADLINE, Running, Stage, assert_whole};
 
 /// How long an instrument may take to answer; silent ones are found out by it.

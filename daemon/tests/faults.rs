@@ -2,9 +2,9 @@
 
 mod stage;
 
-use simulator::{Instrument, Pace, Profile, Said, Scene, SimulatedRig, Wire};
 use dbus::{Fault, Options};
 use logbook::SessionReader;
+use simulator::{Instrument, Pace, Profile, Said, Scene, SimulatedRig, Wire};
 use stage::{
     Measuring, SMALL, Stage, assert_off_before_anything_else, on_tcp, on_tcp_with, told, within,
 };

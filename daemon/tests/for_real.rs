@@ -8,10 +8,10 @@ mod stage;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use simulator::{Profile, ServeOptions, Server, SimulatedRig};
 use dbus::{FrameDoneStream, Options, Session1Proxy};
 use logbook::{Record, SessionReader};
 use rustix::process::Signal;
+use simulator::{Profile, ServeOptions, Server, SimulatedRig};
 use stage::{
     Running, SMALL, Stage, assert_off_before_anything_else, assert_whole, config_for, instant,
     on_tcp, told, within,

@@ -235,7 +235,8 @@ const RING: usize = 16;
 async fn a_wiring_file_over_rs232_and_tcp_takes_a_frame_and_is_compared_with_the_modules_found() {
     let scene = simulator::Scene::parse("scene", "[disc-tank]\nelectrodes = 16\n").unwrap();
     let profile = simulator::Profile::load("pairs-34924a").unwrap();
-    let rig = simulator::SimulatedRig::new(&profile.at_pace(simulator::Pace::Instant), scene).unwrap();
+    let rig =
+        simulator::SimulatedRig::new(&profile.at_pace(simulator::Pace::Instant), scene).unwrap();
     let options = simulator::ServeOptions {
         port_6221: 0,
         port_34980a: 0,

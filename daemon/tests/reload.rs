@@ -2,9 +2,9 @@
 
 mod stage;
 
-use simulator::{Against, Closeness, Pace, Profile, Scene, SimulatedRig, replay};
 use dbus::{Fault, Options};
 use rig::transcript::{parse_transcript, read_transcript};
+use simulator::{Against, Closeness, Pace, Profile, Scene, SimulatedRig, replay};
 use stage::{Running, SMALL, Stage, told, within};
 
 #[tokio::test(flavor = "multi_thread")]

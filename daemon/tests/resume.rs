@@ -2,9 +2,9 @@
 
 mod stage;
 
-use simulator::{Pace, Profile, Scene, SimulatedRig};
 use dbus::{Options, Session1Proxy};
 use logbook::{Event, RESUMED, SessionReader};
+use simulator::{Pace, Profile, Scene, SimulatedRig};
 use stage::{Running, SMALL, Stage, within};
 
 fn resuming() -> String {

@@ -2,8 +2,8 @@
 
 mod stage;
 
-use simulator::{Instrument, Profile, SimulatedRig};
 use dbus::{Fault, Options};
+use simulator::{Instrument, Profile, SimulatedRig};
 use stage::{Measuring, Stage, instant, on_tcp, serve, told, within};
 
 /// The ports at which a server listens.

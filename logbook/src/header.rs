@@ -130,7 +130,7 @@ pub struct SessionHeader {
 impl SessionHeader {
     /// Id of the session that this file is a part of: its first part's.
     pub fn session(&self) -> &str {
-        crate::shelf::part_of(&self.id).0
+        crate::directory::part_of(&self.id).0
     }
 
     /// A measurement of real instruments about which nothing else is known yet; fill in the rest by field.
@@ -280,6 +280,6 @@ pub struct SessionSummary {
 impl SessionSummary {
     /// Id of the session that this file is a part of: its first part's.
     pub fn session(&self) -> &str {
-        crate::shelf::part_of(&self.id).0
+        crate::directory::part_of(&self.id).0
     }
 }

@@ -45,39 +45,34 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod chronicle;
 pub mod codec;
+mod daemon_log;
+mod directory;
+mod error;
 mod header;
-mod index;
-mod inodes;
-mod lock;
-mod prune;
+pub(crate) mod maintenance;
 mod reader;
-mod refusal;
-mod repair;
 mod row;
 pub mod schema;
-mod shelf;
-mod tidy;
-mod verify;
-mod volume;
 mod writer;
 
-pub use chronicle::{Chronicle, chronicle};
+pub use crate::daemon_log::{Chronicle, chronicle};
+pub use crate::directory::index::Index;
+pub use crate::directory::lock::{StateLock, lock};
+pub use crate::directory::{
+    Listing, Unreadable, baselines, find, interrupted, latest_baseline, list,
+};
+pub use crate::error::{DiskFault, LogbookError};
+pub use crate::maintenance::leftovers::{Tidied, tidy};
+pub use crate::maintenance::prune::{
+    Exported, Pruned, Removed, Retention, Spared, exported, folder_bytes, mark_exported, prune,
+};
+pub use crate::maintenance::repair::{CUT, Cut, Repaired, repair};
+pub use crate::maintenance::verify::{Finding, Gap, Verified, parts, verify};
+pub use crate::writer::size::{Volume, volume};
 pub use header::{
     About, Closing, Event, InstrumentRecord, MapRecord, Record, SessionHeader, SessionKind,
     SessionSummary,
 };
-pub use index::Index;
-pub use lock::{StateLock, lock};
-pub use prune::{
-    Exported, Pruned, Removed, Retention, Spared, exported, folder_bytes, mark_exported, prune,
-};
 pub use reader::{Frames, SessionReader};
-pub use refusal::{DiskFault, LogbookError};
-pub use repair::{CUT, Cut, Repaired, repair};
-pub use shelf::{Listing, Unreadable, baselines, find, interrupted, latest_baseline, list};
-pub use tidy::{Tidied, tidy};
-pub use verify::{Finding, Gap, Verified, parts, verify};
-pub use volume::{Volume, volume};
 pub use writer::{CONTINUED, RESUMED, Resumed, SessionWriter, Storage, Taken};

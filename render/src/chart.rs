@@ -3,10 +3,10 @@
 use plotters::prelude::*;
 use survey::{Electrode, Map};
 
-use crate::canvas::PALE;
-use crate::fitting::{shortened, two_lines};
-use crate::pen::{Anchor, INK, Pen};
-use crate::scale::step;
+use crate::drawing::canvas::PALE;
+use crate::drawing::pen::{Anchor, INK, Pen};
+use crate::drawing::scale::step;
+use crate::drawing::text_fitting::{shortened, two_lines};
 use crate::{Extent, PictureError, Range, Sheet, Style};
 
 const PAPER: RGBColor = RGBColor(236, 236, 238);

@@ -7,9 +7,9 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use survey::Map;
 
-use crate::canvas::{FINER, GRAIN, SINK, encoded, failed, inside, opening};
 use crate::chart::{Panel, RING, bar, caption, heading, legend, small_title};
-use crate::pen::Pen;
+use crate::drawing::canvas::{FINER, GRAIN, SINK, encoded, failed, inside, opening};
+use crate::drawing::pen::Pen;
 use crate::raster::{check_size, fill};
 use crate::{Grid, PictureError, Range, Rgb, Scales, Sheet, Style};
 

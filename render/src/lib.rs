@@ -27,29 +27,24 @@
 //! # Ok::<(), render::PictureError>(())
 //! ```
 
-mod canvas;
 mod chart;
-mod colour;
-mod curves;
-mod fitting;
+pub(crate) mod charts;
+pub(crate) mod drawing;
 mod hot_spot;
 mod image;
 mod mesh;
-mod pen;
 mod raster;
-mod scale;
 mod terminal;
-mod work_precision;
 
-pub use colour::{Rgb, colour};
-pub use curves::{Axis, Curve, Curves, curves_png, curves_svg};
+pub use crate::charts::curves::{Axis, Curve, Curves, curves_png, curves_svg};
+pub use crate::charts::work_precision::{WorkPoint, work_precision_png};
+pub use crate::drawing::colour::{Rgb, colour};
+pub use crate::drawing::scale::Range;
 pub use hot_spot::{HotSpot, hot_spots};
 pub use image::{png, png_grid, svg, svg_grid};
 pub use mesh::{mesh_png, mesh_svg};
 pub use raster::raster;
-pub use scale::Range;
 pub use terminal::{TerminalColour, TerminalStyle, terminal};
-pub use work_precision::{WorkPoint, work_precision_png};
 
 use survey::Map;
 

@@ -2,9 +2,9 @@
 
 use plotters::prelude::*;
 
-use crate::canvas::{Drawing, PALE};
 use crate::chart::{Panel, RING, heading};
-use crate::pen::Pen;
+use crate::drawing::canvas::{Drawing, PALE};
+use crate::drawing::pen::Pen;
 use crate::{PictureError, Sheet, Style};
 
 const WIDTH: f64 = 640.0;

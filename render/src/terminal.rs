@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use survey::{Electrode, Map};
 
-use crate::colour::luminance;
+use crate::drawing::colour::luminance;
 use crate::raster::raster;
 use crate::{Extent, HotSpot, PictureError, Range, Rgb, Sheet, Style, hot_spots};
 

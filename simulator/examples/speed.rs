@@ -16,11 +16,11 @@ use std::io::{BufRead, BufReader, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::time::{Duration, Instant};
 
-use simulator::{Instrument, Pace, Profile, Said, SimulatedRig};
 use keithley_6221::Keithley6221;
 use keysight_34980a::Keysight34980a;
 use phantom::Scene;
 use rig::{BoxStream, Link, MeterSettings, Rig, Stop, SystemClock, Tape, acquire, connect_tcp};
+use simulator::{Instrument, Pace, Profile, Said, SimulatedRig};
 use survey::{Amps, Plan, Protocol, Timing, Volts, Wiring};
 
 type AnyError = Box<dyn std::error::Error>;

@@ -10,7 +10,7 @@ use survey::{Plan, Volts};
 use tokio::runtime::Runtime;
 
 use crate::profile::{Pace, Profile};
-use crate::simulated::SimulatedRig;
+use crate::simulated_rig::SimulatedRig;
 
 /// An answer is there at once; this only ends a hang.
 const DEADLINE: Duration = Duration::from_secs(60);

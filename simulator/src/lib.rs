@@ -24,41 +24,30 @@
 //! # Ok(()) }
 //! ```
 
-mod announce;
 mod circuit;
-mod control;
 mod fault;
-mod fixture;
 mod frame_times;
-mod golden;
-mod guest;
-mod hanging;
-mod list;
-mod panel;
+mod isolated;
 mod profile;
 mod program;
-mod pty;
-mod recording;
 mod serve;
-mod sheet;
-mod simulated;
-mod stand;
-mod status;
-mod telnet;
-mod vxi11;
-mod web;
-mod workbench;
+mod simulated_instruments;
+mod simulated_rig;
+pub(crate) mod transcripts;
+pub(crate) mod transport;
 
+pub use crate::circuit::load_network::{Hanging, HangingError};
+pub use crate::isolated::Making;
+pub use crate::program::status::{Client, SourceStatus, Status};
+pub use crate::simulated_rig::{Instrument, Messages, RigError, Said, SimulatedRig, Wire};
+pub use crate::transcripts::golden::{Expected, Golden, GoldenError, Line, Step};
+pub use crate::transcripts::playback::{
+    Against, Closeness, Played, ReplayError, golden_of, replay,
+};
+pub use crate::transport::vxi11::CoreChannel;
 pub use fault::{Fault, FaultError, Mischief, TimedFault};
 pub use frame_times::{FrameTimeError, FrameTimes};
-pub use golden::{Expected, Golden, GoldenError, Line, Step};
-pub use hanging::{Hanging, HangingError};
 pub use phantom::{Load, LoadError, PhantomError, Scene, SceneError, Shape};
 pub use profile::{Board, Mainframe, Pace, Profile, ProfileError, SecondClient, Source};
 pub use program::{command, run};
-pub use recording::{Against, Closeness, Played, ReplayError, golden_of, replay};
 pub use serve::{Ready, ServeError, ServeOptions, Server, serve};
-pub use simulated::{Instrument, Messages, RigError, Said, SimulatedRig, Wire};
-pub use stand::Making;
-pub use status::{Client, SourceStatus, Status};
-pub use vxi11::CoreChannel;

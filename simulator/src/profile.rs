@@ -7,8 +7,8 @@ use std::time::Duration;
 use keysight_34980a::Module;
 use serde::Deserialize;
 
+use crate::circuit::load_network::{Hanging, HangingError};
 use crate::fault::TimedFault;
-use crate::hanging::{Hanging, HangingError};
 
 /// How the instruments take their time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -237,7 +237,7 @@ impl Profile {
     /// What a shipped profile says of itself.
     pub(crate) fn what(name: &str) -> &'static str {
         let text = SHIPPED.into_iter().find(|(known, _)| *known == name);
-        text.map_or("", |(_, text)| crate::list::first_comment(text))
+        text.map_or("", |(_, text)| crate::program::list::first_comment(text))
     }
 
     /// One of the shipped profiles.

@@ -9,11 +9,13 @@ use tempfile::TempDir;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinSet;
 
-use crate::announce::{Announcement, HTTP, LXI, SCPI_RAW, SCPI_TELNET, VXI_11};
-use crate::guest::End;
 use crate::profile::SecondClient;
-use crate::pty::Pty;
-use crate::{Instrument, SimulatedRig, control, telnet, vxi11, web};
+use crate::program::control;
+use crate::transport::announce::{Announcement, HTTP, LXI, SCPI_RAW, SCPI_TELNET, VXI_11};
+use crate::transport::client::End;
+use crate::transport::pty::Pty;
+use crate::transport::{telnet, vxi11, web};
+use crate::{Instrument, SimulatedRig};
 
 /// Where to serve. Port 0 takes a free one.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use simulator::{Hanging, Instrument, Pace, Profile, SimulatedRig};
 use phantom::Scene;
+use simulator::{Hanging, Instrument, Pace, Profile, SimulatedRig};
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
 
 fn simulated(load: Hanging) -> SimulatedRig {

@@ -7,11 +7,11 @@ mod served;
 
 use std::time::Duration;
 
-use simulator::{Fault, Hanging, Instrument, Pace, Profile, SimulatedRig};
 use gpio_mux::GpioMux;
 use phantom::Scene;
 use rig::{Link, LinkError, connect_tcp, open_serial};
 use served::Served;
+use simulator::{Fault, Hanging, Instrument, Pace, Profile, SimulatedRig};
 use survey::{Electrode, Relay};
 
 const DEADLINE: Duration = Duration::from_secs(20);

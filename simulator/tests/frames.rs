@@ -4,10 +4,10 @@ mod drivers;
 
 use std::time::Duration;
 
-use simulator::{Instrument, SimulatedRig};
 use drivers::{board_rig, frame, mainframe_rig, plan, simulated};
 use phantom::Scene;
 use rig::{CurrentSource, Move, Switch, Voltmeter};
+use simulator::{Instrument, SimulatedRig};
 use survey::{Amps, Dipole, Electrode, Frame, Reading, Relay, Volts, Wiring};
 
 /// Current times transfer impedance, straight from the phantom.

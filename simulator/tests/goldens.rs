@@ -8,8 +8,8 @@ use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use simulator::{Golden, GoldenError};
 use served::Served;
+use simulator::{Golden, GoldenError};
 
 fn folder() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/goldens"))

@@ -3,9 +3,9 @@
 #[allow(dead_code)]
 mod drivers;
 
-use simulator::{Fault, Hanging, Instrument, Pace, Profile, SimulatedRig};
 use drivers::{board_rig, frame, mainframe_rig, simulated};
 use phantom::{Preview, Scan, Scene};
+use simulator::{Fault, Hanging, Instrument, Pace, Profile, SimulatedRig};
 use survey::{Relay, Wiring};
 
 fn hanging(scene: &str) -> SimulatedRig {

@@ -5,10 +5,10 @@ mod drivers;
 
 use std::time::Duration;
 
-use simulator::{Instrument, Pace, Profile, SimulatedRig, Wire};
 use drivers::{frame, mainframe_rig, simulated};
 use phantom::{Load, Scene};
 use rig::{AcquireError, CurrentSource, Move, Switch, acquire};
+use simulator::{Instrument, Pace, Profile, SimulatedRig, Wire};
 use survey::{Amps, Relay, Volts, Wiring};
 
 fn pairs() -> Wiring {

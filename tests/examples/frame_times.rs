@@ -90,7 +90,10 @@ fn measure() -> Result<(), Failure> {
         ("deep", file(&deep), "5"),
     ];
     let stage = Stage::new(SIMULATED)?;
-    std::fs::write(stage.path().join("scene.toml"), tactus_tests::TWO_MICROVOLTS)?;
+    std::fs::write(
+        stage.path().join("scene.toml"),
+        tactus_tests::TWO_MICROVOLTS,
+    )?;
     let keeper = stage.start_daemon()?;
     stage
         .tactus(&["baseline", "record", "--frames", "10"])?

@@ -13,10 +13,10 @@ use std::collections::BTreeMap;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use simulator::{Fault, Pace, Profile, Scene, ServeOptions, SimulatedRig};
 use indicatif::{ProgressBar, ProgressStyle};
 use logbook::{SessionReader, Verified};
 use rustix::process::{Pid, Signal, kill_process};
+use simulator::{Fault, Pace, Profile, Scene, ServeOptions, SimulatedRig};
 use tactus_tests::{DEADLINE, Keeper, SIMULATED, Stage, act_as};
 
 type Failure = Box<dyn std::error::Error>;

@@ -2,9 +2,9 @@
 
 use std::time::{Duration, Instant};
 
+use chrono::{DateTime, Utc};
 use dbus::{BUS_NAME, MANAGER_INTERFACE, ROOT_PATH, SESSION_INTERFACE};
 use dbus::{Fault, Manager1Proxy, Options};
-use chrono::{DateTime, Utc};
 use logbook::{SessionHeader, SessionWriter};
 use survey::{Amps, Frame, Protocol, Reading, Settings, Volts};
 use zbus::{Message, Structure, Variant};

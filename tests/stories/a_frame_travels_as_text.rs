@@ -3,11 +3,11 @@
 
 use std::time::Duration;
 
-use simulator::{Instrument, Pace, Profile, SimulatedRig};
 use keithley_6221::Keithley6221;
 use keysight_34980a::Keysight34980a;
 use phantom::Scene;
 use rig::{BoxStream, Link, MeterSettings, Rig, Stop, SystemClock};
+use simulator::{Instrument, Pace, Profile, SimulatedRig};
 use survey::{Amps, Dipole, Frame, Plan, Protocol, Relay, Volts, Wiring};
 
 use crate::scenery::runtime;

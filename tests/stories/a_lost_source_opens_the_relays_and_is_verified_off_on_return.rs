@@ -3,10 +3,10 @@
 
 use std::time::Duration;
 
-use simulator::{Instrument, Wire};
 use keithley_6221::Keithley6221;
 use phantom::Scene;
 use rig::{CurrentSource, Link, Stop, SystemClock};
+use simulator::{Instrument, Wire};
 use survey::{Amps, Wiring};
 
 use crate::a_frame_travels_as_text::{METER, drivers, plan, simulated};

@@ -35,7 +35,13 @@ const MAY_KNOW: &[(&str, &[&str])] = &[
     (
         "lab",
         &[
-            "simulator", "phantom", "eit", "render", "logbook", "outfile", "survey",
+            "simulator",
+            "phantom",
+            "eit",
+            "render",
+            "logbook",
+            "outfile",
+            "survey",
         ],
     ),
     (
@@ -61,7 +67,15 @@ const MAY_KNOW: &[(&str, &[&str])] = &[
     (
         "demo",
         &[
-            "simulator", "daemon", "cli", "dbus", "logbook", "eit", "phantom", "render", "survey",
+            "simulator",
+            "daemon",
+            "cli",
+            "dbus",
+            "logbook",
+            "eit",
+            "phantom",
+            "render",
+            "survey",
         ],
     ),
 ];
@@ -76,7 +90,10 @@ fn metadata() -> Metadata {
 
 /// A crate's name without the prefix that all packages of the workspace share.
 fn short(package: &str) -> String {
-    package.strip_prefix("tactus-").unwrap_or(package).to_owned()
+    package
+        .strip_prefix("tactus-")
+        .unwrap_or(package)
+        .to_owned()
 }
 
 fn rooms(metadata: &Metadata) -> BTreeMap<String, &Package> {

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use tactus_tests::{Keeper, SIMULATED, Stage};
 use survey::Amps;
+use tactus_tests::{Keeper, SIMULATED, Stage};
 
 /// What a story needs of a rig.
 #[derive(Debug, Clone, Copy)]

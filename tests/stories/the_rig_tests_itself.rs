@@ -230,7 +230,12 @@ fn a_source_on_rs232_and_a_board_on_usb_are_a_rig() {
         ("switch", format!("serial:{}", served.address("serial"))),
         ("voltmeter", format!("tcp:{}", served.address("34980a"))),
     ];
-    let config = configuration(tactus_tests::SIMULATED, "instruments", "gpio-board", &addresses);
+    let config = configuration(
+        tactus_tests::SIMULATED,
+        "instruments",
+        "gpio-board",
+        &addresses,
+    );
     // 5 V of supply leave 4.5 V
     let config = config.replace("compliance_v = 10.0", "compliance_v = 4.0");
     stage

@@ -25,7 +25,7 @@ const THREADS: usize = 2;
 
 /// The gate of one connection.
 #[derive(Debug)]
-pub(super) struct Gate {
+pub(crate) struct Gate {
     pub(super) door: Door,
     /// Where sessions run.
     acting: Handle,
@@ -231,7 +231,7 @@ impl Threads {
             .thread_name(name)
             .worker_threads(THREADS)
             .max_blocking_threads(THREADS)
-            .on_thread_start(crate::containment::mark_thread)
+            .on_thread_start(crate::service::containment::mark_thread)
             .enable_all()
             .build()?;
         Ok(Self {

@@ -16,8 +16,8 @@ use zbus::connection::Builder;
 use super::caller::{Caller, GROUP};
 use super::gate::Gate;
 use super::limit::CONNECTIONS;
-use crate::containment::{Ends, answer};
-use crate::keeper::Keeper;
+use crate::service::containment::{Ends, answer};
+use crate::session::controller::Keeper;
 
 /// How long a client may take to introduce itself.
 const TO_GREET: Duration = Duration::from_secs(5);

@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
-use simulator::{Instrument, Pace, Profile, Said, Scene, ServeOptions, SimulatedRig};
 use dbus::{Address, Instrument1Proxy, Manager1Proxy, Options, Session1Proxy, Simulation1Proxy};
 use logbook::Verified;
+use simulator::{Instrument, Pace, Profile, Said, Scene, ServeOptions, SimulatedRig};
 use tokio::io::{AsyncBufReadExt, BufReader};
 use zbus::{Connection, OwnedObjectPath};
 

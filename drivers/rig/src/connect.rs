@@ -4,7 +4,8 @@ use std::time::Duration;
 
 use tokio_serial::SerialPortBuilderExt;
 
-use crate::{BoxStream, LinkError, half_open};
+use crate::link::half_open;
+use crate::{BoxStream, LinkError};
 
 /// Unacknowledged data older than this breaks a TCP connection: a pulled cable is noticed although nobody closes.
 const HALF_OPEN: Duration = Duration::from_secs(4);

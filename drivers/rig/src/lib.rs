@@ -32,15 +32,18 @@ mod acquire;
 mod clock;
 mod connect;
 mod fault;
-mod half_open;
 mod link;
 mod prepare;
 mod safe;
-mod seams;
 mod stop;
-mod tape;
+mod traits;
 pub mod transcript;
 
+pub use crate::traits::{
+    Compliance, CurrentSource, Hop, Instruments, MeterSettings, Move, Rig, Sample, Switch,
+    Voltmeter, mean,
+};
+pub use crate::transcript::ring::{Reel, Tape};
 pub use acquire::{AcquireError, acquire, settings};
 pub use clock::{Clock, SystemClock};
 pub use connect::{connect_tcp, open_serial};
@@ -50,9 +53,4 @@ pub use prepare::prepare;
 pub use safe::{
     CleanupError, FoundRelay, StartError, check_at_start, find_closed, name_relays, safe_off,
 };
-pub use seams::{
-    Compliance, CurrentSource, Hop, Instruments, MeterSettings, Move, Rig, Sample, Switch,
-    Voltmeter, mean,
-};
 pub use stop::{Stop, StopButton};
-pub use tape::{Reel, Tape};

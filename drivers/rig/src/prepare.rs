@@ -2,7 +2,7 @@
 
 use survey::{Plan, Sensing};
 
-use crate::seams::Instruments;
+use crate::traits::Instruments;
 use crate::{CurrentSource, MeterSettings, Rig, RigError, Voltmeter};
 
 /// Applies the settings of a plan to source and voltmeter, each verified by read-back; the source stays off. The first

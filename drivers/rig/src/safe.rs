@@ -6,7 +6,7 @@ use std::time::Duration;
 use survey::{Dipole, Relay, Wiring};
 use tokio::time::Instant;
 
-use crate::seams::Instruments;
+use crate::traits::Instruments;
 use crate::{CurrentSource, Rig, RigError, Switch};
 
 /// How long the source may take to be verified off before the relays are opened beside it.

@@ -23,25 +23,23 @@
 //!
 //! Source: SCPI-1999 volumes 1 and 2 and IEEE 488.2, as retold by the manuals of the instruments served.
 
-mod argument;
 mod channel_list;
 mod common_command;
 mod error_queue;
 mod framer;
-mod header;
 mod message;
-mod reader;
 mod reading;
 mod refusal;
 mod status;
-mod unit;
+pub(crate) mod syntax;
 
-pub use argument::{Argument, Numeric};
+pub use crate::syntax::argument::{Argument, Numeric};
+pub use crate::syntax::header::{Pattern, short_form};
+pub use crate::syntax::unit::Unit;
 pub use channel_list::{ChannelEntry, ChannelList};
 pub use common_command::Common;
 pub use error_queue::{ErrorEntry, ErrorQueue};
 pub use framer::{Framer, FramingError};
-pub use header::{Pattern, short_form};
 pub use message::{Call, parse_message};
 pub use reading::{
     Answer, INFINITY, NOT_A_NUMBER, ReplyError, format_block, format_nr3, format_nr3_signed,
@@ -49,4 +47,3 @@ pub use reading::{
 };
 pub use refusal::ParseError;
 pub use status::{StandardEvent, StatusModel, StatusRegister};
-pub use unit::Unit;

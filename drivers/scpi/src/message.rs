@@ -1,6 +1,6 @@
 //! A message to calls: units between semicolons, headers by the path rule, arguments between commas.
 
-use crate::reader::Reader;
+use crate::syntax::reader::Reader;
 use crate::{Argument, ParseError, Pattern};
 
 /// One unit of a message.

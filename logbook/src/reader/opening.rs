@@ -22,7 +22,7 @@ use rusqlite::{Connection, OpenFlags};
 use rustix::fs::OFlags;
 
 use crate::LogbookError;
-use crate::inodes::unless_in_writing;
+use crate::directory::open_files::unless_in_writing;
 
 /// The beginning of every SQLite file.
 const MAGIC: &[u8; 16] = b"SQLite format 3\0";

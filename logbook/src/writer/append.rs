@@ -3,9 +3,9 @@
 use survey::{Frame, Quality};
 
 use super::rows::{self, Unwritten};
-use super::stretches::Standing;
 use super::{SessionWriter, check_length, nanoseconds, span};
 use crate::row::{FrameRow, pack_trace};
+use crate::writer::segments::Standing;
 use crate::{LogbookError, MapRecord, Record};
 
 /// A frame, the trace of its map, and what was said about it if it came from another file.

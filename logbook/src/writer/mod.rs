@@ -1,12 +1,13 @@
 //! Writing a session. Each call is one transaction, on disk when it returns.
 
 mod append;
+mod file_identity;
 mod late;
 mod parts;
-mod place;
 mod references;
 mod rows;
-mod stretches;
+mod segments;
+pub(crate) mod size;
 
 use std::fs::{DirBuilder, File, OpenOptions};
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
@@ -17,18 +18,18 @@ use chrono::{DateTime, Utc};
 use rusqlite::{Connection, OpenFlags, params};
 use survey::{Baseline, Checks, Settings};
 
-use crate::inodes::InWriting;
+use crate::directory::open_files::InWriting;
 use crate::reader::companion;
 use crate::row::{Seal, Tally, closing_checksum};
 use crate::schema;
 use crate::{DiskFault, LogbookError, MapRecord, SessionHeader};
 
+use crate::writer::file_identity::FilePlace;
+use crate::writer::segments::Stretches;
 pub use parts::{CONTINUED, RESUMED, Resumed, Taken};
 pub(crate) use parts::{CONTINUED_IN, set_aside_journal};
-use place::FilePlace;
 use references::References;
 use rows::Unwritten;
-use stretches::Stretches;
 
 /// Bounds of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -104,7 +105,7 @@ impl SessionWriter {
         beginning: &Beginning<'_>,
     ) -> Result<Self, LogbookError> {
         check_id(&header.id)?;
-        let path = crate::shelf::path_of(dir, &header.id);
+        let path = crate::directory::path_of(dir, &header.id);
         make_folder(dir)
             .map_err(|source| LogbookError::disk(&path, "make the folder of", source))?;
         // Made here, not by SQLite, because only this refuses a file that is already there.

@@ -14,9 +14,10 @@ use super::{
     Beginning, SessionWriter, Storage, adjust, discard, nanoseconds, open_for_writing,
     write_closing,
 };
+use crate::directory;
+use crate::directory::part_of;
 use crate::reader::companion;
 use crate::row::Tally;
-use crate::shelf::{self, part_of};
 use crate::{LogbookError, SessionHeader, SessionReader};
 
 /// Kind of the event that a resumed session begins again with; [`Resumed::before`] counts them.
@@ -85,7 +86,7 @@ impl SessionWriter {
                 reason: closing.reason.clone(),
             });
         }
-        if let Some(by) = shelf::continued_by(path, &header.id)? {
+        if let Some(by) = directory::continued_by(path, &header.id)? {
             return Err(LogbookError::Continued {
                 path: path.to_owned(),
                 by,
@@ -124,7 +125,7 @@ impl SessionWriter {
     ) -> Result<(Self, Resumed), LogbookError> {
         let path = path.as_ref();
         let session = SessionReader::open(path)?;
-        if let Some(by) = shelf::continued_by(path, &session.header().id)? {
+        if let Some(by) = directory::continued_by(path, &session.header().id)? {
             return Err(LogbookError::Continued {
                 path: path.to_owned(),
                 by,
@@ -216,12 +217,12 @@ impl SessionWriter {
         let Some(earlier) = &self.header.continues else {
             return;
         };
-        let dir = shelf::folder_of(&self.path);
+        let dir = directory::folder_of(&self.path);
         let Ok(at) = nanoseconds(self.header.started, "the start of the session") else {
             return;
         };
         let close = || -> Result<(), LogbookError> {
-            let path = shelf::path_of(dir, earlier);
+            let path = directory::path_of(dir, earlier);
             let failed = |source| LogbookError::writing(&path, "close", source);
             if SessionReader::open(&path)?.closed().is_some() {
                 return Ok(());
@@ -254,7 +255,7 @@ fn next_part(
     storage: Storage,
     beginning: &Beginning<'_>,
 ) -> Result<SessionWriter, LogbookError> {
-    let dir = shelf::folder_of(path);
+    let dir = directory::folder_of(path);
     let (session, part) = part_of(&header.id);
     let mut number = part;
     loop {

@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-use simulator::{Pace, Profile, SimulatedRig};
 use chrono::{DateTime, Utc};
 use gpio_mux::GpioMux;
 use keithley_6221::Keithley6221;
@@ -11,6 +10,7 @@ use rig::{
     AcquireError, BoxStream, Clock, CurrentSource, Link, MeterSettings, Rig, Stop, Switch,
     Voltmeter, acquire,
 };
+use simulator::{Pace, Profile, SimulatedRig};
 use survey::{Amps, Frame, Plan, Protocol, Volts, Wiring};
 
 const DEADLINE: Duration = Duration::from_secs(20);

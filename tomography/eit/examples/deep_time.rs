@@ -6,7 +6,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use eit::network::{Layer, Weights};
+use eit::inverse::learned::network::{Layer, Weights};
 use eit::{DeepNetwork, DeepSettings, Network, Precision, model};
 use rayon::prelude::*;
 

@@ -23,37 +23,30 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod bounded;
 mod calibration;
 mod case;
-mod data_space;
-mod dense;
-mod fold;
 mod forward;
-mod hyper;
-mod interior;
+pub mod inverse;
 mod jacobian;
-mod kmeans;
-mod linear;
-mod loss_only;
-pub mod merit;
+pub(crate) mod linear_algebra;
 mod mesh;
-mod mesher;
+pub mod metrics;
 pub mod model;
-pub mod network;
-mod novelty;
-mod one_step;
 pub mod preset;
-mod prior;
-mod processor;
-mod quick;
-mod rbf;
-mod reconstructor;
-mod sparse;
 mod training;
-mod tv;
-mod wide;
 
+pub use crate::inverse::hyper_parameter::{l_curve_lambda, probable_lambda};
+pub use crate::inverse::learned::network::{DeepNetwork, DeepReport, DeepSettings, Precision};
+pub use crate::inverse::learned::rbf::{NOVELTY_LIMIT, RbfNetwork, RbfReconstructor};
+pub use crate::inverse::loss_only::LossOnly;
+pub use crate::inverse::one_step::{
+    CLIPPED, EXPECTED_CHANGE, Hyper, MODEL_SHARE, OneStep, OneStepError, OneStepOptions, Scale,
+    UNEXPLAINED,
+};
+pub use crate::inverse::prior::{Prior, SMOOTH_LENGTH_M};
+pub use crate::inverse::reconstructor::{MOST_MISSING, Novelty, ReconstructError, Reconstructor};
+pub use crate::inverse::tv::{Strength, TV_STRENGTH, Tv, TvError, TvOptions, TvSolution};
+pub use crate::linear_algebra::processor::cpu_features;
 pub use calibration::{
     CALIBRATION_KIND, CONTRADICTION, Calibration, CalibrationError, FEWEST_PRESSES,
     FEWEST_PRESSURES, KnownPress, Pressure,
@@ -63,27 +56,15 @@ pub use case::{
     read_frames, read_named_frames, read_protocol,
 };
 pub use forward::{Admitted, FLOOR, Fields, Forward, ForwardError, Workspace};
-pub use hyper::{l_curve_lambda, probable_lambda};
 pub use jacobian::Parameters;
-pub use loss_only::LossOnly;
 pub use mesh::{ENOUGH_EDGES, Mesh, MeshError, MeshQuality};
 pub use model::{Model, ModelError, Network, Report, load_reconstructor};
-pub use network::{DeepNetwork, DeepReport, DeepSettings, Precision};
-pub use one_step::{
-    CLIPPED, EXPECTED_CHANGE, Hyper, MODEL_SHARE, OneStep, OneStepError, OneStepOptions, Scale,
-    UNEXPLAINED,
-};
 /// What becomes of a file that has the name of a model or case already.
 pub use outfile::Existing;
 pub use preset::{DiscTank, PaperSheet, Preset, SheetElectrode};
-pub use prior::{Prior, SMOOTH_LENGTH_M};
-pub use processor::cpu_features;
-pub use rbf::{NOVELTY_LIMIT, RbfNetwork, RbfReconstructor};
-pub use reconstructor::{MOST_MISSING, Novelty, ReconstructError, Reconstructor};
 pub use training::{
     CentresReading, ChangeReading, DistancesReading, Jitter, LossReading, Noise, OpenReadings,
     PointsReading, Sample, SampleError, Samples, Simulation, SizeReading, SpreadReading, Stage,
     TrainError, TrainingReport, TrainingSet, TrainingSettings, dense_target, train_rbf,
     train_rbf_on,
 };
-pub use tv::{Strength, TV_STRENGTH, Tv, TvError, TvOptions, TvSolution};

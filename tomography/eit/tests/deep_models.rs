@@ -2,8 +2,8 @@
 
 use std::sync::{Arc, OnceLock};
 
+use eit::inverse::learned::network::{Familiar, Layer, Rounding, Weights};
 use eit::model::{load, save};
-use eit::network::{Familiar, Layer, Rounding, Weights};
 use eit::{
     DeepNetwork, DeepReport, DeepSettings, DiscTank, Forward, Mesh, Model, ModelError, Network,
     Precision, ReconstructError, Reconstructor, Report, TrainingSettings,

@@ -5,7 +5,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use eit::network::{OnnxError, load_onnx};
+use eit::inverse::learned::network::{OnnxError, load_onnx};
 use eit::{DiscTank, Mesh, Reconstructor};
 use survey::{Protocol, Reading, Volts};
 

@@ -7,7 +7,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use eit::network::{Familiar, Layer, Rounding, Weights};
+use eit::inverse::learned::network::{Familiar, Layer, Rounding, Weights};
 use eit::{
     Case, DeepNetwork, DeepReport, DeepSettings, Jitter, Model, Network, Noise, Precision, Preset,
     Report, Samples, Simulation, TrainingSettings, dense_target, model,

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use eit::digits;
-use eit::merit::{Image, likeness};
+use eit::metrics::{Image, likeness};
 
 use crate::args::MeritOptions;
 use crate::failure::Failure;

@@ -148,7 +148,7 @@ fn a_linear_map_is_trained_loaded_and_finds_a_press() {
     let truth: Vec<f64> = (0..map.len())
         .map(|t| if pressed(t) { -0.5 } else { 0.0 })
         .collect();
-    let like = eit::merit::likeness(map, &truth, &mesh.region_areas());
+    let like = eit::metrics::likeness(map, &truth, &mesh.region_areas());
     println!("correlation {:.3}", like.correlation);
     let line = "reconstruct --case {} --model {} --frames {} --baseline {} --out {} --loss-only";
     let paths: [&Path; 5] = [&case, &model, &at("v1.csv"), &at("v0.csv"), &at("cut.csv")];

@@ -9,11 +9,12 @@ use zbus::connection::Builder;
 use super::super::caller::Caller;
 use super::super::gate::Threads;
 use super::*;
-use crate::containment::blocking;
-use crate::guard::{self, tests as guarded};
-use crate::keeper::Keeper;
-use crate::prepare::{FramesFrom, prepare};
-use crate::rig_assembly::{Closed, assemble};
+use crate::instruments::assembly::{Closed, assemble};
+use crate::instruments::panic_handler;
+use crate::instruments::panic_handler::tests as guarded;
+use crate::preparation::{FramesFrom, prepare};
+use crate::service::containment::blocking;
+use crate::session::controller::Keeper;
 
 /// It answers under the manager's name: the table of actions knows its methods.
 struct Panics;
@@ -110,7 +111,7 @@ where
 #[tokio::test(flavor = "multi_thread")]
 async fn a_panic_while_answering_leaves_the_session_running() {
     let _alone = guarded::alone().await;
-    guard::install();
+    panic_handler::install();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("config.toml");
     let scene = folder.path().join("scene.toml");
@@ -130,8 +131,11 @@ async fn a_panic_while_answering_leaves_the_session_running() {
         .unwrap();
     let sheet = bench.clone().unwrap();
     let keeper = Keeper::new(prepared, bench, Some(assembled), tape, SystemClock::new());
-    let panics = guard::listen();
-    tokio::spawn(guard::keep(std::sync::Arc::clone(&keeper), guard::listen()));
+    let panics = panic_handler::listen();
+    tokio::spawn(panic_handler::keep(
+        std::sync::Arc::clone(&keeper),
+        panic_handler::listen(),
+    ));
     let options = dbus::Options::new().with("frames", 1000_u64);
     let live = keeper.record_baseline(&options).await.unwrap();
     guarded::current_flows(&sheet).await;

@@ -6,13 +6,13 @@ const DAY: u64 = 86_400;
 
 /// Time of day and date, counted from what they were at time zero.
 #[derive(Debug)]
-pub(super) struct Calendar {
+pub(crate) struct Calendar {
     /// Since 1970-01-01, minus the instrument's time, ms.
     offset: i64,
 }
 
 impl Calendar {
-    pub(super) fn new(at_zero: Duration) -> Self {
+    pub(crate) fn new(at_zero: Duration) -> Self {
         Self {
             offset: milliseconds(at_zero),
         }
@@ -23,13 +23,13 @@ impl Calendar {
         u64::try_from(self.offset + milliseconds(at)).unwrap_or(0)
     }
 
-    pub(super) fn set_date(&mut self, year: i32, month: u32, day: u32, at: Duration) {
+    pub(crate) fn set_date(&mut self, year: i32, month: u32, day: u32, at: Duration) {
         let time_of_day = self.shown(at) % (DAY * 1000);
         let days = days_before(year, month, day);
         self.set(days * DAY * 1000 + time_of_day, at);
     }
 
-    pub(super) fn set_time(&mut self, hour: u32, minute: u32, second: f64, at: Duration) {
+    pub(crate) fn set_time(&mut self, hour: u32, minute: u32, second: f64, at: Duration) {
         let midnight = self.shown(at) / (DAY * 1000) * (DAY * 1000);
         let whole = u64::from(hour * 3600 + minute * 60) * 1000;
         // At most 60 s.
@@ -41,13 +41,13 @@ impl Calendar {
     }
 
     /// `yyyy,mm,dd`.
-    pub(super) fn date(&self, at: Duration) -> String {
+    pub(crate) fn date(&self, at: Duration) -> String {
         let (year, month, day) = date(self.shown(at) / (DAY * 1000));
         format!("{year:04},{month:02},{day:02}")
     }
 
     /// `hh,mm,ss.sss`.
-    pub(super) fn time(&self, at: Duration) -> String {
+    pub(crate) fn time(&self, at: Duration) -> String {
         let time = self.shown(at) % (DAY * 1000);
         let (hours, minutes) = (time / 3_600_000, time / 60_000 % 60);
         let (seconds, thousandths) = (time / 1000 % 60, time % 1000);
@@ -55,7 +55,7 @@ impl Calendar {
     }
 
     /// `yyyy,mm,dd,hh,mm,ss.sss`.
-    pub(super) fn stamp(&self, at: Duration) -> String {
+    pub(crate) fn stamp(&self, at: Duration) -> String {
         format!("{},{}", self.date(at), self.time(at))
     }
 }

@@ -5,10 +5,10 @@ use std::time::Duration;
 
 use scpi::{ParseError, quote};
 
-use super::obey::Turn;
-use super::trouble::Trouble;
 use super::{Session, Simulator34980a, Wires};
 use crate::command::{Command, Message};
+use crate::simulator::errors::Trouble;
+use crate::simulator::execute::Turn;
 
 /// Sequences that the memory holds, and bytes of each.
 const MOST: usize = 500;
@@ -19,7 +19,7 @@ const DEEPEST: u32 = 4;
 const MOST_WAITING: usize = 8;
 
 #[derive(Debug, Default)]
-pub(super) struct Sequences {
+pub(crate) struct Sequences {
     definitions: BTreeMap<String, Message>,
     /// What is still to be done, with how deep it is nested.
     steps: VecDeque<(u32, Command)>,
@@ -29,15 +29,15 @@ pub(super) struct Sequences {
 }
 
 impl Sequences {
-    pub(super) fn due(&self) -> Option<Duration> {
+    pub(crate) fn due(&self) -> Option<Duration> {
         self.due
     }
 
-    pub(super) fn is_running(&self) -> bool {
+    pub(crate) fn is_running(&self) -> bool {
         self.due.is_some()
     }
 
-    pub(super) fn define(&mut self, name: String, commands: Message) -> Result<(), Trouble> {
+    pub(crate) fn define(&mut self, name: String, commands: Message) -> Result<(), Trouble> {
         if commands.to_string().len() > LONGEST {
             return Err(ParseError::TooMuchData.into());
         }
@@ -52,11 +52,11 @@ impl Sequences {
         self.definitions.get(name).ok_or(Trouble::NO_SEQUENCE)
     }
 
-    pub(super) fn definition(&self, name: &str) -> Result<String, Trouble> {
+    pub(crate) fn definition(&self, name: &str) -> Result<String, Trouble> {
         Ok(quote(&format!(":{}", self.find(name)?)))
     }
 
-    pub(super) fn delete(&mut self, name: Option<&str>) -> Result<(), Trouble> {
+    pub(crate) fn delete(&mut self, name: Option<&str>) -> Result<(), Trouble> {
         match name {
             None => self.definitions.clear(),
             Some(name) => {
@@ -67,7 +67,7 @@ impl Sequences {
         Ok(())
     }
 
-    pub(super) fn catalog(&self) -> String {
+    pub(crate) fn catalog(&self) -> String {
         if self.definitions.is_empty() {
             return quote("");
         }
@@ -76,7 +76,7 @@ impl Sequences {
     }
 
     /// Begins a sequence, or lets it wait for the one that runs.
-    pub(super) fn run(&mut self, name: &str, now: Duration) -> Result<(), Trouble> {
+    pub(crate) fn run(&mut self, name: &str, now: Duration) -> Result<(), Trouble> {
         let commands = self.find(name)?.0.clone();
         if self.is_running() {
             if self.waiting.len() == MOST_WAITING {
@@ -91,7 +91,7 @@ impl Sequences {
     }
 
     /// Does a sequence within the one that runs.
-    pub(super) fn run_within(&mut self, name: &str, depth: u32) -> Result<(), Trouble> {
+    pub(crate) fn run_within(&mut self, name: &str, depth: u32) -> Result<(), Trouble> {
         if depth >= DEEPEST {
             return Err(Trouble::NESTED_TOO_DEEP);
         }
@@ -103,7 +103,7 @@ impl Sequences {
     }
 
     /// Stops what runs, and forgets what waits.
-    pub(super) fn abort(&mut self) {
+    pub(crate) fn abort(&mut self) {
         self.steps.clear();
         self.waiting.clear();
         self.due = None;
@@ -112,7 +112,7 @@ impl Sequences {
 
 impl Simulator34980a {
     /// Does the next step of the sequence that runs.
-    pub(super) fn step(&mut self, due: Duration, wires: &mut dyn Wires) {
+    pub(crate) fn step(&mut self, due: Duration, wires: &mut dyn Wires) {
         let Some((depth, command)) = self.sequences.steps.pop_front() else {
             self.sequences.due = None;
             if let Some(next) = self.sequences.waiting.pop_front()

@@ -24,7 +24,7 @@ pub enum Output {
 }
 
 #[derive(Debug, Default)]
-pub(super) struct Sessions {
+pub(crate) struct Sessions {
     names: BTreeMap<Session, String>,
     /// Replies not read yet, and when they are ready.
     replies: BTreeMap<Session, (String, Duration)>,
@@ -35,26 +35,26 @@ pub(super) struct Sessions {
 }
 
 impl Sessions {
-    pub(super) fn has_reply(&self, session: Session) -> bool {
+    pub(crate) fn has_reply(&self, session: Session) -> bool {
         self.replies.contains_key(&session)
     }
 
     /// When a message that has come is taken up: messages of one session follow one another.
-    pub(super) fn takes_up(&self, session: Session, at: Duration) -> Duration {
+    pub(crate) fn takes_up(&self, session: Session, at: Duration) -> Duration {
         self.busy.get(&session).map_or(at, |busy| at.max(*busy))
     }
 
-    pub(super) fn keep_busy(&mut self, session: Session, until: Duration) {
+    pub(crate) fn keep_busy(&mut self, session: Session, until: Duration) {
         self.busy.insert(session, until);
     }
 
-    pub(super) fn is_locked(&self) -> bool {
+    pub(crate) fn is_locked(&self) -> bool {
         self.lock.is_some()
     }
 
     /// Whether another session's lock forbids a command: the state may be asked for, but not changed, and nothing be
     /// measured.
-    pub(super) fn forbids(&self, session: Session, query: bool, command: &Command) -> bool {
+    pub(crate) fn forbids(&self, session: Session, query: bool, command: &Command) -> bool {
         if self.lock.is_none_or(|(owner, _)| owner == session) {
             return false;
         }
@@ -79,7 +79,7 @@ impl Sessions {
         }
     }
 
-    pub(super) fn request_lock(&mut self, session: Session) -> bool {
+    pub(crate) fn request_lock(&mut self, session: Session) -> bool {
         match &mut self.lock {
             None => self.lock = Some((session, 1)),
             Some((owner, requests)) if *owner == session => *requests = requests.saturating_add(1),
@@ -88,7 +88,7 @@ impl Sessions {
         true
     }
 
-    pub(super) fn release_lock(&mut self, session: Session) {
+    pub(crate) fn release_lock(&mut self, session: Session) {
         match &mut self.lock {
             Some((owner, requests)) if *owner == session && *requests > 1 => *requests -= 1,
             Some((owner, _)) if *owner == session => self.lock = None,
@@ -97,12 +97,12 @@ impl Sessions {
     }
 
     /// How `SYST:LOCK:NAME?` calls a session.
-    pub(super) fn name(&self, session: Session) -> String {
+    pub(crate) fn name(&self, session: Session) -> String {
         let named = self.names.get(&session).cloned();
         named.unwrap_or_else(|| format!("LAN{}", session.0 + 1))
     }
 
-    pub(super) fn owner(&self) -> String {
+    pub(crate) fn owner(&self) -> String {
         match self.lock {
             Some((owner, _)) => self.name(owner),
             None => "NONE".to_owned(),

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::ForwardError;
 use crate::Mesh;
-use crate::sparse::{Analysis, Network, dissect};
+use crate::linear_algebra::sparse::{Analysis, Network, dissect};
 
 /// A mesh edge as a resistor of conductance Σ sigma\[t\] c over its triangles, away from electrodes.
 pub(super) struct Plain {

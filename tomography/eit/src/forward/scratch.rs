@@ -5,7 +5,7 @@ use nalgebra::DMatrix;
 use super::ring::{Ring, neighbours};
 use super::system::{Form, System};
 use super::{Admitted, Forward, ForwardError, Solution};
-use crate::sparse::{Block, Factor, SparseError, gram};
+use crate::linear_algebra::sparse::{Block, Factor, SparseError, gram};
 
 /// A correction below this share of the solution ends the refinement.
 const REFINED: f64 = 1e-11;

@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 
 use super::system::Form;
 use super::{Fields, Forward};
-use crate::sparse::Block;
+use crate::linear_algebra::sparse::Block;
 
 /// Unknowns of some drives as they come from the solver, with what is needed to read them.
 pub(crate) struct Solution<'s> {

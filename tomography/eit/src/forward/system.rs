@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 
 use super::Forward;
 use super::layout::{NONE, PAIRS};
-use crate::sparse::Block;
+use crate::linear_algebra::sparse::Block;
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Form {

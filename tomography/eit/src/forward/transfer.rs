@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 
 use super::{Forward, ForwardError};
-use crate::dense;
+use crate::linear_algebra::dense;
 
 impl Forward {
     /// The matrix Z with U = Z I for every I that sums to zero: electrodes x electrodes, ohm, symmetric, rows and

@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 use survey::{Dipole, Electrode, Measurement, Protocol};
 
 use super::{Kind, Metadata, Model, ModelError, Network, VERSION, fingerprint, fits, hex};
-use crate::network::{DeepNetwork, Familiar, Layer, Weights};
+use crate::inverse::learned::network::{DeepNetwork, Familiar, Layer, Weights};
 use crate::{Mesh, RbfNetwork};
 
 /// Name of the one metadata entry.

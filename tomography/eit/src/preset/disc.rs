@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use serde::{Deserialize, Serialize};
 
 use super::{positive, reasonable_fineness};
-use crate::mesher::{Domain, fill, length};
+use crate::mesh::generation::{Domain, fill, length};
 use crate::{Mesh, MeshError};
 
 const PRESET: &str = "disc-tank";
@@ -191,7 +191,7 @@ impl DiscTank {
 /// Inner points of a gap of the given length: edges grow from its ends towards its middle.
 fn cut_gap(length: f64, end: f64, growth: f64, far: f64) -> Vec<f64> {
     let size = |p: [f64; 2]| (end + growth * p[0].min(length - p[0])).min(far);
-    crate::mesher::cut([0.0, 0.0], [length, 0.0], &size)
+    crate::mesh::generation::cut([0.0, 0.0], [length, 0.0], &size)
         .into_iter()
         .map(|p| p[0])
         .collect()

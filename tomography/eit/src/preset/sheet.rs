@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::{positive, reasonable_edge, reasonable_fineness};
-use crate::mesher::{Domain, cut, fill, length};
+use crate::mesh::generation::{Domain, cut, fill, length};
 use crate::{Mesh, MeshError};
 
 const PRESET: &str = "paper-sheet";
@@ -206,7 +206,7 @@ impl PaperSheet {
     }
 
     /// Nodes and triangles of the lower left quarter, mm.
-    fn quarter(&self) -> Result<crate::mesher::Filled, MeshError> {
+    fn quarter(&self) -> Result<crate::mesh::generation::Filled, MeshError> {
         let high = [0.5 * self.width_mm, 0.5 * self.height_mm];
         let half = 0.5 * self.void_mm;
         let on_edge = self.electrode == SheetElectrode::Edge;
@@ -295,7 +295,7 @@ impl PaperSheet {
         })
     }
 
-    fn mirror(&self, quarter: crate::mesher::Filled) -> crate::mesher::Filled {
+    fn mirror(&self, quarter: crate::mesh::generation::Filled) -> crate::mesh::generation::Filled {
         let (mut nodes, mut triangles) = quarter;
         for (axis, extent) in [(0, self.width_mm), (1, self.height_mm)] {
             let twin: Vec<usize> = {

@@ -10,7 +10,7 @@ use survey::Protocol;
 
 use super::samples::{Sample, SampleError, Samples};
 use super::{Purpose, TrainError, TrainingSettings, check, stream};
-use crate::rbf::Sparse;
+use crate::inverse::learned::rbf::Sparse;
 use crate::{Forward, Mesh};
 
 /// What the paper's text leaves open, each with the reading that is taken where nothing is said.

@@ -2,7 +2,7 @@
 
 use std::error::Error;
 
-use crate::rbf::Sparse;
+use crate::inverse::learned::rbf::Sparse;
 
 /// A case without jitter.
 #[derive(Debug, Clone, PartialEq)]

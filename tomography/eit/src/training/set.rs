@@ -11,7 +11,7 @@ use super::noise::Noise;
 use super::samples::{Sample, SampleError, Samples};
 use super::{Stage, TrainError, TrainingSettings};
 use crate::Mesh;
-use crate::rbf::Sparse;
+use crate::inverse::learned::rbf::Sparse;
 
 /// Cases without jitter, in memory.
 pub struct TrainingSet {

@@ -1,6 +1,6 @@
 //! Samples with their jitter, in batches; and what the inputs of a training set are like.
 
-use eit::network::Familiar;
+use eit::inverse::learned::network::Familiar;
 use eit::{Noise, Sample, SampleError, Samples};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -1,7 +1,7 @@
 //! The network while it is trained: weights, Adam's moments, activations of a batch, and one step.
 
 use eit::DeepSettings;
-use eit::network::{elu, elu_slope};
+use eit::inverse::learned::network::{elu, elu_slope};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;

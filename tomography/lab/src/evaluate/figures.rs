@@ -1,6 +1,6 @@
 //! Figures of a method's maps: frame by frame, and their means over a set.
 
-use eit::merit::likeness;
+use eit::metrics::likeness;
 
 use super::maps::{Frame, Judged};
 use super::raster::Raster;

@@ -1,7 +1,7 @@
 //! Maps as pixels, for SSIM and GREIT's figures.
 
 use eit::Case;
-use eit::merit::Image;
+use eit::metrics::Image;
 
 use crate::failure::Failure;
 

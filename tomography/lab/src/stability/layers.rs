@@ -1,6 +1,6 @@
 //! Hard cases 25 to 29: normalisation, saturation, divergence and precision of the deep network.
 
-use eit::network::{Layer, Weights, elu, elu_slope};
+use eit::inverse::learned::network::{Layer, Weights, elu, elu_slope};
 use eit::{
     DeepNetwork, DeepSettings, Jitter, Noise, Precision, SampleError, Samples, Simulation,
     TrainingSettings,

@@ -3,7 +3,6 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use simulator::{FrameTimes, Profile};
 use eit::{Hyper, Mesh, OneStep, OneStepOptions, PaperSheet, Preset, Reconstructor};
 use nalgebra::{DMatrix, Matrix2};
 use phantom::{FINER, Load, Phantom, Scene, across, table_noise};
@@ -11,6 +10,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 use rayon::prelude::*;
+use simulator::{FrameTimes, Profile};
 use survey::{Amps, Measurement, Plan, Protocol, RangeRule, Reading, Volts, Wiring};
 
 use super::Effort;

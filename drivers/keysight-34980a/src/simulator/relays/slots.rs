@@ -8,11 +8,11 @@ use survey::Relay;
 use super::Relays;
 use crate::command::Protection;
 use crate::modules::{Model, Module};
-use crate::simulator::trouble::Trouble;
+use crate::simulator::errors::Trouble;
 
 /// One place of the mainframe.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Slot {
+pub(crate) struct Slot {
     pub(super) module: Option<Module>,
     pub(super) protection: Protection,
     /// The terminal block is open.
@@ -23,21 +23,21 @@ pub(super) struct Slot {
 
 /// How long the relays of each slot need.
 #[derive(Debug, Clone, Copy, Default)]
-pub(in crate::simulator) struct Moves([Duration; 8]);
+pub(crate) struct Moves([Duration; 8]);
 
 impl Moves {
     /// Until all have settled.
-    pub(in crate::simulator) fn longest(&self) -> Duration {
+    pub(crate) fn longest(&self) -> Duration {
         self.0.into_iter().max().unwrap_or_default()
     }
 
-    pub(super) fn at_least(&mut self, relay: Relay, time: Duration) {
+    pub(crate) fn at_least(&mut self, relay: Relay, time: Duration) {
         if let Some(slot) = self.0.get_mut((relay.0 / 1000) as usize - 1) {
             *slot = time.max(*slot);
         }
     }
 
-    pub(super) fn then(mut self, after: Self) -> Self {
+    pub(crate) fn then(mut self, after: Self) -> Self {
         for (slot, more) in self.0.iter_mut().zip(after.0) {
             *slot += more;
         }
@@ -47,7 +47,7 @@ impl Moves {
 
 impl Relays {
     /// A relay that conducts (true) or does not, whatever it is told; `None` mends it.
-    pub(in crate::simulator) fn stick(&mut self, relay: Relay, conducts: Option<bool>) {
+    pub(crate) fn stick(&mut self, relay: Relay, conducts: Option<bool>) {
         self.stuck_open.remove(&relay);
         self.stuck_closed.remove(&relay);
         match conducts {
@@ -58,7 +58,7 @@ impl Relays {
     }
 
     /// Another module in a slot, or none. Its relays are open.
-    pub(in crate::simulator) fn replace(&mut self, slot: u32, module: Option<Module>) {
+    pub(crate) fn replace(&mut self, slot: u32, module: Option<Module>) {
         if let Some(place) = self.place_mut(slot) {
             *place = Slot {
                 module,
@@ -71,7 +71,7 @@ impl Relays {
     }
 
     /// Opens or shuts a terminal block. An open one opens the relays to the buses (section 3).
-    pub(in crate::simulator) fn interlock(&mut self, slot: u32, open: bool) {
+    pub(crate) fn interlock(&mut self, slot: u32, open: bool) {
         if let Some(place) = self.place_mut(slot) {
             place.interlocked = open;
         }
@@ -95,7 +95,7 @@ impl Relays {
         self.place_mut(slot).ok_or(Trouble::SLOT)
     }
 
-    pub(in crate::simulator) fn protection(&self, slot: u32) -> Result<Protection, Trouble> {
+    pub(crate) fn protection(&self, slot: u32) -> Result<Protection, Trouble> {
         if self.module(slot)?.model() != Model::M34934A {
             return Err(Trouble::UNABLE);
         }
@@ -103,24 +103,20 @@ impl Relays {
         Ok(place.map_or(Protection::default(), |place| place.protection))
     }
 
-    pub(in crate::simulator) fn protect(
-        &mut self,
-        slot: u32,
-        protection: Protection,
-    ) -> Result<(), Trouble> {
+    pub(crate) fn protect(&mut self, slot: u32, protection: Protection) -> Result<(), Trouble> {
         self.protected(slot)?.protection = protection;
         Ok(())
     }
 
     /// As `*RST` leaves the rows.
-    pub(in crate::simulator) fn reset_protection(&mut self) {
+    pub(crate) fn reset_protection(&mut self) {
         for slot in &mut self.slots {
             slot.protection = Protection::default();
         }
     }
 
     /// What is screwed to a module, by name.
-    pub(in crate::simulator) fn terminal_type(&self, slot: u32) -> Result<String, Trouble> {
+    pub(crate) fn terminal_type(&self, slot: u32) -> Result<String, Trouble> {
         let module = self.module(slot)?;
         Ok(if self.slots[slot as usize - 1].interlocked {
             "NONE".to_owned()
@@ -130,7 +126,7 @@ impl Relays {
     }
 
     /// Counts the time that relays need from now on, and says when all of them will have settled.
-    pub(in crate::simulator) fn settle(&mut self, moves: Moves, now: Duration) -> Duration {
+    pub(crate) fn settle(&mut self, moves: Moves, now: Duration) -> Duration {
         let mut until = now;
         for (slot, time) in self.slots.iter_mut().zip(moves.0) {
             if !time.is_zero() {
@@ -142,7 +138,7 @@ impl Relays {
     }
 
     /// When the relays of a slot, or of all, have settled.
-    pub(in crate::simulator) fn settled_at(&self, slot: Option<u32>) -> Duration {
+    pub(crate) fn settled_at(&self, slot: Option<u32>) -> Duration {
         let of = |slot: u32| self.slots.get(slot as usize - 1);
         match slot {
             Some(slot) => of(slot).map_or(Duration::ZERO, |place| place.settled),

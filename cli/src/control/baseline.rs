@@ -1,0 +1,189 @@
+//! `tactus baseline`: record the unloaded sheet, show what is subtracted.
+
+use std::io::Write;
+
+use chrono::{DateTime, Local, SecondsFormat};
+use dbus::{BaselineReport, Options};
+use serde::Serialize;
+use survey::{Amps, Volts};
+
+use crate::args::BaselineRecord;
+use crate::control::connection::{Daemon, fault};
+use crate::control::session;
+use crate::failure::Failure;
+use crate::output::Printer;
+
+/// The line of `baseline show --json`; see `cli/JSON.md`.
+#[derive(Debug, Serialize)]
+struct Shown {
+    id: String,
+    wall: String,
+    frames: u64,
+    readings: usize,
+    missing: usize,
+    /// Root mean square of the valid readings, V.
+    rms_v: Option<f64>,
+    /// Root mean square over the readings of one reading's standard deviation, V.
+    noise_v: Option<f64>,
+    simulated: bool,
+    current_a: Option<f64>,
+    range_v: Option<f64>,
+    nplc: Option<f64>,
+    settle_s: Option<f64>,
+    wiring: Option<String>,
+    protocol_hash: Option<String>,
+    /// V, in the protocol's order; null where there is none.
+    volts: Vec<Option<f64>>,
+    /// 0 ok, 1 overload, 2 timeout, 3 not measured.
+    flags: Vec<u8>,
+}
+
+/// Records a baseline and, unless told otherwise, waits until it is done.
+pub(crate) async fn record(
+    daemon: &Daemon,
+    record: &BaselineRecord,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let options = Options::new()
+        .with("frames", u64::from(record.frames))
+        .with_some("note", record.note.clone());
+    let options = record.about.with(record.measuring.with(options));
+    let path = daemon
+        .ask("baseline", daemon.manager.record_baseline(&options))
+        .await?;
+    let session = daemon.session(path.into()).await?;
+    session::announce(daemon, &session, printer).await?;
+    if record.no_wait {
+        return printer.text("`tactus status` shows when it is done");
+    }
+    session::follow(
+        daemon,
+        &session,
+        Some(u64::from(record.frames)),
+        record.within,
+        printer,
+    )
+    .await
+}
+
+/// Shows the baseline that the next session will use.
+pub(crate) async fn show(
+    daemon: &Daemon,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let report = daemon
+        .ask("the baseline", daemon.manager.baseline())
+        .await?;
+    let (shown, wall) = from_report(report)?;
+    printer.record(&shown, |shown| for_a_person(shown, wall))
+}
+
+fn from_report(report: BaselineReport) -> Result<(Shown, DateTime<chrono::Utc>), Failure> {
+    let refused = |error| fault("the baseline", &error);
+    let number = |key| report.more.number(key).map_err(refused);
+    let text = |key| {
+        report
+            .more
+            .text(key)
+            .map(|text| text.map(str::to_owned))
+            .map_err(refused)
+    };
+    let wall = DateTime::from_timestamp_nanos(report.wall_ns);
+    let volts: Vec<Option<f64>> = report
+        .volts
+        .iter()
+        .zip(&report.flags)
+        .map(|(&volts, &flag)| Some(volts).filter(|volts| flag == 0 && volts.is_finite()))
+        .collect();
+    let shown = Shown {
+        id: report.id.clone(),
+        wall: wall.to_rfc3339_opts(SecondsFormat::Nanos, true),
+        frames: report.frames,
+        readings: volts.len(),
+        missing: volts.iter().filter(|volts| volts.is_none()).count(),
+        rms_v: rms(volts.iter().flatten().copied()),
+        noise_v: rms(report
+            .deviation
+            .iter()
+            .copied()
+            .filter(|deviation| deviation.is_finite())),
+        simulated: report.simulated,
+        current_a: number("current_a")?,
+        range_v: number("range_v")?,
+        nplc: number("nplc")?,
+        settle_s: number("settle_s")?,
+        wiring: text("wiring")?,
+        protocol_hash: text("protocol_hash")?,
+        volts,
+        flags: report.flags.clone(),
+    };
+    Ok((shown, wall))
+}
+
+fn rms(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (count, squares) = values.fold((0_usize, 0.0), |(count, squares), value| {
+        (count + 1, squares + value * value)
+    });
+    (count > 0).then(|| (squares / count as f64).sqrt())
+}
+
+fn for_a_person(shown: &Shown, wall: DateTime<chrono::Utc>) -> String {
+    let mut text = format!(
+        "baseline   {}{}\n\
+         recorded   {}, mean of {} frames\n\
+         readings   {}, {} of them missing",
+        shown.id,
+        if shown.simulated { "  (SIMULATED)" } else { "" },
+        wall.with_timezone(&Local).format("%Y-%m-%d %H:%M:%S"),
+        shown.frames,
+        shown.readings,
+        shown.missing,
+    );
+    if let Some(rms) = shown.rms_v {
+        text.push_str(&format!("\nrms        {}", Volts(rms)));
+    }
+    if let Some(noise) = shown.noise_v {
+        text.push_str(&format!(
+            "\nnoise      {} (one reading, from frame to frame)",
+            Volts(noise)
+        ));
+    }
+    if let Some(current) = shown.current_a {
+        text.push_str(&format!("\ncurrent    {}", Amps(current)));
+    }
+    if let Some(wiring) = &shown.wiring {
+        text.push_str(&format!("\nwiring     {wiring}"));
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::control::baseline::*;
+
+    #[test]
+    fn a_missing_reading_is_null_and_never_a_number() {
+        let (shown, wall) = from_report(BaselineReport {
+            id: "b1".into(),
+            wall_ns: 1_500_000_000,
+            frames: 10,
+            volts: vec![-0.3, f64::NAN, 9.9e37],
+            flags: vec![0, 1, 1],
+            deviation: vec![2e-6, f64::NAN, f64::NAN],
+            simulated: true,
+            more: Options::new().with("current_a", 1e-3).with("wiring", "w"),
+        })
+        .unwrap();
+        assert_eq!(
+            serde_json::to_string(&shown).unwrap(),
+            "{\"id\":\"b1\",\"wall\":\"1970-01-01T00:00:01.500000000Z\",\"frames\":10,\"readings\":3,\"missing\":2,\
+             \"rms_v\":0.3,\"noise_v\":2e-6,\"simulated\":true,\"current_a\":0.001,\"range_v\":null,\"nplc\":null,\
+             \"settle_s\":null,\"wiring\":\"w\",\"protocol_hash\":null,\"volts\":[-0.3,null,null],\"flags\":[0,1,1]}"
+        );
+        let text = for_a_person(&shown, wall);
+        assert!(
+            text.contains("SIMULATED") && text.contains("2 uV"),
+            "{text}"
+        );
+    }
+}

@@ -1,0 +1,341 @@
+//! The way to the daemon, and what its refusals mean for a person and for a script.
+
+use std::time::Duration;
+
+use dbus::{Address, ConnectError, Fault, Instrument1Proxy, Manager1Proxy, Session1Proxy};
+use zbus::DBusError;
+use zbus::proxy::CacheProperties;
+use zbus::{Connection, ObjectPath};
+
+use crate::args::Global;
+use crate::failure::Failure;
+
+/// A daemon that answered.
+pub(crate) struct Daemon {
+    connection: Connection,
+    /// Where it was found.
+    pub(crate) address: Address,
+    /// The longest that one call may take.
+    pub(crate) patience: Duration,
+    pub(crate) manager: Manager1Proxy<'static>,
+}
+
+/// Connects to the daemon that `--bus` or `TACTUS_BUS` names, or to the first of the usual places where one answers.
+///
+/// # Errors
+/// Nobody there, with how to start one; not allowed; an address that is none.
+pub(crate) async fn open(global: &Global) -> Result<Daemon, Failure> {
+    let named = match &global.bus {
+        Some(text) => Some(text.clone()),
+        None => std::env::var("TACTUS_BUS")
+            .ok()
+            .filter(|text| !text.is_empty()),
+    };
+    let wanted = named
+        .map(|text| text.parse::<Address>())
+        .transpose()
+        .map_err(|error| Failure::Usage(error.to_string()))?;
+    let reached = tokio::time::timeout(global.timeout, dbus::connect(wanted.as_ref()))
+        .await
+        .map_err(|_| late("the daemon", global.timeout))?;
+    let (connection, address) = reached.map_err(|error| unreached(&error))?;
+    let manager = Manager1Proxy::builder(&connection)
+        .cache_properties(CacheProperties::No)
+        .build()
+        .await
+        .map_err(|error| fault("the daemon", &error.into()))?;
+    Ok(Daemon {
+        connection,
+        address,
+        patience: global.timeout,
+        manager,
+    })
+}
+
+impl Daemon {
+    /// Awaits one answer, no longer than `--timeout`.
+    ///
+    /// # Errors
+    /// The daemon's refusal as a [`Failure`] that says what to do, or [`Failure::Timeout`].
+    pub(crate) async fn ask<T>(
+        &self,
+        what: &str,
+        answer: impl Future<Output = Result<T, Fault>>,
+    ) -> Result<T, Failure> {
+        tokio::time::timeout(self.patience, answer)
+            .await
+            .map_err(|_| late(what, self.patience))?
+            .map_err(|error| fault(what, &error))
+    }
+
+    /// The object of a session.
+    pub(crate) async fn session(
+        &self,
+        path: ObjectPath<'static>,
+    ) -> Result<Session1Proxy<'static>, Failure> {
+        let built = async {
+            Session1Proxy::builder(&self.connection)
+                .path(path)
+                .cache_properties(CacheProperties::No)
+                .build()
+                .await
+        };
+        built
+            .await
+            .map_err(|error| fault("the session", &error.into()))
+    }
+
+    /// The object of an instrument.
+    pub(crate) async fn instrument(
+        &self,
+        path: ObjectPath<'static>,
+    ) -> Result<Instrument1Proxy<'static>, Failure> {
+        let built = async {
+            Instrument1Proxy::builder(&self.connection)
+                .path(path)
+                .cache_properties(CacheProperties::No)
+                .build()
+                .await
+        };
+        built
+            .await
+            .map_err(|error| fault("the instrument", &error.into()))
+    }
+
+    /// The session that runs now, if one does.
+    pub(crate) async fn active(&self) -> Result<Option<Session1Proxy<'static>>, Failure> {
+        let path = self
+            .ask("the running session", self.manager.active_session())
+            .await?;
+        if path.as_str() == "/" {
+            return Ok(None);
+        }
+        self.session(path.into()).await.map(Some)
+    }
+
+    /// The session of that id, running or ended a short while ago.
+    pub(crate) async fn named(&self, id: &str) -> Result<Session1Proxy<'static>, Failure> {
+        let path = dbus::session_path(id).map_err(|error| Failure::Usage(error.to_string()))?;
+        let session = self.session(path).await?;
+        match self.ask("the session", session.id()).await {
+            Ok(_) => Ok(session),
+            Err(Failure::Missing(_)) => Err(Failure::Missing(format!(
+                "the daemon runs no session '{id}'; `tactus status` shows the running one, `tactus sessions` lists the recorded ones"
+            ))),
+            Err(other) => Err(other),
+        }
+    }
+}
+
+fn late(what: &str, patience: Duration) -> Failure {
+    Failure::Timeout(format!(
+        "{what}: no answer within {}; look at its journal, or wait longer with --timeout",
+        crate::options::duration::display_span(patience)
+    ))
+}
+
+fn unreached(error: &ConnectError) -> Failure {
+    match error {
+        ConnectError::NotAuthorized { .. } => Failure::NotAuthorised(format!(
+            "{error}; `sudo usermod -aG tactus USER` adds a user"
+        )),
+        ConnectError::Busy { .. } => Failure::Busy(format!("{error}; try again")),
+        ConnectError::NoDaemon { address, cause } => nobody(&[format!("{address} ({cause})")]),
+        ConnectError::Nowhere { tried } => nobody(tried),
+    }
+}
+
+/// Each place on a line of its own, then how to start one.
+fn nobody(tried: &[String]) -> Failure {
+    let mut text = "no daemon answers at".to_owned();
+    for place in tried {
+        text.push_str("\n  ");
+        text.push_str(&plainly(place));
+    }
+    text.push_str(
+        "\nStart one with `tactusd --config config.toml` (installed: `systemctl start tactusd`), or say where it is with \
+         --bus; recorded sessions need none: `tactus sessions`, `tactus export`, `tactus replay`",
+    );
+    Failure::Missing(text)
+}
+
+/// A reason without the numbers and names that only the system's own programmers read.
+fn plainly(reason: &str) -> String {
+    let mut text = reason.to_owned();
+    while let Some(from) = text.find(" (os error ") {
+        let Some(length) = text[from..].find(')') else {
+            break;
+        };
+        text.replace_range(from..=from + length, "");
+    }
+    text.replace("I/O error: ", "")
+        .replace("No such file or directory", "nothing is there")
+        .replace("Connection refused", "nobody listens there")
+}
+
+/// The daemon's refusal, with what to do next where its own words do not say it.
+pub(crate) fn fault(what: &str, fault: &Fault) -> Failure {
+    let said = fault.text();
+    let advise = |advice: &str| {
+        if said.contains("`tactus") || said.contains(advice) {
+            said.clone()
+        } else {
+            format!("{said}; {advice}")
+        }
+    };
+    match fault {
+        Fault::SessionActive(_) => {
+            Failure::Failed(advise("`tactus stop` ends the running session"))
+        }
+        Fault::NoSession(_) => Failure::Missing(advise(
+            "`tactus start` starts one, `tactus sessions` lists the recorded ones",
+        )),
+        Fault::NoBaseline(_) => Failure::Missing(advise(
+            "take all loads off the sheet and run `tactus baseline record`",
+        )),
+        Fault::BaselineMismatch(_) => Failure::Configuration(advise(
+            "take all loads off the sheet and run `tactus baseline record`",
+        )),
+        Fault::ModelMismatch(_) | Fault::ModelFile(_) => Failure::Configuration(advise(
+            "name a model made for this sheet with --model, or use --model one-step",
+        )),
+        Fault::RecordingFault(_) | Fault::Configuration(_) => Failure::Configuration(said),
+        Fault::InstrumentFault(_) => {
+            Failure::Instrument(advise("`tactus instruments` shows which ones answer"))
+        }
+        Fault::DiskRefused(_) => Failure::Failed(advise("free space, then `tactus start` again")),
+        Fault::NotAuthorized(_) => {
+            Failure::NotAuthorised(advise("ask for the group tactus, or run as root"))
+        }
+        Fault::LimitsExceeded(_) => {
+            Failure::Busy(advise("end what is not needed any more, or try again"))
+        }
+        Fault::InvalidOption(_) => Failure::Usage(said),
+        Fault::NoFrame(_) => Failure::Failed(advise("`tactus watch` waits for the first")),
+        Fault::Unsupported(_) | Fault::Failed(_) => Failure::Failed(said),
+        Fault::Connection(zbus::Error::FDO(standard)) => {
+            let name = standard.name();
+            let said = standard.description().unwrap_or_default();
+            undelivered(what, name.as_str(), said)
+        }
+        Fault::Connection(zbus::Error::MethodError(name, said, _)) => {
+            undelivered(what, name.as_str(), said.as_deref().unwrap_or_default())
+        }
+        Fault::Connection(zbus::Error::InputOutput(_)) => gone(what, &said),
+        Fault::Connection(_) => Failure::Failed(format!("{what}: {said}")),
+    }
+}
+
+/// An error that is not the daemon's own: the bus, or the library at the other end, says it.
+fn undelivered(what: &str, name: &str, said: &str) -> Failure {
+    match name.rsplit('.').next().unwrap_or(name) {
+        "AccessDenied" | "AuthFailed" | "InteractiveAuthorizationRequired" => {
+            Failure::NotAuthorised(format!(
+                "{what}: {said}; ask for the group tactus, or run as root"
+            ))
+        }
+        "UnknownObject" => Failure::Missing(format!("{what}: {said}")),
+        "UnknownMethod" | "UnknownInterface" | "UnknownProperty" => Failure::Missing(format!(
+            "{what}: the daemon does not know it ({said}); is it of another version than this tactus?"
+        )),
+        "ServiceUnknown" | "NameHasNoOwner" | "NoReply" | "Disconnected" | "NoServer" => {
+            gone(what, said)
+        }
+        "LimitsExceeded" | "NoMemory" => Failure::Busy(format!("{what}: {said}; try again")),
+        "Timeout" | "TimedOut" => Failure::Timeout(format!("{what}: {said}")),
+        _ => Failure::Failed(format!("{what}: {said} ({name})")),
+    }
+}
+
+fn gone(what: &str, said: &str) -> Failure {
+    Failure::Missing(format!(
+        "{what}: the daemon went away ({said}); look at its journal, then start it with `systemctl start tactusd`"
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::control::connection::*;
+
+    #[test]
+    fn every_refusal_has_its_exit_code_and_says_what_to_do() {
+        let text = || "so it is".to_owned();
+        for (refusal, code, advice) in [
+            (Fault::SessionActive(text()), 1, "tactus stop"),
+            (Fault::NoSession(text()), 3, "tactus sessions"),
+            (Fault::NoBaseline(text()), 3, "tactus baseline record"),
+            (
+                Fault::BaselineMismatch(text()),
+                78,
+                "tactus baseline record",
+            ),
+            (Fault::ModelMismatch(text()), 78, "--model one-step"),
+            (Fault::InstrumentFault(text()), 5, "tactus instruments"),
+            (Fault::NotAuthorized(text()), 4, "group tactus"),
+            (Fault::LimitsExceeded(text()), 75, "try again"),
+            (Fault::InvalidOption(text()), 2, "so it is"),
+            (Fault::DiskRefused(text()), 1, "free space"),
+            (Fault::NoFrame(text()), 1, "tactus watch"),
+        ] {
+            let failure = fault("it", &refusal);
+            assert_eq!(failure.code(), code, "{refusal}");
+            let said = failure.to_string();
+            assert!(said.contains("so it is") && said.contains(advice), "{said}");
+        }
+    }
+
+    #[test]
+    fn what_the_bus_itself_says_has_an_exit_code_too() {
+        use zbus::fdo::Error;
+        let code = |error: Error| {
+            let failure = fault("it", &Fault::Connection(zbus::Error::FDO(Box::new(error))));
+            assert!(failure.to_string().contains("so it is"), "{failure}");
+            failure.code()
+        };
+        let text = || "so it is".to_owned();
+        assert_eq!(code(Error::UnknownObject(text())), 3);
+        assert_eq!(code(Error::UnknownMethod(text())), 3);
+        assert_eq!(code(Error::ServiceUnknown(text())), 3);
+        assert_eq!(code(Error::AccessDenied(text())), 4);
+        assert_eq!(code(Error::LimitsExceeded(text())), 75);
+        assert_eq!(code(Error::Failed(text())), 1);
+    }
+
+    #[test]
+    fn advice_is_not_given_twice() {
+        let failure = fault(
+            "it",
+            &Fault::NoBaseline("run `tactus baseline record` first".into()),
+        );
+        assert_eq!(failure.to_string(), "run `tactus baseline record` first");
+    }
+
+    #[tokio::test]
+    async fn no_daemon_says_how_to_start_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let global = Global {
+            bus: Some(format!("unix:{}/peer", folder.path().display())),
+            state: None,
+            json: false,
+            colour: crate::output::Colour::Never,
+            timeout: Duration::from_secs(5),
+        };
+        let Err(failure) = open(&global).await else {
+            panic!("nobody is there")
+        };
+        assert_eq!(failure.code(), 3);
+        let said = failure.to_string();
+        assert!(
+            said.contains("/peer (nothing is there)\nStart one with `tactusd --config"),
+            "{said}"
+        );
+        let wrong = Global {
+            bus: Some("tcp:host".into()),
+            ..global
+        };
+        let Err(failure) = open(&wrong).await else {
+            panic!("no address")
+        };
+        assert_eq!(failure.code(), 2);
+    }
+}

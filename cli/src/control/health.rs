@@ -1,0 +1,329 @@
+//! Whether the daemon is well, as it tells it itself.
+
+use chrono::DateTime;
+use dbus::{Fault, Options};
+use serde::Serialize;
+
+use crate::options::duration::display_long;
+use crate::records::sessions::{local, utc};
+
+/// `health` of `status --json`; see `cli/JSON.md`.
+#[derive(Debug, Default, Serialize)]
+pub(crate) struct Health {
+    well: bool,
+    troubles: Vec<Trouble>,
+    last_frame: Option<LastFrame>,
+    period_s: Option<f64>,
+    backlog: Option<u64>,
+    gaps: Gaps,
+    instruments: Vec<Answering>,
+    baseline_age_s: Option<f64>,
+    disk_free_bytes: Option<u64>,
+    disk_bytes_per_day: Option<f64>,
+    disk_days: Option<f64>,
+    relay: Option<RelayLife>,
+}
+
+#[derive(Debug, Serialize)]
+struct Trouble {
+    kind: String,
+    text: String,
+}
+
+#[derive(Debug, Serialize)]
+struct LastFrame {
+    session: String,
+    sequence: u64,
+    wall: String,
+    age_s: f64,
+}
+
+#[derive(Debug, Default, Serialize)]
+struct Gaps {
+    failed: u64,
+    dropped: u64,
+    last: Option<Gap>,
+}
+
+#[derive(Debug, Serialize)]
+struct Gap {
+    at: String,
+    text: String,
+    #[serde(skip)]
+    at_ns: i64,
+}
+
+#[derive(Debug, Serialize)]
+struct Answering {
+    role: String,
+    fault: Option<String>,
+}
+
+/// Of the relay that will be worn out first.
+#[derive(Debug, Serialize)]
+struct RelayLife {
+    relay: u64,
+    used: f64,
+    left_s: Option<f64>,
+}
+
+impl Health {
+    /// What `Manager1.Health` says.
+    ///
+    /// # Errors
+    /// A value of another type than documented.
+    pub(crate) fn from(told: &Options) -> Result<Self, Fault> {
+        let text = |key| told.text(key).map(|text| text.map(str::to_owned));
+        let pairs = |key: &str| -> Result<Vec<(String, String)>, Fault> {
+            let texts = told.texts(key)?.unwrap_or_default().into_iter();
+            Ok(texts
+                .map(|text| {
+                    let (word, rest) = text.split_once(": ").unwrap_or((text, ""));
+                    (word.to_owned(), rest.to_owned())
+                })
+                .collect())
+        };
+        let last_frame = match text("last_frame_session")? {
+            None => None,
+            Some(session) => Some(LastFrame {
+                session,
+                sequence: told.whole("last_frame_sequence")?.unwrap_or(0),
+                wall: utc(DateTime::from_timestamp_nanos(nanoseconds(
+                    told,
+                    "last_frame_ns",
+                )?)),
+                age_s: told.number("last_frame_age_s")?.unwrap_or(0.0),
+            }),
+        };
+        let last = match text("last_gap")? {
+            None => None,
+            Some(text) => {
+                let at_ns = nanoseconds(told, "last_gap_ns")?;
+                let at = utc(DateTime::from_timestamp_nanos(at_ns));
+                Some(Gap { at, text, at_ns })
+            }
+        };
+        let relay = match told.whole("relay")? {
+            None => None,
+            Some(relay) => Some(RelayLife {
+                relay,
+                used: told.number("relay_used")?.unwrap_or(0.0),
+                left_s: told.number("relay_left_s")?,
+            }),
+        };
+        Ok(Self {
+            well: told.flag("well")?.unwrap_or(false),
+            troubles: pairs("troubles")?
+                .into_iter()
+                .map(|(kind, text)| Trouble { kind, text })
+                .collect(),
+            last_frame,
+            period_s: told.number("period_s")?,
+            backlog: told.whole("backlog")?,
+            gaps: Gaps {
+                failed: told.whole("total_failed")?.unwrap_or(0),
+                dropped: told.whole("total_dropped")?.unwrap_or(0),
+                last,
+            },
+            instruments: pairs("instruments")?
+                .into_iter()
+                .map(|(role, state)| Answering {
+                    role,
+                    fault: state.strip_prefix("fault: ").map(str::to_owned),
+                })
+                .collect(),
+            baseline_age_s: told.number("baseline_age_s")?,
+            disk_free_bytes: told.whole("disk_free_bytes")?,
+            disk_bytes_per_day: told.number("disk_bytes_per_day")?,
+            disk_days: told.number("disk_days")?,
+            relay,
+        })
+    }
+
+    /// The first lines: well, or not and why.
+    pub(crate) fn verdict(&self) -> Vec<String> {
+        if self.well {
+            return vec!["verdict    well".to_owned()];
+        }
+        let mut first = "verdict    NOT WELL: ";
+        let each = self.troubles.iter().map(|trouble| {
+            let line = format!("{first}{}", trouble.text);
+            first = "           and: ";
+            line
+        });
+        let lines: Vec<String> = each.collect();
+        match lines.is_empty() {
+            true => vec!["verdict    NOT WELL".to_owned()],
+            false => lines,
+        }
+    }
+
+    /// Behind the baseline's id.
+    pub(crate) fn age_of_baseline(&self) -> String {
+        match self.baseline_age_s {
+            Some(age) => format!(", {} old", display_long(age)),
+            None => String::new(),
+        }
+    }
+
+    /// A line each of what there is.
+    pub(crate) fn for_a_person(&self) -> Vec<String> {
+        let mut lines = Vec::new();
+        lines.push(match (&self.last_frame, self.backlog) {
+            (None, _) => "last frame none since the daemon began".to_owned(),
+            (Some(frame), backlog) => format!(
+                "last frame {} of {}, {} ago{}",
+                frame.sequence,
+                frame.session,
+                display_long(frame.age_s),
+                match backlog {
+                    Some(backlog) => format!("; {backlog} wait for the disk"),
+                    None => String::new(),
+                }
+            ),
+        });
+        let Gaps {
+            failed, dropped, ..
+        } = self.gaps;
+        lines.push(match &self.gaps.last {
+            None => format!("gaps       {failed} frames failed, {dropped} missed their time"),
+            Some(gap) => format!(
+                "gaps       {failed} frames failed, {dropped} missed their time; the last {}: {}",
+                local(DateTime::from_timestamp_nanos(gap.at_ns)),
+                gap.text
+            ),
+        });
+        if !self.instruments.is_empty() {
+            let each = self.instruments.iter();
+            let each: Vec<String> = each
+                .map(|one| match &one.fault {
+                    None => format!("{} ready", one.role),
+                    Some(_) => format!("{} cannot be used (the verdict says why)", one.role),
+                })
+                .collect();
+            lines.push(format!("rig        {}", each.join(", ")));
+        }
+        if let Some(free) = self.disk_free_bytes {
+            let free = free as f64 / 1e9;
+            lines.push(match (self.disk_days, self.disk_bytes_per_day) {
+                (Some(days), Some(rate)) => format!(
+                    "disk       {days:.0} days left ({free:.1} GB free, {:.1} MB a day)",
+                    rate / 1e6
+                ),
+                _ => format!("disk       {free:.1} GB free; how long that lasts is not known yet"),
+            });
+        }
+        lines.push(match &self.relay {
+            None => "relays     wear not read; `tactus instruments relays` does".to_owned(),
+            Some(life) => format!(
+                "relays     relay {} first: {:.1} % of its life used{}",
+                life.relay,
+                100.0 * life.used,
+                match life.left_s {
+                    Some(left) => format!(", {} of measuring left", display_long(left)),
+                    None => String::new(),
+                }
+            ),
+        });
+        lines
+    }
+}
+
+fn nanoseconds(told: &Options, key: &str) -> Result<i64, Fault> {
+    // a number of some 60 bits: not through a float
+    match told.0.get(key).map(|value| &**value) {
+        Some(zbus::Variant::I64(number)) => Ok(*number),
+        _ => Err(Fault::InvalidOption(format!(
+            "option '{key}' must be a time (x)"
+        ))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::control::health::*;
+
+    fn told() -> Options {
+        Options::new()
+            .with("well", false)
+            .with_texts(
+                "troubles",
+                &[
+                    "no-frame: session m1 has had no frame for 90.0 s".to_owned(),
+                    "disk-days: the disk is full in 3.0 days: soon".to_owned(),
+                ],
+            )
+            .with_texts(
+                "instruments",
+                &[
+                    "source: ready".to_owned(),
+                    "switch+voltmeter: fault: lost".to_owned(),
+                ],
+            )
+            .with("last_frame_session", "m1")
+            .with("last_frame_sequence", 17_u64)
+            .with("last_frame_ns", 1_767_225_600_123_456_789_i64)
+            .with("last_frame_age_s", 90.0)
+            .with("backlog", 2_u64)
+            .with("period_s", 10.0)
+            .with("total_failed", 3_u64)
+            .with("total_dropped", 4_u64)
+            .with("last_gap", "frame 9 failed: late")
+            .with("last_gap_ns", 1_767_225_600_000_000_000_i64)
+            .with("baseline_age_s", 7200.0)
+            .with("disk_free_bytes", 12_300_000_000_u64)
+            .with("disk_bytes_per_day", 4.1e9)
+            .with("disk_days", 3.0)
+            .with("relay", 1042_u32)
+            .with("relay_used", 0.125)
+            .with("relay_left_s", 86_400.0 * 40.0)
+    }
+
+    #[test]
+    fn what_is_told_is_the_line_of_json() {
+        let health = Health::from(&told()).unwrap();
+        let line = serde_json::to_value(&health).unwrap();
+        assert_eq!(line["well"], false);
+        assert_eq!(line["troubles"][1]["kind"], "disk-days");
+        assert_eq!(
+            line["troubles"][1]["text"],
+            "the disk is full in 3.0 days: soon"
+        );
+        assert_eq!(line["last_frame"]["wall"], "2026-01-01T00:00:00.123456789Z");
+        assert_eq!(line["gaps"]["last"]["text"], "frame 9 failed: late");
+        assert_eq!(line["instruments"][0]["fault"], serde_json::Value::Null);
+        assert_eq!(line["instruments"][1]["fault"], "lost");
+        assert_eq!(line["relay"]["relay"], 1042);
+        let nothing = Health::from(&Options::new()).unwrap();
+        let line = serde_json::to_value(&nothing).unwrap();
+        for key in ["last_frame", "backlog", "disk_days", "relay"] {
+            assert_eq!(line[key], serde_json::Value::Null, "{key}");
+        }
+        assert!(Health::from(&told().with("backlog", "two")).is_err());
+    }
+
+    #[test]
+    fn a_person_reads_what_is_wrong_first() {
+        let health = Health::from(&told()).unwrap();
+        let verdict = health.verdict();
+        assert_eq!(
+            verdict,
+            [
+                "verdict    NOT WELL: session m1 has had no frame for 90.0 s",
+                "           and: the disk is full in 3.0 days: soon"
+            ]
+        );
+        let text = health.for_a_person().join("\n");
+        for wanted in [
+            "last frame 17 of m1, 1.5 min ago; 2 wait for the disk",
+            "gaps       3 frames failed, 4 missed their time; the last ",
+            "frame 9 failed: late",
+            "rig        source ready, switch+voltmeter cannot be used (the verdict says why)",
+            "disk       3 days left (12.3 GB free, 4100.0 MB a day)",
+            "relays     relay 1042 first: 12.5 % of its life used, 40.0 d of measuring left",
+        ] {
+            assert!(text.contains(wanted), "{wanted}\n{text}");
+        }
+        assert_eq!(health.age_of_baseline(), ", 2.0 h old");
+    }
+}

@@ -1,0 +1,94 @@
+//! `tactus notify test`: whether people would be told.
+
+use std::io::Write;
+
+use serde::Serialize;
+
+use crate::control::connection::{Daemon, fault};
+use crate::failure::Failure;
+use crate::output::Printer;
+
+/// The line of `notify test --json`; see `cli/JSON.md`.
+#[derive(Debug, Serialize)]
+struct Fared {
+    event: &'static str,
+    done: bool,
+    code: Option<i64>,
+    trouble: Option<String>,
+    stderr: String,
+    took_s: f64,
+}
+
+impl Fared {
+    fn for_a_person(&self) -> String {
+        let how = match (self.code, &self.trouble) {
+            (Some(0), _) => format!("the command ran and said yes, in {:.2} s", self.took_s),
+            (Some(code), _) => format!("the command ended with exit code {code}"),
+            (None, Some(trouble)) => trouble.clone(),
+            (None, None) => "the command was ended by a signal".to_owned(),
+        };
+        match self.stderr.trim() {
+            "" => how,
+            said => format!("{how}; it said:\n{said}"),
+        }
+    }
+}
+
+/// Runs the daemon's command of `[notify]` once.
+///
+/// # Errors
+/// The command did not say yes.
+pub(crate) async fn test(
+    daemon: &Daemon,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let told = daemon
+        .ask("the command", daemon.manager.notify_test())
+        .await?;
+    let read = || -> Result<Fared, dbus::Fault> {
+        Ok(Fared {
+            event: "notified",
+            done: told.flag("done")?.unwrap_or(false),
+            code: told.number("code")?.map(|code| code as i64),
+            trouble: told.text("trouble")?.map(str::to_owned),
+            stderr: told.text("stderr")?.unwrap_or_default().to_owned(),
+            took_s: told.number("took_s")?.unwrap_or(0.0),
+        })
+    };
+    let fared = read().map_err(|error| fault("the command", &error))?;
+    printer.record(&fared, Fared::for_a_person)?;
+    if fared.done {
+        return Ok(());
+    }
+    Err(Failure::Failed(
+        "nobody would be told; see [notify] command of the daemon's configuration".to_owned(),
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::control::notify::*;
+
+    #[test]
+    fn a_person_reads_what_the_command_said() {
+        let fared = Fared {
+            event: "notified",
+            done: false,
+            code: Some(75),
+            trouble: None,
+            stderr: "no route to host\n".into(),
+            took_s: 0.5,
+        };
+        assert_eq!(
+            fared.for_a_person(),
+            "the command ended with exit code 75; it said:\nno route to host"
+        );
+        let killed = Fared {
+            code: None,
+            trouble: Some("killed after 10.0 s".into()),
+            stderr: String::new(),
+            ..fared
+        };
+        assert_eq!(killed.for_a_person(), "killed after 10.0 s");
+    }
+}

@@ -1,0 +1,360 @@
+//! `tactus plan`: the steps of a frame as the running daemon would take them, without moving anything.
+//! Before there is a daemon, `tactusd --config FILE --plan` prints the same.
+
+use std::io::Write;
+use std::time::Duration;
+
+use dbus::{Options, PlanReport};
+use serde::Serialize;
+use survey::{Amps, Volts};
+
+use crate::control::connection::{Daemon, fault};
+use crate::failure::Failure;
+use crate::options::duration::display_span;
+use crate::output::Printer;
+
+/// The line of `plan --json`; see `cli/JSON.md`.
+#[derive(Debug, Serialize)]
+struct Plan {
+    wiring: Option<String>,
+    steps: u64,
+    injections: u64,
+    readings: u64,
+    relay_moves: u64,
+    reading_messages: u64,
+    duration_s: f64,
+    current_a: f64,
+    compliance_v: f64,
+    source_current_max_a: Option<f64>,
+    relay_current_max_a: Option<f64>,
+    relay_voltage_max_v: Option<f64>,
+    #[serde(flatten)]
+    measuring: Option<Measuring>,
+    lines: Vec<String>,
+}
+
+/// How each reading is taken; an older daemon does not say.
+#[derive(Debug, Serialize)]
+struct Measuring {
+    nplc: f64,
+    averages: u64,
+    autozero: bool,
+    settle_s: f64,
+    channel_delay_s: f64,
+    reversal: bool,
+    zero_every: u64,
+    range_v: f64,
+    planned_ranges: bool,
+    range_changes: u64,
+    range_time_s: f64,
+    noise_fixed_v: f64,
+    noise_v: f64,
+    noise_median_v: f64,
+    skip: u64,
+    half: bool,
+    costs: Vec<Cost>,
+}
+
+/// What a setting costs a frame, and what it gains, against leaving it out.
+#[derive(Debug, Serialize)]
+struct Cost {
+    setting: &'static str,
+    seconds: f64,
+    /// Noise of a reading without it over noise with it.
+    gain: f64,
+}
+
+/// Settings that may cost a frame something.
+const COSTING: [&str; 9] = [
+    "nplc",
+    "averages",
+    "autozero",
+    "settle",
+    "channel_delay",
+    "reversal",
+    "zero_every",
+    "ranges",
+    "half",
+];
+
+pub(crate) async fn run(
+    daemon: &Daemon,
+    asked: &crate::args::Plan,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let options = asked.measuring.with(Options::new());
+    let report = if options.0.is_empty() {
+        daemon.ask("the plan", daemon.manager.plan()).await?
+    } else {
+        let plan = daemon.manager.plan_with(&options);
+        daemon.ask("the plan", plan).await?
+    };
+    let plan = from_report(report)?;
+    printer.record(&plan, |plan| for_a_person(plan, asked.steps))
+}
+
+fn from_report(report: PlanReport) -> Result<Plan, Failure> {
+    let number = |key| {
+        report
+            .more
+            .number(key)
+            .map_err(|error| fault("the plan", &error))
+    };
+    Ok(Plan {
+        wiring: report
+            .more
+            .text("wiring")
+            .map_err(|error| fault("the plan", &error))?
+            .map(str::to_owned),
+        steps: report.steps,
+        injections: report.injections,
+        readings: report.readings,
+        relay_moves: report.relay_moves,
+        reading_messages: report.reading_messages,
+        duration_s: report.duration_s,
+        current_a: report.current_a,
+        compliance_v: report.compliance_v,
+        source_current_max_a: number("source_current_max_a")?,
+        relay_current_max_a: number("relay_current_max_a")?,
+        relay_voltage_max_v: number("relay_voltage_max_v")?,
+        measuring: measuring(&report.more).map_err(|error| fault("the plan", &error))?,
+        lines: report.lines,
+    })
+}
+
+fn measuring(more: &Options) -> Result<Option<Measuring>, dbus::Fault> {
+    let Some(nplc) = more.number("nplc")? else {
+        return Ok(None);
+    };
+    let number = |key| Ok::<f64, dbus::Fault>(more.number(key)?.unwrap_or(0.0));
+    let whole = |key| Ok::<u64, dbus::Fault>(more.whole(key)?.unwrap_or(0));
+    let flag = |key| Ok::<bool, dbus::Fault>(more.flag(key)?.unwrap_or(false));
+    Ok(Some(Measuring {
+        nplc,
+        averages: whole("averages")?,
+        autozero: flag("autozero")?,
+        settle_s: number("settle_s")?,
+        channel_delay_s: number("channel_delay_s")?,
+        reversal: flag("reversal")?,
+        zero_every: whole("zero_every")?,
+        range_v: number("range_v")?,
+        planned_ranges: flag("planned_ranges")?,
+        range_changes: whole("range_changes")?,
+        range_time_s: number("range_time_s")?,
+        noise_fixed_v: number("noise_fixed_v")?,
+        noise_v: number("noise_v")?,
+        noise_median_v: number("noise_median_v")?,
+        skip: whole("skip")?,
+        half: flag("half")?,
+        costs: costs(more)?,
+    }))
+}
+
+fn costs(more: &Options) -> Result<Vec<Cost>, dbus::Fault> {
+    let mut costs = Vec::new();
+    for setting in COSTING {
+        let seconds = more.number(&format!("cost_{setting}_s"))?;
+        let gain = more.number(&format!("gain_{setting}"))?;
+        costs.extend(seconds.zip(gain).map(|(seconds, gain)| Cost {
+            setting,
+            seconds,
+            gain,
+        }));
+    }
+    Ok(costs)
+}
+
+/// What the settings cost a frame and gain in noise, the dearest first.
+fn costs_told(costs: &[Cost]) -> String {
+    let mut costs: Vec<&Cost> = costs.iter().collect();
+    costs.sort_by(|a, b| b.seconds.total_cmp(&a.seconds));
+    let each = costs.into_iter().map(|cost| {
+        let seconds = Duration::try_from_secs_f64(cost.seconds.abs()).unwrap_or_default();
+        let saves = if cost.seconds < 0.0 { "saves " } else { "" };
+        let noise = match cost.gain {
+            gain if (gain - 1.0).abs() < 1e-9 => String::new(),
+            gain if gain > 1.0 => format!(" (noise / {gain:.3})"),
+            gain => format!(" (noise x {:.3})", 1.0 / gain),
+        };
+        format!(
+            "{} {saves}{}{noise}",
+            cost.setting.replace('_', " "),
+            display_span(seconds)
+        )
+    });
+    each.collect::<Vec<_>>().join(", ")
+}
+
+/// How each reading is taken, and what its range costs and gains.
+fn told(measuring: &Measuring) -> String {
+    let seconds =
+        |seconds: f64| display_span(Duration::try_from_secs_f64(seconds).unwrap_or_default());
+    let mut words = vec![format!("{} PLC", measuring.nplc)];
+    if measuring.averages > 1 {
+        words.push(format!("{} readings averaged", measuring.averages));
+    }
+    words.push(format!(
+        "autozero {}",
+        if measuring.autozero { "on" } else { "off" }
+    ));
+    if measuring.settle_s > 0.0 {
+        words.push(format!("{} settling", seconds(measuring.settle_s)));
+    }
+    if measuring.channel_delay_s > 0.0 {
+        words.push(format!(
+            "{} before each channel",
+            seconds(measuring.channel_delay_s)
+        ));
+    }
+    if measuring.reversal {
+        words.push("current both ways".to_owned());
+    }
+    if measuring.zero_every > 0 {
+        words.push(format!(
+            "a zero-current frame every {} frames",
+            measuring.zero_every
+        ));
+    }
+    let ranges = if measuring.planned_ranges {
+        format!(
+            "one for each reading: {} set on the way, {} in all; noise {} rms ({} median) instead of {}",
+            measuring.range_changes,
+            seconds(measuring.range_time_s),
+            Volts(measuring.noise_v),
+            Volts(measuring.noise_median_v),
+            Volts(measuring.noise_fixed_v)
+        )
+    } else {
+        format!(
+            "{} for every reading, noise {}",
+            Volts(measuring.range_v),
+            Volts(measuring.noise_fixed_v)
+        )
+    };
+    let mut pattern = match measuring.skip {
+        0 => "neighbouring pairs".to_owned(),
+        skip => format!("pairs that leave out {skip} electrodes"),
+    };
+    if measuring.half {
+        pattern.push_str(", of two readings that reciprocity makes equal one");
+    }
+    let costs = match measuring.costs.as_slice() {
+        [] => String::new(),
+        costs => format!("cost        {}\n", costs_told(costs)),
+    };
+    format!(
+        "pattern     {pattern}\nmeasuring   {}\nranges      {ranges}\n{costs}",
+        words.join(", ")
+    )
+}
+
+fn for_a_person(plan: &Plan, steps: bool) -> String {
+    let most = |limit: Option<String>| {
+        limit
+            .map(|limit| format!(" (at most {limit})"))
+            .unwrap_or_default()
+    };
+    let mut text = format!(
+        "wiring      {}\n\
+         frame       {} injections, {} readings in {} messages, {} relay moves, {} steps\n\
+         duration    {}\n\
+         current     {}{}\n\
+         compliance  {}{}\n",
+        plan.wiring.as_deref().unwrap_or("not named"),
+        plan.injections,
+        plan.readings,
+        plan.reading_messages,
+        plan.relay_moves,
+        plan.steps,
+        display_span(Duration::try_from_secs_f64(plan.duration_s).unwrap_or_default()),
+        Amps(plan.current_a),
+        most(
+            plan.source_current_max_a
+                .into_iter()
+                .chain(plan.relay_current_max_a)
+                .reduce(f64::min)
+                .map(|amps| Amps(amps).to_string())
+        ),
+        Volts(plan.compliance_v),
+        most(
+            plan.relay_voltage_max_v
+                .map(|volts| Volts(volts).to_string())
+        ),
+    );
+    text.push_str(&plan.measuring.as_ref().map(told).unwrap_or_default());
+    if steps {
+        for line in &plan.lines {
+            text.push_str(line);
+            text.push('\n');
+        }
+    } else {
+        text.push_str("`tactus plan --steps` lists every step");
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::control::plan::*;
+
+    #[test]
+    fn a_plan_is_told_with_its_limits() {
+        let plan = from_report(PlanReport {
+            steps: 3,
+            injections: 26,
+            readings: 598,
+            relay_moves: 52,
+            reading_messages: 26,
+            duration_s: 12.5,
+            current_a: 1e-3,
+            compliance_v: 10.0,
+            lines: vec!["1: source to 0 A".into()],
+            more: Options::new()
+                .with("wiring", "34924A pairs in slot 1")
+                .with("source_current_max_a", 0.1)
+                .with("relay_current_max_a", 0.01),
+        })
+        .unwrap();
+        let short = for_a_person(&plan, false);
+        assert!(
+            short.contains("26 injections, 598 readings in 26 messages"),
+            "{short}"
+        );
+        assert!(
+            short.contains("1 mA (at most 10 mA)") && short.contains("12.5 s"),
+            "{short}"
+        );
+        assert!(!short.contains("source to 0 A"));
+        assert!(for_a_person(&plan, true).contains("source to 0 A"));
+        assert_eq!(
+            serde_json::to_string(&plan).unwrap(),
+            "{\"wiring\":\"34924A pairs in slot 1\",\"steps\":3,\"injections\":26,\"readings\":598,\"relay_moves\":52,\
+             \"reading_messages\":26,\"duration_s\":12.5,\"current_a\":0.001,\"compliance_v\":10.0,\
+             \"source_current_max_a\":0.1,\"relay_current_max_a\":0.01,\"relay_voltage_max_v\":null,\
+             \"lines\":[\"1: source to 0 A\"]}"
+        );
+    }
+
+    #[test]
+    fn what_each_setting_costs_is_told_the_dearest_first() {
+        let more = Options::new()
+            .with("nplc", 1.0)
+            .with("averages", 4_u64)
+            .with("half", true)
+            .with("cost_half_s", -2.5)
+            .with("gain_half", 0.5_f64.sqrt())
+            .with("cost_averages_s", 9.0)
+            .with("gain_averages", 2.0)
+            .with("cost_settle_s", 0.05)
+            .with("gain_settle", 1.0);
+        let told = told(&measuring(&more).unwrap().unwrap());
+        assert!(
+            told.contains("cost        averages 9.0 s (noise / 2.000), settle 50 ms, half saves 2.5 s (noise x 1.414)"),
+            "{told}"
+        );
+        assert!(
+            told.contains("neighbouring pairs, of two readings"),
+            "{told}"
+        );
+    }
+}

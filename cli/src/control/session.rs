@@ -1,0 +1,405 @@
+//! `tactus start`, `stop` and `step`: a measuring session from its beginning to its end.
+
+use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use dbus::{Options, Session1Proxy};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+
+use crate::args::{Start, Step, Stop};
+use crate::control::connection::{Daemon, fault};
+use crate::control::status::said;
+use crate::failure::Failure;
+use crate::options::duration::display_span;
+use crate::output::Printer;
+
+/// Where no bar can be drawn, a line says so often how far it is.
+const SAYS_EVERY: Duration = Duration::from_secs(10);
+
+/// A line of `start`, `stop`, `step` and `baseline record` with `--json`; see `cli/JSON.md`.
+#[derive(Debug, Serialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+pub(crate) enum Line {
+    /// The daemon has taken the order.
+    Started {
+        session: String,
+        kind: String,
+        path: String,
+        simulated: bool,
+    },
+    /// So many frames are on disk.
+    Stepped { session: String, sequence: u64 },
+    /// The session is over, its record closed, the source off.
+    Ended {
+        session: String,
+        reason: String,
+        frames: u64,
+        path: String,
+    },
+}
+
+/// Starts a measurement; with `--wait` follows it to its end.
+pub(crate) async fn start(
+    daemon: &Daemon,
+    start: &Start,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let options = start_options(start)?;
+    let path = daemon
+        .ask("start", daemon.manager.start_session(&options))
+        .await?;
+    let session = daemon.session(path.into()).await?;
+    announce(daemon, &session, printer).await?;
+    if !start.wait {
+        return printer.text(if start.step {
+            "`tactus step` takes a frame, `tactus stop` ends it"
+        } else {
+            "`tactus watch` follows it, `tactus stop` ends it"
+        });
+    }
+    let whole = match (start.count, start.every, start.duration) {
+        (Some(count), _, _) => Some(count),
+        (None, Some(every), Some(duration)) => {
+            Some((duration.as_secs_f64() / every.as_secs_f64()).ceil() as u64)
+        }
+        (None, _, _) => None,
+    };
+    follow(daemon, &session, whole, start.within, printer).await
+}
+
+fn start_options(start: &Start) -> Result<Options, Failure> {
+    let model = start
+        .model
+        .as_deref()
+        .map(|model| as_the_daemon_sees_it(model).map(|path| path.to_string_lossy().into_owned()))
+        .transpose()?;
+    let options = Options::new()
+        .with_some("every_s", start.every.map(|every| every.as_secs_f64()))
+        .with_some("count", start.count)
+        .with_some(
+            "for_s",
+            start.duration.map(|duration| duration.as_secs_f64()),
+        )
+        .with_some("baseline", start.baseline.clone())
+        .with_some("model", model)
+        .with_some("speed", start.speed)
+        .with_some("note", start.note.clone());
+    let options = start.about.with(start.measuring.with(options));
+    Ok(if start.step {
+        options.with("step", true)
+    } else {
+        options
+    })
+}
+
+/// A model file's absolute path: the daemon has another working directory. `one-step` is no file.
+fn as_the_daemon_sees_it(model: &Path) -> Result<PathBuf, Failure> {
+    if model == Path::new("one-step") {
+        return Ok(model.to_owned());
+    }
+    std::fs::canonicalize(model).map_err(|error| {
+        Failure::configuration(&format!("model {} cannot be read", model.display()), &error)
+    })
+}
+
+/// Ends the running session, or the named one.
+pub(crate) async fn stop(
+    daemon: &Daemon,
+    stop: &Stop,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let session = chosen(daemon, stop.session.as_deref()).await?;
+    // Stopping waits for the frame being taken and for the source: longer than one answer may take.
+    session
+        .stop()
+        .await
+        .map_err(|error| fault("stop", &error))?;
+    ended(daemon, &session, None, printer).await
+}
+
+/// Takes frames in a session started with `--step`.
+pub(crate) async fn step(
+    daemon: &Daemon,
+    step: &Step,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let session = chosen(daemon, step.session.as_deref()).await?;
+    let id = daemon.ask("the session", session.id()).await?;
+    let sequence = match session.step(step.frames).await {
+        Ok(sequence) => sequence,
+        Err(error) => {
+            // A session that ends in a fault while it is stepped is an instrument's failure.
+            judge(daemon, &session).await?;
+            return Err(fault("step", &error));
+        }
+    };
+    printer.record(
+        &Line::Stepped {
+            session: id,
+            sequence,
+        },
+        |_| format!("frame {sequence} is recorded"),
+    )
+}
+
+async fn chosen(daemon: &Daemon, id: Option<&str>) -> Result<Session1Proxy<'static>, Failure> {
+    match id {
+        Some(id) => daemon.named(id).await,
+        None => daemon.active().await?.ok_or_else(|| {
+            Failure::Missing("no session is running; `tactus start` starts one".to_owned())
+        }),
+    }
+}
+
+/// Says which session has begun.
+pub(crate) async fn announce(
+    daemon: &Daemon,
+    session: &Session1Proxy<'_>,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let line = Line::Started {
+        session: daemon.ask("the session", session.id()).await?,
+        kind: daemon.ask("the session", session.kind()).await?,
+        path: daemon.ask("the session", session.path()).await?,
+        simulated: daemon.ask("the session", session.simulated()).await?,
+    };
+    printer.record(&line, |line| match line {
+        Line::Started {
+            session,
+            kind,
+            simulated,
+            ..
+        } => format!(
+            "{kind} {session} started{}",
+            if *simulated { " (SIMULATED)" } else { "" }
+        ),
+        Line::Stepped { .. } | Line::Ended { .. } => String::new(),
+    })
+}
+
+/// Waits until a session has ended, with a bar for a person; `whole` is how many frames it will have, where known.
+///
+/// # Errors
+/// [`Failure::Timeout`] after `within` (the session goes on), [`Failure::Instrument`] when it ended in a fault.
+pub(crate) async fn follow(
+    daemon: &Daemon,
+    session: &Session1Proxy<'static>,
+    whole: Option<u64>,
+    within: Option<Duration>,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let mut frames = daemon
+        .ask("the session", async {
+            session.receive_frame_done().await.map_err(Into::into)
+        })
+        .await?;
+    let bar = bar(whole, printer.is_terminal());
+    let done = async {
+        let wait = session.wait();
+        tokio::pin!(wait);
+        let mut now_and_then = tokio::time::interval(SAYS_EVERY);
+        now_and_then.reset();
+        let mut taken = 0;
+        loop {
+            tokio::select! {
+                reason = &mut wait => break reason.map_err(|error| fault("the session", &error)),
+                Some(frame) = dbus::next(&mut frames) => {
+                    if let Ok(frame) = frame.args() {
+                        bar.set_position(frame.sequence);
+                        taken = frame.sequence;
+                    }
+                }
+                _ = now_and_then.tick(), if bar.is_hidden() => {
+                    printer.text(&match whole {
+                        Some(whole) => format!("{taken} of {whole} frames"),
+                        None => format!("{taken} frames"),
+                    })?;
+                }
+            }
+        }
+    };
+    let reason = match within {
+        None => done.await,
+        Some(within) => tokio::time::timeout(within, done)
+            .await
+            .unwrap_or_else(|_| {
+                Err(Failure::Timeout(format!(
+                    "not ended within {}; it goes on: `tactus status`, `tactus stop`",
+                    display_span(within)
+                )))
+            }),
+    };
+    bar.finish_and_clear();
+    let reason = match reason {
+        Err(failure @ Failure::Failed(_)) => {
+            judge(daemon, session).await?;
+            return Err(failure);
+        }
+        other => other?,
+    };
+    ended(daemon, session, Some(reason), printer).await
+}
+
+/// Says how a session ended; a fault is a failure.
+async fn ended(
+    daemon: &Daemon,
+    session: &Session1Proxy<'_>,
+    reason: Option<String>,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let reason = match reason {
+        Some(reason) => reason,
+        None => daemon.ask("the session", session.end_reason()).await?,
+    };
+    let line = Line::Ended {
+        session: daemon.ask("the session", session.id()).await?,
+        frames: daemon.ask("the session", session.frames_durable()).await?,
+        path: daemon.ask("the session", session.path()).await?,
+        reason,
+    };
+    printer.record(&line, |line| match line {
+        Line::Ended {
+            session,
+            reason,
+            frames,
+            path,
+        } => format!("{session} ended: {reason}; {frames} frames in {path}"),
+        Line::Started { .. } | Line::Stepped { .. } => String::new(),
+    })?;
+    judge(daemon, session).await
+}
+
+/// A session that ended in a fault is a failure.
+pub(crate) async fn judge(daemon: &Daemon, session: &Session1Proxy<'_>) -> Result<(), Failure> {
+    if daemon.ask("the session", session.state()).await? != "faulted" {
+        return Ok(());
+    }
+    let error = said(daemon.ask("the session", session.last_error()).await?);
+    Err(Failure::Instrument(format!(
+        "the session ended in a fault: {}; `tactus instruments` shows which ones answer",
+        error
+            .as_deref()
+            .unwrap_or("the daemon's journal says which")
+    )))
+}
+
+fn bar(whole: Option<u64>, terminal: bool) -> ProgressBar {
+    if !terminal || !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let (bar, template) = match whole {
+        Some(whole) => (
+            ProgressBar::new(whole),
+            "{bar:40} {pos}/{len} frames, {eta} left",
+        ),
+        None => (
+            ProgressBar::new_spinner(),
+            "{spinner} {pos} frames, {elapsed}",
+        ),
+    };
+    bar.with_style(
+        ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use crate::args::{Arguments, Command};
+    use crate::control::session::*;
+
+    fn options(words: &[&str]) -> Result<Options, Failure> {
+        let words = ["tactus", "start"].iter().chain(words);
+        let Command::Start(start) = Arguments::try_parse_from(words).unwrap().command else {
+            panic!()
+        };
+        start_options(&start)
+    }
+
+    #[test]
+    fn a_schedule_becomes_options_that_the_contract_knows() {
+        let options = options(&[
+            "--every",
+            "10s",
+            "--count",
+            "3",
+            "--for",
+            "1m",
+            "--baseline",
+            "b1",
+            "--model",
+            "one-step",
+            "--note",
+            "n",
+            "--averages",
+            "4",
+            "--reversal",
+            "--autozero=false",
+            "--settle",
+            "2ms",
+            "--ranges",
+            "planned",
+        ])
+        .unwrap();
+        let known = [&dbus::SESSION_OPTIONS[..], &dbus::MEASURING_OPTIONS].concat();
+        options.only(&known).unwrap();
+        assert_eq!(options.whole("averages").unwrap(), Some(4));
+        assert_eq!(options.flag("reversal").unwrap(), Some(true));
+        assert_eq!(options.flag("autozero").unwrap(), Some(false));
+        assert_eq!(options.number("settle_ms").unwrap(), Some(2.0));
+        assert_eq!(options.text("ranges").unwrap(), Some("planned"));
+        assert_eq!(options.number("every_s").unwrap(), Some(10.0));
+        assert_eq!(options.whole("count").unwrap(), Some(3));
+        assert_eq!(options.number("for_s").unwrap(), Some(60.0));
+        assert_eq!(options.text("model").unwrap(), Some("one-step"));
+    }
+
+    #[test]
+    fn nothing_asked_is_no_option() {
+        assert!(options(&[]).unwrap().0.is_empty());
+        assert_eq!(
+            options(&["--step"]).unwrap().flag("step").unwrap(),
+            Some(true)
+        );
+    }
+
+    #[test]
+    fn a_model_that_is_not_there_is_named() {
+        let failure = options(&["--model", "no/such.model"]).unwrap_err();
+        assert_eq!(failure.code(), 78);
+        assert!(failure.to_string().contains("no/such.model"), "{failure}");
+    }
+
+    #[test]
+    fn the_golden_lines() {
+        let line = |line| serde_json::to_string(&line).unwrap();
+        assert_eq!(
+            line(Line::Started {
+                session: "m1".into(),
+                kind: "measurement".into(),
+                path: "/r/m1.tactus".into(),
+                simulated: true,
+            }),
+            r#"{"event":"started","session":"m1","kind":"measurement","path":"/r/m1.tactus","simulated":true}"#
+        );
+        assert_eq!(
+            line(Line::Ended {
+                session: "m1".into(),
+                reason: "count reached".into(),
+                frames: 3,
+                path: "/r/m1.tactus".into(),
+            }),
+            r#"{"event":"ended","session":"m1","reason":"count reached","frames":3,"path":"/r/m1.tactus"}"#
+        );
+        assert_eq!(
+            line(Line::Stepped {
+                session: "m1".into(),
+                sequence: 2
+            }),
+            r#"{"event":"stepped","session":"m1","sequence":2}"#
+        );
+    }
+}

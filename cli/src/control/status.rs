@@ -1,0 +1,337 @@
+//! `tactus status`: what the daemon is doing, and whether it is well, in one screen.
+
+use std::io::Write;
+
+use dbus::{Fault, Options, Session1Proxy};
+use serde::Serialize;
+use survey::MapUnit;
+
+use crate::control::connection::{Daemon, fault};
+use crate::control::health::Health;
+use crate::control::viewer::burden;
+use crate::failure::Failure;
+use crate::output::Printer;
+
+/// The line of `status --json`; see `cli/JSON.md`.
+#[derive(Debug, Serialize)]
+struct Status {
+    state: String,
+    simulated: bool,
+    source: String,
+    method: String,
+    baseline: Option<String>,
+    session: Option<Running>,
+    source_state: String,
+    recovery: Option<Recovery>,
+    record_directory: String,
+    last_error: Option<String>,
+    version: String,
+    bus: String,
+    health: Health,
+}
+
+/// A lost rig that is being looked for.
+#[derive(Debug, Serialize)]
+struct Recovery {
+    what: String,
+    tries: u64,
+    next_s: Option<f64>,
+    person: bool,
+}
+
+impl Recovery {
+    /// `None` when nothing is lost.
+    fn from(options: &Options) -> Result<Option<Self>, Fault> {
+        let Some(what) = options.text("what")? else {
+            return Ok(None);
+        };
+        Ok(Some(Self {
+            what: what.to_owned(),
+            tries: options.whole("tries")?.unwrap_or(0),
+            next_s: options.number("next_s")?,
+            person: options.flag("person")?.unwrap_or(false),
+        }))
+    }
+
+    fn for_a_person(&self) -> String {
+        let tries = match self.tries {
+            0 => "reconnecting".to_owned(),
+            tries => format!("reconnecting, {tries} tries so far"),
+        };
+        let next = match (self.person, self.next_s) {
+            (true, _) => "waiting for you: `tactus instruments accept`".to_owned(),
+            (false, Some(next)) => format!("the next in {next:.1} s"),
+            (false, None) => "one under way".to_owned(),
+        };
+        format!("{tries}, {next}: {}", self.what)
+    }
+}
+
+#[derive(Debug, Serialize)]
+struct Running {
+    id: String,
+    kind: String,
+    state: String,
+    frames_acquired: u64,
+    frames_durable: u64,
+    frames_dropped: u64,
+    frames_failed: u64,
+    last_error: Option<String>,
+    map: Option<Shown>,
+}
+
+/// The last map, and what it took to make.
+#[derive(Debug, Serialize)]
+struct Shown {
+    sequence: u64,
+    /// `kPa` with a calibration; without one never.
+    unit: &'static str,
+    largest_loss: Option<f64>,
+    newtons: Option<f64>,
+    largest_kpa: Option<f64>,
+    reconstruction_s: Option<f64>,
+    durable_s: Option<f64>,
+}
+
+impl Shown {
+    /// `None` before the first map, and of a baseline session.
+    async fn of(session: &Session1Proxy<'_>) -> Result<Option<Self>, Fault> {
+        let map = match session.latest_map().await {
+            Ok(map) => map,
+            Err(Fault::NoFrame(_)) => return Ok(None),
+            Err(fault) => return Err(fault),
+        };
+        let newtons = map.more.number("newtons")?;
+        Ok(Some(Self {
+            sequence: map.sequence,
+            unit: match newtons {
+                Some(_) => MapUnit::Pressure.label(),
+                None => MapUnit::RelativeConductance.caption(),
+            },
+            largest_loss: map.more.number("largest_loss")?,
+            newtons,
+            largest_kpa: map.more.number("largest_kpa")?,
+            reconstruction_s: map.more.number("reconstruction_s")?,
+            durable_s: map.more.number("durable_s")?,
+        }))
+    }
+
+    fn for_a_person(&self) -> String {
+        let pressed = self.newtons.zip(self.largest_kpa);
+        let mut text = format!(
+            "frame {}: {}",
+            self.sequence,
+            burden(self.largest_loss.unwrap_or(0.0), pressed)
+        );
+        if let Some(seconds) = self.reconstruction_s {
+            text.push_str(&format!(", made in {:.3} ms", 1e3 * seconds));
+        }
+        text
+    }
+}
+
+pub(crate) async fn run(daemon: &Daemon, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
+    let manager = &daemon.manager;
+    let session = match daemon.active().await? {
+        None => None,
+        Some(session) => Some(Running {
+            id: daemon.ask("the session", session.id()).await?,
+            kind: daemon.ask("the session", session.kind()).await?,
+            state: daemon.ask("the session", session.state()).await?,
+            frames_acquired: daemon.ask("the session", session.frames_acquired()).await?,
+            frames_durable: daemon.ask("the session", session.frames_durable()).await?,
+            frames_dropped: daemon.ask("the session", session.frames_dropped()).await?,
+            frames_failed: daemon.ask("the session", session.frames_failed()).await?,
+            last_error: said(daemon.ask("the session", session.last_error()).await?),
+            map: daemon.ask("the last map", Shown::of(&session)).await?,
+        }),
+    };
+    let status = Status {
+        state: daemon.ask("the state", manager.state()).await?,
+        simulated: daemon.ask("the rig", manager.simulated()).await?,
+        source: daemon.ask("the source of frames", manager.source()).await?,
+        method: daemon.ask("the method", manager.method()).await?,
+        baseline: said(daemon.ask("the baseline", manager.baseline_id()).await?),
+        session,
+        source_state: daemon.ask("the source", manager.source_state()).await?,
+        recovery: {
+            let told = daemon.ask("the rig", manager.recovery()).await?;
+            Recovery::from(&Options(told)).map_err(|error| fault("the rig", &error))?
+        },
+        record_directory: daemon.ask("the record", manager.record_directory()).await?,
+        last_error: said(daemon.ask("the last error", manager.last_error()).await?),
+        version: daemon.ask("the version", manager.version()).await?,
+        bus: daemon.address.to_string(),
+        health: {
+            let told = daemon.ask("its health", manager.health()).await?;
+            Health::from(&told).map_err(|error| fault("its health", &error))?
+        },
+    };
+    printer.record(&status, for_a_person)
+}
+
+/// Empty means that there is none.
+pub(crate) fn said(text: String) -> Option<String> {
+    Some(text).filter(|text| !text.is_empty())
+}
+
+fn for_a_person(status: &Status) -> String {
+    let health = &status.health;
+    let mut lines = health.verdict();
+    lines.extend([
+        format!(
+            "state      {}{}",
+            status.state,
+            if status.simulated {
+                "  (SIMULATED)"
+            } else {
+                ""
+            }
+        ),
+        format!("source     {}", status.source),
+        format!("method     {}", status.method),
+        match &status.baseline {
+            Some(id) => format!("baseline   {id}{}", health.age_of_baseline()),
+            None => {
+                "baseline   none; take all loads off the sheet and run `tactus baseline record`"
+                    .to_owned()
+            }
+        },
+    ]);
+    match &status.session {
+        None => lines.push("session    none; `tactus start` starts one".to_owned()),
+        Some(session) => {
+            lines.push(format!(
+                "session    {} ({}, {}): {} frames recorded",
+                session.id, session.kind, session.state, session.frames_durable,
+            ));
+            if let Some(map) = &session.map {
+                lines.push(format!("map        {}", map.for_a_person()));
+            }
+        }
+    }
+    lines.extend(health.for_a_person());
+    if let Some(recovery) = &status.recovery {
+        lines.push(format!("rig        {}", recovery.for_a_person()));
+    }
+    lines.push(format!("record     {}", status.record_directory));
+    lines.push(format!(
+        "daemon     tactusd {} at {}",
+        status.version, status.bus
+    ));
+    let lines: Vec<_> = lines.iter().map(|line| survey::printable(line)).collect();
+    lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::control::status::*;
+
+    fn status() -> Status {
+        Status {
+            state: "acquiring".into(),
+            simulated: true,
+            source: "rig".into(),
+            method: "one-step noser".into(),
+            baseline: None,
+            session: Some(Running {
+                id: "m1".into(),
+                kind: "measurement".into(),
+                state: "running".into(),
+                frames_acquired: 8,
+                frames_durable: 7,
+                frames_dropped: 0,
+                frames_failed: 0,
+                last_error: None,
+                map: Some(Shown {
+                    sequence: 7,
+                    unit: "relative loss of conductance",
+                    largest_loss: Some(0.25),
+                    newtons: None,
+                    largest_kpa: None,
+                    reconstruction_s: Some(0.00125),
+                    durable_s: Some(0.005),
+                }),
+            }),
+            source_state: "in use".into(),
+            recovery: None,
+            record_directory: "/r".into(),
+            last_error: None,
+            version: "0.1.0".into(),
+            bus: "unix:/p".into(),
+            health: Health::default(),
+        }
+    }
+
+    #[test]
+    fn the_golden_line() {
+        let mut printer = Printer::into(true, Vec::new());
+        printer.record(&status(), for_a_person).unwrap();
+        assert_eq!(
+            String::from_utf8(printer.sink()).unwrap(),
+            "{\"state\":\"acquiring\",\"simulated\":true,\"source\":\"rig\",\"method\":\"one-step noser\",\"baseline\":null,\
+             \"session\":{\"id\":\"m1\",\"kind\":\"measurement\",\"state\":\"running\",\"frames_acquired\":8,\
+             \"frames_durable\":7,\"frames_dropped\":0,\"frames_failed\":0,\"last_error\":null,\"map\":{\"sequence\":7,\
+             \"unit\":\"relative loss of conductance\",\"largest_loss\":0.25,\"newtons\":null,\"largest_kpa\":null,\
+             \"reconstruction_s\":0.00125,\"durable_s\":0.005}},\"source_state\":\"in use\",\"recovery\":null,\
+             \"record_directory\":\"/r\",\
+             \"last_error\":null,\"version\":\"0.1.0\",\"bus\":\"unix:/p\",\"health\":{\"well\":false,\"troubles\":[],\
+             \"last_frame\":null,\"period_s\":null,\"backlog\":null,\"gaps\":{\"failed\":0,\"dropped\":0,\"last\":null},\
+             \"instruments\":[],\"baseline_age_s\":null,\"disk_free_bytes\":null,\"disk_bytes_per_day\":null,\
+             \"disk_days\":null,\"relay\":null}}\n"
+        );
+    }
+
+    #[test]
+    fn a_person_is_told_what_is_simulated_and_what_to_do() {
+        let text = for_a_person(&status());
+        assert!(
+            text.contains("SIMULATED") && text.contains("`tactus baseline record`"),
+            "{text}"
+        );
+        assert!(
+            text.contains("m1 (measurement, running): 7 frames recorded"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn a_map_is_in_newtons_with_a_calibration_and_never_without() {
+        let mut status = status();
+        let text = for_a_person(&status);
+        let loss =
+            "map        frame 7: largest relative loss of conductance 0.250, made in 1.250 ms";
+        assert!(text.contains(loss), "{text}");
+        assert!(!text.contains("kPa") && !text.contains(" N,"), "{text}");
+        let map = status.session.as_mut().unwrap().map.as_mut().unwrap();
+        (map.newtons, map.largest_kpa) = (Some(19.61), Some(15.6));
+        let text = for_a_person(&status);
+        assert!(
+            text.contains("frame 7: 19.6 N, largest pressure 15.6 kPa"),
+            "{text}"
+        );
+        assert!(!text.contains("loss"), "{text}");
+    }
+
+    #[test]
+    fn a_lost_rig_is_said_with_its_tries_and_the_next_one() {
+        let mut status = status();
+        status.state = "suspended".into();
+        status.source_state = "unknown".into();
+        status.recovery = Some(Recovery {
+            what: "the connection to 6221 (tcp:h:1) was lost".into(),
+            tries: 3,
+            next_s: Some(1.6),
+            person: false,
+        });
+        let text = for_a_person(&status);
+        assert!(
+            text.contains(
+                "reconnecting, 3 tries so far, the next in 1.6 s: the connection to 6221"
+            ),
+            "{text}"
+        );
+        status.recovery.as_mut().unwrap().person = true;
+        assert!(for_a_person(&status).contains("`tactus instruments accept`"));
+    }
+}

@@ -1,0 +1,364 @@
+//! What `tactus watch` makes of the stream's records.
+
+use std::io::Write;
+use std::time::Duration;
+
+use chrono::{DateTime, Local, SecondsFormat};
+use dbus::Session1Proxy;
+use dbus::stream::{Body, Decoder, Record};
+use serde::Serialize;
+use survey::{Map, MapUnit};
+use tokio::io::AsyncReadExt;
+use tokio::time::Instant;
+
+use crate::args::Watch;
+use crate::control::connection::Daemon;
+use crate::control::session;
+use crate::failure::Failure;
+use crate::maps::drawing;
+use crate::maps::drawing::Field;
+use crate::options::choices::Scale;
+use crate::output::Printer;
+
+/// A map follows its frame at once where there is one; a frame without a map is not held back longer than this.
+const MAP_FOLLOWS: Duration = Duration::from_secs(2);
+
+/// A line of `watch --json`; see `cli/JSON.md`.
+#[derive(Debug, Serialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+enum Line {
+    /// A frame, with what its map says.
+    Frame(Seen),
+    /// The session is over.
+    Ended { session: String, reason: String },
+}
+
+#[derive(Debug, Serialize)]
+struct Seen {
+    session: String,
+    sequence: u64,
+    wall: String,
+    simulated: bool,
+    /// Records lost just before, because this reader was too slow.
+    gap: u64,
+    readings: usize,
+    overloads: usize,
+    timeouts: usize,
+    not_measured: usize,
+    /// `None` where no map was made.
+    method: Option<String>,
+    largest_loss: Option<f64>,
+    found_mm: Option<[f64; 2]>,
+    /// What the map shown is in; `None` where no map was made.
+    unit: Option<&'static str>,
+    /// Of a calibrated method.
+    newtons: Option<f64>,
+    largest_kpa: Option<f64>,
+}
+
+/// A map as a calibration reads it, and the frame it is of.
+struct Pressed {
+    sequence: u64,
+    kpa: Vec<f64>,
+    newtons: f64,
+}
+
+/// Shows records as they come: a line a frame, its map below.
+pub(crate) struct Viewer<'a, W> {
+    id: String,
+    watch: &'a Watch,
+    field: Option<Field>,
+    shown: u64,
+    /// Sequence of the frame shown last.
+    last: Option<u64>,
+    /// A frame whose map may still come, and until when it is waited for.
+    waiting: Option<(Record, Instant)>,
+    /// Comes before its map.
+    pressed: Option<Pressed>,
+    printer: &'a mut Printer<W>,
+}
+
+impl<'a, W: Write> Viewer<'a, W> {
+    pub(crate) fn new(
+        id: String,
+        watch: &'a Watch,
+        field: Option<Field>,
+        printer: &'a mut Printer<W>,
+    ) -> Self {
+        Self {
+            id,
+            watch,
+            field,
+            shown: 0,
+            last: None,
+            waiting: None,
+            pressed: None,
+            printer,
+        }
+    }
+
+    /// Reads records until the session ends (its reason), or until enough was shown (`None`).
+    pub(crate) async fn follow(
+        &mut self,
+        mut stream: impl tokio::io::AsyncRead + Unpin,
+        deadline: Option<Instant>,
+    ) -> Result<Option<String>, Failure> {
+        let mut decoder = Decoder::new();
+        let mut bytes = vec![0; 64 * 1024];
+        loop {
+            while let Some(record) = decoder
+                .next_record()
+                .map_err(|error| Failure::failed("the stream cannot be understood", &error))?
+            {
+                if let Some(reason) = self.take(record)? {
+                    return Ok(Some(reason));
+                }
+                if self.enough() {
+                    return Ok(None);
+                }
+            }
+            let until = match (&self.waiting, deadline) {
+                (Some((_, map)), Some(deadline)) => Some(deadline.min(*map)),
+                (Some((_, map)), None) => Some(*map),
+                (None, deadline) => deadline,
+            };
+            let read = stream.read(&mut bytes);
+            let read = match until {
+                None => Some(read.await),
+                Some(until) => tokio::time::timeout_at(until, read).await.ok(),
+            };
+            match read {
+                Some(Ok(0)) => {
+                    self.flush()?;
+                    return Err(Failure::Missing(format!(
+                        "the daemon went away while session {} was watched; its record is kept: `tactus sessions`",
+                        self.id
+                    )));
+                }
+                Some(Ok(count)) => decoder.push(&bytes[..count]),
+                Some(Err(error)) => {
+                    return Err(Failure::failed("the stream cannot be read", &error));
+                }
+                None => {
+                    self.flush()?;
+                    if self.enough() || deadline.is_some_and(|deadline| Instant::now() >= deadline)
+                    {
+                        return Ok(None);
+                    }
+                }
+            }
+        }
+    }
+
+    fn enough(&self) -> bool {
+        self.watch.count.is_some_and(|count| self.shown >= count)
+    }
+
+    /// Takes one record; returns the reason when it is the last.
+    fn take(&mut self, mut record: Record) -> Result<Option<String>, Failure> {
+        match &record.body {
+            Body::Frame { .. } => {
+                self.flush()?;
+                if self.field.is_some() && !self.enough() {
+                    self.waiting = Some((record, Instant::now() + MAP_FOLLOWS));
+                } else {
+                    self.show(&record, None)?;
+                }
+                Ok(None)
+            }
+            Body::Map {
+                values,
+                mesh_hash,
+                method,
+            } => {
+                let map = Map {
+                    mesh_hash: mesh_hash.clone(),
+                    values: values.clone(),
+                    unit: MapUnit::RelativeConductance,
+                    method: method.clone(),
+                    masked: 0,
+                };
+                match self.waiting.take() {
+                    Some((mut frame, _)) if frame.sequence == record.sequence => {
+                        frame.gap += record.gap;
+                        self.show(&frame, Some(&map))?;
+                    }
+                    other if self.last == Some(record.sequence) => self.waiting = other,
+                    other => {
+                        // The frame of this map was lost in a gap.
+                        self.waiting = other;
+                        self.flush()?;
+                        record.body = Body::Frame {
+                            volts: Vec::new(),
+                            flags: Vec::new(),
+                        };
+                        self.show(&record, Some(&map))?;
+                    }
+                }
+                Ok(None)
+            }
+            Body::Pressure { kpa, newtons } => {
+                self.pressed = Some(Pressed {
+                    sequence: record.sequence,
+                    kpa: kpa.clone(),
+                    newtons: *newtons,
+                });
+                Ok(None)
+            }
+            Body::End { reason } => {
+                self.flush()?;
+                Ok(Some(reason.clone()))
+            }
+        }
+    }
+
+    /// Shows a frame whose map does not come.
+    fn flush(&mut self) -> Result<(), Failure> {
+        match self.waiting.take() {
+            Some((frame, _)) => self.show(&frame, None),
+            None => Ok(()),
+        }
+    }
+
+    fn show(&mut self, frame: &Record, map: Option<&Map>) -> Result<(), Failure> {
+        if self.enough() {
+            return Ok(());
+        }
+        self.shown += 1;
+        self.last = Some(frame.sequence);
+        let flags: &[u8] = match &frame.body {
+            Body::Frame { flags, .. } => flags,
+            Body::Map { .. } | Body::Pressure { .. } | Body::End { .. } => &[],
+        };
+        let count = |wanted: u8| flags.iter().filter(|&&flag| flag == wanted).count();
+        let fits = map
+            .zip(self.field.as_ref())
+            .filter(|(map, field)| field.fits(map));
+        let found = fits.and_then(|(map, field)| field.found(map));
+        let pressed = self
+            .pressed
+            .take()
+            .filter(|pressed| pressed.sequence == frame.sequence);
+        let pressure = map.zip(pressed.as_ref()).map(|(map, pressed)| Map {
+            values: pressed.kpa.clone(),
+            unit: MapUnit::Pressure,
+            ..map.clone()
+        });
+        let wall = DateTime::from_timestamp_nanos(frame.wall_ns);
+        let line = Line::Frame(Seen {
+            session: self.id.clone(),
+            sequence: frame.sequence,
+            wall: wall.to_rfc3339_opts(SecondsFormat::Nanos, true),
+            simulated: frame.simulated,
+            gap: frame.gap,
+            readings: flags.len(),
+            overloads: count(1),
+            timeouts: count(2),
+            not_measured: count(3),
+            method: map.map(|map| map.method.clone()),
+            largest_loss: map.map(|map| map.largest_loss().map_or(0.0, |(_, loss)| loss)),
+            found_mm: drawing::millimetres(found),
+            unit: map.map(|map| unit(pressure.as_ref().unwrap_or(map))),
+            newtons: pressed.as_ref().map(|pressed| pressed.newtons),
+            largest_kpa: pressure
+                .as_ref()
+                .map(|map| map.largest_loss().map_or(0.0, |(_, kpa)| kpa)),
+        });
+        if self.printer.is_terminal() && fits.is_some() && !self.watch.no_map {
+            self.printer.clear()?;
+        }
+        self.printer.record(&line, |line| sentence(line, wall))?;
+        if let Some((map, field)) = fits
+            && !self.watch.no_map
+        {
+            let title = format!("{}, frame {}", self.id, frame.sequence);
+            // a scale that was asked for is one of conductance
+            let scale = match pressure {
+                Some(_) => Scale::Own,
+                None => self.watch.scale,
+            };
+            let style = drawing::style(title, scale, frame.simulated, found);
+            let style = drawing::terminal_style(self.printer, style);
+            let shown = pressure.as_ref().unwrap_or(map);
+            self.printer
+                .drawn(&drawing::terminal(field, shown, &style)?)?;
+        }
+        Ok(())
+    }
+
+    /// Says how the session ended; a fault is a failure.
+    pub(crate) async fn end(
+        &mut self,
+        daemon: &Daemon,
+        session: &Session1Proxy<'_>,
+        reason: String,
+    ) -> Result<(), Failure> {
+        let line = Line::Ended {
+            session: self.id.clone(),
+            reason,
+        };
+        self.printer
+            .record(&line, |line| sentence(line, DateTime::UNIX_EPOCH))?;
+        session::judge(daemon, session).await
+    }
+}
+
+/// What a map's values are in.
+fn unit(map: &Map) -> &'static str {
+    match map.unit {
+        MapUnit::Pressure => map.unit.label(),
+        MapUnit::RelativeConductance | MapUnit::Conductance => map.unit.caption(),
+    }
+}
+
+/// What a map says in all: newtons and kPa where there is a calibration, never without one.
+pub(crate) fn burden(largest_loss: f64, pressed: Option<(f64, f64)>) -> String {
+    match pressed {
+        Some((newtons, kpa)) => format!("{newtons:.1} N, largest pressure {kpa:.1} kPa"),
+        None => format!("largest relative loss of conductance {largest_loss:.3}"),
+    }
+}
+
+fn sentence(line: &Line, wall: DateTime<chrono::Utc>) -> String {
+    match line {
+        Line::Ended { session, reason } => format!("{session} ended: {reason}"),
+        Line::Frame(seen) => {
+            let mut text = String::new();
+            if seen.gap > 0 {
+                text.push_str(&format!(
+                    "-- {} records were not shown: this reader is too slow --\n",
+                    seen.gap
+                ));
+            }
+            text.push_str(&format!(
+                "{} frame {}  {}",
+                seen.session,
+                seen.sequence,
+                wall.with_timezone(&Local).format("%H:%M:%S%.3f")
+            ));
+            match seen.largest_loss {
+                Some(loss) => {
+                    text.push_str(&format!("  found {}  ", drawing::place(seen.found_mm)));
+                    text.push_str(&burden(loss, seen.newtons.zip(seen.largest_kpa)));
+                }
+                None => text.push_str("  no map"),
+            }
+            for (count, what) in [
+                (seen.overloads, "overloads"),
+                (seen.timeouts, "timeouts"),
+                (seen.not_measured, "not measured"),
+            ] {
+                if count > 0 {
+                    text.push_str(&format!("  {count} {what}"));
+                }
+            }
+            if seen.simulated {
+                text.push_str("  SIMULATED");
+            }
+            text
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,201 @@
+//! The viewer against streams made by hand.
+
+use crate::control::viewer::*;
+
+fn watch(words: &[&str]) -> Watch {
+    use clap::Parser;
+    let words = ["tactus", "watch"].iter().chain(words);
+    match crate::args::Arguments::try_parse_from(words)
+        .unwrap()
+        .command
+    {
+        crate::args::Command::Watch(watch) => watch,
+        _ => unreachable!("watch was asked"),
+    }
+}
+
+fn record(sequence: u64, gap: u64, body: Body) -> Record {
+    Record {
+        sequence,
+        wall_ns: 1_000_000_000 * sequence as i64,
+        gap,
+        simulated: true,
+        body,
+    }
+}
+
+fn frame(sequence: u64, gap: u64) -> Record {
+    let body = Body::Frame {
+        volts: vec![-0.25, f64::NAN],
+        flags: vec![0, 1],
+    };
+    record(sequence, gap, body)
+}
+
+fn map(sequence: u64) -> Record {
+    let body = Body::Map {
+        values: vec![-0.5, 0.0],
+        mesh_hash: "m".into(),
+        method: "one-step".into(),
+    };
+    record(sequence, 0, body)
+}
+
+fn field() -> Field {
+    Field::from_bus(dbus::Geometry {
+        mesh_hash: "m".into(),
+        nodes: vec![0.0, 0.0, 0.03, 0.0, 0.0, 0.03, 0.03, 0.03],
+        triangles: vec![0, 1, 2, 1, 3, 2],
+        outline: vec![0.0, 0.0, 0.03, 0.0, 0.03, 0.03, 0.0, 0.03],
+        outline_lengths: vec![4],
+        electrodes: vec![0.0, 0.0],
+        more: dbus::Options::new(),
+    })
+    .unwrap()
+}
+
+async fn shown(
+    words: &[&str],
+    field: Option<Field>,
+    records: &[Record],
+) -> (String, Result<Option<String>, Failure>) {
+    said(true, words, field, records).await
+}
+
+async fn said(
+    json: bool,
+    words: &[&str],
+    field: Option<Field>,
+    records: &[Record],
+) -> (String, Result<Option<String>, Failure>) {
+    let watch = watch(words);
+    let mut printer = Printer::into(json, Vec::new());
+    let bytes: Vec<u8> = records.iter().flat_map(Record::encode).collect();
+    let ended = Viewer::new("m1".into(), &watch, field, &mut printer)
+        .follow(bytes.as_slice(), None)
+        .await;
+    (String::from_utf8(printer.sink()).unwrap(), ended)
+}
+
+fn end() -> Record {
+    let reason = "count reached".into();
+    record(9, 0, Body::End { reason })
+}
+
+#[tokio::test]
+async fn a_frame_and_its_map_are_one_line() {
+    let (text, ended) = shown(&[], Some(field()), &[frame(1, 0), map(1), end()]).await;
+    assert_eq!(
+        text,
+        "{\"event\":\"frame\",\"session\":\"m1\",\"sequence\":1,\"wall\":\"1970-01-01T00:00:01.000000000Z\",\
+         \"simulated\":true,\"gap\":0,\"readings\":2,\"overloads\":1,\"timeouts\":0,\"not_measured\":0,\
+         \"method\":\"one-step\",\"largest_loss\":0.5,\"found_mm\":[10.0,10.0],\
+         \"unit\":\"relative loss of conductance\",\"newtons\":null,\"largest_kpa\":null}\n"
+    );
+    assert_eq!(ended.unwrap().as_deref(), Some("count reached"));
+}
+
+fn pressure(sequence: u64) -> Record {
+    let body = Body::Pressure {
+        kpa: vec![12.5, 0.0],
+        newtons: 5.625,
+    };
+    record(sequence, 0, body)
+}
+
+#[tokio::test]
+async fn with_a_calibration_everything_is_in_kilopascals_and_newtons() {
+    let records = [frame(1, 0), pressure(1), map(1), end()];
+    let (text, _) = said(false, &[], Some(field()), &records).await;
+    assert!(
+        text.contains("5.6 N, largest pressure 12.5 kPa") && text.contains("pressure\n"),
+        "{text}"
+    );
+    assert!(!text.contains("loss") && !text.contains(" %"), "{text}");
+    let (text, _) = shown(&[], Some(field()), &records).await;
+    assert!(
+        text.contains("\"unit\":\"kPa\",\"newtons\":5.625,\"largest_kpa\":12.5}"),
+        "{text}"
+    );
+    // a pressure of another frame is none of this one's
+    let records = [pressure(1), frame(2, 0), map(2), end()];
+    let (text, _) = shown(&[], Some(field()), &records).await;
+    assert!(text.contains("\"newtons\":null"), "{text}");
+}
+
+#[tokio::test]
+async fn without_a_calibration_nothing_is_in_kilopascals() {
+    let (text, _) = said(false, &[], Some(field()), &[frame(1, 0), map(1), end()]).await;
+    assert!(
+        text.contains("largest relative loss of conductance 0.500")
+            && text.contains("relative loss of conductance\n"),
+        "{text}"
+    );
+    assert!(!text.contains("kPa") && !text.contains(" N,"), "{text}");
+}
+
+#[tokio::test]
+async fn a_gap_is_said_and_a_frame_without_a_map_is_shown_too() {
+    let (text, _) = shown(
+        &[],
+        Some(field()),
+        &[frame(1, 0), frame(5, 7), map(5), end()],
+    )
+    .await;
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!(lines.len(), 2);
+    assert!(
+        lines[0].contains("\"sequence\":1,") && lines[0].contains("\"method\":null"),
+        "{text}"
+    );
+    assert!(
+        lines[1].contains("\"sequence\":5,") && lines[1].contains("\"gap\":7,"),
+        "{text}"
+    );
+}
+
+#[tokio::test]
+async fn a_map_whose_frame_was_lost_is_shown_alone() {
+    let (text, _) = shown(&[], Some(field()), &[map(4), end()]).await;
+    assert!(
+        text.contains("\"sequence\":4,") && text.contains("\"readings\":0,"),
+        "{text}"
+    );
+}
+
+#[tokio::test]
+async fn enough_is_enough() {
+    let records = [frame(1, 0), frame(2, 0), frame(3, 0), end()];
+    let (text, ended) = shown(&["--count", "2"], None, &records).await;
+    assert_eq!(text.lines().count(), 2);
+    assert_eq!(ended.unwrap(), None);
+}
+
+#[tokio::test]
+async fn a_daemon_that_goes_away_is_said() {
+    let (text, ended) = shown(&[], Some(field()), &[frame(1, 0)]).await;
+    assert_eq!(
+        text.lines().count(),
+        1,
+        "the frame that waited for its map is not lost"
+    );
+    assert_eq!(ended.unwrap_err().code(), 3);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_frame_is_not_held_back_for_a_map_that_does_not_come() {
+    let watch = watch(&["--count", "1"]);
+    let mut printer = Printer::into(true, Vec::new());
+    let (mut daemon, client) = tokio::io::duplex(1024);
+    tokio::io::AsyncWriteExt::write_all(&mut daemon, &frame(1, 0).encode())
+        .await
+        .unwrap();
+    let ended = Viewer::new("m1".into(), &watch, Some(field()), &mut printer)
+        .follow(client, None)
+        .await;
+    assert_eq!(ended.unwrap(), None);
+    assert_eq!(
+        printer.sink().iter().filter(|&&byte| byte == b'\n').count(),
+        1
+    );
+}

@@ -1,0 +1,83 @@
+//! What a person does for a rig that needs one: open its relays, agree to other instruments, take another configuration,
+//! look at what was said over the wires.
+
+use std::io::Write;
+
+use dbus::Options;
+use serde::Serialize;
+
+use crate::args::Transcript;
+use crate::control::connection::Daemon;
+use crate::failure::Failure;
+use crate::output::Printer;
+
+/// The line of `instruments open-all`, `instruments accept` and `reload` with `--json`; see `cli/JSON.md`.
+#[derive(Debug, Serialize)]
+struct Done {
+    event: &'static str,
+    text: String,
+}
+
+fn done(
+    event: &'static str,
+    text: String,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    printer.record(&Done { event, text }, |done| done.text.clone())
+}
+
+pub(crate) async fn open_all(
+    daemon: &Daemon,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let text = daemon.ask("the relays", daemon.manager.open_all()).await?;
+    done("opened", text, printer)
+}
+
+pub(crate) async fn accept(
+    daemon: &Daemon,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let asked = daemon.manager.accept_instruments();
+    let text = daemon.ask("the instruments", asked).await?;
+    done("accepted", text, printer)
+}
+
+pub(crate) async fn reload(
+    daemon: &Daemon,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let text = daemon
+        .ask("the configuration", daemon.manager.reload())
+        .await?;
+    done("reloaded", text, printer)
+}
+
+/// The transcript itself is lines of JSON, with `--json` or without.
+pub(crate) async fn transcript(
+    daemon: &Daemon,
+    asked: &Transcript,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let options = Options::new().with("frames", u64::from(asked.frames));
+    let lines = daemon
+        .ask("the transcript", daemon.manager.transcript(&options))
+        .await?;
+    if lines.is_empty() {
+        return Err(Failure::Missing(
+            "nothing has been said over the wires yet; a recording has none".to_owned(),
+        ));
+    }
+    match &asked.out {
+        None => printer.raw(survey::printable_json(lines).as_bytes()),
+        Some(path) => {
+            outfile::write(path, asked.replacing.existing(), lines.as_bytes())?;
+            let count = lines.lines().count();
+            let text = format!(
+                "{count} lines are in {}; `tactus-sim replay {0}` plays them to the simulators",
+                path.display()
+            );
+            done("written", text, printer)
+        }
+    }
+}

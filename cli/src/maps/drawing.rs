@@ -1,0 +1,188 @@
+//! A mesh and a map handed to `picture`: terminal cells, PNG, SVG; and where a map's load lies.
+
+use std::io::Write;
+
+use eit::Mesh;
+use render::{Sheet, Style, TerminalStyle};
+use survey::Map;
+
+use crate::failure::Failure;
+use crate::options::choices::Scale;
+use crate::output::Printer;
+
+/// The region a map covers: what a picture and [`Map::found`] need of its mesh.
+pub(crate) struct Field {
+    mesh_hash: String,
+    pub(crate) sheet: Sheet,
+    centroids: Vec<[f64; 2]>,
+    areas: Vec<f64>,
+}
+
+impl Field {
+    pub(crate) fn from_mesh(mesh: &Mesh) -> Self {
+        Self {
+            mesh_hash: mesh.hash().to_owned(),
+            sheet: Sheet {
+                triangles: mesh
+                    .region()
+                    .iter()
+                    .map(|&triangle| mesh.corners(triangle))
+                    .collect(),
+                outline: mesh.outline(),
+                electrodes: mesh.electrode_centres(),
+            },
+            centroids: mesh.region_centroids(),
+            areas: mesh.region_areas(),
+        }
+    }
+
+    /// The daemon's region, as it came over the bus.
+    ///
+    /// # Errors
+    /// Indices or counts that do not fit together.
+    pub(crate) fn from_bus(geometry: dbus::Geometry) -> Result<Self, Failure> {
+        let (Some(triangles), Some(outline)) = (geometry.corners(), geometry.loops()) else {
+            return Err(Failure::Failed(
+                "the daemon's geometry does not fit together; is it of another version than this tactus?".to_owned(),
+            ));
+        };
+        let centroids = triangles
+            .iter()
+            .map(|[a, b, c]| [(a[0] + b[0] + c[0]) / 3.0, (a[1] + b[1] + c[1]) / 3.0])
+            .collect();
+        let areas = triangles
+            .iter()
+            .map(|[a, b, c]| {
+                0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])).abs()
+            })
+            .collect();
+        Ok(Self {
+            sheet: Sheet {
+                triangles,
+                outline,
+                electrodes: geometry.electrode_centres(),
+            },
+            mesh_hash: geometry.mesh_hash,
+            centroids,
+            areas,
+        })
+    }
+
+    /// Whether the map is of this mesh.
+    pub(crate) fn fits(&self, map: &Map) -> bool {
+        map.mesh_hash == self.mesh_hash && map.values.len() == self.areas.len()
+    }
+
+    /// Where the load lies, m: [`Map::found`].
+    pub(crate) fn found(&self, map: &Map) -> Option<[f64; 2]> {
+        map.found(&self.centroids, &self.areas)
+    }
+}
+
+fn scale(scale: Scale) -> render::Scale {
+    match scale {
+        Scale::Own => render::Scale::Own,
+        Scale::Fixed(low, high) => render::Scale::Fixed(low, high),
+    }
+}
+
+/// Title, scale and marks of one picture.
+pub(crate) fn style(
+    title: String,
+    wanted: Scale,
+    simulated: bool,
+    found: Option<[f64; 2]>,
+) -> Style {
+    Style {
+        title,
+        scale: scale(wanted),
+        simulated,
+        found,
+        ..Style::default()
+    }
+}
+
+/// As wide as the terminal, in the colours it can show.
+pub(crate) fn terminal_style(printer: &Printer<impl Write>, style: Style) -> TerminalStyle {
+    TerminalStyle {
+        width: printer.width(),
+        colour: printer.map_colour(),
+        style,
+    }
+}
+
+pub(crate) fn png(field: &Field, map: &Map, style: &Style) -> Result<Vec<u8>, Failure> {
+    render::png(&field.sheet, map, style)
+        .map_err(|error| Failure::failed("the picture cannot be drawn", &error))
+}
+
+pub(crate) fn svg(field: &Field, map: &Map, style: &Style) -> Result<String, Failure> {
+    render::svg(&field.sheet, map, style)
+        .map_err(|error| Failure::failed("the picture cannot be drawn", &error))
+}
+
+/// The map as terminal cells.
+pub(crate) fn terminal(field: &Field, map: &Map, style: &TerminalStyle) -> Result<String, Failure> {
+    render::terminal(&field.sheet, map, style)
+        .map_err(|error| Failure::failed("the map cannot be drawn", &error))
+}
+
+/// `(129.3, 44.0) mm`, or that nothing was found; the place in millimetres.
+pub(crate) fn place(found_mm: Option<[f64; 2]>) -> String {
+    match found_mm {
+        Some([x, y]) => format!("({x:.1}, {y:.1}) mm"),
+        None => "nothing".to_owned(),
+    }
+}
+
+/// Metres to millimetres.
+pub(crate) fn millimetres(found: Option<[f64; 2]>) -> Option<[f64; 2]> {
+    found.map(|place| place.map(|metres| metres * 1e3))
+}
+
+#[cfg(test)]
+mod tests {
+    use survey::MapUnit;
+
+    use crate::maps::drawing::*;
+
+    fn geometry() -> dbus::Geometry {
+        dbus::Geometry {
+            mesh_hash: "m".into(),
+            nodes: vec![0.0, 0.0, 0.03, 0.0, 0.0, 0.03],
+            triangles: vec![0, 1, 2],
+            outline: vec![0.0, 0.0, 0.03, 0.0, 0.0, 0.03],
+            outline_lengths: vec![3],
+            electrodes: vec![0.0, 0.0],
+            more: dbus::Options::new(),
+        }
+    }
+
+    #[test]
+    fn a_geometry_from_the_bus_finds_a_load() {
+        let field = Field::from_bus(geometry()).unwrap();
+        let map = Map {
+            mesh_hash: "m".into(),
+            values: vec![-0.5],
+            unit: MapUnit::RelativeConductance,
+            method: "test".into(),
+            masked: 0,
+        };
+        assert!(field.fits(&map));
+        assert_eq!(place(millimetres(field.found(&map))), "(10.0, 10.0) mm");
+        assert_eq!(place(None), "nothing");
+        assert!(!field.fits(&Map {
+            mesh_hash: "other".into(),
+            ..map
+        }));
+    }
+
+    #[test]
+    fn a_geometry_that_does_not_fit_together_is_refused() {
+        let wrong = dbus::Geometry {
+            triangles: vec![0, 1, 7],
+            ..geometry()
+        };
+        assert!(Field::from_bus(wrong).is_err());
+    }
+}

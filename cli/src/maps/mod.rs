@@ -1,0 +1,8 @@
+//! Maps made without a daemon: settings, sources of frames, reconstruction, replay, drawing.
+//! The mathematics is the crate `eit`'s.
+
+pub(crate) mod drawing;
+pub(crate) mod reconstruction;
+pub(crate) mod recording;
+pub(crate) mod replay;
+pub(crate) mod settings;

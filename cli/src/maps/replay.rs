@@ -1,0 +1,313 @@
+//! `tactus replay`: a recording reconstructed offline, frame by frame, with the mathematics the daemon uses.
+
+use std::io::{IsTerminal, Write};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use outfile::OutFile;
+use serde::Serialize;
+use survey::Map;
+
+use crate::args::{Global, Replay};
+use crate::failure::Failure;
+use crate::maps::drawing;
+use crate::maps::reconstruction::{Eye, Scene};
+use crate::maps::recording;
+use crate::maps::recording::{Recorded, Recording};
+use crate::output::Printer;
+use crate::records::sessions::utc;
+
+/// One line of `replay --json`; see `cli/JSON.md`.
+#[derive(Debug, Serialize)]
+struct Line<'a> {
+    frame: u64,
+    label: &'a str,
+    wall: Option<String>,
+    method: &'a str,
+    found_mm: Option<[f64; 2]>,
+    largest_loss: f64,
+    masked: usize,
+    map_hash: String,
+    /// Whether the recorded map had the same bits; `None` where none was recorded.
+    verified: Option<bool>,
+    simulated: Option<bool>,
+    png: Option<String>,
+}
+
+/// Reconstructs each frame of the recording; prints, draws and writes what was asked.
+pub(crate) fn run(
+    global: &Global,
+    replay: &Replay,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let recording = recording::open(global, replay)?;
+    let eye = Eye::open(
+        &replay.method,
+        &replay.geometry,
+        &recording.home,
+        &Scene {
+            protocol: &recording.protocol,
+            baseline: &recording.baseline,
+            noise: recording.noise,
+            current: recording.current,
+        },
+    )?;
+    let count = recording.len()?;
+    introduce(&recording, count, &eye, printer)?;
+    let existing = replay.replacing.existing();
+    if let Some(directory) = &replay.png {
+        outfile::make_folder(directory, existing)?;
+    }
+    let mut maps = match &replay.out {
+        Some(path) => Some(OutFile::create(path, existing)?),
+        None => None,
+    };
+    let progress = progress(count, printer.is_terminal());
+    let draw = printer.is_terminal() && !replay.no_map;
+    let mut verdict = Verdict::default();
+    for recorded in recording.frames() {
+        let map =
+            eye.look(&recording.baseline, &recorded.readings)
+                .map_err(|failure| match failure {
+                    Failure::Failed(text) => {
+                        Failure::Failed(format!("frame {}: {text}", recorded.sequence))
+                    }
+                    other => other,
+                })?;
+        let found = eye.field.found(&map);
+        verdict.take(&recorded, &map);
+        if let Some(file) = &mut maps {
+            file.put(&row(&map))?;
+        }
+        let style = || {
+            drawing::style(
+                format!("frame {}", recorded.label),
+                replay.scale,
+                recording.simulated == Some(true),
+                found,
+            )
+        };
+        let png = match &replay.png {
+            None => None,
+            Some(directory) => {
+                let path = directory.join(format!("frame-{:06}.png", recorded.sequence));
+                let png = drawing::png(&eye.field, &map, &style())?;
+                outfile::write(&path, existing, &png)?;
+                Some(path.display().to_string())
+            }
+        };
+        let line = Line {
+            frame: recorded.sequence,
+            label: &recorded.label,
+            wall: recorded.wall.map(utc),
+            method: eye.method(),
+            found_mm: drawing::millimetres(found),
+            largest_loss: map.largest_loss().map_or(0.0, |(_, loss)| loss),
+            masked: map.masked,
+            map_hash: map.hash(),
+            verified: recorded.map.as_ref().map(|kept| kept.is_of(&map.hash())),
+            simulated: recording.simulated,
+            png,
+        };
+        progress.suspend(|| -> Result<(), Failure> {
+            printer.record(&line, sentence)?;
+            if draw {
+                let style = drawing::terminal_style(printer, style());
+                printer.drawn(&drawing::terminal(&eye.field, &map, &style)?)?;
+            }
+            Ok(())
+        })?;
+        progress.inc(1);
+    }
+    progress.finish_and_clear();
+    if let Some(file) = maps {
+        let path = file.finish()?;
+        printer.text(&format!("maps: {}", path.display()))?;
+    }
+    if replay.verify {
+        printer.record(&verdict, Verdict::sentence)?;
+        return verdict.judge(&recording.name);
+    }
+    Ok(())
+}
+
+/// How far a map of another build or processor may be from the recorded one, relative to its length: far above what the
+/// last bits of the readings change (1e-13), a hundredth of what 2 uV do; the test of that name prints both.
+const TOLERANCE: f64 = 1e-4;
+
+/// What `replay --verify` says last; see `cli/JSON.md`.
+#[derive(Debug, Default, Serialize)]
+struct Verdict {
+    /// Maps with the bits that were recorded.
+    same: u64,
+    /// Frames whose map was made by this build on this processor, and is another now, or is further off than
+    /// [`TOLERANCE`].
+    different: Vec<u64>,
+    /// Maps of another build or processor that are no further from it than [`TOLERANCE`].
+    near: u64,
+    /// The largest such distance, relative.
+    furthest: Option<f64>,
+    /// Frames whose map differs and was made by another build or on another processor, which kept its hash only.
+    elsewhere: Vec<u64>,
+    /// The first of those builds and processors.
+    made_by: Option<String>,
+    /// Frames without a trace of a map.
+    without: u64,
+}
+
+impl Verdict {
+    fn take(&mut self, recorded: &Recorded, map: &Map) {
+        let Some(kept) = &recorded.map else {
+            self.without += 1;
+            return;
+        };
+        let version = kept.build.split_whitespace().last();
+        if kept.is_of(&map.hash()) {
+            self.same += 1;
+            return;
+        }
+        if version == Some(env!("CARGO_PKG_VERSION")) && kept.cpu == eit::cpu_features() {
+            self.different.push(recorded.sequence);
+            return;
+        }
+        self.made_by
+            .get_or_insert_with(|| format!("{} on {}", kept.build, kept.cpu));
+        match kept.distance(map) {
+            Some(distance) if distance <= TOLERANCE => {
+                self.near += 1;
+                self.furthest = Some(self.furthest.unwrap_or(0.0).max(distance));
+            }
+            Some(_) => self.different.push(recorded.sequence),
+            None => self.elsewhere.push(recorded.sequence),
+        }
+    }
+
+    fn sentence(&self) -> String {
+        let mut text = format!("{} maps have the bits that were recorded", self.same);
+        if let Some(furthest) = self.furthest {
+            text.push_str(&format!(
+                ", {} of another build or processor are within {furthest:.1e} of them (allowed: {TOLERANCE:e})",
+                self.near
+            ));
+        }
+        if !self.different.is_empty() {
+            text.push_str(&format!(", {} are others", self.different.len()));
+        }
+        if !self.elsewhere.is_empty() {
+            text.push_str(&format!(
+                ", {} of another build or processor differ, which here proves nothing: only their hashes were kept",
+                self.elsewhere.len()
+            ));
+        }
+        if let Some(made_by) = &self.made_by {
+            text.push_str(&format!("; the other build: {made_by}"));
+        }
+        if self.without > 0 {
+            text.push_str(&format!(", {} frames kept no trace of one", self.without));
+        }
+        text
+    }
+
+    fn judge(&self, session: &str) -> Result<(), Failure> {
+        let Some(first) = self.different.first() else {
+            if self.same == 0 && self.near == 0 && self.elsewhere.is_empty() {
+                return Err(Failure::Failed(format!(
+                    "{session} keeps no trace of any map: there is nothing to verify"
+                )));
+            }
+            return Ok(());
+        };
+        let listed: Vec<String> = self
+            .different
+            .iter()
+            .take(20)
+            .map(ToString::to_string)
+            .collect();
+        Err(Failure::Failed(format!(
+            "{} of {session}'s maps are not what was recorded, from frame {first} on: {}{}",
+            self.different.len(),
+            listed.join(", "),
+            if self.different.len() > listed.len() {
+                ", ..."
+            } else {
+                ""
+            }
+        )))
+    }
+}
+
+fn introduce(
+    recording: &Recording,
+    count: usize,
+    eye: &Eye,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    printer.text(&format!(
+        "{count} frames of {} readings, {} electrodes; baseline: {}; {} on {} triangles{}",
+        recording.protocol.len(),
+        recording.protocol.electrodes(),
+        recording.baseline_name,
+        eye.method(),
+        eye.field.sheet.triangles.len(),
+        if recording.simulated == Some(true) {
+            "; SIMULATED"
+        } else {
+            ""
+        },
+    ))?;
+    for remark in &eye.remarks {
+        printer.text(remark)?;
+    }
+    Ok(())
+}
+
+fn sentence(line: &Line<'_>) -> String {
+    let mut text = format!(
+        "frame {}{}: found {}, largest relative loss of conductance {:.3}",
+        line.frame,
+        if line.label.parse::<u64>().is_ok() {
+            String::new()
+        } else {
+            format!(" ({})", line.label)
+        },
+        drawing::place(line.found_mm),
+        line.largest_loss
+    );
+    if line.masked > 0 {
+        text.push_str(&format!(", {} readings left out", line.masked));
+    }
+    match line.verified {
+        Some(true) => text.push_str(", same bits as recorded"),
+        Some(false) => {
+            text.push_str(", not the map that was recorded (other method, build or processor)")
+        }
+        None => {}
+    }
+    text
+}
+
+fn row(map: &Map) -> Vec<u8> {
+    let mut row = Vec::new();
+    let mut push = || -> std::io::Result<()> {
+        let mut values = map.values.iter();
+        if let Some(value) = values.next() {
+            write!(row, "{value}")?;
+        }
+        for value in values {
+            write!(row, ",{value}")?;
+        }
+        writeln!(row)
+    };
+    push().expect("writing into a vector cannot fail");
+    row
+}
+
+/// A bar on the terminal's error stream; hidden where nobody watches.
+pub(crate) fn progress(frames: usize, terminal: bool) -> ProgressBar {
+    if !terminal || !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    ProgressBar::new(frames as u64).with_style(
+        ProgressStyle::with_template("{bar:40} {pos}/{len} frames, {eta} left")
+            .unwrap_or_else(|_| ProgressStyle::default_bar()),
+    )
+}

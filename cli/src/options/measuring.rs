@@ -1,0 +1,72 @@
+//! How a session measures, where that is not as the daemon's configuration says: options of `start` and of
+//! `baseline record`, which must agree.
+
+use std::time::Duration;
+
+use clap::{Args, ValueEnum};
+use dbus::Options;
+
+use crate::options::duration::parse_span as span;
+
+/// Options of `start` and `baseline record`.
+#[derive(Debug, Clone, Default, Args)]
+#[command(
+    next_help_heading = "How it measures (default: as configured; the baseline must have been measured alike)"
+)]
+pub struct Measuring {
+    /// Integration in power-line cycles: 0.02, 0.2, 1, 2, 10, 20, 100 or 200
+    #[arg(long, value_name = "PLC", value_parser = crate::options::numbers::nplc, allow_hyphen_values = true)]
+    pub nplc: Option<f64>,
+    /// Readings averaged to one
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub averages: Option<u64>,
+    /// A zero reading after every reading
+    #[arg(long, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
+    pub autozero: Option<bool>,
+    /// Wait after the current has moved (2ms)
+    #[arg(long, value_name = "SPAN", value_parser = span)]
+    pub settle: Option<Duration>,
+    /// Wait before each scanned channel, whole milliseconds
+    #[arg(long, value_name = "SPAN", value_parser = span)]
+    pub channel_delay: Option<Duration>,
+    /// Every injection with the current both ways: cancels thermal EMFs and leakage
+    #[arg(long, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
+    pub reversal: Option<bool>,
+    /// A frame at 0 A before the first and after every so many, subtracted; 0 never
+    #[arg(long, value_name = "N")]
+    pub zero_every: Option<u64>,
+    /// One range for every reading, or each its own
+    #[arg(long, value_enum)]
+    pub ranges: Option<Ranges>,
+}
+
+/// Where the voltmeter's ranges come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Ranges {
+    /// One for every reading
+    Fixed,
+    /// Each reading its own, from the baseline; an overload gets the next larger one
+    Planned,
+}
+
+impl Measuring {
+    /// Adds what is said to the options of a session.
+    pub(crate) fn with(&self, options: Options) -> Options {
+        let milliseconds = |span: Duration| 1e3 * span.as_secs_f64();
+        options
+            .with_some("nplc", self.nplc)
+            .with_some("averages", self.averages)
+            .with_some("autozero", self.autozero)
+            .with_some("settle_ms", self.settle.map(milliseconds))
+            .with_some("channel_delay_ms", self.channel_delay.map(milliseconds))
+            .with_some("reversal", self.reversal)
+            .with_some("zero_every", self.zero_every)
+            .with_some(
+                "ranges",
+                self.ranges.map(|ranges| match ranges {
+                    Ranges::Fixed => "fixed".to_owned(),
+                    Ranges::Planned => "planned".to_owned(),
+                }),
+            )
+    }
+}

@@ -1,0 +1,71 @@
+//! Which numbers the command line takes; the daemon checks by itself what it is sent.
+
+use survey::Bounds;
+
+fn within(text: &str, bounds: Bounds) -> Result<f64, String> {
+    let refused = || format!("it must be {bounds}");
+    let number: f64 = text.trim().parse().map_err(|_| refused())?;
+    bounds.check(number).map_err(|_| refused())
+}
+
+/// Speed of a recording.
+pub(crate) fn speed(text: &str) -> Result<f64, String> {
+    let meaning = "1 is the recording's own rate, 10 ten times faster, 0 as fast as possible";
+    within(text, Bounds::Within(0.0, 1e6)).map_err(|refusal| format!("{refusal}: {meaning}"))
+}
+
+/// Integration time, power-line cycles; which ones there are depends on the voltmeter.
+pub(crate) fn nplc(text: &str) -> Result<f64, String> {
+    within(text, Bounds::Within(0.001, 1000.0))
+}
+
+/// A measure of any size.
+pub(crate) fn above_zero(text: &str) -> Result<f64, String> {
+    within(text, Bounds::Above(0.0, 1e30)).map_err(|refusal| format!("{refusal}, for example 2e-6"))
+}
+
+/// Exponent of a prior.
+pub(crate) fn exponent(text: &str) -> Result<f64, String> {
+    within(text, Bounds::Within(0.0, 10.0))
+}
+
+/// A length, mm.
+pub(crate) fn millimetres(text: &str) -> Result<f64, String> {
+    within(text, Bounds::Within(0.01, 20e3))
+}
+
+/// An angle, degrees.
+pub(crate) fn degrees(text: &str) -> Result<f64, String> {
+    within(text, Bounds::Within(-360.0, 360.0))
+}
+
+/// Electrodes of a ring.
+pub(crate) fn electrodes(text: &str) -> Result<usize, String> {
+    let bounds = Bounds::Within(2.0, 256.0);
+    let refused = |_| format!("it must be a whole number {bounds}");
+    let number: u32 = text.trim().parse().map_err(|_| refused(()))?;
+    bounds
+        .check(f64::from(number))
+        .map(|_| number as usize)
+        .map_err(|_| refused(()))
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::options::numbers::*;
+
+    #[test]
+    fn extremes_are_refused_with_what_is_allowed() {
+        let parsers = [speed, nplc, above_zero, exponent, millimetres, degrees];
+        for text in ["inf", "-inf", "nan", "1e308", "-1e308", "1e999", "", "x"] {
+            for parse in parsers {
+                let refusal = parse(text).unwrap_err();
+                assert!(refusal.contains("it must be "), "{text}: {refusal}");
+            }
+            assert!(electrodes(text).unwrap_err().contains("2 to 256"));
+        }
+        assert!(electrodes("18446744073709551615").is_err());
+        assert_eq!(electrodes("26"), Ok(26));
+        assert_eq!(nplc("0.02"), Ok(0.02));
+    }
+}

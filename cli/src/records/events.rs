@@ -1,0 +1,52 @@
+//! `tactus events`: what happened to a session and to its rig, from the record.
+
+use std::io::Write;
+
+use serde::Serialize;
+use survey::printable;
+
+use crate::args::Global;
+use crate::failure::Failure;
+use crate::output::Printer;
+use crate::records::directory;
+use crate::records::sessions::{local, utc};
+
+/// A line of `events --json`; see `cli/JSON.md`.
+#[derive(Debug, Serialize)]
+struct Event {
+    session: String,
+    at: String,
+    kind: String,
+    text: String,
+}
+
+pub(crate) fn run(
+    global: &Global,
+    named: &str,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let session = directory::open(&directory::session_file(global, named)?)?;
+    let events = session
+        .events()
+        .map_err(|error| directory::refused(&error))?;
+    if events.is_empty() && !printer.is_json() {
+        return printer.text("nothing happened to this session but its frames");
+    }
+    for event in events {
+        let line = Event {
+            session: session.header().id.clone(),
+            at: utc(event.at),
+            kind: event.kind.clone(),
+            text: event.text.clone(),
+        };
+        printer.record(&line, |line| {
+            format!(
+                "{}  {:17}  {}",
+                local(event.at),
+                printable(&line.kind),
+                printable(&line.text)
+            )
+        })?;
+    }
+    Ok(())
+}

@@ -1,0 +1,361 @@
+//! `tactus export`: a recorded session as tables that any program reads, or a frame's map as a picture.
+
+use std::fmt::Write as _;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use logbook::{Record, SessionHeader, SessionKind};
+use outfile::{Existing, OutFile};
+use serde::Serialize;
+use survey::{Amps, Baseline, Protocol, Reading};
+
+use crate::args::{Export, Global};
+use crate::failure::Failure;
+use crate::maps::drawing;
+use crate::maps::reconstruction::{Eye, Scene};
+use crate::maps::recording::Home;
+use crate::maps::replay::progress;
+use crate::options::choices::Format;
+use crate::output::Printer;
+use crate::records::directory;
+use crate::records::parts::{Parts, left_out};
+use crate::records::sessions::{local, utc};
+
+/// A line of `export --json`; see `cli/JSON.md`.
+#[derive(Debug, Serialize)]
+struct Written {
+    what: &'static str,
+    path: String,
+    session: String,
+    frames: usize,
+    simulated: bool,
+    /// Of a picture: which frame, how, and what it shows.
+    frame: Option<u64>,
+    method: Option<String>,
+    found_mm: Option<[f64; 2]>,
+    largest_loss: Option<f64>,
+}
+
+/// Writes what was asked and says where it lies.
+pub(crate) fn run(
+    global: &Global,
+    export: &Export,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let session = Parts::open(&directory::session_file(global, &export.session)?)?;
+    match export.format {
+        Format::Csv => tables(&session, export, printer),
+        Format::Png | Format::Svg if session.header().kind == SessionKind::Baseline => {
+            Err(Failure::Failed(format!(
+                "session {} is a baseline: it is what maps are compared with and has none of its own; name a measurement \
+                 (`tactus sessions`), or take --format csv",
+                session.header().id
+            )))
+        }
+        Format::Png | Format::Svg => picture(&session, export, printer),
+    }
+}
+
+fn tables(
+    session: &Parts,
+    export: &Export,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let header = session.header();
+    let baseline = session.baseline()?;
+    let say = |printer: &mut Printer<_>, what, path: &Path, frames: usize| {
+        let written = Written {
+            what,
+            path: path.display().to_string(),
+            session: header.id.clone(),
+            frames,
+            simulated: header.simulated,
+            frame: None,
+            method: None,
+            found_mm: None,
+            largest_loss: None,
+        };
+        printer.record(&written, |written| {
+            format!("{:<9} {}", written.what, written.path)
+        })
+    };
+    let existing = export.replacing.existing();
+    // nothing can lie beside a device or a pipe
+    let beside = (!outfile::is_stream(&export.out)).then(|| Beside::of(&export.out));
+    let mut file = OutFile::create(&export.out, existing)?;
+    file.put(frames_heading(header.protocol.len()).as_bytes())?;
+    let mut case = match &beside {
+        Some(beside) => {
+            outfile::check(&beside.baseline, existing)?;
+            outfile::make_folder(&beside.case, existing)?;
+            let mut case = OutFile::create(&beside.case.join("frames.csv"), existing)?;
+            case.put(case_heading(&header.protocol).as_bytes())?;
+            Some(case)
+        }
+        None => None,
+    };
+    let bar = progress(session.len()? as usize, printer.is_terminal());
+    let (mut written, mut damaged, mut current) = (0, 0, None);
+    let mut last = header.first_sequence - 1;
+    for record in session.frames() {
+        match record {
+            Ok(record) => {
+                file.put(frame_row(&record).as_bytes())?;
+                if let Some(case) = &mut case {
+                    let label = format!("f{}", record.frame.sequence);
+                    case.put(bare_row(&label, &record.frame.readings).as_bytes())?;
+                }
+                current.get_or_insert(record.frame.settings.current);
+                last = record.frame.sequence;
+                written += 1;
+            }
+            Err(error) => {
+                bar.suspend(|| left_out(&error));
+                damaged += 1;
+            }
+        }
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    say(printer, "frames", &file.finish()?, written)?;
+    if let (Some(beside), Some(case)) = (&beside, case) {
+        if let Some(baseline) = &baseline {
+            let table = baseline_table(&header.protocol, baseline);
+            outfile::write(&beside.baseline, existing, table.as_bytes())?;
+            say(printer, "baseline", &beside.baseline, baseline.frames)?;
+        }
+        case.finish()?;
+        beside_frames(&beside.case, header, current, baseline.as_ref(), existing)?;
+        say(printer, "case", &beside.case, written)?;
+    }
+    if damaged > 0 {
+        return Err(Failure::Failed(format!(
+            "{damaged} damaged frames of session {} are left out; the others are written",
+            header.id
+        )));
+    }
+    // what went into a device or a pipe may be nowhere, and `sessions prune --exported-only` believes the mark
+    for part in session.each().iter().filter(|_| beside.is_some()) {
+        let own = part
+            .last_sequence()
+            .map_err(|error| directory::refused(&error))?;
+        // what a session that still runs has got since was not written
+        crate::records::maintenance::mark(part, own.min(last), &export.out);
+    }
+    Ok(())
+}
+
+/// What a table of frames has beside it.
+struct Beside {
+    baseline: PathBuf,
+    case: PathBuf,
+}
+
+impl Beside {
+    fn of(frames: &Path) -> Self {
+        Self {
+            baseline: frames.with_extension("baseline.csv"),
+            case: frames.with_extension("case"),
+        }
+    }
+}
+
+/// Columns of the table of frames: what a person looks for first, then the voltages.
+fn frames_heading(readings: usize) -> String {
+    let mut heading = String::from(
+        "sequence,wall_utc,monotonic_s,duration_s,simulated,current_A,overloads,timeouts,not_measured,compliance,missing",
+    );
+    for reading in 0..readings {
+        let _infallible = write!(heading, ",m{reading}_V");
+    }
+    heading.push('\n');
+    heading
+}
+
+fn frame_row(record: &Record) -> String {
+    let frame = &record.frame;
+    let electrodes: Vec<String> = frame.compliance.iter().map(ToString::to_string).collect();
+    let missing: Vec<String> = frame
+        .readings
+        .iter()
+        .enumerate()
+        .filter_map(|(index, &reading)| Some(format!("m{index}:{}", reason(reading)?)))
+        .collect();
+    let mut row = format!(
+        "{},{},{},{},{},{},{},{},{},{},{}",
+        frame.sequence,
+        utc(frame.wall),
+        frame.monotonic.as_secs_f64(),
+        frame.duration.as_secs_f64(),
+        frame.simulated,
+        frame.settings.current.0,
+        record.quality.overloads,
+        record.quality.timeouts,
+        record.quality.not_measured,
+        electrodes.join(" "),
+        missing.join(" "),
+    );
+    for reading in &frame.readings {
+        row.push(',');
+        row.push_str(&cell(*reading));
+    }
+    row.push('\n');
+    row
+}
+
+fn baseline_table(protocol: &Protocol, baseline: &Baseline) -> String {
+    let mut table = String::from("reading,source,sink,v_plus,v_minus,flag,mean_V,deviation_V\n");
+    for (index, (question, reading)) in protocol
+        .measurements()
+        .iter()
+        .zip(&baseline.readings)
+        .enumerate()
+    {
+        let deviation = baseline.deviation.get(index).copied().flatten();
+        let _infallible = writeln!(
+            table,
+            "m{index},{},{},{},{},{},{},{}",
+            question.drive.plus,
+            question.drive.minus,
+            question.sense.plus,
+            question.sense.minus,
+            reason(*reading).unwrap_or("ok"),
+            cell(*reading),
+            deviation
+                .map(|deviation| deviation.to_string())
+                .unwrap_or_default(),
+        );
+    }
+    table
+}
+
+fn case_heading(protocol: &Protocol) -> String {
+    let heading: Vec<String> = (0..protocol.len())
+        .map(|reading| format!("m{reading}"))
+        .collect();
+    format!("frame,{}\n", heading.join(","))
+}
+
+/// What makes a case folder of the same frames (electrodes from 0, bare voltages), for `tactus replay` and
+/// `tactus-lab reconstruct`.
+fn beside_frames(
+    folder: &Path,
+    header: &SessionHeader,
+    current: Option<Amps>,
+    baseline: Option<&Baseline>,
+    existing: Existing,
+) -> Result<(), Failure> {
+    let current = current
+        .or(baseline.map(|baseline| baseline.settings.current))
+        .unwrap_or(Amps(1.0));
+    let protocol = eit::protocol_text(&header.protocol, &vec![current.0; header.protocol.len()]);
+    outfile::write(&folder.join("protocol.csv"), existing, protocol.as_bytes())?;
+    if let Some(baseline) = baseline {
+        let table = case_heading(&header.protocol) + &bare_row("baseline", &baseline.readings);
+        outfile::write(&folder.join("baseline.csv"), existing, table.as_bytes())?;
+    }
+    Ok(())
+}
+
+fn bare_row(label: &str, readings: &[Reading]) -> String {
+    let mut row = label.to_owned();
+    for reading in readings {
+        row.push(',');
+        row.push_str(&cell(*reading));
+    }
+    row.push('\n');
+    row
+}
+
+/// The voltage to the last bit, or nothing.
+fn cell(reading: Reading) -> String {
+    reading
+        .volts()
+        .map(|volts| volts.0.to_string())
+        .unwrap_or_default()
+}
+
+fn reason(reading: Reading) -> Option<&'static str> {
+    match reading {
+        Reading::Ok(_) => None,
+        Reading::Overload => Some("overload"),
+        Reading::Timeout => Some("timeout"),
+        Reading::NotMeasured => Some("not_measured"),
+    }
+}
+
+fn picture(
+    session: &Parts,
+    export: &Export,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let header = session.header();
+    let baseline = session.baseline()?.ok_or_else(|| {
+        Failure::Failed(format!(
+            "session {} holds no baseline, so there is no change to draw; `tactus replay {} --baseline first:N` can",
+            header.id, header.id
+        ))
+    })?;
+    let sequence = match export.frame {
+        Some(sequence) => sequence,
+        None => session.last_sequence()?,
+    };
+    let record = session.frame(sequence)?;
+    let noise: Vec<f64> = baseline.deviation.iter().flatten().copied().collect();
+    let noise = (!noise.is_empty())
+        .then(|| {
+            (noise
+                .iter()
+                .map(|deviation| deviation * deviation)
+                .sum::<f64>()
+                / noise.len() as f64)
+                .sqrt()
+        })
+        .filter(|noise| *noise > 0.0);
+    let eye = Eye::open(
+        &export.method,
+        &export.geometry,
+        &Home::Session(Box::new(header.clone())),
+        &Scene {
+            protocol: &header.protocol,
+            baseline: &baseline.readings,
+            noise,
+            current: record.frame.settings.current,
+        },
+    )?;
+    let map = eye.look(&baseline.readings, &record.frame.readings)?;
+    let found = eye.field.found(&map);
+    let title = format!(
+        "{}, frame {sequence}, {}",
+        header.id,
+        local(record.frame.wall),
+    );
+    let style = drawing::style(title, export.scale, header.simulated, found);
+    let (what, bytes) = match export.format {
+        Format::Svg => ("svg", drawing::svg(&eye.field, &map, &style)?.into_bytes()),
+        Format::Png | Format::Csv => ("png", drawing::png(&eye.field, &map, &style)?),
+    };
+    outfile::write(&export.out, export.replacing.existing(), &bytes)?;
+    for remark in &eye.remarks {
+        printer.text(remark)?;
+    }
+    let written = Written {
+        what,
+        path: export.out.display().to_string(),
+        session: header.id.clone(),
+        frames: 1,
+        simulated: header.simulated,
+        frame: Some(sequence),
+        method: Some(map.method.clone()),
+        found_mm: drawing::millimetres(found),
+        largest_loss: Some(map.largest_loss().map_or(0.0, |(_, loss)| loss)),
+    };
+    printer.record(&written, |written| {
+        format!(
+            "{} {}: frame {sequence}, found {}",
+            written.what,
+            written.path,
+            drawing::place(written.found_mm)
+        )
+    })
+}

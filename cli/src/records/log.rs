@@ -1,0 +1,302 @@
+//! `tactus log`: what happened, to the daemon and to all its sessions, from their records.
+
+use std::collections::BTreeSet;
+use std::io::Write;
+use std::path::Path;
+use std::time::{Duration, SystemTime};
+
+use chrono::{DateTime, Utc};
+use dbus::next;
+use logbook::SessionReader;
+use serde::Serialize;
+use survey::printable;
+
+use crate::args::{Global, Log};
+use crate::control::connection::{Daemon, fault};
+use crate::failure::{Failure, chain};
+use crate::output::{Printer, complain};
+use crate::records::directory;
+use crate::records::sessions::{local, utc};
+
+/// A line of `log --json`; see `cli/JSON.md`.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+struct Line {
+    #[serde(serialize_with = "as_utc")]
+    at: DateTime<Utc>,
+    session: Option<String>,
+    kind: String,
+    text: String,
+}
+
+fn as_utc<S: serde::Serializer>(at: &DateTime<Utc>, to: S) -> Result<S::Ok, S::Error> {
+    to.serialize_str(&utc(*at))
+}
+
+impl Line {
+    fn print(&self, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
+        printer.record(self, |line| {
+            format!(
+                "{}  {:17}  {}{}",
+                local(line.at),
+                printable(&line.kind),
+                match &line.session {
+                    Some(session) => format!("{}: ", printable(session)),
+                    None => String::new(),
+                },
+                printable(&line.text)
+            )
+        })
+    }
+
+    fn is_asked_for(&self, log: &Log, since: Option<DateTime<Utc>>) -> bool {
+        since.is_none_or(|since| self.at >= since)
+            && log.kind.as_ref().is_none_or(|kind| *kind == self.kind)
+            && log.session.as_ref().is_none_or(|asked| {
+                self.session
+                    .as_ref()
+                    .is_some_and(|session| session.starts_with(asked))
+            })
+    }
+}
+
+/// What is in the records, the oldest first.
+pub(crate) fn run(
+    global: &Global,
+    log: &Log,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let places = directory::directories(global)?;
+    let since = since(log, Utc::now());
+    let mut lines = BTreeSet::new();
+    for place in &places {
+        lines.extend(recorded(place, log, since));
+    }
+    if lines.is_empty() && !printer.is_json() {
+        return printer.text(&format!(
+            "nothing of that has happened in {}; --state DIR names another directory",
+            directory::listed(&places)
+        ));
+    }
+    lines.iter().try_for_each(|line| line.print(printer))
+}
+
+/// The same, and then what happens.
+pub(crate) async fn follow(
+    daemon: &Daemon,
+    log: &Log,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    // heard before the records are read, so that nothing falls between
+    let listening = daemon.manager.receive_happened();
+    let mut happened = daemon
+        .ask("its events", async { Ok(listening.await?) })
+        .await?;
+    let directory = daemon
+        .ask("the record", daemon.manager.record_directory())
+        .await?;
+    let since = since(log, Utc::now());
+    let lines: BTreeSet<Line> = recorded(Path::new(&directory), log, since).collect();
+    for line in &lines {
+        line.print(printer)?;
+    }
+    while let Some(signal) = next(&mut happened).await {
+        let told = signal
+            .args()
+            .map_err(|error| fault("an event", &error.into()))?;
+        let session = told.details.text("session");
+        let session = session.map_err(|error| fault("an event", &error))?;
+        let line = Line {
+            at: DateTime::from_timestamp_nanos(told.wall_ns),
+            session: session.map(str::to_owned),
+            kind: told.kind.to_string(),
+            text: told.text.to_string(),
+        };
+        if line.is_asked_for(log, None) && !lines.contains(&line) {
+            line.print(printer)?;
+        }
+    }
+    Err(Failure::Missing(
+        "the daemon went away; `tactus log` reads what it has recorded".to_owned(),
+    ))
+}
+
+fn since(log: &Log, now: DateTime<Utc>) -> Option<DateTime<Utc>> {
+    let span = chrono::TimeDelta::from_std(log.since?).ok()?;
+    now.checked_sub_signed(span)
+}
+
+/// Events of a folder; a session that cannot be read is named on the error stream.
+fn recorded(place: &Path, log: &Log, since: Option<DateTime<Utc>>) -> impl Iterator<Item = Line> {
+    let mut lines = Vec::new();
+    if log.session.is_none() {
+        match logbook::chronicle(place) {
+            Ok(events) => lines.extend(events.into_iter().map(|event| Line {
+                at: event.at,
+                session: None,
+                kind: event.kind,
+                text: event.text,
+            })),
+            Err(error) => complain(&format!("tactus: {}", chain(&error))),
+        }
+    }
+    let files = std::fs::read_dir(place).into_iter().flatten().flatten();
+    for file in files.map(|entry| entry.path()) {
+        let id = file.file_stem().and_then(|id| id.to_str());
+        let asked = log.session.as_ref();
+        let named = asked.is_none_or(|asked| id.is_some_and(|id| id.starts_with(asked.as_str())));
+        let is_session = file.extension().is_some_and(|end| end == "tactus");
+        if !is_session || !named || untouched(&file, log.since) {
+            continue;
+        }
+        match of_session(&file) {
+            Ok(events) => lines.extend(events),
+            Err(error) => complain(&format!("tactus: {}: {}", file.display(), chain(&error))),
+        }
+    }
+    let log = log.clone();
+    lines
+        .into_iter()
+        .filter(move |line| line.is_asked_for(&log, since))
+}
+
+/// Whether a file was last written before the span began: it need not be opened. The journal beside a file that is being
+/// written is newer than the file.
+fn untouched(file: &Path, span: Option<Duration>) -> bool {
+    let Some(span) = span else { return false };
+    let journal = file.with_extension("tactus-wal");
+    let [file, journal] = [file, &journal].map(|path| path.metadata()?.modified());
+    let newest = file.ok().max(journal.ok());
+    newest
+        .and_then(|newest| SystemTime::now().duration_since(newest).ok())
+        .is_some_and(|age| age > span)
+}
+
+/// Beginning, events and end of one session.
+fn of_session(file: &Path) -> Result<Vec<Line>, logbook::LogbookError> {
+    let session = SessionReader::open(file)?;
+    let header = session.header();
+    let line = |at, kind: &str, text: String| Line {
+        at,
+        session: Some(header.id.clone()),
+        kind: kind.to_owned(),
+        text,
+    };
+    let simulated = if header.simulated { ", SIMULATED" } else { "" };
+    let begins = format!("{}{simulated} {}", header.kind, header.note);
+    let mut lines = vec![line(
+        header.started,
+        "session-started",
+        begins.trim_end().to_owned(),
+    )];
+    for event in session.events()? {
+        lines.push(line(event.at, &event.kind, event.text));
+    }
+    if let Some(closing) = session.closed() {
+        lines.push(line(closing.at, "session-ended", closing.reason.clone()));
+    }
+    Ok(lines)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::records::log::*;
+    use logbook::{Chronicle, Event, SessionHeader, SessionWriter};
+    use survey::Protocol;
+
+    fn at(second: i64) -> DateTime<Utc> {
+        DateTime::from_timestamp_nanos(second * 1_000_000_000)
+    }
+
+    /// One closed session, one that runs, and two events of the daemon.
+    fn folder() -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        let protocol = Protocol::sheffield(4).unwrap();
+        let mut chronicle = Chronicle::open(folder.path()).unwrap();
+        for (second, kind) in [(5, "started"), (40, "daily")] {
+            let event = Event {
+                at: at(second),
+                kind: kind.into(),
+                text: "of the daemon".into(),
+            };
+            chronicle.note(&event).unwrap();
+        }
+        for (id, begin) in [("m1", 10), ("m2", 30)] {
+            let mut header = SessionHeader::new(id, at(begin), protocol.clone());
+            header.simulated = true;
+            let mut writer = SessionWriter::create(folder.path(), &header).unwrap();
+            writer.event(at(begin + 1), "suspended", "lost").unwrap();
+            if id == "m1" {
+                writer.close(at(20), "asked to stop").unwrap();
+            }
+        }
+        folder
+    }
+
+    fn told(folder: &tempfile::TempDir, log: &Log, since: Option<DateTime<Utc>>) -> Vec<String> {
+        let lines: BTreeSet<Line> = recorded(folder.path(), log, since).collect();
+        let each = lines.iter();
+        each.map(|line| {
+            let session = line.session.as_deref().unwrap_or("-");
+            format!("{} {session} {}", line.at.timestamp(), line.kind)
+        })
+        .collect()
+    }
+
+    #[test]
+    fn events_of_the_daemon_and_of_all_sessions_come_in_the_order_of_time() {
+        let folder = folder();
+        let all = Log::default();
+        assert_eq!(
+            told(&folder, &all, None),
+            [
+                "5 - started",
+                "10 m1 session-started",
+                "11 m1 suspended",
+                "20 m1 session-ended",
+                "30 m2 session-started",
+                "31 m2 suspended",
+                "40 - daily",
+            ]
+        );
+        assert_eq!(
+            told(&folder, &all, Some(at(31))),
+            ["31 m2 suspended", "40 - daily"]
+        );
+        let of_one = Log {
+            session: Some("m1".into()),
+            ..Log::default()
+        };
+        assert_eq!(told(&folder, &of_one, None).len(), 3);
+        let of_a_kind = Log {
+            kind: Some("suspended".into()),
+            ..Log::default()
+        };
+        assert_eq!(
+            told(&folder, &of_a_kind, None),
+            ["11 m1 suspended", "31 m2 suspended"]
+        );
+    }
+
+    #[test]
+    fn a_file_that_is_no_session_takes_no_other_with_it() {
+        let folder = folder();
+        std::fs::write(folder.path().join("m3.tactus"), "no database").unwrap();
+        assert_eq!(told(&folder, &Log::default(), None).len(), 7);
+    }
+
+    #[test]
+    fn a_line_is_a_line_of_json() {
+        let line = Line {
+            at: at(1),
+            session: None,
+            kind: "daily".into(),
+            text: "a day".into(),
+        };
+        let mut printer = Printer::into(true, Vec::new());
+        line.print(&mut printer).unwrap();
+        assert_eq!(
+            String::from_utf8(printer.sink()).unwrap(),
+            "{\"at\":\"1970-01-01T00:00:01Z\",\"session\":null,\"kind\":\"daily\",\"text\":\"a day\"}\n"
+        );
+    }
+}

@@ -1,0 +1,290 @@
+//! `tactus sessions verify | repair | prune`: is a record whole, what can be saved of it, what may go.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use chrono::Utc;
+use logbook::{Retention, Verified};
+use serde::Serialize;
+
+use crate::args::{Global, Prune, Repair, SessionsCommand, Verify};
+use crate::failure::{Failure, chain};
+use crate::maps::replay::progress;
+use crate::output::{Printer, complain};
+use crate::records::directory;
+
+pub(crate) fn run(
+    global: &Global,
+    what: &SessionsCommand,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    match what {
+        SessionsCommand::Verify(asked) => verify(global, asked, printer),
+        SessionsCommand::Repair(asked) => repair(global, asked, printer),
+        SessionsCommand::Prune(asked) => prune(global, asked, printer),
+    }
+}
+
+/// A line of `sessions verify --json`; see `cli/JSON.md`.
+#[derive(Debug, Serialize)]
+struct Checked {
+    whole: bool,
+    #[serde(flatten)]
+    found: Verified,
+}
+
+fn verify(
+    global: &Global,
+    asked: &Verify,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let files = match asked.all {
+        true => all(global)?,
+        false => asked
+            .sessions
+            .iter()
+            .map(|named| directory::session_file(global, named))
+            .collect::<Result<_, _>>()?,
+    };
+    let (mut checked, mut broken) = (0, 0);
+    for file in &files {
+        let frames: u64 = logbook::parts(file)
+            .map_err(|error| directory::refused(&error))?
+            .iter()
+            .filter_map(|part| logbook::SessionReader::open(part).ok()?.len().ok())
+            .sum();
+        let bar = progress(frames as usize, printer.is_terminal());
+        let found = logbook::verify(file, |done| bar.set_position(done));
+        bar.finish_and_clear();
+        let found = found.map_err(|error| directory::refused(&error))?;
+        checked += 1;
+        let line = Checked {
+            whole: found.findings.is_empty(),
+            found,
+        };
+        broken += u32::from(!line.whole);
+        printer.record(&line, told)?;
+    }
+    match broken {
+        0 => Ok(()),
+        _ => Err(Failure::Failed(format!(
+            "{broken} of {checked} sessions are not whole; `tactus sessions repair SESSION` keeps what is good of a \
+             damaged file"
+        ))),
+    }
+}
+
+/// One file of every session, the oldest first.
+fn all(global: &Global) -> Result<Vec<PathBuf>, Failure> {
+    let mut files: Vec<PathBuf> = Vec::new();
+    for place in directory::directories(global)? {
+        if !place.exists() {
+            continue;
+        }
+        let listing = logbook::list(&place).map_err(|error| directory::refused(&error))?;
+        let readable = listing.sessions.into_iter().map(|session| session.path);
+        let unreadable = listing.unreadable.into_iter().map(|file| file.path);
+        for file in readable.chain(unreadable) {
+            let parts = logbook::parts(&file).map_err(|error| directory::refused(&error))?;
+            let first = parts.into_iter().next().unwrap_or(file);
+            if !files.contains(&first) {
+                files.push(first);
+            }
+        }
+    }
+    Ok(files)
+}
+
+fn told(line: &Checked) -> String {
+    let found = &line.found;
+    let explained = found.gaps.iter().filter(|gap| gap.explained.is_some());
+    let mut text = format!(
+        "{}: {}: {} frames in {} part{}, {} gaps, {} explained by an event{}",
+        found.session,
+        if line.whole { "whole" } else { "NOT WHOLE" },
+        found.frames,
+        found.parts.len(),
+        if found.parts.len() == 1 { "" } else { "s" },
+        found.gaps.len(),
+        explained.clone().count(),
+        if found.closed { "" } else { "; not closed" },
+    );
+    for gap in explained {
+        text.push_str(&format!(
+            "\n  gap of {:.1} s behind frame {}: {}",
+            gap.seconds,
+            gap.after,
+            gap.explained.as_deref().unwrap_or_default()
+        ));
+    }
+    for finding in &found.findings {
+        text.push_str(&format!(
+            "\n  {} ({}): {}",
+            finding.part, finding.kind, finding.text
+        ));
+    }
+    text
+}
+
+fn repair(
+    global: &Global,
+    asked: &Repair,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let file = directory::session_file(global, &asked.session)?;
+    let frames = logbook::SessionReader::open(&file)
+        .and_then(|session| session.len())
+        .unwrap_or(0);
+    let bar = progress(frames as usize, printer.is_terminal());
+    let repaired = logbook::repair(&file, asked.out.as_deref(), Utc::now(), |done| {
+        bar.set_position(done);
+    });
+    bar.finish_and_clear();
+    let repaired = repaired.map_err(|error| directory::refused(&error))?;
+    printer.record(&repaired, |repaired| {
+        let mut text = format!(
+            "{}: {} frames and {} events kept{}",
+            repaired.path.display(),
+            repaired.frames,
+            repaired.events,
+            if repaired.baseline {
+                ", baseline kept"
+            } else {
+                ""
+            },
+        );
+        for cut in &repaired.cut {
+            text.push_str(&format!(
+                "\n  frames {} to {} were cut: {}",
+                cut.first, cut.last, cut.why
+            ));
+        }
+        for lost in &repaired.lost {
+            text.push_str(&format!("\n  lost: {lost}"));
+        }
+        text
+    })
+}
+
+/// A line of `sessions prune --json`; see `cli/JSON.md`.
+#[derive(Debug, Serialize)]
+struct Went<'a> {
+    what: &'static str,
+    id: &'a str,
+    bytes: Option<u64>,
+    why: &'a str,
+}
+
+fn prune(global: &Global, asked: &Prune, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
+    let retention = Retention {
+        older_than: asked.older_than,
+        keep_bytes: asked.keep_bytes,
+        exported_only: asked.exported_only,
+        ring: false,
+    };
+    let (verb, participle) = match asked.dry_run {
+        true => ("would go", "would be removed"),
+        false => ("went", "were removed"),
+    };
+    let (mut count, mut bytes) = (0, 0);
+    for place in directory::directories(global)? {
+        if !place.exists() {
+            continue;
+        }
+        let pruned = logbook::prune(&place, &retention, Utc::now(), asked.dry_run)
+            .map_err(|error| Failure::failed("not all that should go went", &error))?;
+        for removed in &pruned.removed {
+            count += 1;
+            bytes += removed.bytes;
+            let line = Went {
+                what: if asked.dry_run {
+                    "would_remove"
+                } else {
+                    "removed"
+                },
+                id: &removed.id,
+                bytes: Some(removed.bytes),
+                why: &removed.why,
+            };
+            printer.record(&line, |line| {
+                let mb = removed.bytes as f64 / 1e6;
+                format!("{} {verb} ({mb:.1} MB): {}", line.id, line.why)
+            })?;
+        }
+        for spared in &pruned.spared {
+            let line = Went {
+                what: "spared",
+                id: &spared.id,
+                bytes: None,
+                why: &spared.why,
+            };
+            printer.record(&line, |line| format!("{} stays: {}", line.id, line.why))?;
+        }
+    }
+    printer.text(&format!(
+        "{count} sessions {participle}, {:.1} MB",
+        bytes as f64 / 1e6
+    ))
+}
+
+/// Marks a session as exported; a folder that cannot be written to is said and no failure.
+pub(crate) fn mark(session: &logbook::SessionReader, last: u64, to: &std::path::Path) {
+    let exported = logbook::Exported {
+        at: Utc::now(),
+        last,
+        format: "csv".to_owned(),
+        to: std::path::absolute(to)
+            .unwrap_or(to.to_owned())
+            .display()
+            .to_string(),
+    };
+    if let Err(error) = logbook::mark_exported(session.path(), &exported) {
+        complain(&format!(
+            "tactus: not marked as exported, so `sessions prune --exported-only` will pass it over: {}",
+            chain(&error)
+        ));
+    }
+}
+
+/// Reads a size in bytes: `500MB`, `20GB`, `1TB` (powers of ten), `1GiB` (of two), or a bare number.
+pub(crate) fn parse_size(text: &str) -> Result<u64, String> {
+    let text = text.trim();
+    let digits = text
+        .find(|c: char| !c.is_ascii_digit() && c != '.')
+        .unwrap_or(text.len());
+    let (number, unit) = text.split_at(digits);
+    let scale: f64 = match unit.trim() {
+        "" | "B" => 1.0,
+        "kB" => 1e3,
+        "MB" => 1e6,
+        "GB" => 1e9,
+        "TB" => 1e12,
+        "KiB" => 1024.0,
+        "MiB" => 1024.0 * 1024.0,
+        "GiB" => 1024.0 * 1024.0 * 1024.0,
+        other => {
+            return Err(format!(
+                "'{other}' is no unit of size; MB, GB, TB and GiB are"
+            ));
+        }
+    };
+    match number.parse::<f64>() {
+        Ok(size) if size.is_finite() => Ok((size * scale) as u64),
+        _ => Err(format!("'{text}' is no size; write for example 20GB")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::records::maintenance::parse_size;
+
+    #[test]
+    fn sizes_are_read_as_they_are_written() {
+        assert_eq!(parse_size("20GB"), Ok(20_000_000_000));
+        assert_eq!(parse_size("1.5 MB"), Ok(1_500_000));
+        assert_eq!(parse_size("1GiB"), Ok(1 << 30));
+        assert_eq!(parse_size("0"), Ok(0));
+        assert!(parse_size("20 gigs").unwrap_err().contains("gigs"));
+        assert!(parse_size("GB").unwrap_err().contains("20GB"));
+    }
+}

@@ -1,0 +1,140 @@
+//! `tactus sessions`: what the state directory holds, with or without a daemon.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use chrono::{DateTime, Local, SecondsFormat, Utc};
+use logbook::SessionSummary;
+use serde::Serialize;
+use survey::printable;
+
+use crate::args::Global;
+use crate::failure::Failure;
+use crate::output::table::columns;
+use crate::output::{Printer, complain};
+use crate::records::directory;
+
+/// A line of `sessions --json`; see `cli/JSON.md`.
+#[derive(Debug, Serialize)]
+struct Session {
+    id: String,
+    kind: &'static str,
+    started: String,
+    last_frame: Option<String>,
+    frames: u64,
+    simulated: bool,
+    closed: bool,
+    closed_at: Option<String>,
+    reason: Option<String>,
+    electrodes: usize,
+    readings: usize,
+    note: String,
+    path: String,
+}
+
+impl From<&SessionSummary> for Session {
+    fn from(summary: &SessionSummary) -> Self {
+        Self {
+            id: summary.id.clone(),
+            kind: summary.kind.as_str(),
+            started: utc(summary.started),
+            last_frame: summary.last.map(utc),
+            frames: summary.frames,
+            simulated: summary.simulated,
+            closed: summary.closed.is_some(),
+            closed_at: summary.closed.as_ref().map(|closing| utc(closing.at)),
+            reason: summary
+                .closed
+                .as_ref()
+                .map(|closing| closing.reason.clone()),
+            electrodes: summary.electrodes,
+            readings: summary.readings,
+            note: summary.note.clone(),
+            path: summary.path.display().to_string(),
+        }
+    }
+}
+
+/// Wall time as it is stored and written to files: UTC.
+pub(crate) fn utc(time: DateTime<Utc>) -> String {
+    time.to_rfc3339_opts(SecondsFormat::AutoSi, true)
+}
+
+/// Wall time for a person: local, to the second.
+pub(crate) fn local(time: DateTime<Utc>) -> String {
+    time.with_timezone(&Local)
+        .format("%Y-%m-%d %H:%M:%S")
+        .to_string()
+}
+
+pub(crate) fn run(global: &Global, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
+    let places = directory::directories(global)?;
+    let mut sessions = Vec::new();
+    for place in &places {
+        let listing = match logbook::list(place) {
+            Ok(listing) => listing,
+            Err(_) if !place.exists() => continue,
+            Err(error) if places.len() == 1 => return Err(directory::refused(&error)),
+            Err(error) => {
+                complain(&format!(
+                    "tactus: {} is left out: {}",
+                    place.display(),
+                    crate::failure::chain(&error)
+                ));
+                continue;
+            }
+        };
+        for unreadable in &listing.unreadable {
+            complain(&format!(
+                "tactus: {} is left out: {}",
+                printable(&unreadable.path.to_string_lossy()),
+                crate::failure::chain(&unreadable.why)
+            ));
+        }
+        sessions.extend(listing.sessions);
+    }
+    sessions.sort_by(|a: &SessionSummary, b| (a.started, &a.id).cmp(&(b.started, &b.id)));
+    show(&places, &sessions, printer)
+}
+
+fn show(
+    places: &[PathBuf],
+    sessions: &[SessionSummary],
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    if sessions.is_empty() {
+        return printer.text(&format!(
+            "no session in {}; --state DIR names another directory, `tactus start` records one",
+            directory::listed(places)
+        ));
+    }
+    if printer.is_json() {
+        return sessions
+            .iter()
+            .try_for_each(|summary| printer.record(&Session::from(summary), |_| String::new()));
+    }
+    let rows: Vec<[String; 6]> = sessions
+        .iter()
+        .map(|summary| {
+            [
+                summary.id.clone(),
+                if summary.simulated {
+                    format!("{} (SIMULATED)", summary.kind)
+                } else {
+                    summary.kind.to_string()
+                },
+                local(summary.started),
+                summary.frames.to_string(),
+                match &summary.closed {
+                    Some(closing) => format!("{}, {}", local(closing.at), closing.reason),
+                    None => "open, or its daemon was killed".to_owned(),
+                },
+                summary.note.clone(),
+            ]
+        })
+        .collect();
+    printer.text(&columns(
+        ["id", "kind", "started", "frames", "ended", "note"],
+        &rows,
+    ))
+}

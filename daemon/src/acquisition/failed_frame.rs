@@ -1,0 +1,160 @@
+//! A failed frame in words: first what matters to who stands at the rig, then why, each cause once.
+
+use rig::{AcquireError, LinkError, RigError};
+
+/// The first sentence names the instrument and says whether the source is verified off; the rest says where and why.
+pub(crate) fn tell(error: &AcquireError) -> String {
+    let Some(cause) = error.cause() else {
+        return crate::recording::model::chain(error);
+    };
+    let mut text = format!("{}; {}", what(cause), safety(error));
+    let at = match error {
+        AcquireError::Step { number, step, .. } | AcquireError::Unsafe { number, step, .. } => {
+            format!("at step {number} ({step})")
+        }
+        _ => "while the survey was being prepared".to_owned(),
+    };
+    text.push_str(&format!(". It happened {at}"));
+    let mut told = vec![what(cause)];
+    let mut reasons: Vec<String> = why(cause).into_iter().collect();
+    if let Some(cleanup) = error.cleanup() {
+        // an instrument that is gone is gone for the cleanup, too: it is said once
+        let same_wire = |other: &&RigError| !(is_wire(cause) && is_wire(other));
+        let failed = [&cleanup.source, &cleanup.relays].into_iter().flatten();
+        reasons.extend(failed.filter(same_wire).map(what));
+    }
+    for reason in reasons {
+        if !told.contains(&reason) {
+            text.push_str(&format!("; {reason}"));
+            told.push(reason);
+        }
+    }
+    text
+}
+
+/// What happened, and to which instrument.
+fn what(cause: &RigError) -> String {
+    match cause {
+        RigError::Link(LinkError::Lost { instrument, .. }) => {
+            format!("the connection to {instrument} was lost")
+        }
+        RigError::Link(LinkError::Timeout {
+            instrument,
+            deadline,
+            ..
+        }) => format!("{instrument} did not answer within {deadline:?}"),
+        other => other.to_string(),
+    }
+}
+
+/// What is known beyond that: the message under way, and what the operating system says.
+fn why(cause: &RigError) -> Option<String> {
+    match cause {
+        RigError::Link(LinkError::Lost { message, cause, .. }) => {
+            let asked = (!message.is_empty()).then(|| format!("the message was '{message}'"));
+            let said = cause.as_ref().map(ToString::to_string);
+            let known: Vec<String> = asked.into_iter().chain(said).collect();
+            (!known.is_empty()).then(|| known.join(", "))
+        }
+        RigError::Link(LinkError::Timeout { message, .. }) if !message.is_empty() => {
+            Some(format!("the message was '{message}'"))
+        }
+        _ => None,
+    }
+}
+
+fn is_wire(error: &RigError) -> bool {
+    matches!(error, RigError::Link(_))
+}
+
+fn safety(error: &AcquireError) -> String {
+    let after = error.off_after().map_or_else(String::new, |after| {
+        format!(
+            " {:.1} ms after that was noticed",
+            after.as_secs_f64() * 1e3
+        )
+    });
+    let cleanup = error.cleanup();
+    match cleanup.map(|cleanup| (&cleanup.source, &cleanup.relays)) {
+        None | Some((None, None)) => {
+            format!("the source is off, verified{after}, and the relays are open")
+        }
+        Some((Some(_), None)) => {
+            "the source is NOT verified off, but the injecting relays are open: the sheet carries no current"
+                .to_owned()
+        }
+        Some((None, Some(_))) => {
+            format!("the source is off, verified{after}, but the relays are NOT verified open")
+        }
+        Some((Some(_), Some(_))) => {
+            "the source is NOT verified off, nor the relays open: treat the sheet as live".to_owned()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rig::CleanupError;
+
+    use crate::acquisition::failed_frame::*;
+
+    fn lost(instrument: &str, message: &str) -> RigError {
+        RigError::Link(LinkError::Lost {
+            instrument: instrument.to_owned(),
+            message: message.to_owned(),
+            cause: Some(std::io::ErrorKind::ConnectionReset.into()),
+        })
+    }
+
+    #[test]
+    fn what_matters_comes_first_and_each_cause_once() {
+        let text = tell(&AcquireError::PrepareUnsafe {
+            cause: lost("6221 (tcp:h:1)", ""),
+            cleanup: CleanupError {
+                source: Some(lost("6221 (tcp:h:1)", "OUTP OFF")),
+                relays: None,
+                off_after: None,
+            },
+        });
+        assert_eq!(
+            text,
+            "the connection to 6221 (tcp:h:1) was lost; the source is NOT verified off, but the injecting relays are \
+             open: the sheet carries no current. It happened while the survey was being prepared; connection reset"
+        );
+    }
+
+    #[test]
+    fn a_sheet_that_may_be_live_is_said_in_the_first_sentence() {
+        let silent = || {
+            RigError::Link(LinkError::Timeout {
+                instrument: "34980A (tcp:h:2)".to_owned(),
+                message: "ROUT:OPEN (@1001)".to_owned(),
+                deadline: std::time::Duration::from_secs(5),
+            })
+        };
+        let not_off = RigError::NotOff {
+            instrument: "6221 (tcp:h:1)".to_owned(),
+            output: "on".to_owned(),
+            level: survey::Amps(1e-3),
+        };
+        let text = tell(&AcquireError::PrepareUnsafe {
+            cause: silent(),
+            cleanup: CleanupError {
+                source: Some(not_off),
+                relays: Some(silent()),
+                off_after: None,
+            },
+        });
+        let first = text.split(". ").next().unwrap();
+        assert!(
+            first.starts_with("34980A (tcp:h:2) did not answer within 5s"),
+            "{text}"
+        );
+        assert!(first.ends_with("treat the sheet as live"), "{text}");
+        assert_eq!(text.matches("did not answer").count(), 1, "{text}");
+        assert!(
+            text.contains("6221 (tcp:h:1): the source could not be verified off"),
+            "{text}"
+        );
+    }
+}

@@ -1,0 +1,330 @@
+//! Acquisition of one session: waits for the schedule, takes a frame, hands it to the recorder, and never to anybody
+//! who could hold it back.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use rig::{AcquireError, Clock, Stop, SystemClock, Tape};
+use survey::Frame;
+use tokio::sync::{mpsc, watch};
+
+use crate::acquisition::measuring::Measuring;
+use crate::acquisition::playback::{Recording, RecordingError};
+use crate::instruments::assembly::AnyRig;
+use crate::monitoring::heartbeat::{Part, Pulse, Rests};
+use crate::preparation::RigPlan;
+use crate::recording::model::chain;
+use crate::recording::recorder::Order;
+use crate::recording::session_status::Live;
+use crate::session::controller::Happening;
+use crate::session::schedule::{Next, Schedule};
+
+/// Nothing that waits is late by less.
+const BEYOND_ITS_TIME: Duration = Duration::from_secs(120);
+
+/// Where frames come from.
+pub(crate) enum FrameSource {
+    Rig {
+        /// `None` after a fault, until the rig has been assembled again.
+        rig: Option<AnyRig>,
+        plan: Arc<RigPlan>,
+    },
+    Recording(Box<Recording>),
+}
+
+/// How acquisition ended.
+#[derive(Debug)]
+pub(crate) enum Ended {
+    /// As asked or scheduled.
+    Done(String),
+    /// The rig failed; it is safe unless the text says otherwise.
+    Rig(Box<AcquireError>),
+    /// The recording failed.
+    Recording(Box<RecordingError>),
+}
+
+impl Ended {
+    /// For a person.
+    pub(crate) fn text(&self) -> String {
+        match self {
+            Self::Done(reason) => reason.clone(),
+            Self::Rig(error) => crate::acquisition::failed_frame::tell(error),
+            Self::Recording(error) => chain(error.as_ref()),
+        }
+    }
+}
+
+/// What the loop needs beside the source.
+pub(crate) struct Watch {
+    pub live: Arc<Live>,
+    pub schedule: Schedule,
+    /// Of a recording; `None` is the configured one.
+    pub speed: Option<f64>,
+    pub clock: SystemClock,
+    pub recorder: mpsc::Sender<Order>,
+    /// Told when acquisition pauses and goes on.
+    pub paused: Arc<dyn Fn(bool) + Send + Sync>,
+    /// What is said over the wires.
+    pub tape: Tape,
+    pub pulse: Arc<Pulse>,
+    pub course: Course,
+    pub measuring: Measuring,
+    /// Tells everybody what has been done about ranges and offsets, and how the session measures from then on.
+    pub said: Box<dyn Fn(Happening, Option<Arc<RigPlan>>) + Send + Sync>,
+}
+
+/// How far a session has come; it survives the loss of the rig.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Course {
+    began: Option<Duration>,
+    taken: u64,
+    last: Option<Duration>,
+    /// Time spent in pauses does not count as lateness of a recording.
+    shift: Duration,
+}
+
+impl Course {
+    /// Of a session that goes on where so many frames have been taken.
+    pub(crate) fn after(taken: u64) -> Self {
+        Self {
+            taken,
+            ..Self::default()
+        }
+    }
+}
+
+/// What a wait ended with.
+enum Waited {
+    Due,
+    Stopped,
+}
+
+impl Watch {
+    /// Takes frames until the schedule, somebody, or a fault ends it.
+    /// After a fault of the rig it goes on where it was.
+    pub(crate) async fn run(&mut self, source: &mut FrameSource) -> Ended {
+        if let (FrameSource::Recording(recording), None) = (&mut *source, self.course.began) {
+            recording.rewind(self.speed);
+        }
+        let _rests = Rests(Arc::clone(&self.pulse), Part::Acquisition);
+        let mut stop = self.live.stop_wish();
+        let mut suspend = self.live.suspend_wish();
+        let mut held = self.live.held();
+        let mut grants = self.live.grants();
+        let now = self.clock.monotonic();
+        let began = *self.course.began.get_or_insert(now);
+        loop {
+            // one may begin while the other lasts
+            while *suspend.borrow() || *held.borrow() {
+                let asked = self.sit_out(&mut suspend, &mut stop).await;
+                self.course.shift += asked + self.sit_out(&mut held, &mut stop).await;
+                if stop.is_asked() {
+                    break;
+                }
+                if !asked.is_zero() {
+                    let text = format!("suspended on request for {:.0} s", asked.as_secs_f64());
+                    self.note("paused", text).await;
+                }
+            }
+            let Course {
+                taken, last, shift, ..
+            } = self.course;
+            if stop.is_asked() {
+                return Ended::Done(self.live.stop_reason());
+            }
+            let now = self.clock.monotonic();
+            let (mut due, missed) = match self.schedule.next(began, taken, last, now) {
+                Next::End(reason) => return Ended::Done(reason.to_owned()),
+                Next::Frame { due, missed } => (due, missed),
+            };
+            if let FrameSource::Recording(recording) = source {
+                match recording.due() {
+                    Ok(Some(offset)) => due = began + shift + offset,
+                    Ok(None) => return Ended::Done("the recording is over".to_owned()),
+                    Err(error) => return Ended::Recording(Box::new(error)),
+                }
+            } else if missed > 0 {
+                self.live.count_dropped(missed);
+                let text = format!("{missed} frames were due and could not be taken in time");
+                self.note("frames-missed", text).await;
+            }
+            let waited = match &mut grants {
+                Some(grants) => {
+                    self.pulse.rest(Part::Acquisition);
+                    granted(grants, taken, &mut stop).await
+                }
+                None => self.until(due, &mut stop, &mut suspend, &mut held).await,
+            };
+            match waited {
+                Waited::Stopped => return Ended::Done(self.live.stop_reason()),
+                Waited::Due if *suspend.borrow() || *held.borrow() => continue,
+                Waited::Due => {}
+            }
+            self.promise(self.longest(source));
+            let frame = match self.take(source, &stop).await {
+                Ok(Some(frame)) => frame,
+                Ok(None) => return Ended::Done("the recording is over".to_owned()),
+                Err(Ended::Rig(error))
+                    if stop.is_asked() && matches!(*error, AcquireError::Stopped { .. }) =>
+                {
+                    return Ended::Done(self.live.stop_reason());
+                }
+                Err(ended) => return ended,
+            };
+            self.course.taken += 1;
+            self.course.last = Some(due);
+            self.live.count_acquired();
+            if !self
+                .hand_over(frame, matches!(source, FrameSource::Recording(_)))
+                .await
+            {
+                return Ended::Done(self.live.stop_reason());
+            }
+        }
+    }
+
+    fn promise(&self, within: Duration) {
+        let now = self.clock.monotonic();
+        self.pulse.promise(Part::Acquisition, now, within);
+    }
+
+    /// What a frame may take before something hangs that no deadline of a wire has ended.
+    fn longest(&self, source: &FrameSource) -> Duration {
+        let planned = match source {
+            FrameSource::Rig { plan, .. } => {
+                let now = self.measuring.now();
+                let plan = now.as_ref().unwrap_or(plan);
+                plan.plan.duration(&plan.timing)
+            }
+            FrameSource::Recording(_) => Duration::ZERO,
+        };
+        planned.saturating_mul(4).saturating_add(BEYOND_ITS_TIME)
+    }
+
+    async fn take(
+        &mut self,
+        source: &mut FrameSource,
+        stop: &Stop,
+    ) -> Result<Option<Frame>, Ended> {
+        match source {
+            FrameSource::Rig {
+                rig: Some(rig),
+                plan,
+            } => {
+                self.tape.next_reel();
+                let frame = self.measuring.frame(rig, plan, self.clock, stop).await;
+                for (kind, text) in self.measuring.said() {
+                    let at = self.clock.wall();
+                    let happening = Happening {
+                        at,
+                        kind,
+                        text: text.clone(),
+                        session: None,
+                    };
+                    (self.said)(happening, self.measuring.now());
+                    let order = Order::Event { at, kind, text };
+                    // a recorder that has gone is noticed at the frame
+                    let _ = self.recorder.send(order).await;
+                }
+                frame.map(Some).map_err(|error| Ended::Rig(Box::new(error)))
+            }
+            FrameSource::Rig { rig: None, .. } => Ok(None),
+            FrameSource::Recording(recording) => recording
+                .next(self.clock.monotonic(), self.clock.wall())
+                .map_err(|error| Ended::Recording(Box::new(error))),
+        }
+    }
+
+    /// The logbook is the one sink that may hold acquisition back: between frames, with the source off, and said.
+    async fn hand_over(&self, frame: Frame, recording: bool) -> bool {
+        let frame = match self.recorder.try_send(Order::Frame(Box::new(frame))) {
+            Ok(()) => return true,
+            Err(mpsc::error::TrySendError::Closed(_)) => return false,
+            Err(mpsc::error::TrySendError::Full(frame)) => frame,
+        };
+        if recording {
+            return self.recorder.send(frame).await.is_ok();
+        }
+        // the record has promised
+        self.pulse.rest(Part::Acquisition);
+        self.live.set_suspended(true);
+        self.live
+            .set_last_error("the logbook cannot keep up; acquisition waits, the source is off");
+        (self.paused)(true);
+        let since = self.clock.monotonic();
+        let sent = self.recorder.send(frame).await.is_ok();
+        let waited = self.clock.monotonic().saturating_sub(since);
+        if waited > Duration::from_secs(1) {
+            let text = format!(
+                "the logbook could not keep up for {:.1} s",
+                waited.as_secs_f64()
+            );
+            self.note("paused", text).await;
+        }
+        (self.paused)(false);
+        self.live.set_suspended(false);
+        self.live.set_last_error("");
+        sent
+    }
+
+    /// An event of the record alone: it explains a gap.
+    async fn note(&self, kind: &'static str, text: String) {
+        let at = self.clock.wall();
+        // a recorder that has gone is noticed at the frame
+        let _ = self.recorder.send(Order::Event { at, kind, text }).await;
+    }
+
+    /// Waits while suspended; returns how long.
+    async fn sit_out(&self, suspend: &mut watch::Receiver<bool>, stop: &mut Stop) -> Duration {
+        if !*suspend.borrow() {
+            return Duration::ZERO;
+        }
+        let from = self.clock.monotonic();
+        self.pulse.rest(Part::Acquisition);
+        self.live.set_suspended(true);
+        (self.paused)(true);
+        tokio::select! {
+            () = stop.asked() => {}
+            _ = suspend.wait_for(|suspended| !*suspended) => {}
+        }
+        (self.paused)(false);
+        self.live.set_suspended(false);
+        self.clock.monotonic() - from
+    }
+
+    async fn until(
+        &self,
+        due: Duration,
+        stop: &mut Stop,
+        suspend: &mut watch::Receiver<bool>,
+        held: &mut watch::Receiver<bool>,
+    ) -> Waited {
+        let wait = due.saturating_sub(self.clock.monotonic());
+        self.promise(wait.saturating_add(BEYOND_ITS_TIME));
+        if wait.is_zero() {
+            // lets others run between frames that are back to back
+            tokio::task::yield_now().await;
+            return if stop.is_asked() {
+                Waited::Stopped
+            } else {
+                Waited::Due
+            };
+        }
+        tokio::select! {
+            () = stop.asked() => Waited::Stopped,
+            _ = suspend.wait_for(|suspended| *suspended) => Waited::Due,
+            _ = held.wait_for(|held| *held) => Waited::Due,
+            () = tokio::time::sleep(wait) => Waited::Due,
+        }
+    }
+}
+
+async fn granted(grants: &mut watch::Receiver<u64>, taken: u64, stop: &mut Stop) -> Waited {
+    tokio::select! {
+        () = stop.asked() => Waited::Stopped,
+        granted = grants.wait_for(|granted| *granted > taken) => match granted {
+            Ok(_) => Waited::Due,
+            Err(_) => Waited::Stopped,
+        },
+    }
+}

@@ -1,0 +1,472 @@
+//! What was written in `config.toml`: a document, every key optional, nothing opened yet.
+//!
+//! Defaults are those of the paper's sheet on a simulated rig. What it all means is found out in [`crate::preparation`].
+
+pub(crate) mod numbers;
+mod observing;
+pub(crate) mod problems;
+
+use std::path::{Path, PathBuf};
+
+use eit::{DiscTank, PaperSheet};
+use serde::{Deserialize, Serialize};
+
+pub(crate) use observing::{MetricsSection, NotifySection};
+
+/// The whole file.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct Config {
+    pub rig: RigSection,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub source: Option<InstrumentSection>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub switch: Option<InstrumentSection>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub voltmeter: Option<InstrumentSection>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub recording: Option<RecordingSection>,
+    pub wiring: WiringSection,
+    pub survey: SurveySection,
+    pub geometry: GeometrySection,
+    pub model: ModelSection,
+    pub record: RecordSection,
+    pub about: AboutSection,
+    pub bus: BusSection,
+    pub schedule: ScheduleSection,
+    pub care: CareSection,
+    pub notify: NotifySection,
+    pub metrics: MetricsSection,
+}
+
+/// Where frames come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum RigKind {
+    /// Every instrument simulated, joined to one simulated sheet.
+    #[default]
+    Simulated,
+    /// Every instrument real.
+    Instruments,
+    /// Each instrument says for itself.
+    Mixed,
+    /// Frames measured before.
+    Recording,
+}
+
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct RigSection {
+    pub kind: RigKind,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub profile: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scene: Option<String>,
+}
+
+/// The level at which a multiplexer chip is on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum EnableName {
+    Low,
+    High,
+}
+
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct InstrumentSection {
+    pub address: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub deadline_ms: Option<f64>,
+    /// Of a board on a gpiochip.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub enable: Option<EnableName>,
+}
+
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct RecordingSection {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub session: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub case: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frames: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub baseline: Option<String>,
+    pub negate: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frames_per_s: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub speed: Option<f64>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub(crate) enum WiringKind {
+    /// Measuring pairs on bank 1, injecting pairs on bank 2 of a 34924A: 26 reading messages a frame.
+    #[default]
+    #[serde(rename = "pairs-34924a")]
+    Pairs34924a,
+    /// The same numbers on a 34922A: quieter and slower.
+    #[serde(rename = "pairs-34922a")]
+    Pairs34922a,
+    /// Measuring pairs on a 34925A, injecting pairs on bank 2 of a 34924A in `inject_slot`: the fastest scan.
+    #[serde(rename = "fast-34925a")]
+    Fast34925a,
+    /// Pairs as columns of a 34932A matrix.
+    #[serde(rename = "matrix-34932a")]
+    Matrix34932a,
+    /// Single electrodes on a 34934A as 4 x 128.
+    #[serde(rename = "matrix-34934a")]
+    Matrix34934a,
+    /// The multiplexer board on a serial line or a gpiochip.
+    #[serde(rename = "gpio-board")]
+    GpioBoard,
+    /// Relay by relay, as a file says.
+    #[serde(rename = "file")]
+    File,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct WiringSection {
+    pub kind: WiringKind,
+    pub slot: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub inject_slot: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub electrodes: Option<usize>,
+}
+
+impl Default for WiringSection {
+    fn default() -> Self {
+        Self {
+            kind: WiringKind::default(),
+            slot: 1,
+            inject_slot: None,
+            file: None,
+            electrodes: None,
+        }
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct SurveySection {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub electrodes: Option<usize>,
+    pub current_ua: f64,
+    pub compliance_v: f64,
+    pub settle_ms: f64,
+    pub range_v: f64,
+    pub nplc: f64,
+    pub autozero: bool,
+    pub line_hz: f64,
+    pub averages: u32,
+    pub channel_delay_ms: f64,
+    pub reversal: bool,
+    pub skip: usize,
+    pub half: bool,
+    pub ranges: RangesName,
+    pub range_margin: f64,
+    pub chained: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub zero_every: Option<u64>,
+}
+
+/// Where the voltmeter's ranges come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum RangesName {
+    /// One for every reading.
+    #[default]
+    Fixed,
+    /// Each its own: from the baseline, or from the model of the sheet before there is one.
+    Planned,
+}
+
+impl Default for SurveySection {
+    fn default() -> Self {
+        Self {
+            electrodes: None,
+            current_ua: 1000.0,
+            compliance_v: 10.0,
+            settle_ms: 2.0,
+            range_v: 1.0,
+            nplc: 1.0,
+            autozero: false,
+            line_hz: 50.0,
+            averages: 1,
+            channel_delay_ms: 0.0,
+            reversal: false,
+            skip: 0,
+            half: false,
+            ranges: RangesName::default(),
+            range_margin: 1.5,
+            chained: false,
+            zero_every: None,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum PresetName {
+    #[default]
+    PaperSheet,
+    DiscTank,
+}
+
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct GeometrySection {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub preset: Option<PresetName>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub case: Option<PathBuf>,
+    #[serde(rename = "paper-sheet", skip_serializing_if = "Option::is_none")]
+    pub paper_sheet: Option<PaperSheet>,
+    #[serde(rename = "disc-tank", skip_serializing_if = "Option::is_none")]
+    pub disc_tank: Option<DiscTank>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum MethodName {
+    #[default]
+    OneStep,
+    Tv,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum PriorName {
+    Tikhonov,
+    #[default]
+    Noser,
+    Laplace,
+    Gaussian,
+}
+
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct ModelSection {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub method: Option<MethodName>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub prior: Option<PriorName>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exponent: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub length_mm: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise_uv: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lambda: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise_figure: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub map_error: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub loss_only: Option<bool>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gap: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct RecordSection {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub directory: Option<PathBuf>,
+    /// Frames of which everything said over the wires is kept in memory.
+    pub transcripts: usize,
+    /// So long frames are gathered for one sync; 0: those that wait together, and no longer.
+    pub group_ms: u64,
+    /// A file of this size is followed by the next part of its session; 0 never.
+    pub roll_mb: u64,
+    /// The first frame of a day (UTC) begins the next part.
+    pub roll_daily: bool,
+    pub when_full: FullName,
+    /// With less free it is said once.
+    pub warn_below_mb: u64,
+    /// With less free the policy begins.
+    pub reserve_mb: u64,
+    /// Whether a session that the daemon did not end goes on at its next start.
+    pub resume: bool,
+    /// Not where its last frame is older.
+    pub resume_within_h: f64,
+    /// Nor where it has begun again so often within an hour.
+    pub resume_per_hour: u64,
+}
+
+/// What is done where there is no room for the record.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum FullName {
+    /// Acquisition pauses, and goes on by itself when there is room.
+    #[default]
+    Stop,
+    /// The oldest closed sessions are deleted.
+    Ring,
+}
+
+impl Default for RecordSection {
+    fn default() -> Self {
+        Self {
+            directory: None,
+            transcripts: 8,
+            group_ms: 0,
+            roll_mb: 4000,
+            roll_daily: false,
+            when_full: FullName::Stop,
+            warn_below_mb: 2000,
+            reserve_mb: 200,
+            resume: true,
+            resume_within_h: 72.0,
+            resume_per_hour: 6,
+        }
+    }
+}
+
+/// What a lab needs to know later of what it measured; free words, kept with every session.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct AboutSection {
+    pub sheet: String,
+    pub foam: String,
+    pub ink: String,
+    pub operator: String,
+    pub wiring: String,
+    pub calibration: String,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct BusSection {
+    pub peer: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub peer_path: Option<PathBuf>,
+    pub session: bool,
+    pub system: bool,
+}
+
+impl Default for BusSection {
+    fn default() -> Self {
+        Self {
+            peer: true,
+            peer_path: None,
+            session: false,
+            system: false,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct ScheduleSection {
+    pub start: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub every_s: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub count: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub for_s: Option<f64>,
+}
+
+/// Wear of relays.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct CareSection {
+    /// Closures that a relay is rated for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub relay_life_cycles: Option<u64>,
+}
+
+impl Config {
+    /// The same with every path absolute or relative to `folder`, and with the paths that the environment decides.
+    pub(crate) fn resolved(mut self, folder: &Path) -> Self {
+        let paths = [
+            &mut self.wiring.file,
+            &mut self.geometry.case,
+            &mut self.model.file,
+            &mut self.model.calibration,
+            &mut self.record.directory,
+            &mut self.bus.peer_path,
+        ];
+        for path in paths.into_iter().flatten() {
+            *path = folder.join(&*path);
+        }
+        if let Some(recording) = &mut self.recording {
+            for path in [&mut recording.session, &mut recording.case]
+                .into_iter()
+                .flatten()
+            {
+                *path = folder.join(&*path);
+            }
+            if let Some(case) = &recording.case {
+                if let Some(frames) = &mut recording.frames {
+                    *frames = case.join(&*frames);
+                }
+                if let Some(baseline) = &mut recording.baseline
+                    && !baseline.starts_with("first:")
+                {
+                    *baseline = case.join(&*baseline).to_string_lossy().into_owned();
+                }
+            }
+        }
+        // a name without a slash or an ending is one that ships with the bench
+        for name in [&mut self.rig.profile, &mut self.rig.scene]
+            .into_iter()
+            .flatten()
+        {
+            if name.contains(['/', '.']) {
+                *name = folder.join(&*name).to_string_lossy().into_owned();
+            }
+        }
+        self.record
+            .directory
+            .get_or_insert_with(default_record_directory);
+        if self.bus.peer {
+            self.bus.peer_path.get_or_insert_with(default_peer_path);
+        }
+        self
+    }
+
+    /// The folder for what lasts until the machine restarts: the peer socket's.
+    pub(crate) fn runtime_directory(&self) -> PathBuf {
+        let peer = self.bus.peer_path.clone().unwrap_or_else(default_peer_path);
+        peer.parent().map_or_else(PathBuf::new, Path::to_owned)
+    }
+}
+
+/// `$STATE_DIRECTORY` (systemd), else `$XDG_STATE_HOME/tactus`, else `~/.local/state/tactus`, else `/var/lib/tactus`.
+fn default_record_directory() -> PathBuf {
+    let set = |name: &str| {
+        std::env::var_os(name)
+            .filter(|value| !value.is_empty())
+            .map(PathBuf::from)
+    };
+    set("STATE_DIRECTORY")
+        .or_else(|| Some(set("XDG_STATE_HOME")?.join("tactus")))
+        .or_else(|| Some(set("HOME")?.join(".local/state/tactus")))
+        .unwrap_or_else(|| PathBuf::from("/var/lib/tactus"))
+}
+
+/// `$RUNTIME_DIRECTORY/peer` (systemd), else `$XDG_RUNTIME_DIR/tactus/peer`, else `/run/tactus/peer`.
+fn default_peer_path() -> PathBuf {
+    let set = |name: &str| {
+        std::env::var_os(name)
+            .filter(|value| !value.is_empty())
+            .map(PathBuf::from)
+    };
+    set("RUNTIME_DIRECTORY")
+        .map(|directory| directory.join("peer"))
+        .or_else(|| Some(set("XDG_RUNTIME_DIR")?.join("tactus/peer")))
+        .unwrap_or_else(|| PathBuf::from("/run/tactus/peer"))
+}

@@ -1,0 +1,242 @@
+//! Which numbers and texts may come from outside: every numeric key of the configuration, every numeric option and argument
+//! of the bus. They are checked here and nowhere else, before anything is calculated with them; units are in their names.
+//!
+//! What follows from two of them together is in [`crate::preparation`].
+
+use dbus::{Fault, Options};
+use survey::Bounds::{self, Above, Between, OneOf, Within};
+use survey::LONGEST_S;
+use toml::de::{DeTable, DeValue};
+
+/// Integration times of the voltmeter, power-line cycles.
+pub(crate) const NPLC: Bounds = OneOf(&[0.02, 0.2, 1.0, 2.0, 10.0, 20.0, 100.0, 200.0]);
+const WAIT_MS: Bounds = Within(0.0, 60e3);
+pub(crate) const SETTLE_MS: Bounds = WAIT_MS;
+pub(crate) const CHANNEL_DELAY_MS: Bounds = WAIT_MS;
+pub(crate) const AVERAGES: Bounds = Within(1.0, 1000.0);
+/// The option has 0 for never; the key is left out instead.
+pub(crate) const ZERO_EVERY: Bounds = Within(0.0, 1e9);
+pub(crate) const EVERY_S: Bounds = Within(0.0, LONGEST_S);
+pub(crate) const FOR_S: Bounds = Above(0.0, LONGEST_S);
+/// Frames of a session.
+pub(crate) const COUNT: Bounds = Within(1.0, 1e15);
+pub(crate) const SPEED: Bounds = Within(0.0, 1e6);
+/// Frames of a baseline: all of them are in memory until their mean is taken.
+pub(crate) const BASELINE_FRAMES: Bounds = Within(1.0, 1000.0);
+/// Looking for instruments.
+pub(crate) const WITHIN_S: Bounds = Within(0.0, 60.0);
+/// Records held for a slow reader of a stream.
+pub(crate) const RING: Bounds = Within(1.0, 4096.0);
+/// Frames of a transcript; more than are kept are the kept ones.
+pub(crate) const TRANSCRIPT_FRAMES: Bounds = Within(0.0, 1e15);
+/// Sessions of a list; more than there are are all.
+pub(crate) const LISTED: Bounds = Within(0.0, u64::MAX as f64);
+/// A load on the simulated sheet, m.
+pub(crate) const PLACE_M: Bounds = Within(-10.0, 10.0);
+pub(crate) const SIZE_M: Bounds = Above(0.0, 10.0);
+pub(crate) const LOSS: Bounds = Within(0.0, 1.0);
+/// Largest ring: its 64,768 readings are far beyond any switch.
+const ELECTRODES: Bounds = Within(1.0, 256.0);
+const SLOT: Bounds = Within(1.0, 8.0);
+const ANSWER_MS: Bounds = Within(1.0, 600e3);
+/// A petabyte; as bytes it is still a number of 64 bits.
+const MEGABYTES: Bounds = Within(0.0, 1e9);
+const LENGTH_MM: Bounds = Within(0.01, 10e3);
+const OHM: Bounds = Within(1e-6, 1e12);
+const EDGES: Bounds = Within(1.0, 64.0);
+const SEEDING: Bounds = Within(0.0, u32::MAX as f64);
+const FINENESS: Bounds = Within(0.25, 8.0);
+const GROWTH: Bounds = Within(0.001, 10.0);
+const DAYS: Bounds = Above(0.0, 36_525.0);
+
+/// Every numeric key of the configuration.
+const KEYS: &[(&str, Bounds)] = &[
+    ("source.deadline_ms", ANSWER_MS),
+    ("switch.deadline_ms", ANSWER_MS),
+    ("voltmeter.deadline_ms", ANSWER_MS),
+    ("recording.frames_per_s", Above(0.0, 1e6)),
+    ("recording.speed", SPEED),
+    ("wiring.slot", SLOT),
+    ("wiring.inject_slot", SLOT),
+    ("wiring.electrodes", ELECTRODES),
+    ("survey.electrodes", ELECTRODES),
+    // what source and relays bear is compared with the plan
+    ("survey.current_ua", Above(0.0, 1e6)),
+    ("survey.compliance_v", Above(0.0, 1e3)),
+    ("survey.settle_ms", SETTLE_MS),
+    ("survey.range_v", OneOf(&[0.1, 1.0, 10.0, 100.0, 300.0])),
+    ("survey.nplc", NPLC),
+    ("survey.line_hz", OneOf(&[50.0, 60.0])),
+    ("survey.averages", AVERAGES),
+    ("survey.channel_delay_ms", CHANNEL_DELAY_MS),
+    ("survey.skip", Within(0.0, 254.0)),
+    ("survey.range_margin", Within(1.0, 100.0)),
+    ("survey.zero_every", Within(1.0, 1e9)),
+    ("geometry.paper-sheet.width_mm", LENGTH_MM),
+    ("geometry.paper-sheet.height_mm", LENGTH_MM),
+    (
+        "geometry.paper-sheet.electrodes_per_width",
+        Within(1.0, 64.0),
+    ),
+    (
+        "geometry.paper-sheet.electrodes_per_height",
+        Within(1.0, 64.0),
+    ),
+    ("geometry.paper-sheet.void_mm", LENGTH_MM),
+    ("geometry.paper-sheet.inset_mm", LENGTH_MM),
+    ("geometry.paper-sheet.region_half_width_mm", LENGTH_MM),
+    ("geometry.paper-sheet.region_half_height_mm", LENGTH_MM),
+    ("geometry.paper-sheet.fineness", FINENESS),
+    ("geometry.paper-sheet.edge_mm", LENGTH_MM),
+    ("geometry.paper-sheet.largest_mm", LENGTH_MM),
+    ("geometry.paper-sheet.growth", GROWTH),
+    ("geometry.paper-sheet.seeding", SEEDING),
+    ("geometry.paper-sheet.sheet_ohm", OHM),
+    ("geometry.paper-sheet.contact_ohm", OHM),
+    ("geometry.disc-tank.radius_mm", LENGTH_MM),
+    ("geometry.disc-tank.electrodes", Within(2.0, 256.0)),
+    ("geometry.disc-tank.arc_deg", Between(0.0, 360.0)),
+    ("geometry.disc-tank.first_deg", Within(-360.0, 360.0)),
+    ("geometry.disc-tank.fineness", FINENESS),
+    ("geometry.disc-tank.electrode_edges", EDGES),
+    ("geometry.disc-tank.largest_share", Within(0.005, 0.5)),
+    ("geometry.disc-tank.growth", GROWTH),
+    ("geometry.disc-tank.seeding", SEEDING),
+    ("geometry.disc-tank.sheet_ohm", OHM),
+    ("geometry.disc-tank.contact_ohm", OHM),
+    ("model.exponent", Within(0.0, 10.0)),
+    ("model.length_mm", LENGTH_MM),
+    ("model.noise_uv", Within(1e-6, 1e9)),
+    ("model.lambda", Above(0.0, 1e30)),
+    ("model.noise_figure", Above(0.0, 1e6)),
+    ("model.map_error", Between(0.0, 1.0)),
+    ("model.gap", Between(0.0, 1.0)),
+    // each is some 100 kB of memory
+    ("record.transcripts", Within(0.0, 1000.0)),
+    // so long no frame is published
+    ("record.group_ms", Within(0.0, 60e3)),
+    ("record.roll_mb", MEGABYTES),
+    ("record.warn_below_mb", MEGABYTES),
+    ("record.reserve_mb", MEGABYTES),
+    ("record.resume_within_h", Within(0.0, 8766.0)),
+    ("record.resume_per_hour", Within(0.0, 3600.0)),
+    ("schedule.every_s", EVERY_S),
+    ("schedule.count", COUNT),
+    ("schedule.for_s", FOR_S),
+    ("care.relay_life_cycles", Within(1.0, 1e15)),
+    ("notify.disk_days", DAYS),
+    ("notify.relay_life", Above(0.0, 1.0)),
+    ("notify.baseline_days", DAYS),
+    // a frame may take a whole period
+    ("notify.no_frame_periods", Within(1.0, 1e6)),
+    ("notify.no_frame_s", Above(0.0, LONGEST_S)),
+    ("notify.deadline_s", Above(0.0, 600.0)),
+    ("notify.again_s", Above(0.0, LONGEST_S)),
+];
+
+/// Bytes of a text of free words: a note, what is said of sheet, foam, ink and operator.
+pub(crate) const LONGEST_TEXT: usize = 4096;
+
+/// Takes out of a configuration every number that is not allowed, so that its default stands in while the rest is read, and
+/// tells where it stood and what is wrong.
+pub(crate) fn take_out(table: &mut DeTable<'_>) -> Vec<(std::ops::Range<usize>, String)> {
+    let mut found = Vec::new();
+    take_out_below(table, "", &mut found);
+    found
+}
+
+fn take_out_below(
+    table: &mut DeTable<'_>,
+    above: &str,
+    found: &mut Vec<(std::ops::Range<usize>, String)>,
+) {
+    let mut bad = Vec::new();
+    for (name, value) in table.iter_mut() {
+        let key = format!("{above}{}", name.get_ref());
+        let span = value.span();
+        let number = match value.get_mut() {
+            DeValue::Table(inner) => {
+                take_out_below(inner, &format!("{key}."), found);
+                continue;
+            }
+            // beyond 128 bits it is beyond all bounds
+            DeValue::Integer(whole) => i128::from_str_radix(whole.as_str(), whole.radix())
+                .map_or(f64::INFINITY, |whole| whole as f64),
+            DeValue::Float(number) => number.as_str().parse().unwrap_or(f64::NAN),
+            _ => continue,
+        };
+        let bounds = KEYS.iter().find(|(known, _)| *known == key);
+        if let Some(Err(refusal)) = bounds.map(|(_, bounds)| bounds.check(number)) {
+            found.push((span, format!("{key}: {refusal}")));
+            bad.push(name.clone());
+        }
+    }
+    for name in bad {
+        table.remove(&name);
+    }
+}
+
+/// A numeric option.
+///
+/// # Errors
+/// [`Fault::InvalidOption`] with the name, the value and what is allowed.
+pub(crate) fn number(options: &Options, key: &str, bounds: Bounds) -> Result<Option<f64>, Fault> {
+    match options.number(key) {
+        Ok(None) => Ok(None),
+        Ok(Some(value)) => checked(&format!("option '{key}'"), value, bounds).map(Some),
+        Err(refusal) => Err(allowed(refusal, bounds)),
+    }
+}
+
+/// An option that is a whole number.
+///
+/// # Errors
+/// As [`number`].
+pub(crate) fn whole(options: &Options, key: &str, bounds: Bounds) -> Result<Option<u64>, Fault> {
+    match options.whole(key) {
+        Ok(None) => Ok(None),
+        Ok(Some(value)) => {
+            checked(&format!("option '{key}'"), value as f64, bounds).map(|_| Some(value))
+        }
+        Err(refusal) => Err(allowed(refusal, bounds)),
+    }
+}
+
+/// A numeric argument.
+///
+/// # Errors
+/// As [`number`].
+pub(crate) fn checked(what: &str, value: f64, bounds: Bounds) -> Result<f64, Fault> {
+    bounds
+        .check(value)
+        .map_err(|refusal| Fault::InvalidOption(format!("{what}: {refusal}")))
+}
+
+fn allowed(refusal: Fault, bounds: Bounds) -> Fault {
+    match refusal {
+        Fault::InvalidOption(text) => Fault::InvalidOption(format!("{text}, {bounds}")),
+        other => other,
+    }
+}
+
+/// An option of free words.
+///
+/// # Errors
+/// [`Fault::InvalidOption`]: it is longer than [`LONGEST_TEXT`], or no text.
+pub(crate) fn words<'a>(options: &'a Options, key: &str) -> Result<Option<&'a str>, Fault> {
+    let text = options.text(key)?;
+    match text.map(too_long) {
+        Some(Some(why)) => Err(Fault::InvalidOption(format!("option '{key}' {why}"))),
+        _ => Ok(text),
+    }
+}
+
+/// What is wrong with a text of free words that is too long.
+pub(crate) fn too_long(text: &str) -> Option<String> {
+    let length = text.len();
+    (length > LONGEST_TEXT)
+        .then(|| format!("has {length} bytes; it must have {LONGEST_TEXT} at most"))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,232 @@
+//! Reading a configuration with all its problems, each with its place.
+
+use std::fmt;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use toml::de::{DeTable, DeValue};
+
+use crate::config::Config;
+
+/// Something wrong in a file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Problem {
+    /// The file.
+    pub file: PathBuf,
+    /// Line and column from 1; `None` where the whole file is meant.
+    pub place: Option<(usize, usize)>,
+    /// What is wrong, and what to do.
+    pub text: String,
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.file.display())?;
+        if let Some((line, column)) = self.place {
+            write!(f, ":{line}:{column}")?;
+        }
+        write!(f, ": {}", self.text)
+    }
+}
+
+/// A configuration file, kept so that what is found out later can be placed.
+#[derive(Debug)]
+pub(crate) struct Source {
+    file: PathBuf,
+    text: String,
+}
+
+impl Source {
+    pub(crate) fn file(&self) -> &Path {
+        &self.file
+    }
+
+    pub(crate) fn new(file: &Path, text: String) -> Self {
+        Self {
+            file: file.to_owned(),
+            text,
+        }
+    }
+
+    /// Parses; every unknown key and every value of the wrong kind is a problem of its own. Where only numbers are out of
+    /// their bounds there is a configuration as well, with their defaults, so that the rest of it can be checked.
+    pub(crate) fn read(&self) -> (Option<Config>, Vec<Problem>) {
+        let (mut table, faults) = DeTable::parse_recoverable(&self.text);
+        if !faults.is_empty() {
+            let problems = faults
+                .iter()
+                .map(|fault| self.at(fault.span(), fault.message().to_owned()))
+                .collect();
+            return (None, problems);
+        }
+        let mut problems: Vec<Problem> = crate::config::numbers::take_out(table.get_mut())
+            .into_iter()
+            .map(|(span, text)| self.at(Some(span), text))
+            .collect();
+        let of_bounds = problems.len();
+        loop {
+            let fault = match Config::deserialize(toml::Deserializer::from(table.clone())) {
+                Ok(config) => return ((problems.len() == of_bounds).then_some(config), problems),
+                Err(fault) => fault,
+            };
+            let span = fault.span();
+            problems.push(self.at(span.clone(), explain(fault.message())));
+            // what is wrong is taken out, so that the next fault shows
+            let removed = span.is_some_and(|span| remove(table.get_mut(), &span));
+            if !removed {
+                return (None, problems);
+            }
+        }
+    }
+
+    /// Places a problem at a dotted key (`survey.electrodes`), or as near as the file has it.
+    pub(crate) fn problem(&self, key: &str, text: impl Into<String>) -> Problem {
+        let (table, _) = DeTable::parse_recoverable(&self.text);
+        let mut span = None;
+        let mut level = table.get_ref();
+        for part in key.split('.') {
+            let Some((name, value)) = level.iter().find(|(name, _)| name.get_ref() == part) else {
+                break;
+            };
+            span = Some(match value.get_ref() {
+                DeValue::Table(_) => name.span(),
+                _ => value.span(),
+            });
+            match value.get_ref() {
+                DeValue::Table(inner) => level = inner,
+                _ => break,
+            }
+        }
+        // what is missing altogether is missed from the first line on
+        self.at(span.or(Some(0..0)), format!("{key}: {}", text.into()))
+    }
+
+    fn at(&self, span: Option<Range<usize>>, text: String) -> Problem {
+        Problem {
+            file: self.file.clone(),
+            place: span.map(|span| place(&self.text, span.start)),
+            text,
+        }
+    }
+}
+
+/// Line and column, from 1, of a byte.
+fn place(text: &str, at: usize) -> (usize, usize) {
+    let before = text.get(..at).unwrap_or(text);
+    let line = before.matches('\n').count() + 1;
+    let column = before
+        .rsplit('\n')
+        .next()
+        .map_or(0, |line| line.chars().count())
+        + 1;
+    (line, column)
+}
+
+/// Takes the entry out whose key or value the fault points at.
+fn remove(table: &mut DeTable<'_>, fault: &Range<usize>) -> bool {
+    let points_at = |span: Range<usize>| {
+        span.start <= fault.start && fault.start < span.end.max(span.start + 1)
+    };
+    let found = table.iter().find_map(|(key, value)| {
+        let plain = !matches!(value.get_ref(), DeValue::Table(_));
+        let hit = key.span() == *fault || (plain && points_at(value.span()));
+        hit.then(|| key.clone())
+    });
+    if let Some(key) = found {
+        return table.remove(&key).is_some();
+    }
+    for (_, value) in table.iter_mut() {
+        if let DeValue::Table(inner) = value.get_mut()
+            && remove(inner, fault)
+        {
+            return true;
+        }
+    }
+    false
+}
+
+/// Adds the nearest key to an unknown one.
+fn explain(message: &str) -> String {
+    let message = message.lines().next().unwrap_or(message);
+    let Some(rest) = message.strip_prefix("unknown field `") else {
+        return message.to_owned();
+    };
+    let mut names = rest.split('`').step_by(2);
+    let Some(unknown) = names.next() else {
+        return message.to_owned();
+    };
+    let known: Vec<&str> = names.filter(|name| !name.is_empty()).collect();
+    let nearest = known
+        .iter()
+        .min_by_key(|name| distance(unknown, name))
+        .filter(|name| distance(unknown, name) <= unknown.len().max(3) / 2);
+    match nearest {
+        Some(nearest) => format!("unknown key '{unknown}'; did you mean '{nearest}'?"),
+        None => format!("unknown key '{unknown}'; known here: {}", known.join(", ")),
+    }
+}
+
+/// Edits from one word to the other.
+fn distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, y) in b.iter().enumerate() {
+            let cost = (diagonal + usize::from(x != *y))
+                .min(row[j] + 1)
+                .min(row[j + 1] + 1);
+            diagonal = std::mem::replace(&mut row[j + 1], cost);
+        }
+    }
+    row[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::config::problems::*;
+
+    fn problems(text: &str) -> Vec<String> {
+        let (_, problems) = Source::new(Path::new("c.toml"), text.to_owned()).read();
+        problems.iter().map(Problem::to_string).collect()
+    }
+
+    #[test]
+    fn every_unknown_key_and_wrong_value_is_named_with_its_place() {
+        let text = "[rig]\nkind = \"simulted\"\n[survey]\nsettle_us = 3\n  nplc = \"one\"\n[wirring]\nslot = 1\n";
+        let found = problems(text);
+        assert_eq!(found.len(), 4, "{found:#?}");
+        let joined = found.join("\n");
+        assert!(
+            joined.contains("c.toml:2:8: unknown variant `simulted`"),
+            "{joined}"
+        );
+        assert!(
+            joined.contains("c.toml:4:1: unknown key 'settle_us'; did you mean 'settle_ms'?"),
+            "{joined}"
+        );
+        assert!(joined.contains("c.toml:5:10: invalid type"), "{joined}");
+        assert!(
+            joined.contains("c.toml:6:2: unknown key 'wirring'; did you mean 'wiring'?"),
+            "{joined}"
+        );
+    }
+
+    #[test]
+    fn what_is_no_toml_is_said_with_its_place() {
+        assert!(problems("[rig\n")[0].starts_with("c.toml:1:"));
+    }
+
+    #[test]
+    fn a_later_problem_is_placed_at_its_key_or_its_section() {
+        let source = Source::new(Path::new("c.toml"), "[survey]\ncurrent_ua = 1\n".to_owned());
+        assert_eq!(
+            source.problem("survey.current_ua", "x").place,
+            Some((2, 14))
+        );
+        assert_eq!(source.problem("survey.nplc", "x").place, Some((1, 2)));
+        assert_eq!(source.problem("model.file", "x").place, Some((1, 1)));
+    }
+}

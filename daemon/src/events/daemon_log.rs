@@ -1,0 +1,143 @@
+//! Events that belong to no session, on their way to the disk: by a thread of its own, waited for by nobody.
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+use chrono::{DateTime, Utc};
+use logbook::Event;
+
+use crate::recording::model::chain;
+
+/// Events that may wait for the disk; beyond it they are counted.
+const QUEUE: usize = 256;
+/// The last ones are waited for so long at the end.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// The way to the chronicle.
+#[derive(Debug)]
+pub(crate) struct Chronicle {
+    directory: PathBuf,
+    /// `None` before the first event and after the last.
+    writer: Mutex<Option<Writer>>,
+    lost: AtomicU64,
+}
+
+#[derive(Debug)]
+struct Writer {
+    queue: SyncSender<Event>,
+    done: tokio::sync::oneshot::Receiver<()>,
+}
+
+impl Chronicle {
+    pub(crate) fn new(directory: PathBuf) -> Self {
+        Self {
+            directory,
+            writer: Mutex::new(None),
+            lost: AtomicU64::new(0),
+        }
+    }
+
+    /// Puts an event on its way.
+    pub(crate) fn note(&self, at: DateTime<Utc>, kind: &str, text: &str) {
+        let mut writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner);
+        if writer.is_none() {
+            *writer = start(self.directory.clone());
+        }
+        let lost = self.lost.swap(0, Ordering::Relaxed);
+        let text = match lost {
+            0 => text.to_owned(),
+            lost => format!("{text} ({lost} events before this one were lost: the disk was slow)"),
+        };
+        let kind = kind.to_owned();
+        let event = Event { at, kind, text };
+        let sent = writer
+            .as_ref()
+            .is_some_and(|writer| writer.queue.try_send(event).is_ok());
+        if !sent {
+            self.lost.fetch_add(lost + 1, Ordering::Relaxed);
+        }
+    }
+
+    /// Waits until everything is on disk, but not long.
+    pub(crate) async fn close(&self) {
+        let writer = self
+            .writer
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        if let Some(Writer { queue, done }) = writer {
+            drop(queue);
+            let _ = tokio::time::timeout(PATIENCE, done).await;
+        }
+    }
+}
+
+fn start(directory: PathBuf) -> Option<Writer> {
+    let (queue, events) = sync_channel(QUEUE);
+    let (say, done) = tokio::sync::oneshot::channel();
+    let thread = std::thread::Builder::new().name("chronicle".to_owned());
+    let started = thread.spawn(move || {
+        write(&directory, &events);
+        let _ = say.send(());
+    });
+    match started {
+        Ok(_) => Some(Writer { queue, done }),
+        Err(cause) => {
+            tracing::warn!("no thread for the chronicle: {cause}");
+            None
+        }
+    }
+}
+
+/// Until nobody sends any more. What the disk refuses is in the journal and on the bus all the same.
+fn write(directory: &std::path::Path, events: &Receiver<Event>) {
+    let mut chronicle = None;
+    let mut refused = false;
+    while let Ok(event) = events.recv() {
+        let written = match &mut chronicle {
+            Some(chronicle) => logbook::Chronicle::note(chronicle, &event),
+            None => logbook::Chronicle::open(directory).and_then(|mut opened| {
+                opened.note(&event)?;
+                chronicle = Some(opened);
+                Ok(())
+            }),
+        };
+        match written {
+            Ok(()) => refused = false,
+            Err(error) => {
+                // opened again for the next one
+                chronicle = None;
+                if !std::mem::replace(&mut refused, true) {
+                    tracing::warn!("an event cannot be kept: {}", chain(&error));
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::events::daemon_log::*;
+
+    #[tokio::test]
+    async fn what_is_noted_is_on_disk_when_it_is_closed() {
+        let folder = tempfile::tempdir().unwrap();
+        let chronicle = Chronicle::new(folder.path().to_owned());
+        chronicle.close().await;
+        assert!(logbook::chronicle(folder.path()).unwrap().is_empty());
+        for number in 0..QUEUE as i64 {
+            let at = DateTime::from_timestamp_nanos(number);
+            chronicle.note(at, "daily", "a day");
+        }
+        chronicle.close().await;
+        assert_eq!(logbook::chronicle(folder.path()).unwrap().len(), QUEUE);
+        // and it goes on
+        chronicle.note(Utc::now(), "stopped", "SIGTERM");
+        chronicle.close().await;
+        let last = logbook::chronicle(folder.path()).unwrap().pop().unwrap();
+        assert_eq!(last.kind, "stopped");
+    }
+}

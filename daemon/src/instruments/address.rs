@@ -1,0 +1,127 @@
+//! Where an instrument is, as written in the configuration.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// Of a multiplexer board on a serial line.
+const BAUD: u32 = 115_200;
+/// As a 6221 leaves the factory (fact sheet section 1).
+pub(crate) const SOURCE_BAUD: u32 = 9600;
+
+/// An instrument's address.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Place {
+    /// Simulated, inside the daemon.
+    Simulated,
+    /// `tcp:HOST:PORT`.
+    Tcp(String),
+    /// `serial:PATH` or `serial:PATH@BAUD`.
+    Serial { path: String, baud: Option<u32> },
+    /// `gpiochip:PATH`, its lines by their names, or `gpiochip:PATH@OFFSET`, 24 lines in a row.
+    Gpiochip { path: String, first: Option<u32> },
+}
+
+impl Place {
+    /// The rate of a serial line where the address names none.
+    pub(crate) fn baud(role: &str) -> u32 {
+        match role {
+            "source" => SOURCE_BAUD,
+            _ => BAUD,
+        }
+    }
+}
+
+/// A text that is no address.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "'{0}' is no address; write tcp:HOST:PORT, serial:PATH, serial:PATH@BAUD, gpiochip:PATH, gpiochip:PATH@OFFSET or \
+     simulated"
+)]
+pub(crate) struct NoPlace(String);
+
+impl FromStr for Place {
+    type Err = NoPlace;
+    fn from_str(text: &str) -> Result<Self, NoPlace> {
+        let refused = || NoPlace(text.to_owned());
+        if text == "simulated" {
+            return Ok(Self::Simulated);
+        }
+        if let Some(address) = text.strip_prefix("tcp:") {
+            let (host, port) = address.rsplit_once(':').ok_or_else(refused)?;
+            let port: u16 = port.parse().map_err(|_| refused())?;
+            if host.is_empty() || port == 0 {
+                return Err(refused());
+            }
+            return Ok(Self::Tcp(address.to_owned()));
+        }
+        let (kind, address) = text.split_once(':').ok_or_else(refused)?;
+        let (path, number) = match address.rsplit_once('@') {
+            None => (address, None),
+            Some((path, number)) => (path, Some(number.parse().map_err(|_| refused())?)),
+        };
+        if path.is_empty() {
+            return Err(refused());
+        }
+        let path = path.to_owned();
+        match (kind, number) {
+            ("serial", Some(0)) => Err(refused()),
+            ("serial", baud) => Ok(Self::Serial { path, baud }),
+            ("gpiochip", first) => Ok(Self::Gpiochip { path, first }),
+            _ => Err(refused()),
+        }
+    }
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Simulated => f.write_str("memory"),
+            Self::Tcp(address) => write!(f, "tcp:{address}"),
+            Self::Serial { path, .. } => write!(f, "serial:{path}"),
+            Self::Gpiochip { path, .. } => write!(f, "gpiochip:{path}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::instruments::address::*;
+
+    #[test]
+    fn addresses_are_read_and_others_refused() {
+        assert_eq!(
+            "tcp:10.0.0.7:1394".parse(),
+            Ok(Place::Tcp("10.0.0.7:1394".into()))
+        );
+        assert_eq!(
+            "serial:/dev/ttyUSB0@9600".parse(),
+            Ok(Place::Serial {
+                path: "/dev/ttyUSB0".into(),
+                baud: Some(9600)
+            })
+        );
+        assert_eq!(
+            "gpiochip:/dev/gpiochip0@8".parse(),
+            Ok(Place::Gpiochip {
+                path: "/dev/gpiochip0".into(),
+                first: Some(8)
+            })
+        );
+        assert_eq!("simulated".parse(), Ok(Place::Simulated));
+        for text in [
+            "",
+            "10.0.0.7:1394",
+            "tcp:host",
+            "tcp::5",
+            "tcp:h:99999",
+            "serial:",
+            "serial:/dev/x@fast",
+            "serial:/dev/x@0",
+            "gpiochip:",
+            "gpiochip:/dev/gpiochip0@-1",
+            "usb:/dev/x",
+        ] {
+            assert!(text.parse::<Place>().is_err(), "{text}");
+        }
+    }
+}

@@ -1,0 +1,474 @@
+//! From addresses to a rig: connects, asks everybody's name, and leaves the source off and verified.
+
+use std::time::Duration;
+
+use gpio_mux::GpioMux;
+use keithley_6221::Keithley6221;
+use keysight_34980a::Keysight34980a;
+use rig::{
+    AcquireError, BoxStream, CleanupError, Clock, CurrentSource, Link, LinkError, MeterSettings,
+    Rig, RigError, StartError, Stop, Switch, Tape, acquire, check_at_start, find_closed,
+    name_relays, safe_off,
+};
+use survey::{Frame, Plan, Relay, Sensing, Wiring};
+
+use crate::instruments::address::Place;
+use crate::instruments::identities::Known;
+use crate::instruments::multiplexer::Multiplexer;
+use crate::preparation::RigPlan;
+use crate::self_test::{Asked, ProbeError, Raw, probe};
+use survey::printable_within;
+
+/// How long opening a connection may take.
+const TO_CONNECT: Duration = Duration::from_secs(5);
+/// A board restarts when its port is opened; it says so when it is ready.
+const TO_WAKE_UP: Duration = Duration::from_secs(2);
+
+type Source = Keithley6221<BoxStream>;
+type Mainframe = Keysight34980a<BoxStream>;
+
+/// The rigs there are: one current source, one voltmeter, two kinds of switch.
+pub(crate) enum AnyRig {
+    Mainframe(Rig<Source, Mainframe, Mainframe>),
+    Board(Rig<Source, Multiplexer, Mainframe>),
+}
+
+/// One instrument as found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Found {
+    pub role: &'static str,
+    pub identity: String,
+    pub address: String,
+    pub simulated: bool,
+}
+
+impl Found {
+    /// Whether it is the same instrument: vendor, model and serial number; the firmware may be another.
+    pub(crate) fn is_same(&self, other: &Self) -> bool {
+        let fields = |found: &Self| -> Vec<String> {
+            let fields = found.identity.split(',').take(3);
+            fields
+                .map(|field| field.trim().to_ascii_uppercase())
+                .collect()
+        };
+        self.role == other.role && fields(self) == fields(other)
+    }
+}
+
+/// A rig ready for work.
+pub(crate) struct Assembled {
+    pub rig: AnyRig,
+    /// The instruments and modules that were found.
+    pub known: Known,
+    /// Why nobody may measure yet: what was found closed, with [`Closed::Refuse`].
+    pub closed: Option<String>,
+}
+
+/// What becomes of relays that are found closed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Closed {
+    /// They stay so: nobody here closed them, a person is to see why.
+    Refuse,
+    /// They are opened and verified: they are what this daemon left behind when it lost the rig.
+    Open,
+}
+
+/// Why there is no rig.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum AssemblyError {
+    #[error("the {role} at {place} cannot be reached; is it switched on, and the address right?")]
+    Unreachable {
+        role: &'static str,
+        place: Place,
+        #[source]
+        cause: LinkError,
+    },
+    #[error("the {role} at {place}")]
+    Instrument {
+        role: &'static str,
+        place: Place,
+        #[source]
+        cause: RigError,
+    },
+    #[error("the wiring does not fit the mainframe")]
+    Wiring(#[source] RigError),
+    #[error("the rig could not be made safe: {0}")]
+    Unsafe(CleanupError),
+    #[error("the settings could not be applied")]
+    Settings(#[source] RigError),
+    #[error("{text}")]
+    Others {
+        /// What differs.
+        text: String,
+        found: Box<Known>,
+        /// Whether the source is the known one, and verified off.
+        source_off: bool,
+    },
+}
+
+impl AssemblyError {
+    /// Whether the source had been verified off before this.
+    pub(crate) fn source_is_off(&self) -> bool {
+        match self {
+            Self::Unreachable { role, .. } | Self::Instrument { role, .. } => *role != "source",
+            Self::Unsafe(cleanup) => !cleanup.source_state_unknown(),
+            Self::Others { source_off, .. } => *source_off,
+            Self::Wiring(_) | Self::Settings(_) => true,
+        }
+    }
+}
+
+impl AnyRig {
+    /// Runs the plan once.
+    pub(crate) async fn acquire(
+        &self,
+        plan: &Plan,
+        meter: MeterSettings,
+        clock: impl Clock,
+        stop: &Stop,
+    ) -> Result<Frame, AcquireError> {
+        match self {
+            Self::Mainframe(rig) => acquire(rig, plan, meter, clock, stop).await,
+            Self::Board(rig) => acquire(rig, plan, meter, clock, stop).await,
+        }
+    }
+
+    /// Source off and relays open, each verified.
+    pub(crate) async fn safe_off(&self, wiring: &Wiring) -> Result<(), CleanupError> {
+        match self {
+            Self::Mainframe(rig) => safe_off(rig, wiring).await,
+            Self::Board(rig) => safe_off(rig, wiring).await,
+        }
+    }
+
+    async fn prepare(&self, plan: &Plan, meter: MeterSettings) -> Result<(), RigError> {
+        match self {
+            Self::Mainframe(rig) => rig::prepare(rig, plan, meter).await,
+            Self::Board(rig) => rig::prepare(rig, plan, meter).await,
+        }
+    }
+
+    /// Reads everything that a self-test judges. Whoever calls makes the rig safe afterwards.
+    pub(crate) async fn probe(&self, mut asked: Asked<'_>) -> Result<Raw, ProbeError> {
+        match self {
+            Self::Mainframe(rig) => {
+                let mut held = rig.lock().await;
+                let wiring = &asked.plan.wiring;
+                if wiring.sensing == Sensing::Scan {
+                    asked.meter_relays = held.voltmeter.meter_relays(&wiring.measuring_relays());
+                }
+                probe(&mut held, &asked).await
+            }
+            Self::Board(rig) => probe(&mut *rig.lock().await, &asked).await,
+        }
+    }
+
+    /// How often relays have closed; `None` where nothing counts them.
+    pub(crate) async fn relay_cycles(
+        &self,
+        relays: &[Relay],
+    ) -> Option<Result<Vec<u64>, RigError>> {
+        match self {
+            Self::Mainframe(rig) => Some(rig.lock().await.voltmeter.relay_cycles(relays).await),
+            Self::Board(_) => None,
+        }
+    }
+
+    async fn check_at_start(&self, wiring: &Wiring) -> Result<(), StartError> {
+        match self {
+            Self::Mainframe(rig) => check_at_start(rig, wiring).await,
+            Self::Board(rig) => check_at_start(rig, wiring).await,
+        }
+    }
+}
+
+/// What the simulated instruments of a rig are connected to.
+pub(crate) type Bench = Option<simulator::SimulatedRig>;
+
+/// Connects to every instrument, compares them with the `known` ones, checks the wiring against the modules, makes the
+/// rig safe, and applies the settings, verified. The source is off, verified, before anybody else is asked anything.
+/// Another instrument than the known one is told nothing.
+pub(crate) async fn assemble(
+    plan: &RigPlan,
+    bench: &Bench,
+    tape: &Tape,
+    when_closed: Closed,
+    known: Option<&Known>,
+) -> Result<Assembled, AssemblyError> {
+    tape.open();
+    let places = &plan.instruments;
+    let simulated = [&places.source, &places.switch, &places.voltmeter]
+        .iter()
+        .any(|(place, _)| *place == Place::Simulated);
+    let wiring = &plan.plan.wiring;
+    let mut source = connect_source(plan, bench, Some(tape)).await?;
+    // whatever the others turn out to be, the source is off before they are asked
+    let found = |role, identity: &str, place: &Place| Found {
+        role,
+        identity: printable_within(identity, 200).into_owned(),
+        address: place.to_string(),
+        simulated: *place == Place::Simulated,
+    };
+    let mut instruments = vec![found("source", source.identity(), &places.source.0)];
+    let source_off = known.is_none_or(|known| known.has(&instruments[0]));
+    if source_off {
+        source
+            .off()
+            .await
+            .map_err(|cause| AssemblyError::Instrument {
+                role: "source",
+                place: places.source.0.clone(),
+                cause,
+            })?;
+    }
+    let mainframe = connect_mainframe(plan, bench, Some(tape)).await?;
+    let modules = (1..)
+        .zip(mainframe.cards())
+        .filter_map(|(slot, card)| Some(format!("{slot}: {}", card.as_deref()?)))
+        .collect();
+    let cards = (1..)
+        .zip(mainframe.cards().iter().zip(mainframe.serials()))
+        .map(|(slot, (card, serial))| {
+            let card = card.as_deref().unwrap_or("empty");
+            format!(
+                "slot {slot}: {card} {}",
+                serial.as_deref().unwrap_or_default()
+            )
+        })
+        .map(|card| card.trim_end().to_owned())
+        .collect();
+    let board = match plan.has_board() {
+        true => Some(connect_board(plan, bench, Some(tape)).await?),
+        false => None,
+    };
+    let mainframe_is = |role| found(role, mainframe.identity(), &places.voltmeter.0);
+    match &board {
+        Some(board) => {
+            instruments.push(found("switch", board.identity(), &places.switch.0));
+            instruments.push(mainframe_is("voltmeter"));
+        }
+        None => instruments.push(mainframe_is("switch+voltmeter")),
+    }
+    let here = Known {
+        instruments,
+        modules,
+        cards,
+    };
+    if let Some(text) = known.and_then(|known| known.differs(&here)) {
+        return Err(AssemblyError::Others {
+            text,
+            found: Box::new(here),
+            source_off,
+        });
+    }
+    let rig = if let Some(board) = board {
+        AnyRig::Board(if simulated {
+            Rig::simulated(source, board, mainframe)
+        } else {
+            Rig::new(source, board, mainframe)
+        })
+    } else {
+        mainframe
+            .check_wiring(wiring)
+            .and_then(|()| mainframe.check_modules(&plan.modules))
+            .map_err(AssemblyError::Wiring)?;
+        AnyRig::Mainframe(if simulated {
+            Rig::simulated(source, mainframe.clone(), mainframe)
+        } else {
+            Rig::new(source, mainframe.clone(), mainframe)
+        })
+    };
+    let closed = match rig.check_at_start(wiring).await {
+        Ok(()) => None,
+        Err(closed @ StartError::Closed(_)) => Some(closed.to_string()),
+        Err(StartError::Unreadable(cause)) => {
+            return Err(AssemblyError::Instrument {
+                role: "switch",
+                place: places.switch.0.clone(),
+                cause,
+            });
+        }
+    };
+    let closed = closed.filter(|_| when_closed == Closed::Refuse);
+    if closed.is_none() {
+        rig.safe_off(wiring).await.map_err(AssemblyError::Unsafe)?;
+        rig.prepare(&plan.plan, plan.meter)
+            .await
+            .map_err(AssemblyError::Settings)?;
+    }
+    Ok(Assembled {
+        rig,
+        known: here,
+        closed,
+    })
+}
+
+/// `--safe-off`: the source first, then the relays, each on its own, so that one missing instrument does not keep the
+/// other from being made safe. Returns a line for each.
+pub(crate) async fn make_safe_each(
+    plan: &RigPlan,
+    bench: &Bench,
+) -> Vec<Result<String, AssemblyError>> {
+    let source = async {
+        let mut source = connect_source(plan, bench, None).await?;
+        let place = plan.instruments.source.0.clone();
+        source
+            .off()
+            .await
+            .map_err(|cause| AssemblyError::Instrument {
+                role: "source",
+                place,
+                cause,
+            })?;
+        Ok(format!("source off, verified: {}", source.identity()))
+    };
+    vec![source.await, relays_open(plan, bench).await]
+}
+
+async fn relays_open(plan: &RigPlan, bench: &Bench) -> Result<String, AssemblyError> {
+    let wiring = &plan.plan.wiring;
+    let mut relays = wiring.injecting_relays();
+    relays.extend(wiring.measuring_relays());
+    relays.extend(&wiring.bus);
+    let (found, opened, identity) = if plan.has_board() {
+        let mut board = connect_board(plan, bench, None).await?;
+        let found = find_closed(&mut board, wiring).await;
+        let opened = board.open_verified(&relays).await;
+        (found, opened, board.identity().to_owned())
+    } else {
+        let mut mainframe = connect_mainframe(plan, bench, None).await?;
+        let found = find_closed(&mut mainframe, wiring).await;
+        let opened = mainframe.open_verified(&relays).await;
+        (found, opened, mainframe.identity().to_owned())
+    };
+    opened.map_err(|cause| AssemblyError::Instrument {
+        role: "switch",
+        place: plan.instruments.switch.0.clone(),
+        cause,
+    })?;
+    let found = match found {
+        Ok(closed) if !closed.is_empty() => format!("; found closed: {}", name_relays(&closed)),
+        _ => String::new(),
+    };
+    Ok(format!(
+        "{} relays open, verified: {identity}{found}",
+        relays.len()
+    ))
+}
+
+/// The relays alone, where the source cannot be reached: open relays keep the sheet without current.
+pub(crate) async fn open_relays(plan: &RigPlan, bench: &Bench) -> Result<(), AssemblyError> {
+    relays_open(plan, bench).await.map(drop)
+}
+
+async fn connect_source(
+    plan: &RigPlan,
+    bench: &Bench,
+    tape: Option<&Tape>,
+) -> Result<Source, AssemblyError> {
+    let (place, deadline) = &plan.instruments.source;
+    let stream = open(
+        "source",
+        place,
+        bench.as_ref().map(simulator::SimulatedRig::connect_6221),
+    )
+    .await?;
+    let link = Link::new(stream, format!("6221 ({place})"), *deadline);
+    let link = taped(link, tape);
+    Keithley6221::connect(link)
+        .await
+        .map_err(|cause| AssemblyError::Instrument {
+            role: "source",
+            place: place.clone(),
+            cause,
+        })
+}
+
+async fn connect_mainframe(
+    plan: &RigPlan,
+    bench: &Bench,
+    tape: Option<&Tape>,
+) -> Result<Mainframe, AssemblyError> {
+    let (place, deadline) = &plan.instruments.voltmeter;
+    let stream = open(
+        "voltmeter",
+        place,
+        bench.as_ref().map(simulator::SimulatedRig::connect_34980a),
+    )
+    .await?;
+    let link = Link::new(stream, format!("34980A ({place})"), *deadline);
+    let link = taped(link, tape);
+    Keysight34980a::connect(link)
+        .await
+        .map_err(|cause| AssemblyError::Instrument {
+            role: "voltmeter",
+            place: place.clone(),
+            cause,
+        })
+}
+
+async fn connect_board(
+    plan: &RigPlan,
+    bench: &Bench,
+    tape: Option<&Tape>,
+) -> Result<Multiplexer, AssemblyError> {
+    let (place, deadline) = &plan.instruments.switch;
+    let fault = |cause| AssemblyError::Instrument {
+        role: "switch",
+        place: place.clone(),
+        cause,
+    };
+    if let Place::Gpiochip { path, first } = place {
+        let electrodes = plan.plan.wiring.electrodes;
+        let enable = plan.instruments.enable;
+        return Multiplexer::on_gpiochip(path, *first, enable, electrodes).map_err(fault);
+    }
+    let mut stream = open(
+        "switch",
+        place,
+        bench.as_ref().map(simulator::SimulatedRig::connect_gpio),
+    )
+    .await?;
+    if matches!(place, Place::Serial { .. }) {
+        let banner = gpio_mux::await_banner(&mut stream, TO_WAKE_UP).await;
+        tracing::debug!(?banner, "multiplexer board");
+    }
+    let link = Link::new(stream, format!("gpio board ({place})"), *deadline);
+    let link = taped(link, tape);
+    let board = GpioMux::connect(link).await.map_err(fault)?;
+    Ok(Multiplexer::Serial(board))
+}
+
+fn taped(link: Link<BoxStream>, tape: Option<&Tape>) -> Link<BoxStream> {
+    match tape {
+        Some(tape) => link.with_tape(tape.clone()),
+        None => link,
+    }
+}
+
+/// A stream to the place; `simulated` is the one to use where the place is in memory.
+async fn open(
+    role: &'static str,
+    place: &Place,
+    simulated: Option<BoxStream>,
+) -> Result<BoxStream, AssemblyError> {
+    let opened = match place {
+        Place::Simulated => {
+            return Ok(simulated.expect("a plan with a simulated place has a bench"));
+        }
+        Place::Tcp(address) => rig::connect_tcp(address, TO_CONNECT).await,
+        Place::Serial { path, baud } => {
+            rig::open_serial(path, baud.unwrap_or_else(|| Place::baud(role)))
+        }
+        // a gpiochip is no stream; the configuration allows it for a board only, which does not come here
+        Place::Gpiochip { path, .. } => Err(LinkError::Unreachable {
+            address: path.clone(),
+            cause: std::io::ErrorKind::Unsupported.into(),
+        }),
+    };
+    opened.map_err(|cause| AssemblyError::Unreachable {
+        role,
+        place: place.clone(),
+        cause,
+    })
+}

@@ -1,0 +1,114 @@
+//! Who announces itself by mDNS (fact sheet lxi-discovery, sections 3 and 7).
+
+use std::collections::BTreeMap;
+use std::net::{IpAddr, Ipv4Addr, UdpSocket};
+use std::time::Duration;
+
+use mdns_sd::{IfKind, ServiceDaemon, ServiceEvent};
+use tokio::time::Instant;
+
+use crate::instruments::address::Place;
+use crate::instruments::discovery::{Candidate, SCPI_RAW};
+
+/// The one whose port is a SCPI socket comes first; the others only tell that there is something.
+const TYPES: [&str; 5] = [
+    "_scpi-raw._tcp.local.",
+    "_lxi._tcp.local.",
+    "_vxi-11._tcp.local.",
+    "_hislip._tcp.local.",
+    "_scpi-telnet._tcp.local.",
+];
+/// Where mDNS is spoken.
+const GROUP: Ipv4Addr = Ipv4Addr::new(224, 0, 0, 251);
+
+/// What one instance is known by.
+#[derive(Default)]
+struct Instance {
+    hosts: Vec<IpAddr>,
+    /// Of its SCPI socket.
+    port: Option<u16>,
+}
+
+/// Listens for announcements; with them a note where there is no multicast.
+pub(super) async fn browse(within: Duration) -> (Vec<Candidate>, Option<String>) {
+    let note = no_multicast();
+    let daemon = match ServiceDaemon::new() {
+        Ok(daemon) => daemon,
+        Err(fault) => {
+            return (
+                Vec::new(),
+                Some(format!(
+                    "mDNS cannot be spoken here ({fault}); give addresses instead"
+                )),
+            );
+        }
+    };
+    // left out unless asked for; simulators on this machine may be heard nowhere else
+    daemon.enable_interface(IfKind::LoopbackV4).ok();
+    daemon.enable_interface(IfKind::LoopbackV6).ok();
+    let until = Instant::now() + within;
+    let heard = TYPES.map(|kind| {
+        let events = daemon.browse(kind);
+        async move {
+            let mut resolved = Vec::new();
+            let Ok(events) = events else { return resolved };
+            while let Ok(Ok(event)) = tokio::time::timeout_at(until, events.recv_async()).await {
+                if let ServiceEvent::ServiceResolved(service) = event {
+                    resolved.push((kind, service));
+                }
+            }
+            resolved
+        }
+    });
+    let [raw, lxi, vxi, hislip, telnet] = heard;
+    let (raw, lxi, vxi, hislip, telnet) = tokio::join!(raw, lxi, vxi, hislip, telnet);
+    daemon.shutdown().ok();
+    let mut instances: BTreeMap<String, Instance> = BTreeMap::new();
+    for (kind, service) in [raw, lxi, vxi, hislip, telnet].into_iter().flatten() {
+        // the same under every type; one instrument is seen on every interface
+        let name = service
+            .fullname
+            .trim_end_matches(kind)
+            .trim_end_matches('.');
+        let instance = instances.entry(name.to_owned()).or_default();
+        for address in &service.addresses {
+            let address = address.to_ip_addr();
+            if !instance.hosts.contains(&address) {
+                instance.hosts.push(address);
+            }
+        }
+        if kind == TYPES[0] {
+            instance.port = Some(service.port);
+        }
+    }
+    let candidates = instances.into_iter().map(|(name, mut instance)| {
+        // IPv4 first, and loopback last: an address that other machines can use is the better proposal
+        instance
+            .hosts
+            .sort_by_key(|host| (host.is_loopback(), host.is_ipv6(), *host));
+        let port = instance.port.unwrap_or(SCPI_RAW);
+        let place = |host: IpAddr| match host {
+            IpAddr::V4(host) => Place::Tcp(format!("{host}:{port}")),
+            IpAddr::V6(host) => Place::Tcp(format!("[{host}]:{port}")),
+        };
+        Candidate {
+            places: instance.hosts.into_iter().map(place).collect(),
+            found_by: "mdns",
+            name,
+            identity: None,
+        }
+    });
+    (candidates.collect(), note)
+}
+
+/// What the operating system says where no interface takes multicast.
+fn no_multicast() -> Option<String> {
+    let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).ok()?;
+    let refused = socket
+        .join_multicast_v4(&GROUP, &Ipv4Addr::UNSPECIFIED)
+        .err()?;
+    Some(format!(
+        "there is no multicast on this machine ({refused}): instruments elsewhere that announce themselves are not heard; \
+         give addresses instead"
+    ))
+}

@@ -1,0 +1,390 @@
+//! Which instruments are there: mDNS, VXI-11 broadcast, and addresses given; proposed to a person, never used.
+//!
+//! Who an instrument is, it says itself: nothing but `*IDN?` is sent, and what an announcement claims is not believed.
+//! Every way fails soft: a machine without multicast still asks the addresses given, and says so.
+
+mod mdns;
+mod vxi11;
+
+use std::collections::BTreeSet;
+use std::net::SocketAddr;
+use std::time::Duration;
+
+use rig::Link;
+use survey::{printable, printable_within};
+
+use crate::instruments::address::Place;
+
+/// Opening a connection, and an answer to `*IDN?`, may each take so long.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// Where a 34980A listens (fact sheet lxi-discovery, section 2).
+const SCPI_RAW: u16 = 5025;
+
+/// Characters kept of what an instrument or an announcement says of itself; an identity has some 50.
+const LONGEST_TEXT: usize = 200;
+
+/// What to look for, and where.
+#[derive(Debug, Clone)]
+pub(crate) struct Search {
+    /// How long announcements and broadcasts are listened for.
+    pub within: Duration,
+    pub mdns: bool,
+    pub broadcast: bool,
+    /// Port of the port mapper, 111 but in tests.
+    pub port_mapper: u16,
+    /// Addresses to ask beside what is found.
+    pub addresses: Vec<Place>,
+    /// Instruments in use, with what they answered when they were connected: they are not asked again, some serve one
+    /// client only.
+    pub in_use: Vec<(String, String)>,
+}
+
+impl Default for Search {
+    fn default() -> Self {
+        Self {
+            within: Duration::from_secs(3),
+            mdns: true,
+            broadcast: true,
+            port_mapper: 111,
+            addresses: Vec::new(),
+            in_use: Vec::new(),
+        }
+    }
+}
+
+/// An instrument, or something that might be one.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Seen {
+    /// As a configuration has it: `tcp:HOST:PORT`; empty where none is known that the daemon could use.
+    pub address: String,
+    /// The reply to `*IDN?`; empty where it gave none.
+    pub identity: String,
+    /// `mdns`, `vxi-11`, `address`, `configuration`; several joined by `, `.
+    pub found_by: String,
+    /// The name it is announced under, if it is.
+    pub name: String,
+    /// Whether the running configuration uses it.
+    pub in_use: bool,
+    /// Lines that a configuration could have; empty where there is nothing to propose.
+    pub proposal: String,
+    /// Why there is no identity or no proposal.
+    pub remark: String,
+}
+
+/// Everything found, and what could not be looked for.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(crate) struct Found {
+    pub seen: Vec<Seen>,
+    pub notes: Vec<String>,
+}
+
+/// Somewhere an instrument may listen.
+#[derive(Debug, Clone)]
+struct Candidate {
+    places: Vec<Place>,
+    found_by: &'static str,
+    name: String,
+    /// What it said on another way than those places.
+    identity: Option<String>,
+}
+
+/// Looks everywhere and asks each who it is.
+pub(crate) async fn discover(search: &Search) -> Found {
+    let mut found = Found::default();
+    let announced = async {
+        match search.mdns {
+            true => mdns::browse(search.within).await,
+            false => (Vec::new(), None),
+        }
+    };
+    let answered = async {
+        match search.broadcast {
+            true => vxi11::broadcast(search.within, search.port_mapper).await,
+            false => (Vec::new(), Vec::new()),
+        }
+    };
+    let ((announced, silent), (answered, refused)) = tokio::join!(announced, answered);
+    found.notes.extend(silent);
+    found.notes.extend(refused);
+    let given = search.addresses.iter().map(|place| Candidate {
+        places: vec![place.clone()],
+        found_by: "address",
+        name: String::new(),
+        identity: None,
+    });
+    for (address, identity) in &search.in_use {
+        let known = seen(address.clone(), identity.clone(), "configuration", "", true);
+        found.seen.push(known);
+    }
+    let used = used_sockets(&search.in_use).await;
+    let candidates: Vec<Candidate> = given.chain(announced).chain(answered).collect();
+    let asked = candidates.into_iter().map(|candidate| {
+        let used = used.clone();
+        tokio::spawn(async move { ask(candidate, &used).await })
+    });
+    // all at once: one that is dead must not hold the others up
+    for task in asked.collect::<Vec<_>>() {
+        if let Ok(seen) = task.await {
+            add(&mut found.seen, seen);
+        }
+    }
+    found
+}
+
+/// A socket in use, its address in the configuration, its identity.
+type Used = (SocketAddr, String, String);
+
+/// Sockets of instruments in use, each with its address in the configuration and its identity.
+async fn used_sockets(in_use: &[(String, String)]) -> Vec<Used> {
+    let mut sockets = Vec::new();
+    for (place, identity) in in_use {
+        let Some(address) = place.strip_prefix("tcp:") else {
+            continue;
+        };
+        if let Ok(resolved) = tokio::net::lookup_host(address).await {
+            sockets.extend(resolved.map(|socket| (socket, place.clone(), identity.clone())));
+        }
+    }
+    sockets
+}
+
+/// Asks a candidate who it is, on the first of its places that answers.
+async fn ask(candidate: Candidate, used: &[Used]) -> Seen {
+    let Candidate {
+        places,
+        found_by,
+        name,
+        identity,
+    } = candidate;
+    let mut remark = String::new();
+    for place in &places {
+        if let Place::Tcp(address) = place
+            && let Ok(resolved) = tokio::net::lookup_host(address).await
+        {
+            let resolved: BTreeSet<SocketAddr> = resolved.collect();
+            if let Some((_, place, identity)) =
+                used.iter().find(|(socket, ..)| resolved.contains(socket))
+            {
+                return seen(place.clone(), identity.clone(), found_by, &name, true);
+            }
+        }
+        match identify(place).await {
+            Ok(said) => return seen(place.to_string(), said, found_by, &name, false),
+            Err(why) => remark = why,
+        }
+    }
+    let known = identity.is_some();
+    let address = match (known, places.first()) {
+        (false, Some(place)) => place.to_string(),
+        _ => String::new(),
+    };
+    Seen {
+        remark: match known {
+            true => "it answers on VXI-11 only; the daemon speaks on raw sockets and serial lines"
+                .to_owned(),
+            false => remark,
+        },
+        proposal: String::new(),
+        ..seen(
+            address,
+            identity.unwrap_or_default(),
+            found_by,
+            &name,
+            false,
+        )
+    }
+}
+
+/// `*IDN?` and nothing else, then the connection is closed.
+async fn identify(place: &Place) -> Result<String, String> {
+    let stream = match place {
+        Place::Tcp(address) => rig::connect_tcp(address, PATIENCE).await,
+        Place::Serial { path, baud } => {
+            rig::open_serial(path, baud.unwrap_or_else(|| Place::baud("source")))
+        }
+        Place::Simulated | Place::Gpiochip { .. } => {
+            return Err("nobody there can be asked for a name".to_owned());
+        }
+    };
+    let stream = stream.map_err(|cause| crate::recording::model::chain(&cause))?;
+    let mut link = Link::new(stream, place.to_string(), PATIENCE);
+    let said = link.ask("*IDN?").await;
+    said.map_err(|cause| crate::recording::model::chain(&cause))
+}
+
+/// One line a thing: the same identity at the same place, or the same serial number, is one instrument.
+fn add(all: &mut Vec<Seen>, one: Seen) {
+    let same = all.iter_mut().find(|known| {
+        let identity = !one.identity.is_empty() && known.identity == one.identity;
+        let address = !one.address.is_empty() && known.address == one.address;
+        let name = !one.name.is_empty() && known.name == one.name;
+        identity || address || name
+    });
+    let Some(known) = same else {
+        all.push(one);
+        return;
+    };
+    if !known.found_by.contains(&one.found_by) {
+        known.found_by = format!("{}, {}", known.found_by, one.found_by);
+    }
+    if known.name.is_empty() {
+        known.name = one.name;
+    }
+    if (known.identity.is_empty() && !one.identity.is_empty()) || known.address.is_empty() {
+        known.address = one.address;
+        known.identity = one.identity;
+        known.proposal = one.proposal;
+        known.remark = one.remark;
+    }
+    known.in_use |= one.in_use;
+}
+
+fn seen(address: String, identity: String, found_by: &str, name: &str, in_use: bool) -> Seen {
+    let identity = printable_within(&identity, LONGEST_TEXT).into_owned();
+    let (proposal, remark) = propose(&address, &identity);
+    Seen {
+        proposal,
+        remark,
+        address,
+        identity,
+        found_by: found_by.to_owned(),
+        name: printable_within(name, LONGEST_TEXT).into_owned(),
+        in_use,
+    }
+}
+
+/// The lines that a configuration would have for it, by the model that it names itself.
+fn propose(address: &str, identity: &str) -> (String, String) {
+    let model = identity.split(',').nth(1).unwrap_or_default().trim();
+    // an address may name a host as somebody else wrote it, and these lines are copied into a configuration
+    let address = toml::Value::String(printable(address).into_owned());
+    let section = |name: &str| format!("[{name}]\naddress = {address}");
+    if model.eq_ignore_ascii_case("MODEL 6221") {
+        (section("source"), String::new())
+    } else if model.eq_ignore_ascii_case("34980A") {
+        (section("switch"), String::new())
+    } else if model == gpio_mux::MODEL {
+        let wiring = "[wiring]\nkind = \"gpio-board\"";
+        (format!("{}\n{wiring}", section("switch")), String::new())
+    } else if identity.is_empty() {
+        (String::new(), String::new())
+    } else {
+        let remark = "an instrument that the daemon has no driver for".to_owned();
+        (String::new(), remark)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::instruments::discovery::*;
+
+    const SOURCE: &str = "KEITHLEY INSTRUMENTS INC.,MODEL 6221,1234567,D04";
+
+    #[test]
+    fn one_instrument_found_three_ways_is_one_line() {
+        let mut all = Vec::new();
+        let at = |address: &str, by: &str, name: &str| {
+            seen(address.to_owned(), SOURCE.to_owned(), by, name, false)
+        };
+        add(&mut all, at("tcp:10.0.0.7:1394", "address", ""));
+        add(&mut all, at("tcp:source.local:1394", "mdns", "the source"));
+        add(&mut all, at("tcp:10.0.0.7:1394", "vxi-11", ""));
+        assert_eq!(all.len(), 1);
+        assert_eq!(all[0].found_by, "address, mdns, vxi-11");
+        assert_eq!(
+            (all[0].name.as_str(), all[0].address.as_str()),
+            ("the source", "tcp:10.0.0.7:1394")
+        );
+        let other = SOURCE.replace("1234567", "7654321");
+        add(
+            &mut all,
+            seen(
+                "tcp:10.0.0.8:1394".into(),
+                other,
+                "mdns",
+                "the other",
+                false,
+            ),
+        );
+        assert_eq!(all.len(), 2);
+    }
+
+    #[test]
+    fn a_proposal_follows_from_the_identity_alone() {
+        let (lines, remark) = propose("tcp:h:1394", SOURCE);
+        assert_eq!(
+            (lines.as_str(), remark.as_str()),
+            ("[source]\naddress = \"tcp:h:1394\"", "")
+        );
+        let (lines, _) = propose("tcp:h:5025", "Agilent Technologies,34980A,MY1,2.43");
+        assert!(lines.starts_with("[switch]\n"), "{lines}");
+        let (lines, remark) = propose("tcp:h:5025", "Somebody,Oscilloscope,1,1");
+        assert!(lines.is_empty() && remark.contains("no driver"), "{remark}");
+    }
+
+    #[test]
+    fn what_a_stranger_says_is_no_line_of_a_configuration() {
+        let hostile = "x\n[notify]\ncommand = [\"sh\"]\r\u{1b}[2J\u{202e}\u{9b}\0\"\"\"".to_owned()
+            + &"long".repeat(10_000);
+        let gpio = format!("T,{},1,1", gpio_mux::MODEL);
+        let all = [
+            seen("tcp:h:1".into(), hostile.clone(), "mdns", &hostile, false),
+            seen(
+                format!("tcp:{hostile}:1"),
+                SOURCE.into(),
+                "mdns",
+                &hostile,
+                false,
+            ),
+            seen(format!("tcp:{hostile}:2"), gpio, "mdns", "", false),
+            Seen {
+                remark: hostile.clone(),
+                ..seen(hostile.clone(), String::new(), "mdns", "", false)
+            },
+        ];
+        let found = Found {
+            seen: all.to_vec(),
+            notes: vec![hostile.clone()],
+        };
+        let text = crate::service::objects::report::found_lines(&found, false).join("\n");
+        assert!(text.lines().all(|line| {
+            line.starts_with('#')
+                || ["[source]", "[switch]", "[wiring]", "kind = \"gpio-board\""].contains(&line)
+                || line.starts_with("address = ")
+        }));
+        for line in crate::service::objects::report::found_lines(&found, true) {
+            let value: serde_json::Value = serde_json::from_str(&line).unwrap();
+            assert!(value.is_object());
+            assert!(
+                line.chars()
+                    .all(|letter| letter.is_ascii_graphic() || letter == ' ')
+            );
+        }
+        assert!(!text.contains(|letter: char| letter.is_control() && letter != '\n'));
+        assert!(!text.contains('\u{202e}'));
+        // what is proposed is read as what was seen
+        let proposed: toml::Table = toml::from_str(&all[1].proposal).unwrap();
+        assert_eq!(proposed.len(), 1);
+        let address = proposed["source"]["address"].as_str().unwrap();
+        assert_eq!(address, &*printable(&all[1].address));
+    }
+
+    #[tokio::test]
+    async fn a_dead_address_is_told_and_holds_nobody_up() {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap().port();
+        drop(listener);
+        let search = Search {
+            mdns: false,
+            broadcast: false,
+            addresses: vec![format!("tcp:127.0.0.1:{port}").parse().unwrap()],
+            ..Search::default()
+        };
+        let found = discover(&search).await;
+        assert_eq!(found.seen.len(), 1);
+        assert!(
+            found.seen[0].identity.is_empty() && !found.seen[0].remark.is_empty(),
+            "{found:?}"
+        );
+    }
+}

@@ -1,0 +1,271 @@
+//! Which instruments a rig has: those that were there when it was first put together, or that a person has agreed to.
+//!
+//! They are kept beside the record, so that an instrument exchanged while no daemon ran is noticed, too. Instruments are
+//! compared by serial number where role and address are the same: whoever writes another address has agreed to another
+//! instrument. What is simulated is whatever its profile says, and is not kept.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use logbook::InstrumentRecord;
+use serde::{Deserialize, Serialize};
+
+use crate::instruments::assembly::Found;
+
+/// In the directory of the record.
+const FILE: &str = "known-instruments.json";
+/// Every role an instrument can have.
+const ROLES: [&str; 4] = ["source", "switch", "voltmeter", "switch+voltmeter"];
+
+/// What only a person can do about another instrument.
+pub(crate) const UNTIL_AGREED: &str =
+    "nothing is measured with it until a person runs `tactus instruments accept`";
+
+/// The instruments and modules that are known.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(crate) struct Known {
+    pub instruments: Vec<Found>,
+    pub modules: Vec<String>,
+    /// Modules with their serial numbers.
+    pub cards: Vec<String>,
+}
+
+/// Why nobody knows which instruments were known.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum KnownError {
+    #[error("{} cannot be {attempt}; it says which instruments this rig has", .path.display())]
+    Io {
+        path: PathBuf,
+        attempt: &'static str,
+        #[source]
+        source: std::io::Error,
+    },
+    #[error(
+        "{} is damaged: compare the instruments' serial numbers by hand, and remove it to take those that are there",
+        .path.display()
+    )]
+    Damaged {
+        path: PathBuf,
+        #[source]
+        source: serde_json::Error,
+    },
+}
+
+/// As it is written.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Kept {
+    instruments: Vec<KeptInstrument>,
+    cards: Vec<String>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct KeptInstrument {
+    role: String,
+    identity: String,
+    address: String,
+}
+
+impl Known {
+    /// What differs in `other`, for a person; `None` for the same instruments. Firmware may change.
+    pub(crate) fn differs(&self, other: &Self) -> Option<String> {
+        let mut told = Vec::new();
+        for known in &self.instruments {
+            let Some(found) = known.successor(&other.instruments) else {
+                continue;
+            };
+            if !known.is_same(found) {
+                told.push(format!(
+                    "the {} at {} is another: {} was known, {} is there",
+                    found.role, found.address, known.identity, found.identity
+                ));
+            }
+        }
+        let mainframe = self.mainframe();
+        if mainframe.is_some_and(|mainframe| mainframe.successor(&other.instruments).is_some()) {
+            for (known, found) in self.cards.iter().zip(&other.cards) {
+                if known != found {
+                    told.push(format!("{known} was known, {found} is there"));
+                }
+            }
+        }
+        (!told.is_empty()).then(|| told.join("; "))
+    }
+
+    /// Whether `found` is no stranger.
+    pub(crate) fn has(&self, found: &Found) -> bool {
+        let there = std::slice::from_ref(found);
+        self.instruments
+            .iter()
+            .filter(|known| known.successor(there).is_some())
+            .all(|known| known.is_same(found))
+    }
+
+    /// Whether an instrument of a session's record is here in the same role, wherever it is reached.
+    pub(crate) fn has_recorded(&self, then: &InstrumentRecord) -> bool {
+        let mut here = self.instruments.iter();
+        here.find(|found| found.role == then.role)
+            .is_some_and(|now| {
+                now.is_same(&Found {
+                    role: now.role,
+                    identity: then.identity.clone(),
+                    address: then.address.clone(),
+                    simulated: now.simulated,
+                })
+            })
+    }
+
+    fn mainframe(&self) -> Option<&Found> {
+        self.instruments
+            .iter()
+            .find(|found| found.role.ends_with("voltmeter"))
+    }
+
+    /// The instruments that were known when the last daemon ran; `None` where none has.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or that says something else.
+    pub(crate) fn recall(directory: &Path) -> Result<Option<Self>, KnownError> {
+        let path = directory.join(FILE);
+        let text = match std::fs::read_to_string(&path) {
+            Ok(text) => text,
+            Err(source) if source.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(source) => {
+                let attempt = "read";
+                return Err(KnownError::Io {
+                    path,
+                    attempt,
+                    source,
+                });
+            }
+        };
+        let kept: Kept =
+            serde_json::from_str(&text).map_err(|source| KnownError::Damaged { path, source })?;
+        let instruments = kept.instruments.into_iter().filter_map(|kept| {
+            Some(Found {
+                role: ROLES.into_iter().find(|role| *role == kept.role)?,
+                identity: kept.identity,
+                address: kept.address,
+                simulated: false,
+            })
+        });
+        Ok(Some(Self {
+            instruments: instruments.collect(),
+            modules: Vec::new(),
+            cards: kept.cards,
+        }))
+    }
+
+    /// Keeps what is real of them for the next daemon. The file is whole at any time.
+    ///
+    /// # Errors
+    /// A disk that refuses.
+    pub(crate) fn keep(&self, directory: &Path) -> Result<(), KnownError> {
+        let real = self.instruments.iter().filter(|found| !found.simulated);
+        let kept = Kept {
+            instruments: real
+                .map(|found| KeptInstrument {
+                    role: found.role.to_owned(),
+                    identity: found.identity.clone(),
+                    address: found.address.clone(),
+                })
+                .collect(),
+            cards: match self.mainframe() {
+                Some(mainframe) if !mainframe.simulated => self.cards.clone(),
+                _ => Vec::new(),
+            },
+        };
+        if kept.instruments.is_empty() {
+            return Ok(());
+        }
+        let path = directory.join(FILE);
+        let fault = |source| KnownError::Io {
+            path: path.clone(),
+            attempt: "written",
+            source,
+        };
+        let text = serde_json::to_string_pretty(&kept).map_err(|fail| fault(fail.into()))?;
+        let beside = path.with_extension("json.new");
+        let mut file = std::fs::File::create(&beside).map_err(fault)?;
+        file.write_all(text.as_bytes()).map_err(fault)?;
+        file.sync_all().map_err(fault)?;
+        std::fs::rename(&beside, &path).map_err(fault)
+    }
+}
+
+impl Found {
+    /// Who is there now in this one's place.
+    fn successor<'a>(&self, others: &'a [Self]) -> Option<&'a Self> {
+        others
+            .iter()
+            .find(|other| other.role == self.role && other.address == self.address)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::instruments::identities::*;
+
+    fn known(serial: &str, address: &str, card: &str) -> Known {
+        let found = |role, identity: String| Found {
+            role,
+            identity,
+            address: address.to_owned(),
+            simulated: false,
+        };
+        Known {
+            instruments: vec![
+                found("source", format!("KEITHLEY,MODEL 6221,{serial},D04")),
+                found("switch+voltmeter", "Agilent,34980A,MY1,2.43".to_owned()),
+            ],
+            modules: Vec::new(),
+            cards: vec![format!("slot 1: {card}"), "slot 2: empty".to_owned()],
+        }
+    }
+
+    #[test]
+    fn what_is_kept_is_recalled_and_compared_by_serial_number_and_module() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(Known::recall(folder.path()).unwrap(), None);
+        let first = known("1", "tcp:h:1", "34924A MY7");
+        first.keep(folder.path()).unwrap();
+        let recalled = Known::recall(folder.path()).unwrap().unwrap();
+        assert_eq!(recalled, first);
+        assert_eq!(recalled.differs(&first), None);
+        let firmware = |mut known: Known| {
+            known.instruments[0].identity = "KEITHLEY,MODEL 6221,1,D05".to_owned();
+            known
+        };
+        assert_eq!(recalled.differs(&firmware(first.clone())), None);
+
+        let other = known("2", "tcp:h:1", "34924A MY7");
+        let told = recalled.differs(&other).unwrap();
+        assert!(
+            told.contains("6221,2,") && told.contains("6221,1,"),
+            "{told}"
+        );
+        assert!(!recalled.has(&other.instruments[0]) && recalled.has(&other.instruments[1]));
+        let module = recalled.differs(&known("1", "tcp:h:1", "34924A MY8"));
+        assert!(module.is_some_and(|told| told.contains("34924A MY8")));
+        // another address is a person's word
+        assert_eq!(recalled.differs(&known("2", "tcp:h:9", "34931A")), None);
+    }
+
+    #[test]
+    fn a_damaged_file_is_no_agreement_and_the_simulated_is_not_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut simulated = known("1", "simulated", "34924A");
+        for found in &mut simulated.instruments {
+            found.simulated = true;
+        }
+        simulated.keep(folder.path()).unwrap();
+        assert_eq!(Known::recall(folder.path()).unwrap(), None);
+        for text in ["", "{", "[]", r#"{"instruments":[{"role":1}],"cards":[]}"#] {
+            std::fs::write(folder.path().join(FILE), text).unwrap();
+            let refused = Known::recall(folder.path()).unwrap_err();
+            assert!(matches!(refused, KnownError::Damaged { .. }), "{refused:?}");
+            assert!(refused.to_string().contains(FILE), "{refused}");
+        }
+    }
+}

@@ -1,0 +1,144 @@
+//! One daemon an instrument: whoever works with one holds its claim, and the kernel lets go of it when the process ends,
+//! however it ends.
+//!
+//! A claim is a listening socket in Linux's abstract name space: no file to be left behind, no folder that two users must
+//! share, and who holds it can be asked of the kernel. Everybody on the machine may hold any name, so a claim keeps
+//! mistakes apart, not enemies. `--safe-off` claims nothing: switching off must not wait.
+
+use std::collections::BTreeMap;
+use std::net::ToSocketAddrs;
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::net::{SocketAddr, UnixListener, UnixStream};
+
+use crate::instruments::address::Place;
+use crate::preparation::Places;
+
+/// Somebody else works with an instrument.
+#[derive(Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "the {role} at {place} is in use by another daemon{}; stop that one first",
+    .pid.map(|pid| format!(" (pid {pid})")).unwrap_or_default()
+)]
+pub(crate) struct InUse {
+    role: &'static str,
+    place: String,
+    pid: Option<u32>,
+}
+
+/// What this daemon holds; let go of when dropped.
+#[derive(Debug, Default)]
+pub(crate) struct Claims(BTreeMap<String, UnixListener>);
+
+impl Claims {
+    /// Holds every instrument of a rig, and those that were held before no more.
+    ///
+    /// # Errors
+    /// One that another daemon holds; then nothing has changed.
+    pub(crate) fn take(&mut self, places: &Places) -> Result<(), InUse> {
+        let roles = [
+            ("source", &places.source.0),
+            ("switch", &places.switch.0),
+            ("voltmeter", &places.voltmeter.0),
+        ];
+        let mut new = BTreeMap::new();
+        let mut wanted = Vec::new();
+        for (role, place) in roles {
+            let Some(name) = name(place) else {
+                continue;
+            };
+            wanted.push(name.clone());
+            if self.0.contains_key(&name) || new.contains_key(&name) {
+                continue;
+            }
+            let held = claim(&name).map_err(|pid| InUse {
+                role,
+                place: place.to_string(),
+                pid,
+            })?;
+            new.insert(name, held);
+        }
+        self.0.append(&mut new);
+        self.0.retain(|name, _| wanted.contains(name));
+        Ok(())
+    }
+}
+
+/// The same instrument under whichever of its names; `None` for a simulated one, which nobody else can have.
+fn name(place: &Place) -> Option<String> {
+    let real = |path: &str| {
+        std::fs::canonicalize(path).map_or_else(
+            |_| path.to_owned(),
+            |path| path.to_string_lossy().into_owned(),
+        )
+    };
+    match place {
+        Place::Simulated => None,
+        Place::Tcp(address) => {
+            let found = address
+                .to_socket_addrs()
+                .ok()
+                .and_then(|mut all| all.next());
+            Some(found.map_or_else(|| address.clone(), |found| found.to_string()))
+        }
+        Place::Serial { path, .. } | Place::Gpiochip { path, .. } => Some(real(path)),
+    }
+}
+
+/// Or the process that holds it, where the kernel says.
+fn claim(name: &str) -> Result<UnixListener, Option<u32>> {
+    let name = format!("tactus instrument {name}");
+    let address = SocketAddr::from_abstract_name(name).map_err(|_| None)?;
+    UnixListener::bind_addr(&address).map_err(|_| {
+        let holder = UnixStream::connect_addr(&address).ok()?;
+        let holder = rustix::net::sockopt::socket_peercred(&holder).ok()?;
+        u32::try_from(holder.pid.as_raw_nonzero().get()).ok()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use crate::config::EnableName;
+    use crate::instruments::lock::*;
+
+    fn places(source: &str, mainframe: &str) -> Places {
+        let place = |text: &str| (text.parse().unwrap(), Duration::ZERO);
+        Places {
+            source: place(source),
+            switch: place(mainframe),
+            voltmeter: place(mainframe),
+            enable: EnableName::Low,
+        }
+    }
+
+    #[test]
+    fn an_instrument_has_one_daemon_under_whichever_name() {
+        // ports that no other test uses, and nobody listens on
+        let mut first = Claims::default();
+        first
+            .take(&places("tcp:127.0.0.1:61", "tcp:127.0.0.1:62"))
+            .unwrap();
+        let mut second = Claims::default();
+        let refused = second
+            .take(&places("tcp:127.0.0.1:63", "tcp:localhost:62"))
+            .unwrap_err();
+        let text = refused.to_string();
+        assert!(
+            text.starts_with("the switch at tcp:localhost:62")
+                && text.contains(&format!("pid {}", std::process::id())),
+            "{text}"
+        );
+        // what was not got whole is let go of, and so is what is used no more
+        first
+            .take(&places("tcp:127.0.0.1:63", "tcp:127.0.0.1:64"))
+            .unwrap();
+        second
+            .take(&places("tcp:127.0.0.1:61", "tcp:127.0.0.1:62"))
+            .unwrap();
+        drop(first);
+        second
+            .take(&places("simulated", "tcp:127.0.0.1:64"))
+            .unwrap();
+    }
+}

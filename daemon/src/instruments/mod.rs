@@ -1,0 +1,13 @@
+//! The instruments of a rig: their addresses, locks and identities, how they are connected, and how they are made safe.
+//! The drivers are crates of their own.
+
+pub(crate) mod address;
+pub(crate) mod assembly;
+pub(crate) mod discovery;
+pub(crate) mod identities;
+pub(crate) mod lock;
+pub(crate) mod multiplexer;
+pub(crate) mod panic_handler;
+pub(crate) mod relay_wear;
+pub(crate) mod simulation;
+pub(crate) mod transcripts;

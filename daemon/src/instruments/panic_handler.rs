@@ -1,0 +1,269 @@
+//! A panic anywhere in the daemon is heard, and answered by switching the source off.
+//!
+//! Acquisition sees to its own panics; whatever else fails (the recorder, a call that acts) ends the session that runs,
+//! and the source is verified off at once, not at the end of the frame. Where the daemon's own head fails, nobody is left
+//! who has the instruments: they are reached anew. Only a panic of what merely answers a client ends no more than that
+//! answer ([`crate::service::containment`]).
+
+use std::panic::AssertUnwindSafe;
+use std::sync::{Arc, LazyLock, Once};
+use std::time::Duration;
+
+use tokio::runtime::{Builder, Runtime};
+use tokio::sync::watch;
+
+use crate::instruments::assembly::make_safe_each;
+use crate::preparation::RigPlan;
+use crate::recording::model::chain;
+use crate::service::containment;
+use crate::session::controller::Keeper;
+
+/// The last resort is tried again after so long, then after twice that, up to the second.
+const AGAIN: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(2));
+
+static HEARD: LazyLock<watch::Sender<String>> = LazyLock::new(watch::Sender::default);
+static INSTALLED: Once = Once::new();
+
+/// Installs the hook, before the one that prints.
+pub(crate) fn install() {
+    INSTALLED.call_once(|| {
+        let prints = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |panic| {
+            if containment::is_contained() {
+                return containment::log(panic);
+            }
+            let place = panic
+                .location()
+                .map_or_else(|| "nowhere".to_owned(), ToString::to_string);
+            HEARD.send_replace(place);
+            prints(panic);
+        }));
+    });
+}
+
+/// Hears of panics from now on.
+pub(crate) fn listen() -> watch::Receiver<String> {
+    HEARD.subscribe()
+}
+
+/// Answers every panic, as long as the daemon lives.
+pub(crate) async fn keep(keeper: Arc<Keeper>, mut heard: watch::Receiver<String>) {
+    while heard.changed().await.is_ok() {
+        let place = heard.borrow_and_update().clone();
+        let why = format!("a fault of the daemon's own code ({place}); please report it");
+        if let Some(live) = keeper.active() {
+            live.fail(&why);
+            live.ended().await;
+        }
+        match keeper.make_safe().await {
+            Ok(()) => {
+                let text =
+                    format!("the source is off and the relays are open, verified, after {why}");
+                keeper.tell(None, "fault", &text).await;
+            }
+            Err(error) => {
+                let text = format!("after {why}: {error}");
+                keeper.tell(None, "alarm", &text).await;
+            }
+        }
+    }
+}
+
+/// Lives to the end; `None` where the head itself has failed and the instruments of `rig`, if there are any, have been
+/// switched off over fresh connections.
+pub(crate) fn lived<T>(
+    runtime: Runtime,
+    rig: Option<&RigPlan>,
+    life: impl Future<Output = T>,
+) -> Option<T> {
+    let life = AssertUnwindSafe(|| runtime.block_on(life));
+    if let Ok(outcome) = std::panic::catch_unwind(life) {
+        // a reader that never reads must not keep the process
+        runtime.shutdown_timeout(Duration::from_secs(2));
+        return Some(outcome);
+    }
+    // its connections go with it, so that the instruments can be reached anew; a task that does not end is not waited for
+    runtime.shutdown_timeout(Duration::from_secs(1));
+    if let (Some(rig), Ok(fresh)) = (rig, Builder::new_current_thread().enable_all().build()) {
+        fresh.block_on(last_resort(rig));
+    }
+    None
+}
+
+/// Makes both halves safe; a 6221 may keep its one place taken for a while.
+async fn last_resort(rig: &RigPlan) {
+    let mut pause = AGAIN.0;
+    loop {
+        let outcomes = make_safe_each(rig, &None).await;
+        let done = outcomes.iter().all(Result::is_ok);
+        for outcome in outcomes {
+            match outcome {
+                Ok(line) => tracing::warn!("{line}"),
+                Err(error) => tracing::error!("{}", chain(&error)),
+            }
+        }
+        if done || pause > AGAIN.1 {
+            return;
+        }
+        tokio::time::sleep(pause).await;
+        pause *= 2;
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use std::time::Instant;
+
+    use dbus::Options;
+    use rig::{Stop, SystemClock, Tape};
+    use simulator::{Instrument, Pace, Profile, Scene, ServeOptions, SimulatedRig};
+
+    use crate::instruments::assembly::{Closed, assemble};
+    use crate::instruments::panic_handler::*;
+    use crate::preparation::{FramesFrom, prepare};
+
+    pub(crate) const DEADLINE: Duration = Duration::from_secs(120);
+    /// A process has one hook: the panic of one test must not be heard by the other's keeper.
+    static ALONE: tokio::sync::Mutex<()> = tokio::sync::Mutex::const_new(());
+
+    /// No other test panics or waits for a panic as long as this is held.
+    pub(crate) async fn alone() -> tokio::sync::MutexGuard<'static, ()> {
+        ALONE.lock().await
+    }
+
+    pub(crate) async fn current_flows(sheet: &SimulatedRig) {
+        let flows = async {
+            while !sheet.source_output().0 {
+                tokio::task::yield_now().await;
+            }
+        };
+        tokio::time::timeout(DEADLINE, flows)
+            .await
+            .expect("a frame has begun");
+    }
+
+    pub(crate) const CONFIG: &str = "[rig]\nkind = \"simulated\"\n[geometry]\npreset = \"disc-tank\"\n[geometry.disc-tank]\n\
+                          electrodes = 16\n[survey]\nelectrodes = 16\n[record]\ndirectory = \"state\"\n[bus]\n\
+                          peer_path = \"peer\"\n";
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_panic_on_any_thread_ends_the_session_and_the_source_is_off() {
+        let _alone = ALONE.lock().await;
+        install();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("config.toml");
+        // in real time a frame of this lasts seconds: the panic comes in the middle of it
+        std::fs::write(
+            folder.path().join("scene.toml"),
+            "[disc-tank]\nelectrodes = 16\n",
+        )
+        .unwrap();
+        let scene = "kind = \"simulated\"\nscene = \"scene.toml\"";
+        std::fs::write(&path, CONFIG.replace("kind = \"simulated\"", scene)).unwrap();
+        let prepared = prepare(&path).unwrap_or_else(|problems| panic!("{problems:?}"));
+        let bench = crate::bench_of(&prepared).unwrap();
+        let tape = Tape::new(2);
+        let FramesFrom::Rig(plan) = &prepared.frames else {
+            panic!("it is a rig");
+        };
+        let assembled = assemble(plan, &bench, &tape, Closed::Refuse, None)
+            .await
+            .unwrap();
+        let sheet = bench.clone().unwrap();
+        let keeper = Keeper::new(prepared, bench, Some(assembled), tape, SystemClock::new());
+        tokio::spawn(keep(Arc::clone(&keeper), listen()));
+        let within = |future| tokio::time::timeout(DEADLINE, future);
+
+        let options = Options::new().with("frames", 100_u64);
+        let live = keeper.record_baseline(&options).await.unwrap();
+        current_flows(&sheet).await;
+        std::thread::spawn(|| panic!("a test of the guard"))
+            .join()
+            .unwrap_err();
+        let ending = within(live.ended()).await.unwrap();
+        assert!(
+            ending.faulted && ending.reason.contains("guard.rs"),
+            "{ending:?}"
+        );
+        assert!(!sheet.source_output().0);
+        assert_eq!(keeper.state().word(), "faulted");
+    }
+
+    /// A frame is under way on instruments behind TCP, and the task that has everything in its hands panics.
+    #[test]
+    fn where_the_daemons_head_fails_the_source_is_switched_off_over_fresh_connections() {
+        let _alone = ALONE.blocking_lock();
+        let folder = tempfile::tempdir().unwrap();
+        let others = Builder::new_multi_thread().enable_all().build().unwrap();
+        let profile = Profile::load("pairs-34924a").unwrap();
+        let scene = Scene::parse("scene", "[disc-tank]\nelectrodes = 16\n").unwrap();
+        // in real time: readings of 2 PLC, a frame of seconds
+        let sheet = SimulatedRig::new(&profile.at_pace(Pace::Real), scene).unwrap();
+        let options = ServeOptions {
+            port_6221: 0,
+            port_34980a: 0,
+            ..ServeOptions::default()
+        };
+        let server = others
+            .block_on(simulator::serve(sheet.clone(), &options))
+            .unwrap();
+        let (source, mainframe) = (&server.ready().source, &server.ready().mainframe);
+        let config = CONFIG
+            .replace("\"simulated\"", "\"instruments\"")
+            .replace("[survey]\n", "[survey]\nnplc = 2\n")
+            + &format!(
+                "[source]\naddress = \"tcp:{source}\"\n[switch]\naddress = \"tcp:{mainframe}\"\n"
+            );
+        let path = folder.path().join("config.toml");
+        std::fs::write(&path, config).unwrap();
+        let prepared = prepare(&path).unwrap_or_else(|problems| panic!("{problems:?}"));
+        let FramesFrom::Rig(plan) = &prepared.frames else {
+            panic!("it is a rig");
+        };
+
+        let mut failed_at = None;
+        let runtime = Builder::new_multi_thread().enable_all().build().unwrap();
+        let ended: Option<()> = lived(runtime, Some(plan), async {
+            let assembled = assemble(plan, &None, &Tape::new(2), Closed::Refuse, None)
+                .await
+                .unwrap();
+            let own = Arc::clone(plan);
+            tokio::spawn(async move {
+                let (clock, never) = (SystemClock::new(), Stop::never());
+                let (plan, meter) = (&own.plan, own.meter);
+                assembled.rig.acquire(plan, meter, clock, &never).await
+            });
+            current_flows(&sheet).await;
+            sheet.keep_transcript();
+            failed_at = Some(Instant::now());
+            panic!("a test of the last resort");
+        });
+        println!(
+            "off, verified, and relays open over new connections {:.1} ms after the head failed",
+            1e3 * failed_at.unwrap().elapsed().as_secs_f64()
+        );
+        assert!(ended.is_none());
+        assert!(!sheet.source_output().0 && sheet.closed().is_empty());
+        let said = sheet.transcript();
+        let last = |instrument: Instrument| {
+            let mut heard = said.iter().filter(|said| said.instrument == instrument);
+            heard.next_back().unwrap_or_else(|| panic!("{said:#?}"))
+        };
+        // what it was told last it was asked in the same message, and said itself
+        let off = last(Instrument::Source);
+        let states = off.answered.as_deref().unwrap_or_default();
+        assert!(
+            off.heard.contains("CLE") && off.heard.contains("OUTP?"),
+            "{off:?}"
+        );
+        assert!(states.contains("0.000000E+00;0"), "{off:?}");
+        let open = last(Instrument::Mainframe);
+        assert!(
+            open.heard.contains("OPEN (") && open.heard.contains("CLOS? ("),
+            "{open:?}"
+        );
+        let states = open.answered.as_deref().unwrap_or_default();
+        assert!(states.starts_with("0,0,0,"), "{open:?}");
+        others.block_on(server.stop());
+    }
+}

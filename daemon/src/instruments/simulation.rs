@@ -1,0 +1,61 @@
+//! The simulated rig as the daemon has it: its scene, and a hand on its sheet.
+
+use simulator::{Load, Scene, Shape, SimulatedRig};
+
+/// A scene that ships with the bench, by name, or a file, by path.
+pub(crate) fn load_scene(name_or_path: &str) -> Result<Scene, String> {
+    Scene::open(name_or_path).map_err(|error| error.to_string())
+}
+
+/// The seed of its scene.
+pub(crate) fn seed(rig: &SimulatedRig) -> u64 {
+    rig.with_phantom(|phantom| phantom.scene().seed)
+}
+
+/// Puts a load down in place of the last one pressed by hand. Metres; the loss is a share of the conductance.
+pub(crate) fn press(
+    rig: &SimulatedRig,
+    shape: &str,
+    centre_m: [f64; 2],
+    size_m: f64,
+    loss: f64,
+) -> Result<(), String> {
+    let size_mm = size_m * 1e3;
+    let outline = match shape {
+        "disc" => Shape::Disc {
+            diameter_mm: size_mm,
+        },
+        "rectangle" => Shape::Rectangle {
+            width_mm: size_mm,
+            height_mm: size_mm * 0.6,
+        },
+        "triangle" => Shape::Triangle { side_mm: size_mm },
+        "figure-eight" => Shape::FigureEight {
+            diameter_mm: size_mm * 50.0 / 95.0,
+            distance_mm: size_mm * 45.0 / 95.0,
+        },
+        other => {
+            return Err(format!(
+                "there is no shape '{other}'; known are disc, rectangle, triangle, figure-eight"
+            ));
+        }
+    };
+    let load = Load {
+        name: shape.to_owned(),
+        shape: outline,
+        centre_mm: centre_m.map(|metres| metres * 1e3),
+        turn_deg: 0.0,
+        loss,
+    };
+    rig.with_phantom(|phantom| {
+        phantom.release();
+        phantom
+            .press(load)
+            .map_err(|error| crate::recording::model::chain(&error))
+    })
+}
+
+/// Takes away what was pressed by hand.
+pub(crate) fn release(rig: &SimulatedRig) {
+    rig.with_phantom(|phantom| phantom.release());
+}

@@ -1,0 +1,221 @@
+//! Which troubles people are told of, and when: once when one begins, once when it has ended, and not at every change
+//! of one that comes and goes.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use tokio::time::Instant;
+
+use crate::monitoring::health::Trouble;
+
+/// Troubles that somebody who is away wants to know of.
+pub(crate) const TOLD: [&str; 6] = [
+    "faulted",
+    "source-unverified",
+    "disk-days",
+    "relay-life",
+    "baseline-stale",
+    "no-frame",
+];
+
+/// A trouble has ended when it has not been seen for so long.
+const HOLD: Duration = Duration::from_secs(60);
+
+/// Where a trouble is in its course.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Phase {
+    Begun,
+    Ended,
+    /// Of `tactus notify test`.
+    Test,
+}
+
+impl Phase {
+    /// The word in JSON.
+    pub(crate) fn word(self) -> &'static str {
+        match self {
+            Self::Begun => "begun",
+            Self::Ended => "ended",
+            Self::Test => "test",
+        }
+    }
+}
+
+/// Something to tell people.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Message {
+    pub kind: &'static str,
+    pub phase: Phase,
+    pub text: String,
+}
+
+/// The course of every trouble.
+#[derive(Debug, Default)]
+pub(crate) struct Alarm(BTreeMap<&'static str, Course>);
+
+#[derive(Debug, Clone)]
+struct Course {
+    /// Last time that it was there; `None` when it has ended.
+    seen: Option<Instant>,
+    /// Whether its beginning was told, so that its end will be.
+    told: bool,
+    /// When a beginning was told last.
+    last: Option<Instant>,
+    /// Beginnings that were not told.
+    untold: u64,
+    text: String,
+}
+
+impl Alarm {
+    /// What is to be told now. `troubles` are there; `lingering` are there by wider limits, too: what is among them has not
+    /// ended; of what is `unsure` nothing is known at present. A kind begins at most every `again`.
+    pub(crate) fn judge(
+        &mut self,
+        now: Instant,
+        troubles: &[Trouble],
+        lingering: &[Trouble],
+        unsure: &[&str],
+        again: Duration,
+    ) -> Vec<Message> {
+        let mut messages = Vec::new();
+        for kind in TOLD {
+            let there = troubles.iter().find(|trouble| trouble.kind == kind);
+            let stays = unsure.contains(&kind) || lingering.iter().any(|one| one.kind == kind);
+            let course = self.0.entry(kind).or_insert(Course {
+                seen: None,
+                told: false,
+                last: None,
+                untold: 0,
+                text: String::new(),
+            });
+            messages.extend(course.step(kind, now, there, stays, again));
+        }
+        messages
+    }
+}
+
+impl Course {
+    fn step(
+        &mut self,
+        kind: &'static str,
+        now: Instant,
+        there: Option<&Trouble>,
+        stays: bool,
+        again: Duration,
+    ) -> Option<Message> {
+        if let Some(trouble) = there {
+            if self.seen.is_none() {
+                self.untold += 1;
+            }
+            self.seen = Some(now);
+            self.text.clone_from(&trouble.text);
+        } else if stays && self.seen.is_some() {
+            self.seen = Some(now);
+        }
+        let seen = self.seen?;
+        if now.duration_since(seen) >= HOLD {
+            self.seen = None;
+            let told = std::mem::take(&mut self.told);
+            return told.then(|| Message {
+                kind,
+                phase: Phase::Ended,
+                text: format!("over: {}", self.text),
+            });
+        }
+        let may = self
+            .last
+            .is_none_or(|last| now.duration_since(last) >= again);
+        if self.told || !may || there.is_none() {
+            return None;
+        }
+        self.told = true;
+        self.last = Some(now);
+        let before = std::mem::take(&mut self.untold).saturating_sub(1);
+        let text = match before {
+            0 => self.text.clone(),
+            before => format!("{} (and {before} times before this)", self.text),
+        };
+        Some(Message {
+            kind,
+            phase: Phase::Begun,
+            text,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::monitoring::alarm::*;
+
+    const AGAIN: Duration = Duration::from_secs(3600);
+
+    fn disk(text: &str) -> Vec<Trouble> {
+        vec![Trouble {
+            kind: "disk-days",
+            text: text.to_owned(),
+        }]
+    }
+
+    /// A second a step: what is there at each, and what is told.
+    fn play(alarm: &mut Alarm, seconds: u64, there: bool, stays: bool) -> Vec<(Phase, String)> {
+        let begin = Instant::now();
+        let mut told = Vec::new();
+        for second in 0..seconds {
+            let now = begin + Duration::from_secs(second);
+            let troubles = if there { disk("3 days") } else { Vec::new() };
+            let wider = if stays { disk("3 days") } else { Vec::new() };
+            for message in alarm.judge(now, &troubles, &wider, &[], AGAIN) {
+                told.push((message.phase, message.text));
+            }
+        }
+        told
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_trouble_is_told_when_it_begins_and_when_it_has_ended() {
+        let mut alarm = Alarm::default();
+        assert!(play(&mut alarm, 10, false, false).is_empty());
+        let begun = play(&mut alarm, 1000, true, true);
+        assert_eq!(begun, [(Phase::Begun, "3 days".to_owned())]);
+        tokio::time::advance(Duration::from_secs(1000)).await;
+        // above the limit but not well above it: it goes on
+        assert!(play(&mut alarm, 500, false, true).is_empty());
+        tokio::time::advance(Duration::from_secs(500)).await;
+        assert!(play(&mut alarm, 59, false, false).is_empty());
+        tokio::time::advance(Duration::from_secs(59)).await;
+        let ended = play(&mut alarm, 100, false, false);
+        assert_eq!(ended, [(Phase::Ended, "over: 3 days".to_owned())]);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn what_comes_and_goes_is_told_at_a_limited_rate() {
+        let mut alarm = Alarm::default();
+        let mut begun = Vec::new();
+        // five hours of two minutes of trouble and two minutes without
+        for _ in 0..75 {
+            for there in [true, false] {
+                let told = play(&mut alarm, 120, there, there);
+                begun.extend(told.into_iter().filter(|(phase, _)| *phase == Phase::Begun));
+                tokio::time::advance(Duration::from_secs(120)).await;
+            }
+        }
+        assert_eq!(begun.len(), 5, "{begun:#?}");
+        assert_eq!(begun[0].1, "3 days");
+        assert_eq!(begun[1].1, "3 days (and 14 times before this)");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn what_is_not_known_does_not_end_and_not_begin() {
+        let mut alarm = Alarm::default();
+        let now = Instant::now();
+        let unsure = ["disk-days"];
+        assert!(alarm.judge(now, &[], &[], &unsure, AGAIN).is_empty());
+        assert_eq!(alarm.judge(now, &disk("x"), &[], &[], AGAIN).len(), 1);
+        for minutes in 1..10 {
+            let later = now + Duration::from_secs(60 * minutes - 1);
+            assert!(alarm.judge(later, &[], &[], &unsure, AGAIN).is_empty());
+        }
+        let later = now + Duration::from_secs(3600);
+        assert_eq!(alarm.judge(later, &[], &[], &[], AGAIN).len(), 1);
+    }
+}

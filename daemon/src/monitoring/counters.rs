@@ -1,0 +1,156 @@
+//! What has been counted since the daemon began, over all its sessions.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use chrono::{DateTime, Utc};
+use rig::{Clock, SystemClock};
+
+use crate::recording::session_status::Published;
+
+/// Upper ends of the times that reconstructions are counted under, s; beyond the last there is no end.
+pub(crate) const RECONSTRUCTION_S: [f64; 8] = [0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 10.0];
+
+/// Counters that only grow, and what came last.
+#[derive(Debug)]
+pub(crate) struct Tally {
+    clock: SystemClock,
+    pub acquired: AtomicU64,
+    pub durable: AtomicU64,
+    pub failed: AtomicU64,
+    pub dropped: AtomicU64,
+    /// Readings over range.
+    pub overloads: AtomicU64,
+    last: Mutex<Last>,
+}
+
+#[derive(Debug, Default)]
+struct Last {
+    frame: Option<LastFrame>,
+    gap: Option<Gap>,
+    reconstruction: Reconstruction,
+}
+
+/// The frame that is on disk since the shortest time.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct LastFrame {
+    pub session: String,
+    pub sequence: u64,
+    pub wall: DateTime<Utc>,
+    /// When its last reading was taken, on the daemon's clock.
+    pub taken: Duration,
+}
+
+/// A frame that is not in the record.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Gap {
+    pub at: DateTime<Utc>,
+    pub text: String,
+}
+
+/// Times that maps took.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Reconstruction {
+    /// How many took no longer than each of [`RECONSTRUCTION_S`], and longer than the one before.
+    pub within: [u64; RECONSTRUCTION_S.len()],
+    pub count: u64,
+    pub sum_s: f64,
+}
+
+impl Tally {
+    pub(crate) fn new(clock: SystemClock) -> Self {
+        Self {
+            clock,
+            acquired: AtomicU64::new(0),
+            durable: AtomicU64::new(0),
+            failed: AtomicU64::new(0),
+            dropped: AtomicU64::new(0),
+            overloads: AtomicU64::new(0),
+            last: Mutex::default(),
+        }
+    }
+
+    /// Time of the daemon's clock.
+    pub(crate) fn now(&self) -> Duration {
+        self.clock.monotonic()
+    }
+
+    pub(crate) fn count_acquired(&self) {
+        self.acquired.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// A frame is on disk.
+    pub(crate) fn count_durable(&self, session: &str, published: &Published) {
+        self.durable.fetch_add(1, Ordering::Relaxed);
+        let overloads = published.quality.overloads as u64;
+        self.overloads.fetch_add(overloads, Ordering::Relaxed);
+        let frame = &published.frame;
+        self.last().frame = Some(LastFrame {
+            session: session.to_owned(),
+            sequence: frame.sequence,
+            wall: frame.wall,
+            taken: frame.monotonic + frame.duration,
+        });
+        self.count_map(published);
+    }
+
+    /// A map was made, with its frame or late.
+    pub(crate) fn count_map(&self, published: &Published) {
+        if published.map.is_none() {
+            return;
+        }
+        let seconds = published.reconstruction.as_secs_f64();
+        let mut last = self.last();
+        last.reconstruction.count += 1;
+        last.reconstruction.sum_s += seconds;
+        let place = RECONSTRUCTION_S.iter().position(|most| seconds <= *most);
+        if let Some(within) = place.and_then(|at| last.reconstruction.within.get_mut(at)) {
+            *within += 1;
+        }
+    }
+
+    pub(crate) fn count_failed(&self) {
+        self.failed.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Frames that were due and could not be taken, or that the disk refused.
+    pub(crate) fn count_dropped(&self, frames: u64) {
+        if frames == 0 {
+            return;
+        }
+        self.dropped.fetch_add(frames, Ordering::Relaxed);
+        let text = match frames {
+            1 => "a frame missed its time, or the disk refused it".to_owned(),
+            more => format!("{more} frames missed their time, or the disk refused them"),
+        };
+        self.gap(self.clock.wall(), &text);
+    }
+
+    /// Why the last frame that is not in the record is not.
+    pub(crate) fn gap(&self, at: DateTime<Utc>, text: &str) {
+        let text = text.to_owned();
+        self.last().gap = Some(Gap { at, text });
+    }
+
+    pub(crate) fn last_frame(&self) -> Option<LastFrame> {
+        self.last().frame.clone()
+    }
+
+    pub(crate) fn last_gap(&self) -> Option<Gap> {
+        self.last().gap.clone()
+    }
+
+    pub(crate) fn reconstruction(&self) -> Reconstruction {
+        self.last().reconstruction
+    }
+
+    fn last(&self) -> MutexGuard<'_, Last> {
+        self.last.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// What a counter says.
+pub(crate) fn read(counter: &AtomicU64) -> u64 {
+    counter.load(Ordering::Relaxed)
+}

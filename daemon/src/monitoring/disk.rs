@@ -1,0 +1,183 @@
+//! What is free where sessions are recorded, and how long that lasts at the rate of the session that runs.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use logbook::Volume;
+
+use crate::recording::recorder::free_bytes;
+
+/// A look is good for so long.
+const GOOD_FOR: Duration = Duration::from_secs(5);
+/// A disk that has not answered by then is not waited for.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// Frames before their rate is said: a file grows by pages, and so many fill more than ten.
+const ENOUGH: u64 = 100;
+
+const DAY_S: f64 = 86_400.0;
+
+/// What was seen last.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Room {
+    /// Bytes that the daemon may still write; `None` where the file system does not say.
+    pub free: Option<u64>,
+    /// Bytes a day of the running session; `None` without one, or before enough frames.
+    pub per_day: Option<f64>,
+}
+
+impl Room {
+    /// Days until the disk is full.
+    pub(crate) fn days(&self) -> Option<f64> {
+        let (free, per_day) = (self.free?, self.per_day.filter(|rate| *rate > 0.0)?);
+        Some(free as f64 / per_day)
+    }
+}
+
+/// Looks at the disk, never twice at once, and remembers from where on it counts.
+#[derive(Debug, Default)]
+pub(crate) struct Disk {
+    seen: Mutex<Seen>,
+    /// Held while somebody looks, also by a look that nobody waits for any more.
+    looking: Arc<tokio::sync::Mutex<()>>,
+}
+
+#[derive(Debug, Default)]
+struct Seen {
+    room: Room,
+    at: Option<Duration>,
+    growth: Option<Growth>,
+}
+
+/// A session's file as it was first seen.
+#[derive(Debug, Clone, PartialEq)]
+struct Growth {
+    path: PathBuf,
+    first: Volume,
+    at: Duration,
+}
+
+impl Growth {
+    /// Bytes a day since then.
+    fn per_day(&self, volume: Volume, now: Duration) -> Option<f64> {
+        let frames = volume.frames.saturating_sub(self.first.frames);
+        let seconds = now.saturating_sub(self.at).as_secs_f64();
+        let bytes = volume.bytes.saturating_sub(self.first.bytes);
+        (frames >= ENOUGH && seconds > 0.0).then(|| bytes as f64 * DAY_S / seconds)
+    }
+}
+
+impl Disk {
+    /// What is free under `directory`, and the rate of the session that is written to `file`; at `now` of the daemon's
+    /// clock. Never waits long: a disk that does not answer is told as it was seen last.
+    pub(crate) async fn room(
+        self: &Arc<Self>,
+        directory: &Path,
+        file: Option<PathBuf>,
+        now: Duration,
+    ) -> Room {
+        let look = async {
+            let looking = Arc::clone(&self.looking).lock_owned().await;
+            let last = self.seen().at;
+            if last.is_some_and(|at| now.saturating_sub(at) < GOOD_FOR) {
+                return;
+            }
+            let (disk, directory) = (Arc::clone(self), directory.to_owned());
+            let look = tokio::task::spawn_blocking(move || {
+                disk.look(&directory, file, now);
+                drop(looking);
+            });
+            let _ = look.await;
+        };
+        let _ = tokio::time::timeout(PATIENCE, look).await;
+        self.seen().room
+    }
+
+    fn look(&self, directory: &Path, file: Option<PathBuf>, now: Duration) {
+        let free = free_bytes(directory).ok();
+        let volume = file.and_then(|path| Some((logbook::volume(&path).ok()?, path)));
+        let mut seen = self.seen();
+        seen.at = Some(now);
+        seen.room = Room {
+            free,
+            per_day: None,
+        };
+        let Some((volume, path)) = volume else {
+            seen.growth = None;
+            return;
+        };
+        match &seen.growth {
+            Some(growth) if growth.path == path && growth.first.part == volume.part => {
+                seen.room.per_day = growth.per_day(volume, now);
+            }
+            _ => {
+                seen.growth = Some(Growth {
+                    path,
+                    first: volume,
+                    at: now,
+                });
+            }
+        }
+    }
+
+    fn seen(&self) -> std::sync::MutexGuard<'_, Seen> {
+        self.seen.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::monitoring::disk::*;
+
+    #[test]
+    fn a_rate_is_said_after_enough_frames_and_gives_the_days() {
+        let growth = Growth {
+            path: PathBuf::from("s"),
+            first: Volume {
+                part: 1,
+                bytes: 90_000,
+                frames: 10,
+            },
+            at: Duration::from_secs(100),
+        };
+        let at = |frames, bytes, seconds| {
+            let volume = Volume {
+                part: 1,
+                bytes,
+                frames,
+            };
+            growth.per_day(volume, Duration::from_secs(seconds))
+        };
+        assert_eq!(at(109, 200_000, 200), None);
+        assert_eq!(at(110, 190_000, 100), None);
+        let rate = at(110, 190_000, 200).unwrap();
+        assert!((rate - 1_000.0 * 86_400.0).abs() < 1e-6, "{rate}");
+        let room = Room {
+            free: Some(864_000_000),
+            per_day: Some(rate),
+        };
+        assert!((room.days().unwrap() - 10.0).abs() < 1e-12);
+        let unknown = Room {
+            per_day: None,
+            ..room
+        };
+        assert_eq!(unknown.days(), None);
+    }
+
+    #[tokio::test]
+    async fn free_bytes_are_those_of_the_file_system() {
+        let folder = tempfile::tempdir().unwrap();
+        let disk = Arc::new(Disk::default());
+        let told = rustix::fs::statvfs(folder.path()).unwrap();
+        let room = disk.room(folder.path(), None, Duration::ZERO).await;
+        let free = room.free.unwrap() as f64;
+        let all = (told.f_blocks * told.f_frsize) as f64;
+        assert!(free > 0.0 && free <= all, "{free} of {all}");
+        // a directory that is not there has no room, and a look is not taken again at once
+        let nowhere = folder.path().join("gone");
+        let again = disk.room(&nowhere, None, Duration::from_secs(1)).await;
+        assert_eq!(again, room);
+        let later = disk.room(&nowhere, None, Duration::from_secs(9)).await;
+        assert_eq!(later, Room::default());
+    }
+}

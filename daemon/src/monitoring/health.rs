@@ -1,0 +1,448 @@
+//! All that tells whether the daemon is well, found out at once. Status, metrics and notifications read the same.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use chrono::{DateTime, Utc};
+use dbus::Options;
+use rig::Clock;
+use survey::duration;
+
+use crate::config::NotifySection;
+use crate::monitoring::counters::{Gap, LastFrame, read};
+use crate::monitoring::disk::Room;
+use crate::monitoring::{RelayLife, Tally};
+use crate::recording::recorder::{QUEUE, nanoseconds};
+use crate::recording::session_status::Live;
+use crate::session::controller::Keeper;
+use crate::session::state::State;
+
+/// How the daemon is.
+#[derive(Debug, Clone)]
+pub(crate) struct Health {
+    pub at: DateTime<Utc>,
+    pub state: State,
+    /// `off` (verified), `in use`, `unknown`.
+    pub source: &'static str,
+    pub simulated: bool,
+    pub session: Option<Running>,
+    pub last_frame: Option<LastFrame>,
+    /// Since its last reading.
+    pub age: Option<Duration>,
+    pub last_gap: Option<Gap>,
+    pub counts: Counts,
+    /// Roles and addresses of the instruments.
+    pub instruments: Vec<(&'static str, String)>,
+    /// Why they do not answer.
+    pub rig_fault: Option<String>,
+    pub baseline: Option<(String, Duration)>,
+    pub room: Room,
+    /// Free bytes that are too few whatever the rate.
+    pub warn_below: u64,
+    pub relays: Option<RelayLife>,
+    /// Where metrics are served.
+    pub metrics: Option<std::net::SocketAddr>,
+}
+
+/// Over all sessions since the daemon began.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Counts {
+    pub acquired: u64,
+    pub durable: u64,
+    pub failed: u64,
+    pub dropped: u64,
+    pub overloads: u64,
+}
+
+impl Counts {
+    pub(crate) fn of(tally: &Tally) -> Self {
+        Self {
+            acquired: read(&tally.acquired),
+            durable: read(&tally.durable),
+            failed: read(&tally.failed),
+            dropped: read(&tally.dropped),
+            overloads: read(&tally.overloads),
+        }
+    }
+}
+
+/// The session that runs.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Running {
+    pub id: String,
+    pub kind: &'static str,
+    pub acquired: u64,
+    pub durable: u64,
+    pub failed: u64,
+    pub dropped: u64,
+    /// From start to start of frames, as scheduled, planned or seen, whichever is longest.
+    pub period: Duration,
+    /// Since its last frame, its beginning, or since it was told to go on; `None` where nobody awaits a frame.
+    pub quiet: Option<Duration>,
+    /// Why the last frame has no map.
+    pub last_error: String,
+}
+
+impl Running {
+    /// Frames that are not on disk yet.
+    pub(crate) fn backlog(&self) -> u64 {
+        self.acquired.saturating_sub(self.durable)
+    }
+
+    fn of(live: &Live, plan: Option<Duration>, now: Duration) -> Self {
+        let frame = live.latest_frame();
+        let taken = frame.map(|frame| (frame.frame.monotonic, frame.frame.duration));
+        let length = taken.map(|(_, duration)| duration);
+        let (from, first, last) = live.pace();
+        let durable = live.durable();
+        let between = match (first, last) {
+            (Some(first), Some(last)) if durable > 1 => {
+                let steps = u32::try_from(durable - 1).unwrap_or(u32::MAX);
+                Some(last.saturating_sub(first) / steps)
+            }
+            _ => None,
+        };
+        let period = [length, plan, between].into_iter().flatten();
+        let period = period.fold(live.facts.every, Duration::max);
+        let since = taken.map_or(from, |(at, duration)| from.max(at + duration));
+        Self {
+            id: live.facts.id.clone(),
+            kind: live.facts.kind.as_str(),
+            acquired: live.acquired(),
+            durable,
+            failed: live.failures(),
+            dropped: live.dropped(),
+            period: period.max(Duration::from_millis(1)),
+            quiet: live.awaits_frames().then(|| now.saturating_sub(since)),
+            last_error: live.progress().last_error,
+        }
+    }
+}
+
+/// Something that is not as it should be.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Trouble {
+    /// A word for programs.
+    pub kind: &'static str,
+    /// A sentence for people.
+    pub text: String,
+}
+
+impl Keeper {
+    /// How the daemon is. Asks the disk, and waits for it two seconds at most; asks no instrument.
+    pub(crate) async fn health(self: &Arc<Self>) -> Health {
+        let (house, tally) = (self.house(), &self.observed.tally);
+        let now = tally.now();
+        let live = self.active();
+        let plan = self.plan();
+        let plan = plan.map(|rig| rig.plan.duration(&rig.timing));
+        let file = live.as_ref().map(|live| live.path());
+        let directory = &house.setup.record_directory;
+        let room = self.observed.disk.room(directory, file, now).await;
+        let last_frame = tally.last_frame();
+        let counts = Counts::of(tally);
+        let wall = house.clock.wall();
+        let relays = self.observed.relays();
+        Health {
+            at: wall,
+            state: self.state(),
+            source: self.source_state(),
+            simulated: house.simulated,
+            session: live.map(|live| Running::of(&live, plan, now)),
+            age: last_frame
+                .as_ref()
+                .map(|frame| now.saturating_sub(frame.taken)),
+            last_frame,
+            last_gap: tally.last_gap(),
+            relays: relays.map(|life| life.after(counts.acquired)),
+            counts,
+            instruments: self
+                .known()
+                .instruments
+                .into_iter()
+                .map(|found| (found.role, found.address))
+                .collect(),
+            rig_fault: self.rig_fault(),
+            baseline: self.baseline().map(|baseline| {
+                let age = wall.signed_duration_since(baseline.wall);
+                (baseline.id.clone(), age.to_std().unwrap_or_default())
+            }),
+            room,
+            warn_below: house.setup.config.record.warn_below_mb * 1_000_000,
+            metrics: self.observed.metrics(),
+        }
+    }
+}
+
+impl Health {
+    /// What is not as it should be, most grave first; empty when all is well.
+    pub(crate) fn troubles(&self, limits: &NotifySection) -> Vec<Trouble> {
+        let mut troubles = Vec::new();
+        let mut add = |kind, text| troubles.push(Trouble { kind, text });
+        if self.source == "unknown" {
+            let text = "the state of the source is unknown: treat the sheet as live";
+            add("source-unverified", text.to_owned());
+        }
+        if let State::Faulted(why) = &self.state {
+            add("faulted", why.clone());
+        } else if let Some(why) = &self.rig_fault {
+            add("instrument", why.clone());
+        }
+        if let Some(session) = &self.session {
+            self.of_the_session(session, limits, &mut add);
+        }
+        let days = self.room.days();
+        if let Some(days) = days.filter(|days| *days < limits.disk_days) {
+            let text = format!("the disk is full in {days:.1} days at the present rate");
+            add("disk-days", text);
+        } else if let Some(free) = self.room.free.filter(|free| *free < self.warn_below) {
+            let text = format!("the disk has {:.0} MB left", free as f64 / 1e6);
+            add("disk-days", text);
+        }
+        if let Some(life) = self
+            .relays
+            .as_ref()
+            .filter(|life| life.used >= limits.relay_life)
+        {
+            let part = 100.0 * life.used;
+            let text = format!("relay {} has used {part:.1} % of its life", life.relay);
+            add("relay-life", text);
+        }
+        if let Some((id, age)) = &self.baseline {
+            let days = age.as_secs_f64() / 86_400.0;
+            if days > limits.baseline_days {
+                let text = format!(
+                    "baseline {id} is {days:.1} days old; unload the sheet and `tactus baseline record`"
+                );
+                add("baseline-stale", text);
+            }
+        }
+        troubles
+    }
+
+    fn of_the_session(
+        &self,
+        session: &Running,
+        limits: &NotifySection,
+        add: &mut impl FnMut(&'static str, String),
+    ) {
+        let patience = duration(session.period.as_secs_f64() * limits.no_frame_periods)
+            .max(duration(limits.no_frame_s));
+        if let Some(quiet) = session.quiet.filter(|quiet| *quiet > patience) {
+            let text = format!(
+                "session {} has had no frame for {:.1} s; one is due every {:.1} s",
+                session.id,
+                quiet.as_secs_f64(),
+                session.period.as_secs_f64()
+            );
+            add("no-frame", text);
+        }
+        if session.backlog() > QUEUE as u64 {
+            let text = format!(
+                "{} frames wait for the disk, which does not keep up",
+                session.backlog()
+            );
+            add("backlog", text);
+        }
+        if !session.last_error.is_empty() && self.rig_fault.is_none() {
+            add("session", session.last_error.clone());
+        }
+    }
+
+    /// In the plain types of the bus; what is not known is left out.
+    pub(crate) fn options(&self, limits: &NotifySection) -> Options {
+        let troubles = self.troubles(limits);
+        let told: Vec<String> = troubles
+            .iter()
+            .map(|trouble| format!("{}: {}", trouble.kind, trouble.text))
+            .collect();
+        let answers = |role: &str| match &self.rig_fault {
+            None => format!("{role}: ready"),
+            Some(why) => format!("{role}: fault: {why}"),
+        };
+        let instruments: Vec<String> = self
+            .instruments
+            .iter()
+            .map(|(role, _)| answers(role))
+            .collect();
+        let seconds = |time: Duration| time.as_secs_f64();
+        let mut options = Options::new()
+            .with("at_ns", nanoseconds(self.at))
+            .with("well", troubles.is_empty())
+            .with_texts("troubles", &told)
+            .with("state", self.state.word())
+            .with("source_state", self.source)
+            .with("simulated", self.simulated)
+            .with_texts("instruments", &instruments)
+            .with("total_frames", self.counts.acquired)
+            .with("total_durable", self.counts.durable)
+            .with("total_failed", self.counts.failed)
+            .with("total_dropped", self.counts.dropped)
+            .with("total_overloads", self.counts.overloads)
+            .with_some("last_frame_age_s", self.age.map(seconds))
+            .with_some("disk_free_bytes", self.room.free)
+            .with_some("disk_bytes_per_day", self.room.per_day)
+            .with_some("disk_days", self.room.days())
+            .with_some("metrics", self.metrics.map(|address| address.to_string()));
+        if let Some(frame) = &self.last_frame {
+            options = options
+                .with("last_frame_ns", nanoseconds(frame.wall))
+                .with("last_frame_sequence", frame.sequence)
+                .with("last_frame_session", frame.session.as_str());
+        }
+        if let Some(session) = &self.session {
+            options = options
+                .with("session", session.id.as_str())
+                .with("session_kind", session.kind)
+                .with("frames_acquired", session.acquired)
+                .with("frames_durable", session.durable)
+                .with("frames_failed", session.failed)
+                .with("frames_dropped", session.dropped)
+                .with("backlog", session.backlog())
+                .with("period_s", seconds(session.period))
+                .with_some("quiet_s", session.quiet.map(seconds));
+        }
+        if let Some(gap) = &self.last_gap {
+            options = options
+                .with("last_gap_ns", nanoseconds(gap.at))
+                .with("last_gap", gap.text.as_str());
+        }
+        if let Some((id, age)) = &self.baseline {
+            options = options
+                .with("baseline", id.as_str())
+                .with("baseline_age_s", seconds(*age));
+        }
+        if let Some(life) = &self.relays {
+            options = options
+                .with("relay", life.relay)
+                .with("relay_used", life.used)
+                .with_some("relay_left_s", life.left().map(seconds));
+        }
+        options
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::monitoring::health::*;
+
+    fn well() -> Health {
+        Health {
+            at: DateTime::UNIX_EPOCH,
+            state: State::Acquiring,
+            source: "in use",
+            simulated: true,
+            session: Some(Running {
+                id: "m1".into(),
+                kind: "measurement",
+                acquired: 20,
+                durable: 19,
+                failed: 0,
+                dropped: 0,
+                period: Duration::from_secs(10),
+                quiet: Some(Duration::from_secs(3)),
+                last_error: String::new(),
+            }),
+            last_frame: None,
+            age: None,
+            last_gap: None,
+            counts: Counts::default(),
+            instruments: vec![("source", "memory".into())],
+            rig_fault: None,
+            baseline: Some(("b1".into(), Duration::from_secs(86_400))),
+            room: Room {
+                free: Some(100_000_000_000),
+                per_day: Some(1e9),
+            },
+            warn_below: 2_000_000_000,
+            relays: Some(RelayLife {
+                relay: 1001,
+                used: 0.2,
+                frames_left: Some(1e6),
+                period: Duration::from_secs(10),
+                frames: 0,
+            }),
+            metrics: None,
+        }
+    }
+
+    fn kinds(health: &Health) -> Vec<&'static str> {
+        let troubles = health.troubles(&NotifySection::default());
+        troubles.iter().map(|trouble| trouble.kind).collect()
+    }
+
+    /// Each limit is met on one side and not on the other.
+    #[test]
+    fn every_trouble_is_found_and_no_other() {
+        type Change = fn(&mut Health);
+        let cases: [(&[&str], Change); 16] = [
+            (&[], |_| ()),
+            (&["source-unverified"], |health| health.source = "unknown"),
+            (&["faulted"], |health| {
+                health.state = State::Faulted("lost".into());
+                health.rig_fault = Some("lost".into());
+            }),
+            (&["instrument"], |health| {
+                health.rig_fault = Some("the connection was lost".into());
+            }),
+            (&[], |health| {
+                session(health).quiet = Some(Duration::from_secs(49));
+            }),
+            (&["no-frame"], |health| {
+                session(health).quiet = Some(Duration::from_secs(51));
+            }),
+            (&[], |health| {
+                // a schedule of milliseconds is not alarmed by a second
+                session(health).period = Duration::from_millis(5);
+            }),
+            (&[], |health| session(health).quiet = None),
+            (&[], |health| session(health).acquired = 19 + 16),
+            (&["backlog"], |health| session(health).acquired = 19 + 17),
+            (&["session"], |health| {
+                session(health).last_error = "no map".into();
+            }),
+            (&[], |health| health.room.per_day = Some(7e9)),
+            (&["disk-days"], |health| health.room.per_day = Some(8e9)),
+            (&["disk-days"], |health| {
+                (health.room.free, health.room.per_day) = (Some(1_999_999_999), None);
+            }),
+            (&["relay-life"], |health| {
+                health.relays.as_mut().unwrap().used = 0.9;
+            }),
+            (&["baseline-stale"], |health| {
+                health.baseline = Some(("b".into(), Duration::from_secs(31 * 86_400)));
+            }),
+        ];
+        for (number, (wanted, change)) in cases.into_iter().enumerate() {
+            let mut health = well();
+            change(&mut health);
+            assert_eq!(kinds(&health), wanted, "case {number}");
+        }
+    }
+
+    fn session(health: &mut Health) -> &mut Running {
+        health.session.as_mut().unwrap()
+    }
+
+    #[test]
+    fn what_is_not_known_is_left_out() {
+        let limits = NotifySection::default();
+        let mut health = well();
+        let told = health.options(&limits);
+        assert_eq!(told.number("disk_days").unwrap(), Some(100.0));
+        assert_eq!(told.flag("well").unwrap(), Some(true));
+        assert_eq!(
+            told.texts("instruments").unwrap().unwrap(),
+            ["source: ready"]
+        );
+        assert_eq!(told.whole("backlog").unwrap(), Some(1));
+        health.room.per_day = None;
+        health.relays = None;
+        health.session = None;
+        health.baseline = None;
+        let told = health.options(&limits);
+        for key in ["disk_days", "relay_used", "backlog", "baseline", "last_gap"] {
+            assert!(!told.0.contains_key(key), "{key}");
+        }
+    }
+}

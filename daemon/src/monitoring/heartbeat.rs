@@ -1,0 +1,184 @@
+//! Signs of life. Acquisition, the record and each bus say until when they will say something again; systemd's watchdog
+//! hears nothing once one of them has not kept its word. A timer alone would go on ticking beside a daemon that hangs.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Weak};
+use std::time::Duration;
+
+use rig::Clock;
+use sd_notify::NotifyState;
+
+use crate::events::broadcast::Notice;
+use crate::session::controller::Keeper;
+
+/// Who promises.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Part {
+    /// Waits for schedules and instruments, each under a deadline of its own.
+    Acquisition,
+    /// Writes to the disk.
+    Record,
+    SessionBus,
+    SystemBus,
+}
+
+impl Part {
+    const ALL: [Self; 4] = [
+        Self::Acquisition,
+        Self::Record,
+        Self::SessionBus,
+        Self::SystemBus,
+    ];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Acquisition => "acquisition",
+            Self::Record => "the record",
+            Self::SessionBus => "the session bus",
+            Self::SystemBus => "the system bus",
+        }
+    }
+}
+
+/// Nothing is promised: nothing is under way.
+const RESTS: u64 = u64::MAX;
+
+/// What has been promised, in milliseconds of the daemon's monotonic clock.
+#[derive(Debug)]
+pub(crate) struct Pulse([AtomicU64; 4]);
+
+impl Default for Pulse {
+    fn default() -> Self {
+        Self(std::array::from_fn(|_| AtomicU64::new(RESTS)))
+    }
+}
+
+impl Pulse {
+    /// The next sign of life comes within this time.
+    pub(crate) fn promise(&self, part: Part, now: Duration, within: Duration) {
+        let due = now.saturating_add(within).as_millis();
+        let due = u64::try_from(due).unwrap_or(RESTS - 1);
+        self.0[part as usize].store(due, Ordering::Relaxed);
+    }
+
+    /// As [`Pulse::promise`], on behalf of somebody who has to answer: an earlier promise stands.
+    pub(crate) fn ask(&self, part: Part, now: Duration, within: Duration) {
+        if self.0[part as usize].load(Ordering::Relaxed) == RESTS {
+            self.promise(part, now, within);
+        }
+    }
+
+    /// Nothing is under way: it waits for a person, or for the other half of the daemon.
+    pub(crate) fn rest(&self, part: Part) {
+        self.0[part as usize].store(RESTS, Ordering::Relaxed);
+    }
+
+    /// The first that has not kept its word, and for how long.
+    pub(crate) fn overdue(&self, now: Duration) -> Option<(Part, Duration)> {
+        let now = u64::try_from(now.as_millis()).unwrap_or(RESTS);
+        Part::ALL.into_iter().find_map(|part| {
+            let due = self.0[part as usize].load(Ordering::Relaxed);
+            let late = now.checked_sub(due).filter(|late| *late > 0)?;
+            Some((part, Duration::from_millis(late)))
+        })
+    }
+}
+
+/// At its end, nothing is under way any more.
+pub(crate) struct Rests(pub Arc<Pulse>, pub Part);
+
+impl Drop for Rests {
+    fn drop(&mut self) {
+        self.0.rest(self.1);
+    }
+}
+
+/// Tells systemd that all is well, a third of its patience apart, for as long as it is. Ends at once where systemd did not
+/// ask for it.
+pub(crate) async fn tell_systemd(keeper: Weak<Keeper>) {
+    let Some(patience) = sd_notify::watchdog_enabled() else {
+        return;
+    };
+    let mut ticks = tokio::time::interval(patience / 3);
+    ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    let mut silent = false;
+    loop {
+        ticks.tick().await;
+        let Some(keeper) = keeper.upgrade() else {
+            return;
+        };
+        let now = keeper.house().clock.monotonic();
+        match keeper.pulse.overdue(now) {
+            None => {
+                silent = false;
+                let _ = sd_notify::notify(&[NotifyState::Watchdog]);
+            }
+            Some((part, late)) if !silent => {
+                silent = true;
+                let text = format!(
+                    "{} has given no sign of life for {:.0} s beyond its time; systemd is told nothing any more, and will \
+                     restart the daemon",
+                    part.name(),
+                    late.as_secs_f64()
+                );
+                keeper.tell(None, "alarm", &text).await;
+            }
+            Some(_) => {}
+        }
+        ask_the_buses(&keeper, now, patience);
+    }
+}
+
+/// Each bus that there is has to answer a question, or be found gone, before systemd's patience ends.
+fn ask_the_buses(keeper: &Arc<Keeper>, now: Duration, patience: Duration) {
+    let bus = &keeper.house().setup.config.bus;
+    for (wanted, part) in [
+        (bus.session, Part::SessionBus),
+        (bus.system, Part::SystemBus),
+    ] {
+        if wanted {
+            keeper.pulse.ask(part, now, patience);
+        }
+    }
+    keeper.herald.say(&Notice::Pulse);
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::monitoring::heartbeat::*;
+
+    const S: fn(u64) -> Duration = Duration::from_secs;
+
+    #[test]
+    fn a_word_that_is_not_kept_is_found_and_one_that_is_kept_is_not() {
+        let pulse = Pulse::default();
+        assert_eq!(pulse.overdue(S(1_000_000)), None, "nothing is under way");
+        pulse.promise(Part::Acquisition, S(10), S(5));
+        pulse.promise(Part::Record, S(10), S(60));
+        assert_eq!(pulse.overdue(S(15)), None);
+        assert_eq!(pulse.overdue(S(17)), Some((Part::Acquisition, S(2))));
+        pulse.promise(Part::Acquisition, S(17), S(5));
+        assert_eq!(pulse.overdue(S(17)), None);
+        pulse.rest(Part::Acquisition);
+        assert_eq!(pulse.overdue(S(69)), None);
+        assert_eq!(pulse.overdue(S(71)), Some((Part::Record, S(1))));
+    }
+
+    #[test]
+    fn who_is_asked_again_does_not_gain_time() {
+        let pulse = Pulse::default();
+        pulse.ask(Part::SystemBus, S(0), S(30));
+        pulse.ask(Part::SystemBus, S(20), S(30));
+        assert_eq!(pulse.overdue(S(31)), Some((Part::SystemBus, S(1))));
+        pulse.rest(Part::SystemBus);
+        pulse.ask(Part::SystemBus, S(31), S(30));
+        assert_eq!(pulse.overdue(S(31)), None);
+    }
+
+    #[test]
+    fn a_promise_beyond_all_time_is_no_rest_and_no_overflow() {
+        let pulse = Pulse::default();
+        pulse.promise(Part::Record, Duration::MAX, Duration::MAX);
+        assert_eq!(pulse.overdue(S(u64::MAX / 1000)), None);
+    }
+}

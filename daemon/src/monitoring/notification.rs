@@ -1,0 +1,228 @@
+//! The command that tells people: JSON on its standard input, a deadline, and nobody waits for it but its own task.
+
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+use dbus::Options;
+use rustix::process::{Pid, Signal, kill_process_group};
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWriteExt};
+use tokio::process::Command;
+
+use crate::config::NotifySection;
+use crate::monitoring::alarm::Message;
+use crate::monitoring::health::Health;
+
+/// Bytes kept of what it says on its error stream.
+const MOST_SAID: u64 = 4096;
+/// What a grandchild still has to say when the command itself has ended.
+const AFTER_IT: Duration = Duration::from_millis(500);
+
+/// How the command fared.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Delivered {
+    /// `None` where it was ended by a signal, killed after its deadline, or never began.
+    pub code: Option<i32>,
+    /// Why there is no code.
+    pub trouble: Option<String>,
+    /// The beginning of what it said.
+    pub stderr: String,
+    pub took: Duration,
+}
+
+impl Delivered {
+    pub(crate) fn is_done(&self) -> bool {
+        self.code == Some(0)
+    }
+
+    /// For a person.
+    pub(crate) fn text(&self) -> String {
+        let how = match (self.code, &self.trouble) {
+            (Some(code), _) => format!("exit code {code}"),
+            (None, Some(trouble)) => trouble.clone(),
+            (None, None) => "ended by a signal".to_owned(),
+        };
+        match self.stderr.trim() {
+            "" => how,
+            said => format!("{how}: {said}"),
+        }
+    }
+
+    pub(crate) fn options(&self) -> Options {
+        Options::new()
+            .with("done", self.is_done())
+            .with_some("code", self.code.map(i64::from))
+            .with_some("trouble", self.trouble.as_deref())
+            .with("stderr", self.stderr.as_str())
+            .with("took_s", self.took.as_secs_f64())
+    }
+}
+
+/// What the command reads: one object, one line.
+pub(crate) fn letter(message: &Message, health: &Health, limits: &NotifySection) -> String {
+    let troubles: Vec<_> = health
+        .troubles(limits)
+        .into_iter()
+        .map(|trouble| serde_json::json!({"kind": trouble.kind, "text": trouble.text}))
+        .collect();
+    let session = health.session.as_ref();
+    let letter = serde_json::json!({
+        "kind": message.kind,
+        "phase": message.phase.word(),
+        "text": message.text,
+        "at": health.at.to_rfc3339_opts(chrono::SecondsFormat::Millis, true),
+        "state": health.state.word(),
+        "source_state": health.source,
+        "simulated": health.simulated,
+        "session": session.map(|session| &session.id),
+        "frames_durable": session.map(|session| session.durable),
+        "last_frame_age_s": health.age.map(|age| age.as_secs_f64()),
+        "disk_days": health.room.days(),
+        "troubles": troubles,
+    });
+    format!("{letter}\n")
+}
+
+/// Runs the command with this on its standard input; after `deadline` it is killed, and all that it has begun.
+pub(crate) async fn deliver(command: &[String], letter: &str, deadline: Duration) -> Delivered {
+    let begun = Instant::now();
+    let failed = |trouble: String| Delivered {
+        code: None,
+        trouble: Some(trouble),
+        stderr: String::new(),
+        took: begun.elapsed(),
+    };
+    let Some((program, arguments)) = command.split_first() else {
+        return failed("no command is configured: [notify] command".to_owned());
+    };
+    let started = Command::new(program)
+        .args(arguments)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .process_group(0)
+        .kill_on_drop(true)
+        .spawn();
+    let mut child = match started {
+        Ok(child) => child,
+        Err(cause) => return failed(format!("{program} cannot be run: {cause}")),
+    };
+    let group = child.id().and_then(|id| Pid::from_raw(id.cast_signed()));
+    let (stdin, stderr) = (child.stdin.take(), child.stderr.take());
+    let mut heard = tokio::spawn(beginning(stderr));
+    let run = async {
+        if let Some(mut stdin) = stdin {
+            // a command may end without having read everything
+            let _ = stdin.write_all(letter.as_bytes()).await;
+        }
+        child.wait().await
+    };
+    let ended = tokio::time::timeout(deadline, run).await;
+    let (code, trouble) = match ended {
+        Ok(Ok(status)) => (status.code(), None),
+        Ok(Err(cause)) => (None, Some(cause.to_string())),
+        Err(_) => {
+            let text = format!("killed after {:.1} s", deadline.as_secs_f64());
+            (None, Some(text))
+        }
+    };
+    if trouble.is_some()
+        && let Some(group) = group
+    {
+        let _ = kill_process_group(group, Signal::KILL);
+        let _ = child.wait().await;
+    }
+    let stderr = match tokio::time::timeout(AFTER_IT, &mut heard).await {
+        Ok(text) => text.unwrap_or_default(),
+        Err(_) => {
+            heard.abort();
+            String::new()
+        }
+    };
+    Delivered {
+        code,
+        trouble,
+        stderr,
+        took: begun.elapsed(),
+    }
+}
+
+/// The beginning of what comes; the rest is read too, so that nobody waits for a reader.
+async fn beginning(stream: Option<impl AsyncRead + Unpin>) -> String {
+    let Some(mut stream) = stream else {
+        return String::new();
+    };
+    let mut kept = Vec::new();
+    let _ = (&mut stream).take(MOST_SAID).read_to_end(&mut kept).await;
+    let mut rest = [0; 4096];
+    while matches!(stream.read(&mut rest).await, Ok(read) if read > 0) {}
+    String::from_utf8_lossy(&kept).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::monitoring::notification::*;
+
+    const LONG: Duration = Duration::from_secs(120);
+
+    fn shell(script: &str) -> Vec<String> {
+        ["sh", "-c", script].map(str::to_owned).to_vec()
+    }
+
+    #[tokio::test]
+    async fn the_command_reads_the_letter_and_its_words_and_code_come_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("letter");
+        let script = format!("cat > {}; echo no route >&2; exit 3", file.display());
+        let done = deliver(&shell(&script), "{\"kind\":\"test\"}\n", LONG).await;
+        assert_eq!((done.code, done.is_done()), (Some(3), false));
+        assert_eq!(done.text(), "exit code 3: no route");
+        let read = std::fs::read_to_string(file).unwrap();
+        assert_eq!(read, "{\"kind\":\"test\"}\n");
+        assert!(
+            deliver(&shell("cat > /dev/null"), "x", LONG)
+                .await
+                .is_done()
+        );
+    }
+
+    #[tokio::test]
+    async fn a_command_that_does_not_end_is_killed_with_all_it_began() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("pid");
+        // its own child would sleep for an hour
+        let script = format!(
+            "sleep 3600 & echo $! > {}.new; mv {0}.new {0}; wait",
+            file.display()
+        );
+        let done = deliver(&shell(&script), "x", Duration::from_secs(2)).await;
+        assert_eq!(done.trouble.as_deref(), Some("killed after 2.0 s"));
+        if let Ok(pid) = std::fs::read_to_string(&file) {
+            let stat = format!("/proc/{}/stat", pid.trim());
+            let gone = async {
+                // killed at once, reaped by whoever has it now
+                while std::fs::read_to_string(&stat).is_ok_and(|text| !text.contains(") Z")) {
+                    tokio::task::yield_now().await;
+                }
+            };
+            tokio::time::timeout(LONG, gone).await.unwrap();
+        }
+    }
+
+    #[tokio::test]
+    async fn floods_and_deaf_commands_end_all_the_same() {
+        // far more than a pipe holds, in both directions
+        let script = "head -c 1000000 /dev/zero | tr '\\0' x >&2; exec 0<&-; exit 0";
+        let letter = "y".repeat(1_000_000);
+        let done = deliver(&shell(script), &letter, LONG).await;
+        assert_eq!(done.code, Some(0), "{}", done.text());
+        assert_eq!(done.stderr.len() as u64, MOST_SAID);
+        let absent = deliver(&["/nonexistent/mail".to_owned()], "x", LONG).await;
+        assert!(absent.text().contains("cannot be run"), "{}", absent.text());
+        assert!(
+            deliver(&[], "x", LONG)
+                .await
+                .text()
+                .contains("[notify] command")
+        );
+    }
+}

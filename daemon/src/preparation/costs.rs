@@ -1,0 +1,112 @@
+//! What each setting of a survey costs a frame in time, and by how much it lowers the noise of a reading.
+
+use std::f64::consts::SQRT_2;
+use std::time::Duration;
+
+use survey::{Injection, Plan, Protocol, Step, Timing};
+
+use crate::preparation::RigPlan;
+
+/// A setting against leaving it out, all others as they are.
+pub(crate) struct Cost {
+    /// As options and configuration call it.
+    pub setting: &'static str,
+    /// Time of a frame, s; below 0 where it saves some.
+    pub seconds: f64,
+    /// Noise of a reading without it over noise with it; 1 where it serves something else.
+    pub gain: f64,
+}
+
+/// The voltmeter's resolution as a part of its range, taken as the noise of one reading; 0 where its integration is none
+/// that it has.
+pub(crate) fn resolution(nplc: f64) -> f64 {
+    let known = keysight_34980a::INTEGRATION.iter();
+    let mut known = known.filter(|(integration, _)| *integration == nplc);
+    known.next().map_or(0.0, |(_, fraction)| *fraction)
+}
+
+/// Every setting that is not as if left out: shortest integration, one reading, one way, one range, a whole frame.
+pub(crate) fn costs(rig: &RigPlan) -> Vec<Cost> {
+    let (plan, timing) = (&rig.plan, &rig.timing);
+    let now = plan.duration(timing).as_secs_f64();
+    let timed = |timing: Timing| now - plan.duration(&timing).as_secs_f64();
+    let mut costs = Vec::new();
+    let mut add = |applies: bool, setting, seconds, gain: f64| {
+        if applies && gain.is_finite() {
+            let cost = Cost {
+                setting,
+                seconds,
+                gain,
+            };
+            costs.push(cost);
+        }
+    };
+    let (shortest, coarsest) = keysight_34980a::INTEGRATION[0];
+    let quickest = Timing {
+        nplc: shortest,
+        ..*timing
+    };
+    let finer = coarsest / resolution(timing.nplc).max(f64::MIN_POSITIVE);
+    add(timing.nplc > shortest, "nplc", timed(quickest), finer);
+    let once = Timing {
+        averages: 1,
+        ..*timing
+    };
+    let averages = f64::from(timing.averages);
+    add(averages > 1.0, "averages", timed(once), averages.sqrt());
+    let drifting = Timing {
+        autozero: false,
+        ..*timing
+    };
+    add(timing.autozero, "autozero", timed(drifting), 1.0);
+    let settling = plan.steps.iter().map(|step| match step {
+        Step::Settle { wait } => wait.as_secs_f64(),
+        _ => 0.0,
+    });
+    add(!plan.settle.is_zero(), "settle", settling.sum(), 1.0);
+    let at_once = Timing {
+        channel_delay: Duration::ZERO,
+        ..*timing
+    };
+    let delays = !timing.channel_delay.is_zero();
+    add(delays, "channel_delay", timed(at_once), 1.0);
+    let one_way = || again(plan, &plan.protocol, false);
+    if let Some(one_way) = plan.reversal.then(one_way).flatten() {
+        let seconds = now - one_way.duration(timing).as_secs_f64();
+        add(true, "reversal", seconds, SQRT_2);
+    }
+    if let Some(every) = rig.zero_every {
+        // what is subtracted has noise of its own
+        add(true, "zero_every", now / every as f64, 1.0 / SQRT_2);
+    }
+    if plan.has_ranges() {
+        let ranges = plan.counts().range_changes as f64 * timing.range_command.as_secs_f64();
+        let fraction = resolution(timing.nplc);
+        let planned = plan.resolution(fraction, rig.meter.range, rig.meter.averages);
+        let both_ways = if plan.reversal { 2.0 } else { 1.0 };
+        let fixed = fraction * rig.meter.range.0 / (averages * both_ways).sqrt();
+        add(true, "ranges", ranges, fixed / planned.rms.0);
+    }
+    let whole = || {
+        let pattern = survey::skip(plan.protocol.electrodes(), rig.skip).collect();
+        let protocol = Protocol::new(plan.protocol.electrodes(), pattern).ok()?;
+        again(plan, &protocol, plan.reversal)
+    };
+    if let Some(whole) = rig.half.then(whole).flatten() {
+        // a whole frame has each reading twice
+        let seconds = now - whole.duration(timing).as_secs_f64();
+        add(true, "half", seconds, 1.0 / SQRT_2);
+    }
+    costs
+}
+
+/// The same injections for another protocol, with the current one way or both.
+fn again(plan: &Plan, protocol: &Protocol, reversal: bool) -> Option<Plan> {
+    let injection = Injection {
+        current: plan.current,
+        compliance: plan.compliance,
+        settle: plan.settle,
+        reversal,
+    };
+    Plan::injecting(protocol, &plan.wiring, injection).ok()
+}

@@ -1,0 +1,359 @@
+//! What a configuration means: everything found out that can be found out without touching an instrument.
+
+mod costs;
+#[cfg(test)]
+mod mutated;
+mod numbers;
+mod played;
+mod rig_plan;
+mod wired;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use rig::MeterSettings;
+use sha2::{Digest, Sha256};
+use survey::{
+    Amps, Limits, Plan, Protocol, ProtocolError, RangeRule, Relay, Settings, Step, Timing, duration,
+};
+
+pub(crate) use crate::preparation::costs::{costs, resolution};
+
+use crate::acquisition::playback::Recording;
+use crate::config::problems::{Problem, Source};
+use crate::config::{Config, EnableName, RigKind, SurveySection};
+use crate::instruments::address::Place;
+use crate::recording::model::{Geometry, Model, chain, geometry, model};
+use crate::session::schedule::Schedule;
+
+/// A configuration understood.
+pub(crate) struct Prepared {
+    pub setup: Setup,
+    pub frames: FramesFrom,
+    /// The file it was read from.
+    pub file: PathBuf,
+}
+
+/// What stays the same while the daemon runs.
+pub(crate) struct Setup {
+    /// With all paths and defaults in it.
+    pub config: Config,
+    pub config_toml: String,
+    pub config_hash: String,
+    pub protocol: Protocol,
+    /// At which frames are taken.
+    pub current: Amps,
+    pub geometry: Geometry,
+    pub model: Model,
+    pub schedule: Schedule,
+    pub record_directory: PathBuf,
+    /// Frames whose transcripts are kept in memory.
+    pub transcripts: usize,
+}
+
+/// Where frames come from.
+pub(crate) enum FramesFrom {
+    Rig(Arc<RigPlan>),
+    Recording {
+        recording: Box<Recording>,
+        baseline: Box<survey::Baseline>,
+    },
+}
+
+/// What a rig is to do, and on which instruments.
+#[derive(Clone)]
+pub(crate) struct RigPlan {
+    pub plan: Plan,
+    pub limits: Limits,
+    pub timing: Timing,
+    pub meter: MeterSettings,
+    /// Where each reading has a range of its own.
+    pub ranges: Option<RangeRule>,
+    /// Frames that one zero-current frame serves.
+    pub zero_every: Option<u64>,
+    /// Electrodes that a pair leaves out between its two.
+    pub skip: usize,
+    /// Whether each two readings that reciprocity makes equal are read once.
+    pub half: bool,
+    /// What the slots must hold; none where a multiplexer board switches.
+    pub modules: BTreeMap<u32, keysight_34980a::Module>,
+    pub instruments: Places,
+    pub bench: Option<(simulator::Profile, simulator::Scene)>,
+}
+
+impl RigPlan {
+    /// The settings that its frames carry.
+    pub(crate) fn settings(&self) -> Settings {
+        let mut settings = rig::settings(&self.plan, self.meter);
+        settings.precautions.zeroed = self.zero_every.is_some();
+        settings
+    }
+
+    /// How often a frame closes each relay of the wiring; of those that a scan closes by itself, the channels.
+    pub(crate) fn closures(&self) -> Vec<(Relay, f64)> {
+        let wiring = &self.plan.wiring;
+        let mut relays = wiring.injecting_relays();
+        relays.extend(wiring.measuring_relays());
+        relays.extend(&wiring.bus);
+        let mut closures: Vec<(Relay, f64)> =
+            relays.into_iter().map(|relay| (relay, 0.0)).collect();
+        let mut count = |closed: &[Relay]| {
+            for (relay, closures) in &mut closures {
+                *closures += if closed.contains(relay) { 1.0 } else { 0.0 };
+            }
+        };
+        for step in &self.plan.steps {
+            match step {
+                Step::Bus { close }
+                | Step::Break { close, .. }
+                | Step::Overlap { close, .. }
+                | Step::Route { close, .. } => count(close),
+                Step::Scan { channels } => {
+                    let relays: Vec<Relay> = channels.iter().map(|channel| channel.relay).collect();
+                    count(&relays);
+                }
+                Step::Chain { routes } => routes.iter().for_each(|route| count(&route.close)),
+                _ => {}
+            }
+        }
+        closures
+    }
+
+    /// Whether a multiplexer board switches, and the mainframe only measures.
+    pub(crate) fn has_board(&self) -> bool {
+        self.modules.is_empty()
+    }
+}
+
+/// Where the instruments are, and how long each may take to answer.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Places {
+    pub source: (Place, Duration),
+    pub switch: (Place, Duration),
+    pub voltmeter: (Place, Duration),
+    /// Of a board on a gpiochip.
+    pub enable: EnableName,
+}
+
+/// The problems of one file, collected.
+struct Findings<'a> {
+    source: &'a Source,
+    found: Vec<Problem>,
+}
+
+impl Findings<'_> {
+    fn add(&mut self, key: &str, text: impl Into<String>) {
+        self.found.push(self.source.problem(key, text));
+    }
+
+    fn taken<T>(&mut self, key: &str, outcome: Result<T, String>) -> Option<T> {
+        outcome.map_err(|text| self.add(key, text)).ok()
+    }
+}
+
+/// Reads and understands a file. Nothing is opened but files.
+///
+/// # Errors
+/// Every problem found.
+pub(crate) fn prepare(path: &Path) -> Result<Prepared, Vec<Problem>> {
+    let (source, config) = load(path)?;
+    let mut findings = Findings {
+        source: &source,
+        found: Vec::new(),
+    };
+    let prepared = understand(config, &mut findings);
+    match prepared {
+        Some(prepared) if findings.found.is_empty() => Ok(prepared),
+        _ => Err(findings.found),
+    }
+}
+
+/// The plan of a session that measures otherwise than the configuration says; the questions stay.
+///
+/// # Errors
+/// What cannot be, in sentences.
+pub(crate) fn adjusted(setup: &Setup, survey: SurveySection) -> Result<RigPlan, Vec<String>> {
+    let config = Config {
+        survey,
+        ..setup.config.clone()
+    };
+    let source = Source::new(Path::new("the session's options"), String::new());
+    let mut findings = Findings {
+        source: &source,
+        found: Vec::new(),
+    };
+    numbers::check(&config, &mut findings);
+    let plan = rig_plan::rig_plan(
+        &config,
+        &setup.protocol,
+        Some(&setup.geometry),
+        &mut findings,
+    );
+    match plan {
+        Some(plan) if findings.found.is_empty() => Ok(plan),
+        _ => Err(findings.found.into_iter().map(|found| found.text).collect()),
+    }
+}
+
+/// Reads a file into its effective configuration, paths resolved.
+///
+/// # Errors
+/// Every problem of its text.
+pub(crate) fn load(path: &Path) -> Result<(Source, Config), Vec<Problem>> {
+    let text = std::fs::read_to_string(path).map_err(|cause| {
+        vec![Problem {
+            file: path.to_owned(),
+            place: None,
+            text: format!("cannot be read: {cause}"),
+        }]
+    })?;
+    let source = Source::new(path, text);
+    let config = match source.read() {
+        (Some(config), problems) if problems.is_empty() => config,
+        (config, found) => {
+            let mut findings = Findings {
+                source: &source,
+                found,
+            };
+            if let Some(config) = config {
+                numbers::check(&config, &mut findings);
+            }
+            return Err(findings.found);
+        }
+    };
+    let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    let folder = absolute.parent().unwrap_or(Path::new("/"));
+    Ok((source, config.resolved(folder)))
+}
+
+fn understand(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepared> {
+    numbers::check(&config, findings);
+    if !(config.bus.peer || config.bus.session || config.bus.system) {
+        findings.add(
+            "bus",
+            "nobody could reach the daemon; offer peer, session or system",
+        );
+    }
+    let case = config
+        .recording
+        .as_ref()
+        .filter(|_| config.rig.kind == RigKind::Recording)
+        .and_then(|recording| recording.case.as_deref());
+    let geometry = findings.taken("geometry", geometry(&config.geometry, case));
+    let (protocol, frames) = match config.rig.kind {
+        RigKind::Recording => {
+            let (protocol, recording, baseline) = played::recorded(&config, findings)?;
+            let frames = FramesFrom::Recording {
+                recording: Box::new(recording),
+                baseline: Box::new(baseline),
+            };
+            (protocol, Some(frames))
+        }
+        _ => {
+            let protocol = asked(&config, geometry.as_ref(), findings)?;
+            let plan = rig_plan::rig_plan(&config, &protocol, geometry.as_ref(), findings);
+            (protocol, plan.map(|plan| FramesFrom::Rig(Arc::new(plan))))
+        }
+    };
+    let geometry = geometry?;
+    if protocol.electrodes() != geometry.electrodes() {
+        findings.add(
+            if config.rig.kind == RigKind::Recording {
+                "recording"
+            } else {
+                "survey.electrodes"
+            },
+            format!(
+                "the survey asks {} electrodes, the geometry ({}) has {}",
+                protocol.electrodes(),
+                geometry.name,
+                geometry.electrodes()
+            ),
+        );
+        return None;
+    }
+    if let Some(FramesFrom::Recording {
+        recording,
+        baseline,
+    }) = &frames
+    {
+        played::complete(&mut config, recording, baseline, &geometry, &protocol);
+    }
+    let current = Amps(config.survey.current_ua * 1e-6);
+    let key = if config.model.file.is_some() {
+        "model.file"
+    } else {
+        "model"
+    };
+    let model = findings.taken(
+        key,
+        model(&config.model, current, &geometry, &protocol).map_err(|fault| chain(&fault)),
+    );
+    let config_toml = findings.taken(
+        "rig",
+        toml::to_string(&config).map_err(|cause| cause.to_string()),
+    )?;
+    let hash = Sha256::digest(config_toml.as_bytes());
+    let setup = Setup {
+        config_hash: hash.iter().map(|byte| format!("{byte:02x}")).collect(),
+        config_toml,
+        schedule: Schedule {
+            every: duration(config.schedule.every_s.unwrap_or(0.0)),
+            count: config.schedule.count,
+            lasts: config.schedule.for_s.map(duration),
+        },
+        record_directory: config.record.directory.clone()?,
+        transcripts: config.record.transcripts,
+        protocol,
+        current,
+        geometry,
+        model: model?,
+        config,
+    };
+    Some(Prepared {
+        setup,
+        frames: frames?,
+        file: findings.source.file().to_owned(),
+    })
+}
+
+/// The questions asked of a rig.
+fn asked(
+    config: &Config,
+    geometry: Option<&Geometry>,
+    findings: &mut Findings<'_>,
+) -> Option<Protocol> {
+    let electrodes = config
+        .survey
+        .electrodes
+        .or_else(|| geometry.map(Geometry::electrodes))?;
+    findings.taken(
+        "survey.electrodes",
+        protocol(electrodes, &config.survey).map_err(|cause| chain(&cause)),
+    )
+}
+
+fn protocol(electrodes: usize, survey: &SurveySection) -> Result<Protocol, ProtocolError> {
+    // a pair that left out so many would be the same pair the other way round, or none
+    if survey.skip + 2 > electrodes {
+        return Err(ProtocolError::Empty);
+    }
+    let pattern = survey::skip(electrodes, survey.skip);
+    let questions = match survey.half {
+        true => survey::half(pattern).collect(),
+        false => pattern.collect(),
+    };
+    Protocol::new(electrodes, questions)
+}
+
+impl Prepared {
+    /// Whether voltages come from a simulated sheet.
+    pub(crate) fn is_simulated(&self) -> bool {
+        match &self.frames {
+            FramesFrom::Rig(rig) => rig.bench.is_some(),
+            FramesFrom::Recording { recording, .. } => recording.is_simulated(),
+        }
+    }
+}

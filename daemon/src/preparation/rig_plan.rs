@@ -1,0 +1,449 @@
+//! From configuration to the plan of a frame, its limits, and where the instruments are.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use keysight_34980a::Module;
+use rig::MeterSettings;
+use survey::{
+    Amps, Injection, Measurement, Plan, PlanError, Protocol, RangeRule, Timing, Volts, WiringError,
+    duration,
+};
+
+use crate::config::{Config, EnableName, InstrumentSection, RangesName, RigKind, WiringKind};
+use crate::instruments::address::Place;
+use crate::preparation::wired;
+use crate::preparation::wired::Wired;
+use crate::preparation::{Findings, Places, RigPlan};
+use crate::recording::model::{Geometry, chain};
+
+/// What the rig is to do; checked against its limits.
+pub(super) fn rig_plan(
+    config: &Config,
+    protocol: &Protocol,
+    geometry: Option<&Geometry>,
+    findings: &mut Findings<'_>,
+) -> Option<RigPlan> {
+    let survey = &config.survey;
+    let electrodes = config.wiring.electrodes.unwrap_or(protocol.electrodes());
+    let wired = wired::wired(config, electrodes, findings);
+    let places = places(config, findings);
+    let bench = match config.rig.kind {
+        RigKind::Simulated | RigKind::Mixed => {
+            let simulated = simulated(config, findings);
+            if let (Some((profile, _)), Some(wired), Some(places)) = (&simulated, &wired, &places) {
+                fits(config, profile, wired, places, findings);
+            }
+            Some(simulated)
+        }
+        RigKind::Instruments | RigKind::Recording => {
+            for (key, given) in [
+                ("rig.profile", &config.rig.profile),
+                ("rig.scene", &config.rig.scene),
+            ] {
+                if given.is_some() {
+                    findings.add(
+                        key,
+                        "only a simulated rig has one; delete this key, or set rig.kind = \"simulated\"",
+                    );
+                }
+            }
+            None
+        }
+    };
+    let mut wired = wired?;
+    wired.wiring = wired.wiring.joining(protocol);
+    if survey.chained {
+        if config.wiring.kind == WiringKind::GpioBoard {
+            findings.add(
+                "survey.chained",
+                "the board and the voltmeter are two instruments; no message can reach both",
+            );
+        }
+        wired.wiring = wired.wiring.chained();
+    }
+    let injection = Injection {
+        current: Amps(survey.current_ua * 1e-6),
+        compliance: Volts(survey.compliance_v),
+        settle: duration(survey.settle_ms * 1e-3),
+        reversal: survey.reversal,
+    };
+    let plan = Plan::injecting(protocol, &wired.wiring, injection).map_err(|cause| match cause {
+        PlanError::Wiring(WiringError::Electrodes {
+            wiring,
+            wired,
+            asked,
+        }) => (
+            "wiring.electrodes",
+            format!("wiring '{wiring}' has {wired} electrodes, the survey asks {asked}"),
+        ),
+        other => ("survey", chain(&other)),
+    });
+    let plan = match plan {
+        Ok(plan) => plan,
+        Err((key, text)) => {
+            findings.add(key, text);
+            return None;
+        }
+    };
+    let (limits, timing) = (wired.limits, wired.timing(survey.nplc, survey.line_hz));
+    let timing = Timing {
+        autozero: survey.autozero,
+        averages: survey.averages,
+        channel_delay: duration(survey.channel_delay_ms * 1e-3),
+        ..timing
+    };
+    if let Err(faults) = plan.check(&limits) {
+        for fault in faults {
+            let key = match fault {
+                PlanError::NotACurrent(_)
+                | PlanError::SourceCurrent { .. }
+                | PlanError::RelayCurrent { .. } => "survey.current_ua",
+                PlanError::Compliance { .. } | PlanError::RelayVoltage { .. } => {
+                    "survey.compliance_v"
+                }
+                _ => "survey",
+            };
+            findings.add(key, chain(&fault));
+        }
+        return None;
+    }
+    let ranges = (survey.ranges == RangesName::Planned).then(|| RangeRule {
+        available: keysight_34980a::RANGES.map(Volts).to_vec(),
+        margin: survey.range_margin,
+    });
+    let plan = match (&ranges, geometry) {
+        (Some(rule), Some(geometry)) => {
+            let expected = expected(&plan, geometry);
+            let expected = findings.taken("survey.ranges", expected)?;
+            plan.with_ranges(rule, |question| expected.get(&question).copied())
+        }
+        _ => plan,
+    };
+    let deadline_of_scan = plan.longest_answer(&timing);
+    let bench = match bench {
+        Some(bench) => Some(bench?),
+        None => None,
+    };
+    Some(RigPlan {
+        plan,
+        limits,
+        timing,
+        meter: MeterSettings {
+            autozero: survey.autozero,
+            averages: survey.averages,
+            channel_delay: timing.channel_delay,
+            deadline: Some(deadline_of_scan),
+            ..MeterSettings::new(Volts(survey.range_v), survey.nplc)
+        },
+        ranges,
+        zero_every: survey.zero_every,
+        skip: survey.skip,
+        half: survey.half,
+        modules: wired.modules,
+        instruments: places?,
+        bench,
+    })
+}
+
+/// What every pair that is read would read on the sheet as configured, at the plan's current.
+fn expected(plan: &Plan, geometry: &Geometry) -> Result<BTreeMap<Measurement, Volts>, String> {
+    let drives = plan.protocol.drives();
+    let senses = plan.wiring.measure.iter().map(|(sense, _)| *sense);
+    let questions: Vec<Measurement> = drives
+        .into_iter()
+        .flat_map(|drive| {
+            senses
+                .clone()
+                .map(move |sense| Measurement { drive, sense })
+        })
+        .collect();
+    let all =
+        Protocol::new(plan.protocol.electrodes(), questions).map_err(|cause| chain(&cause))?;
+    let forward = eit::Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m)
+        .map_err(|cause| chain(&cause))?;
+    let at_one_amp = forward
+        .readings(&geometry.sigma0, &all)
+        .map_err(|cause| chain(&cause))?;
+    let questions = all.measurements().iter().copied();
+    Ok(questions
+        .zip(at_one_amp.iter().map(|volts| Volts(volts * plan.current.0)))
+        .collect())
+}
+
+fn simulated(
+    config: &Config,
+    findings: &mut Findings<'_>,
+) -> Option<(simulator::Profile, simulator::Scene)> {
+    let profile = findings.taken(
+        "rig.profile",
+        simulator::Profile::load(profile_name(config)).map_err(|cause| chain(&cause)),
+    );
+    let scene = findings.taken(
+        "rig.scene",
+        match config.rig.scene.as_deref() {
+            Some(scene) => crate::instruments::simulation::load_scene(scene),
+            None => Ok(simulator::Scene::quiet()),
+        },
+    );
+    Some((profile?, scene?))
+}
+
+fn profile_name(config: &Config) -> &str {
+    let own = match config.wiring.kind {
+        WiringKind::File => "pairs-34924a",
+        kind => wired::name(kind),
+    };
+    config.rig.profile.as_deref().unwrap_or(own)
+}
+
+/// Whether the simulated instruments have what the wiring switches; what a real one has is asked when it is connected.
+fn fits(
+    config: &Config,
+    profile: &simulator::Profile,
+    wired: &Wired,
+    places: &Places,
+    findings: &mut Findings<'_>,
+) {
+    if places.switch.0 != Place::Simulated {
+        return;
+    }
+    let key = if config.rig.profile.is_some() {
+        "rig.profile"
+    } else {
+        "wiring"
+    };
+    let (name, own) = (profile_name(config), wired::name(config.wiring.kind));
+    if config.wiring.kind == WiringKind::GpioBoard {
+        if profile.board.is_none() {
+            findings.add(
+                key,
+                format!(
+                    "wiring {own} needs the multiplexer board, profile {name} has none; use profile = \"{own}\" or add \
+                     [board] to it"
+                ),
+            );
+        }
+        return;
+    }
+    let modules: BTreeMap<u32, Module> = (1..)
+        .zip(profile.slots)
+        .filter_map(|(slot, module)| Some((slot, module?)))
+        .collect();
+    let other = || {
+        let (slot, planned) = wired
+            .modules
+            .iter()
+            .find(|(slot, planned)| modules.get(slot) != Some(planned))?;
+        let found = modules.get(slot)?;
+        Some(format!(
+            "slot {slot} holds a {found}, the wiring is made for a {planned}"
+        ))
+    };
+    if let Some(lacking) = wired.lacking(&modules).or_else(other) {
+        let board = match profile.board {
+            Some(_) => "; for its board set wiring.kind = \"gpio-board\"",
+            None => "",
+        };
+        let advice = match config.wiring.kind {
+            WiringKind::File => "name a profile with the modules of the wiring file".to_owned(),
+            _ => format!(
+                "use profile = \"{own}\" (its module is in slot 1), or a wiring and slot that the profile has{board}"
+            ),
+        };
+        findings.add(
+            key,
+            format!(
+                "profile {name} does not fit wiring {own} in slot {}: {lacking}; {advice}",
+                config.wiring.slot
+            ),
+        );
+    }
+}
+
+/// How long any answer may take on its way, where the configuration does not say; what readings need comes on top.
+const ANSWER: Duration = Duration::from_secs(5);
+
+fn deadline(given_ms: Option<f64>) -> Duration {
+    given_ms.map_or(ANSWER, |given_ms| duration(given_ms * 1e-3))
+}
+
+fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
+    // but for the board, the mainframe that switches is the one that measures
+    let mainframe =
+        config.rig.kind != RigKind::Simulated && config.wiring.kind != WiringKind::GpioBoard;
+    let voltmeter = match &config.voltmeter {
+        None if mainframe => &config.switch,
+        given => given,
+    };
+    let sections = [
+        ("source", &config.source),
+        ("switch", &config.switch),
+        ("voltmeter", voltmeter),
+    ];
+    if config.rig.kind == RigKind::Simulated {
+        for (name, section) in sections {
+            if section.is_some() {
+                findings.add(
+                    name,
+                    "a simulated rig has no addresses; set rig.kind to \"instruments\" or \"mixed\"",
+                );
+            }
+        }
+        let memory = (Place::Simulated, deadline(None));
+        return Some(Places {
+            source: memory.clone(),
+            switch: memory.clone(),
+            voltmeter: memory,
+            enable: EnableName::Low,
+        });
+    }
+    let shared = mainframe.then(|| one_deadline(config, findings)).flatten();
+    let mut read = sections.into_iter().map(|(name, section)| {
+        let Some(section) = section else {
+            if name == "voltmeter" && mainframe {
+                // the missing [switch] has been said
+                return None;
+            }
+            findings.add(name, format!("the rig has no [{name}]; give its address"));
+            return None;
+        };
+        match section.address.parse::<Place>() {
+            Ok(Place::Simulated) if config.rig.kind == RigKind::Instruments => {
+                findings.add(
+                    &format!("{name}.address"),
+                    "a simulated instrument in a rig of instruments; set rig.kind = \"mixed\" if that is meant",
+                );
+                None
+            }
+            Ok(Place::Gpiochip { .. })
+                if name != "switch" || config.wiring.kind != WiringKind::GpioBoard =>
+            {
+                findings.add(
+                    &format!("{name}.address"),
+                    "only the [switch] of wiring.kind = \"gpio-board\" hangs on a gpiochip",
+                );
+                None
+            }
+            Ok(Place::Gpiochip { .. }) if section.deadline_ms.is_some() => {
+                findings.add(
+                    &format!("{name}.deadline_ms"),
+                    "the lines of a gpiochip are set at once, nothing is waited for; delete this key",
+                );
+                None
+            }
+            Ok(place) => {
+                let own = section.deadline_ms;
+                let given = if name == "source" { own } else { shared.or(own) };
+                Some((place, deadline(given)))
+            }
+            Err(refusal) => {
+                findings.add(&format!("{name}.address"), refusal.to_string());
+                None
+            }
+        }
+    });
+    let (source, switch, voltmeter) = (read.next()?, read.next()?, read.next()?);
+    let places = Places {
+        source: source?,
+        switch: switch?,
+        voltmeter: voltmeter?,
+        enable: enable(config, findings),
+    };
+    if config.wiring.kind != WiringKind::GpioBoard && places.switch.0 != places.voltmeter.0 {
+        findings.add(
+            "voltmeter.address",
+            "this wiring switches with the mainframe whose voltmeter measures: give both the same address",
+        );
+        return None;
+    }
+    Some(places)
+}
+
+/// The deadline of the mainframe that both switches and measures, whichever section says it.
+fn one_deadline(config: &Config, findings: &mut Findings<'_>) -> Option<f64> {
+    let of = |section: &Option<InstrumentSection>| section.as_ref()?.deadline_ms;
+    let (switch, voltmeter) = (of(&config.switch), of(&config.voltmeter));
+    if let (Some(switch), Some(voltmeter)) = (switch, voltmeter)
+        && switch != voltmeter
+    {
+        findings.add(
+            "switch.deadline_ms",
+            format!(
+                "{switch} here and {voltmeter} in [voltmeter], which is the same instrument; say it once"
+            ),
+        );
+    }
+    voltmeter.or(switch)
+}
+
+/// The level that enables a chip of a board on a gpiochip: low, unless said.
+fn enable(config: &Config, findings: &mut Findings<'_>) -> EnableName {
+    let sections = [
+        ("source", &config.source),
+        ("switch", &config.switch),
+        ("voltmeter", &config.voltmeter),
+    ];
+    let mut enable = EnableName::Low;
+    for (name, section) in sections {
+        let Some(section) = section else { continue };
+        let Some(given) = section.enable else {
+            continue;
+        };
+        if section.address.starts_with("gpiochip:") {
+            enable = given;
+        } else {
+            findings.add(
+                &format!("{name}.enable"),
+                "only a board on a gpiochip has one; delete this key",
+            );
+        }
+    }
+    enable
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::preparation::rig_plan::*;
+    use crate::preparation::{FramesFrom, prepare};
+
+    /// Deadlines of source, switch and voltmeter, or what is wrong, for keys of their sections.
+    fn deadlines(source: &str, switch: &str, voltmeter: &str) -> Result<[Duration; 3], String> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("config.toml");
+        let config = format!(
+            "[rig]\nkind = \"instruments\"\n[record]\ndirectory = \"state\"\n[survey]\nelectrodes = 8\n\
+             [geometry]\npreset = \"disc-tank\"\n[geometry.disc-tank]\nelectrodes = 8\n\
+             [source]\naddress = \"tcp:a:1\"\n{source}\n[switch]\naddress = \"tcp:b:2\"\n{switch}\n{voltmeter}"
+        );
+        std::fs::write(&path, config).unwrap();
+        let prepared = prepare(&path).map_err(|problems| {
+            let said: Vec<String> = problems.iter().map(ToString::to_string).collect();
+            said.join("\n")
+        })?;
+        let FramesFrom::Rig(plan) = prepared.frames else {
+            panic!("it is a rig");
+        };
+        let places = &plan.instruments;
+        Ok([&places.source, &places.switch, &places.voltmeter].map(|place| place.1))
+    }
+
+    #[test]
+    fn a_deadline_of_the_switch_is_used_or_refused() {
+        let seconds = |each: [u64; 3]| Ok(each.map(Duration::from_secs));
+        let voltmeter = "[voltmeter]\naddress = \"tcp:b:2\"\n";
+        let (one, two) = ("deadline_ms = 1000", "deadline_ms = 2000");
+        assert_eq!(deadlines(two, one, ""), seconds([2, 1, 1]));
+        // the switch is the mainframe that measures, whichever section says it
+        assert_eq!(deadlines("", one, voltmeter), seconds([5, 1, 1]));
+        let measures = format!("{voltmeter}{one}");
+        assert_eq!(deadlines("", "", &measures), seconds([5, 1, 1]));
+        assert_eq!(deadlines("", one, &measures), seconds([5, 1, 1]));
+        let refused = deadlines("", two, &measures).unwrap_err();
+        assert!(
+            refused.contains("switch.deadline_ms: 2000 here and 1000 in [voltmeter]"),
+            "{refused}"
+        );
+    }
+}

@@ -1,0 +1,228 @@
+//! Which relays a configuration means, on which modules, and what those allow and cost.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::Duration;
+
+use keysight_34980a::Module;
+use serde::Deserialize;
+use survey::{
+    Amps, Limits, OwnWiring, Relay, Sensing, Timing, Transition, Volts, Wiring, duration,
+};
+
+use crate::config::{Config, WiringKind};
+use crate::preparation::Findings;
+use crate::recording::model::chain;
+
+/// A wiring with the modules that it is made for.
+#[derive(Debug, Clone)]
+pub(super) struct Wired {
+    pub wiring: Wiring,
+    /// By slot; none for the multiplexer board.
+    pub modules: BTreeMap<u32, Module>,
+    pub limits: Limits,
+}
+
+/// A wiring file.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Document {
+    name: String,
+    sensing: Sensing,
+    transition: Transition,
+    /// Slot to module.
+    modules: BTreeMap<String, String>,
+    inject: Vec<Vec<u32>>,
+    measure: Vec<Vec<u32>>,
+    #[serde(default)]
+    bus: Vec<u32>,
+}
+
+/// The wiring of a configuration.
+pub(super) fn wired(
+    config: &Config,
+    electrodes: usize,
+    findings: &mut Findings<'_>,
+) -> Option<Wired> {
+    let section = &config.wiring;
+    let slot = section.slot;
+    let inject_slot = section.inject_slot.unwrap_or(slot + 1);
+    for (key, given, kind) in [
+        (
+            "wiring.inject_slot",
+            section.inject_slot.is_some(),
+            WiringKind::Fast34925a,
+        ),
+        ("wiring.file", section.file.is_some(), WiringKind::File),
+    ] {
+        if given && section.kind != kind {
+            let name = name(kind);
+            findings.add(
+                key,
+                format!("only wiring.kind = \"{name}\" has one; delete this key"),
+            );
+        }
+    }
+    let outcome = match section.kind {
+        WiringKind::File => {
+            let Some(path) = &section.file else {
+                findings.add("wiring", "kind = \"file\" needs file = \"PATH\"");
+                return None;
+            };
+            return findings.taken("wiring.file", from_file(path));
+        }
+        WiringKind::Pairs34924a => Wiring::pairs_34924a(slot, electrodes),
+        WiringKind::Pairs34922a => Wiring::pairs_34922a(slot, electrodes),
+        WiringKind::Fast34925a => Wiring::fast_34925a(slot, inject_slot, electrodes),
+        WiringKind::Matrix34932a => Wiring::matrix_34932a(slot, electrodes),
+        WiringKind::Matrix34934a => Wiring::matrix_34934a(slot, electrodes),
+        WiringKind::GpioBoard => Wiring::gpio_board(electrodes),
+    };
+    let wiring = findings.taken("wiring", outcome.map_err(|cause| chain(&cause)))?;
+    let modules = modules(section.kind, slot, inject_slot);
+    Some(Wired {
+        limits: limits(&modules),
+        wiring,
+        modules,
+    })
+}
+
+/// The word for it in a configuration, which is also the name of the shipped profile that goes with it.
+pub(super) fn name(kind: WiringKind) -> &'static str {
+    match kind {
+        WiringKind::Pairs34924a => "pairs-34924a",
+        WiringKind::Pairs34922a => "pairs-34922a",
+        WiringKind::Fast34925a => "fast-34925a",
+        WiringKind::Matrix34932a => "matrix-34932a",
+        WiringKind::Matrix34934a => "matrix-34934a",
+        WiringKind::GpioBoard => "gpio-board",
+        WiringKind::File => "file",
+    }
+}
+
+fn modules(kind: WiringKind, slot: u32, inject_slot: u32) -> BTreeMap<u32, Module> {
+    let told: &[(u32, &str)] = match kind {
+        WiringKind::Pairs34924a => &[(slot, "34924A")],
+        WiringKind::Pairs34922a => &[(slot, "34922A")],
+        WiringKind::Fast34925a => &[(slot, "34925A"), (inject_slot, "34924A")],
+        WiringKind::Matrix34932a => &[(slot, "34932A")],
+        WiringKind::Matrix34934a => &[(slot, "34934A,4x128")],
+        WiringKind::GpioBoard | WiringKind::File => &[],
+    };
+    told.iter()
+        .filter_map(|(slot, module)| Some((*slot, module.parse().ok()?)))
+        .collect()
+}
+
+fn from_file(path: &Path) -> Result<Wired, String> {
+    let named = |text: String| format!("{}: {text}", path.display());
+    let text =
+        std::fs::read_to_string(path).map_err(|cause| named(format!("cannot be read: {cause}")))?;
+    let document: Document = toml::from_str(&text).map_err(|fault| {
+        let before = &text[..fault.span().map_or(0, |span| span.start).min(text.len())];
+        let line = before.matches('\n').count() + 1;
+        format!("{}:{line}: {}", path.display(), fault.message())
+    })?;
+    let mut modules = BTreeMap::new();
+    for (slot, module) in &document.modules {
+        let number = slot.parse().ok().filter(|slot| (1..=8).contains(slot));
+        let number = number
+            .ok_or_else(|| named(format!("modules: '{slot}' is no slot, slots are 1 to 8")))?;
+        let module: Module = module.parse().map_err(|cause| named(chain(&cause)))?;
+        modules.insert(number, module);
+    }
+    if modules.is_empty() {
+        return Err(named(
+            "modules: name the module of each slot, such as 1 = \"34924A\"".to_owned(),
+        ));
+    }
+    let relays = |pairs: Vec<Vec<u32>>| {
+        let relays = |pair: Vec<u32>| pair.into_iter().map(Relay).collect();
+        pairs.into_iter().map(relays).collect()
+    };
+    let wiring = Wiring::own(OwnWiring {
+        name: document.name,
+        sensing: document.sensing,
+        transition: document.transition,
+        inject: relays(document.inject),
+        measure: relays(document.measure),
+        bus: document.bus.into_iter().map(Relay).collect(),
+    })
+    .map_err(|cause| named(chain(&cause)))?;
+    let wired = Wired {
+        limits: limits(&modules),
+        wiring,
+        modules,
+    };
+    match wired.lacking(&wired.modules) {
+        None => Ok(wired),
+        Some(lacking) => Err(named(lacking)),
+    }
+}
+
+/// The smallest that any of the modules allows.
+fn limits(modules: &BTreeMap<u32, Module>) -> Limits {
+    let mut each = modules.values().map(|module| module.model().limits());
+    let Some(first) = each.next() else {
+        return Limits::GPIO_BOARD_5V;
+    };
+    each.fold(first, |least, next| Limits {
+        relay_current: Amps(least.relay_current.0.min(next.relay_current.0)),
+        relay_voltage: Volts(least.relay_voltage.0.min(next.relay_voltage.0)),
+        ..least
+    })
+}
+
+impl Wired {
+    /// What the modules cost in time: the slowest relay and the slowest scan of them.
+    pub(super) fn timing(&self, nplc: f64, line_hz: f64) -> Timing {
+        if self.modules.is_empty() {
+            return Timing::gpio_board(nplc, line_hz);
+        }
+        let slowest = |time: fn(&Module) -> Duration| {
+            self.modules.values().map(time).max().unwrap_or_default()
+        };
+        let measuring = self.wiring.measuring_relays();
+        let scans = measuring
+            .iter()
+            .filter_map(|relay| self.modules.get(&keysight_34980a::split(*relay)?.0));
+        let rate = scans.filter_map(|module| module.model().scan_rate()).min();
+        Timing {
+            relay_close: slowest(|module| module.model().close_time()),
+            relay_open: slowest(|module| module.model().open_time()),
+            scan_period: duration(1.0 / f64::from(rate.unwrap_or(100))),
+            ..Timing::reed(nplc, line_hz)
+        }
+    }
+
+    /// The first relay that cannot do its part on these modules, with slot, module, channel and electrodes; `None`
+    /// where all can. The driver asks the same of real ones.
+    pub(super) fn lacking(&self, modules: &BTreeMap<u32, Module>) -> Option<String> {
+        let scanned = self.wiring.sensing == Sensing::Scan;
+        let measuring = self.wiring.measuring_relays();
+        let moved = self.wiring.injecting_relays().into_iter();
+        let moved = moved.chain(self.wiring.bus.iter().copied());
+        moved
+            .map(|relay| (relay, false))
+            .chain(measuring.into_iter().map(|relay| (relay, scanned)))
+            .find_map(|(relay, scanned)| {
+                let purpose = self.wiring.purpose(relay);
+                let Some((slot, channel)) = keysight_34980a::split(relay) else {
+                    return Some(format!("no slot has relay {relay}, which {purpose}"));
+                };
+                let Some(module) = modules.get(&slot) else {
+                    return Some(format!("slot {slot} is empty, and relay {relay} {purpose}"));
+                };
+                if module.contact(channel).is_none() {
+                    return Some(format!(
+                        "the {module} in slot {slot} has no channel {channel}: relay {relay} {purpose}"
+                    ));
+                }
+                (scanned && !module.scannable(channel)).then(|| {
+                    format!(
+                        "channel {channel} of the {module} in slot {slot} cannot be scanned: relay {relay} {purpose}"
+                    )
+                })
+            })
+    }
+}

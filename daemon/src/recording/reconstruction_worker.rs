@@ -1,0 +1,218 @@
+//! Maps are made on a thread of their own: a method that is slow, hangs or fails leaves frames without a map, never the
+//! record without a frame.
+
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
+use std::time::{Duration, Instant};
+
+use eit::Pressure;
+use logbook::MapRecord;
+use survey::{Baseline, Map, Reading};
+use tokio::sync::mpsc::WeakSender;
+
+use crate::recording::model::{Model, chain};
+use crate::recording::recorder::Order;
+use crate::service::containment;
+
+/// A frame's record waits so long for its map, and no longer.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// Where others wait behind it, so long: a quick method is never given up because the machine is busy.
+const GRACE: Duration = Duration::from_millis(250);
+/// Between looks at whether more frames are waiting.
+const LOOK: Duration = Duration::from_millis(2);
+
+/// What maps are made with.
+pub(crate) struct Means {
+    pub baseline: Baseline,
+    pub model: Model,
+    pub centroids: Vec<[f64; 2]>,
+    pub areas: Vec<f64>,
+    pub build: String,
+}
+
+/// What became of a frame.
+#[derive(Debug)]
+pub(crate) struct Made {
+    pub outcome: Result<Mapped, Failure>,
+    /// What it took.
+    pub took: Duration,
+}
+
+/// A map and what was read off it.
+#[derive(Debug)]
+pub(crate) struct Mapped {
+    pub map: Map,
+    /// Where the load was found, m.
+    pub found: Option<[f64; 2]>,
+    pub pressure: Option<Pressure>,
+    pub record: MapRecord,
+    /// Why there is no pressure, where the method is calibrated.
+    pub refused: Option<String>,
+}
+
+/// Why there is no map.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Failure {
+    /// The method refuses this frame.
+    Refused(String),
+    /// The method's own code failed; it is not asked again.
+    Broken(String),
+}
+
+/// What was got of an attempt.
+pub(crate) enum Attempt {
+    Made(Box<Made>),
+    /// It is not ready; [`Mapper::late`] has it later.
+    Late,
+    /// An earlier one is still under way: this frame has no map.
+    Busy,
+    /// The method has been given up.
+    Suspended,
+}
+
+/// Makes one map at a time.
+pub(crate) struct Mapper {
+    ask: Option<SyncSender<Vec<Reading>>>,
+    answers: Receiver<Made>,
+    under_way: bool,
+}
+
+impl Mapper {
+    /// `recorder` is nudged whenever a map is ready.
+    ///
+    /// # Errors
+    /// No thread can be had.
+    pub(crate) fn start(means: Means, recorder: WeakSender<Order>) -> std::io::Result<Self> {
+        let (ask, asked) = sync_channel::<Vec<Reading>>(1);
+        let (answer, answers) = sync_channel(1);
+        std::thread::Builder::new()
+            .name("maps".to_owned())
+            .spawn(move || {
+                while let Ok(readings) = asked.recv() {
+                    let begun = Instant::now();
+                    // it costs maps, not the session
+                    let outcome = containment::run(|| means.make(&readings))
+                        .unwrap_or_else(|panicked| Err(Failure::Broken(panicked.message)));
+                    let broken = matches!(outcome, Err(Failure::Broken(_)));
+                    let made = Made {
+                        outcome,
+                        took: begun.elapsed(),
+                    };
+                    if answer.send(made).is_err() {
+                        return;
+                    }
+                    // a full queue wakes the recorder all the same
+                    if let Some(recorder) = recorder.upgrade() {
+                        let _ = recorder.try_send(Order::MapReady);
+                    }
+                    if broken {
+                        return;
+                    }
+                }
+            })?;
+        Ok(Self {
+            ask: Some(ask),
+            answers,
+            under_way: false,
+        })
+    }
+
+    /// Asks for a map and waits for it, two seconds at most; a quarter of one where others are waiting (`hurry`).
+    pub(crate) fn make(&mut self, readings: &[Reading], hurry: impl Fn() -> bool) -> Attempt {
+        if self.under_way {
+            return Attempt::Busy;
+        }
+        let Some(ask) = &self.ask else {
+            return Attempt::Suspended;
+        };
+        if ask.send(readings.to_vec()).is_err() {
+            self.ask = None;
+            return Attempt::Suspended;
+        }
+        self.under_way = true;
+        let begun = Instant::now();
+        loop {
+            match self.answers.recv_timeout(LOOK) {
+                Ok(made) => return Attempt::Made(Box::new(self.arrived(made))),
+                Err(RecvTimeoutError::Timeout) if begun.elapsed() > patience(hurry()) => {
+                    return Attempt::Late;
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return self.gone(),
+            }
+        }
+    }
+
+    /// The one that was late, if it is ready now.
+    pub(crate) fn late(&mut self) -> Option<Made> {
+        if !self.under_way {
+            return None;
+        }
+        match self.answers.try_recv() {
+            Ok(made) => Some(self.arrived(made)),
+            Err(TryRecvError::Empty) => None,
+            Err(TryRecvError::Disconnected) => {
+                self.gone();
+                None
+            }
+        }
+    }
+
+    /// The one that was late, waited for as long as a record would.
+    pub(crate) fn last(&mut self) -> Option<Made> {
+        if !self.under_way {
+            return None;
+        }
+        let made = self.answers.recv_timeout(PATIENCE).ok()?;
+        Some(self.arrived(made))
+    }
+
+    fn arrived(&mut self, made: Made) -> Made {
+        self.under_way = false;
+        if matches!(made.outcome, Err(Failure::Broken(_))) {
+            self.ask = None;
+        }
+        made
+    }
+
+    fn gone(&mut self) -> Attempt {
+        (self.under_way, self.ask) = (false, None);
+        Attempt::Suspended
+    }
+}
+
+fn patience(hurry: bool) -> Duration {
+    if hurry { GRACE } else { PATIENCE }
+}
+
+impl Means {
+    fn make(&self, readings: &[Reading]) -> Result<Mapped, Failure> {
+        let reconstructor = &self.model.reconstructor;
+        let map = reconstructor
+            .reconstruct(&self.baseline.readings, readings)
+            .map_err(|error| Failure::Refused(chain(&error)))?;
+        let record = MapRecord::new(
+            &map,
+            self.model.hash.clone(),
+            self.build.clone(),
+            eit::cpu_features(),
+        );
+        // a map that the calibration refuses stays a map, and the session says why
+        let pressure = self
+            .model
+            .calibration
+            .as_ref()
+            .map(|calibration| calibration.pressure(reconstructor.mesh(), &map))
+            .transpose();
+        let (pressure, refused) = match pressure {
+            Ok(pressure) => (pressure, None),
+            Err(error) => (None, Some(chain(&error))),
+        };
+        Ok(Mapped {
+            found: map.found(&self.centroids, &self.areas),
+            map,
+            pressure,
+            record,
+            refused,
+        })
+    }
+}

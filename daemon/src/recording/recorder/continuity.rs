@@ -1,0 +1,69 @@
+//! Whether a frame goes on from the one before: by the clocks, and after a gap by its readings.
+
+use chrono::TimeDelta;
+use logbook::LogbookError;
+use survey::{Frame, Reading};
+
+use crate::recording::recorder::{Recorder, Row};
+
+/// What a clock that is kept by NTP does not move at once.
+const CLOCK_STEP: TimeDelta = TimeDelta::try_seconds(1).unwrap();
+/// A sheet that was left alone changes by less while the daemon is away: of a reading, in the median.
+const PLAUSIBLE: f64 = 0.1;
+
+/// Of each reading that is a voltage in both, how much it has changed, as a share of what it was.
+pub(crate) fn relative_changes(from: &[Reading], to: &[Reading]) -> impl Iterator<Item = f64> {
+    from.iter().zip(to).filter_map(|(from, to)| {
+        let (from, to) = (from.volts()?.0, to.volts()?.0);
+        (from != 0.0).then(|| (to - from) / from)
+    })
+}
+
+impl Recorder {
+    /// Schedules keep to the monotonic clock; where the other one is set, or the machine sleeps, that is an event.
+    pub(super) fn watch_the_clock(&mut self, frame: &Frame) -> Result<(), LogbookError> {
+        let Ok(since) = TimeDelta::from_std(frame.monotonic) else {
+            return Ok(());
+        };
+        let Some(now) = frame.wall.checked_sub_signed(since) else {
+            return Ok(());
+        };
+        let moved = self.began.replace(now).map(|before| now - before);
+        match moved {
+            Some(moved) if moved.abs() > CLOCK_STEP => {
+                let text = format!(
+                    "the wall clock has moved by {:+.1} s against the monotonic one since the last frame: it was set, or \
+                     the machine slept; frames keep to the schedule, and have both times",
+                    moved.num_milliseconds() as f64 / 1e3
+                );
+                self.say("clock-moved", &text)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether the first frame after a gap is of the same sheet as the last one before it.
+    pub(super) fn compare_with_before(&mut self, first: &Row) -> Result<(), LogbookError> {
+        let Some(before) = self.before.take() else {
+            return Ok(());
+        };
+        let changes = relative_changes(&before.frame.readings, &first.frame.readings);
+        let mut changes: Vec<f64> = changes.map(f64::abs).collect();
+        let middle = changes.len() / 2;
+        if changes.is_empty() {
+            return self.say("implausible", "after the gap no reading can be compared");
+        }
+        let (_, median, _) = changes.select_nth_unstable_by(middle, f64::total_cmp);
+        let text = format!(
+            "half of the readings after the gap are within {:.2} % of those before it",
+            1e2 * *median
+        );
+        if *median <= PLAUSIBLE {
+            return self.say("plausible", &text);
+        }
+        let text = format!(
+            "{text}: sheet, contacts or loads are not what they were, and the baseline may no longer hold"
+        );
+        self.say("implausible", &text)
+    }
+}

@@ -1,0 +1,151 @@
+//! Events that meet a disk without room.
+
+use logbook::Storage;
+use rusqlite::Connection;
+
+use crate::recording::recorder::tests::*;
+
+/// Pages that the record may have.
+const PAGES: u32 = 6400;
+
+/// What fills the record to its last page, and the last page of its events.
+struct Ballast(Connection);
+
+impl Ballast {
+    fn load(path: &std::path::Path) -> Self {
+        let other = Connection::open(path).unwrap();
+        other
+            .pragma_update_and_check(None, "max_page_count", PAGES, |_| Ok(()))
+            .unwrap();
+        // a row that no other one fits beside
+        other
+            .execute(
+                "INSERT INTO event (at_ns, kind, text, checksum) VALUES (0, 'ballast', ?1, x'00')",
+                ["x".repeat(440)],
+            )
+            .unwrap();
+        other
+            .execute("CREATE TABLE ballast (bytes BLOB)", [])
+            .unwrap();
+        for bytes in [16_000, 400] {
+            let full = loop {
+                let more = "INSERT INTO ballast VALUES (zeroblob(?1))";
+                if let Err(refused) = other.execute(more, [bytes]) {
+                    break refused.sqlite_error_code();
+                }
+            };
+            assert_eq!(full, Some(rusqlite::ErrorCode::DiskFull));
+        }
+        Self(other)
+    }
+
+    fn overboard(self) {
+        self.0
+            .execute_batch("DROP TABLE ballast; DELETE FROM event WHERE kind = 'ballast'")
+            .unwrap();
+    }
+}
+
+/// Waits until acquisition is held; a session that ends instead is said.
+fn held(live: &Live) {
+    let mut held = live.held();
+    let mut over = live.stop_wish();
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .build()
+        .unwrap();
+    let held = runtime.block_on(async {
+        tokio::select! {
+            held = held.wait_for(|held| *held) => held.map(|held| *held).unwrap(),
+            () = over.asked() => false,
+        }
+    });
+    assert!(held, "it ended: {}", live.stop_reason());
+}
+
+#[test]
+fn an_event_that_meets_a_full_disk_waits_for_room_and_ends_no_session() {
+    let (scene, mut recorder, queue, tell) = Scene::new();
+    let setup = &scene.prepared.setup;
+    let header = SessionHeader::new("m2", DateTime::UNIX_EPOCH, setup.protocol.clone());
+    let storage = Storage {
+        page_limit: Some(PAGES),
+        ..Storage::default()
+    };
+    let mut writer = SessionWriter::create_with(&setup.record_directory, &header, storage).unwrap();
+    let baseline = Baseline::from_frames("b1", &[frame(&scene.prepared, 0)]).unwrap();
+    writer.baseline(&baseline).unwrap();
+    scene.live.set_path(writer.path());
+    recorder.writer = writer;
+    let recording = std::thread::spawn(move || recorder.run(queue));
+    tell.send(Do::Map).unwrap();
+    scene.frame(1);
+    until(scene.live.follow_durable(), |durable| *durable == 1);
+
+    // what the recorder itself says, before the frame
+    let ballast = Ballast::load(&scene.live.path());
+    tell.send(Do::Panic).unwrap();
+    scene.frame(2);
+    held(&scene.live);
+    let error = scene.live.progress().last_error;
+    assert!(error.contains("acquisition pauses"), "{error}");
+    assert_eq!(scene.live.durable(), 1);
+    ballast.overboard();
+    until(scene.live.follow_durable(), |durable| *durable == 2);
+    until(scene.live.held(), |held| !held);
+
+    // what it is told, with no frame to come: acquisition is let go all the same
+    let ballast = Ballast::load(&scene.live.path());
+    scene.send(Order::Event {
+        at: DateTime::UNIX_EPOCH,
+        kind: "told",
+        text: "a longer sentence than fits beside the ballast. ".repeat(4),
+    });
+    held(&scene.live);
+    ballast.overboard();
+    until(scene.live.held(), |held| !held);
+    scene.close();
+    recording.join().unwrap().unwrap();
+    let (maps, events) = scene.recorded();
+    assert_eq!(maps, [true, false]);
+    assert_eq!(
+        events,
+        ["method-suspended", "disk-room", "told", "disk-room"]
+    );
+    assert_eq!(
+        *scene.said.lock().unwrap(),
+        [
+            "method-suspended",
+            "disk-full",
+            "disk-room",
+            "disk-full",
+            "disk-room"
+        ]
+    );
+    assert!(
+        SessionReader::open(scene.live.path())
+            .unwrap()
+            .closed()
+            .is_some()
+    );
+}
+
+#[test]
+fn a_lock_that_lasts_is_left_behind_for_the_next_part() {
+    let (scene, mut recorder, queue, tell) = Scene::new();
+    recorder.disk.lock_patience = Duration::ZERO;
+    let first = scene.live.path();
+    let other = Connection::open(&first).unwrap();
+    other.execute_batch("BEGIN IMMEDIATE").unwrap();
+    tell.send(Do::Map).unwrap();
+    scene.frame(1);
+    let recording = std::thread::spawn(move || recorder.run(queue));
+    until(scene.live.follow_durable(), |durable| *durable == 1);
+    scene.close();
+    recording.join().unwrap().unwrap();
+    assert_eq!(*scene.said.lock().unwrap(), ["alarm"]);
+    assert_ne!(scene.live.path(), first);
+    let (maps, events) = scene.recorded();
+    assert_eq!(maps, [true]);
+    assert_eq!(events, [logbook::CONTINUED]);
+    drop(other);
+}

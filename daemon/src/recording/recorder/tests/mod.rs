@@ -1,0 +1,379 @@
+mod events;
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc as sync;
+
+use eit::{ReconstructError, Reconstructor};
+use logbook::{Event, SessionHeader, SessionReader};
+use survey::{Baseline, Protocol, Reading, Volts};
+
+use crate::config::{FullName, RecordSection};
+use crate::preparation::{Prepared, prepare};
+use crate::recording::model::Model;
+use crate::recording::reconstruction_worker::Means;
+use crate::recording::recorder::*;
+use crate::recording::session_status::Facts;
+
+const CONFIG: &str = "[rig]\nkind = \"simulated\"\n[geometry]\npreset = \"disc-tank\"\n[geometry.disc-tank]\n\
+                      electrodes = 16\n[survey]\nelectrodes = 16\n[record]\ndirectory = \"state\"\n[bus]\n\
+                      peer_path = \"peer\"\n";
+
+const PLENTY: u64 = 100_000_000_000;
+const MEGABYTE: u64 = 1_000_000;
+
+/// What the method does with the next frame.
+enum Do {
+    Map,
+    Panic,
+    /// Not before this is heard.
+    MapAfter(sync::Receiver<()>),
+}
+
+/// A method that does as it is told.
+struct Told {
+    method: std::sync::Arc<dyn Reconstructor>,
+    told: Mutex<sync::Receiver<Do>>,
+}
+
+impl Reconstructor for Told {
+    fn method(&self) -> &str {
+        self.method.method()
+    }
+    fn protocol(&self) -> &Protocol {
+        self.method.protocol()
+    }
+    fn mesh(&self) -> &std::sync::Arc<eit::Mesh> {
+        self.method.mesh()
+    }
+    fn reconstruct(
+        &self,
+        _baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<Map, ReconstructError> {
+        let told = self.told.lock().unwrap().recv().unwrap();
+        match told {
+            Do::Map => {}
+            Do::Panic => panic!("a method that fails"),
+            Do::MapAfter(heard) => heard.recv().unwrap(),
+        }
+        Ok(Map {
+            mesh_hash: self.mesh().hash().to_owned(),
+            values: vec![-frame[0].volts().unwrap().0; self.mesh().region_areas().len()],
+            unit: survey::MapUnit::RelativeConductance,
+            method: self.method().to_owned(),
+            masked: 0,
+        })
+    }
+}
+
+struct Scene {
+    _folder: tempfile::TempDir,
+    prepared: Prepared,
+    live: Arc<Live>,
+    orders: mpsc::Sender<Order>,
+    said: Arc<Mutex<Vec<&'static str>>>,
+    /// Bytes of room on the disk, as the recorder is told.
+    free: Arc<AtomicU64>,
+}
+
+impl Scene {
+    /// A recorder whose method does as told, and what it is told by.
+    fn new() -> (Self, Recorder, mpsc::Receiver<Order>, sync::Sender<Do>) {
+        Self::with(RecordSection::default())
+    }
+
+    fn with(section: RecordSection) -> (Self, Recorder, mpsc::Receiver<Order>, sync::Sender<Do>) {
+        let free = Arc::new(AtomicU64::new(PLENTY));
+        let left = Arc::clone(&free);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("config.toml");
+        std::fs::write(&path, CONFIG).unwrap();
+        let prepared = prepare(&path).unwrap_or_else(|problems| panic!("{problems:?}"));
+        let setup = &prepared.setup;
+        let header = SessionHeader::new("m1", DateTime::UNIX_EPOCH, setup.protocol.clone());
+        let mut writer = SessionWriter::create(&setup.record_directory, &header).unwrap();
+        let baseline = Baseline::from_frames("b1", &[frame(&prepared, 0)]).unwrap();
+        writer.baseline(&baseline).unwrap();
+        let (tell, told) = sync::channel();
+        let model = Model {
+            reconstructor: Arc::new(Told {
+                method: Arc::clone(&setup.model.reconstructor),
+                told: Mutex::new(told),
+            }),
+            ..setup.model.clone()
+        };
+        let mesh = &setup.geometry.mesh;
+        let means = Means {
+            baseline,
+            model,
+            centroids: mesh.region_centroids(),
+            areas: mesh.region_areas(),
+            build: "test".to_owned(),
+        };
+        let (orders, queue) = mpsc::channel(QUEUE);
+        let facts = Facts {
+            id: "m1".to_owned(),
+            kind: logbook::SessionKind::Measurement,
+            simulated: true,
+            baseline_id: "b1".to_owned(),
+            method: "told".to_owned(),
+            every: Duration::ZERO,
+        };
+        let tally = Arc::new(crate::monitoring::Tally::new(SystemClock::new()));
+        let live = Arc::new(Live::new(facts, writer.path().to_owned(), false, tally));
+        let said = Arc::new(Mutex::new(Vec::new()));
+        let heard = Arc::clone(&said);
+        let recorder = Recorder {
+            live: Arc::clone(&live),
+            writer,
+            clock: SystemClock::new(),
+            checks: Checks::new(&setup.protocol),
+            task: Task::maps(Mapper::start(means, orders.downgrade()).unwrap()),
+            pulse: Arc::default(),
+            before: None,
+            patient: false,
+            began: None,
+            disk: Disk::new(section, Box::new(move |_| Ok(left.load(Ordering::SeqCst)))),
+            tell: Box::new(move |_, kind, _| heard.lock().unwrap().push(kind)),
+        };
+        let scene = Self {
+            _folder: folder,
+            prepared,
+            live,
+            orders,
+            said,
+            free,
+        };
+        (scene, recorder, queue, tell)
+    }
+
+    fn send(&self, order: Order) {
+        self.orders.try_send(order).unwrap();
+    }
+
+    fn frame(&self, number: u64) {
+        self.send(Order::Frame(Box::new(frame(&self.prepared, number))));
+    }
+
+    fn close(&self) {
+        self.send(Order::Close {
+            at: DateTime::UNIX_EPOCH,
+            reason: "done".to_owned(),
+        });
+    }
+
+    /// Which frames have maps, and the words of the events.
+    fn recorded(&self) -> (Vec<bool>, Vec<String>) {
+        let session = SessionReader::open(self.live.path()).unwrap();
+        let maps = session
+            .frames()
+            .map(|record| record.unwrap().map.is_some())
+            .collect();
+        let word = |event: Event| event.kind;
+        (
+            maps,
+            session.events().unwrap().into_iter().map(word).collect(),
+        )
+    }
+}
+
+/// Awaits what another thread brings about, under the deadline of the test runner.
+fn until<T: 'static>(mut follow: tokio::sync::watch::Receiver<T>, is: impl FnMut(&T) -> bool) {
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .build()
+        .unwrap();
+    runtime.block_on(follow.wait_for(is)).unwrap();
+}
+
+/// The hundredth frame and those after it are of another day by the wall clock alone.
+fn frame(prepared: &Prepared, number: u64) -> Frame {
+    let setup = &prepared.setup;
+    let readings = (0..setup.protocol.len() as u64).map(|k| {
+        Reading::Ok(Volts(
+            (1_000_000 + 7919 * k % 500_000 + number * k % 7) as f64 / 1e7,
+        ))
+    });
+    let crate::preparation::FramesFrom::Rig(plan) = &prepared.frames else {
+        panic!("it is a rig");
+    };
+    Frame {
+        extra: Vec::new(),
+        sequence: 0,
+        readings: readings.collect(),
+        monotonic: Duration::from_secs(number),
+        wall: DateTime::UNIX_EPOCH + Duration::from_secs(number + 86_400 * (number / 100)),
+        duration: Duration::ZERO,
+        settings: plan.settings(),
+        compliance: Vec::new(),
+        simulated: true,
+    }
+}
+
+#[test]
+fn a_method_that_panics_costs_maps_and_no_frame() {
+    crate::instruments::panic_handler::install();
+    let heard = crate::instruments::panic_handler::listen();
+    let (scene, recorder, queue, tell) = Scene::new();
+    tell.send(Do::Map).unwrap();
+    tell.send(Do::Panic).unwrap();
+    let recording = std::thread::spawn(move || recorder.run(queue));
+    for number in 1..=3 {
+        scene.frame(number);
+    }
+    scene.close();
+    recording.join().unwrap().unwrap();
+    let (maps, events) = scene.recorded();
+    assert_eq!(maps, [true, false, false]);
+    assert_eq!(events, ["method-suspended"]);
+    assert_eq!(*scene.said.lock().unwrap(), ["method-suspended"]);
+    assert_eq!(scene.live.durable(), 3);
+    let error = scene.live.progress().last_error;
+    assert!(error.contains("a method that fails"), "{error}");
+    // other tests panic, too
+    let place = heard.borrow().clone();
+    assert!(
+        !scene.live.has_failed() && !place.contains("recorder"),
+        "{place}"
+    );
+}
+
+#[test]
+fn a_map_that_is_late_comes_after_its_frame_and_the_next_frames_go_without() {
+    let (scene, recorder, queue, tell) = Scene::new();
+    let (go, gate) = sync::channel();
+    tell.send(Do::MapAfter(gate)).unwrap();
+    // so many wait that nobody waits for a map
+    let many = HURRY as u64 + 2;
+    for number in 1..=many {
+        scene.frame(number);
+    }
+    let recording = std::thread::spawn(move || recorder.run(queue));
+    until(scene.live.follow_durable(), |durable| *durable == many);
+    assert!(scene.live.latest_map().is_none());
+    go.send(()).unwrap();
+    scene.close();
+    recording.join().unwrap().unwrap();
+    let late = scene.live.latest_map().unwrap();
+    assert_eq!(late.frame.sequence, 1);
+    let (maps, events) = scene.recorded();
+    assert_eq!(maps.iter().filter(|map| **map).count(), 1);
+    assert!(maps[0] && maps.len() as u64 == many);
+    // said of the first, the second, the fourth, the eighth
+    assert!(
+        events.iter().all(|kind| kind == "maps-missed") && events.len() == 4,
+        "{events:?}"
+    );
+}
+
+#[test]
+fn a_full_disk_is_announced_early_and_waited_for_and_nothing_is_lost() {
+    let (scene, recorder, queue, tell) = Scene::new();
+    for _ in 0..3 {
+        tell.send(Do::Map).unwrap();
+    }
+    let recording = std::thread::spawn(move || recorder.run(queue));
+    scene.frame(1);
+    until(scene.live.follow_durable(), |durable| *durable == 1);
+    scene.free.store(1000 * MEGABYTE, Ordering::SeqCst);
+    scene.frame(2);
+    until(scene.live.follow_durable(), |durable| *durable == 2);
+    assert_eq!(*scene.said.lock().unwrap(), ["disk-low"]);
+    // below the reserve: acquisition is held, the frame in hand waits
+    scene.free.store(100 * MEGABYTE, Ordering::SeqCst);
+    scene.frame(3);
+    until(scene.live.held(), |held| *held);
+    let error = scene.live.progress().last_error;
+    assert!(error.contains("100 MB are left"), "{error}");
+    assert_eq!(scene.live.durable(), 2);
+    scene.free.store(PLENTY, Ordering::SeqCst);
+    until(scene.live.follow_durable(), |durable| *durable == 3);
+    until(scene.live.held(), |held| !held);
+    scene.close();
+    recording.join().unwrap().unwrap();
+    let (maps, events) = scene.recorded();
+    assert_eq!(maps, [true; 3]);
+    assert_eq!(events, ["disk-low", "disk-room"]);
+    assert_eq!(
+        *scene.said.lock().unwrap(),
+        ["disk-low", "disk-full", "disk-room"]
+    );
+}
+
+#[test]
+fn whoever_stops_a_session_on_a_full_disk_is_not_kept_waiting() {
+    let (scene, recorder, queue, tell) = Scene::new();
+    tell.send(Do::Map).unwrap();
+    tell.send(Do::Map).unwrap();
+    let recording = std::thread::spawn(move || recorder.run(queue));
+    scene.frame(1);
+    until(scene.live.follow_durable(), |durable| *durable == 1);
+    scene.free.store(0, Ordering::SeqCst);
+    scene.frame(2);
+    until(scene.live.held(), |held| *held);
+    scene.live.stop("asked to");
+    // the queue ends where nobody sends any more
+    let Scene { live, orders, .. } = scene;
+    drop(orders);
+    // the reserve is for the end: the frame in hand and the closing row find room in it
+    recording.join().unwrap().unwrap();
+    assert_eq!((live.durable(), live.dropped()), (2, 0));
+    assert!(live.is_closed());
+}
+
+#[test]
+fn a_day_begins_the_next_part_no_sequence_is_missing_and_a_clock_that_was_set_is_said() {
+    let (scene, recorder, queue, tell) = Scene::with(RecordSection {
+        roll_daily: true,
+        ..RecordSection::default()
+    });
+    for _ in 0..4 {
+        tell.send(Do::Map).unwrap();
+    }
+    let first = scene.live.path();
+    let recording = std::thread::spawn(move || recorder.run(queue));
+    for (count, number) in [98, 99, 100, 101].into_iter().enumerate() {
+        scene.frame(number);
+        until(scene.live.follow_durable(), |durable| {
+            *durable == count as u64 + 1
+        });
+    }
+    scene.close();
+    recording.join().unwrap().unwrap();
+    let sequences = |path: &std::path::Path| -> Vec<u64> {
+        let session = SessionReader::open(path).unwrap();
+        assert!(session.closed().is_some());
+        session
+            .frames()
+            .map(|record| record.unwrap().frame.sequence)
+            .collect()
+    };
+    assert_eq!(*scene.said.lock().unwrap(), ["clock-moved"]);
+    assert_eq!(sequences(&first), [1, 2]);
+    assert_eq!(sequences(&scene.live.path()), [3, 4]);
+}
+
+#[test]
+fn a_ring_deletes_closed_sessions_and_waits_when_none_is_left() {
+    let (scene, recorder, queue, tell) = Scene::with(RecordSection {
+        when_full: FullName::Ring,
+        ..RecordSection::default()
+    });
+    tell.send(Do::Map).unwrap();
+    let setup = &scene.prepared.setup;
+    let header = SessionHeader::new("m0", DateTime::UNIX_EPOCH, setup.protocol.clone());
+    let old = SessionWriter::create(&setup.record_directory, &header).unwrap();
+    let path = old.path().to_owned();
+    old.close(DateTime::UNIX_EPOCH, "done").unwrap();
+    scene.free.store(0, Ordering::SeqCst);
+    scene.frame(1);
+    let recording = std::thread::spawn(move || recorder.run(queue));
+    until(scene.live.held(), |held| *held);
+    assert!(!path.exists() && scene.live.path().exists());
+    scene.free.store(PLENTY, Ordering::SeqCst);
+    scene.close();
+    recording.join().unwrap().unwrap();
+    let (maps, events) = scene.recorded();
+    assert_eq!(maps, [true]);
+    assert_eq!(events, ["disk-low", "session-deleted", "disk-room"]);
+}

@@ -1,0 +1,437 @@
+//! A session as everybody sees it: counters, the last frame and map, readers, and the wishes of those who control it.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use eit::Pressure;
+use logbook::SessionKind;
+use rig::{Stop, StopButton};
+use survey::{Frame, Map, Quality};
+use tokio::sync::{OnceCell, watch};
+
+use crate::monitoring::Tally;
+use crate::recording::stream::Readers;
+use crate::session::end_marks::Marked;
+
+/// What never changes.
+#[derive(Debug, Clone)]
+pub(crate) struct Facts {
+    pub id: String,
+    pub kind: SessionKind,
+    pub simulated: bool,
+    /// Empty for a baseline session.
+    pub baseline_id: String,
+    /// Empty for a baseline session.
+    pub method: String,
+    /// From start to start of frames as scheduled; zero is back to back.
+    pub every: Duration,
+}
+
+/// How far it has come.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub(crate) struct Progress {
+    pub suspended: bool,
+    pub last_error: String,
+    /// Why it ended; `None` while it runs.
+    pub ended: Option<Ending>,
+}
+
+/// How it ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Ending {
+    pub reason: String,
+    pub faulted: bool,
+}
+
+/// A durable frame and what was made of it.
+#[derive(Debug)]
+pub(crate) struct Published {
+    pub frame: Frame,
+    pub quality: Quality,
+    pub map: Option<Map>,
+    /// Where the load was found, m.
+    pub found: Option<[f64; 2]>,
+    /// The map as pressure, where the method is calibrated.
+    pub pressure: Option<Pressure>,
+    /// What the map took.
+    pub reconstruction: Duration,
+    /// From the last reading until the frame was on disk, the map included.
+    pub durable: Duration,
+}
+
+/// The last frame, and the last one that has a map.
+#[derive(Debug, Default)]
+struct Latest {
+    frame: Option<Arc<Published>>,
+    with_map: Option<Arc<Published>>,
+}
+
+/// One session, shared by all who have to do with it.
+#[derive(Debug)]
+pub(crate) struct Live {
+    pub facts: Facts,
+    /// The file that frames go to now; a session that rolls over has several.
+    path: Mutex<PathBuf>,
+    pub readers: Readers,
+    acquired: AtomicU64,
+    durable: watch::Sender<u64>,
+    dropped: AtomicU64,
+    progress: watch::Sender<Progress>,
+    latest: Mutex<Latest>,
+    button: StopButton,
+    stop: Stop,
+    suspend: watch::Sender<bool>,
+    /// The record has no room.
+    held: watch::Sender<bool>,
+    /// Frames granted so far; `None` where nobody has to ask.
+    granted: Option<watch::Sender<u64>>,
+    why: Mutex<String>,
+    /// The wish to end is because something failed.
+    failed: AtomicBool,
+    left_open: AtomicBool,
+    /// A person has asked it to end, and not only until the next daemon.
+    ended_for_good: AtomicBool,
+    /// Where its end is kept apart from its file; set before the file is closed.
+    pub marked: OnceCell<Marked>,
+    /// Its file says that it has ended.
+    closed: AtomicBool,
+    /// Frames that failed.
+    failures: AtomicU64,
+    /// What the daemon counts over all its sessions.
+    tally: Arc<Tally>,
+    pace: Mutex<Pace>,
+}
+
+/// When frames came, on the daemon's clock.
+#[derive(Debug, Default)]
+struct Pace {
+    /// From when on a frame is awaited: the beginning, or when it was told to go on.
+    from: Duration,
+    first: Option<Duration>,
+    last: Option<Duration>,
+}
+
+impl Live {
+    /// A session about to begin; with `step` it waits to be asked for each frame.
+    pub(crate) fn new(facts: Facts, path: PathBuf, step: bool, tally: Arc<Tally>) -> Self {
+        let (button, stop) = Stop::button();
+        tracing::info!(
+            session = facts.id,
+            "{} {} begins: {}",
+            facts.kind.as_str(),
+            facts.id,
+            path.display()
+        );
+        let pace = Pace {
+            from: tally.now(),
+            ..Pace::default()
+        };
+        Self {
+            tally,
+            pace: Mutex::new(pace),
+            facts,
+            path: Mutex::new(path),
+            readers: Readers::default(),
+            acquired: AtomicU64::new(0),
+            durable: watch::Sender::new(0),
+            dropped: AtomicU64::new(0),
+            progress: watch::Sender::new(Progress::default()),
+            latest: Mutex::default(),
+            button,
+            stop,
+            suspend: watch::Sender::new(false),
+            held: watch::Sender::new(false),
+            granted: step.then(|| watch::Sender::new(0)),
+            why: Mutex::new(String::new()),
+            failed: AtomicBool::new(false),
+            left_open: AtomicBool::new(false),
+            ended_for_good: AtomicBool::new(false),
+            marked: OnceCell::new(),
+            closed: AtomicBool::new(false),
+            failures: AtomicU64::new(0),
+        }
+    }
+
+    /// So many frames are on disk already.
+    pub(crate) fn goes_on_after(&self, frames: u64) {
+        self.acquired.store(frames, Ordering::Relaxed);
+        self.durable.send_replace(frames);
+        if let Some(granted) = &self.granted {
+            granted.send_replace(frames);
+        }
+    }
+
+    /// It ends for now, and goes on with the next daemon.
+    pub(crate) fn leave(&self, why: &str) {
+        self.left_open.store(true, Ordering::SeqCst);
+        self.stop(why);
+    }
+
+    /// Whether it goes on with the next daemon: it was left, and nobody has asked it to end for good.
+    pub(crate) fn is_left_open(&self) -> bool {
+        self.left_open.load(Ordering::SeqCst) && !self.ended_for_good.load(Ordering::SeqCst)
+    }
+
+    /// As [`Live::stop`], and it does not go on with the next daemon even where this one is being stopped.
+    pub(crate) fn end_for_good(&self, why: &str) {
+        self.ended_for_good.store(true, Ordering::SeqCst);
+        self.stop(why);
+    }
+
+    /// Whether its end is kept: in its file, or apart from it.
+    pub(crate) fn end_is_kept(&self) -> bool {
+        self.is_closed() || self.marked.get().is_some_and(Marked::is_kept)
+    }
+
+    /// Of a session that has ended: whether nothing keeps the next daemon from going on with it.
+    pub(crate) fn goes_on_with_the_next_daemon(&self) -> bool {
+        self.left_open.load(Ordering::SeqCst) && !self.end_is_kept()
+    }
+
+    pub(crate) fn is_closed(&self) -> bool {
+        self.closed.load(Ordering::SeqCst)
+    }
+
+    /// Its file says that it has ended.
+    pub(crate) fn set_closed(&self) {
+        self.closed.store(true, Ordering::SeqCst);
+    }
+
+    pub(crate) fn path(&self) -> PathBuf {
+        let path = self.path.lock().unwrap_or_else(PoisonError::into_inner);
+        path.clone()
+    }
+
+    /// It goes on in another file.
+    pub(crate) fn set_path(&self, path: &Path) {
+        let mut now = self.path.lock().unwrap_or_else(PoisonError::into_inner);
+        path.clone_into(&mut now);
+    }
+
+    pub(crate) fn acquired(&self) -> u64 {
+        self.acquired.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn count_acquired(&self) {
+        self.acquired.fetch_add(1, Ordering::Relaxed);
+        self.tally.count_acquired();
+    }
+
+    pub(crate) fn durable(&self) -> u64 {
+        *self.durable.borrow()
+    }
+
+    /// Follows the number of durable frames.
+    pub(crate) fn follow_durable(&self) -> watch::Receiver<u64> {
+        self.durable.subscribe()
+    }
+
+    pub(crate) fn dropped(&self) -> u64 {
+        self.dropped.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn count_dropped(&self, frames: u64) {
+        self.dropped.fetch_add(frames, Ordering::Relaxed);
+        self.tally.count_dropped(frames);
+    }
+
+    pub(crate) fn progress(&self) -> Progress {
+        self.progress.borrow().clone()
+    }
+
+    /// Follows suspension, errors and the end.
+    pub(crate) fn follow(&self) -> watch::Receiver<Progress> {
+        self.progress.subscribe()
+    }
+
+    pub(crate) fn set_suspended(&self, suspended: bool) {
+        self.progress.send_if_modified(|progress| {
+            std::mem::replace(&mut progress.suspended, suspended) != suspended
+        });
+    }
+
+    pub(crate) fn set_last_error(&self, text: &str) {
+        self.progress.send_if_modified(|progress| {
+            let changed = progress.last_error != text;
+            if changed {
+                text.clone_into(&mut progress.last_error);
+            }
+            changed
+        });
+    }
+
+    /// The last word: nothing follows.
+    pub(crate) fn end(&self, ending: Ending) {
+        // with its beginning all that the journal hears of a session in which nothing went wrong
+        tracing::info!(
+            session = self.facts.id,
+            "{} has ended: {}; {} frames on disk, {} failed, {} missed their time",
+            self.facts.id,
+            ending.reason,
+            self.durable(),
+            self.failures(),
+            self.dropped()
+        );
+        self.progress.send_modify(|progress| {
+            if ending.faulted {
+                progress.last_error.clone_from(&ending.reason);
+            }
+            progress.suspended = false;
+            progress.ended = Some(ending);
+        });
+    }
+
+    /// Waits for the end.
+    pub(crate) async fn ended(&self) -> Ending {
+        let mut follow = self.follow();
+        loop {
+            if let Some(ending) = follow.borrow_and_update().ended.clone() {
+                return ending;
+            }
+            if follow.changed().await.is_err() {
+                // the sender lives in self
+                std::future::pending::<()>().await;
+            }
+        }
+    }
+
+    /// A frame is on disk.
+    pub(crate) fn publish(&self, published: Published) {
+        let published = Arc::new(published);
+        let sequence = published.frame.sequence;
+        self.tally.count_durable(&self.facts.id, &published);
+        {
+            let mut pace = self.pace.lock().unwrap_or_else(PoisonError::into_inner);
+            let at = published.frame.monotonic;
+            pace.first.get_or_insert(at);
+            pace.last = Some(at);
+        }
+        {
+            let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
+            if published.map.is_some() {
+                latest.with_map = Some(Arc::clone(&published));
+            }
+            latest.frame = Some(published);
+        }
+        self.durable.send_replace(sequence);
+    }
+
+    /// The map of a frame that was published without it.
+    pub(crate) fn publish_map(&self, published: Published) {
+        self.tally.count_map(&published);
+        let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
+        latest.with_map = Some(Arc::new(published));
+    }
+
+    pub(crate) fn latest_frame(&self) -> Option<Arc<Published>> {
+        self.latest
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .frame
+            .clone()
+    }
+
+    /// The last one that has a map.
+    pub(crate) fn latest_map(&self) -> Option<Arc<Published>> {
+        self.latest
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .with_map
+            .clone()
+    }
+
+    /// Asks it to end, and says why; the first reason stands.
+    pub(crate) fn stop(&self, why: &str) {
+        let mut first = self.why.lock().unwrap_or_else(PoisonError::into_inner);
+        if first.is_empty() {
+            why.clone_into(&mut first);
+        }
+        drop(first);
+        self.button.press();
+    }
+
+    /// As [`Live::stop`], and it is faulted then.
+    pub(crate) fn fail(&self, why: &str) {
+        self.failed.store(true, Ordering::Relaxed);
+        self.stop(why);
+    }
+
+    /// Whether it was asked to end because something failed.
+    pub(crate) fn has_failed(&self) -> bool {
+        self.failed.load(Ordering::Relaxed)
+    }
+
+    /// Frames that failed, and are not in the record.
+    pub(crate) fn failures(&self) -> u64 {
+        self.failures.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn count_failure(&self) {
+        self.failures.fetch_add(1, Ordering::Relaxed);
+        self.tally.count_failed();
+    }
+
+    /// Why it was asked to end.
+    pub(crate) fn stop_reason(&self) -> String {
+        self.why
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
+    }
+
+    /// Hears of the wish to end.
+    pub(crate) fn stop_wish(&self) -> Stop {
+        self.stop.clone()
+    }
+
+    pub(crate) fn suspend(&self, suspend: bool) {
+        if self.suspend.send_replace(suspend) && !suspend {
+            let mut pace = self.pace.lock().unwrap_or_else(PoisonError::into_inner);
+            pace.from = self.tally.now();
+        }
+    }
+
+    /// Whether a frame is to come by itself: nobody has asked for a pause, nobody takes them one by one.
+    pub(crate) fn awaits_frames(&self) -> bool {
+        self.granted.is_none() && !*self.suspend.borrow()
+    }
+
+    /// From when on a frame is awaited, and when the first and the last one began, on the daemon's clock.
+    pub(crate) fn pace(&self) -> (Duration, Option<Duration>, Option<Duration>) {
+        let pace = self.pace.lock().unwrap_or_else(PoisonError::into_inner);
+        (pace.from, pace.first, pace.last)
+    }
+
+    /// Holds acquisition while the record has no room; whatever anybody wishes.
+    pub(crate) fn hold(&self, hold: bool) {
+        self.held.send_replace(hold);
+    }
+
+    /// Hears of being held.
+    pub(crate) fn held(&self) -> watch::Receiver<bool> {
+        self.held.subscribe()
+    }
+
+    /// Hears of the wish to pause.
+    pub(crate) fn suspend_wish(&self) -> watch::Receiver<bool> {
+        self.suspend.subscribe()
+    }
+
+    /// Grants so many more frames and says up to which; `None` for a session with a schedule.
+    pub(crate) fn grant(&self, frames: u64) -> Option<u64> {
+        let granted = self.granted.as_ref()?;
+        let mut upto = 0;
+        granted.send_modify(|granted| {
+            *granted = granted.saturating_add(frames);
+            upto = *granted;
+        });
+        Some(upto)
+    }
+
+    /// Hears of frames granted; `None` for a session with a schedule.
+    pub(crate) fn grants(&self) -> Option<watch::Receiver<u64>> {
+        self.granted.as_ref().map(watch::Sender::subscribe)
+    }
+}

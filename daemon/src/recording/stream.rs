@@ -1,0 +1,314 @@
+//! The full-rate stream: a ring and a socket for each reader. Publishing never waits.
+
+use std::io::ErrorKind;
+use std::os::fd::OwnedFd;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use dbus::stream::{Body, Record};
+use tokio::io::{AsyncWriteExt, Interest};
+use tokio::net::UnixStream;
+use tokio::sync::Notify;
+
+use crate::recording::ring::Ring;
+use crate::service::containment::{Ends, answer};
+
+/// How long a reader may take for all that is left after the end: then it is let go.
+const LAST_WORDS: Duration = Duration::from_secs(30);
+
+/// What a reader asked for.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Wanted {
+    pub frames: bool,
+    pub maps: bool,
+    /// Only if asked for: who knows nothing of it is not sent it.
+    pub pressure: bool,
+    /// Records held for it.
+    pub ring: usize,
+}
+
+/// Every reader of one session.
+#[derive(Debug, Default)]
+pub(crate) struct Readers {
+    readers: Mutex<Vec<Arc<Reader>>>,
+}
+
+#[derive(Debug)]
+struct Reader {
+    wanted: Wanted,
+    waiting: Mutex<Waiting>,
+    news: Notify,
+    /// Told once, when the session has ended.
+    over: Notify,
+}
+
+#[derive(Debug)]
+struct Waiting {
+    ring: Ring,
+    ended: bool,
+    gone: bool,
+}
+
+impl Reader {
+    fn waiting(&self) -> std::sync::MutexGuard<'_, Waiting> {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Readers {
+    /// Adds a reader and returns its end of the socket; `place` is dropped when it is gone. Must be called inside the
+    /// runtime.
+    pub(crate) fn add(
+        &self,
+        wanted: Wanted,
+        place: impl Send + 'static,
+    ) -> std::io::Result<OwnedFd> {
+        let (ours, theirs) = UnixStream::pair()?;
+        let theirs = theirs.into_std()?;
+        theirs.set_nonblocking(false)?;
+        let reader = Arc::new(Reader {
+            wanted,
+            waiting: Mutex::new(Waiting {
+                ring: Ring::new(wanted.ring),
+                ended: false,
+                gone: false,
+            }),
+            news: Notify::new(),
+            over: Notify::new(),
+        });
+        let mut readers = self.lock();
+        // where nothing is published, many may have come and gone
+        readers.retain(|reader| !reader.waiting().gone);
+        readers.push(Arc::clone(&reader));
+        drop(readers);
+        tokio::spawn(async move {
+            // a panic is logged where it happens; the reader finds its stream closed
+            let _ = answer(Ends::Answer, serve(reader, ours)).await;
+            drop(place);
+        });
+        Ok(theirs.into())
+    }
+
+    /// Whether anybody reads.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.lock().is_empty()
+    }
+
+    /// Hands a record to everybody who wants it; never waits.
+    pub(crate) fn publish(&self, record: &Record) {
+        let mut readers = self.lock();
+        readers.retain(|reader| !reader.waiting().gone);
+        if readers.is_empty() {
+            return;
+        }
+        let encoded: Arc<[u8]> = record.encode().into();
+        let ended = matches!(record.body, Body::End { .. });
+        for reader in readers.iter() {
+            let wants = match record.body {
+                Body::Frame { .. } => reader.wanted.frames,
+                Body::Map { .. } => reader.wanted.maps,
+                Body::Pressure { .. } => reader.wanted.pressure,
+                Body::End { .. } => true,
+            };
+            if wants {
+                let mut waiting = reader.waiting();
+                waiting.ring.push(Arc::clone(&encoded));
+                waiting.ended |= ended;
+                drop(waiting);
+                reader.news.notify_one();
+            }
+            if ended {
+                reader.over.notify_one();
+            }
+        }
+        if ended {
+            readers.clear();
+        }
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, Vec<Arc<Reader>>> {
+        self.readers.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Writes what waits, at the reader's own pace, but not much longer than there is something to write: one that does not
+/// read any more is let go when its session has ended.
+async fn serve(reader: Arc<Reader>, mut socket: UnixStream) {
+    let late = async {
+        reader.over.notified().await;
+        tokio::time::sleep(LAST_WORDS).await;
+    };
+    tokio::select! {
+        () = write(&reader, &mut socket) => {}
+        () = late => {}
+    }
+    reader.waiting().gone = true;
+}
+
+/// Writes until the end is written, or the reader has gone.
+async fn write(reader: &Reader, socket: &mut UnixStream) {
+    loop {
+        let (record, ended) = {
+            let mut waiting = reader.waiting();
+            (waiting.ring.pop(), waiting.ended)
+        };
+        let goes_on = match record {
+            Some(record) => socket.write_all(&record).await.is_ok(),
+            None if ended => false,
+            None => tokio::select! {
+                () = reader.news.notified() => true,
+                () = gone(socket) => false,
+            },
+        };
+        if !goes_on {
+            return;
+        }
+    }
+}
+
+/// Waits until the other end is closed. One that says it has no more to say still reads.
+async fn gone(socket: &UnixStream) {
+    let mut unasked = [0; 64];
+    loop {
+        if socket.readable().await.is_err() {
+            return;
+        }
+        match socket.try_read(&mut unasked) {
+            Ok(0) => break,
+            Ok(_) => {}
+            Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+            Err(_) => return,
+        }
+    }
+    let both = Interest::READABLE | Interest::WRITABLE;
+    match socket.ready(both).await {
+        // what is written next finds out when that one closes, too
+        Ok(ready) if !ready.is_write_closed() => std::future::pending().await,
+        _ => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::recording::stream::*;
+    use dbus::stream::Decoder;
+    use std::io::{Read, Write};
+
+    fn frame(sequence: u64) -> Record {
+        Record {
+            sequence,
+            wall_ns: 0,
+            gap: 0,
+            simulated: true,
+            body: Body::Frame {
+                volts: vec![0.0; 598],
+                flags: vec![0; 598],
+            },
+        }
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_reader_that_sleeps_loses_the_oldest_and_is_told_how_many() {
+        let readers = Readers::default();
+        let wanted = Wanted {
+            frames: true,
+            maps: false,
+            pressure: false,
+            ring: 4,
+        };
+        let fd = readers.add(wanted, ()).unwrap();
+        const SENT: u64 = 500;
+        for sequence in 1..=SENT {
+            readers.publish(&frame(sequence));
+            tokio::task::yield_now().await;
+        }
+        readers.publish(&Record {
+            body: Body::End {
+                reason: "over".into(),
+            },
+            ..frame(SENT)
+        });
+        let read = tokio::task::spawn_blocking(move || {
+            let mut bytes = Vec::new();
+            std::fs::File::from(fd).read_to_end(&mut bytes).unwrap();
+            bytes
+        })
+        .await
+        .unwrap();
+        let mut decoder = Decoder::new();
+        decoder.push(&read);
+        let (mut got, mut lost, mut last) = (0, 0, 0);
+        while let Some(record) = decoder.next_record().unwrap() {
+            lost += record.gap;
+            if let Body::Frame { .. } = record.body {
+                assert_eq!(record.sequence, last + record.gap + 1, "the gap is exact");
+                last = record.sequence;
+                got += 1;
+            }
+        }
+        assert!(lost > 0, "a socket does not hold 500 frames of 5 kB");
+        // the end took the place of a record in the ring, or of none
+        assert_eq!(got + lost, SENT);
+    }
+
+    #[tokio::test]
+    async fn a_reader_that_goes_is_noticed_and_one_that_only_says_no_more_is_served() {
+        let readers = Readers::default();
+        let wanted = Wanted {
+            frames: true,
+            maps: true,
+            pressure: true,
+            ring: 4,
+        };
+        let (place, given_back) = tokio::sync::oneshot::channel::<()>();
+        let fd = readers.add(wanted, place).unwrap();
+        let mut stays = std::os::unix::net::UnixStream::from(readers.add(wanted, ()).unwrap());
+        stays.write_all(&[7; 200]).unwrap();
+        stays.shutdown(std::net::Shutdown::Write).unwrap();
+        drop(fd);
+        // nothing is published: it is the closing that is noticed
+        given_back.await.unwrap_err();
+        let more = readers.add(wanted, ()).unwrap();
+        assert_eq!(readers.lock().len(), 2, "who is gone is forgotten");
+        drop(more);
+        readers.publish(&Record {
+            body: Body::End {
+                reason: "over".into(),
+            },
+            ..frame(1)
+        });
+        let read = tokio::task::spawn_blocking(move || {
+            let mut bytes = Vec::new();
+            stays.read_to_end(&mut bytes).map(|_| bytes)
+        });
+        assert!(!read.await.unwrap().unwrap().is_empty());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_reader_that_does_not_read_is_let_go_after_the_end() {
+        let readers = Readers::default();
+        let wanted = Wanted {
+            frames: true,
+            maps: false,
+            pressure: false,
+            ring: 4,
+        };
+        let (place, given_back) = tokio::sync::oneshot::channel::<()>();
+        let fd = readers.add(wanted, place).unwrap();
+        // more than the socket holds: a write is under way when the end comes
+        for sequence in 1..=500 {
+            readers.publish(&frame(sequence));
+            tokio::task::yield_now().await;
+        }
+        readers.publish(&Record {
+            body: Body::End {
+                reason: "over".into(),
+            },
+            ..frame(500)
+        });
+        // by the clock of the test, which runs when nothing else does
+        let let_go = tokio::time::timeout(2 * LAST_WORDS, given_back).await;
+        let_go.expect("it is let go").unwrap_err();
+        drop(fd);
+    }
+}

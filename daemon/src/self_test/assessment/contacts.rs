@@ -1,0 +1,73 @@
+//! The contact of every electrode.
+
+use crate::self_test::assessment::{CONTACT_MORE, CONTACT_TIMES, Judge};
+use crate::self_test::report::{Line, Verdict};
+
+impl Judge<'_> {
+    /// An electrode is open where both pairs that drive it carry no current.
+    pub(super) fn open_electrodes(&self) -> Vec<usize> {
+        let fails = |electrode: &usize| {
+            self.fails_row(*electrode) && self.fails_row(electrode + self.n - 1)
+        };
+        (0..self.n).filter(fails).collect()
+    }
+
+    pub(super) fn contacts(
+        &self,
+        sound: bool,
+        hopeless: bool,
+        findings: &mut Vec<String>,
+        lines: &mut Vec<Line>,
+    ) {
+        let n = self.n;
+        let open = self.open_electrodes();
+        let contact = |electrode: usize| {
+            let last = (electrode + n - 1) % n;
+            // leaves by the last pair's minus, seen by this pair's plus, and the other way round
+            let each = [(last, electrode), (electrode, last)];
+            let seen: Vec<f64> = each
+                .into_iter()
+                .filter_map(|(drive, sense)| {
+                    Some(self.sheet.pair(drive, sense) - self.matrix[drive][sense]?)
+                })
+                .collect();
+            let mean = seen.iter().sum::<f64>() / seen.len() as f64;
+            (sound && !seen.is_empty()).then(|| self.sheet.contact_ohm[electrode] + mean)
+        };
+        let each: Vec<Option<f64>> = (0..n).map(contact).collect();
+        let mut sorted: Vec<f64> = each.iter().flatten().copied().collect();
+        sorted.sort_by(f64::total_cmp);
+        let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+        for (electrode, ohms) in each.into_iter().enumerate() {
+            let number = electrode + 1;
+            let (verdict, text) = if !hopeless && open.contains(&electrode) {
+                let text = format!(
+                    "electrode {number}: open; look at its wire and its contact with the sheet"
+                );
+                findings.push(text.clone());
+                (Verdict::Failed, text)
+            } else {
+                match ohms {
+                    Some(ohms) if ohms > CONTACT_TIMES * median.max(0.0) + CONTACT_MORE => {
+                        let text = format!(
+                            "electrode {number}: poor contact, {ohms:.0} ohm where the others have {median:.0}"
+                        );
+                        findings.push(text.clone());
+                        (Verdict::Failed, text)
+                    }
+                    Some(_) => (Verdict::Ok, String::new()),
+                    None => (Verdict::NotJudged, String::new()),
+                }
+            };
+            lines.push(Line {
+                subject: format!("electrode {number}"),
+                check: "contact",
+                verdict,
+                measured: ohms,
+                expected: sound.then_some(median),
+                unit: "ohm",
+                text,
+            });
+        }
+    }
+}

@@ -1,0 +1,225 @@
+//! What the readings of a self-test mean.
+//!
+//! The measure of everything is the uniform sheet of the configured geometry, its resistance fitted to the readings:
+//! each injecting relay is a row, each measuring relay a column of the matrix of readings, and an electrode's contact
+//! shows where it is shared by the driving and the sensing pair.
+
+mod closed;
+mod contacts;
+mod noise;
+mod pairs;
+mod readings;
+
+use survey::Wiring;
+
+use crate::recording::model::Geometry;
+use crate::self_test::probe::Raw;
+use crate::self_test::report::{Line, Report, Verdict};
+use crate::self_test::uniform_sheet::Uniform;
+
+/// A row or column that differs from the uniform sheet by more is at fault; loads and uneven sheets stay below.
+const GAIN_OFF: f64 = 0.4;
+/// A measuring pair that reads less of what it should is joined to nothing.
+const DEAD: f64 = 0.1;
+/// Part of the readings that a uniform sheet leaves unexplained, from which nothing is compared with it.
+const STRANGE: f64 = 0.7;
+/// Exchanging drive and sense changes the readings of a sound rig by less, rms.
+const RECIPROCITY: f64 = 0.01;
+/// A contact is poor when it has so many times the median, and [`CONTACT_MORE`] on top.
+const CONTACT_TIMES: f64 = 5.0;
+const CONTACT_MORE: f64 = 100.0;
+/// Noise is called high from so many times the configured value.
+const NOISE_TIMES: f64 = 10.0;
+/// A channel is noisy from so many times what the others have, and what the configuration expects; of eight readings the
+/// deviation of a sound one is less than three times.
+const NOISY_TIMES: f64 = 5.0;
+/// Likeness of patterns from which a relay is named.
+const ALIKE: f64 = 0.8;
+
+/// Judges what was read. `noise_v` is what the configuration expects of one reading; `at` is the wall time.
+///
+/// # Errors
+/// A geometry whose forward solution fails.
+pub(crate) fn judge(
+    raw: &Raw,
+    wiring: &Wiring,
+    current: f64,
+    geometry: &Geometry,
+    noise_v: f64,
+    at: String,
+) -> Result<Report, eit::ForwardError> {
+    let nominal = Uniform::new(geometry, 1.0)?;
+    let first = Judge::new(raw, wiring, current, nominal);
+    let sheet = match first.factor() {
+        Some(factor) => Uniform::new(geometry, factor)?,
+        None => Uniform::new(geometry, 1.0)?,
+    };
+    let fitted = first.factor().is_some();
+    let judge = Judge::new(raw, wiring, current, sheet);
+    Ok(judge.report(fitted, noise_v, at))
+}
+
+struct Judge<'a> {
+    raw: &'a Raw,
+    wiring: &'a Wiring,
+    sheet: Uniform,
+    n: usize,
+    /// Ohm, by driven and sensed pair; `None` where nothing was read.
+    matrix: Vec<Vec<Option<f64>>>,
+    current: f64,
+}
+
+impl<'a> Judge<'a> {
+    fn new(raw: &'a Raw, wiring: &'a Wiring, current: f64, sheet: Uniform) -> Self {
+        let ohms = |volts: &Option<f64>| volts.map(|volts| volts / current);
+        let matrix = raw.rows.iter().map(|row| match row.compliance {
+            true => vec![None; row.volts.len()],
+            false => row.volts.iter().map(ohms).collect(),
+        });
+        Self {
+            matrix: matrix.collect(),
+            n: wiring.electrodes,
+            raw,
+            wiring,
+            sheet,
+            current,
+        }
+    }
+
+    fn report(&self, fitted: bool, noise_v: f64, at: String) -> Report {
+        let mut findings = Vec::new();
+        let mut lines = Vec::new();
+        let closed = self.stay_closed(&mut findings);
+        let nothing_flows = self.raw.rows.iter().all(|row| row.compliance);
+        if nothing_flows && !closed {
+            findings.push(
+                "no pair carries current: is the source joined to the switch, and its interlock closed?".to_owned(),
+            );
+        }
+        let strange = self.misfit().is_none_or(|misfit| misfit > STRANGE);
+        if strange && !closed && !nothing_flows {
+            findings.push(
+                "the readings are not a uniform sheet's at all: is the voltmeter joined to the switch, the geometry \
+                 right, the sheet free of loads?"
+                    .to_owned(),
+            );
+        }
+        let sound = fitted && !closed && !nothing_flows && !strange;
+        self.injecting(sound, nothing_flows || closed, &mut findings, &mut lines);
+        self.measuring(sound, &mut findings, &mut lines);
+        self.contacts(sound, nothing_flows || closed, &mut findings, &mut lines);
+        self.channels(noise_v, &mut findings, &mut lines);
+        let mut number = |subject: &str,
+                          check: &'static str,
+                          measured: Option<f64>,
+                          expected: Option<f64>,
+                          unit: &'static str,
+                          fails: bool,
+                          text: String| {
+            let verdict = match (measured, fails) {
+                (None, _) => Verdict::NotJudged,
+                (Some(_), true) => Verdict::Failed,
+                (Some(_), false) => Verdict::Ok,
+            };
+            // what follows from a relay or electrode at fault is not told again
+            if verdict == Verdict::Failed && findings.is_empty() {
+                findings.push(format!("{subject}: {text}"));
+            }
+            lines.push(Line {
+                subject: subject.to_owned(),
+                check,
+                verdict,
+                measured,
+                expected,
+                unit,
+                text,
+            });
+        };
+        let sheet_ohm = sound.then_some(self.sheet.sheet_ohm);
+        let misfit = self.misfit().filter(|_| sound);
+        number(
+            "sheet",
+            "resistance",
+            sheet_ohm,
+            None,
+            "ohm",
+            false,
+            match misfit {
+                Some(misfit) => format!(
+                    "uniform sheet, {:.1} % of the readings unexplained",
+                    100.0 * misfit
+                ),
+                None => String::new(),
+            },
+        );
+        let pauw = self.pauw().filter(|_| sound);
+        number(
+            "sheet",
+            "van der Pauw",
+            pauw.map(|(_, corrected)| corrected),
+            sheet_ohm,
+            "ohm",
+            false,
+            match pauw {
+                Some((raw, _)) => format!("{raw:.1} ohm before the correction for this geometry"),
+                None => "an electrode or relay at fault is in the way".to_owned(),
+            },
+        );
+        let reciprocity = self.reciprocity();
+        number(
+            "sheet",
+            "reciprocity",
+            reciprocity,
+            Some(0.0),
+            "",
+            sound && reciprocity.is_some_and(|part| part > RECIPROCITY),
+            match reciprocity {
+                Some(part) => format!("drive and sense exchanged differ by {:.2} %", 100.0 * part),
+                None => String::new(),
+            },
+        );
+        let noise = self.noise(noise_v);
+        number(
+            "voltmeter",
+            "noise",
+            noise,
+            Some(noise_v),
+            "V",
+            noise.is_some_and(|noise| noise > NOISE_TIMES * noise_v),
+            match noise {
+                Some(noise) => format!("{:.2} uV in one reading", 1e6 * noise),
+                None => String::new(),
+            },
+        );
+        let zero: Vec<f64> = self.raw.zero.iter().flatten().flatten().copied().collect();
+        let offset = (!zero.is_empty()).then(|| zero.iter().sum::<f64>() / zero.len() as f64);
+        number(
+            "voltmeter",
+            "offset",
+            offset,
+            Some(0.0),
+            "V",
+            false,
+            match offset {
+                Some(offset) => format!("{:.2} uV at 0 A", 1e6 * offset),
+                None => String::new(),
+            },
+        );
+        Report {
+            at,
+            simulated: false,
+            wiring: self.wiring.name.clone(),
+            current_a: self.current,
+            passed: findings.is_empty(),
+            findings,
+            lines,
+            sheet_ohm,
+            misfit,
+            pauw_ohm: pauw.map(|(_, corrected)| corrected),
+            pauw_raw_ohm: pauw.map(|(raw, _)| raw),
+            reciprocity,
+            noise_v: noise,
+            offset_v: offset,
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! Noise: of the voltmeter, and of channels and wires that have more of it than the others.
+
+use crate::self_test::assessment::pairs::named;
+use crate::self_test::assessment::{Judge, NOISY_TIMES};
+use crate::self_test::report::{Line, Verdict};
+
+/// Squares of deviations from the mean, and how many of them are free.
+type Spread = (f64, f64);
+
+fn deviation((squares, freedom): Spread) -> Option<f64> {
+    (freedom > 0.0).then(|| (squares / freedom).sqrt())
+}
+
+/// How readings of one place differ from row to row.
+fn spread(rows: &[Vec<Option<f64>>], place: usize) -> Spread {
+    let read: Vec<f64> = rows
+        .iter()
+        .filter_map(|row| row.get(place).copied().flatten())
+        .collect();
+    if read.len() < 2 {
+        return (0.0, 0.0);
+    }
+    let mean = read.iter().sum::<f64>() / read.len() as f64;
+    let squares = read.iter().map(|volts| (volts - mean) * (volts - mean));
+    (squares.sum(), read.len() as f64 - 1.0)
+}
+
+impl Judge<'_> {
+    /// Standard deviation of each measuring pair's reading at 0 A.
+    fn at_zero(&self) -> Vec<Option<f64>> {
+        (0..self.wiring.measure.len())
+            .map(|pair| deviation(spread(&self.raw.zero, pair)))
+            .collect()
+    }
+
+    /// The usual noise of a measuring pair at 0 A, and the pairs that have many times as much.
+    fn noisy(&self, noise_v: f64) -> (f64, Vec<usize>) {
+        let each = self.at_zero();
+        let mut sorted: Vec<f64> = each.iter().copied().flatten().collect();
+        sorted.sort_by(f64::total_cmp);
+        let usual = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+        // a rig quieter than it has to be has no noisy channel
+        let most = NOISY_TIMES * usual.max(noise_v);
+        let noisy = (0..each.len()).filter(|pair| each[*pair].is_some_and(|noise| noise > most));
+        (usual, noisy.collect())
+    }
+
+    /// Standard deviation of one reading while current flows, pooled over the places that were read again and again and
+    /// are not noisier than the others.
+    pub(super) fn noise(&self, noise_v: f64) -> Option<f64> {
+        let (_, noisy) = self.noisy(noise_v);
+        let places = self.raw.repeats.first()?.len();
+        let pooled = (0..places)
+            .filter(|place| !noisy.contains(place))
+            .map(|place| spread(&self.raw.repeats, place))
+            .fold((0.0, 0.0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
+        deviation(pooled)
+    }
+
+    /// The noise of every measuring pair. Two neighbours that are noisy share an electrode, and it is named; one alone is
+    /// its relay's.
+    pub(super) fn channels(&self, noise_v: f64, findings: &mut Vec<String>, lines: &mut Vec<Line>) {
+        let (usual, noisy) = self.noisy(noise_v);
+        let each = self.at_zero();
+        let n = each.len();
+        let is_noisy = |pair: usize| noisy.contains(&(pair % n));
+        let size = |pair: usize| 1e6 * each[pair].unwrap_or(0.0);
+        let usual_uv = 1e6 * usual;
+        for pair in &noisy {
+            let last = (pair + n - 1) % n;
+            let next = (pair + 1) % n;
+            let (ends, relays) = &self.wiring.measure[*pair];
+            if is_noisy(next) && !is_noisy(last) && !is_noisy(next + 1) {
+                findings.push(format!(
+                    "electrode {}: noisy, {:.0} uV in one reading where the others have {usual_uv:.1}; look at its wire \
+                     and its contact with the sheet",
+                    self.wiring.measure[next].0.plus,
+                    size(*pair).max(size(next))
+                ));
+            } else if !(is_noisy(last) && !is_noisy(next) && !is_noisy(last + n - 1)) {
+                findings.push(format!(
+                    "{}: noisy, {:.0} uV in one reading where the others have {usual_uv:.1}; look at its contacts and the \
+                     wires of electrodes {} and {}",
+                    named(relays),
+                    size(*pair),
+                    ends.plus,
+                    ends.minus
+                ));
+            }
+        }
+        for (pair, (_, relays)) in self.wiring.measure.iter().enumerate() {
+            lines.push(Line {
+                subject: named(relays),
+                check: "noise",
+                verdict: match each[pair] {
+                    None => Verdict::NotJudged,
+                    Some(_) if is_noisy(pair) => Verdict::Failed,
+                    Some(_) => Verdict::Ok,
+                },
+                measured: each[pair],
+                expected: Some(usual.max(noise_v)),
+                unit: "V",
+                text: String::new(),
+            });
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! Pairs of either kind, one by one: does the injecting one carry current, does the measuring one reach the voltmeter?
+
+use survey::{Relay, Wiring};
+
+use crate::self_test::assessment::{DEAD, GAIN_OFF, Judge};
+use crate::self_test::probe::Retry;
+use crate::self_test::report::{Line, Verdict};
+
+impl Judge<'_> {
+    pub(super) fn fails_row(&self, pair: usize) -> bool {
+        self.raw.rows[pair % self.n].compliance
+    }
+
+    pub(super) fn injecting(
+        &self,
+        sound: bool,
+        hopeless: bool,
+        findings: &mut Vec<String>,
+        lines: &mut Vec<Line>,
+    ) {
+        let open = self.open_electrodes();
+        // What a dead measuring pair reads is its own fault, not that of the pair that injects beside it.
+        let dead: Vec<bool> = (0..self.wiring.measure.len())
+            .map(|pair| {
+                self.sensed_gain(pair)
+                    .is_some_and(|(gain, _)| gain.abs() < DEAD)
+            })
+            .collect();
+        for (pair, (ends, relays)) in self.wiring.inject.iter().enumerate() {
+            let touches_open = open.contains(&ends.plus.0) || open.contains(&ends.minus.0);
+            let gain = Self::gain(
+                self.readings()
+                    .filter(|(drive, sense, ..)| *drive == pair && !dead[*sense])
+                    .map(|(.., read, model)| (read, model)),
+            );
+            let (verdict, text) = if hopeless || (touches_open && self.fails_row(pair)) {
+                let why = if touches_open && !hopeless {
+                    "its electrode is open"
+                } else {
+                    ""
+                };
+                (Verdict::NotJudged, why.to_owned())
+            } else if self.fails_row(pair) {
+                let text = stays_open(self.wiring, &at_fault(&self.raw.retries, pair, relays));
+                findings.push(text.clone());
+                (Verdict::Failed, text)
+            } else if sound && gain.is_some_and(|(gain, _)| (gain - 1.0).abs() > GAIN_OFF) {
+                let text = format!(
+                    "injecting pair {}: its readings are not the sheet's; is it wired to electrodes {} and {}?",
+                    pair + 1,
+                    ends.plus,
+                    ends.minus
+                );
+                findings.push(text.clone());
+                (Verdict::Failed, text)
+            } else {
+                (Verdict::Ok, String::new())
+            };
+            lines.push(Line {
+                subject: named(relays),
+                check: "carries current",
+                verdict,
+                measured: self.matrix[pair][pair],
+                expected: sound.then(|| self.sheet.pair(pair, pair)),
+                unit: "ohm",
+                text,
+            });
+        }
+    }
+
+    /// What a measuring pair reads of what the model says, and how far single readings are from that.
+    pub(super) fn sensed_gain(&self, pair: usize) -> Option<(f64, f64)> {
+        Self::gain(
+            self.readings()
+                .filter(|(_, sense, ..)| *sense == pair)
+                .map(|(.., read, model)| (read, model)),
+        )
+    }
+
+    pub(super) fn measuring(&self, sound: bool, findings: &mut Vec<String>, lines: &mut Vec<Line>) {
+        for (pair, (ends, relays)) in self.wiring.measure.iter().enumerate() {
+            let gain = self.sensed_gain(pair);
+            let (verdict, text) = match gain {
+                Some((gain, _)) if sound && gain.abs() < DEAD => {
+                    let at_fault = at_fault(&self.raw.meter_retries, pair, relays);
+                    let text = stays_open(self.wiring, &at_fault);
+                    findings.push(text.clone());
+                    (Verdict::Failed, text)
+                }
+                Some((gain, rest))
+                    if sound && ((gain - 1.0).abs() > GAIN_OFF || rest > GAIN_OFF) =>
+                {
+                    let text = format!(
+                        "measuring pair {}: its readings are not the sheet's; is it wired to electrodes {} and {}?",
+                        pair + 1,
+                        ends.plus,
+                        ends.minus
+                    );
+                    findings.push(text.clone());
+                    (Verdict::Failed, text)
+                }
+                Some(_) if sound => (Verdict::Ok, String::new()),
+                _ => (Verdict::NotJudged, String::new()),
+            };
+            lines.push(Line {
+                subject: named(relays),
+                check: "reaches the voltmeter",
+                verdict,
+                measured: gain.map(|(gain, _)| gain).filter(|_| sound),
+                expected: sound.then_some(1.0),
+                unit: "",
+                text,
+            });
+        }
+    }
+}
+
+/// Of a pair's relays the one that led nowhere in another pair's company too; all of them where none was tried.
+fn at_fault(retries: &[Retry], pair: usize, relays: &[Relay]) -> Vec<Relay> {
+    let led_nowhere = retries
+        .iter()
+        .filter(|retry| retry.pair == pair && !retry.flows);
+    let named: Vec<Relay> = led_nowhere.map(|retry| retry.relay).collect();
+    if named.is_empty() {
+        relays.to_vec()
+    } else {
+        named
+    }
+}
+
+fn stays_open(wiring: &Wiring, relays: &[Relay]) -> String {
+    let each: Vec<String> = relays
+        .iter()
+        .map(|relay| format!("relay {relay} stays open: it {}", wiring.purpose(*relay)))
+        .collect();
+    each.join(", or ")
+}
+
+pub(super) fn named(relays: &[Relay]) -> String {
+    let numbers: Vec<String> = relays.iter().map(Relay::to_string).collect();
+    let word = if relays.len() == 1 { "relay" } else { "relays" };
+    format!("{word} {}", numbers.join(" and "))
+}

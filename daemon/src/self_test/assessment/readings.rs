@@ -1,0 +1,106 @@
+//! What follows from the readings alone: how much of the sheet's pattern is in them, reciprocity, van der Pauw.
+
+use crate::self_test::assessment::Judge;
+use crate::self_test::van_der_pauw::sheet_resistance;
+
+impl Judge<'_> {
+    /// Whether two pairs share an electrode, or are one.
+    pub(super) fn touch(&self, one: usize, other: usize) -> bool {
+        let apart = (one + self.n - other) % self.n;
+        apart <= 1 || apart == self.n - 1
+    }
+
+    /// Pairs of pairs that share no electrode, with what was read and what the sheet would give, ohm.
+    pub(super) fn readings(&self) -> impl Iterator<Item = (usize, usize, f64, f64)> + '_ {
+        (0..self.n).flat_map(move |drive| {
+            (0..self.n)
+                .filter(move |sense| !self.touch(drive, *sense))
+                .filter_map(move |sense| {
+                    let read = self.matrix[drive][sense]?;
+                    Some((drive, sense, read, self.sheet.pair(drive, sense)))
+                })
+        })
+    }
+
+    /// By how much the sheet's resistance differs from the configured one: the median over all readings, which a few
+    /// relays and electrodes at fault do not move.
+    pub(super) fn factor(&self) -> Option<f64> {
+        let mut ratios: Vec<f64> = self
+            .readings()
+            .map(|(.., read, model)| read / model)
+            .collect();
+        ratios.sort_by(f64::total_cmp);
+        let median = *ratios.get(ratios.len() / 2)?;
+        (median > 1e-6 && median < 1e6).then_some(median)
+    }
+
+    /// The part of the sheet's pattern that is in some readings, and how much else is in them; `None` without any.
+    pub(super) fn gain(readings: impl Iterator<Item = (f64, f64)>) -> Option<(f64, f64)> {
+        let readings: Vec<(f64, f64)> = readings.collect();
+        let power: f64 = readings.iter().map(|(_, model)| model * model).sum();
+        let shared: f64 = readings.iter().map(|(read, model)| read * model).sum();
+        if readings.len() < 3 || power == 0.0 {
+            return None;
+        }
+        let gain = shared / power;
+        let rest: f64 = readings
+            .iter()
+            .map(|(read, model)| (read - gain * model).powi(2))
+            .sum();
+        Some((gain, (rest / power).sqrt()))
+    }
+
+    pub(super) fn misfit(&self) -> Option<f64> {
+        let (mut rest, mut power) = (0.0, 0.0);
+        for (.., read, model) in self.readings() {
+            rest += (read - model) * (read - model);
+            power += model * model;
+        }
+        (power > 0.0).then(|| (rest / power).sqrt())
+    }
+
+    pub(super) fn reciprocity(&self) -> Option<f64> {
+        let (mut differing, mut power) = (0.0, 0.0);
+        for (drive, sense, read, _) in self.readings() {
+            if let Some(exchanged) = self.matrix[sense][drive] {
+                differing += (read - exchanged) * (read - exchanged);
+                power += read * read;
+            }
+        }
+        (power > 0.0).then(|| (differing / power).sqrt())
+    }
+
+    /// By superposition of neighbouring pairs on four electrodes a quarter ring apart: as the formula gives it, and
+    /// corrected by what it gives for the model of a sheet whose resistance is known. Every way of placing the four is
+    /// tried until one has no missing reading; a missing one is taken from its exchanged twin.
+    pub(super) fn pauw(&self) -> Option<(f64, f64)> {
+        let n = self.n;
+        let quarter = |place: usize| (place * n + 2) / 4;
+        let corners = [0, 1, 2, 3].map(quarter);
+        let resistance = |matrix: &dyn Fn(usize, usize) -> Option<f64>,
+                          drive: (usize, usize),
+                          sense: (usize, usize)| {
+            let mut sum = 0.0;
+            for from in drive.0..drive.1 {
+                for to in sense.0..sense.1 {
+                    sum += matrix(from % n, to % n)?;
+                }
+            }
+            Some(sum.abs())
+        };
+        let formula = |matrix: &dyn Fn(usize, usize) -> Option<f64>, shift: usize| {
+            let [a, b, c, d] = corners.map(|corner| corner + shift);
+            let first = resistance(matrix, (a, b), (c, d))?;
+            let second = resistance(matrix, (b, c), (d, a + n))?;
+            sheet_resistance(first, second)
+        };
+        let read =
+            |drive: usize, sense: usize| self.matrix[drive][sense].or(self.matrix[sense][drive]);
+        let model = |drive: usize, sense: usize| Some(self.sheet.pair(drive, sense));
+        (0..n).find_map(|shift| {
+            let raw = formula(&read, shift)?;
+            let correction = self.sheet.sheet_ohm / formula(&model, shift)?;
+            Some((raw, raw * correction))
+        })
+    }
+}

@@ -1,0 +1,195 @@
+//! A panic in a task that only answers a client ends that answer, and nothing else.
+//!
+//! Every thread has a marker that says whether a panic on it is contained. It is set on the threads that serve the bus
+//! ([`mark_thread`]), so that what zbus runs by itself is contained, too, and while a future or a closure runs that was
+//! given to [`answer`] or [`run`]. The panic hook asks for the marker ([`is_contained`]): a contained panic is logged at a
+//! limited rate, every other one switches the source off ([`crate::instruments::panic_handler`]).
+
+use std::cell::{Cell, RefCell};
+use std::future::poll_fn;
+use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind};
+use std::pin::pin;
+use std::task::Poll;
+
+use dbus::Fault;
+use tokio::task::JoinHandle;
+
+use crate::monitoring::Aloud;
+
+thread_local! {
+    static CONTAINED: Cell<bool> = const { Cell::new(false) };
+    /// Where the last contained panic of this thread happened, for whoever catches it.
+    static PLACE: RefCell<String> = const { RefCell::new(String::new()) };
+}
+
+/// What is said of contained panics in the log.
+static LOG: Aloud = Aloud::new();
+
+/// Whether a panic on this thread ends no more than an answer. A panic on a thread of rayon comes back to whoever waits
+/// for the computation.
+pub(crate) fn is_contained() -> bool {
+    CONTAINED.get() || rayon::current_thread_index().is_some()
+}
+
+/// Logs a contained panic, at a limited rate; called by the panic hook.
+pub(crate) fn log(panic: &PanicHookInfo<'_>) {
+    let place = panic
+        .location()
+        .map_or_else(|| "an unknown place".to_owned(), ToString::to_string);
+    let text = format!(
+        "the daemon's own code panicked at {place} ({}); this ended one answer and nothing else, please report it",
+        message(panic.payload())
+    );
+    LOG.say("contained-panic", None, &text);
+    PLACE.set(place);
+}
+
+/// Logs how many panics were left out since the last one that was logged; called now and then.
+pub(crate) fn catch_up() {
+    LOG.catch_up();
+}
+
+/// A panic that was caught.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("the daemon's own code failed while it answered ({place}: {message}); please report it")]
+pub(crate) struct Panicked {
+    /// File, line and column.
+    pub place: String,
+    pub message: String,
+}
+
+impl Panicked {
+    fn caught(payload: &(dyn std::any::Any + Send)) -> Self {
+        Self {
+            place: PLACE.take(),
+            message: message(payload),
+        }
+    }
+}
+
+impl From<Panicked> for Fault {
+    fn from(panicked: Panicked) -> Self {
+        Self::Failed(panicked.to_string())
+    }
+}
+
+fn message(payload: &dyn std::any::Any) -> String {
+    let text = payload
+        .downcast_ref::<&str>()
+        .map(ToString::to_string)
+        .or_else(|| payload.downcast_ref::<String>().cloned());
+    text.unwrap_or_else(|| "no message".to_owned())
+}
+
+/// The marker of this thread, set until dropped.
+struct Marked {
+    before: bool,
+}
+
+impl Marked {
+    fn set(contained: bool) -> Self {
+        Self {
+            before: CONTAINED.replace(contained),
+        }
+    }
+}
+
+impl Drop for Marked {
+    fn drop(&mut self) {
+        CONTAINED.set(self.before);
+    }
+}
+
+/// Runs something whose panic is contained.
+pub(crate) fn run<T>(work: impl FnOnce() -> T) -> Result<T, Panicked> {
+    let _marked = Marked::set(true);
+    catch_unwind(AssertUnwindSafe(work)).map_err(|payload| Panicked::caught(payload.as_ref()))
+}
+
+/// What a panic of an answer ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Ends {
+    /// The answer only.
+    Answer,
+    /// The answer, and the session as well: the code has instruments or a session in its hands, and only switching the
+    /// source off is sure to leave them safe.
+    Session,
+}
+
+/// Awaits an answer to a client; a panic of it is caught.
+pub(crate) async fn answer<T>(ends: Ends, future: impl Future<Output = T>) -> Result<T, Panicked> {
+    let mut future = pin!(future);
+    poll_fn(|context| {
+        let _marked = Marked::set(ends == Ends::Answer);
+        let polled = catch_unwind(AssertUnwindSafe(|| future.as_mut().poll(context)));
+        match polled {
+            Ok(Poll::Pending) => Poll::Pending,
+            Ok(Poll::Ready(done)) => Poll::Ready(Ok(done)),
+            Err(payload) => Poll::Ready(Err(Panicked::caught(payload.as_ref()))),
+        }
+    })
+    .await
+}
+
+/// Runs something that blocks on a thread for it; a panic of it is contained where one of the caller's would be.
+pub(crate) fn blocking<T: Send + 'static>(
+    work: impl FnOnce() -> T + Send + 'static,
+) -> JoinHandle<T> {
+    let contained = CONTAINED.get();
+    tokio::task::spawn_blocking(move || {
+        let _marked = Marked::set(contained);
+        work()
+    })
+}
+
+/// Sets the marker for as long as this thread lives; called where a thread that serves clients starts.
+pub(crate) fn mark_thread() {
+    CONTAINED.set(true);
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::service::containment::*;
+
+    #[tokio::test]
+    async fn a_panic_of_an_answer_is_caught_and_the_marker_is_restored() {
+        let _hook = crate::instruments::panic_handler::tests::alone().await;
+        crate::instruments::panic_handler::install();
+        let panics = crate::instruments::panic_handler::listen();
+        let caught = answer(Ends::Answer, async {
+            tokio::task::yield_now().await;
+            assert!(is_contained());
+            let inner = blocking(|| panic!("on a thread that blocks")).await;
+            assert!(inner.unwrap_err().is_panic());
+            panic!("while answering {}", 1)
+        });
+        let caught: Result<(), Panicked> = caught.await;
+        let caught = caught.unwrap_err();
+        assert_eq!(caught.message, "while answering 1");
+        assert!(caught.place.contains("containment.rs:"), "{caught}");
+        let caught = run(|| panic!("at once")).map(|(): ()| ()).unwrap_err();
+        assert_eq!(caught.message, "at once");
+        assert!(!is_contained());
+        assert!(!panics.has_changed().unwrap(), "none was the daemon's");
+
+        // what is spawned from an answer belongs to the daemon
+        let spawned = answer(Ends::Answer, async {
+            tokio::spawn(async { is_contained() }).await.unwrap()
+        });
+        assert!(!spawned.await.unwrap());
+        let acting = answer(Ends::Session, async { panic!("with a session in hand") });
+        let caught: Result<(), Panicked> = acting.await;
+        assert!(caught.is_err());
+        assert!(panics.has_changed().unwrap());
+    }
+
+    #[test]
+    fn a_thread_for_clients_is_marked() {
+        let marked = std::thread::spawn(|| {
+            mark_thread();
+            is_contained()
+        });
+        assert!(marked.join().unwrap());
+        assert!(!is_contained());
+    }
+}

@@ -1,0 +1,208 @@
+//! Offers the daemon on the ways that the configuration names.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use dbus::BUS_NAME;
+use tokio::runtime::Handle;
+use tokio::task::JoinSet;
+use zbus::Connection;
+use zbus::connection::Builder;
+use zbus::fdo::{RequestNameFlags, RequestNameReply};
+
+use crate::config::BusSection;
+use crate::monitoring::heartbeat::Part;
+use crate::service::access::Door;
+use crate::service::containment::{Ends, answer};
+use crate::service::gate::{Gate, Threads};
+use crate::service::peer;
+use crate::session::controller::Keeper;
+
+/// A bus that went away is looked for again after so long, and then ever less often up to the second value.
+const LOOK_AGAIN: (Duration, Duration) = (Duration::from_millis(200), Duration::from_secs(5));
+
+/// A bus that takes longer is frozen.
+const TO_CONNECT: Duration = Duration::from_secs(5);
+
+/// The ways on which the daemon is offered, until dropped.
+#[derive(Debug)]
+pub(crate) struct Offer {
+    tasks: JoinSet<()>,
+    _threads: [Threads; 2],
+    /// For a person.
+    pub ways: Vec<String>,
+}
+
+/// Why it cannot be offered.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum OfferError {
+    #[error("the peer socket {} cannot be opened: {cause}", .path.display())]
+    Peer {
+        path: PathBuf,
+        cause: std::io::Error,
+    },
+    #[error("no threads to serve clients on: {0}")]
+    Threads(std::io::Error),
+    #[error("the {which} bus was asked for and is not there: {cause}")]
+    NoBus {
+        which: &'static str,
+        cause: zbus::Error,
+    },
+    #[error("{BUS_NAME} on the {which} bus is owned already; is another tactusd running?")]
+    Owned { which: &'static str },
+}
+
+impl Offer {
+    /// Opens every way that is configured; one that cannot be opened is an error.
+    pub(crate) async fn open(
+        section: &BusSection,
+        keeper: &Arc<Keeper>,
+    ) -> Result<Self, OfferError> {
+        let mut tasks = JoinSet::new();
+        let mut ways = Vec::new();
+        // sessions run here; clients are served on threads of their own, those of the peer socket apart from the buses'
+        let acting = Handle::current();
+        let threads = [
+            Threads::start("peer").map_err(OfferError::Threads)?,
+            Threads::start("bus").map_err(OfferError::Threads)?,
+        ];
+        let [peers, buses] = [threads[0].handle(), threads[1].handle()];
+        if section.peer
+            && let Some(path) = &section.peer_path
+        {
+            let _entered = peers.enter();
+            let listener = peer::bind(path).map_err(|cause| OfferError::Peer {
+                path: path.clone(),
+                cause,
+            })?;
+            let served = peer::serve(listener, Arc::clone(keeper), acting.clone());
+            tasks.spawn_on(served, peers);
+            ways.push(format!("unix:{}", path.display()));
+        }
+        for (door, wanted) in [
+            (Door::Session, section.session),
+            (Door::System, section.system),
+        ] {
+            if wanted {
+                let (held, home) = (Arc::clone(keeper), acting.clone());
+                let connected = buses.spawn(async move { connect(door, &held, &home).await });
+                let no_bus = |_| OfferError::Threads(std::io::ErrorKind::Interrupted.into());
+                let connection = connected.await.map_err(no_bus)??;
+                let stays = stay(door, connection, Arc::clone(keeper), acting.clone());
+                tasks.spawn_on(stays, buses);
+                ways.push(word(door).to_owned());
+            }
+        }
+        Ok(Self {
+            tasks,
+            _threads: threads,
+            ways,
+        })
+    }
+
+    /// Ends it; nothing of it is left when this returns.
+    pub(crate) async fn close(mut self) {
+        self.tasks.shutdown().await;
+    }
+}
+
+fn word(door: Door) -> &'static str {
+    match door {
+        Door::Peer => "peer",
+        Door::Session => "session",
+        Door::System => "system",
+    }
+}
+
+/// A connection to a bus, its gate, and the task that hears who leaves.
+struct Connected {
+    connection: Connection,
+    gate: Arc<Gate>,
+    _follows: JoinSet<()>,
+}
+
+/// Connects, puts everything there, and only then asks for the name.
+async fn connect(
+    door: Door,
+    keeper: &Arc<Keeper>,
+    acting: &Handle,
+) -> Result<Connected, OfferError> {
+    let which = word(door);
+    let no_bus = |cause| OfferError::NoBus { which, cause };
+    let builder = match door {
+        Door::System => Builder::system(),
+        _ => Builder::session(),
+    };
+    let gate = Gate::of_bus(door, acting.clone());
+    let connection = crate::service::furnish(builder, keeper, &gate)
+        .build()
+        .await
+        .map_err(no_bus)?;
+    let connected = Connected {
+        _follows: gate.follow(&connection).await.map_err(no_bus)?,
+        connection,
+        gate,
+    };
+    let connection = &connected.connection;
+    // neither replaceable nor replacing: a second daemon must not steal the name
+    let flags = RequestNameFlags::DO_NOT_QUEUE;
+    match connection.request_name_with_flags(BUS_NAME, flags).await {
+        Ok(RequestNameReply::PrimaryOwner | RequestNameReply::AlreadyOwner) => Ok(connected),
+        Ok(RequestNameReply::Exists | RequestNameReply::InQueue) | Err(zbus::Error::NameTaken) => {
+            Err(OfferError::Owned { which })
+        }
+        Err(cause) => Err(no_bus(cause)),
+    }
+}
+
+/// Carries news to one bus, and comes back when the bus does.
+async fn stay(door: Door, mut connected: Connected, keeper: Arc<Keeper>, acting: Handle) {
+    let which = word(door);
+    let mut news = keeper.herald.listen();
+    let part = match which {
+        "system" => Part::SystemBus,
+        _ => Part::SessionBus,
+    };
+    loop {
+        let Connected {
+            connection, gate, ..
+        } = &connected;
+        loop {
+            tokio::select! {
+                () = connection.closed() => break,
+                notice = news.recv() => {
+                    let Some(notice) = notice else { return };
+                    let said = crate::service::say(connection, &keeper, gate, notice);
+                    if !matches!(answer(Ends::Answer, said).await, Ok(true)) {
+                        break;
+                    }
+                    keeper.pulse.rest(part);
+                }
+            }
+        }
+        let _ = tokio::time::timeout(crate::service::TO_SAY, connection.clone().close()).await;
+        gate.all_left();
+        tracing::warn!("the {which} bus is gone; acquisition goes on");
+        let mut pause = LOOK_AGAIN.0;
+        connected = loop {
+            tokio::time::sleep(pause).await;
+            keeper.pulse.rest(part);
+            pause = (pause * 2).min(LOOK_AGAIN.1);
+            news = keeper.herald.listen();
+            // a bus that is there and frozen does not answer at all
+            let again = tokio::time::timeout(TO_CONNECT, connect(door, &keeper, &acting));
+            let again = match answer(Ends::Answer, again).await {
+                Ok(again) => again,
+                // it has been logged
+                Err(_) => continue,
+            };
+            match again {
+                Ok(Ok(connected)) => break connected,
+                Ok(Err(error)) => tracing::debug!("{error}"),
+                Err(_) => tracing::debug!("the {which} bus does not answer"),
+            }
+        };
+        tracing::info!("the {which} bus is back");
+    }
+}

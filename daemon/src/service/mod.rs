@@ -1,0 +1,289 @@
+//! The daemon on D-Bus: one set of objects on every connection, and the news that goes out on it.
+
+mod access;
+mod caller;
+pub(crate) mod containment;
+mod gate;
+pub(crate) mod limit;
+mod listener;
+pub(crate) mod objects;
+mod peer;
+mod polkit;
+pub(crate) mod read_pool;
+pub(crate) mod records;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use dbus::{Options, ROOT_PATH};
+use eit::Pressure;
+use zbus::connection::Builder;
+use zbus::object_server::{InterfaceRef, ObjectServer};
+use zbus::{Connection, fdo::ObjectManager};
+
+use crate::events::broadcast::Notice;
+use crate::recording::session_status::{Live, Published};
+use crate::service::objects::instrument1::Instrument1;
+use crate::service::objects::manager1::{Manager1, Manager1Signals};
+use crate::service::objects::session1::{Session1, Session1Signals};
+use crate::service::objects::simulation1::Simulation1;
+use crate::session::controller::Keeper;
+use access::{Door, Guarded};
+use gate::Gate;
+
+pub(crate) use crate::service::listener::Offer;
+
+/// Every role that an instrument may have.
+const ROLES: [&str; 4] = ["source", "switch", "voltmeter", "switch+voltmeter"];
+
+/// One frozen listener must not hold the others back: what cannot be said in this time ends the connection.
+const TO_SAY: Duration = Duration::from_millis(500);
+
+/// A bus is one connection for all who are on it: a notice waits behind the answers of everybody's calls, and leaving the bus
+/// would lose the answer to a stop. Its other end is the broker, which does not stop reading; one that has died is found by
+/// this, well within systemd's patience.
+const TO_SAY_ON_A_BUS: Duration = Duration::from_secs(5);
+
+/// Puts the manager, the instruments and the sessions on a connection before it hears anything.
+fn furnish<'a>(mut builder: Builder<'a>, keeper: &Arc<Keeper>, gate: &Arc<Gate>) -> Builder<'a> {
+    let manager = Guarded::new(Manager1(Arc::clone(keeper), Arc::clone(gate)), gate);
+    builder = builder
+        .serve_at(ROOT_PATH, ObjectManager)
+        .serve_at(ROOT_PATH, manager);
+    if keeper.house().bench.is_some() {
+        let simulation = Guarded::new(Simulation1(Arc::clone(keeper)), gate);
+        builder = builder.serve_at(ROOT_PATH, simulation);
+    }
+    for found in keeper.known().instruments {
+        let instrument = Instrument1::new(Arc::clone(keeper), found.role);
+        builder = builder.serve_at(instrument.path(), Guarded::new(instrument, gate));
+    }
+    for live in keeper.sessions() {
+        if let Ok(path) = dbus::session_path(&live.facts.id) {
+            builder = builder.serve_at(path, Guarded::new(Session1(live), gate));
+        }
+    }
+    builder
+}
+
+/// Puts a session on a connection, if it is not there yet.
+async fn show(server: &ObjectServer, live: &Arc<Live>, gate: &Arc<Gate>) -> zbus::Result<()> {
+    if let Ok(path) = dbus::session_path(&live.facts.id) {
+        let session = Guarded::new(Session1(Arc::clone(live)), gate);
+        server.at(path, session).await?;
+    }
+    Ok(())
+}
+
+/// Says one piece of news; `false` when the connection is of no use any more.
+async fn say(
+    connection: &Connection,
+    keeper: &Arc<Keeper>,
+    gate: &Arc<Gate>,
+    notice: Notice,
+) -> bool {
+    let patience = match gate.door {
+        Door::Peer => TO_SAY,
+        Door::Session | Door::System => TO_SAY_ON_A_BUS,
+    };
+    match tokio::time::timeout(patience, speak(connection, keeper, gate, notice)).await {
+        Ok(Ok(())) => true,
+        Ok(Err(error)) => {
+            tracing::debug!("a connection failed: {error}");
+            false
+        }
+        Err(_) => {
+            tracing::warn!("a listener on the bus does not listen; its connection is closed");
+            false
+        }
+    }
+}
+
+async fn speak(
+    connection: &Connection,
+    keeper: &Arc<Keeper>,
+    gate: &Arc<Gate>,
+    notice: Notice,
+) -> zbus::Result<()> {
+    let server = connection.object_server();
+    match notice {
+        Notice::SessionAdded(live) => show(server, &live, gate).await,
+        Notice::SessionRemoved(id) => {
+            if let Ok(path) = dbus::session_path(&id) {
+                match server.remove::<Guarded<Session1>, _>(path).await {
+                    Ok(_) | Err(zbus::Error::InterfaceNotFound) => {}
+                    Err(error) => return Err(error),
+                }
+            }
+            Ok(())
+        }
+        Notice::SessionChanged(live) => {
+            let Some(session) = session(server, &live, gate).await? else {
+                return Ok(());
+            };
+            let emitter = session.signal_emitter();
+            let object = session.get().await;
+            object.state_changed(emitter).await?;
+            object.last_error_changed(emitter).await?;
+            object.end_reason_changed(emitter).await
+        }
+        Notice::FrameDone(live, published) => {
+            let Some(session) = session(server, &live, gate).await? else {
+                return Ok(());
+            };
+            let wall_ns = crate::recording::recorder::nanoseconds(published.frame.wall);
+            session
+                .signal_emitter()
+                .frame_done(
+                    published.frame.sequence,
+                    wall_ns,
+                    summary(&live, &published),
+                )
+                .await
+        }
+        Notice::Daemon => {
+            let manager = server.interface::<_, Guarded<Manager1>>(ROOT_PATH).await?;
+            let emitter = manager.signal_emitter();
+            let object = manager.get().await;
+            object.state_changed(emitter).await?;
+            object.active_session_changed(emitter).await?;
+            object.baseline_id_changed(emitter).await?;
+            object.last_error_changed(emitter).await?;
+            object.source_state_changed(emitter).await?;
+            object.recovery_changed(emitter).await
+        }
+        Notice::TestProgress { done, total, what } => {
+            let manager = server.interface::<_, Guarded<Manager1>>(ROOT_PATH).await?;
+            Manager1::test_progress(manager.signal_emitter(), done, total, &what).await
+        }
+        Notice::Instruments => {
+            for found in keeper.known().instruments {
+                let path = Instrument1::new(Arc::clone(keeper), found.role).path();
+                let instrument = server.interface::<_, Guarded<Instrument1>>(path).await?;
+                let emitter = instrument.signal_emitter();
+                let object = instrument.get().await;
+                object.state_changed(emitter).await?;
+                object.identity_changed(emitter).await?;
+            }
+            Ok(())
+        }
+        // a broker answers this itself; a peer that has gone is noticed without
+        Notice::Pulse if connection.is_bus() => {
+            let broker = Some("org.freedesktop.DBus");
+            let peer = Some("org.freedesktop.DBus.Peer");
+            let path = "/org/freedesktop/DBus";
+            connection
+                .call_method(broker, path, peer, "Ping", &())
+                .await?;
+            Ok(())
+        }
+        Notice::Pulse => Ok(()),
+        Notice::Furniture => refurnish(server, keeper, gate).await,
+        Notice::Happened(happening) => {
+            let manager = server.interface::<_, Guarded<Manager1>>(ROOT_PATH).await?;
+            let details = Options::new().with_some("session", happening.session.as_deref());
+            let wall_ns = crate::recording::recorder::nanoseconds(happening.at);
+            manager
+                .signal_emitter()
+                .happened(wall_ns, happening.kind, &happening.text, details)
+                .await
+        }
+    }
+}
+
+/// After a reload: the instruments that there are now, and a hand on the sheet where it is simulated.
+async fn refurnish(
+    server: &ObjectServer,
+    keeper: &Arc<Keeper>,
+    gate: &Arc<Gate>,
+) -> zbus::Result<()> {
+    let known = keeper.known().instruments;
+    for role in ROLES {
+        let instrument = Instrument1::new(Arc::clone(keeper), role);
+        let path = instrument.path();
+        if known.iter().any(|found| found.role == role) {
+            server.at(path, Guarded::new(instrument, gate)).await?;
+        } else {
+            gone(server.remove::<Guarded<Instrument1>, _>(path).await)?;
+        }
+    }
+    if keeper.house().bench.is_some() {
+        let simulation = Guarded::new(Simulation1(Arc::clone(keeper)), gate);
+        server.at(ROOT_PATH, simulation).await?;
+    } else {
+        gone(server.remove::<Guarded<Simulation1>, _>(ROOT_PATH).await)?;
+    }
+    let manager = server.interface::<_, Guarded<Manager1>>(ROOT_PATH).await?;
+    let emitter = manager.signal_emitter();
+    let object = manager.get().await;
+    object.instruments_changed(emitter).await?;
+    object.simulated_changed(emitter).await?;
+    object.source_changed(emitter).await?;
+    object.method_changed(emitter).await
+}
+
+/// Removing what was not there is no fault.
+fn gone<T>(removed: zbus::Result<T>) -> zbus::Result<()> {
+    match removed {
+        Ok(_) | Err(zbus::Error::InterfaceNotFound) => Ok(()),
+        Err(error) => Err(error),
+    }
+}
+
+async fn session(
+    server: &ObjectServer,
+    live: &Arc<Live>,
+    gate: &Arc<Gate>,
+) -> zbus::Result<Option<InterfaceRef<Guarded<Session1>>>> {
+    let Ok(path) = dbus::session_path(&live.facts.id) else {
+        return Ok(None);
+    };
+    show(server, live, gate).await?;
+    server
+        .interface::<_, Guarded<Session1>>(path)
+        .await
+        .map(Some)
+}
+
+/// What the signal of a frame says about it.
+fn summary(live: &Live, published: &Published) -> Options {
+    let options = Options::new()
+        .with("frames_acquired", live.acquired())
+        .with("frames_dropped", live.dropped())
+        .with("simulated", published.frame.simulated);
+    more_of_map(quality(options, published), published)
+}
+
+/// Counts of readings that are no voltages, and reciprocity.
+fn quality(options: Options, published: &Published) -> Options {
+    let quality = &published.quality;
+    options
+        .with("overloads", quality.overloads as u64)
+        .with("timeouts", quality.timeouts as u64)
+        .with("not_measured", quality.not_measured as u64)
+        .with("compliance", quality.compliance.len() as u64)
+        .with("duration_s", published.frame.duration.as_secs_f64())
+        .with("implausible", quality.implausible as u64)
+        .with("flags", quality.words())
+        .with_some("reciprocity", quality.reciprocity)
+        .with_some("loop_sum", quality.loop_sum)
+}
+
+/// Where the load was found, and how large it is.
+fn more_of_map(options: Options, published: &Published) -> Options {
+    let Some(map) = &published.map else {
+        return options;
+    };
+    options
+        .with("masked", map.masked as u64)
+        .with("reconstruction_s", published.reconstruction.as_secs_f64())
+        .with("durable_s", published.durable.as_secs_f64())
+        .with_some("largest_loss", map.largest_loss().map(|(_, loss)| loss))
+        .with_some("found_x_m", published.found.map(|[x, _]| x))
+        .with_some("found_y_m", published.found.map(|[_, y]| y))
+        .with_some("newtons", published.pressure.as_ref().map(|p| p.newtons))
+        .with_some(
+            "largest_kpa",
+            published.pressure.as_ref().map(Pressure::largest_kpa),
+        )
+}

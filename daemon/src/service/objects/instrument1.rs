@@ -1,0 +1,77 @@
+//! One instrument of the rig.
+
+use std::sync::Arc;
+
+use dbus::ROOT_PATH;
+use zbus::{ObjectPath, interface};
+
+use crate::instruments::assembly::Found;
+use crate::session::controller::Keeper;
+
+/// The object of one instrument.
+pub(crate) struct Instrument1 {
+    keeper: Arc<Keeper>,
+    role: &'static str,
+}
+
+impl Instrument1 {
+    pub(crate) fn new(keeper: Arc<Keeper>, role: &'static str) -> Self {
+        Self { keeper, role }
+    }
+
+    pub(crate) fn path(&self) -> ObjectPath<'static> {
+        path(self.role)
+    }
+
+    /// What is known of it; `None` when a reload has taken it away.
+    fn found(&self) -> Option<Found> {
+        let known = self.keeper.known();
+        known
+            .instruments
+            .into_iter()
+            .find(|found| found.role == self.role)
+    }
+}
+
+/// Where the instrument with this role is; `switch+voltmeter` is `switch_voltmeter` there.
+pub(crate) fn path(role: &str) -> ObjectPath<'static> {
+    dbus::instrument_path(&role.replace('+', "_"))
+        .unwrap_or_else(|_| ObjectPath::from_static_str_unchecked(ROOT_PATH))
+}
+
+/// One instrument of the rig.
+#[interface(name = "org.tactus.Tactus1.Instrument1")]
+impl Instrument1 {
+    /// `source`, `switch`, `voltmeter`, or two of them joined by `+`.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn role(&self) -> &str {
+        self.role
+    }
+
+    /// The reply to `*IDN?` of the instrument that is known: found at the start, or agreed to by a person.
+    #[zbus(property)]
+    fn identity(&self) -> String {
+        self.found().map(|found| found.identity).unwrap_or_default()
+    }
+
+    /// Where it is: `tcp:HOST:PORT`, `serial:PATH`, or `memory` for one simulated inside the daemon.
+    #[zbus(property)]
+    fn address(&self) -> String {
+        self.found().map(|found| found.address).unwrap_or_default()
+    }
+
+    /// Whether it is simulated.
+    #[zbus(property)]
+    fn simulated(&self) -> bool {
+        self.found().is_some_and(|found| found.simulated)
+    }
+
+    /// `ready` or `fault: ...`.
+    #[zbus(property)]
+    fn state(&self) -> String {
+        match self.keeper.rig_fault() {
+            None => "ready".to_owned(),
+            Some(why) => format!("fault: {why}"),
+        }
+    }
+}

@@ -1,0 +1,412 @@
+//! The daemon itself.
+
+use std::sync::Arc;
+
+use dbus::{Fault, Options, ROOT_PATH, RelayWear, SeenInstrument, SessionSummary, TestLine};
+use zbus::object_server::{ObjectServer, SignalEmitter};
+use zbus::{ObjectPath, OwnedVariant, interface};
+
+use crate::config::numbers;
+use crate::config::numbers::whole;
+use crate::recording::session_status::Live;
+use crate::service::gate::Gate;
+use crate::service::objects::report;
+use crate::session::controller::{Keeper, no_baseline, no_plan};
+
+/// Sessions in one answer: some 300 kB. Who wants more asks for those before the last one.
+const MOST_LISTED: u64 = 1000;
+
+/// The manager on one connection, and the gate through which its callers come.
+pub(crate) struct Manager1(pub(crate) Arc<Keeper>, pub(crate) Arc<Gate>);
+
+/// The daemon itself.
+#[interface(name = "org.tactus.Tactus1.Manager1")]
+impl Manager1 {
+    /// Starts a measurement and returns its object at once. Options: `every_s` (d, from start to start of frames; 0 back
+    /// to back), `count` (t), `for_s` (d), `baseline` (s, id; else the current one), `model` (s, absolute path, or
+    /// `one-step`), `speed` (d, recordings: 1 own rate, 0 as fast as possible), `step` (b, a frame only when
+    /// Session1.Step asks), `note` (s). How it measures, where not as configured: `nplc` (d), `averages` (t), `autozero`
+    /// (b), `settle_ms` (d), `channel_delay_ms` (d), `reversal` (b), `zero_every` (t, 0 never), `ranges` (s, `fixed` or
+    /// `planned`); the baseline must have been measured alike.
+    #[zbus(out_args("session"))]
+    async fn start_session(
+        &self,
+        options: Options,
+        #[zbus(object_server)] server: &ObjectServer,
+    ) -> Result<ObjectPath<'static>, Fault> {
+        let live = self.0.start_session(&options).await?;
+        shown(server, &live, &self.1).await
+    }
+
+    /// Records a baseline and returns its session at once; when it has ended it is the current baseline. Options:
+    /// `frames` (t, default 10), `note` (s), and those of StartSession that say how it measures.
+    #[zbus(out_args("session"))]
+    async fn record_baseline(
+        &self,
+        options: Options,
+        #[zbus(object_server)] server: &ObjectServer,
+    ) -> Result<ObjectPath<'static>, Fault> {
+        let live = self.0.record_baseline(&options).await?;
+        shown(server, &live, &self.1).await
+    }
+
+    /// What the logbook holds, newest first: id, kind, state (`open`, `closed`, `interrupted`), start in ns since 1970
+    /// UTC, frames, whether simulated, file, and `note`, `reason`, `ended_ns` where there are any. At most 1000 in one
+    /// answer. Options: `count` (t), fewer than that; `before` (s, an id), those that come after it in the list.
+    #[zbus(out_args("sessions"))]
+    async fn list_sessions(&self, options: Options) -> Result<Vec<SessionSummary>, Fault> {
+        options.only(&["count", "before"])?;
+        let count = whole(&options, "count", numbers::LISTED)?.unwrap_or(MOST_LISTED);
+        let count = usize::try_from(count.min(MOST_LISTED)).unwrap_or(usize::MAX);
+        let before = options.text("before")?.map(str::to_owned);
+        let keeper = Arc::clone(&self.0);
+        crate::service::read_pool::read(move || keeper.listed(count, before.as_deref())).await?
+    }
+
+    /// The plan of a frame, without moving anything.
+    #[allow(clippy::type_complexity)]
+    #[zbus(out_args(
+        "steps",
+        "injections",
+        "readings",
+        "relay_moves",
+        "reading_messages",
+        "duration_s",
+        "current_a",
+        "compliance_v",
+        "lines",
+        "more"
+    ))]
+    async fn plan(
+        &self,
+    ) -> Result<(u64, u64, u64, u64, u64, f64, f64, f64, Vec<String>, Options), Fault> {
+        let plan = self.0.plan().ok_or_else(no_plan)?;
+        Ok(planned(report::plan(&plan)))
+    }
+
+    /// The plan of a frame of a session that would be started with these options (those that say how it measures),
+    /// without moving anything.
+    #[allow(clippy::type_complexity)]
+    #[zbus(out_args(
+        "steps",
+        "injections",
+        "readings",
+        "relay_moves",
+        "reading_messages",
+        "duration_s",
+        "current_a",
+        "compliance_v",
+        "lines",
+        "more"
+    ))]
+    async fn plan_with(
+        &self,
+        options: Options,
+    ) -> Result<(u64, u64, u64, u64, u64, f64, f64, f64, Vec<String>, Options), Fault> {
+        let plan = self.0.plan_with(&options).await?;
+        Ok(planned(report::plan(&plan)))
+    }
+
+    /// What is needed to draw a map, in metres: mesh hash, corners (x, y, ...), triangles of the region in the order of a
+    /// map's values (three corners each), boundary loops one after the other (x, y, ...) with the points of each,
+    /// centres of the electrodes (x, y, ...).
+    #[allow(clippy::type_complexity)]
+    #[zbus(out_args(
+        "mesh_hash",
+        "nodes",
+        "triangles",
+        "outline",
+        "outline_lengths",
+        "electrodes",
+        "more"
+    ))]
+    async fn geometry(
+        &self,
+    ) -> Result<
+        (
+            String,
+            Vec<f64>,
+            Vec<u32>,
+            Vec<f64>,
+            Vec<u32>,
+            Vec<f64>,
+            Options,
+        ),
+        Fault,
+    > {
+        let geometry = report::geometry(&self.0.house().setup.geometry);
+        Ok((
+            geometry.mesh_hash,
+            geometry.nodes,
+            geometry.triangles,
+            geometry.outline,
+            geometry.outline_lengths,
+            geometry.electrodes,
+            geometry.more,
+        ))
+    }
+
+    /// Tests the rig and returns when that is done: every relay against the sheet's own resistances, the contact of every
+    /// electrode, reciprocity, noise. Refused while a session runs; the source is off and verified afterwards. Answers
+    /// whether nothing is to be mended, what is, the table (subject, check, `ok`, `failed` or `not-judged`, measured and
+    /// expected with NaN where there is none, unit, text), and what was found of the whole. No options.
+    #[allow(clippy::type_complexity)]
+    #[zbus(out_args("passed", "findings", "lines", "more"))]
+    async fn test_instruments(
+        &self,
+        options: Options,
+    ) -> Result<(bool, Vec<String>, Vec<TestLine>, Options), Fault> {
+        options.only(&[])?;
+        let report = report::test(self.0.test_instruments().await?);
+        Ok((report.passed, report.findings, report.lines, report.more))
+    }
+
+    /// How often each relay has closed and how long that may go on: number, purpose, closures, those it is rated for (0
+    /// where nothing moves), the part of them, seconds of measuring that are left. Refused while a session runs. No
+    /// options.
+    #[zbus(out_args("relays"))]
+    async fn relays(&self, options: Options) -> Result<Vec<RelayWear>, Fault> {
+        options.only(&[])?;
+        let relays = self.0.relay_wear().await?;
+        Ok(relays.into_iter().map(report::wear).collect())
+    }
+
+    /// Looks for instruments: mDNS, VXI-11 broadcast, and these addresses. Nothing but `*IDN?` is said to them, and none is
+    /// used. Options: `within_s` (d, default 3), `mdns` (b), `broadcast` (b). Answers address (empty where the daemon
+    /// knows no way to it), identity, the ways it was found, the name it is announced under, whether the configuration
+    /// uses it, lines that a configuration could have, a remark; and what could not be looked for.
+    #[zbus(out_args("seen", "notes"))]
+    async fn discover(
+        &self,
+        addresses: Vec<String>,
+        options: Options,
+    ) -> Result<(Vec<SeenInstrument>, Vec<String>), Fault> {
+        let found = self.0.discover(&addresses, &options).await?;
+        let seen = found.seen.into_iter().map(report::seen);
+        Ok((seen.collect(), found.notes))
+    }
+
+    /// How far a self-test is: steps done, of how many, what is done now.
+    #[zbus(signal)]
+    pub(crate) async fn test_progress(
+        emitter: &SignalEmitter<'_>,
+        done: u64,
+        total: u64,
+        what: &str,
+    ) -> zbus::Result<()>;
+
+    /// The current baseline: id, time of its last frame, frames averaged, mean voltages with their flags, standard
+    /// deviations (NaN where unknown), whether simulated, settings.
+    #[allow(clippy::type_complexity)]
+    #[zbus(out_args(
+        "id",
+        "wall_ns",
+        "frames",
+        "volts",
+        "flags",
+        "deviation",
+        "simulated",
+        "more"
+    ))]
+    async fn baseline(
+        &self,
+    ) -> Result<(String, i64, u64, Vec<f64>, Vec<u8>, Vec<f64>, bool, Options), Fault> {
+        let baseline = self.0.baseline().ok_or_else(no_baseline)?;
+        let report = report::baseline(&baseline);
+        Ok((
+            report.id,
+            report.wall_ns,
+            report.frames,
+            report.volts,
+            report.flags,
+            report.deviation,
+            report.simulated,
+            report.more,
+        ))
+    }
+
+    /// Switches the source off and opens every relay, verifies both, and says so. Lifts the refusal of relays that were
+    /// found closed at the start. Refused while a session runs.
+    #[zbus(out_args("done"))]
+    async fn open_all(&self) -> Result<String, Fault> {
+        self.0.open_all().await
+    }
+
+    /// Agrees to the instruments or modules that were found in place of the known ones, and says which.
+    #[zbus(out_args("done"))]
+    async fn accept_instruments(&self) -> Result<String, Fault> {
+        self.0.accept().await
+    }
+
+    /// Reads the configuration again; one that is bad changes nothing, and the error is a line a problem. During a
+    /// session it is taken at its end.
+    #[zbus(out_args("done"))]
+    async fn reload(&self) -> Result<String, Fault> {
+        self.0.reload().await
+    }
+
+    /// What was said over the wires for the last frames, behind the opening of the conversation: a line of JSON each.
+    /// Option: `frames` (t, default 1).
+    #[zbus(out_args("lines"))]
+    async fn transcript(&self, options: Options) -> Result<String, Fault> {
+        options.only(&["frames"])?;
+        let frames = whole(&options, "frames", numbers::TRANSCRIPT_FRAMES)?.unwrap_or(1);
+        let frames = usize::try_from(frames).unwrap_or(usize::MAX);
+        let entries = crate::instruments::transcripts::last(&self.0.tape, frames);
+        crate::instruments::transcripts::text(&entries)
+            .map_err(|error| Fault::Failed(error.to_string()))
+    }
+
+    /// How the daemon is, all at once: whether it is well and what is not, the last frame, what waits for the disk, gaps,
+    /// instruments, age of the baseline, days until the disk is full, life left of the relay that will be worn out first.
+    /// Keys are documented in dbus/src/manager1.rs; what is not known is left out.
+    #[zbus(out_args("health"))]
+    async fn health(&self) -> Result<Options, Fault> {
+        let health = self.0.health().await;
+        Ok(health.options(&self.0.house().setup.config.notify))
+    }
+
+    /// Runs the command that tells people of troubles once, and says how it fared: `done` (b), `stderr` (s), `took_s` (d),
+    /// and `code` (x) or `trouble` (s, why there is none).
+    #[zbus(out_args("fared"))]
+    async fn notify_test(&self) -> Result<Options, Fault> {
+        Ok(self.0.notify_test().await.options())
+    }
+
+    /// Something happened to the rig, or to a session by it: each is an event of that session's record, too. Kinds:
+    /// `frame-failed`, `source-unknown`, `alarm` (neither source nor switch can be made safe), `suspended`,
+    /// `reconnecting`, `source-off`, `relays-open`, `others-found`, `accepted`, `reconnected`, `settings-verified`,
+    /// `resumed`, `transcript`, `relays-closed`, `opened`, `fault`, `reloaded`, `reload-refused`; of the daemon `started`,
+    /// `stopped`, `daily`, `trouble`, `trouble-over`, `notify-failed`. Details: `session` (s).
+    #[zbus(signal)]
+    async fn happened(
+        emitter: &SignalEmitter<'_>,
+        wall_ns: i64,
+        kind: &str,
+        text: &str,
+        details: Options,
+    ) -> zbus::Result<()>;
+
+    /// What is known of the source: `off` (verified), `in use`, `unknown`.
+    #[zbus(property)]
+    fn source_state(&self) -> &str {
+        self.0.source_state()
+    }
+
+    /// A lost rig that is being looked for; empty when none is. `what` (s), `tries` (t), `next_s` (d, until the next try;
+    /// absent while one is under way), `since_ns` (x), `person` (b, whether a person must agree first).
+    #[zbus(property)]
+    fn recovery(&self) -> std::collections::HashMap<String, OwnedVariant> {
+        report::recovery(self.0.recovery().as_ref()).0
+    }
+
+    /// Version of the daemon.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn version(&self) -> &str {
+        env!("CARGO_PKG_VERSION")
+    }
+
+    /// `idle`, `baseline`, `acquiring`, `testing`, `suspended`, `faulted`.
+    #[zbus(property)]
+    fn state(&self) -> &str {
+        self.0.state().word()
+    }
+
+    /// Whether voltages come from a simulated sheet.
+    #[zbus(property)]
+    fn simulated(&self) -> bool {
+        self.0.house().simulated
+    }
+
+    /// `rig` or `recording`.
+    #[zbus(property)]
+    fn source(&self) -> &str {
+        if self.0.is_recording() {
+            "recording"
+        } else {
+            "rig"
+        }
+    }
+
+    /// Their objects.
+    #[zbus(property)]
+    fn instruments(&self) -> Vec<ObjectPath<'static>> {
+        let instruments = self.0.known().instruments;
+        instruments
+            .iter()
+            .map(|found| crate::service::objects::instrument1::path(found.role))
+            .collect()
+    }
+
+    /// The running session, `/` when there is none.
+    #[zbus(property)]
+    fn active_session(&self) -> ObjectPath<'static> {
+        self.0
+            .active()
+            .and_then(|live| dbus::session_path(&live.facts.id).ok())
+            .unwrap_or_else(|| ObjectPath::from_static_str_unchecked("/"))
+    }
+
+    /// Id of the current baseline, empty when there is none.
+    #[zbus(property)]
+    fn baseline_id(&self) -> String {
+        self.0
+            .baseline()
+            .map(|baseline| baseline.id.clone())
+            .unwrap_or_default()
+    }
+
+    /// The configured method as a person would name it.
+    #[zbus(property)]
+    fn method(&self) -> String {
+        let house = self.0.house();
+        house.setup.model.reconstructor.method().to_owned()
+    }
+
+    /// Where session files are written.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn record_directory(&self) -> String {
+        self.0.house().setup.record_directory.display().to_string()
+    }
+
+    /// Why the daemon is faulted, empty when it is not.
+    #[zbus(property)]
+    fn last_error(&self) -> String {
+        match self.0.state() {
+            crate::session::state::State::Faulted(why) => why,
+            _ => String::new(),
+        }
+    }
+}
+
+/// The session's object, there on the caller's own connection before the caller hears of it.
+async fn shown(
+    server: &ObjectServer,
+    live: &Arc<Live>,
+    gate: &Arc<Gate>,
+) -> Result<ObjectPath<'static>, Fault> {
+    crate::service::show(server, live, gate)
+        .await
+        .map_err(Fault::Connection)?;
+    dbus::session_path(&live.facts.id)
+        .or_else(|_| ObjectPath::try_from(ROOT_PATH))
+        .map_err(|error| Fault::Failed(error.to_string()))
+}
+
+/// A plan as its method returns it.
+type Planned = (u64, u64, u64, u64, u64, f64, f64, f64, Vec<String>, Options);
+
+fn planned(plan: dbus::PlanReport) -> Planned {
+    (
+        plan.steps,
+        plan.injections,
+        plan.readings,
+        plan.relay_moves,
+        plan.reading_messages,
+        plan.duration_s,
+        plan.current_a,
+        plan.compliance_v,
+        plan.lines,
+        plan.more,
+    )
+}

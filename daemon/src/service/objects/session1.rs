@@ -1,0 +1,300 @@
+//! A session: a baseline being recorded, or a measurement.
+
+use std::sync::Arc;
+
+use dbus::{Fault, Options};
+use zbus::object_server::SignalEmitter;
+use zbus::{OwnedFd, interface};
+
+use crate::config::numbers;
+use crate::config::numbers::{checked, whole};
+use crate::recording::recorder::{nanoseconds, volts};
+use crate::recording::session_status::Live;
+use crate::recording::stream::Wanted;
+use crate::service::limit::{STREAMS, User};
+
+/// Records held for a slow reader where nobody says.
+const RING: u64 = 64;
+
+/// The object of one session.
+pub(crate) struct Session1(pub(crate) Arc<Live>);
+
+/// A session: a baseline being recorded, or a measurement. The object outlives its session for a while.
+#[interface(name = "org.tactus.Tactus1.Session1")]
+impl Session1 {
+    /// Ends the session and returns when its record is closed and the source is off.
+    async fn stop(&self) -> Result<(), Fault> {
+        self.0.end_for_good("stopped on request");
+        let ending = self.0.ended().await;
+        if ending.faulted {
+            return Err(Fault::Failed(ending.reason));
+        }
+        if self.0.goes_on_with_the_next_daemon() {
+            return Err(Fault::Failed(
+                "the daemon was being stopped already, and the session goes on when it starts again; stop it then".into(),
+            ));
+        }
+        Ok(())
+    }
+
+    /// Suspends acquisition between frames; the source is off.
+    async fn suspend(&self) -> Result<(), Fault> {
+        self.running()?;
+        self.0.suspend(true);
+        Ok(())
+    }
+
+    /// Goes on after Suspend.
+    async fn resume(&self) -> Result<(), Fault> {
+        self.running()?;
+        self.0.suspend(false);
+        Ok(())
+    }
+
+    /// Takes so many frames now, in a session started with `step`; returns the sequence of the last durable one when
+    /// they are taken, or when a recording ends before.
+    async fn step(&self, frames: u64) -> Result<u64, Fault> {
+        self.running()?;
+        checked("frames", frames as f64, numbers::COUNT)?;
+        let upto = self.0.grant(frames).ok_or_else(|| {
+            Fault::Unsupported(
+                "this session has a schedule; start one with the option 'step'".into(),
+            )
+        })?;
+        let mut durable = self.0.follow_durable();
+        tokio::select! {
+            _ = durable.wait_for(|durable| *durable >= upto) => {}
+            ending = self.0.ended() => {
+                if ending.faulted {
+                    return Err(Fault::Failed(ending.reason));
+                }
+            }
+        }
+        Ok(self.0.durable())
+    }
+
+    /// Waits until the session has ended and returns why.
+    async fn wait(&self) -> Result<String, Fault> {
+        let ending = self.0.ended().await;
+        if ending.faulted {
+            return Err(Fault::Failed(ending.reason));
+        }
+        Ok(ending.reason)
+    }
+
+    /// The last durable frame. Voltages are NaN where the flag is not 0: 0 ok, 1 overload, 2 timeout, 3 not measured.
+    #[allow(clippy::type_complexity)]
+    #[zbus(out_args(
+        "sequence",
+        "wall_ns",
+        "volts",
+        "flags",
+        "unit",
+        "simulated",
+        "quality"
+    ))]
+    async fn latest_frame(
+        &self,
+    ) -> Result<(u64, i64, Vec<f64>, Vec<u8>, String, bool, Options), Fault> {
+        let latest = self
+            .0
+            .latest_frame()
+            .ok_or_else(|| Fault::NoFrame("the session has no frame yet".into()))?;
+        let frame = &latest.frame;
+        Ok((
+            frame.sequence,
+            nanoseconds(frame.wall),
+            volts(&frame.readings),
+            frame
+                .readings
+                .iter()
+                .map(|reading| reading.flag())
+                .collect(),
+            "V".to_owned(),
+            frame.simulated,
+            crate::service::quality(Options::new(), &latest),
+        ))
+    }
+
+    /// The map of the last durable frame that has one: a value a triangle of the region.
+    #[allow(clippy::type_complexity)]
+    #[zbus(out_args(
+        "sequence",
+        "wall_ns",
+        "values",
+        "unit",
+        "mesh_hash",
+        "method",
+        "simulated",
+        "more"
+    ))]
+    async fn latest_map(
+        &self,
+    ) -> Result<(u64, i64, Vec<f64>, String, String, String, bool, Options), Fault> {
+        let nothing = || Fault::NoFrame("the session has no map yet".into());
+        let latest = self.0.latest_map().ok_or_else(nothing)?;
+        let map = latest.map.as_ref().ok_or_else(nothing)?;
+        Ok((
+            latest.frame.sequence,
+            nanoseconds(latest.frame.wall),
+            map.values.clone(),
+            map.unit.label().to_owned(),
+            map.mesh_hash.clone(),
+            map.method.clone(),
+            latest.frame.simulated,
+            crate::service::more_of_map(Options::new(), &latest),
+        ))
+    }
+
+    /// The same map as pressure (kPa) and total load (N); an error where the configured method is not calibrated.
+    #[zbus(out_args("sequence", "wall_ns", "kpa", "newtons", "simulated"))]
+    async fn latest_pressure(&self) -> Result<(u64, i64, Vec<f64>, f64, bool), Fault> {
+        let nothing = || Fault::NoFrame("the session has no map yet".into());
+        let latest = self.0.latest_map().ok_or_else(nothing)?;
+        let pressure = latest.pressure.as_ref().ok_or_else(|| {
+            Fault::Failed(
+                "no pressure: the method is not calibrated; fit a calibration with tactus-lab calibrate and name its file \
+                 in [model] calibration"
+                    .into(),
+            )
+        })?;
+        Ok((
+            latest.frame.sequence,
+            nanoseconds(latest.frame.wall),
+            pressure.kpa.clone(),
+            pressure.newtons,
+            latest.frame.simulated,
+        ))
+    }
+
+    /// A descriptor from which every frame and map can be read. Options: `frames` (b), `maps` (b), both true by
+    /// default; `pressure` (b), false by default; `ring` (t), records held for a slow reader, 64 by default.
+    #[zbus(out_args("stream"))]
+    async fn open_stream(&self, options: Options) -> Result<OwnedFd, Fault> {
+        options.only(&["frames", "maps", "pressure", "ring"])?;
+        self.running()?;
+        let ring = whole(&options, "ring", numbers::RING)?.unwrap_or(RING);
+        let wanted = Wanted {
+            frames: options.flag("frames")?.unwrap_or(true),
+            maps: options.flag("maps")?.unwrap_or(true),
+            pressure: options.flag("pressure")?.unwrap_or(false),
+            ring: ring as usize,
+        };
+        let place = STREAMS.take(User::calling())?;
+        let descriptor = self
+            .0
+            .readers
+            .add(wanted, place)
+            .map_err(|error| Fault::Failed(format!("no socket for the stream: {error}")))?;
+        Ok(descriptor.into())
+    }
+
+    /// At most five a second, and one for the last frame.
+    #[zbus(signal)]
+    async fn frame_done(
+        emitter: &SignalEmitter<'_>,
+        sequence: u64,
+        wall_ns: i64,
+        summary: Options,
+    ) -> zbus::Result<()>;
+
+    /// Its id.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn id(&self) -> &str {
+        &self.0.facts.id
+    }
+
+    /// `baseline` or `measurement`.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn kind(&self) -> &str {
+        self.0.facts.kind.as_str()
+    }
+
+    /// `running`, `suspended`, `ended`, `faulted`.
+    #[zbus(property)]
+    fn state(&self) -> &str {
+        let progress = self.0.progress();
+        match progress.ended {
+            Some(ending) if ending.faulted => "faulted",
+            Some(_) => "ended",
+            None if progress.suspended => "suspended",
+            None => "running",
+        }
+    }
+
+    /// Frames that the rig or recording gave.
+    #[zbus(property(emits_changed_signal = "false"))]
+    fn frames_acquired(&self) -> u64 {
+        self.0.acquired()
+    }
+
+    /// Frames on disk.
+    #[zbus(property(emits_changed_signal = "false"))]
+    fn frames_durable(&self) -> u64 {
+        self.0.durable()
+    }
+
+    /// Frames that the schedule asked for and the rig could not give in time, or the disk refused.
+    #[zbus(property(emits_changed_signal = "false"))]
+    fn frames_dropped(&self) -> u64 {
+        self.0.dropped()
+    }
+
+    /// Frames that failed; they are no frames of the record, whose events say why.
+    #[zbus(property(emits_changed_signal = "false"))]
+    fn frames_failed(&self) -> u64 {
+        self.0.failures()
+    }
+
+    /// Why it is faulted, or why the last frame has no map; empty otherwise.
+    #[zbus(property)]
+    fn last_error(&self) -> String {
+        self.0.progress().last_error
+    }
+
+    /// Why it ended, empty while it runs.
+    #[zbus(property)]
+    fn end_reason(&self) -> String {
+        self.0
+            .progress()
+            .ended
+            .map(|ending| ending.reason)
+            .unwrap_or_default()
+    }
+
+    /// Whether voltages are simulated.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn simulated(&self) -> bool {
+        self.0.facts.simulated
+    }
+
+    /// Id of the baseline that it measures against, empty for a baseline session.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn baseline_id(&self) -> &str {
+        &self.0.facts.baseline_id
+    }
+
+    /// The method of its maps, empty for a baseline session.
+    #[zbus(property(emits_changed_signal = "const"))]
+    fn method(&self) -> &str {
+        &self.0.facts.method
+    }
+
+    /// The file that its frames go to; a session that rolls over goes on in another one.
+    #[zbus(property(emits_changed_signal = "false"))]
+    fn path(&self) -> String {
+        self.0.path().display().to_string()
+    }
+}
+
+impl Session1 {
+    fn running(&self) -> Result<(), Fault> {
+        match self.0.progress().ended {
+            None => Ok(()),
+            Some(ending) => Err(Fault::NoSession(format!(
+                "session {} has ended: {}",
+                self.0.facts.id, ending.reason
+            ))),
+        }
+    }
+}

@@ -1,0 +1,57 @@
+//! A hand on the simulated sheet.
+
+use std::sync::Arc;
+
+use dbus::Fault;
+use zbus::interface;
+
+use crate::config::numbers;
+use crate::config::numbers::checked;
+use crate::instruments::simulation;
+use crate::session::controller::Keeper;
+
+/// Only on the root object of a simulated rig.
+pub(crate) struct Simulation1(pub(crate) Arc<Keeper>);
+
+/// A hand on the simulated sheet. There only when the rig is simulated: a real sheet is pressed by hand.
+#[interface(name = "org.tactus.Tactus1.Simulation1")]
+impl Simulation1 {
+    /// Puts a load down in place of the last one: `disc` (size = diameter), `rectangle` (longer side), `triangle`
+    /// (side) or `figure-eight` (length). Place and size in metres, loss of conductance from 0 to 1. Acts on the next
+    /// frame.
+    async fn press(
+        &self,
+        shape: &str,
+        x_m: f64,
+        y_m: f64,
+        size_m: f64,
+        loss: f64,
+    ) -> Result<(), Fault> {
+        for (what, value, bounds) in [
+            ("x_m", x_m, numbers::PLACE_M),
+            ("y_m", y_m, numbers::PLACE_M),
+            ("size_m", size_m, numbers::SIZE_M),
+            ("loss", loss, numbers::LOSS),
+        ] {
+            checked(what, value, bounds)?;
+        }
+        let bench = self.bench()?;
+        simulation::press(&bench, shape, [x_m, y_m], size_m, loss).map_err(Fault::InvalidOption)
+    }
+
+    /// Takes the load away.
+    async fn release(&self) -> Result<(), Fault> {
+        simulation::release(&self.bench()?);
+        Ok(())
+    }
+}
+
+impl Simulation1 {
+    fn bench(&self) -> Result<simulator::SimulatedRig, Fault> {
+        self.0
+            .house()
+            .bench
+            .clone()
+            .ok_or_else(|| Fault::Unsupported("the rig is not simulated".into()))
+    }
+}

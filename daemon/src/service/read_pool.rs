@@ -1,0 +1,209 @@
+//! Work for clients who look (reading the record, computing a plan), on threads of its own.
+//!
+//! Acquisition, recording and stopping use the runtime's threads. However much is asked for here, none of those is taken:
+//! each user may have a few requests, they are served by turns, and a request whose caller has left is passed over.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+
+use dbus::Fault;
+use tokio::sync::oneshot;
+
+use crate::service::containment;
+use crate::service::limit::{READS, User};
+
+/// Threads; two, so that one long answer does not hold up all others.
+const THREADS: usize = 2;
+
+static POOL: Pool = Pool::new(THREADS);
+
+/// Does this for whose call is being answered.
+///
+/// # Errors
+/// [`Fault::LimitsExceeded`]: that user, or all together, have as many requests as there may be. [`Fault::Failed`]: the
+/// work panicked, or no thread could be started.
+pub(crate) async fn read<T: Send + 'static>(
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, Fault> {
+    let user = User::calling();
+    let place = READS.take(user)?;
+    let (answer, answered) = oneshot::channel();
+    let job = move || {
+        // held until here: also what nobody waits for any more has its place as long as it is in the queue
+        let _place = place;
+        if !answer.is_closed() {
+            let _ = answer.send(work());
+        }
+    };
+    POOL.push(user, Box::new(job))?;
+    answered.await.map_err(|_| {
+        Fault::Failed("the daemon failed while it read; its journal says where".into())
+    })
+}
+
+type Job = Box<dyn FnOnce() + Send>;
+
+/// Threads that take jobs, one user after the other.
+struct Pool {
+    most: usize,
+    waiting: Mutex<Waiting>,
+    news: Condvar,
+}
+
+struct Waiting {
+    queues: BTreeMap<User, VecDeque<Job>>,
+    /// Whose turn is next; each that has a queue is here once.
+    turns: VecDeque<User>,
+    threads: usize,
+    idle: usize,
+}
+
+impl Waiting {
+    fn next(&mut self) -> Option<Job> {
+        let user = self.turns.pop_front()?;
+        let queue = self.queues.get_mut(&user)?;
+        let job = queue.pop_front();
+        match queue.is_empty() {
+            true => drop(self.queues.remove(&user)),
+            false => self.turns.push_back(user),
+        }
+        job
+    }
+}
+
+impl Pool {
+    const fn new(most: usize) -> Self {
+        Self {
+            most,
+            waiting: Mutex::new(Waiting {
+                queues: BTreeMap::new(),
+                turns: VecDeque::new(),
+                threads: 0,
+                idle: 0,
+            }),
+            news: Condvar::new(),
+        }
+    }
+
+    fn waiting(&self) -> MutexGuard<'_, Waiting> {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Puts a job behind those of the same user.
+    fn push(&'static self, user: User, job: Job) -> Result<(), Fault> {
+        let mut waiting = self.waiting();
+        if waiting.idle == 0 && waiting.threads < self.most {
+            let started = std::thread::Builder::new()
+                .name("reading".to_owned())
+                .spawn(move || self.work());
+            match started {
+                Ok(_) => waiting.threads += 1,
+                Err(cause) if waiting.threads == 0 => {
+                    return Err(Fault::Failed(format!("no thread to read on: {cause}")));
+                }
+                // the threads that are there do it later
+                Err(_) => {}
+            }
+        }
+        let queue = waiting.queues.entry(user).or_default();
+        queue.push_back(job);
+        if queue.len() == 1 {
+            waiting.turns.push_back(user);
+        }
+        drop(waiting);
+        self.news.notify_one();
+        Ok(())
+    }
+
+    fn work(&self) {
+        let mut waiting = self.waiting();
+        loop {
+            if let Some(job) = waiting.next() {
+                drop(waiting);
+                // its caller is told by the answer that does not come
+                let _ = containment::run(job);
+                waiting = self.waiting();
+            } else {
+                waiting.idle += 1;
+                waiting = self
+                    .news
+                    .wait(waiting)
+                    .unwrap_or_else(PoisonError::into_inner);
+                waiting.idle -= 1;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc;
+
+    use crate::service::read_pool::*;
+
+    fn user(id: u32) -> User {
+        User { id, trusted: false }
+    }
+
+    #[test]
+    fn users_are_served_by_turns() {
+        static ONE: Pool = Pool::new(1);
+        let (go, wait) = mpsc::channel::<()>();
+        let (done, order) = mpsc::channel();
+        ONE.push(user(9), Box::new(move || wait.recv().unwrap()))
+            .unwrap();
+        for number in 0..3 {
+            let done = done.clone();
+            let job = move || done.send((1, number)).unwrap();
+            ONE.push(user(1), Box::new(job)).unwrap();
+        }
+        let last = done.clone();
+        ONE.push(user(2), Box::new(move || last.send((2, 0)).unwrap()))
+            .unwrap();
+        go.send(()).unwrap();
+        drop(done);
+        let order: Vec<(u32, u32)> = order.iter().collect();
+        assert_eq!(order, [(1, 0), (2, 0), (1, 1), (1, 2)]);
+    }
+
+    #[tokio::test]
+    async fn a_panic_costs_its_own_answer_only() {
+        let failed = read(|| panic!("a test of the reading threads")).await;
+        assert!(
+            matches!(failed, Err::<(), _>(Fault::Failed(_))),
+            "{failed:?}"
+        );
+        for number in 0..THREADS + 1 {
+            assert_eq!(read(move || number).await.unwrap(), number);
+        }
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn one_user_has_eight_requests_and_others_have_theirs() {
+        let (go, wait) = mpsc::channel::<()>();
+        let wait = std::sync::Arc::new(Mutex::new(wait));
+        let ask = |id| {
+            let wait = std::sync::Arc::clone(&wait);
+            let work = move || wait.lock().unwrap().recv().is_ok();
+            tokio::spawn(user(id).calls(read(work)))
+        };
+        let mut asked: Vec<_> = (0..9).map(|_| ask(7)).collect();
+        let refused = loop {
+            if let Some(which) = asked.iter().position(|asked| asked.is_finished()) {
+                break asked.swap_remove(which).await.unwrap();
+            }
+            tokio::task::yield_now().await;
+        };
+        assert!(
+            matches!(&refused, Err(Fault::LimitsExceeded(why)) if why.starts_with("you have 8")),
+            "{refused:?}"
+        );
+        asked.push(ask(8));
+        for _ in 0..9 {
+            go.send(()).unwrap();
+        }
+        for asked in asked {
+            assert!(asked.await.unwrap().unwrap());
+        }
+    }
+}

@@ -1,0 +1,121 @@
+//! The sessions on disk, as the daemon knows them: each file is read once, and again when it has changed.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use chrono::{DateTime, Utc};
+use dbus::Fault;
+use logbook::{Index, LogbookError, SessionSummary};
+use survey::Baseline;
+
+use crate::recording::model::chain;
+use crate::service::objects::report;
+use crate::session::controller::disk_fault;
+
+/// So many files are read while the daemon starts; more are read beside it.
+const WHILE_STARTING: usize = 200;
+
+/// The index of the record's folder.
+#[derive(Debug)]
+pub(crate) struct Records {
+    known: Mutex<Known>,
+}
+
+#[derive(Debug)]
+struct Known {
+    index: Index,
+    /// Files of which the journal has been told that they cannot be read.
+    told: BTreeSet<PathBuf>,
+}
+
+impl Records {
+    /// What was kept of the folder; no session is opened.
+    pub(crate) fn of(directory: &Path) -> Self {
+        Self {
+            known: Mutex::new(Known {
+                index: Index::load(directory),
+                told: BTreeSet::new(),
+            }),
+        }
+    }
+
+    fn known(&self) -> MutexGuard<'_, Known> {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Whether so much is to be read first that nobody should wait for it.
+    pub(crate) fn takes_long(&self) -> bool {
+        let unknown = self.known().index.unknown();
+        unknown.is_ok_and(|unknown| unknown > WHILE_STARTING)
+    }
+
+    /// The sessions as they are now. Blocks while files are read.
+    fn now(&self) -> Result<MutexGuard<'_, Known>, LogbookError> {
+        let mut known = self.known();
+        known.index.refresh()?;
+        if let Err(error) = known.index.save() {
+            tracing::debug!("{}", chain(&error));
+        }
+        let mut unreadable = BTreeSet::new();
+        for file in known.index.unreadable() {
+            // once: whoever asks for the list must not fill the journal
+            if !known.told.contains(&file.path) {
+                tracing::warn!("{}: {}", file.path.display(), chain(&file.why));
+            }
+            unreadable.insert(file.path);
+        }
+        known.told = unreadable;
+        Ok(known)
+    }
+
+    /// What may be resumed, the newest first.
+    ///
+    /// # Errors
+    /// The folder cannot be read.
+    pub(crate) fn interrupted(&self) -> Result<Vec<SessionSummary>, LogbookError> {
+        Ok(self.now()?.index.interrupted())
+    }
+
+    /// The baseline recorded last as seen `now`.
+    ///
+    /// # Errors
+    /// The folder or that baseline cannot be read.
+    pub(crate) fn latest_baseline(
+        &self,
+        now: DateTime<Utc>,
+    ) -> Result<Option<Baseline>, LogbookError> {
+        let latest = self.now()?.index.latest_baseline(now)?;
+        Ok(latest.map(|(_, baseline)| baseline))
+    }
+
+    /// So many sessions, the newest first, where named those that come after the one with this id; `active` is the one
+    /// that runs.
+    ///
+    /// # Errors
+    /// The folder cannot be read, or there is no such session.
+    pub(crate) fn listed(
+        &self,
+        count: usize,
+        before: Option<&str>,
+        active: Option<&str>,
+    ) -> Result<Vec<dbus::SessionSummary>, Fault> {
+        let known = self.now().map_err(|error| disk_fault(&error))?;
+        let sessions = known.index.sessions();
+        let from = match before {
+            None => sessions.len(),
+            Some(id) => sessions
+                .iter()
+                .position(|session| session.id == id)
+                .ok_or_else(|| {
+                    Fault::NoSession(format!(
+                        "option 'before' is '{id}', and there is no such session (any more); ask without it"
+                    ))
+                })?,
+        };
+        let newest = sessions.iter().take(from).rev().take(count);
+        Ok(newest
+            .map(|summary| report::session(summary, active))
+            .collect())
+    }
+}

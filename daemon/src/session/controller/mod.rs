@@ -1,0 +1,403 @@
+//! Who keeps watch: one per daemon, holds the rig, starts and ends sessions, remembers the baseline.
+
+mod reconnect;
+mod recovery;
+mod reload;
+mod resume;
+mod rig_events;
+mod run;
+mod self_test;
+mod session_end;
+mod session_options;
+
+pub(crate) use crate::session::controller::resume::SHUT_DOWN;
+pub(crate) use crate::session::controller::rig_events::Happening;
+pub(crate) use crate::session::controller::session_options::{no_baseline, no_plan};
+
+use std::collections::VecDeque;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
+
+use chrono::{DateTime, Utc};
+use dbus::Fault;
+use logbook::LogbookError;
+use rig::{Clock, SystemClock, Tape};
+use survey::{Baseline, Settings};
+use tokio::sync::{Notify, watch};
+
+use crate::acquisition::task::FrameSource;
+use crate::events::broadcast::{Herald, Notice};
+use crate::instruments::assembly::{Assembled, Bench};
+use crate::instruments::identities::Known;
+use crate::instruments::lock::Claims;
+use crate::monitoring::Observed;
+use crate::monitoring::heartbeat::Pulse;
+use crate::preparation::{FramesFrom, Prepared, RigPlan, Setup};
+use crate::recording::model::chain;
+use crate::recording::session_status::Live;
+use crate::service::records::Records;
+use crate::session::end_marks::EndMarks;
+use crate::session::state::{Event, State};
+
+/// What a configuration means; another one takes its place at a reload.
+pub(crate) struct House {
+    pub setup: Setup,
+    /// `None` for a recording.
+    pub plan: Option<Arc<RigPlan>>,
+    pub settings: Option<Settings>,
+    pub bench: Bench,
+    pub simulated: bool,
+    pub clock: SystemClock,
+    pub build: String,
+    /// The file it was read from.
+    pub config: PathBuf,
+}
+
+/// The daemon's one head.
+pub(crate) struct Keeper {
+    house: RwLock<Arc<House>>,
+    pub herald: Herald,
+    /// What its observers go by.
+    pub observed: Observed,
+    /// The sessions on disk.
+    pub records: Records,
+    /// Whether the record has been read; no session is started before.
+    begun: watch::Sender<bool>,
+    /// What was said lately over the wires.
+    pub tape: Tape,
+    pub pulse: Arc<Pulse>,
+    /// Which sessions have ended, whatever their files say.
+    ends: Arc<EndMarks>,
+    source: tokio::sync::Mutex<FrameSource>,
+    /// The instruments that no other daemon may use.
+    claims: Mutex<Claims>,
+    /// Somebody has agreed to other instruments.
+    agreed: Notify,
+    inner: Mutex<Inner>,
+}
+
+struct Inner {
+    state: State,
+    baseline: Option<Arc<Baseline>>,
+    active: Option<Arc<Live>>,
+    /// How the running session measures.
+    session_plan: Option<Arc<RigPlan>>,
+    recent: VecDeque<Arc<Live>>,
+    /// Why the rig cannot be used, until it is found again.
+    rig_fault: Option<String>,
+    /// Stops the self-test that runs.
+    test: Option<rig::StopButton>,
+    /// Why a person must look first: relays found closed at the start.
+    closed: Option<String>,
+    known: Known,
+    /// Others than the known ones were found; nobody has agreed yet.
+    others: Option<Known>,
+    /// The source could not be verified off.
+    source_unknown: bool,
+    /// The relays could not be verified open.
+    relays_unknown: bool,
+    recovery: Option<Recovery>,
+    /// A configuration that waits for the end of a session.
+    waiting: Option<Box<Prepared>>,
+}
+
+/// A lost rig being looked for.
+#[derive(Debug, Clone)]
+pub(crate) struct Recovery {
+    /// What was lost, or what stands in the way.
+    pub what: String,
+    /// Tries so far.
+    pub tries: u64,
+    /// When the next one is due; `None` while one is under way.
+    pub next: Option<tokio::time::Instant>,
+    pub since: DateTime<Utc>,
+    /// Whether only a person can go on.
+    pub person: bool,
+}
+
+impl Keeper {
+    /// Takes over a rig or a recording that has been prepared; nothing runs yet.
+    pub(crate) fn new(
+        prepared: Prepared,
+        bench: Bench,
+        assembled: Option<Assembled>,
+        tape: Tape,
+        clock: SystemClock,
+    ) -> Arc<Self> {
+        let simulated = prepared.is_simulated();
+        let (rig, known, closed) = match assembled {
+            Some(assembled) => (Some(assembled.rig), assembled.known, assembled.closed),
+            None => (None, Known::default(), None),
+        };
+        let Prepared {
+            setup,
+            frames,
+            file,
+        } = prepared;
+        let records = Records::of(&setup.record_directory);
+        let slow = records.takes_long();
+        let (source, settings, plan, baseline) = match frames {
+            FramesFrom::Rig(plan) => {
+                let settings = plan.settings();
+                let source = FrameSource::Rig {
+                    rig,
+                    plan: Arc::clone(&plan),
+                };
+                let baseline = match slow {
+                    true => None,
+                    false => latest_baseline(&records, clock.wall()),
+                };
+                (source, Some(settings), Some(plan), baseline)
+            }
+            FramesFrom::Recording {
+                recording,
+                baseline,
+            } => {
+                let settings = recording.settings();
+                (
+                    FrameSource::Recording(recording),
+                    settings,
+                    None,
+                    Some(*baseline),
+                )
+            }
+        };
+        let observed = Observed::new(clock, setup.record_directory.clone());
+        let ends = EndMarks::open(&setup.record_directory, &setup.config.runtime_directory());
+        Arc::new(Self {
+            house: RwLock::new(Arc::new(House {
+                build: format!("tactusd {}", env!("CARGO_PKG_VERSION")),
+                setup,
+                plan,
+                settings,
+                bench,
+                simulated,
+                clock,
+                config: file,
+            })),
+            herald: Herald::default(),
+            observed,
+            records,
+            begun: watch::Sender::new(!slow),
+            tape,
+            pulse: Arc::default(),
+            ends: Arc::new(ends),
+            source: tokio::sync::Mutex::new(source),
+            claims: Mutex::default(),
+            agreed: Notify::new(),
+            inner: Mutex::new(Inner {
+                state: match &closed {
+                    Some(why) => State::Faulted(why.clone()),
+                    None => State::Idle,
+                },
+                baseline: baseline.map(Arc::new),
+                active: None,
+                session_plan: None,
+                recent: VecDeque::new(),
+                rig_fault: closed.clone(),
+                closed,
+                known,
+                others: None,
+                source_unknown: false,
+                relays_unknown: false,
+                recovery: None,
+                waiting: None,
+                test: None,
+            }),
+        })
+    }
+
+    /// Whether so many sessions are to be read that it is done beside the start, by [`Keeper::read_the_record`].
+    pub(crate) fn has_much_to_read(&self) -> bool {
+        !*self.begun.borrow()
+    }
+
+    /// Reads the record, however long that takes, and takes the last baseline from it.
+    pub(crate) async fn read_the_record(self: &Arc<Self>) {
+        let keeper = Arc::clone(self);
+        let now = self.house().clock.wall();
+        let found =
+            tokio::task::spawn_blocking(move || latest_baseline(&keeper.records, now)).await;
+        if !self.is_recording()
+            && let Ok(Some(baseline)) = found
+        {
+            self.inner().baseline = Some(Arc::new(baseline));
+            self.herald.say(&Notice::Daemon);
+        }
+    }
+
+    /// The record has been read, and what was interrupted goes on: sessions may be started.
+    pub(crate) fn begin_to_start(&self) {
+        self.begun.send_replace(true);
+    }
+
+    /// Waits until sessions may be started.
+    async fn may_start(&self) {
+        // the sender lives in self
+        let _ = self.begun.subscribe().wait_for(|begun| *begun).await;
+    }
+
+    /// So many sessions of the record, the newest first, where named those that come after the one with this id.
+    ///
+    /// # Errors
+    /// The record cannot be read, or there is no such session.
+    pub(crate) fn listed(
+        &self,
+        count: usize,
+        before: Option<&str>,
+    ) -> Result<Vec<dbus::SessionSummary>, Fault> {
+        let active = self.active().map(|live| live.facts.id.clone());
+        self.records.listed(count, before, active.as_deref())
+    }
+
+    /// Holds what was claimed as long as it lives.
+    pub(crate) fn hold(&self, claims: Claims) {
+        *self.claims.lock().unwrap_or_else(PoisonError::into_inner) = claims;
+    }
+
+    fn inner(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What the configuration in force means.
+    pub(crate) fn house(&self) -> Arc<House> {
+        let house = self.house.read().unwrap_or_else(PoisonError::into_inner);
+        Arc::clone(&house)
+    }
+
+    /// The instruments that are known.
+    pub(crate) fn known(&self) -> Known {
+        self.inner().known.clone()
+    }
+
+    /// What is known of the source: `off` (verified), `in use`, `unknown`.
+    pub(crate) fn source_state(&self) -> &'static str {
+        let inner = self.inner();
+        match &inner.state {
+            _ if inner.source_unknown => "unknown",
+            State::Baseline | State::Acquiring | State::Testing => "in use",
+            _ => "off",
+        }
+    }
+
+    /// The lost rig that is being looked for, if one is.
+    pub(crate) fn recovery(&self) -> Option<Recovery> {
+        self.inner().recovery.clone()
+    }
+
+    pub(crate) fn state(&self) -> State {
+        self.inner().state.clone()
+    }
+
+    pub(crate) fn baseline(&self) -> Option<Arc<Baseline>> {
+        self.inner().baseline.clone()
+    }
+
+    pub(crate) fn active(&self) -> Option<Arc<Live>> {
+        self.inner().active.clone()
+    }
+
+    /// The running session and those that ended a short while ago.
+    pub(crate) fn sessions(&self) -> Vec<Arc<Live>> {
+        let inner = self.inner();
+        inner.recent.iter().chain(&inner.active).cloned().collect()
+    }
+
+    /// How the running session measures, else how one would; `None` for a recording.
+    pub(crate) fn plan(&self) -> Option<Arc<RigPlan>> {
+        let of_session = self.inner().session_plan.clone();
+        of_session.or_else(|| self.house().plan.clone())
+    }
+
+    /// Whether frames come from a recording.
+    pub(crate) fn is_recording(&self) -> bool {
+        self.house().plan.is_none()
+    }
+
+    /// Why an instrument cannot be used; `None` when all can.
+    pub(crate) fn rig_fault(&self) -> Option<String> {
+        self.inner().rig_fault.clone()
+    }
+
+    /// Changes the state; a refusal leaves it.
+    fn happened(&self, event: Event) -> Result<(), crate::session::state::Refusal> {
+        let outcome = {
+            let mut inner = self.inner();
+            let state = std::mem::replace(&mut inner.state, State::Idle);
+            match state.after(event) {
+                Ok(next) => {
+                    inner.state = next;
+                    Ok(())
+                }
+                Err((kept, refusal)) => {
+                    inner.state = kept;
+                    Err(refusal)
+                }
+            }
+        };
+        if outcome.is_ok() {
+            let status = self.state().to_string();
+            let _ = sd_notify::notify(&[sd_notify::NotifyState::Status(&status)]);
+            self.herald.say(&Notice::Daemon);
+        }
+        outcome
+    }
+
+    /// Ends whatever runs and leaves the source off and verified. Where it is not `for_good`, a measurement goes on with
+    /// the next daemon.
+    ///
+    /// # Errors
+    /// What could not be made safe.
+    pub(crate) async fn shut_down(&self, why: &str, for_good: bool) -> Result<(), String> {
+        self.stop_test();
+        if let Some(live) = self.active() {
+            let goes_on = !for_good
+                && live.facts.kind == logbook::SessionKind::Measurement
+                && self.house().setup.config.record.resume
+                && !self.is_recording();
+            match goes_on {
+                true => live.leave(why),
+                false => live.stop(why),
+            }
+            live.ended().await;
+        }
+        if self.rig_fault().is_some() {
+            self.find_rig_again().await?;
+        }
+        self.make_safe().await
+    }
+
+    /// Source off and relays open, verified, as soon as nobody else works with the rig.
+    pub(crate) async fn make_safe(&self) -> Result<(), String> {
+        let source = self.source.lock().await;
+        match &*source {
+            FrameSource::Rig {
+                rig: Some(rig),
+                plan,
+            } => rig
+                .safe_off(&plan.plan.wiring)
+                .await
+                .map_err(|error| error.to_string()),
+            FrameSource::Rig { rig: None, .. } => {
+                Err("the rig was lost and has not come back; its state is unknown".to_owned())
+            }
+            FrameSource::Recording(_) => Ok(()),
+        }
+    }
+}
+
+fn latest_baseline(records: &Records, now: DateTime<Utc>) -> Option<Baseline> {
+    records.latest_baseline(now).unwrap_or_else(|error| {
+        tracing::warn!("the last baseline cannot be read: {}", chain(&error));
+        None
+    })
+}
+
+/// A logbook's refusal as a fault on the bus.
+pub(crate) fn disk_fault(error: &LogbookError) -> Fault {
+    if error.is_disk() {
+        Fault::DiskRefused(chain(error))
+    } else {
+        Fault::Failed(chain(error))
+    }
+}

@@ -1,0 +1,174 @@
+//! A rig that was lost while no session needs it, and what a person says about rigs: open the relays, agree to other
+//! instruments.
+
+use std::sync::Arc;
+
+use dbus::Fault;
+use rig::Clock;
+
+use crate::acquisition::task::FrameSource;
+use crate::events::broadcast::Notice;
+use crate::instruments::assembly::{Closed, assemble};
+use crate::instruments::identities::{Known, UNTIL_AGREED};
+use crate::session::controller::recovery::LOOK_AGAIN;
+use crate::session::controller::{Keeper, Recovery};
+use crate::session::state::Event;
+
+impl Keeper {
+    /// After a fault of the rig: until every instrument is back and verified off, or a session has found it first.
+    pub(super) async fn look_for_rig(self: Arc<Self>) {
+        let what = self.rig_fault().unwrap_or_default();
+        self.inner().recovery = Some(Recovery {
+            what,
+            tries: 0,
+            next: None,
+            since: self.house().clock.wall(),
+            person: false,
+        });
+        let mut pause = LOOK_AGAIN.0;
+        loop {
+            tokio::select! {
+                () = tokio::time::sleep(pause) => {}
+                () = self.agreed.notified() => {}
+            }
+            if self.rig_fault().is_none() {
+                return;
+            }
+            if self.state().is_busy() {
+                continue;
+            }
+            match self.find_rig_again().await {
+                Ok(()) => {
+                    let _ = self.happened(Event::Recovered);
+                    return;
+                }
+                Err(text) => {
+                    pause = (pause * 2).min(LOOK_AGAIN.1);
+                    self.next_try(None, &text, pause).await;
+                }
+            }
+        }
+    }
+
+    /// The instruments that are known wait for the next daemon, too.
+    pub(crate) async fn keep_known(&self) {
+        let (known, house) = (self.known(), self.house());
+        let kept =
+            tokio::task::spawn_blocking(move || known.keep(&house.setup.record_directory)).await;
+        if let Ok(Err(error)) = kept {
+            self.tell(None, "fault", &crate::recording::model::chain(&error))
+                .await;
+        }
+    }
+
+    /// Other instruments than those of the last daemon were found at the start: nothing is measured until a person
+    /// agrees, or the known ones are back.
+    pub(crate) async fn wait_for_the_known(
+        self: &Arc<Self>,
+        known: Known,
+        found: &str,
+        source_off: bool,
+    ) {
+        let text = format!("{found}; {UNTIL_AGREED}");
+        {
+            let mut inner = self.inner();
+            inner.known = known;
+            inner.rig_fault = Some(text.clone());
+            inner.source_unknown = !source_off;
+        }
+        let _ = self.happened(Event::Fault(text));
+        self.herald.say(&Notice::Instruments);
+        tokio::spawn(Arc::clone(self).look_for_rig());
+    }
+
+    /// Puts the rig together anew; it is verified off afterwards.
+    pub(super) async fn find_rig_again(&self) -> Result<(), String> {
+        let mut source = self.source.lock().await;
+        if let Some(closed) = self.inner().closed.clone() {
+            return Err(closed);
+        }
+        let FrameSource::Rig { rig, plan } = &mut *source else {
+            return Ok(());
+        };
+        if rig.is_none() {
+            let assembled = self.try_again(None, plan).await?;
+            *rig = Some(assembled.rig);
+            let text = "the rig is back; its source is off, its settings applied, both verified";
+            self.tell(None, "reconnected", text).await;
+        }
+        {
+            let mut inner = self.inner();
+            inner.rig_fault = None;
+            inner.recovery = None;
+        }
+        self.herald.say(&Notice::Instruments);
+        Ok(())
+    }
+
+    /// A person says: switch off, open every relay, verify both. Lifts the refusal of relays found closed at the start.
+    ///
+    /// # Errors
+    /// A session that is running, or what could not be made safe.
+    pub(crate) async fn open_all(self: &Arc<Self>) -> Result<String, Fault> {
+        if self.state().is_busy() {
+            return Err(Fault::SessionActive(
+                "a session is running, and its relays with it; stop it first".into(),
+            ));
+        }
+        let mut source = self.source.lock().await;
+        let FrameSource::Rig { rig, plan } = &mut *source else {
+            return Err(Fault::Unsupported("a recording has no relays".into()));
+        };
+        // put together anew: settings are applied only now that the relays are known
+        *rig = None;
+        let (bench, known) = (self.house().bench.clone(), self.known());
+        let assembled = assemble(plan, &bench, &self.tape, Closed::Open, Some(&known))
+            .await
+            .map_err(|error| Fault::InstrumentFault(crate::recording::model::chain(&error)))?;
+        *rig = Some(assembled.rig);
+        drop(source);
+        let was = {
+            let mut inner = self.inner();
+            inner.rig_fault = None;
+            inner.recovery = None;
+            inner.source_unknown = false;
+            inner.relays_unknown = false;
+            inner.closed.take()
+        };
+        let _ = self.happened(Event::Recovered);
+        self.herald.say(&Notice::Instruments);
+        let text = match was {
+            Some(was) => format!("the source is off and every relay open, verified; before: {was}"),
+            None => "the source is off and every relay open, verified".to_owned(),
+        };
+        self.tell(None, "opened", &text).await;
+        Ok(text)
+    }
+
+    /// A person agrees to the instruments that were found in place of the known ones.
+    ///
+    /// # Errors
+    /// Nothing waits for it.
+    pub(crate) async fn accept(&self) -> Result<String, Fault> {
+        let agreed = {
+            let mut inner = self.inner();
+            let others = inner.others.take();
+            others.map(|others| {
+                let text = inner.known.differs(&others).unwrap_or_default();
+                inner.known = others;
+                text
+            })
+        };
+        let Some(text) = agreed else {
+            return Err(Fault::Unsupported(
+                "no other instruments wait to be accepted; `tactus instruments` shows those that are known".into(),
+            ));
+        };
+        self.keep_known().await;
+        let text = format!("a person agreed: {text}");
+        self.tell(None, "accepted", &text).await;
+        self.herald.say(&Notice::Instruments);
+        self.agreed.notify_one();
+        Ok(text)
+    }
+}

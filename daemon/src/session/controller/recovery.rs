@@ -1,0 +1,216 @@
+//! A session whose rig was lost: suspended, the rig looked for ever less often, compared with the one that is known,
+//! set up and verified, and gone on with. Every step is an event of the record and a signal on the bus.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use rig::{AcquireError, Clock, RigError};
+use tokio::time::Instant;
+
+use crate::acquisition::failed_frame;
+use crate::acquisition::task::FrameSource;
+use crate::events::broadcast::Notice;
+use crate::instruments::assembly::{Assembled, AssemblyError, Closed, assemble, open_relays};
+use crate::instruments::identities::UNTIL_AGREED;
+use crate::preparation::RigPlan;
+use crate::recording::model::chain;
+use crate::session::controller::rig_events::Concerned;
+use crate::session::controller::{Keeper, Recovery};
+use crate::session::state::Event;
+
+/// A lost rig is looked for again after so long, and then ever less often up to the second value.
+pub(super) const LOOK_AGAIN: (Duration, Duration) =
+    (Duration::from_millis(200), Duration::from_secs(10));
+
+/// Frames that may fail one after the other, each with the rig found again between, before the session ends.
+pub(super) const MOST_FAILED: u32 = 3;
+
+/// Whether looking for the rig again can help: not where it was asked for what it cannot do.
+pub(super) fn may_pass(error: &AcquireError) -> bool {
+    match error.cause() {
+        None => false,
+        Some(cause) => !matches!(
+            cause,
+            RigError::CurrentOutOfRange { .. }
+                | RigError::VoltageOutOfRange { .. }
+                | RigError::Unable { .. }
+        ),
+    }
+}
+
+impl Keeper {
+    /// What is known of the rig's safety after a failed frame.
+    pub(super) async fn take_down(&self, whom: Option<Concerned<'_>>, error: &AcquireError) {
+        let cleanup = error.cleanup();
+        let source = cleanup.is_some_and(|cleanup| cleanup.source.is_some());
+        let relays = cleanup.is_some_and(|cleanup| cleanup.relays.is_some());
+        {
+            let mut inner = self.inner();
+            inner.source_unknown = source;
+            inner.relays_unknown = relays;
+        }
+        match (source, relays) {
+            (true, true) => {
+                let text = "neither the source nor the switch can be made safe: the sheet may be live; switch the source \
+                            off by hand";
+                self.tell(whom, "alarm", text).await;
+            }
+            (true, false) => {
+                let text = "source state unknown; the injecting relays are open and verified";
+                self.tell(whom, "source-unknown", text).await;
+            }
+            _ => {}
+        }
+    }
+
+    /// Suspends the session until the rig is back; `false` when it was stopped before.
+    pub(super) async fn recover(
+        self: &Arc<Self>,
+        whom: Concerned<'_>,
+        source: &mut FrameSource,
+        error: &AcquireError,
+    ) -> bool {
+        let FrameSource::Rig { rig, plan } = source else {
+            return false;
+        };
+        // its links may be out of step, and whatever was set may be lost: it is put together anew
+        *rig = None;
+        let text = failed_frame::tell(error);
+        {
+            let mut inner = self.inner();
+            inner.rig_fault = Some(text.clone());
+            inner.recovery = Some(Recovery {
+                what: text.clone(),
+                tries: 0,
+                next: Some(Instant::now() + LOOK_AGAIN.0),
+                since: self.house().clock.wall(),
+                person: false,
+            });
+        }
+        whom.live.set_last_error(&text);
+        whom.live.set_suspended(true);
+        let _ = self.happened(Event::Suspend);
+        self.herald.say(&Notice::Instruments);
+        let suspended = "the session is suspended; the rig is looked for";
+        self.tell(Some(whom), "suspended", suspended).await;
+
+        let mut stop = whom.live.stop_wish();
+        let mut pause = LOOK_AGAIN.0;
+        let assembled = loop {
+            tokio::select! {
+                () = stop.asked() => {
+                    self.inner().recovery = None;
+                    self.herald.say(&Notice::Daemon);
+                    return false;
+                }
+                () = self.agreed.notified() => {}
+                () = tokio::time::sleep(pause) => {}
+            }
+            match self.try_again(Some(whom), plan).await {
+                Ok(assembled) => break assembled,
+                Err(text) => {
+                    pause = (pause * 2).min(LOOK_AGAIN.1);
+                    self.next_try(Some(whom), &text, pause).await;
+                }
+            }
+        };
+        let names: Vec<String> = assembled
+            .known
+            .instruments
+            .iter()
+            .map(|found| format!("{} {}", found.role, found.identity))
+            .collect();
+        *rig = Some(assembled.rig);
+        let back = format!("the same instruments are back: {}", names.join("; "));
+        self.tell(Some(whom), "reconnected", &back).await;
+        let applied = "the source is off, verified; the settings were applied again and read back";
+        self.tell(Some(whom), "settings-verified", applied).await;
+        {
+            let mut inner = self.inner();
+            inner.rig_fault = None;
+            inner.recovery = None;
+        }
+        whom.live.set_last_error("");
+        whom.live.set_suspended(false);
+        let _ = self.happened(Event::Resume);
+        self.herald.say(&Notice::Instruments);
+        self.tell(Some(whom), "resumed", "the session goes on")
+            .await;
+        true
+    }
+
+    /// A try has failed: says so (the first, second, fourth, eighth ... aloud), and when the next one is due.
+    pub(super) async fn next_try(&self, whom: Option<Concerned<'_>>, text: &str, pause: Duration) {
+        let (tries, person) = {
+            let mut inner = self.inner();
+            let person = inner.others.is_some();
+            let Some(recovery) = &mut inner.recovery else {
+                return;
+            };
+            recovery.tries += 1;
+            recovery.next = Some(Instant::now() + pause);
+            recovery.person = person;
+            text.clone_into(&mut recovery.what);
+            (recovery.tries, person)
+        };
+        self.herald.say(&Notice::Daemon);
+        if tries.is_power_of_two() {
+            let next = match person {
+                true => "waiting for `tactus instruments accept`".to_owned(),
+                false => format!("next in {:.1} s", pause.as_secs_f64()),
+            };
+            let text = format!("try {tries} failed, {next}: {text}");
+            self.tell(whom, "reconnecting", &text).await;
+        } else {
+            tracing::debug!(tries, "{text}");
+        }
+    }
+
+    /// One try to find the known rig. Whatever of it can be made safe is, also when the rest is still missing.
+    pub(super) async fn try_again(
+        &self,
+        whom: Option<Concerned<'_>>,
+        plan: &RigPlan,
+    ) -> Result<Assembled, String> {
+        let (bench, known) = (self.house().bench.clone(), self.known());
+        if let Some(recovery) = &mut self.inner().recovery {
+            recovery.next = None;
+        }
+        let outcome = assemble(plan, &bench, &self.tape, Closed::Open, Some(&known)).await;
+        let source_is_off = match &outcome {
+            Ok(_) => true,
+            Err(error) => error.source_is_off(),
+        };
+        if source_is_off && std::mem::take(&mut self.inner().source_unknown) {
+            let text = "the source answers again: off, verified";
+            self.tell(whom, "source-off", text).await;
+        }
+        match outcome {
+            Ok(assembled) => {
+                let mut inner = self.inner();
+                inner.relays_unknown = false;
+                inner.others = None;
+                inner.known.modules = assembled.known.modules.clone();
+                Ok(assembled)
+            }
+            Err(AssemblyError::Others { text, found, .. }) => {
+                let text = format!("{text}; {UNTIL_AGREED}");
+                let new = self.inner().others.replace(*found.clone()) != Some(*found);
+                if new {
+                    self.tell(whom, "others-found", &text).await;
+                }
+                Err(text)
+            }
+            Err(error) => {
+                self.inner().others = None;
+                let unknown = self.inner().relays_unknown;
+                if unknown && open_relays(plan, &bench).await.is_ok() {
+                    self.inner().relays_unknown = false;
+                    let text = "the switch answers again: the relays are open, verified";
+                    self.tell(whom, "relays-open", text).await;
+                }
+                Err(chain(&error))
+            }
+        }
+    }
+}

@@ -1,0 +1,196 @@
+//! Another configuration while the daemon runs. One that is bad changes nothing.
+
+use std::sync::{Arc, PoisonError};
+
+use dbus::Fault;
+
+use crate::acquisition::task::FrameSource;
+use crate::config::Config;
+use crate::events::broadcast::Notice;
+use crate::instruments::assembly::{Closed, assemble};
+use crate::instruments::identities::Known;
+use crate::preparation::{FramesFrom, Prepared, prepare};
+use crate::recording::model::chain;
+use crate::session::controller::{House, Keeper};
+use crate::session::state::Event;
+
+impl Keeper {
+    /// Reads the configuration again. During a session it waits for that session's end.
+    ///
+    /// # Errors
+    /// Every problem of the file, or a change that needs a restart; the configuration in force stays.
+    pub(crate) async fn reload(self: &Arc<Self>) -> Result<String, Fault> {
+        let outcome = self.reload_now().await;
+        match &outcome {
+            Ok(text) => self.tell(None, "reloaded", text).await,
+            Err(fault) => {
+                let text = format!("the configuration in force stays: {}", fault.text());
+                self.tell(None, "reload-refused", &text).await;
+            }
+        }
+        outcome
+    }
+
+    async fn reload_now(self: &Arc<Self>) -> Result<String, Fault> {
+        let path = self.house().config.clone();
+        let read = path.clone();
+        let prepared = tokio::task::spawn_blocking(move || prepare(&read))
+            .await
+            .map_err(|_| Fault::Failed("the configuration could not be read".into()))?
+            .map_err(|problems| {
+                let lines: Vec<String> = problems.iter().map(ToString::to_string).collect();
+                Fault::Configuration(lines.join("\n"))
+            })?;
+        restart_needed(&self.house().setup.config, &prepared.setup.config)?;
+        if let Some(live) = self.active() {
+            self.inner().waiting = Some(Box::new(prepared));
+            return Ok(format!(
+                "{} is sound; it is taken when session {} ends",
+                path.display(),
+                live.facts.id
+            ));
+        }
+        self.take(prepared).await
+    }
+
+    /// A session has ended: what waited for it is taken.
+    pub(super) fn take_waiting(self: &Arc<Self>) {
+        if let Some(prepared) = self.inner().waiting.take() {
+            let keeper = Arc::clone(self);
+            tokio::spawn(async move {
+                match keeper.take(*prepared).await {
+                    Ok(text) => keeper.tell(None, "reloaded", &text).await,
+                    Err(fault) => keeper.tell(None, "reload-refused", &fault.text()).await,
+                }
+            });
+        }
+    }
+
+    async fn take(self: &Arc<Self>, prepared: Prepared) -> Result<String, Fault> {
+        let mut source = self.source.lock().await;
+        let old = self.house();
+        let file = prepared.file.display().to_string();
+        let simulated = prepared.is_simulated();
+        let Prepared {
+            setup,
+            frames,
+            file: config,
+        } = prepared;
+        let same_rig = same_rig(&old.setup.config, &setup.config);
+        let (bench, plan, settings) = match &frames {
+            FramesFrom::Rig(plan) => {
+                let kept = old
+                    .bench
+                    .clone()
+                    .filter(|_| same_rig && same_bench(&old, plan));
+                let bench = match (kept, &plan.bench) {
+                    (Some(bench), _) => Some(bench),
+                    (None, Some((profile, scene))) => Some(
+                        simulator::SimulatedRig::new(profile, scene.clone())
+                            .map_err(|error| Fault::Configuration(chain(&error)))?,
+                    ),
+                    (None, None) => None,
+                };
+                let settings = plan.settings();
+                (bench, Some(Arc::clone(plan)), Some(settings))
+            }
+            FramesFrom::Recording { recording, .. } => (None, None, recording.settings()),
+        };
+        if let Some(plan) = &plan {
+            let mut claims = self.claims.lock().unwrap_or_else(PoisonError::into_inner);
+            claims
+                .take(&plan.instruments)
+                .map_err(|error| Fault::InstrumentFault(error.to_string()))?;
+        }
+        let house = Arc::new(House {
+            setup,
+            plan,
+            settings,
+            bench,
+            simulated,
+            clock: old.clock,
+            build: old.build.clone(),
+            config,
+        });
+        if let FrameSource::Rig { rig, plan } = &mut *source
+            && let Some(rig) = rig.take()
+            && let Err(error) = rig.safe_off(&plan.plan.wiring).await
+        {
+            return Err(Fault::InstrumentFault(error.to_string()));
+        }
+        self.tape.keep(house.setup.transcripts);
+        let outcome = match frames {
+            FramesFrom::Recording {
+                recording,
+                baseline,
+            } => {
+                *source = FrameSource::Recording(recording);
+                self.inner().baseline = Some(Arc::new(*baseline));
+                Ok(Known::default())
+            }
+            FramesFrom::Rig(plan) => {
+                let known = self.known();
+                let known = (same_rig && !known.instruments.is_empty()).then_some(&known);
+                let assembled =
+                    assemble(&plan, &house.bench, &self.tape, Closed::Open, known).await;
+                let (rig, outcome) = match assembled {
+                    Ok(assembled) => (Some(assembled.rig), Ok(assembled.known)),
+                    Err(error) => (None, Err(chain(&error))),
+                };
+                *source = FrameSource::Rig { rig, plan };
+                outcome
+            }
+        };
+        *self.house.write().unwrap_or_else(PoisonError::into_inner) = house;
+        drop(source);
+        let text = match outcome {
+            Ok(known) => {
+                {
+                    let mut inner = self.inner();
+                    inner.known = known;
+                    inner.rig_fault = None;
+                    inner.recovery = None;
+                    inner.closed = None;
+                }
+                self.keep_known().await;
+                let _ = self.happened(Event::Recovered);
+                format!("{file} is in force")
+            }
+            Err(text) => {
+                self.inner().rig_fault = Some(text.clone());
+                let _ = self.happened(Event::Fault(text.clone()));
+                tokio::spawn(Arc::clone(self).look_for_rig());
+                format!("{file} is in force, but its rig is not there: {text}")
+            }
+        };
+        self.herald.say(&Notice::Furniture);
+        self.herald.say(&Notice::Daemon);
+        Ok(text)
+    }
+}
+
+/// What a running daemon cannot change: where it can be reached, and where its record is.
+fn restart_needed(old: &Config, new: &Config) -> Result<(), Fault> {
+    let what = match () {
+        () if old.bus != new.bus => "[bus]",
+        () if old.record.directory != new.record.directory => "record.directory",
+        () => return Ok(()),
+    };
+    Err(Fault::Unsupported(format!(
+        "{what} has changed, and that needs a restart of tactusd; nothing was taken"
+    )))
+}
+
+/// Whether the instruments are those of before.
+fn same_rig(old: &Config, new: &Config) -> bool {
+    (&old.rig, &old.source, &old.switch, &old.voltmeter)
+        == (&new.rig, &new.source, &new.switch, &new.voltmeter)
+        && old.wiring == new.wiring
+}
+
+/// Whether profile and scene say the same; the simulated sheet then stays as it is.
+fn same_bench(old: &House, plan: &crate::preparation::RigPlan) -> bool {
+    old.plan
+        .as_deref()
+        .is_some_and(|old| old.bench == plan.bench)
+}

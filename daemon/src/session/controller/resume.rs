@@ -1,0 +1,408 @@
+//! A session that the daemon did not end goes on when there is a daemon again: after a crash, a reboot, a power cut. The
+//! same file and the same numbers, a gap that an event explains, instruments and settings verified, the baseline looked
+//! at. What cannot go on is closed, with the reason.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use chrono::{DateTime, TimeDelta, Utc};
+use dbus::{Fault, Options};
+use logbook::{
+    LogbookError, Record, Resumed, SessionHeader, SessionKind, SessionReader, SessionWriter,
+};
+use rig::Clock;
+
+use crate::recording::model::chain;
+use crate::recording::recorder::free_bytes;
+use crate::session::controller::Keeper;
+use crate::session::end_marks::EndMarks;
+
+/// Between looks for a rig that a session waits for.
+const LOOK_AGAIN: Duration = Duration::from_secs(1);
+/// Between looks for a disk that takes something again: it gets there from the one above.
+const LOOK_AGAIN_AT_MOST: Duration = Duration::from_secs(10);
+/// Bytes that are enough to open a session.
+const ROOM_TO_OPEN: u64 = 1 << 20;
+/// Over this time the times that a session began again are counted.
+const AN_HOUR: TimeDelta = TimeDelta::try_hours(1).unwrap();
+/// Older, and the sheet may have crept away from it.
+const OLD_BASELINE: TimeDelta = TimeDelta::try_days(7).unwrap();
+
+/// A session as it was found, and the writer that goes on with it.
+pub(super) struct Interrupted {
+    pub writer: SessionWriter,
+    pub resumed: Resumed,
+    /// The last frame before the gap.
+    pub last: Option<Record>,
+    /// Whether its daemon was stopped, and had time to say so.
+    stopped: bool,
+}
+
+/// Why a session that was interrupted is not gone on with.
+enum Never {
+    /// For good: it is closed with this reason.
+    Closed(String),
+    /// Not by this daemon as it is now: it stays as it is.
+    Left(String),
+    /// Not before the disk takes something again, or another process lets go of the file.
+    Later(String),
+}
+
+impl From<LogbookError> for Never {
+    fn from(error: LogbookError) -> Self {
+        match error.is_disk() || error.is_locked() {
+            true => Self::Later(chain(&error)),
+            false => Self::Left(chain(&error)),
+        }
+    }
+}
+
+impl From<Fault> for Never {
+    fn from(fault: Fault) -> Self {
+        match fault {
+            Fault::DiskRefused(text) => Self::Later(text),
+            fault => Self::Left(fault.text()),
+        }
+    }
+}
+
+impl Keeper {
+    /// Goes on with the session that was interrupted last, as soon as the rig is there, and closes the others. Whether
+    /// there is one.
+    pub(crate) async fn resume_interrupted(self: &Arc<Self>) -> bool {
+        let house = self.house();
+        if !house.setup.config.record.resume || self.is_recording() {
+            return false;
+        }
+        let keeper = Arc::clone(self);
+        let found = tokio::task::spawn_blocking(move || keeper.records.interrupted()).await;
+        let found = match found {
+            Ok(Ok(found)) => found,
+            Ok(Err(error)) => {
+                tracing::warn!(
+                    "interrupted sessions cannot be looked for: {}",
+                    chain(&error)
+                );
+                return false;
+            }
+            Err(_) => return false,
+        };
+        let mut newest = None;
+        let marks = self.on_ends(EndMarks::reasons).await;
+        let Some(mut ended) = marks else {
+            // a session that has ended cannot be told from one that was interrupted
+            return false;
+        };
+        for session in found {
+            let id = session.session().to_owned();
+            let mark = ended.remove(&id);
+            let marked = mark.is_some();
+            let reason = match (session.kind, mark) {
+                (_, Some(reason)) => reason,
+                (SessionKind::Baseline, None) => "interrupted before it was complete".to_owned(),
+                (SessionKind::Measurement, None) if newest.is_some() => {
+                    "interrupted, and a later session was begun".to_owned()
+                }
+                (SessionKind::Measurement, None) => {
+                    newest = Some(session.path);
+                    continue;
+                }
+            };
+            if self.close_interrupted(&session.path, &reason).await && marked {
+                self.on_ends(move |ends| ends.clear(&id)).await;
+            }
+        }
+        // the files of these say it themselves, or are gone
+        self.on_ends(move |ends| {
+            for id in ended.keys() {
+                ends.clear(id);
+            }
+        })
+        .await;
+        let Some(path) = newest else {
+            return false;
+        };
+        if self.rig_fault().is_none() {
+            return self.go_on_with(&path).await;
+        }
+        let text = format!(
+            "{} was interrupted; it goes on when the rig can be used",
+            path.display()
+        );
+        self.tell(None, "resume-waits", &text).await;
+        let keeper = Arc::clone(self);
+        tokio::spawn(async move {
+            while keeper.rig_fault().is_some() {
+                tokio::time::sleep(LOOK_AGAIN).await;
+            }
+            keeper.go_on_with(&path).await;
+        });
+        true
+    }
+
+    /// Whether it goes on, or will when the disk takes something again.
+    async fn go_on_with(self: &Arc<Self>, path: &Path) -> bool {
+        match self.resume(path.to_owned()).await {
+            Ok(()) => true,
+            Err(Never::Later(why)) => {
+                let text = format!("{} goes on as soon as that is over: {why}", path.display());
+                self.tell(None, "resume-waits", &text).await;
+                let (keeper, path) = (Arc::clone(self), path.to_owned());
+                tokio::spawn(async move { keeper.go_on_later_with(&path).await });
+                true
+            }
+            Err(never) => {
+                self.does_not_go_on(path, never).await;
+                false
+            }
+        }
+    }
+
+    async fn go_on_later_with(self: &Arc<Self>, path: &Path) {
+        let mut pause = LOOK_AGAIN;
+        loop {
+            tokio::time::sleep(pause).await;
+            pause = (pause * 2).min(LOOK_AGAIN_AT_MOST);
+            match self.resume(path.to_owned()).await {
+                Ok(()) => return,
+                Err(Never::Later(why)) => tracing::debug!("{}: {why}", path.display()),
+                Err(never) => return self.does_not_go_on(path, never).await,
+            }
+        }
+    }
+
+    async fn does_not_go_on(&self, path: &Path, never: Never) {
+        match never {
+            Never::Left(why) | Never::Later(why) => {
+                let text = format!("{} does not go on: {why}", path.display());
+                self.tell(None, "not-resumed", &text).await;
+            }
+            Never::Closed(why) => {
+                let text = format!("{} does not go on: {why}", path.display());
+                self.tell(None, "not-resumed", &text).await;
+                self.close_interrupted(path, &format!("interrupted; {why}"))
+                    .await;
+            }
+        }
+    }
+
+    async fn resume(self: &Arc<Self>, path: PathBuf) -> Result<(), Never> {
+        let house = self.house();
+        let folder = house.setup.record_directory.clone();
+        let opened = tokio::task::spawn_blocking(move || {
+            open(&path).map_err(|error| match free_bytes(&folder) {
+                // where there is no room for what SQLite puts beside a journal, it speaks of other faults
+                Ok(free) if free < ROOM_TO_OPEN => Never::Later(chain(&error)),
+                _ => error.into(),
+            })
+        })
+        .await;
+        let (found, baseline) =
+            opened.map_err(|_| Never::Left("it could not be read".to_owned()))??;
+        let now = house.clock.wall();
+        let header = &found.resumed.header;
+        let last = found.resumed.last.map_or(header.started, |last| last.wall);
+        let gap = now.signed_duration_since(last);
+        let record = &house.setup.config.record;
+        if gap.num_seconds() as f64 > record.resume_within_h * 3600.0 {
+            return Err(Never::Closed(format!(
+                "its last frame is older than record.resume_within_h ({} h)",
+                record.resume_within_h
+            )));
+        }
+        let lately = found.resumed.before.iter();
+        let lately = lately
+            .filter(|at| now.signed_duration_since(**at) < AN_HOUR)
+            .count() as u64;
+        if lately >= record.resume_per_hour {
+            return Err(Never::Closed(format!(
+                "it has begun again {lately} times within an hour (record.resume_per_hour); see the journal for what ends \
+                 the daemon"
+            )));
+        }
+        self.same_rig(header)?;
+        let baseline = baseline.ok_or_else(|| Never::Closed("it has no baseline".to_owned()))?;
+        let age = now.signed_duration_since(baseline.wall);
+        let options = from_json(&header.asked)
+            .ok_or_else(|| Never::Closed("it does not say how it was started".to_owned()))?;
+        let mut order = self.measurement(&options, Some(Arc::new(baseline))).await?;
+        if let Some(lasts) = order.schedule.lasts {
+            let gone = now.signed_duration_since(header.started);
+            let left = lasts.saturating_sub(gone.to_std().unwrap_or_default());
+            if left.is_zero() {
+                return Err(Never::Closed("the scheduled duration is over".to_owned()));
+            }
+            order.schedule.lasts = Some(left);
+        }
+        let mut text = format!(
+            "{}; the last frame before was {} at {}, {} ago; the instruments are the known ones, the source was off, \
+             verified, the settings were applied again and read back; the baseline is {} old",
+            cause(&found, last, now),
+            found.resumed.acknowledged,
+            last.format("%Y-%m-%d %H:%M:%S UTC"),
+            span(gap),
+            span(age),
+        );
+        if age > OLD_BASELINE {
+            text.push_str(": record a new one when the sheet is unloaded");
+        }
+        order.resumed = Some((Box::new(found), text));
+        self.begin(order).await?;
+        Ok(())
+    }
+
+    /// The session's questions and instruments are those of the daemon that is to go on with it.
+    fn same_rig(&self, header: &SessionHeader) -> Result<(), Never> {
+        let house = self.house();
+        if header.protocol != house.setup.protocol {
+            return Err(Never::Closed(
+                "the configuration asks other questions of the sheet now".to_owned(),
+            ));
+        }
+        if header.simulated != house.simulated {
+            return Err(Never::Closed(
+                "its voltages were simulated and the rig's are not, or the other way round"
+                    .to_owned(),
+            ));
+        }
+        let known = self.known();
+        for then in &header.instruments {
+            if !known.has_recorded(then) {
+                return Err(Never::Closed(format!(
+                    "its {} was {}, and is another now",
+                    then.role, then.identity
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    async fn close_interrupted(&self, path: &Path, reason: &str) -> bool {
+        let (at, reason) = (self.house().clock.wall(), reason.to_owned());
+        let file = path.to_owned();
+        let closed = tokio::task::spawn_blocking(move || {
+            let (writer, _) = SessionWriter::resume(&file)?;
+            writer.close(at, &reason)
+        })
+        .await;
+        match closed {
+            Ok(Ok(())) => true,
+            Ok(Err(error)) => {
+                tracing::warn!("{}", chain(&error));
+                false
+            }
+            Err(_) => false,
+        }
+    }
+}
+
+/// Everything that is read from an interrupted session before it goes on.
+fn open(path: &Path) -> Result<(Interrupted, Option<survey::Baseline>), LogbookError> {
+    let reader = SessionReader::open(path)?;
+    let (baseline, last) = (reader.baseline()?, reader.last()?);
+    let events = reader.events()?;
+    let stopped = events.last().is_some_and(|event| event.kind == SHUT_DOWN);
+    drop(reader);
+    let (writer, resumed) = SessionWriter::resume(path)?;
+    let found = Interrupted {
+        writer,
+        resumed,
+        last,
+        stopped,
+    };
+    Ok((found, baseline))
+}
+
+/// What is known of why it was interrupted.
+fn cause(found: &Interrupted, last: DateTime<Utc>, now: DateTime<Utc>) -> String {
+    // not from /proc, which the unit hides
+    let up = rustix::time::clock_gettime(rustix::time::ClockId::Boottime);
+    let booted = TimeDelta::try_seconds(up.tv_sec).and_then(|up| now.checked_sub_signed(up));
+    let restarted = booted.is_some_and(|booted| booted > last);
+    match (found.stopped, restarted) {
+        (true, true) => "the daemon was stopped, and the machine restarted".to_owned(),
+        (true, false) => "the daemon was stopped and started again".to_owned(),
+        (false, true) => {
+            "the machine restarted without the daemon's doing: power was lost, or it was reset"
+                .to_owned()
+        }
+        (false, false) => "the daemon was killed, or failed, and was started again".to_owned(),
+    }
+}
+
+/// Kind of the event that a session ends its file with when the daemon is stopped and the session is to go on.
+pub(crate) const SHUT_DOWN: &str = "shut-down";
+
+fn span(time: TimeDelta) -> String {
+    let seconds = time.num_seconds();
+    match seconds {
+        ..0 => format!("{} s less than none (the clock was set back)", -seconds),
+        0..120 => format!("{seconds} s"),
+        120..7200 => format!("{} min", seconds / 60),
+        7200..172_800 => format!("{} h", seconds / 3600),
+        _ => format!("{} days", seconds / 86_400),
+    }
+}
+
+/// Options as a session's file keeps them.
+pub(super) fn to_json(options: &Options) -> serde_json::Map<String, serde_json::Value> {
+    options
+        .0
+        .keys()
+        .filter_map(|key| {
+            let value = if let Ok(Some(flag)) = options.flag(key) {
+                flag.into()
+            } else if let Ok(Some(text)) = options.text(key) {
+                text.into()
+            } else if let Ok(Some(whole)) = options.whole(key) {
+                whole.into()
+            } else {
+                options.number(key).ok()??.into()
+            };
+            Some((key.clone(), value))
+        })
+        .collect()
+}
+
+/// And back; `None` where it is something else.
+fn from_json(text: &str) -> Option<Options> {
+    let object: serde_json::Map<String, serde_json::Value> = serde_json::from_str(text).ok()?;
+    let mut options = Options::new();
+    for (key, value) in object {
+        options = match value {
+            serde_json::Value::Bool(flag) => options.with(&key, flag),
+            serde_json::Value::String(text) => options.with(&key, text),
+            serde_json::Value::Number(number) => match number.as_u64() {
+                Some(whole) => options.with(&key, whole),
+                None => options.with(&key, number.as_f64()?),
+            },
+            _ => return None,
+        };
+    }
+    Some(options)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::session::controller::resume::*;
+
+    #[test]
+    fn options_come_back_from_a_file_as_they_were() {
+        let options = Options::new()
+            .with("every_s", 10.0)
+            .with("count", 1000_u64)
+            .with("step", true)
+            .with("note", "a \"note\"");
+        let kept = serde_json::Value::Object(to_json(&options)).to_string();
+        let back = from_json(&kept).unwrap();
+        assert_eq!(back.number("every_s").unwrap(), Some(10.0));
+        assert_eq!(back.whole("count").unwrap(), Some(1000));
+        assert_eq!(back.flag("step").unwrap(), Some(true));
+        assert_eq!(back.text("note").unwrap(), Some("a \"note\""));
+        assert_eq!(back.0.len(), 4);
+        for other in ["", "[]", "{\"count\": null}", "{\"count\": [1]}"] {
+            assert!(from_json(other).is_none(), "{other}");
+        }
+    }
+}

@@ -1,0 +1,307 @@
+//! Looking after the rig: self-test and wear of relays, never beside a session.
+
+use std::io::Write;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use chrono::SecondsFormat;
+use dbus::{Fault, Options};
+use rig::{Clock, Stop};
+use survey::Relay;
+
+use crate::acquisition::task::FrameSource;
+use crate::config::numbers;
+use crate::config::numbers::number;
+use crate::events::broadcast::Notice;
+use crate::instruments::address::Place;
+use crate::instruments::discovery::{Found, Search, discover};
+use crate::instruments::relay_wear::wear;
+use crate::preparation::RigPlan;
+use crate::recording::model::{DEFAULT_NOISE_UV, chain};
+use crate::self_test::{Asked, ProbeError, Report, Wear, judge};
+use crate::session::controller::Keeper;
+use crate::session::state::{Event, Work};
+
+/// In the record's directory: a line of JSON for every self-test.
+const REPORTS: &str = "tests.jsonl";
+
+impl Keeper {
+    /// Tests the rig: every relay against the sheet's own resistances, contacts, reciprocity, noise. The source is off
+    /// and verified afterwards; the report is kept beside the sessions.
+    ///
+    /// # Errors
+    /// A session that runs, a recording, an instrument or a disk that fails.
+    pub(crate) async fn test_instruments(self: &Arc<Self>) -> Result<Report, Fault> {
+        self.alone(|keeper| async move { keeper.test_now().await })
+            .await
+    }
+
+    /// How often each relay has closed, and how long that may go on.
+    ///
+    /// # Errors
+    /// As [`Keeper::test_instruments`]; a multiplexer board, whose chips do not wear.
+    pub(crate) async fn relay_wear(self: &Arc<Self>) -> Result<Vec<Wear>, Fault> {
+        self.alone(|keeper| async move { keeper.wear_now().await })
+            .await
+    }
+
+    /// Reads the relays' counters where nobody has yet: their life is then known without a person who asks. That they
+    /// cannot be read is no reason not to measure.
+    pub(super) async fn know_wear(self: &Arc<Self>) {
+        if self.observed.relays().is_some() || self.is_recording() {
+            return;
+        }
+        if let Err(fault) = Arc::clone(self).wear_now().await {
+            tracing::debug!("the relays' counters were not read: {fault}");
+        }
+    }
+
+    /// Looks for instruments and uses none.
+    ///
+    /// # Errors
+    /// An option that cannot be, an address that is none.
+    pub(crate) async fn discover(
+        &self,
+        addresses: &[String],
+        options: &Options,
+    ) -> Result<Found, Fault> {
+        options.only(&["within_s", "mdns", "broadcast"])?;
+        let within = number(options, "within_s", numbers::WITHIN_S)?.unwrap_or(3.0);
+        let addresses: Result<Vec<Place>, _> = addresses.iter().map(|text| text.parse()).collect();
+        let in_use = self.known().instruments.into_iter();
+        let search = Search {
+            within: survey::duration(within),
+            mdns: options.flag("mdns")?.unwrap_or(true),
+            broadcast: options.flag("broadcast")?.unwrap_or(true),
+            addresses: addresses.map_err(|refusal| Fault::InvalidOption(refusal.to_string()))?,
+            in_use: in_use
+                .map(|found| (found.address, found.identity))
+                .collect(),
+            ..Search::default()
+        };
+        Ok(discover(&search).await)
+    }
+
+    /// Does something with the rig while no session can have it. Whoever asked and has gone ends nothing.
+    async fn alone<T, F>(
+        self: &Arc<Self>,
+        act: impl FnOnce(Arc<Self>) -> F + Send + 'static,
+    ) -> Result<T, Fault>
+    where
+        T: Send + 'static,
+        F: Future<Output = Result<T, Fault>> + Send + 'static,
+    {
+        if self.is_recording() {
+            return Err(Fault::Unsupported(
+                "a recording has no instruments; nothing can be tested".into(),
+            ));
+        }
+        self.happened(Event::Start(Work::Test))
+            .map_err(|refusal| Fault::SessionActive(refusal.to_string()))?;
+        let keeper = Arc::clone(self);
+        let supervised = tokio::spawn(async move {
+            let task = tokio::spawn(act(Arc::clone(&keeper)));
+            let outcome = match task.await {
+                Ok(outcome) => outcome,
+                // the instruments were let go of in the middle
+                Err(_) => match keeper.make_safe_again().await {
+                    Ok(()) => Err(Fault::Failed(
+                        "the daemon's own code failed; its log says where, please report it".into(),
+                    )),
+                    Err(text) => Err(Fault::InstrumentFault(text)),
+                },
+            };
+            keeper.inner().test = None;
+            if let Err(Fault::InstrumentFault(text)) = &outcome {
+                tracing::error!("{text}");
+                keeper.inner().rig_fault = Some(text.clone());
+                let _ = keeper.happened(Event::Fault(text.clone()));
+                keeper.herald.say(&Notice::Instruments);
+                tokio::spawn(Arc::clone(&keeper).look_for_rig());
+            } else {
+                let _ = keeper.happened(Event::Ended);
+            }
+            outcome
+        });
+        supervised
+            .await
+            .unwrap_or_else(|_| Err(Fault::Failed("the daemon's own code failed".into())))
+    }
+
+    /// Ends a self-test that runs; it leaves the source off.
+    pub(super) fn stop_test(&self) {
+        if let Some(button) = &self.inner().test {
+            button.press();
+        }
+    }
+
+    async fn make_safe_again(&self) -> Result<(), String> {
+        let mut source = self.source.lock().await;
+        let FrameSource::Rig { rig, plan } = &mut *source else {
+            return Ok(());
+        };
+        let Some(held) = rig.as_ref() else {
+            return Ok(());
+        };
+        let made = held.safe_off(&plan.plan.wiring).await;
+        made.map_err(|error| {
+            // its links may be out of step: it is put together anew
+            *rig = None;
+            error.to_string()
+        })
+        .map(drop)
+    }
+
+    async fn test_now(self: Arc<Self>) -> Result<Report, Fault> {
+        if self.rig_fault().is_some() {
+            self.find_rig_again()
+                .await
+                .map_err(Fault::InstrumentFault)?;
+        }
+        let (button, stop) = Stop::button();
+        self.inner().test = Some(button);
+        let plan = self.plan_of_rig()?;
+        let herald = Arc::clone(&self);
+        let progress = move |done: u64, total: u64, what: &str| {
+            herald.herald.say(&Notice::TestProgress {
+                done,
+                total,
+                what: what.to_owned(),
+            });
+        };
+        let probed = {
+            let mut source = self.source.lock().await;
+            let FrameSource::Rig { rig, .. } = &mut *source else {
+                return Err(Fault::Unsupported("a recording has no instruments".into()));
+            };
+            let held = rig
+                .as_ref()
+                .ok_or_else(|| lost("the rig has not come back"))?;
+            let asked = Asked {
+                plan: &plan.plan,
+                meter: plan.meter,
+                meter_relays: Vec::new(),
+                settle: rig::settings(&plan.plan, plan.meter).settle,
+                stop,
+                progress: &progress,
+            };
+            let probed = held.probe(asked).await;
+            let safe = held.safe_off(&plan.plan.wiring).await;
+            if safe.is_err() || matches!(probed, Err(ProbeError::Rig(_))) {
+                *rig = None;
+            }
+            match (probed, safe) {
+                (Ok(raw), Ok(_)) => Ok(raw),
+                (Err(ProbeError::Stopped), Ok(_)) => Err(Fault::Failed(
+                    "the self-test was stopped; the source is off".into(),
+                )),
+                (Err(error), Ok(_)) => Err(lost(&format!(
+                    "the self-test failed: {}; the source is off, verified",
+                    chain(&error)
+                ))),
+                (_, Err(unsafe_still)) => {
+                    {
+                        let mut inner = self.inner();
+                        inner.source_unknown |= unsafe_still.source_state_unknown();
+                        inner.relays_unknown |= unsafe_still.relays.is_some();
+                    }
+                    Err(lost(&format!(
+                        "after the self-test the rig could not be made safe: {unsafe_still}"
+                    )))
+                }
+            }
+        }?;
+        let keeper = Arc::clone(&self);
+        let at = self
+            .house()
+            .clock
+            .wall()
+            .to_rfc3339_opts(SecondsFormat::Millis, true);
+        let judged = tokio::task::spawn_blocking(move || {
+            let setup = &keeper.house().setup;
+            let noise_uv = setup.config.model.noise_uv.unwrap_or(DEFAULT_NOISE_UV);
+            let report = judge(
+                &probed,
+                &plan.plan.wiring,
+                plan.plan.current.0,
+                &setup.geometry,
+                noise_uv * 1e-6,
+                at,
+            );
+            let report = Report {
+                simulated: keeper.house().simulated,
+                ..report.map_err(|error| Fault::Failed(chain(&error)))?
+            };
+            keep(&setup.record_directory, &report).map_err(|cause| {
+                Fault::DiskRefused(format!(
+                    "the report of the self-test cannot be written: {cause}"
+                ))
+            })?;
+            Ok(report)
+        });
+        judged
+            .await
+            .unwrap_or_else(|_| Err(Fault::Failed("the readings could not be judged".into())))
+    }
+
+    fn plan_of_rig(&self) -> Result<Arc<RigPlan>, Fault> {
+        let plan = self.house().plan.as_ref().map(Arc::clone);
+        plan.ok_or_else(|| Fault::Unsupported("a recording has no instruments".into()))
+    }
+
+    async fn wear_now(self: Arc<Self>) -> Result<Vec<Wear>, Fault> {
+        let plan = self.plan_of_rig()?;
+        let closures = plan.closures();
+        let relays: Vec<Relay> = closures.iter().map(|(relay, _)| *relay).collect();
+        let counts = {
+            let source = self.source.lock().await;
+            let FrameSource::Rig { rig: Some(rig), .. } = &*source else {
+                return Err(Fault::Failed(
+                    "the rig is not there; `tactus instruments` says why".into(),
+                ));
+            };
+            rig.relay_cycles(&relays).await
+        };
+        let Some(counts) = counts else {
+            return Err(Fault::Unsupported(
+                "a multiplexer board has no relays: its chips do not wear, and count nothing"
+                    .into(),
+            ));
+        };
+        let counts = counts.map_err(|error| lost(&chain(&error)))?;
+        let life = self.house().setup.config.care.relay_life_cycles;
+        let frame = plan.plan.duration(&plan.timing);
+        let period = frame
+            .max(self.house().setup.schedule.every)
+            .max(Duration::from_micros(1));
+        let each = closures.into_iter().zip(counts);
+        let wear: Vec<Wear> = each
+            .map(|((relay, closures), cycles)| {
+                let slot = keysight_34980a::split(relay).map_or(0, |(slot, _)| slot);
+                let module = plan.modules.get(&slot).copied();
+                let purpose = plan.plan.wiring.purpose(relay);
+                wear(relay, purpose, cycles, module, life, closures, period)
+            })
+            .collect();
+        self.observed.set_relays(&wear, period);
+        Ok(wear)
+    }
+}
+
+fn lost(text: &str) -> Fault {
+    Fault::InstrumentFault(text.to_owned())
+}
+
+/// Appends a report, durable when this returns.
+fn keep(directory: &Path, report: &Report) -> std::io::Result<()> {
+    std::fs::create_dir_all(directory)?;
+    let mut file = std::fs::OpenOptions::new()
+        .create(true)
+        .append(true)
+        .open(directory.join(REPORTS))?;
+    let mut line = serde_json::to_string(report)?;
+    line.push('\n');
+    file.write_all(line.as_bytes())?;
+    file.sync_all()
+}

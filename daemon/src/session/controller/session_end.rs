@@ -1,0 +1,86 @@
+//! That a session has ended is kept apart from its file, before anybody is told that it has; see [`crate::session::end_marks`].
+
+use std::sync::Arc;
+
+use logbook::SessionKind;
+use rig::Clock;
+
+use crate::recording::recorder::nanoseconds;
+use crate::recording::session_status::Live;
+use crate::session::controller::Keeper;
+use crate::session::end_marks::{EndMarks, Marked};
+
+impl Keeper {
+    /// Marks the session as soon as it is asked to end, while its last frame is still under way: the daemon may be killed
+    /// before the file is closed.
+    pub(super) async fn mark_when_asked_to_end(self: Arc<Self>, live: Arc<Live>) {
+        let mut stop = live.stop_wish();
+        tokio::select! {
+            () = stop.asked() => {}
+            _ = live.ended() => return,
+        }
+        if !live.is_left_open() {
+            self.mark_end(&live, &live.stop_reason()).await;
+        }
+    }
+
+    /// Writes that the session has ended, once. Only what the next daemon would resume needs it.
+    pub(super) async fn mark_end(&self, live: &Live, reason: &str) {
+        if live.facts.kind != SessionKind::Measurement || self.is_recording() {
+            return;
+        }
+        live.marked
+            .get_or_init(|| async {
+                let at = nanoseconds(self.house().clock.wall());
+                let (session, reason) = (live.facts.id.clone(), reason.to_owned());
+                let marked = self.on_ends(move |ends| ends.mark(&session, at, &reason));
+                marked.await.unwrap_or_else(|| Marked {
+                    failures: vec!["no thread to write it with".to_owned()],
+                    ..Marked::default()
+                })
+            })
+            .await;
+    }
+
+    /// After the record: the mark goes where the file itself says the end, and is told where it does not.
+    pub(super) async fn settle_end(&self, live: &Live, reason: &str) {
+        if live.is_left_open() {
+            return;
+        }
+        if !live.is_closed() {
+            // somebody may have asked for the end while the session was being left to the next daemon
+            self.mark_end(live, reason).await;
+        }
+        let Some(marked) = live.marked.get() else {
+            return;
+        };
+        if live.is_closed() {
+            let session = live.facts.id.clone();
+            self.on_ends(move |ends| ends.clear(&session)).await;
+            return;
+        }
+        let kind = match marked.is_kept() {
+            true => "not-closed",
+            false => "alarm",
+        };
+        let text = marked.text(&live.facts.id);
+        let at = self.house().clock.wall();
+        self.tell_of(at, kind, &text, None);
+    }
+
+    /// On a thread of its own: an end must not wait for one that reads the record for a client.
+    pub(super) async fn on_ends<T: Send + 'static>(
+        &self,
+        act: impl FnOnce(&EndMarks) -> T + Send + 'static,
+    ) -> Option<T> {
+        let (say, done) = tokio::sync::oneshot::channel();
+        let ends = Arc::clone(&self.ends);
+        let thread = std::thread::Builder::new().name("ends".to_owned());
+        thread
+            .spawn(move || {
+                let _ = say.send(act(&ends));
+            })
+            .ok()?;
+        done.await.ok()
+    }
+}

@@ -1,0 +1,364 @@
+//! What somebody asks of the daemon, checked before anything moves.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use dbus::{Fault, Options};
+use logbook::{About, LogbookError, Record};
+use survey::{Baseline, Settings, duration};
+
+use crate::acquisition::measuring::Measuring;
+use crate::config::numbers;
+use crate::config::numbers::{number, whole, words};
+use crate::config::{AboutSection, RangesName, SurveySection};
+use crate::preparation;
+use crate::preparation::{RigPlan, Setup};
+use crate::recording::model;
+use crate::recording::model::{Model, ModelFault, chain};
+use crate::recording::session_status::Live;
+use crate::service::containment;
+use crate::session::controller::Keeper;
+use crate::session::controller::resume::{Interrupted, to_json};
+use crate::session::schedule::Schedule;
+use crate::session::state::Work;
+
+/// Frames of a baseline where nobody says.
+const BASELINE_FRAMES: u64 = 10;
+
+/// What is said to whoever needs one before there is one.
+pub(crate) fn no_baseline() -> Fault {
+    Fault::NoBaseline(
+        "no baseline has been recorded; take all loads off the sheet and run `tactus baseline record`"
+            .into(),
+    )
+}
+
+/// What is said to whoever wants to see the plan of a recording.
+pub(crate) fn no_plan() -> Fault {
+    Fault::Unsupported("a recording has no plan: nothing is measured".into())
+}
+
+/// What a session is to be.
+pub(super) struct Assignment {
+    pub work: Work,
+    pub schedule: Schedule,
+    pub speed: Option<f64>,
+    pub step: bool,
+    pub note: String,
+    pub frames: u64,
+    pub baseline: Option<Arc<Baseline>>,
+    pub model: Option<Model>,
+    /// How it measures, where not as configured.
+    pub plan: Option<Arc<RigPlan>>,
+    pub about: About,
+    /// The options that it was started with, as its file keeps them.
+    pub asked: String,
+    /// Where it goes on, and the event that says so.
+    pub resumed: Option<(Box<Interrupted>, String)>,
+    /// That event, where it could not be written before the session went on.
+    pub first_event: Option<String>,
+    /// The last frame before that.
+    pub before: Option<Record>,
+}
+
+/// What a lab needs to know: as configured, where the options do not say otherwise.
+fn about(options: &Options, given: &AboutSection) -> Result<About, Fault> {
+    let word = |key: &str, given: &str| -> Result<String, Fault> {
+        Ok(words(options, key)?.unwrap_or(given).to_owned())
+    };
+    Ok(About {
+        sheet: word("sheet", &given.sheet)?,
+        foam: word("foam", &given.foam)?,
+        ink: word("ink", &given.ink)?,
+        operator: word("operator", &given.operator)?,
+        wiring: given.wiring.clone(),
+        calibration: given.calibration.clone(),
+    })
+}
+
+/// The options known, those that say how a session measures among them.
+fn known(of_its_own: &[&'static str]) -> Vec<&'static str> {
+    [of_its_own, &dbus::MEASURING_OPTIONS].concat()
+}
+
+/// The plan of a rig that is surveyed like this.
+fn adjusted(setup: &Setup, survey: SurveySection) -> Result<RigPlan, Fault> {
+    preparation::adjusted(setup, survey)
+        .map_err(|problems| Fault::InvalidOption(problems.join("; ")))
+}
+
+impl Keeper {
+    /// Starts a measurement.
+    ///
+    /// # Errors
+    /// An option that cannot be, no or another baseline, a model that does not fit, a session running, an instrument or
+    /// a disk that fails.
+    pub(crate) async fn start_session(
+        self: &Arc<Self>,
+        options: &Options,
+    ) -> Result<Arc<Live>, Fault> {
+        self.may_start().await;
+        let order = self.measurement(options, None).await?;
+        self.begin(order).await
+    }
+
+    /// What options mean; against the `own` baseline of a session that goes on.
+    ///
+    /// # Errors
+    /// As [`Keeper::start_session`], but nothing is started.
+    pub(super) async fn measurement(
+        self: &Arc<Self>,
+        options: &Options,
+        own: Option<Arc<Baseline>>,
+    ) -> Result<Assignment, Fault> {
+        options.only(&known(
+            &[&dbus::SESSION_OPTIONS[..], &dbus::ABOUT_OPTIONS].concat(),
+        ))?;
+        let given = self.house().setup.schedule;
+        let step = options.flag("step")?.unwrap_or(false);
+        let schedule = Schedule {
+            every: number(options, "every_s", numbers::EVERY_S)?.map_or(given.every, duration),
+            count: whole(options, "count", numbers::COUNT)?.or(given.count),
+            lasts: number(options, "for_s", numbers::FOR_S)?
+                .map(duration)
+                .or(given.lasts),
+        };
+        let speed = number(options, "speed", numbers::SPEED)?;
+        if speed.is_some() && !self.is_recording() {
+            return Err(Fault::InvalidOption(
+                "option 'speed' is for recordings; a rig has its own rate".into(),
+            ));
+        }
+        let note = words(options, "note")?.unwrap_or_default().to_owned();
+        let baseline = match own {
+            Some(own) => own,
+            None => self.chosen_baseline(options.text("baseline")?)?,
+        };
+        let plan = self.own_plan(options).await?;
+        let settings = match &plan {
+            Some(plan) => Some(plan.settings()),
+            None => self.house().settings.clone(),
+        };
+        self.check_baseline(&baseline, settings.as_ref())?;
+        let model = self.chosen_model(options.text("model")?).await?;
+        let mut asked = to_json(options);
+        // the configuration may be another one when the session goes on
+        let every = schedule.every.as_secs_f64();
+        asked.insert("every_s".to_owned(), every.into());
+        if let Some(count) = schedule.count {
+            asked.insert("count".to_owned(), count.into());
+        }
+        if let Some(lasts) = schedule.lasts {
+            asked.insert("for_s".to_owned(), lasts.as_secs_f64().into());
+        }
+        Ok(Assignment {
+            work: Work::Measurement,
+            schedule,
+            speed,
+            step,
+            note,
+            frames: 0,
+            baseline: Some(baseline),
+            model: Some(model),
+            plan,
+            about: about(options, &self.house().setup.config.about)?,
+            asked: serde_json::Value::Object(asked).to_string(),
+            resumed: None,
+            first_event: None,
+            before: None,
+        })
+    }
+
+    /// Starts the recording of a baseline.
+    ///
+    /// # Errors
+    /// As [`Keeper::start_session`].
+    pub(crate) async fn record_baseline(
+        self: &Arc<Self>,
+        options: &Options,
+    ) -> Result<Arc<Live>, Fault> {
+        options.only(&known(
+            &[&["frames", "note"][..], &dbus::ABOUT_OPTIONS].concat(),
+        ))?;
+        let frames = whole(options, "frames", numbers::BASELINE_FRAMES)?.unwrap_or(BASELINE_FRAMES);
+        let schedule = Schedule {
+            count: Some(frames),
+            ..Schedule::default()
+        };
+        self.may_start().await;
+        self.begin(Assignment {
+            work: Work::Baseline,
+            schedule,
+            speed: self.is_recording().then_some(0.0),
+            step: false,
+            note: words(options, "note")?.unwrap_or_default().to_owned(),
+            frames,
+            baseline: None,
+            model: None,
+            plan: self.own_plan(options).await?,
+            about: about(options, &self.house().setup.config.about)?,
+            asked: serde_json::Value::Object(to_json(options)).to_string(),
+            resumed: None,
+            first_event: None,
+            before: None,
+        })
+        .await
+    }
+
+    /// The plan of a session that would be started with these options, its ranges from the current baseline.
+    ///
+    /// # Errors
+    /// An option that cannot be; a recording.
+    pub(crate) async fn plan_with(&self, options: &Options) -> Result<Arc<RigPlan>, Fault> {
+        options.only(&dbus::MEASURING_OPTIONS)?;
+        let own = self.own_survey(options)?;
+        let (house, baseline) = (self.house(), self.baseline());
+        let made = move || -> Result<Arc<RigPlan>, Fault> {
+            let plan = match own {
+                Some(survey) => Arc::new(adjusted(&house.setup, survey)?),
+                None => house.plan.clone().ok_or_else(no_plan)?,
+            };
+            let measuring = Measuring::of(Some(Arc::clone(&plan)), baseline.as_deref());
+            Ok(measuring.now().unwrap_or(plan))
+        };
+        // somebody only looks: not on the threads that sessions need
+        crate::service::read_pool::read(made).await?
+    }
+
+    fn chosen_baseline(&self, id: Option<&str>) -> Result<Arc<Baseline>, Fault> {
+        let current = self.baseline();
+        let Some(id) = id else {
+            return current.ok_or_else(no_baseline);
+        };
+        if let Some(current) = current.filter(|current| current.id == id) {
+            return Ok(current);
+        }
+        let found = logbook::find(&self.house().setup.record_directory, id)
+            .and_then(logbook::SessionReader::open)
+            .and_then(|session| session.baseline());
+        match found {
+            Ok(Some(baseline)) => Ok(Arc::new(baseline)),
+            Ok(None) => Err(Fault::NoBaseline(format!(
+                "session '{id}' has no baseline in it"
+            ))),
+            Err(error @ (LogbookError::NoSuchSession { .. } | LogbookError::BadId { .. })) => {
+                Err(Fault::NoSession(format!(
+                    "there is no baseline '{}': {}; `tactus sessions` lists the recorded ones",
+                    survey::printable(id),
+                    chain(&error)
+                )))
+            }
+            Err(error @ LogbookError::Ambiguous { .. }) => Err(Fault::InvalidOption(chain(&error))),
+            Err(error) => Err(Fault::NoBaseline(chain(&error))),
+        }
+    }
+
+    /// The plan of a session that says how it measures; `None` where it measures as configured.
+    async fn own_plan(&self, options: &Options) -> Result<Option<Arc<RigPlan>>, Fault> {
+        let Some(survey) = self.own_survey(options)? else {
+            return Ok(None);
+        };
+        let house = self.house();
+        match tokio::task::spawn_blocking(move || adjusted(&house.setup, survey)).await {
+            Ok(plan) => plan.map(|plan| Some(Arc::new(plan))),
+            Err(_) => Err(Fault::Failed("the plan could not be made".into())),
+        }
+    }
+
+    /// How a session measures that says so; `None` where it measures as configured.
+    fn own_survey(&self, options: &Options) -> Result<Option<SurveySection>, Fault> {
+        let house = self.house();
+        let mut survey = house.setup.config.survey.clone();
+        let configured = survey.clone();
+        let number = |key, bounds| number(options, key, bounds);
+        let flag = |key| options.flag(key);
+        survey.nplc = number("nplc", numbers::NPLC)?.unwrap_or(survey.nplc);
+        survey.settle_ms = number("settle_ms", numbers::SETTLE_MS)?.unwrap_or(survey.settle_ms);
+        survey.channel_delay_ms = number("channel_delay_ms", numbers::CHANNEL_DELAY_MS)?
+            .unwrap_or(survey.channel_delay_ms);
+        survey.autozero = flag("autozero")?.unwrap_or(survey.autozero);
+        survey.reversal = flag("reversal")?.unwrap_or(survey.reversal);
+        if let Some(averages) = whole(options, "averages", numbers::AVERAGES)? {
+            survey.averages = u32::try_from(averages).unwrap_or(u32::MAX);
+        }
+        if let Some(every) = whole(options, "zero_every", numbers::ZERO_EVERY)? {
+            survey.zero_every = Some(every).filter(|every| *every > 0);
+        }
+        survey.ranges = match options.text("ranges")? {
+            None => survey.ranges,
+            Some("fixed") => RangesName::Fixed,
+            Some("planned") => RangesName::Planned,
+            Some(other) => {
+                return Err(Fault::InvalidOption(format!(
+                    "option 'ranges' is '{other}'; it is 'fixed' or 'planned'"
+                )));
+            }
+        };
+        if survey == configured {
+            return Ok(None);
+        }
+        if self.is_recording() {
+            return Err(Fault::InvalidOption(
+                "a recording was measured as it was; leave out how to measure".into(),
+            ));
+        }
+        Ok(Some(survey))
+    }
+
+    fn check_baseline(
+        &self,
+        baseline: &Baseline,
+        settings: Option<&Settings>,
+    ) -> Result<(), Fault> {
+        let house = self.house();
+        let Some(settings) = settings else {
+            return Ok(());
+        };
+        baseline
+            .check(settings, house.setup.protocol.len(), house.simulated)
+            .map_err(|error| Fault::BaselineMismatch(error.to_string()))
+    }
+
+    pub(super) async fn chosen_model(
+        self: &Arc<Self>,
+        asked: Option<&str>,
+    ) -> Result<Model, Fault> {
+        let Some(asked) = asked.map(str::to_owned) else {
+            return Ok(self.house().setup.model.clone());
+        };
+        if asked != "one-step" && !Path::new(&asked).is_absolute() {
+            return Err(Fault::InvalidOption(format!(
+                "option 'model' is '{asked}'; write an absolute path, or one-step"
+            )));
+        }
+        let house = self.house();
+        let loaded = containment::blocking(move || {
+            let Setup {
+                config,
+                geometry,
+                protocol,
+                current,
+                ..
+            } = &house.setup;
+            if asked == "one-step" {
+                let section = crate::config::ModelSection {
+                    file: None,
+                    ..config.model.clone()
+                };
+                model::one_step(&section, *current, geometry, protocol)
+            } else {
+                let loss_only = config.model.loss_only.unwrap_or(false);
+                model::from_file(Path::new(&asked), loss_only, geometry, protocol)
+            }
+        });
+        match loaded.await {
+            Ok(Ok(model)) => Ok(model),
+            Ok(Err(fault)) if fault.is_mismatch() => Err(Fault::ModelMismatch(chain(&fault))),
+            Ok(Err(fault @ (ModelFault::File { .. } | ModelFault::Onnx(_)))) => {
+                Err(Fault::ModelFile(chain(&fault)))
+            }
+            Ok(Err(fault)) => Err(Fault::Failed(chain(&fault))),
+            Err(_) => Err(Fault::Failed("the model could not be prepared".into())),
+        }
+    }
+}

@@ -1,0 +1,207 @@
+//! What the daemon is doing, as a pure state machine: no clock, no instrument, no bus.
+
+use std::fmt;
+
+/// What a running session is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Work {
+    /// A baseline is being recorded.
+    Baseline,
+    /// Frames are being measured.
+    Measurement,
+    /// The rig is being tested.
+    Test,
+}
+
+/// What the daemon is doing.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum State {
+    /// Nothing; the source is off.
+    Idle,
+    /// Recording a baseline.
+    Baseline,
+    /// Measuring.
+    Acquiring,
+    /// Testing the rig.
+    Testing,
+    /// A session pauses between frames; the source is off.
+    Suspended(Work),
+    /// The last session ended by a fault, or the rig could not be made safe. A new session may be tried.
+    Faulted(String),
+}
+
+/// What happens to it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Event {
+    /// Somebody asks for a session.
+    Start(Work),
+    /// Somebody asks for a pause, or the logbook cannot keep up.
+    Suspend,
+    /// Somebody asks to go on, or the logbook has caught up.
+    Resume,
+    /// The session has ended as asked or scheduled; its record is closed, the source off.
+    Ended,
+    /// The session, or the rig, has failed.
+    Fault(String),
+    /// The rig has been verified off again after a fault.
+    Recovered,
+}
+
+/// Why an event is refused; the state stays.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub(crate) enum Refusal {
+    #[error("a session is running; stop it first")]
+    SessionActive,
+    #[error("the rig is being tested; `tactus status` shows when that is done")]
+    Testing,
+    #[error("no session is running")]
+    NoSession,
+}
+
+impl State {
+    /// The state after the event.
+    pub(crate) fn after(self, event: Event) -> Result<Self, (Self, Refusal)> {
+        use Event::{Ended, Fault, Recovered, Resume, Start, Suspend};
+        match (self, event) {
+            (Self::Idle | Self::Faulted(_), Start(Work::Baseline)) => Ok(Self::Baseline),
+            (Self::Idle | Self::Faulted(_), Start(Work::Measurement)) => Ok(Self::Acquiring),
+            (Self::Idle | Self::Faulted(_), Start(Work::Test)) => Ok(Self::Testing),
+            (Self::Testing, Start(_)) => Err((Self::Testing, Refusal::Testing)),
+            (state, Start(_)) => Err((state, Refusal::SessionActive)),
+
+            (Self::Baseline, Suspend) => Ok(Self::Suspended(Work::Baseline)),
+            (Self::Acquiring, Suspend) => Ok(Self::Suspended(Work::Measurement)),
+            (state @ Self::Suspended(_), Suspend) => Ok(state),
+            (Self::Suspended(Work::Baseline), Resume) => Ok(Self::Baseline),
+            (Self::Suspended(Work::Measurement), Resume) => Ok(Self::Acquiring),
+            (state @ (Self::Baseline | Self::Acquiring), Resume) => Ok(state),
+            (state, Suspend | Resume) => Err((state, Refusal::NoSession)),
+
+            (Self::Baseline | Self::Acquiring | Self::Testing | Self::Suspended(_), Ended) => {
+                Ok(Self::Idle)
+            }
+            (state, Ended) => Err((state, Refusal::NoSession)),
+            (_, Fault(why)) => Ok(Self::Faulted(why)),
+            (Self::Faulted(_), Recovered) => Ok(Self::Idle),
+            (state, Recovered) => Ok(state),
+        }
+    }
+
+    /// The word on the bus.
+    pub(crate) fn word(&self) -> &'static str {
+        match self {
+            Self::Idle => "idle",
+            Self::Baseline => "baseline",
+            Self::Acquiring => "acquiring",
+            Self::Testing => "testing",
+            Self::Suspended(_) => "suspended",
+            Self::Faulted(_) => "faulted",
+        }
+    }
+
+    /// Whether a session is running.
+    pub(crate) fn is_busy(&self) -> bool {
+        matches!(
+            self,
+            Self::Baseline | Self::Acquiring | Self::Testing | Self::Suspended(_)
+        )
+    }
+}
+
+impl fmt::Display for State {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Faulted(why) => write!(f, "faulted: {why}"),
+            other => f.write_str(other.word()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::session::state::*;
+
+    fn states() -> Vec<State> {
+        vec![
+            State::Idle,
+            State::Baseline,
+            State::Acquiring,
+            State::Testing,
+            State::Suspended(Work::Baseline),
+            State::Suspended(Work::Measurement),
+            State::Faulted("disk".into()),
+        ]
+    }
+
+    fn events() -> Vec<Event> {
+        vec![
+            Event::Start(Work::Baseline),
+            Event::Start(Work::Measurement),
+            Event::Start(Work::Test),
+            Event::Suspend,
+            Event::Resume,
+            Event::Ended,
+            Event::Fault("lost".into()),
+            Event::Recovered,
+        ]
+    }
+
+    /// The whole table, a row a state, in the order of `events`; `!`, `t` and `?` are the three refusals.
+    #[test]
+    fn every_state_answers_every_event() {
+        let table = [
+            "baseline acquiring testing ? ? ? faulted:lost idle",
+            "! ! ! suspended(b) baseline idle faulted:lost baseline",
+            "! ! ! suspended(m) acquiring idle faulted:lost acquiring",
+            "t t t ? ? idle faulted:lost testing",
+            "! ! ! suspended(b) baseline idle faulted:lost suspended(b)",
+            "! ! ! suspended(m) acquiring idle faulted:lost suspended(m)",
+            "baseline acquiring testing ? ? ? faulted:lost idle",
+        ];
+        let name = |state: &State| match state {
+            State::Suspended(Work::Baseline) => "suspended(b)".to_owned(),
+            State::Suspended(Work::Measurement) => "suspended(m)".to_owned(),
+            State::Faulted(why) => format!("faulted:{why}"),
+            other => other.word().to_owned(),
+        };
+        for (state, row) in states().into_iter().zip(table) {
+            let got: Vec<String> = events()
+                .into_iter()
+                .map(|event| match state.clone().after(event) {
+                    Ok(next) => name(&next),
+                    Err((kept, refusal)) => {
+                        assert_eq!(kept, state, "a refusal changes nothing");
+                        match refusal {
+                            Refusal::SessionActive => "!".to_owned(),
+                            Refusal::Testing => "t".to_owned(),
+                            Refusal::NoSession => "?".to_owned(),
+                        }
+                    }
+                })
+                .collect();
+            assert_eq!(got.join(" "), row, "from {state}");
+        }
+    }
+
+    #[test]
+    fn no_sequence_of_five_events_runs_two_sessions_or_loses_a_fault() {
+        let mut reached = vec![(State::Idle, 0_i32)];
+        for _ in 0..5 {
+            reached = reached
+                .into_iter()
+                .flat_map(|(state, running)| {
+                    events().into_iter().filter_map(move |event| {
+                        let started = matches!(event, Event::Start(_));
+                        let ended = matches!(event, Event::Ended)
+                            || (matches!(event, Event::Fault(_)) && state.is_busy());
+                        let next = state.clone().after(event).ok()?;
+                        Some((next, running + i32::from(started) - i32::from(ended)))
+                    })
+                })
+                .collect();
+            for (state, running) in &reached {
+                assert_eq!(*running, i32::from(state.is_busy()), "{state}");
+            }
+        }
+    }
+}

@@ -1,0 +1,97 @@
+//! Replies of a READ? that are written when its readings have been taken, each at its own instant.
+//!
+//! [`Simulator34980a::hear_from`] knows the answer at once, with readings ahead of their time: what else moves on the bench
+//! meanwhile is not in them. A server that keeps time lets a message begin, waits, and fetches the answer.
+
+use std::time::Duration;
+
+use crate::simulator::{Response, Session, Simulator34980a, Wires};
+
+/// A reply that waits for its readings.
+#[derive(Debug)]
+pub(crate) struct Deferred {
+    session: Session,
+    /// What the message's other queries answered.
+    before: Option<String>,
+    end: Duration,
+    /// The readings, once they have been taken.
+    readings: Option<String>,
+}
+
+impl Simulator34980a {
+    /// As [`Simulator34980a::hear_from`], but a message that ends by READ? or MEAS? has its readings taken at their own
+    /// instants. Then the second value is true: the text is not known yet, and [`Simulator34980a::fetch`] gives it when
+    /// the response's time is over.
+    pub fn begin_from(
+        &mut self,
+        session: Session,
+        line: &str,
+        at: Duration,
+        wires: &mut dyn Wires,
+    ) -> (Response, bool) {
+        // Who asks anew wants no older answer.
+        self.forget_deferred(session);
+        self.deferring = self.deferred.is_none();
+        let mut response = self.hear_from(session, line, at, wires);
+        self.deferring = false;
+        match &mut self.deferred {
+            Some(deferred) if deferred.session == session && deferred.before.is_none() => {
+                deferred.before = Some(response.text.take().unwrap_or_default());
+                (response, true)
+            }
+            _ => (response, false),
+        }
+    }
+
+    /// The answer of a message that was begun. `None` when its measurement has come to nothing.
+    pub fn fetch(
+        &mut self,
+        session: Session,
+        at: Duration,
+        wires: &mut dyn Wires,
+    ) -> Option<String> {
+        let deferred = self.deferred.as_ref()?;
+        if deferred.session != session {
+            return None;
+        }
+        self.pass(at.max(deferred.end), wires);
+        self.settle_deferred(true);
+        let deferred = self.deferred.take()?;
+        let parts = [deferred.before, deferred.readings];
+        let parts = parts.into_iter().flatten().filter(|part| !part.is_empty());
+        let text = parts.collect::<Vec<_>>().join(";");
+        (!text.is_empty()).then_some(text)
+    }
+
+    /// A measurement has begun whose readings are to be answered.
+    pub(crate) fn defer(&mut self, session: Session, end: Duration) {
+        self.deferred = Some(Deferred {
+            session,
+            before: None,
+            end,
+            readings: None,
+        });
+    }
+
+    /// Writes the readings down when the measurement is over, or is about to be broken off.
+    pub(crate) fn settle_deferred(&mut self, over: bool) {
+        if let Some(deferred) = &mut self.deferred
+            && deferred.readings.is_none()
+            && (over || !self.meter.is_at_work())
+        {
+            let readings = self.meter.memory().read(deferred.end);
+            deferred.readings = Some(self.meter.form.write(readings, &self.calendar));
+        }
+    }
+
+    /// A session wants no answer any more.
+    pub(crate) fn forget_deferred(&mut self, session: Session) {
+        if self
+            .deferred
+            .as_ref()
+            .is_some_and(|deferred| deferred.session == session)
+        {
+            self.deferred = None;
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! Readings in memory, and how they are written (section 5).
+
+use std::collections::{BTreeSet, VecDeque};
+use std::time::Duration;
+
+use scpi::format_nr3_signed;
+use survey::Relay;
+
+use crate::command::Field;
+use crate::simulator::calendar::Calendar;
+
+/// One reading.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Stored {
+    /// Infinite for an overload.
+    pub(crate) value: f64,
+    /// Its unit.
+    pub(crate) mark: &'static str,
+    /// Since the start of the scan.
+    pub(crate) since: Duration,
+    pub(crate) at: Duration,
+    pub(crate) channel: Option<Relay>,
+}
+
+/// Readings in the order of their time. Those of a READ? lie there before their time has come.
+#[derive(Debug)]
+pub(crate) struct Memory {
+    readings: VecDeque<Stored>,
+    most: usize,
+    overflown: bool,
+}
+
+impl Memory {
+    pub(crate) fn new(most: usize) -> Self {
+        Self {
+            readings: VecDeque::new(),
+            most: most.max(1),
+            overflown: false,
+        }
+    }
+
+    /// How many it can hold.
+    pub(crate) fn most(&self) -> usize {
+        self.most
+    }
+
+    /// Adds a reading; the oldest gives way when there is no room.
+    pub(crate) fn push(&mut self, reading: Stored) {
+        if self.readings.len() == self.most {
+            self.readings.pop_front();
+            self.overflown = true;
+        }
+        self.readings.push_back(reading);
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.readings.clear();
+        self.overflown = false;
+    }
+
+    pub(crate) fn is_overflown(&self) -> bool {
+        self.overflown
+    }
+
+    /// How many are there at that time.
+    pub(crate) fn points(&self, now: Duration) -> usize {
+        self.readings.partition_point(|reading| reading.at <= now)
+    }
+
+    /// Those that are there at that time.
+    pub(crate) fn read(&self, now: Duration) -> impl Iterator<Item = &Stored> {
+        self.readings.iter().take(self.points(now))
+    }
+
+    /// Takes the oldest out. At most as many as are there.
+    pub(crate) fn take(&mut self, count: usize, now: Duration) -> Vec<Stored> {
+        let count = count.min(self.points(now));
+        self.readings.drain(..count).collect()
+    }
+
+    /// Forgets what lies there before its time.
+    pub(crate) fn forget_after(&mut self, now: Duration) {
+        self.readings.truncate(self.points(now));
+    }
+}
+
+/// What a reading carries behind its value.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Form {
+    pub(crate) fields: BTreeSet<Field>,
+    pub(crate) absolute: bool,
+}
+
+impl Form {
+    /// Readings with their fields, all joined by commas.
+    pub(crate) fn write<'a>(
+        &self,
+        readings: impl IntoIterator<Item = &'a Stored>,
+        calendar: &Calendar,
+    ) -> String {
+        let mut text = String::new();
+        for reading in readings {
+            if !text.is_empty() {
+                text.push(',');
+            }
+            text.push_str(&format_nr3_signed(reading.value, 8));
+            for field in &self.fields {
+                match field {
+                    Field::Unit => {
+                        text.push(' ');
+                        text.push_str(reading.mark);
+                    }
+                    Field::Time if self.absolute => {
+                        text.push(',');
+                        text.push_str(&calendar.stamp(reading.at));
+                    }
+                    Field::Time => {
+                        text.push_str(&format!(",{:013.3}", reading.since.as_secs_f64()));
+                    }
+                    Field::Channel => {
+                        let number = reading.channel.map_or(0, |relay| relay.0);
+                        text.push_str(&format!(",{number}"));
+                    }
+                    Field::Alarm => text.push_str(",0"),
+                }
+            }
+        }
+        text
+    }
+}

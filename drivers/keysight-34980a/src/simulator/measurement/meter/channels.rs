@@ -1,0 +1,143 @@
+//! How each channel is set up.
+
+use scpi::Numeric;
+use survey::Relay;
+
+use crate::command::{Channels, Function, Quantity, Range, Setting};
+use crate::modules::Contact;
+use crate::simulator::errors::Trouble;
+use crate::simulator::measurement::meter::Meter;
+use crate::simulator::measurement::setup::{Setup, Timing};
+use crate::simulator::relays::Relays;
+
+impl Meter {
+    /// CONF: sets the scan list, everything else to its default, and the fields of readings off.
+    pub(crate) fn configure(
+        &mut self,
+        relays: &Relays,
+        range: Range,
+        resolution: Option<Numeric>,
+        channels: &Channels,
+    ) -> Result<usize, Trouble> {
+        self.need_voltmeter()?;
+        let setup = Setup::configured(range, resolution)?;
+        if let Some(list) = channels {
+            let list = self.arranged(relays, relays.expand(list)?)?;
+            for relay in &list {
+                if let (_, Contact::Current { .. }) = relays.contact(*relay)? {
+                    return Err(Trouble::CHANNEL_UNABLE);
+                }
+            }
+            // What senses for another is said of what the channels were, not of what they become.
+            for relay in &list {
+                self.channels.remove(relay);
+            }
+            self.set_scan(relays, list)?;
+        }
+        self.form.fields.clear();
+        self.change(relays, &None, |target, _| {
+            *target = setup;
+            Ok(())
+        })
+    }
+
+    /// Changes one setting, and says of how many channels.
+    pub(crate) fn set(
+        &mut self,
+        relays: &Relays,
+        setting: Setting,
+        channels: &Channels,
+    ) -> Result<usize, Trouble> {
+        self.change(relays, channels, |setup, timing| {
+            setup.change(setting, timing)
+        })
+    }
+
+    /// All of the channels are changed, or none.
+    fn change(
+        &mut self,
+        relays: &Relays,
+        channels: &Channels,
+        change: impl Fn(&mut Setup, Timing) -> Result<(), Trouble>,
+    ) -> Result<usize, Trouble> {
+        self.need_voltmeter()?;
+        let mut changed = Vec::new();
+        for target in self.targets(relays, channels)? {
+            let mut setup = self.setup(relays, target);
+            let (_, timing, _) = self.plan(target, &setup);
+            change(&mut setup, timing)?;
+            changed.push((target, setup));
+        }
+        let count = changed.len();
+        for (target, setup) in changed {
+            self.put(target, setup);
+        }
+        self.memory.clear();
+        Ok(count)
+    }
+
+    /// Answers one setting of every channel.
+    pub(crate) fn ask(
+        &self,
+        relays: &Relays,
+        quantity: Quantity,
+        limit: Option<Numeric>,
+        channels: &Channels,
+    ) -> Result<String, Trouble> {
+        self.answers(relays, channels, |target, setup| {
+            let (_, timing, _) = self.plan(target, &setup);
+            setup.answer(quantity, limit, self.line_hz, timing)
+        })
+    }
+
+    /// Answers function, range and resolution of every channel.
+    pub(crate) fn configuration(
+        &self,
+        relays: &Relays,
+        channels: &Channels,
+    ) -> Result<String, Trouble> {
+        self.answers(relays, channels, |target, setup| {
+            Ok(match setup.function {
+                Function::DcVolts => setup.configuration(self.line_hz),
+                function => self.own(target, function).configuration(self.line_hz),
+            })
+        })
+    }
+
+    pub(crate) fn answers(
+        &self,
+        relays: &Relays,
+        channels: &Channels,
+        answer: impl Fn(Option<Relay>, Setup) -> Result<String, Trouble>,
+    ) -> Result<String, Trouble> {
+        self.need_voltmeter()?;
+        let targets = self.targets(relays, channels)?;
+        let answers: Result<Vec<String>, Trouble> = targets
+            .into_iter()
+            .map(|target| answer(target, self.setup(relays, target)))
+            .collect();
+        Ok(answers?.join(","))
+    }
+
+    /// The channels that a setting is for: without a list those of the scan list. `None` stands for the bare voltmeter.
+    pub(crate) fn targets(
+        &self,
+        relays: &Relays,
+        channels: &Channels,
+    ) -> Result<Vec<Option<Relay>>, Trouble> {
+        let list = match channels {
+            Some(list) => {
+                // Queries answer in the list's own order, once all of it can be scanned.
+                let list = relays.expand(list)?;
+                self.arranged(relays, list.clone())?;
+                list
+            }
+            None => self.scan.clone(),
+        };
+        if list.is_empty() {
+            Ok(vec![None])
+        } else {
+            Ok(list.into_iter().map(Some).collect())
+        }
+    }
+}

@@ -1,0 +1,199 @@
+//! What each channel measures besides DC volts, and how.
+
+use scpi::{Numeric, ParseError};
+use survey::Relay;
+
+use crate::command::{Channels, Detail, Function, Given, Quantity, Setting, Wanted};
+use crate::modules::{Contact, Model};
+use crate::simulator::errors::Trouble;
+use crate::simulator::measurement::functions::Own;
+use crate::simulator::measurement::meter::Meter;
+use crate::simulator::measurement::run::Measured;
+use crate::simulator::measurement::setup::{Setup, Timing};
+use crate::simulator::relays::Relays;
+
+impl Meter {
+    /// CONF of anything but DC volts; see [`Meter::configure`].
+    pub(crate) fn configure_function(
+        &mut self,
+        relays: &Relays,
+        wanted: Wanted,
+        channels: &Channels,
+    ) -> Result<usize, Trouble> {
+        self.need_voltmeter()?;
+        let targets = match channels {
+            Some(list) => {
+                let list = self.arranged(relays, relays.expand(list)?)?;
+                list.into_iter().map(Some).collect()
+            }
+            None => self.targets(relays, channels)?,
+        };
+        let targets = match targets.is_empty() {
+            true => vec![None],
+            false => targets,
+        };
+        let mut new = Vec::new();
+        for target in targets {
+            let own = self.own(target, wanted.function).configured(wanted)?;
+            permit(relays, target, own)?;
+            new.push((target, own));
+        }
+        if channels.is_some() {
+            let list = new.iter().filter_map(|(target, _)| *target).collect();
+            self.set_scan(relays, list)?;
+        }
+        self.form.fields.clear();
+        self.memory.clear();
+        let count = new.len();
+        for (target, own) in new {
+            self.others.insert(key(target, wanted.function), own);
+            self.put(target, Setup::default().measuring(wanted.function));
+        }
+        Ok(count)
+    }
+
+    /// Chooses a function; its settings are what they were.
+    pub(crate) fn select(
+        &mut self,
+        relays: &Relays,
+        function: Function,
+        channels: &Channels,
+    ) -> Result<usize, Trouble> {
+        self.need_voltmeter()?;
+        let targets = self.targets(relays, channels)?;
+        for target in &targets {
+            permit(relays, *target, self.own(*target, function))?;
+        }
+        self.memory.clear();
+        for target in &targets {
+            let setup = self.setup(relays, *target).measuring(function);
+            self.put(*target, setup);
+        }
+        Ok(targets.len())
+    }
+
+    /// Answers which function is chosen.
+    pub(crate) fn selected(&self, relays: &Relays, channels: &Channels) -> Result<String, Trouble> {
+        let name = |target, setup: Setup| {
+            let _: Option<Relay> = target;
+            Ok(format!("\"{}\"", setup.function.word()))
+        };
+        self.answers(relays, channels, name)
+    }
+
+    /// Changes one setting of a function, and says of how many channels.
+    pub(crate) fn set_detail(
+        &mut self,
+        relays: &Relays,
+        (function, detail): (Function, Detail),
+        given: Given,
+        channels: &Channels,
+    ) -> Result<usize, Trouble> {
+        if let (Detail::Autozero, Given::Switch(on)) = (detail, given) {
+            return self.set(relays, Setting::Autozero(on), channels);
+        }
+        self.need_voltmeter()?;
+        let mut new = Vec::new();
+        for target in self.targets(relays, channels)? {
+            let mut own = self.own(target, function);
+            own.change(detail, given)?;
+            if (detail, given) == (Detail::JunctionSource, Given::Word("INT")) {
+                has_thermometer(relays, target)?;
+            }
+            new.push((target, own));
+        }
+        self.memory.clear();
+        let count = new.len();
+        for (target, own) in new {
+            self.others.insert(key(target, function), own);
+        }
+        Ok(count)
+    }
+
+    /// Answers one setting of a function.
+    pub(crate) fn detail(
+        &self,
+        relays: &Relays,
+        (function, detail): (Function, Detail),
+        limit: Option<Numeric>,
+        channels: &Channels,
+    ) -> Result<String, Trouble> {
+        if detail == Detail::Autozero {
+            return self.ask(relays, Quantity::Autozero, limit, channels);
+        }
+        self.answers(relays, channels, |target, _| {
+            self.own(target, function)
+                .answer(detail, limit, self.line_hz)
+        })
+    }
+
+    /// What a channel measures, and what that takes.
+    pub(crate) fn plan(&self, target: Option<Relay>, setup: &Setup) -> (Measured, Timing, f64) {
+        match setup.function {
+            Function::DcVolts => (
+                Measured::Volts(setup.range),
+                setup.timing(self.line_hz),
+                setup.cycles(self.line_hz),
+            ),
+            function => {
+                let own = self.own(target, function);
+                let timing = own.timing(self.line_hz);
+                (Measured::Other(own), timing, own.cycles(self.line_hz))
+            }
+        }
+    }
+
+    pub(crate) fn own(&self, target: Option<Relay>, function: Function) -> Own {
+        let own = self.others.get(&key(target, function)).copied();
+        own.unwrap_or_else(|| Own::new(function))
+            .measuring(function)
+    }
+
+    /// No channel that senses for another may be in a scan list with it (+306).
+    pub(crate) fn check_pairs(&self, relays: &Relays, list: &[Relay]) -> Result<(), Trouble> {
+        for relay in list {
+            let setup = self.setup(relays, Some(*relay));
+            if setup.function != Function::DcVolts
+                && self.own(Some(*relay), setup.function).four_wire()
+                && let Some(partner) = relays.partner(*relay)
+                && list.contains(&partner)
+            {
+                return Err(Trouble::PART_OF_PAIR);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Two and four wires share their settings.
+fn key(target: Option<Relay>, function: Function) -> (Option<Relay>, Function) {
+    match function {
+        Function::FourWire => (target, Function::Resistance),
+        function => (target, function),
+    }
+}
+
+/// Currents are measured on current channels, nothing else is; four wires begin in bank 1.
+fn permit(relays: &Relays, target: Option<Relay>, own: Own) -> Result<(), Trouble> {
+    let Some(relay) = target else {
+        return Ok(());
+    };
+    let (_, contact) = relays.contact(relay)?;
+    let on_current = matches!(contact, Contact::Current { .. });
+    let current = matches!(own.function, Function::DcCurrent | Function::AcCurrent);
+    if on_current != current || (own.four_wire() && relays.partner(relay).is_none()) {
+        return Err(Trouble::CHANNEL_UNABLE);
+    }
+    Ok(())
+}
+
+/// Only the 34921A's terminal block has a thermometer in it.
+fn has_thermometer(relays: &Relays, target: Option<Relay>) -> Result<(), Trouble> {
+    match target {
+        None => Err(ParseError::SettingsConflict.into()),
+        Some(relay) => match relays.contact(relay)?.0.model() {
+            Model::M34921A => Ok(()),
+            _ => Err(Trouble::CHANNEL_UNABLE),
+        },
+    }
+}

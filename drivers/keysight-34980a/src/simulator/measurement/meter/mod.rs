@@ -1,0 +1,428 @@
+//! The internal voltmeter: settings of every channel, scan list, trigger, and the measurement at work (section 5).
+
+mod channels;
+mod functions;
+mod kept;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+use scpi::{Numeric, ParseError, format_nr3_signed};
+use survey::Relay;
+
+pub(crate) use crate::simulator::measurement::meter::kept::Settings;
+
+use crate::command::{Function, LONGEST_TIMER, MOST_SWEEPS, TriggerSource};
+use crate::modules::Contact;
+use crate::simulator::Wires;
+use crate::simulator::errors::Trouble;
+use crate::simulator::measurement::functions::Own;
+use crate::simulator::measurement::memory::{Form, Memory};
+use crate::simulator::measurement::run::{Noticed, Pace, Run, Stop};
+use crate::simulator::measurement::setup::Setup;
+use crate::simulator::relays::Relays;
+
+#[derive(Debug)]
+pub(crate) struct Meter {
+    line_hz: f64,
+    installed: bool,
+    bare: Setup,
+    channels: BTreeMap<Relay, Setup>,
+    /// Settings of functions other than DC volts, where they were ever made.
+    others: BTreeMap<(Option<Relay>, Function), Own>,
+    scan: Vec<Relay>,
+    ordered: bool,
+    source: TriggerSource,
+    /// s.
+    timer: f64,
+    /// `None`: until it is stopped.
+    count: Option<u32>,
+    pub(crate) form: Form,
+    threshold: u32,
+    memory: Memory,
+    run: Option<Run>,
+    /// When the last measurement began.
+    began: Duration,
+    /// Readings have been taken ahead of their time up to here.
+    ahead: Duration,
+    noticed: Noticed,
+}
+
+impl Meter {
+    pub(crate) fn new(line_hz: f64, memory: usize) -> Self {
+        Self {
+            line_hz,
+            installed: true,
+            bare: Setup::default(),
+            channels: BTreeMap::new(),
+            others: BTreeMap::new(),
+            scan: Vec::new(),
+            ordered: true,
+            source: TriggerSource::Immediate,
+            timer: 10.0,
+            count: Some(1),
+            form: Form::default(),
+            threshold: 1,
+            memory: Memory::new(memory),
+            run: None,
+            began: Duration::ZERO,
+            ahead: Duration::ZERO,
+            noticed: Noticed::default(),
+        }
+    }
+
+    /// As after `*RST`. What is measured now has been stopped before.
+    pub(crate) fn as_new(&mut self) {
+        *self = Self {
+            installed: self.installed,
+            ..Self::new(self.line_hz, self.memory.most())
+        };
+    }
+
+    pub(crate) fn install(&mut self, installed: bool) {
+        self.installed = installed;
+    }
+
+    pub(crate) fn is_installed(&self) -> bool {
+        self.installed
+    }
+
+    fn need_voltmeter(&self) -> Result<(), Trouble> {
+        if self.installed {
+            Ok(())
+        } else {
+            Err(ParseError::HardwareMissing.into())
+        }
+    }
+
+    pub(crate) fn scan_list(&self) -> &[Relay] {
+        &self.scan
+    }
+
+    pub(crate) fn ordered(&self) -> bool {
+        self.ordered
+    }
+
+    pub(crate) fn memory(&self) -> &Memory {
+        &self.memory
+    }
+
+    pub(crate) fn memory_mut(&mut self) -> &mut Memory {
+        &mut self.memory
+    }
+
+    pub(crate) fn began(&self) -> Duration {
+        self.began
+    }
+
+    pub(crate) fn take_noticed(&mut self) -> Noticed {
+        std::mem::take(&mut self.noticed)
+    }
+
+    pub(crate) fn threshold(&self) -> u32 {
+        self.threshold
+    }
+
+    pub(crate) fn set_threshold(&mut self, threshold: u32) {
+        self.threshold = threshold;
+    }
+
+    pub(crate) fn is_measuring(&self, now: Duration) -> bool {
+        now < self.ahead || self.run.as_ref().is_some_and(|run| !run.is_waiting())
+    }
+
+    pub(crate) fn is_waiting(&self) -> bool {
+        self.run.as_ref().is_some_and(Run::is_waiting)
+    }
+
+    fn is_busy(&self, now: Duration) -> bool {
+        now < self.ahead || self.run.is_some()
+    }
+
+    /// When the measurement at work ends, where that can be foreseen; without one it is over already.
+    pub(crate) fn ends_at(&self) -> Option<Duration> {
+        match &self.run {
+            Some(run) => run.ends_at().map(|end| end.max(self.ahead)),
+            None => Some(self.ahead),
+        }
+    }
+
+    /// Whether it goes on until a trigger or ABOR ends it.
+    pub(crate) fn is_endless(&self) -> bool {
+        self.run
+            .as_ref()
+            .is_some_and(|run| run.is_waiting() || run.ends_at().is_none())
+    }
+
+    pub(crate) fn due(&self) -> Option<Duration> {
+        self.run.as_ref()?.due()
+    }
+
+    /// Takes the readings that are due by then.
+    pub(crate) fn advance(&mut self, to: Duration, relays: &mut Relays, wires: &mut dyn Wires) {
+        let Some(run) = &mut self.run else {
+            return;
+        };
+        let before = self.memory.points(to);
+        let ended = run.advance(to, relays, wires, &mut self.memory, &mut self.noticed);
+        let (before, after) = (before as u64, self.memory.points(to) as u64);
+        let threshold = u64::from(self.threshold);
+        self.noticed.threshold |= before < threshold && threshold <= after;
+        if ended {
+            self.run = None;
+        }
+    }
+
+    /// Begins to measure into memory.
+    pub(crate) fn initiate(
+        &mut self,
+        now: Duration,
+        relays: &mut Relays,
+        wires: &mut dyn Wires,
+    ) -> Result<(), Trouble> {
+        let pace = self.pace();
+        self.begin(&self.scan.clone(), pace, self.count, now, relays, wires)
+    }
+
+    /// Begins to measure, and says when that ends.
+    pub(crate) fn read(
+        &mut self,
+        list: &[Relay],
+        now: Duration,
+        relays: &mut Relays,
+        wires: &mut dyn Wires,
+    ) -> Result<Duration, Trouble> {
+        let count = match self.count {
+            Some(count) if !self.source.waits() => count,
+            _ => return Err(Trouble::DEADLOCK),
+        };
+        self.read_sweeps(list, self.pace(), count, now, relays, wires)
+    }
+
+    /// One sweep through the scan list at once, whatever the trigger is set to.
+    pub(crate) fn read_once(
+        &mut self,
+        now: Duration,
+        relays: &mut Relays,
+        wires: &mut dyn Wires,
+    ) -> Result<Duration, Trouble> {
+        let list = self.scan.clone();
+        self.read_sweeps(&list, Pace::Continuous, 1, now, relays, wires)
+    }
+
+    fn read_sweeps(
+        &mut self,
+        list: &[Relay],
+        pace: Pace,
+        count: u32,
+        now: Duration,
+        relays: &mut Relays,
+        wires: &mut dyn Wires,
+    ) -> Result<Duration, Trouble> {
+        if list.len().max(1) * count as usize > self.memory.most() {
+            return Err(Trouble::MEMORY);
+        }
+        self.begin(list, pace, Some(count), now, relays, wires)?;
+        // It has an end: its sweeps are counted and wait for nothing.
+        Ok(self.ends_at().unwrap_or(now))
+    }
+
+    /// Takes all readings of the measurement that has just begun, ahead of their time.
+    pub(crate) fn take_ahead(&mut self, end: Duration, relays: &mut Relays, wires: &mut dyn Wires) {
+        self.advance(end, relays, wires);
+        self.ahead = end;
+    }
+
+    /// Whether a measurement has begun that has not ended.
+    pub(crate) fn is_at_work(&self) -> bool {
+        self.run.is_some()
+    }
+
+    fn pace(&self) -> Pace {
+        match self.source {
+            TriggerSource::Immediate => Pace::Continuous,
+            TriggerSource::Timer => Pace::Timer(survey::duration(self.timer)),
+            TriggerSource::Bus | TriggerSource::External | TriggerSource::Alarm(_) => {
+                Pace::Triggered
+            }
+        }
+    }
+
+    fn begin(
+        &mut self,
+        list: &[Relay],
+        pace: Pace,
+        sweeps: Option<u32>,
+        now: Duration,
+        relays: &mut Relays,
+        wires: &mut dyn Wires,
+    ) -> Result<(), Trouble> {
+        self.need_voltmeter()?;
+        if self.is_busy(now) {
+            return Err(ParseError::InitIgnored.into());
+        }
+        let stop = |channel: Option<Relay>| {
+            let setup = self.setup(relays, channel);
+            let (measured, timing, nplc) = self.plan(channel, &setup);
+            let rate = channel
+                .and_then(|relay| relays.contact(relay).ok())
+                .and_then(|(module, _)| module.model().scan_rate());
+            Stop {
+                channel,
+                period: setup.period(timing, rate, self.line_hz),
+                nplc,
+                measured,
+            }
+        };
+        let stops = if list.is_empty() {
+            vec![stop(None)]
+        } else {
+            list.iter().map(|relay| stop(Some(*relay))).collect()
+        };
+        if !list.is_empty() {
+            let sensing = stops
+                .iter()
+                .filter(|stop| stop.measured.four_wire())
+                .filter_map(|stop| relays.partner(stop.channel?));
+            let banks: Vec<Relay> = list.iter().copied().chain(sensing).collect();
+            relays.clear_for_scan(&banks);
+            relays.tell(now, wires);
+        }
+        self.memory.clear();
+        let run = Run::new(stops, pace, sweeps, now);
+        self.began = run.start();
+        self.run = Some(run);
+        self.noticed.measured |= pace != Pace::Triggered;
+        self.advance(now, relays, wires);
+        Ok(())
+    }
+
+    /// Takes a trigger from the bus or from outside.
+    pub(crate) fn trigger(&mut self, from: TriggerSource, now: Duration) -> Result<(), Trouble> {
+        let taken = self.source == from && self.run.as_mut().is_some_and(|run| run.trigger(now));
+        if taken {
+            Ok(())
+        } else {
+            Err(ParseError::TriggerIgnored.into())
+        }
+    }
+
+    pub(crate) fn abort(&mut self, now: Duration, relays: &mut Relays, wires: &mut dyn Wires) {
+        if let Some(mut run) = self.run.take() {
+            run.stop(now, relays, wires);
+        }
+        self.memory.forget_after(now);
+        self.ahead = self.ahead.min(now);
+    }
+
+    /// A scan list: only channels that can be scanned; ascending and each once, unless order is off.
+    pub(crate) fn arranged(
+        &self,
+        relays: &Relays,
+        list: Vec<Relay>,
+    ) -> Result<Vec<Relay>, Trouble> {
+        for relay in &list {
+            let (module, _) = relays.contact(*relay)?;
+            if !module.scannable(relay.0 % 1000) {
+                return Err(Trouble::CHANNEL_UNABLE);
+            }
+        }
+        Ok(if self.ordered {
+            let distinct: BTreeSet<Relay> = list.into_iter().collect();
+            distinct.into_iter().collect()
+        } else {
+            list
+        })
+    }
+
+    pub(crate) fn set_scan(&mut self, relays: &Relays, list: Vec<Relay>) -> Result<(), Trouble> {
+        if list.len() > LONGEST_SCAN {
+            return Err(ParseError::TooMuchData.into());
+        }
+        let list = self.arranged(relays, list)?;
+        self.check_pairs(relays, &list)?;
+        self.scan = list;
+        self.memory.clear();
+        Ok(())
+    }
+
+    pub(crate) fn set_ordered(&mut self, relays: &Relays, ordered: bool) -> Result<(), Trouble> {
+        self.ordered = ordered;
+        self.set_scan(relays, self.scan.clone())
+    }
+
+    /// Takes the channels of a slot out of the scan list.
+    pub(crate) fn forget_slot(&mut self, slot: u32) {
+        self.scan.retain(|relay| relay.0 / 1000 != slot);
+        self.channels.retain(|relay, _| relay.0 / 1000 != slot);
+        self.others
+            .retain(|(relay, _), _| relay.is_none_or(|relay| relay.0 / 1000 != slot));
+    }
+
+    pub(crate) fn source(&self) -> TriggerSource {
+        self.source
+    }
+
+    pub(crate) fn set_source(&mut self, source: TriggerSource) {
+        self.source = source;
+        self.memory.clear();
+    }
+
+    /// Answers the timer, or a limit of it.
+    pub(crate) fn timer(&self, limit: Option<Numeric>) -> String {
+        let value = match limit {
+            None => self.timer,
+            Some(Numeric::Min) => 0.0,
+            Some(Numeric::Max) => LONGEST_TIMER,
+            Some(_) => 10.0,
+        };
+        format_nr3_signed(value, 8)
+    }
+
+    pub(crate) fn set_timer(&mut self, timer: f64) {
+        self.timer = timer;
+        self.memory.clear();
+    }
+
+    /// Answers the number of sweeps, or a limit of it.
+    pub(crate) fn sweeps(&self, limit: Option<Numeric>) -> String {
+        let count = match limit {
+            None => self.count,
+            Some(Numeric::Max) => Some(MOST_SWEEPS),
+            Some(_) => Some(1),
+        };
+        match count {
+            Some(count) => format!("{count:+}"),
+            None => format_nr3_signed(f64::INFINITY, 8),
+        }
+    }
+
+    pub(crate) fn set_count(&mut self, count: Option<u32>) {
+        self.count = count;
+        self.memory.clear();
+    }
+
+    fn setup(&self, relays: &Relays, channel: Option<Relay>) -> Setup {
+        let Some(relay) = channel else {
+            return self.bare;
+        };
+        self.channels.get(&relay).copied().unwrap_or_else(|| {
+            let contact = relays.contact(relay).map(|(_, contact)| contact);
+            let function = match contact {
+                Ok(Contact::Current { .. }) => Function::DcCurrent,
+                _ => Function::DcVolts,
+            };
+            Setup::default().measuring(function)
+        })
+    }
+
+    fn put(&mut self, target: Option<Relay>, setup: Setup) {
+        match target {
+            Some(relay) => drop(self.channels.insert(relay, setup)),
+            None => self.bare = setup,
+        }
+    }
+}
+
+/// With order off a list may repeat itself; somewhere the instrument's memory for it ends. The sources do not say where.
+const LONGEST_SCAN: usize = 5000;

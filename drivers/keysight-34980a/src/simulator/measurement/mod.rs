@@ -1,0 +1,10 @@
+//! The internal voltmeter and what it measures (fact sheet, section 5).
+//! Relays and status belong to the mainframe.
+
+pub(crate) mod deferred;
+pub(crate) mod functions;
+pub(crate) mod memory;
+pub(crate) mod meter;
+pub(crate) mod run;
+pub(crate) mod setup;
+pub(crate) mod temperature;

@@ -1,0 +1,312 @@
+//! A measurement at work: sweeps through a list of channels, each reading at its own instant.
+
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+use survey::{Relay, Volts};
+
+use crate::command::{Function, RANGES, Range};
+use crate::simulator::measurement::functions::{OVER_RANGE, Own, over};
+use crate::simulator::measurement::memory::{Memory, Stored};
+use crate::simulator::relays::{Joined, Relays};
+use crate::simulator::{
+    CURRENT_OVERLOAD, MeterRequest, RESISTANCE_OVERLOAD, TEMPERATURE_OVERLOAD, VOLTAGE_OVERLOAD,
+    Wires,
+};
+
+/// One channel of a sweep; without a number the bare voltmeter.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Stop {
+    pub(crate) channel: Option<Relay>,
+    pub(crate) measured: Measured,
+    pub(crate) period: Duration,
+    pub(crate) nplc: f64,
+}
+
+/// What is measured there.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Measured {
+    /// DC volts on a range.
+    Volts(Range),
+    /// Anything else.
+    Other(Own),
+}
+
+impl Measured {
+    fn mark(&self) -> &'static str {
+        match self {
+            Self::Volts(_) => Function::DcVolts.mark(),
+            Self::Other(own) => own.mark(),
+        }
+    }
+
+    pub(crate) fn four_wire(&self) -> bool {
+        matches!(self, Self::Other(own) if own.four_wire())
+    }
+
+    /// The questionable bit of an overload.
+    fn overload(&self) -> u8 {
+        match self {
+            Self::Volts(_) => VOLTAGE_OVERLOAD,
+            Self::Other(own) => match own.function {
+                Function::DcCurrent | Function::AcCurrent => CURRENT_OVERLOAD,
+                Function::Resistance | Function::FourWire => RESISTANCE_OVERLOAD,
+                Function::Temperature => TEMPERATURE_OVERLOAD,
+                _ => VOLTAGE_OVERLOAD,
+            },
+        }
+    }
+}
+
+/// What a sweep begins with.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Pace {
+    /// The end of the last one.
+    Continuous,
+    /// So long after the last one began.
+    Timer(Duration),
+    /// A trigger.
+    Triggered,
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Phase {
+    /// The channel of this index is joined then.
+    Due(usize, Duration),
+    /// It was joined then, and its reading is being taken.
+    Measuring(usize, Duration, Joined),
+    /// For a trigger.
+    Waiting,
+}
+
+/// What happened that the status registers want to know.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Noticed {
+    pub(crate) measured: bool,
+    /// Bits of the questionable register.
+    pub(crate) overload: BTreeSet<u8>,
+    pub(crate) threshold: bool,
+}
+
+#[derive(Debug)]
+pub(crate) struct Run {
+    stops: Vec<Stop>,
+    start: Duration,
+    pace: Pace,
+    /// `None`: until it is stopped.
+    sweeps: Option<u32>,
+    done: u32,
+    phase: Phase,
+}
+
+impl Run {
+    /// A measurement that begins now. There is at least one stop.
+    pub(crate) fn new(stops: Vec<Stop>, pace: Pace, sweeps: Option<u32>, now: Duration) -> Self {
+        Self {
+            stops,
+            start: now,
+            pace,
+            sweeps,
+            done: 0,
+            phase: match pace {
+                Pace::Triggered => Phase::Waiting,
+                Pace::Continuous | Pace::Timer(_) => Phase::Due(0, now),
+            },
+        }
+    }
+
+    pub(crate) fn start(&self) -> Duration {
+        self.start
+    }
+
+    pub(crate) fn is_waiting(&self) -> bool {
+        matches!(self.phase, Phase::Waiting)
+    }
+
+    /// Takes a trigger, if one is waited for.
+    pub(crate) fn trigger(&mut self, now: Duration) -> bool {
+        let waits = self.is_waiting();
+        if waits {
+            // Another session's trigger may come before a busy one has begun to wait by the instrument's clock.
+            self.phase = Phase::Due(0, now.max(self.start));
+        }
+        waits
+    }
+
+    /// When it next does something.
+    pub(crate) fn due(&self) -> Option<Duration> {
+        match self.phase {
+            Phase::Due(_, at) => Some(at),
+            Phase::Measuring(index, since, _) => Some(since + self.stops[index].period),
+            Phase::Waiting => None,
+        }
+    }
+
+    fn sweep_time(&self) -> Duration {
+        self.stops.iter().map(|stop| stop.period).sum()
+    }
+
+    /// When the next sweep begins after one that ended then.
+    fn next_sweep(&self, ended: Duration, done: u32) -> Duration {
+        match self.pace {
+            Pace::Timer(timer) => ended.max(self.start + timer * done),
+            Pace::Continuous | Pace::Triggered => ended,
+        }
+    }
+
+    /// When it ends, where that can be foreseen; of a triggered one the end of the sweep at work.
+    pub(crate) fn ends_at(&self) -> Option<Duration> {
+        let (index, from) = match self.phase {
+            Phase::Due(index, at) => (index, at),
+            Phase::Measuring(index, since, _) => (index, since),
+            Phase::Waiting => return None,
+        };
+        let rest: Duration = self.stops[index..].iter().map(|stop| stop.period).sum();
+        let ended = from + rest;
+        if self.pace == Pace::Triggered {
+            return Some(ended);
+        }
+        let after = self.sweeps?.saturating_sub(self.done + 1);
+        if after == 0 {
+            return Some(ended);
+        }
+        // Sweeps follow one another without a gap, or by the timer: whichever takes longer to the last of them.
+        let second = self.next_sweep(ended, self.done + 1);
+        let in_a_row = second + self.sweep_time() * (after - 1);
+        Some(self.next_sweep(in_a_row, self.done + after) + self.sweep_time())
+    }
+
+    /// Does everything that is due by then; says whether it has ended.
+    pub(crate) fn advance(
+        &mut self,
+        to: Duration,
+        relays: &mut Relays,
+        wires: &mut dyn Wires,
+        memory: &mut Memory,
+        noticed: &mut Noticed,
+    ) -> bool {
+        loop {
+            match self.phase {
+                Phase::Waiting => return false,
+                Phase::Due(_, at) if at > to => return false,
+                Phase::Due(index, at) => {
+                    let at = if index == 0 {
+                        self.skip(at, to, relays, memory)
+                    } else {
+                        at
+                    };
+                    if at > to {
+                        self.phase = Phase::Due(index, at);
+                        return false;
+                    }
+                    let stop = &self.stops[index];
+                    let joined = match stop.channel {
+                        Some(channel) => relays.join_to_bus(channel, stop.measured.four_wire()),
+                        None => Joined::default(),
+                    };
+                    if joined[0].is_some() {
+                        relays.tell(at, wires);
+                    }
+                    self.phase = Phase::Measuring(index, at, joined);
+                }
+                Phase::Measuring(index, since, joined) => {
+                    let stop = self.stops[index];
+                    let at = since + stop.period;
+                    if at > to {
+                        return false;
+                    }
+                    let value = measure(&stop, at, wires);
+                    if value.is_infinite() {
+                        noticed.overload.insert(stop.measured.overload());
+                    }
+                    memory.push(Stored {
+                        value,
+                        mark: stop.measured.mark(),
+                        since: at.saturating_sub(self.start),
+                        at,
+                        channel: stop.channel,
+                    });
+                    relays.unjoin(joined);
+                    self.phase = Phase::Due(index + 1, at);
+                    if index + 1 == self.stops.len() {
+                        if joined[0].is_some() {
+                            relays.tell(at, wires);
+                        }
+                        self.done = self.done.saturating_add(1);
+                        if self.sweeps == Some(self.done) {
+                            return true;
+                        }
+                        self.phase = match self.pace {
+                            Pace::Triggered => Phase::Waiting,
+                            _ => Phase::Due(0, self.next_sweep(at, self.done)),
+                        };
+                    }
+                }
+            }
+        }
+    }
+
+    /// Leaves out sweeps whose readings would all be lost again before anybody could ask for them: after a long
+    /// silence only as many are measured as the memory holds. Says when the next sweep to be measured begins.
+    fn skip(
+        &mut self,
+        at: Duration,
+        to: Duration,
+        relays: &mut Relays,
+        memory: &mut Memory,
+    ) -> Duration {
+        let step = match self.pace {
+            Pace::Timer(timer) => timer.max(self.sweep_time()),
+            Pace::Continuous => self.sweep_time(),
+            Pace::Triggered => return at,
+        };
+        let left = self.sweeps.map_or(u32::MAX, |sweeps| sweeps - self.done);
+        let in_time = (to - at).as_nanos() / step.as_nanos().max(1);
+        let ahead = u32::try_from(in_time).unwrap_or(u32::MAX).min(left);
+        let fill = u32::try_from(memory.most() / self.stops.len() + 2).unwrap_or(u32::MAX);
+        let skipped = ahead.saturating_sub(fill);
+        if skipped > 0 {
+            self.done = self.done.saturating_add(skipped);
+            for stop in &self.stops {
+                if let Some(channel) = stop.channel {
+                    relays.count_scanned(channel, skipped);
+                }
+            }
+        }
+        at + step * skipped
+    }
+
+    /// Opens what a reading has closed.
+    pub(crate) fn stop(&mut self, at: Duration, relays: &mut Relays, wires: &mut dyn Wires) {
+        if let Phase::Measuring(_, _, joined) = self.phase {
+            relays.unjoin(joined);
+            relays.tell(at, wires);
+        }
+    }
+}
+
+/// One reading; infinite, with its sign, for an overload.
+fn measure(stop: &Stop, at: Duration, wires: &mut dyn Wires) -> f64 {
+    let mut measure = |range: f64| {
+        let request = MeterRequest {
+            nplc: stop.nplc,
+            ..MeterRequest::volts(stop.channel, Volts(range))
+        };
+        over(wires.measure(at, request).0, range * OVER_RANGE)
+    };
+    let widest = RANGES[RANGES.len() - 1];
+    match stop.measured {
+        Measured::Other(own) => own.reading(stop.channel, stop.nplc, at, wires),
+        Measured::Volts(Range::Fixed(range)) => measure(range),
+        Measured::Volts(Range::Auto) => {
+            let probe = measure(widest);
+            let fits = RANGES
+                .into_iter()
+                .find(|range| probe.abs() <= range * OVER_RANGE);
+            match fits {
+                Some(range) if range < widest => measure(range),
+                _ => probe,
+            }
+        }
+    }
+}

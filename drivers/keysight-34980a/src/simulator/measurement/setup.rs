@@ -1,0 +1,241 @@
+//! How one channel is set up, and what follows from it: integration, delay, time, resolution (section 5).
+
+use std::time::Duration;
+
+use scpi::{Numeric, ParseError, format_nr3_signed};
+
+use crate::command::{Function, INTEGRATION, Quantity, RANGES, Range, Setting};
+use crate::simulator::errors::Trouble;
+
+/// Readings a second that the voltmeter alone can take (section 5).
+const READINGS_PER_SECOND: f64 = 3000.0;
+const WIDEST: f64 = RANGES[RANGES.len() - 1];
+
+/// What a reading takes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Timing {
+    /// Integration, or gate, s.
+    pub(crate) seconds: f64,
+    /// Autozero doubles that.
+    pub(crate) zero_too: bool,
+    /// Automatic channel delay, s.
+    pub(crate) delay: f64,
+}
+
+/// How one channel, or the bare voltmeter, is measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Setup {
+    pub(crate) function: Function,
+    /// Of DC volts, as all that follows but delay and autozero.
+    pub(crate) range: Range,
+    nplc: f64,
+    /// s.
+    aperture: f64,
+    aperture_enabled: bool,
+    /// `None`: automatic.
+    delay: Option<f64>,
+    autozero: bool,
+    input_auto: bool,
+}
+
+impl Default for Setup {
+    fn default() -> Self {
+        Self {
+            function: Function::DcVolts,
+            range: Range::Auto,
+            nplc: 1.0,
+            aperture: 1.0,
+            aperture_enabled: false,
+            delay: None,
+            autozero: true,
+            input_auto: false,
+        }
+    }
+}
+
+impl Setup {
+    /// As CONF leaves a channel.
+    pub(crate) fn configured(range: Range, resolution: Option<Numeric>) -> Result<Self, Trouble> {
+        let nplc = match resolution {
+            Some(resolution) => integration_for(range, resolution)?,
+            None => 1.0,
+        };
+        Ok(Self {
+            range,
+            nplc,
+            ..Self::default()
+        })
+    }
+
+    /// The same for another function.
+    pub(crate) fn measuring(self, function: Function) -> Self {
+        Self { function, ..self }
+    }
+
+    /// Integration, power-line cycles.
+    pub(crate) fn cycles(&self, line_hz: f64) -> f64 {
+        if self.aperture_enabled {
+            self.aperture * line_hz
+        } else {
+            self.nplc
+        }
+    }
+
+    /// Of DC volts: 1 ms of delay up to 1 cycle, 2 ms above.
+    pub(crate) fn timing(&self, line_hz: f64) -> Timing {
+        let cycles = self.cycles(line_hz);
+        Timing {
+            seconds: cycles / line_hz,
+            zero_too: true,
+            delay: if cycles <= 1.0 { 1e-3 } else { 2e-3 },
+        }
+    }
+
+    /// Delay before a scanned reading, s.
+    fn delay(&self, timing: Timing) -> f64 {
+        self.delay.unwrap_or(timing.delay)
+    }
+
+    /// Time of one reading: for a channel the larger of 1/rate and 1/rate - 0.02 PLC + integration, and its delay
+    /// (section 9).
+    pub(crate) fn period(&self, timing: Timing, rate: Option<u32>, line_hz: f64) -> Duration {
+        let zero = if self.autozero && timing.zero_too {
+            2.0
+        } else {
+            1.0
+        };
+        let integration = zero * timing.seconds;
+        let seconds = match rate {
+            Some(rate) => {
+                let shortest = 1.0 / f64::from(rate);
+                shortest.max(shortest - 0.02 / line_hz + integration) + self.delay(timing)
+            }
+            None => integration.max(1.0 / READINGS_PER_SECOND),
+        };
+        survey::duration(seconds)
+    }
+
+    /// `timing` is that of what the channel measures.
+    pub(crate) fn change(&mut self, setting: Setting, timing: Timing) -> Result<(), Trouble> {
+        match setting {
+            Setting::Range(range) => self.range = range,
+            Setting::RangeAuto(true) => self.range = Range::Auto,
+            // The range that it had is not known before it has measured; the widest loses nothing.
+            Setting::RangeAuto(false) => self.range = Range::Fixed(self.fixed_range()),
+            Setting::Nplc(nplc) => {
+                self.nplc = nplc;
+                self.aperture_enabled = false;
+            }
+            Setting::Aperture(aperture) => {
+                self.aperture = aperture;
+                self.aperture_enabled = true;
+            }
+            Setting::ApertureEnabled(on) => self.aperture_enabled = on,
+            Setting::Resolution(resolution) => {
+                self.nplc = integration_for(Range::Fixed(self.fixed_range()), resolution)?;
+                self.aperture_enabled = false;
+            }
+            Setting::Autozero(on) => self.autozero = on,
+            Setting::InputAuto(on) => self.input_auto = on,
+            Setting::Delay(delay) => self.delay = Some(delay),
+            Setting::DelayAuto(true) => self.delay = None,
+            Setting::DelayAuto(false) => self.delay = Some(self.delay(timing)),
+        }
+        Ok(())
+    }
+
+    fn fixed_range(&self) -> f64 {
+        match self.range {
+            Range::Fixed(range) => range,
+            Range::Auto => WIDEST,
+        }
+    }
+
+    fn resolution(&self, line_hz: f64) -> f64 {
+        resolution_of(self.cycles(line_hz), self.fixed_range())
+    }
+
+    /// Answers a query for one setting, or for a limit of it.
+    pub(crate) fn answer(
+        &self,
+        quantity: Quantity,
+        limit: Option<Numeric>,
+        line_hz: f64,
+        timing: Timing,
+    ) -> Result<String, Trouble> {
+        let range = self.fixed_range();
+        let (value, [least, most, default]) = match quantity {
+            Quantity::Range => (range, [RANGES[0], WIDEST, WIDEST]),
+            Quantity::Nplc => (self.nplc, [0.02, 200.0, 1.0]),
+            Quantity::Aperture => (self.aperture, [300e-6, 1.0, 1.0]),
+            Quantity::Resolution => (
+                self.resolution(line_hz),
+                [3e-7 * range, 1e-4 * range, 3e-6 * range],
+            ),
+            Quantity::Delay => (self.delay(timing), [0.0, 60.0, 0.0]),
+            Quantity::RangeAuto => return yes_no(self.range == Range::Auto, limit),
+            Quantity::ApertureEnabled => return yes_no(self.aperture_enabled, limit),
+            Quantity::Autozero => return yes_no(self.autozero, limit),
+            Quantity::InputAuto => return yes_no(self.input_auto, limit),
+            Quantity::DelayAuto => return yes_no(self.delay.is_none(), limit),
+        };
+        let value = match limit {
+            None => value,
+            Some(Numeric::Min) => least,
+            Some(Numeric::Max) => most,
+            Some(_) => default,
+        };
+        Ok(format_nr3_signed(value, 8))
+    }
+
+    /// As CONF? answers it.
+    pub(crate) fn configuration(&self, line_hz: f64) -> String {
+        match self.range {
+            Range::Fixed(range) => format!(
+                "\"VOLT {},{}\"",
+                format_nr3_signed(range, 6),
+                format_nr3_signed(self.resolution(line_hz), 6)
+            ),
+            Range::Auto => "\"VOLT AUTO\"".to_owned(),
+        }
+    }
+}
+
+fn yes_no(yes: bool, limit: Option<Numeric>) -> Result<String, Trouble> {
+    match limit {
+        None => Ok(u8::from(yes).to_string()),
+        Some(_) => Err(ParseError::IllegalParameter.into()),
+    }
+}
+
+/// Resolution of an integration of so many power-line cycles; of a time between two that of the shorter.
+pub(crate) fn resolution_of(cycles: f64, range: f64) -> f64 {
+    let fraction = INTEGRATION
+        .into_iter()
+        .rev()
+        .find(|(nplc, _)| *nplc <= cycles)
+        .map_or(1e-4, |(_, fraction)| fraction);
+    fraction * range
+}
+
+/// The shortest integration whose resolution suffices.
+pub(crate) fn integration_for(range: Range, resolution: Numeric) -> Result<f64, Trouble> {
+    let Range::Fixed(range) = range else {
+        // A resolution in volts means nothing while the range is not fixed.
+        return Err(ParseError::SettingsConflict.into());
+    };
+    // MIN is the smallest value, that is the finest; one coarser than any is the coarsest.
+    let asked = match resolution {
+        Numeric::Value(value) => value.abs(),
+        Numeric::Min => 3e-7 * range,
+        Numeric::Max => 1e-4 * range,
+        Numeric::Def => 3e-6 * range,
+        _ => return Err(ParseError::OutOfRange.into()),
+    };
+    INTEGRATION
+        .into_iter()
+        // The last digit of a value given in decimals must not cost a step.
+        .find(|(_, fraction)| fraction * range <= asked * (1.0 + 1e-9))
+        .map(|(nplc, _)| nplc)
+        .ok_or(ParseError::OutOfRange.into())
+}

@@ -1,0 +1,345 @@
+//! Which relays are closed, and which may be: fact sheet sections 2 to 4.
+
+mod slots;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+use scpi::{ChannelEntry, ChannelList};
+use survey::Relay;
+
+use super::Wires;
+use crate::modules::{Contact, Model, Module, Terminal, join, split};
+use crate::simulator::errors::Trouble;
+pub(crate) use slots::Moves;
+use slots::Slot;
+
+/// What one reading closes: the channel and its relay to bus 1, the sensing channel and its relay to bus 2.
+pub(crate) type Joined = [Option<Relay>; 4];
+
+#[derive(Debug)]
+pub(crate) struct Relays {
+    slots: [Slot; 8],
+    closed: BTreeSet<Relay>,
+    cycles: BTreeMap<Relay, u64>,
+    stuck_open: BTreeSet<Relay>,
+    stuck_closed: BTreeSet<Relay>,
+}
+
+impl Relays {
+    pub(crate) fn new(modules: [Option<Module>; 8]) -> Self {
+        Self {
+            slots: modules.map(|module| Slot {
+                module,
+                ..Slot::default()
+            }),
+            closed: BTreeSet::new(),
+            cycles: BTreeMap::new(),
+            stuck_open: BTreeSet::new(),
+            stuck_closed: BTreeSet::new(),
+        }
+    }
+
+    /// Tells the wires what really conducts.
+    pub(crate) fn tell(&self, at: Duration, wires: &mut dyn Wires) {
+        if self.stuck_open.is_empty() && self.stuck_closed.is_empty() {
+            wires.relays(&self.closed, at);
+            return;
+        }
+        let conducting = &(&self.closed - &self.stuck_open) | &self.stuck_closed;
+        wires.relays(&conducting, at);
+    }
+
+    pub(crate) fn closed(&self) -> &BTreeSet<Relay> {
+        &self.closed
+    }
+
+    /// Counts the closures of scans that nobody watched.
+    pub(crate) fn count_scanned(&mut self, channel: Relay, times: u32) {
+        let Ok((module, _)) = self.contact(channel) else {
+            return;
+        };
+        if module.model() != Model::M34925A {
+            let bus = self.bus_relay(channel);
+            for relay in [Some(channel), bus].into_iter().flatten() {
+                *self.cycles.entry(relay).or_default() += u64::from(times);
+            }
+        }
+    }
+
+    /// The relay that leads a channel to bus 1.
+    fn bus_relay(&self, channel: Relay) -> Option<Relay> {
+        self.bus_relay_to(channel, 1)
+    }
+
+    fn bus_relay_to(&self, channel: Relay, bus: u32) -> Option<Relay> {
+        let (module, contact) = self.contact(channel).ok()?;
+        let relay = module.bus_relay(contact.bank()?, bus)?;
+        Some(join(channel.0 / 1000, relay))
+    }
+
+    pub(crate) fn clear_cycles(&mut self, relays: &[Relay]) {
+        for relay in relays {
+            self.cycles.remove(relay);
+        }
+    }
+
+    pub(crate) fn cycles(&self, relay: Relay) -> u64 {
+        self.cycles.get(&relay).copied().unwrap_or(0)
+    }
+
+    /// The module of a slot.
+    pub(crate) fn module(&self, slot: u32) -> Result<Module, Trouble> {
+        let index = slot.checked_sub(1).ok_or(Trouble::SLOT)?;
+        let place = self.slots.get(index as usize);
+        place.and_then(|place| place.module).ok_or(Trouble::SLOT)
+    }
+
+    /// What a relay is, and of which module.
+    pub(crate) fn contact(&self, relay: Relay) -> Result<(Module, Contact), Trouble> {
+        let (slot, channel) = split(relay).ok_or(Trouble::SLOT)?;
+        let module = self.module(slot)?;
+        let contact = module.contact(channel).ok_or(Trouble::CHANNEL)?;
+        Ok((module, contact))
+    }
+
+    /// The relays of a list, in its order. A range is ascending, skips what does not exist and all ABus relays, and
+    /// must have ends that exist and are none (section 2).
+    pub(crate) fn expand(&self, list: &ChannelList) -> Result<Vec<Relay>, Trouble> {
+        let mut relays = Vec::new();
+        for entry in list.entries() {
+            match *entry {
+                ChannelEntry::One(number) => {
+                    self.contact(Relay(number))?;
+                    relays.push(Relay(number));
+                }
+                ChannelEntry::Range(first, last) => {
+                    for end in [first, last] {
+                        if let (_, Contact::AnalogBus { .. }) = self.contact(Relay(end))? {
+                            return Err(Trouble::CHANNEL);
+                        }
+                    }
+                    // Both ends exist, so the range is shorter than 8,000.
+                    relays.extend(
+                        (first.min(last)..=first.max(last))
+                            .map(Relay)
+                            .filter(|relay| {
+                                self.contact(*relay).is_ok_and(|(_, contact)| {
+                                    !matches!(contact, Contact::AnalogBus { .. })
+                                })
+                            }),
+                    );
+                }
+            }
+        }
+        Ok(relays)
+    }
+
+    /// As [`Relays::expand`], where an empty list makes no sense.
+    pub(crate) fn expand_some(&self, list: &ChannelList) -> Result<Vec<Relay>, Trouble> {
+        let relays = self.expand(list)?;
+        if relays.is_empty() {
+            return Err(Trouble::EMPTY);
+        }
+        Ok(relays)
+    }
+
+    /// Closes all or none, and says how long that takes.
+    pub(crate) fn close(&mut self, relays: &[Relay], scan: &[Relay]) -> Result<Moves, Trouble> {
+        let mut after = self.closed.clone();
+        after.extend(relays);
+        self.check(relays, &after, scan)?;
+        Ok(self.become_closed(after))
+    }
+
+    /// Opens everything else in the slots of the list, then closes it.
+    pub(crate) fn close_exclusive(
+        &mut self,
+        relays: &[Relay],
+        scan: &[Relay],
+    ) -> Result<Moves, Trouble> {
+        let slots: BTreeSet<u32> = relays.iter().map(|relay| relay.0 / 1000).collect();
+        let mut after: BTreeSet<Relay> = self
+            .closed
+            .iter()
+            .filter(|relay| !slots.contains(&(relay.0 / 1000)))
+            .copied()
+            .collect();
+        after.extend(relays);
+        self.check(relays, &after, scan)?;
+        let opened = self.open(|relay| !after.contains(&relay));
+        Ok(opened.then(self.become_closed(after)))
+    }
+
+    /// The scan rule of section 4, the interlock, and the coils of section 3.
+    fn check(
+        &self,
+        relays: &[Relay],
+        after: &BTreeSet<Relay>,
+        scan: &[Relay],
+    ) -> Result<(), Trouble> {
+        if relays.is_empty() {
+            return Err(Trouble::EMPTY);
+        }
+        let committed: BTreeSet<(u32, Option<u32>)> =
+            scan.iter().map(|relay| self.bank(*relay)).collect();
+        for relay in relays {
+            let (module, contact) = self.contact(*relay)?;
+            let place = self.bank(*relay);
+            let bus = matches!(contact, Contact::AnalogBus { .. });
+            if committed.contains(&place)
+                || (bus && committed.iter().any(|(slot, _)| *slot == place.0))
+            {
+                return Err(Trouble::COMMITTED);
+            }
+            // `contact` has found the slot.
+            let interlocked = self.slots[relay.0 as usize / 1000 - 1].interlocked;
+            let matrix = module.model() == Model::M34934A;
+            if (bus || matrix) && (interlocked || module.terminal() == Terminal::None) {
+                return Err(Trouble::UNABLE);
+            }
+        }
+        for slot in 1..=8 {
+            let Ok(module) = self.module(slot) else {
+                continue;
+            };
+            let channels = after
+                .range(join(slot, 0)..join(slot + 1, 0))
+                .map(|relay| relay.0 % 1000);
+            module.check_closed(channels).map_err(|_| Trouble::UNABLE)?;
+        }
+        Ok(())
+    }
+
+    fn is_bus(&self, relay: Relay) -> bool {
+        matches!(self.contact(relay), Ok((_, Contact::AnalogBus { .. })))
+    }
+
+    /// The relays of a list of high sides with their low sides.
+    pub(crate) fn expand_pairs(&self, list: &ChannelList) -> Result<Vec<[Relay; 2]>, Trouble> {
+        self.expand_some(list)?
+            .into_iter()
+            .map(|high| {
+                let (module, _) = self.contact(high)?;
+                let low = module.pair(high.0 % 1000).ok_or(Trouble::CHANNEL_UNABLE)?;
+                Ok([high, join(high.0 / 1000, low)])
+            })
+            .collect()
+    }
+
+    /// Slot and bank.
+    fn bank(&self, relay: Relay) -> (u32, Option<u32>) {
+        let bank = self
+            .contact(relay)
+            .ok()
+            .and_then(|(_, contact)| contact.bank());
+        (relay.0 / 1000, bank)
+    }
+
+    fn become_closed(&mut self, after: BTreeSet<Relay>) -> Moves {
+        let mut moves = Moves::default();
+        for relay in after.difference(&self.closed) {
+            if let Ok((module, _)) = self.contact(*relay) {
+                moves.at_least(*relay, module.model().close_time());
+                if module.model() != Model::M34925A {
+                    *self.cycles.entry(*relay).or_default() += 1;
+                }
+            }
+        }
+        self.closed = after;
+        moves
+    }
+
+    /// Opens those of the closed relays that are meant, and says how long that takes.
+    pub(crate) fn open(&mut self, meant: impl Fn(Relay) -> bool) -> Moves {
+        let mut moves = Moves::default();
+        let opened: Vec<Relay> = self.closed.iter().copied().filter(|r| meant(*r)).collect();
+        for relay in opened {
+            self.closed.remove(&relay);
+            if let Ok((module, _)) = self.contact(relay) {
+                moves.at_least(relay, module.model().open_time());
+            }
+        }
+        moves
+    }
+
+    pub(crate) fn open_buses(&mut self, which: Option<u32>) -> Moves {
+        let meant: BTreeSet<Relay> = self
+            .closed
+            .iter()
+            .filter(|relay| match self.contact(**relay) {
+                Ok((_, Contact::AnalogBus { bus, .. })) => which.is_none_or(|which| which == bus),
+                _ => false,
+            })
+            .copied()
+            .collect();
+        self.open(|relay| meant.contains(&relay))
+    }
+
+    /// Opens what a scan must find open: every channel of the scanned banks, and every relay to bus 1 (section 4).
+    pub(crate) fn clear_for_scan(&mut self, scan: &[Relay]) {
+        let banks: BTreeSet<(u32, Option<u32>)> =
+            scan.iter().map(|relay| self.bank(*relay)).collect();
+        let meant: BTreeSet<Relay> = self
+            .closed
+            .iter()
+            .filter(|relay| match self.contact(**relay) {
+                Ok((_, Contact::AnalogBus { bus, .. })) => bus == 1,
+                _ => banks.contains(&self.bank(**relay)),
+            })
+            .copied()
+            .collect();
+        self.open(|relay| meant.contains(&relay));
+    }
+
+    /// Joins one channel to bus 1 for its reading, and its partner in the other bank to bus 2 for one by four wires.
+    /// What is closed for it is to be opened by [`Relays::unjoin`].
+    pub(crate) fn join_to_bus(&mut self, channel: Relay, four_wire: bool) -> Joined {
+        let partner = self.partner(channel).filter(|_| four_wire);
+        let sense = partner.and_then(|partner| self.bus_relay_to(partner, 2));
+        let joined = [Some(channel), self.bus_relay(channel), partner, sense];
+        let mut after = self.closed.clone();
+        after.extend(joined.into_iter().flatten());
+        self.become_closed(after);
+        joined
+    }
+
+    pub(crate) fn unjoin(&mut self, joined: Joined) {
+        for relay in joined.into_iter().flatten() {
+            self.closed.remove(&relay);
+        }
+    }
+
+    /// The channel of bank 2 that senses what a channel of bank 1 drives: n + 20, or n + 35 on the larger modules.
+    pub(crate) fn partner(&self, channel: Relay) -> Option<Relay> {
+        let (module, contact) = self.contact(channel).ok()?;
+        if contact != (Contact::Channel { bank: 1 }) {
+            return None;
+        }
+        let last = module
+            .channels()
+            .filter(|number| module.contact(*number) == Some(contact))
+            .last()?;
+        let partner = Relay(channel.0 + last);
+        let (_, sense) = self.contact(partner).ok()?;
+        (sense == Contact::Channel { bank: 2 }).then_some(partner)
+    }
+
+    /// Reeds and ABus relays fall open, latching relays stay (section 3).
+    pub(crate) fn lose_power(&mut self) {
+        let stay: BTreeSet<Relay> = self
+            .closed
+            .iter()
+            .filter(|relay| match self.contact(**relay) {
+                Ok((_, Contact::AnalogBus { .. })) | Err(_) => false,
+                Ok((module, _)) => module.model().latching(),
+            })
+            .copied()
+            .collect();
+        self.closed = stay;
+        self.reset_protection();
+        for slot in &mut self.slots {
+            slot.settled = Duration::ZERO;
+        }
+    }
+}

@@ -1,0 +1,353 @@
+//! One run of a plan: which step asks whom, and where each answer belongs.
+
+mod answers;
+mod concurrent;
+
+use std::time::Duration;
+
+use survey::{Amps, Channel, Dipole, Electrode, Extra, Plan, Reading, Relay, Routed, Step, Volts};
+use tokio::sync::watch;
+use tokio::time::Instant;
+
+use super::Cut;
+use crate::acquire::run::concurrent::{Beside, over};
+use crate::prepare::apply;
+use crate::safe::{every_relay, open_checked};
+use crate::traits::Instruments;
+use crate::{
+    Compliance, CurrentSource, Hop, MeterSettings, Move, RigError, Sample, Stop, Switch, Voltmeter,
+};
+
+/// How long relays that are switched in the same message as a scan are given before the source is asked about its
+/// compliance: longer than the slowest of them need to close and open, and the message to be heard.
+const RELAYS_MOVE: Duration = Duration::from_millis(20);
+
+/// The longest settling that is left to a scan: a stop cannot cut it short, as it can what is waited for here.
+const LONGEST_OWN_WAIT: Duration = Duration::from_secs(1);
+
+/// Where the current goes, and which way.
+#[derive(Debug, Default)]
+struct Driven {
+    now: Option<Dipole>,
+    /// An injection that went on after the source had been asked about it.
+    unwatched: Option<Dipole>,
+    /// Against the plan's direction.
+    turned: bool,
+    /// Whether the injecting relays are known to have moved.
+    settled: bool,
+    /// Injecting relays that are to be closed now.
+    relays: Vec<Relay>,
+}
+
+/// One run of a plan.
+pub(super) struct Run<'a> {
+    plan: &'a Plan,
+    meter: MeterSettings,
+    stop: Stop,
+    /// Closed when the caller has dropped its future.
+    caller: watch::Receiver<()>,
+    pub(super) readings: Vec<Reading>,
+    pub(super) extra: Vec<Extra>,
+    pub(super) compliance: Vec<Electrode>,
+    driven: Driven,
+    /// The source's level as last set or read back; unknown at first.
+    level: Option<Amps>,
+    on: bool,
+    /// What the scan that follows is to wait before its first reading.
+    wait: Duration,
+    /// How long switching off took, where it was done while a reading was under way.
+    pub(super) off_after: Option<Duration>,
+}
+
+impl<'a> Run<'a> {
+    pub(super) fn new(
+        plan: &'a Plan,
+        meter: MeterSettings,
+        stop: Stop,
+        caller: watch::Receiver<()>,
+    ) -> Self {
+        Self {
+            plan,
+            meter,
+            stop,
+            caller,
+            readings: vec![Reading::NotMeasured; plan.protocol.len()],
+            extra: Vec::new(),
+            compliance: Vec::new(),
+            driven: Driven::default(),
+            level: None,
+            on: false,
+            wait: Duration::ZERO,
+            off_after: None,
+        }
+    }
+
+    pub(super) async fn every_step<C, W, V>(
+        &mut self,
+        rig: &mut Instruments<C, W, V>,
+    ) -> Result<(), Cut>
+    where
+        C: CurrentSource,
+        W: Switch,
+        V: Voltmeter,
+    {
+        if self.is_over() {
+            return Err(Cut::Stop(1));
+        }
+        apply(rig, self.plan, self.meter)
+            .await
+            .map_err(Cut::Prepare)?;
+        // Read back just now.
+        self.level = Some(Amps(0.0));
+        let plan = self.plan;
+        let mut steps = plan.steps.iter().enumerate().peekable();
+        while let Some((index, step)) = steps.next() {
+            if self.is_over() {
+                return Err(Cut::Stop(index + 1));
+            }
+            // A scan can wait by itself, in the message that moves the relays.
+            if let Step::Settle { wait } = step
+                && *wait <= LONGEST_OWN_WAIT
+                && matches!(steps.peek(), Some((_, Step::Scan { .. })))
+            {
+                self.wait = *wait;
+                continue;
+            }
+            // While the voltmeter reads the source can be asked.
+            let beside =
+                steps.next_if(|(_, next)| step.reads() && matches!(next, Step::Compliance { .. }));
+            let done = match beside {
+                Some(_) => self.read(rig, step, true).await,
+                None => self.step(rig, step).await,
+            };
+            done.map_err(|cause| Cut::Step(index + 1, step.clone(), cause))?;
+        }
+        Ok(())
+    }
+
+    fn is_over(&self) -> bool {
+        self.stop.is_asked() || self.caller.has_changed().is_err()
+    }
+
+    async fn step<C, W, V>(
+        &mut self,
+        rig: &mut Instruments<C, W, V>,
+        step: &Step,
+    ) -> Result<(), RigError>
+    where
+        C: CurrentSource,
+        W: Switch,
+        V: Voltmeter,
+    {
+        match step {
+            Step::AllOff => {
+                if self.on || self.level != Some(Amps(0.0)) {
+                    self.off(&mut rig.source).await?;
+                }
+                if self.driven.unwatched.is_some() {
+                    self.driven.now = None;
+                    let asked = rig.source.compliance().await?;
+                    self.heed(asked, true);
+                }
+                let driven = std::mem::take(&mut self.driven.relays);
+                let wiring = &self.plan.wiring;
+                match driven.is_empty() {
+                    true => rig.switch.open_verified(&every_relay(wiring)).await,
+                    false => open_checked(&mut rig.switch, wiring, &driven).await,
+                }
+            }
+            Step::Bus { close } => rig.switch.move_relays(&[Move::Close(close.clone())]).await,
+            Step::Break { open, close, drive } => {
+                self.drive(rig, Amps(0.0)).await?;
+                rig.switch.move_relays(&moves(open, close)).await?;
+                rig.switch.settle().await?;
+                self.moved_to(*drive, close, true);
+                self.switch_on(rig).await
+            }
+            Step::Overlap { open, close, drive } => {
+                // switched off in compliance, it goes on again only when its pair is there
+                let settled = !self.on;
+                self.moved_to(*drive, close, settled);
+                let close = Move::Close(close.clone());
+                let open = Move::Open(open.clone());
+                rig.switch.move_relays(&[close, open]).await?;
+                if settled {
+                    rig.switch.settle().await?;
+                }
+                self.switch_on(rig).await
+            }
+            Step::Reverse { .. } => {
+                self.driven.turned = true;
+                self.switch_on(rig).await
+            }
+            Step::Settle { wait } => {
+                rig.switch.settle().await?;
+                self.driven.settled = true;
+                tokio::select! {
+                    () = tokio::time::sleep(*wait) => {}
+                    () = self.stop.asked() => {}
+                }
+                Ok(())
+            }
+            Step::Route { open, close, .. } => rig.switch.move_relays(&moves(open, close)).await,
+            Step::Scan { .. } | Step::Read { .. } | Step::Chain { .. } => {
+                self.read(rig, step, false).await
+            }
+            Step::Compliance { .. } => {
+                let asked = rig.source.compliance().await?;
+                if asked.ever() {
+                    // the next injection switches it on again
+                    self.off(&mut rig.source).await?;
+                }
+                self.heed(asked, true);
+                Ok(())
+            }
+        }
+    }
+
+    /// Switches the source off, read back.
+    async fn off<C: CurrentSource>(&mut self, source: &mut C) -> Result<(), RigError> {
+        (self.level, self.on) = (None, false);
+        source.off().await?;
+        self.level = Some(Amps(0.0));
+        Ok(())
+    }
+
+    /// Waits for readings. They may take minutes, and the source's own wire is free meanwhile: it can be asked about its
+    /// compliance, and is switched off at once when it says so, or when a stop is asked for; what is read after a stop
+    /// is thrown away with the frame.
+    ///
+    /// Relays that move in the message of the readings get [`RELAYS_MOVE`] before the source is asked. Should they need
+    /// longer, the answer may be about the injection before: then both are void.
+    async fn read<C: CurrentSource, W, V: Voltmeter>(
+        &mut self,
+        rig: &mut Instruments<C, W, V>,
+        step: &Step,
+        ask: bool,
+    ) -> Result<(), RigError> {
+        let wait = std::mem::take(&mut self.wait);
+        let reading = std::pin::pin!(ask_voltmeter(&mut rig.voltmeter, step, self.meter, wait));
+        let mut reading = Beside::new(reading);
+        let source = &mut rig.source;
+        let mut asked = None;
+        let mut settled = self.driven.settled;
+        let mut is_over = false;
+        if ask && !settled {
+            let over = over(self.stop.clone(), self.caller.clone());
+            let moved = tokio::time::timeout(RELAYS_MOVE, reading.came_before(over)).await;
+            (settled, is_over) = (moved == Ok(Some(())), moved == Ok(None));
+        }
+        if ask && !is_over {
+            let told = reading.wait_for(source.compliance()).await;
+            let off = match &told {
+                Ok(told) if told.now => reading.wait_for(self.off(source)).await,
+                _ => Ok(()),
+            };
+            asked = Some(off.and(told));
+        }
+        if !matches!(asked, Some(Err(_))) {
+            let over = over(self.stop.clone(), self.caller.clone());
+            if reading.came_before(over).await.is_none() {
+                let detected = Instant::now();
+                let off = reading.wait_for(self.off(source)).await;
+                self.off_after = off.is_ok().then(|| detected.elapsed());
+                asked = Some(off.and(asked.unwrap_or(Ok(Compliance::default()))));
+            }
+        }
+        // Whatever else went wrong: half an exchange would leave the voltmeter's link out of step.
+        let answer = reading.finish().await;
+        let asked = asked.transpose()?;
+        self.take(step, answer?)?;
+        if let Some(asked) = asked {
+            self.heed(asked, settled);
+            self.driven.unwatched = self.driven.now.filter(|_| self.on);
+        }
+        Ok(())
+    }
+
+    fn moved_to(&mut self, drive: Dipole, relays: &[Relay], settled: bool) {
+        self.driven = Driven {
+            now: Some(drive),
+            unwatched: self.driven.unwatched,
+            turned: false,
+            settled,
+            relays: relays.to_vec(),
+        };
+    }
+
+    /// On at the plan's current, in the direction that is its turn.
+    async fn switch_on<C: CurrentSource, W, V>(
+        &mut self,
+        rig: &mut Instruments<C, W, V>,
+    ) -> Result<(), RigError> {
+        let level = match (self.plan.zero, self.driven.turned) {
+            (true, _) => Amps(0.0),
+            (false, false) => self.plan.current,
+            (false, true) => -self.plan.current,
+        };
+        if self.on {
+            return self.drive(rig, level).await;
+        }
+        // The output goes on at 0 A, never at a level.
+        self.drive(rig, Amps(0.0)).await?;
+        rig.source.switch_on(level).await?;
+        (self.level, self.on) = (Some(level), true);
+        Ok(())
+    }
+
+    /// Brings the source to a level, saying nothing that it was told before.
+    async fn drive<C: CurrentSource, W, V>(
+        &mut self,
+        rig: &mut Instruments<C, W, V>,
+        level: Amps,
+    ) -> Result<(), RigError> {
+        if self.level != Some(level) {
+            rig.source.set_current(level).await?;
+            self.level = Some(level);
+        }
+        Ok(())
+    }
+}
+
+/// Asks the voltmeter what a step asks.
+async fn ask_voltmeter<V: Voltmeter>(
+    voltmeter: &mut V,
+    step: &Step,
+    meter: MeterSettings,
+    wait: Duration,
+) -> Result<Vec<Reading>, RigError> {
+    let on = |range: &Option<Volts>| range.unwrap_or(meter.range);
+    match step {
+        Step::Scan { channels } => {
+            let sample = |channel: &Channel| Sample {
+                relay: channel.relay,
+                range: on(&channel.range),
+                wait: Duration::ZERO,
+            };
+            let mut channels: Vec<Sample> = channels.iter().map(sample).collect();
+            // The voltmeter scans ascending.
+            let first = channels.iter_mut().min_by_key(|sample| sample.relay);
+            if let Some(first) = first {
+                first.wait = wait;
+            }
+            voltmeter.scan_on(&channels).await
+        }
+        Step::Chain { routes } => {
+            let hop = |route: &Routed| Hop {
+                moves: moves(&route.open, &route.close),
+                range: on(&route.range),
+            };
+            let hops: Vec<Hop> = routes.iter().map(hop).collect();
+            voltmeter.chain(&hops).await
+        }
+        Step::Read { range, .. } => Ok(vec![voltmeter.read_on(on(range)).await?]),
+        _ => Ok(Vec::new()),
+    }
+}
+
+/// Open, then close; nothing for an empty list.
+fn moves(open: &[Relay], close: &[Relay]) -> Vec<Move> {
+    let open = (!open.is_empty()).then(|| Move::Open(open.to_vec()));
+    let close = (!close.is_empty()).then(|| Move::Close(close.to_vec()));
+    open.into_iter().chain(close).collect()
+}

@@ -1,0 +1,307 @@
+//! The one place that waits on a wire.
+//!
+//! A message goes out in one segment; its reply is one line. Whatever happens between the two that is not that reply
+//! (a deadline passed, a second line, a dropped future) leaves the link *out of step*: it answers nothing more until its
+//! stream is replaced ([`Link::replace`]) or the peer has repeated two numbers it was just told
+//! ([`Link::resynchronise`]). So a late reply can never be taken for the next answer.
+
+mod error;
+pub(crate) mod half_open;
+mod synchronised;
+
+use std::pin::Pin;
+use std::task::Poll;
+use std::time::Duration;
+
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadBuf};
+use tokio::time::Instant;
+
+pub use error::LinkError;
+use error::shorten;
+
+use crate::Tape;
+use crate::transcript::Said;
+
+/// Longest reply unless [`Link::with_longest_reply`] says otherwise, bytes: 2,600 readings with all their fields.
+const LONGEST_REPLY: usize = 256 * 1024;
+
+/// Anything bytes can be sent over: TCP, a serial line, a pipe in memory.
+pub trait Stream: AsyncRead + AsyncWrite + Unpin + Send {}
+
+impl<S: AsyncRead + AsyncWrite + Unpin + Send + ?Sized> Stream for S {}
+
+/// A stream of whatever kind.
+pub type BoxStream = Box<dyn Stream>;
+
+/// Whether the next line from the peer can be trusted to be the next answer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum State {
+    InStep,
+    /// An exchange did not end as it should; the peer may hold half a message.
+    OutOfStep,
+}
+
+/// A line-oriented conversation with one instrument.
+#[derive(Debug)]
+pub struct Link<S> {
+    stream: S,
+    instrument: String,
+    deadline: Duration,
+    longest_reply: usize,
+    received: Vec<u8>,
+    state: State,
+    nonce: u8,
+    /// What attempts to resynchronise may have left in the peer's event enable register.
+    nonces: Vec<u8>,
+    /// What the register held before them, once known.
+    enable: Option<u8>,
+    tape: Option<Tape>,
+}
+
+impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
+    /// A link in step over a fresh stream. `instrument` is a name for messages, with its address
+    /// (`6221 at 10.0.0.7:1394`); `deadline` is how long an answer may take unless the question says otherwise.
+    pub fn new(stream: S, instrument: impl Into<String>, deadline: Duration) -> Self {
+        Self {
+            stream,
+            instrument: instrument.into(),
+            deadline,
+            longest_reply: LONGEST_REPLY,
+            received: Vec::new(),
+            state: State::InStep,
+            nonce: 0,
+            nonces: Vec::new(),
+            enable: None,
+            tape: None,
+        }
+    }
+
+    /// Writes everything that is said down on a tape.
+    #[must_use]
+    pub fn with_tape(mut self, tape: Tape) -> Self {
+        self.tape = Some(tape);
+        self
+    }
+
+    /// Bounds replies to this many bytes, line end included.
+    #[must_use]
+    pub fn with_longest_reply(mut self, bytes: usize) -> Self {
+        self.longest_reply = bytes;
+        self
+    }
+
+    /// Name and address for messages.
+    pub fn instrument(&self) -> &str {
+        &self.instrument
+    }
+
+    /// How long an answer may take unless the question says otherwise.
+    pub fn deadline(&self) -> Duration {
+        self.deadline
+    }
+
+    /// Whether questions are answered; `false` after a fault until [`Link::replace`] or [`Link::resynchronise`].
+    pub fn is_in_step(&self) -> bool {
+        self.state == State::InStep
+    }
+
+    /// Takes a fresh connection in place of the old, which is dropped with everything still under way on it.
+    pub fn replace(&mut self, stream: S) {
+        self.stream = stream;
+        self.received.clear();
+        self.nonces.clear();
+        self.enable = None;
+        self.state = State::InStep;
+    }
+
+    /// Sends a message that has no answer, in one segment.
+    ///
+    /// # Errors
+    /// Out of step, unsolicited bytes before it, a line end inside, a lost connection, or the deadline.
+    pub async fn send(&mut self, message: &str) -> Result<(), LinkError> {
+        let until = Instant::now() + self.deadline;
+        self.begin(message).await?;
+        self.write(message, self.deadline, until).await?;
+        self.state = State::InStep;
+        Ok(())
+    }
+
+    /// Sends a question and waits for its answer, without line end.
+    ///
+    /// # Errors
+    /// As [`Link::send`]; a second line behind the answer makes both worthless and is [`LinkError::Unsolicited`].
+    pub async fn ask(&mut self, message: &str) -> Result<String, LinkError> {
+        self.ask_within(message, self.deadline).await
+    }
+
+    /// As [`Link::ask`] with a deadline of its own: a scan takes as long as it takes.
+    ///
+    /// # Errors
+    /// As [`Link::ask`].
+    pub async fn ask_within(
+        &mut self,
+        message: &str,
+        deadline: Duration,
+    ) -> Result<String, LinkError> {
+        let until = Instant::now() + deadline;
+        self.begin(message).await?;
+        self.write(message, deadline, until).await?;
+        let answer = self.line(message, deadline, until).await?;
+        // A stale line that slipped in ahead pushes the true answer behind it: with two lines neither can be trusted.
+        self.take_what_waits(message).await?;
+        if !self.received.is_empty() {
+            return Err(self.unsolicited());
+        }
+        self.state = State::InStep;
+        Ok(answer)
+    }
+
+    /// Refuses to talk out of step, and marks the link so until this exchange has ended well: a future dropped half-way
+    /// leaves it out of step.
+    async fn begin(&mut self, message: &str) -> Result<(), LinkError> {
+        if message.contains(['\n', '\r']) {
+            return Err(LinkError::LineEnd {
+                instrument: self.instrument.clone(),
+                message: shorten(message),
+            });
+        }
+        if self.state != State::InStep {
+            return Err(LinkError::OutOfStep {
+                instrument: self.instrument.clone(),
+            });
+        }
+        self.state = State::OutOfStep;
+        let closed = self.take_what_waits(message).await?;
+        if !self.received.is_empty() {
+            return Err(self.unsolicited());
+        }
+        if closed {
+            return Err(self.lost(message, None));
+        }
+        Ok(())
+    }
+
+    async fn write(
+        &mut self,
+        message: &str,
+        deadline: Duration,
+        until: Instant,
+    ) -> Result<(), LinkError> {
+        self.note(|| Said::Sent(message.to_owned()));
+        let mut segment = Vec::with_capacity(message.len() + 1);
+        segment.extend_from_slice(message.as_bytes());
+        segment.push(b'\n');
+        let written = tokio::time::timeout_at(until, async {
+            self.stream.write_all(&segment).await?;
+            self.stream.flush().await
+        })
+        .await;
+        match written {
+            Ok(Ok(())) => Ok(()),
+            Ok(Err(cause)) => Err(self.lost(message, Some(cause))),
+            Err(_) => Err(self.timed_out(message, deadline)),
+        }
+    }
+
+    async fn line(
+        &mut self,
+        message: &str,
+        deadline: Duration,
+        until: Instant,
+    ) -> Result<String, LinkError> {
+        loop {
+            if let Some(end) = self.received.iter().position(|byte| *byte == b'\n') {
+                let mut line: Vec<u8> = self.received.drain(..=end).collect();
+                line.pop();
+                if line.last() == Some(&b'\r') {
+                    line.pop();
+                }
+                self.note(|| Said::Received(String::from_utf8_lossy(&line).into_owned()));
+                return String::from_utf8(line).map_err(|_| LinkError::NotText {
+                    instrument: self.instrument.clone(),
+                    message: shorten(message),
+                });
+            }
+            if self.received.len() >= self.longest_reply {
+                return Err(LinkError::TooLong {
+                    instrument: self.instrument.clone(),
+                    message: shorten(message),
+                    most: self.longest_reply,
+                });
+            }
+            let room = (self.longest_reply - self.received.len()).min(16 * 1024);
+            let mut chunk = (&mut self.stream).take(room as u64);
+            match tokio::time::timeout_at(until, chunk.read_buf(&mut self.received)).await {
+                Ok(Ok(0)) => return Err(self.lost(message, None)),
+                Ok(Ok(_)) => {}
+                Ok(Err(cause)) => return Err(self.lost(message, Some(cause))),
+                Err(_) => return Err(self.timed_out(message, deadline)),
+            }
+        }
+    }
+
+    /// Reads what has already come, without waiting for more; says whether the peer has closed behind it.
+    async fn take_what_waits(&mut self, message: &str) -> Result<bool, LinkError> {
+        // Lets the runtime look at its sockets, and keeps its budget from hiding bytes that are there.
+        tokio::task::yield_now().await;
+        let mut chunk = [0; 512];
+        while self.received.len() < self.longest_reply {
+            let mut buffer = ReadBuf::new(&mut chunk);
+            let stream = &mut self.stream;
+            let polled = tokio::task::unconstrained(std::future::poll_fn(|context| {
+                Poll::Ready(Pin::new(&mut *stream).poll_read(context, &mut buffer))
+            }))
+            .await;
+            match polled {
+                Poll::Pending => return Ok(false),
+                Poll::Ready(Err(cause)) => return Err(self.lost(message, Some(cause))),
+                Poll::Ready(Ok(())) if buffer.filled().is_empty() => return Ok(true),
+                Poll::Ready(Ok(())) => self.received.extend_from_slice(buffer.filled()),
+            }
+        }
+        Ok(false)
+    }
+
+    fn unsolicited(&mut self) -> LinkError {
+        let text = String::from_utf8_lossy(&self.received).trim().to_owned();
+        self.received.clear();
+        self.note(|| Said::Note(format!("unasked: {text}")));
+        LinkError::Unsolicited {
+            instrument: self.instrument.clone(),
+            text: shorten(&text),
+        }
+    }
+
+    fn note(&self, said: impl FnOnce() -> Said) {
+        if let Some(tape) = &self.tape {
+            tape.write(&self.instrument, said());
+        }
+    }
+
+    fn lost(&self, message: &str, cause: Option<std::io::Error>) -> LinkError {
+        self.note(|| match &cause {
+            Some(cause) => Said::Note(format!("the connection was lost: {cause}")),
+            None => Said::Note("the connection was closed by the instrument".to_owned()),
+        });
+        LinkError::Lost {
+            instrument: self.instrument.clone(),
+            message: shorten(message),
+            cause,
+        }
+    }
+
+    fn timed_out(&self, message: &str, deadline: Duration) -> LinkError {
+        self.note(|| {
+            let half = String::from_utf8_lossy(&self.received);
+            Said::Note(match half.as_ref() {
+                "" => format!("no answer within {deadline:?}"),
+                half => format!("no end of the line within {deadline:?}: {half}"),
+            })
+        });
+        LinkError::Timeout {
+            instrument: self.instrument.clone(),
+            message: shorten(message),
+            deadline,
+        }
+    }
+}

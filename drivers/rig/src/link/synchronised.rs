@@ -1,0 +1,121 @@
+//! A link brought back in step: the peer repeats what it was just told.
+
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::time::Instant;
+
+use crate::link::{Link, LinkError, State};
+
+impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
+    /// Brings a link back in step whose connection cannot be dropped, by the event enable register that every
+    /// IEEE 488.2 instrument has: the peer must repeat two numbers it was just told, whatever comes before is thrown
+    /// away, and the register is put back as it was. An attempt that failed may be repeated. Only if the peer never
+    /// answered the first one at all is the register's value lost; it is then set to 0, its value at power-on.
+    ///
+    /// # Errors
+    /// A lost connection, or the numbers not repeated within the deadline: the link stays out of step.
+    pub async fn resynchronise(&mut self) -> Result<(), LinkError> {
+        let first = self.next_nonce();
+        let second = self.next_nonce();
+        self.state = State::OutOfStep;
+        self.end_half_a_message().await?;
+
+        // Half a line may have come: what the answer to this is glued to is thrown away with it.
+        let until = Instant::now() + self.deadline;
+        self.write("*ESE?", self.deadline, until).await?;
+
+        self.nonces.extend([first, second]);
+        let told_so_far = self.nonces.clone();
+        let mut found = self.enable;
+        let told = self
+            .echo(&format!("*ESE?;*ESE {first};*ESE?"), |line| {
+                let (before, now) = two_numbers(line)?;
+                // The register's own value is what it held before the first number it was told.
+                let turn = told_so_far.iter().position(|told| *told == now)?;
+                if !told_so_far[..turn].contains(&before) {
+                    found.get_or_insert(before);
+                }
+                (now == first).then_some(())
+            })
+            .await;
+        self.enable = found;
+        told?;
+        self.echo(&format!("*ESE?;*ESE {second};*ESE?"), |line| {
+            (two_numbers(line)? == (first, second)).then_some(())
+        })
+        .await?;
+        let before = self.enable.unwrap_or(0);
+        self.echo(&format!("*ESE {before};*ESE?"), |line| {
+            (line.trim().parse() == Ok(before)).then_some(())
+        })
+        .await?;
+        self.come_in_step("*ESE?").await?;
+        self.nonces.clear();
+        self.enable = None;
+        Ok(())
+    }
+
+    /// As [`Link::resynchronise`] for a peer without `*ESE`: sends each message in turn and throws lines away until its
+    /// expected answer has come. Give at least two, with answers that no earlier question can have had.
+    ///
+    /// # Errors
+    /// A lost connection, or an expected answer missing at the deadline: the link stays out of step.
+    pub async fn resynchronise_by(&mut self, probes: &[(&str, &str)]) -> Result<(), LinkError> {
+        self.state = State::OutOfStep;
+        self.end_half_a_message().await?;
+        for (message, expected) in probes {
+            self.echo(message, |line| (line.trim() == *expected).then_some(()))
+                .await?;
+        }
+        self.come_in_step("").await
+    }
+
+    /// A write that was cut short left the beginning of a message at the peer.
+    async fn end_half_a_message(&mut self) -> Result<(), LinkError> {
+        let until = Instant::now() + self.deadline;
+        self.write("", self.deadline, until).await
+    }
+
+    /// Sends a message and throws lines away until one is recognised.
+    async fn echo<T>(
+        &mut self,
+        message: &str,
+        mut recognise: impl FnMut(&str) -> Option<T>,
+    ) -> Result<T, LinkError> {
+        let until = Instant::now() + self.deadline;
+        self.write(message, self.deadline, until).await?;
+        loop {
+            match self.line(message, self.deadline, until).await {
+                Ok(line) => {
+                    if let Some(recognised) = recognise(&line) {
+                        return Ok(recognised);
+                    }
+                }
+                Err(LinkError::NotText { .. }) => {}
+                Err(LinkError::TooLong { .. }) => self.received.clear(),
+                Err(fault) => return Err(fault),
+            }
+        }
+    }
+
+    /// In step again if nothing more has come behind the last recognised line.
+    async fn come_in_step(&mut self, message: &str) -> Result<(), LinkError> {
+        self.take_what_waits(message).await?;
+        if !self.received.is_empty() {
+            return Err(self.unsolicited());
+        }
+        self.state = State::InStep;
+        Ok(())
+    }
+
+    /// 1 to 255, never the same twice in a row.
+    fn next_nonce(&mut self) -> u8 {
+        self.nonce = self.nonce.wrapping_add(97).max(1);
+        self.nonce
+    }
+}
+
+/// `12;34`, perhaps with signs and blanks.
+fn two_numbers(line: &str) -> Option<(u8, u8)> {
+    let (one, other) = line.split_once(';')?;
+    Some((one.trim().parse().ok()?, other.trim().parse().ok()?))
+}

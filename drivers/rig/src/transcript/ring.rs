@@ -1,0 +1,179 @@
+//! What was said lately over the wires of a rig, kept in memory so that a frame which fails can be looked into.
+//!
+//! A tape holds the *opening* (from connecting to the settings read back) and the last reels, one a frame. A reel played
+//! after its opening is a whole conversation: what `tactus-sim replay` plays to instruments that were just switched on.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use tokio::time::Instant;
+
+use crate::transcript::{Entry, Said};
+
+/// Most entries of one reel: a frame of 598 messages has a tenth of it; beyond it the oldest are lost, and said so.
+const LONGEST_REEL: usize = 16 * 1024;
+
+/// Written by every link of a rig. A handle: copies write on the same tape.
+#[derive(Debug, Clone)]
+pub struct Tape(Arc<Mutex<Held>>);
+
+#[derive(Debug)]
+struct Held {
+    begun: Instant,
+    most: usize,
+    opening: Arc<Vec<Entry>>,
+    /// Still being said.
+    opens: bool,
+    reels: VecDeque<Reel>,
+}
+
+/// What was said for one frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reel {
+    /// Counted from 1 since the tape was begun.
+    pub number: u64,
+    /// From connecting to the settings read back.
+    pub opening: Arc<Vec<Entry>>,
+    /// Since then, for this frame.
+    pub entries: Vec<Entry>,
+    /// Entries at its beginning that were lost for want of room.
+    pub lost: u64,
+}
+
+impl Reel {
+    /// The whole conversation, in its order.
+    pub fn conversation(&self) -> impl Iterator<Item = &Entry> {
+        self.opening.iter().chain(&self.entries)
+    }
+
+    fn push(&mut self, entry: Entry) {
+        if self.entries.len() >= LONGEST_REEL {
+            self.entries.remove(0);
+            self.lost += 1;
+        }
+        self.entries.push(entry);
+    }
+}
+
+impl Tape {
+    /// An empty tape that keeps the last `reels` frames; 0 keeps none, the frame under way excepted.
+    pub fn new(reels: usize) -> Self {
+        Self(Arc::new(Mutex::new(Held {
+            begun: Instant::now(),
+            most: reels.max(1),
+            opening: Arc::default(),
+            opens: true,
+            reels: VecDeque::new(),
+        })))
+    }
+
+    /// A new conversation begins: instruments are connected to, and set up. Reels keep the opening that was theirs.
+    pub fn open(&self) {
+        let mut held = self.lock();
+        held.opening = Arc::default();
+        held.opens = true;
+    }
+
+    /// A frame begins. Returns the number of its reel.
+    pub fn next_reel(&self) -> u64 {
+        let mut held = self.lock();
+        let number = held.reels.back().map_or(1, |reel| reel.number + 1);
+        held.opens = false;
+        let opening = Arc::clone(&held.opening);
+        held.reels.push_back(Reel {
+            number,
+            opening,
+            entries: Vec::new(),
+            lost: 0,
+        });
+        while held.reels.len() > held.most {
+            held.reels.pop_front();
+        }
+        number
+    }
+
+    /// Keeps another number of frames from now on.
+    pub fn keep(&self, reels: usize) {
+        self.lock().most = reels.max(1);
+    }
+
+    /// The frames kept, oldest first.
+    pub fn reels(&self) -> Vec<Reel> {
+        self.lock().reels.iter().cloned().collect()
+    }
+
+    /// What has been said since the last opening began, where no frame has begun yet.
+    pub fn opening(&self) -> Vec<Entry> {
+        self.lock().opening.to_vec()
+    }
+
+    /// Writes down what went over a wire, or is to be known about it.
+    pub fn write(&self, instrument: &str, said: Said) {
+        let mut held = self.lock();
+        let entry = Entry {
+            t_s: held.begun.elapsed().as_secs_f64(),
+            instrument: instrument.to_owned(),
+            said,
+        };
+        if held.opens {
+            let opening = Arc::make_mut(&mut held.opening);
+            if opening.len() < LONGEST_REEL {
+                opening.push(entry);
+            }
+        } else if let Some(reel) = held.reels.back_mut() {
+            reel.push(entry);
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Held> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::transcript::ring::*;
+
+    fn said(reel: &Reel) -> Vec<String> {
+        reel.conversation()
+            .map(|entry| match &entry.said {
+                Said::Sent(text) | Said::Received(text) | Said::Note(text) => text.clone(),
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_reel_has_its_own_opening_and_the_oldest_is_dropped() {
+        let tape = Tape::new(2);
+        let say = |text: &str| tape.write("6221", Said::Sent(text.to_owned()));
+        say("opening");
+        assert_eq!(tape.opening().len(), 1);
+        for frame in ["one", "two"] {
+            tape.next_reel();
+            say(frame);
+        }
+        tape.open();
+        say("opening again");
+        assert_eq!(tape.next_reel(), 3);
+        say("three");
+        let reels = tape.reels();
+        assert_eq!(reels.len(), 2);
+        assert_eq!((reels[0].number, reels[1].number), (2, 3));
+        assert_eq!(said(&reels[0]), ["opening", "two"]);
+        assert_eq!(said(&reels[1]), ["opening again", "three"]);
+        let times: Vec<f64> = reels[1].conversation().map(|entry| entry.t_s).collect();
+        assert!(times.is_sorted() && times[0] >= 0.0);
+    }
+
+    #[test]
+    fn a_reel_that_is_too_long_loses_its_beginning_and_says_so() {
+        let tape = Tape::new(0);
+        tape.next_reel();
+        for number in 0..LONGEST_REEL + 3 {
+            tape.write("board", Said::Received(number.to_string()));
+        }
+        let reel = tape.reels().remove(0);
+        assert_eq!((reel.lost, reel.entries.len()), (3, LONGEST_REEL));
+        assert_eq!(reel.entries[0].said, Said::Received("3".to_owned()));
+    }
+}

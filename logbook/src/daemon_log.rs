@@ -1,0 +1,176 @@
+//! What happened to the daemon itself, and to no session: lines of JSON beside the sessions, bounded in size.
+
+use std::fs::{File, OpenOptions};
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use crate::{Event, LogbookError};
+
+/// The file that is written, and the one before it.
+const FILES: [&str; 2] = ["daemon-events.jsonl", "daemon-events.1.jsonl"];
+/// Bytes of each; some ten thousand events.
+const MOST: u64 = 2 << 20;
+/// Bytes of a sentence; what is longer is cut.
+const LONGEST: usize = 4096;
+
+/// Writes events; each is on disk when [`Chronicle::note`] returns.
+#[derive(Debug)]
+pub struct Chronicle {
+    directory: PathBuf,
+    file: File,
+    bytes: u64,
+    most: u64,
+}
+
+impl Chronicle {
+    /// Goes on with the chronicle of a folder, or begins one.
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub fn open(directory: impl AsRef<Path>) -> Result<Self, LogbookError> {
+        Self::bounded(directory.as_ref(), MOST)
+    }
+
+    fn bounded(directory: &Path, most: u64) -> Result<Self, LogbookError> {
+        let path = directory.join(FILES[0]);
+        let begun = || -> std::io::Result<(File, u64)> {
+            std::fs::create_dir_all(directory)?;
+            let mut file = OpenOptions::new()
+                .create(true)
+                .read(true)
+                .append(true)
+                .open(&path)?;
+            let bytes = file.metadata()?.len();
+            if bytes > 0 {
+                // a line that a power cut has torn stays one line, and is passed over
+                let mut last = [0];
+                file.seek(SeekFrom::Start(bytes - 1))?;
+                file.read_exact(&mut last)?;
+                if last != *b"\n" {
+                    file.write_all(b"\n")?;
+                }
+            }
+            Ok((file, bytes))
+        };
+        let (file, bytes) = begun().map_err(|source| failed(&path, "open", source))?;
+        Ok(Self {
+            directory: directory.to_owned(),
+            file,
+            bytes,
+            most,
+        })
+    }
+
+    /// Writes one event; where the file is full it takes the place of the one before it.
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub fn note(&mut self, event: &Event) -> Result<(), LogbookError> {
+        if self.bytes >= self.most {
+            let [path, before] = FILES.map(|name| self.directory.join(name));
+            std::fs::rename(&path, before).map_err(|source| failed(&path, "rename", source))?;
+            *self = Self::bounded(&self.directory, self.most)?;
+        }
+        let kept = event.text.char_indices();
+        let kept = kept.take_while(|(at, letter)| at + letter.len_utf8() <= LONGEST);
+        let short = Event {
+            text: kept.map(|(_, letter)| letter).collect(),
+            ..event.clone()
+        };
+        let path = self.directory.join(FILES[0]);
+        let mut written = || -> std::io::Result<usize> {
+            let mut line = serde_json::to_vec(&short)?;
+            line.push(b'\n');
+            self.file.write_all(&line)?;
+            self.file.sync_data()?;
+            Ok(line.len())
+        };
+        let line = written().map_err(|source| failed(&path, "write", source))?;
+        self.bytes += line as u64;
+        Ok(())
+    }
+}
+
+/// What happened to the daemon that records in this folder, the oldest first. Lines that are none are passed over.
+///
+/// # Errors
+/// A file that is there and cannot be read.
+pub fn chronicle(directory: impl AsRef<Path>) -> Result<Vec<Event>, LogbookError> {
+    let mut events = Vec::new();
+    for name in FILES.into_iter().rev() {
+        let path = directory.as_ref().join(name);
+        let bytes = match std::fs::read(&path) {
+            Ok(bytes) => bytes,
+            Err(absent) if absent.kind() == std::io::ErrorKind::NotFound => continue,
+            Err(source) => return Err(failed(&path, "read", source)),
+        };
+        let lines = bytes.split(|byte| *byte == b'\n');
+        events.extend(lines.filter_map(|line| serde_json::from_slice::<Event>(line).ok()));
+    }
+    Ok(events)
+}
+
+fn failed(path: &Path, attempt: &'static str, source: std::io::Error) -> LogbookError {
+    LogbookError::Io {
+        path: path.to_owned(),
+        attempt,
+        source,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::daemon_log::*;
+    use chrono::{DateTime, Utc};
+
+    fn event(number: i64, text: &str) -> Event {
+        Event {
+            at: DateTime::<Utc>::from_timestamp_nanos(number),
+            kind: "daily".into(),
+            text: text.into(),
+        }
+    }
+
+    #[test]
+    fn events_come_back_and_a_torn_line_takes_no_other_with_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut writer = Chronicle::open(folder.path()).unwrap();
+        writer.note(&event(1, "one\ntwo lines")).unwrap();
+        let long = "\u{e9}".repeat(LONGEST);
+        writer.note(&event(2, &long)).unwrap();
+        drop(writer);
+        let path = folder.path().join(FILES[0]);
+        let mut bytes = std::fs::read(&path).unwrap();
+        bytes.extend_from_slice(b"{\"at\":\"2026-");
+        std::fs::write(&path, bytes).unwrap();
+        let mut writer = Chronicle::open(folder.path()).unwrap();
+        writer.note(&event(3, "after the power cut")).unwrap();
+        let read = chronicle(folder.path()).unwrap();
+        let numbers: Vec<i64> = read
+            .iter()
+            .filter_map(|event| event.at.timestamp_nanos_opt())
+            .collect();
+        assert_eq!(numbers, [1, 2, 3]);
+        assert_eq!(read[0], event(1, "one\ntwo lines"));
+        assert_eq!(read[1].text.len(), LONGEST);
+        assert!(chronicle(folder.path().join("gone")).unwrap().is_empty());
+    }
+
+    #[test]
+    fn it_is_bounded_and_keeps_the_newest() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut writer = Chronicle::bounded(folder.path(), 10_000).unwrap();
+        for number in 0..1000 {
+            writer.note(&event(number, "something happened")).unwrap();
+        }
+        let on_disk: u64 = std::fs::read_dir(folder.path())
+            .unwrap()
+            .map(|entry| entry.unwrap().metadata().unwrap().len())
+            .sum();
+        assert!(on_disk < 2 * 10_100, "{on_disk}");
+        let read = chronicle(folder.path()).unwrap();
+        assert_eq!(read.last(), Some(&event(999, "something happened")));
+        assert!(read.len() > 100 && read.len() < 300, "{}", read.len());
+        assert!(read.windows(2).all(|pair| pair[0].at < pair[1].at));
+    }
+}

@@ -1,0 +1,94 @@
+//! One owner for a state directory.
+
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use crate::LogbookError;
+
+/// Name of the lock file in a state directory.
+pub(crate) const LOCK_FILE: &str = "tactus.lock";
+
+/// Held as long as this value lives; the kernel lets go of it when the process ends, however it ends.
+#[derive(Debug)]
+pub struct StateLock {
+    file: File,
+    dir: PathBuf,
+}
+
+impl StateLock {
+    /// The directory that is owned.
+    pub fn dir(&self) -> &Path {
+        &self.dir
+    }
+}
+
+impl Drop for StateLock {
+    fn drop(&mut self) {
+        // An empty file names no stale owner; if this fails the kernel still releases the lock.
+        let _ = self.file.set_len(0);
+    }
+}
+
+/// Takes a state directory for this process, making it if it is not there.
+///
+/// # Errors
+/// [`LogbookError::AlreadyRunning`] with the owner's process number; or the directory cannot be made or written.
+pub fn lock(dir: impl AsRef<Path>) -> Result<StateLock, LogbookError> {
+    let dir = dir.as_ref();
+    let io = |attempt, source| LogbookError::Io {
+        path: dir.to_owned(),
+        attempt,
+        source,
+    };
+    std::fs::create_dir_all(dir).map_err(|source| io("make the state directory", source))?;
+    let mut file = OpenOptions::new()
+        .read(true)
+        .write(true)
+        .create(true)
+        .truncate(false)
+        .open(dir.join(LOCK_FILE))
+        .map_err(|source| io("open the lock file in", source))?;
+    match file.try_lock() {
+        Ok(()) => {}
+        Err(TryLockError::WouldBlock) => {
+            let mut owner = String::new();
+            // The owner may be between locking and writing its number: then it has none to show yet.
+            let _ = file.read_to_string(&mut owner);
+            return Err(LogbookError::AlreadyRunning {
+                dir: dir.to_owned(),
+                pid: owner.trim().parse().ok(),
+            });
+        }
+        Err(TryLockError::Error(source)) => return Err(io("lock", source)),
+    }
+    // Who holds it is for people; a full disk that refuses the number is no reason not to start.
+    let _ = file
+        .set_len(0)
+        .and_then(|()| file.seek(SeekFrom::Start(0)))
+        .and_then(|_| writeln!(file, "{}", std::process::id()));
+    Ok(StateLock {
+        file,
+        dir: dir.to_owned(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::directory::lock::*;
+
+    #[test]
+    fn a_second_owner_is_refused_and_told_who_the_first_is() {
+        let dir = tempfile::tempdir().unwrap();
+        let state = dir.path().join("state");
+        let first = lock(&state).unwrap();
+        let refusal = lock(&state).unwrap_err();
+        assert!(
+            matches!(refusal, LogbookError::AlreadyRunning { pid: Some(pid), .. } if pid == std::process::id()),
+            "{refusal}"
+        );
+        assert!(refusal.to_string().contains("pid"), "{refusal}");
+        drop(first);
+        lock(&state).unwrap();
+    }
+}

@@ -1,0 +1,194 @@
+//! The folder of sessions.
+
+pub(crate) mod index;
+pub(crate) mod lock;
+pub(crate) mod open_files;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use chrono::{DateTime, Utc};
+
+use crate::{Index, LogbookError, SessionKind, SessionReader, SessionSummary};
+
+/// How a session's file name ends.
+pub(crate) const EXTENSION: &str = "tactus";
+
+/// What a folder holds.
+#[derive(Debug, Default)]
+pub struct Listing {
+    /// Sessions, the oldest first.
+    pub sessions: Vec<SessionSummary>,
+    /// Files that look like sessions and cannot be read.
+    pub unreadable: Vec<Unreadable>,
+}
+
+/// A file that looks like a session and cannot be read.
+#[derive(Debug)]
+pub struct Unreadable {
+    /// The file.
+    pub path: PathBuf,
+    /// Why.
+    pub why: Arc<LogbookError>,
+}
+
+/// Lists the sessions of a folder, by start; a folder that is not there holds none. What cannot be read is listed beside.
+///
+/// # Errors
+/// The folder cannot be read.
+pub fn list(dir: impl AsRef<Path>) -> Result<Listing, LogbookError> {
+    Ok(index(dir)?.listing())
+}
+
+/// The sessions of a folder as they are now; what is remembered of them is not opened again.
+fn index(dir: impl AsRef<Path>) -> Result<Index, LogbookError> {
+    let mut index = Index::load(dir);
+    index.refresh()?;
+    Ok(index)
+}
+
+/// Sessions that were not closed and that no other part goes on from, the newest first: what may be resumed.
+///
+/// # Errors
+/// The folder cannot be read.
+pub fn interrupted(dir: impl AsRef<Path>) -> Result<Vec<SessionSummary>, LogbookError> {
+    Ok(index(dir)?.interrupted())
+}
+
+/// The part that goes on from `id`, if one beside its file does.
+pub(crate) fn continued_by(path: &Path, id: &str) -> Result<Option<String>, LogbookError> {
+    let dir = folder_of(path);
+    let (session, part) = part_of(id);
+    for other in files(dir)? {
+        let (other_session, other_part) = part_of(id_of(&other));
+        if other_session != session || other_part <= part {
+            continue;
+        }
+        if let Ok(next) = SessionReader::open(&other)
+            && next.header().continues.as_deref() == Some(id)
+        {
+            return Ok(Some(next.header().id.clone()));
+        }
+    }
+    Ok(None)
+}
+
+/// The folder that a session's file lies in.
+pub(crate) fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(dir) if !dir.as_os_str().is_empty() => dir,
+        _ => Path::new("."),
+    }
+}
+
+/// The file of a session or part.
+pub(crate) fn path_of(dir: &Path, id: &str) -> PathBuf {
+    dir.join(format!("{id}.{EXTENSION}"))
+}
+
+/// The session that a part belongs to, and its number: 1 for the first, which is named like the session.
+pub(crate) fn part_of(id: &str) -> (&str, u32) {
+    id.rsplit_once("_p")
+        .and_then(|(session, number)| {
+            let number = number.parse().ok().filter(|number| *number > 1)?;
+            Some((session, number))
+        })
+        .unwrap_or((id, 1))
+}
+
+/// Finds a session's file by its id, or by the beginning of it if that is enough. Of a session in parts it is the first.
+///
+/// # Errors
+/// No session of that name, or several.
+pub fn find(dir: impl AsRef<Path>, id_or_prefix: &str) -> Result<PathBuf, LogbookError> {
+    let dir = dir.as_ref();
+    let mut matching = Vec::new();
+    for path in files(dir)? {
+        let id = id_of(&path);
+        if id == id_or_prefix {
+            return Ok(path);
+        }
+        if id.starts_with(id_or_prefix) {
+            matching.push(path);
+        }
+    }
+    matching.sort_by(|a, b| part_of(id_of(a)).cmp(&part_of(id_of(b))));
+    if let [first, others @ ..] = matching.as_slice() {
+        let session = part_of(id_of(first)).0;
+        if others
+            .iter()
+            .all(|other| part_of(id_of(other)).0 == session)
+        {
+            return Ok(first.clone());
+        }
+    }
+    match matching.as_slice() {
+        [] => Err(LogbookError::NoSuchSession {
+            dir: dir.to_owned(),
+            asked: id_or_prefix.to_owned(),
+        }),
+        several => {
+            let mut candidates: Vec<&str> =
+                several.iter().take(5).map(|path| id_of(path)).collect();
+            if several.len() > candidates.len() {
+                candidates.push("...");
+            }
+            Err(LogbookError::Ambiguous {
+                dir: dir.to_owned(),
+                asked: id_or_prefix.to_owned(),
+                candidates: candidates.join(", "),
+            })
+        }
+    }
+}
+
+/// The baseline sessions of a folder that were closed, the oldest first.
+///
+/// # Errors
+/// The folder cannot be read.
+pub fn baselines(dir: impl AsRef<Path>) -> Result<Vec<SessionSummary>, LogbookError> {
+    let mut sessions = list(dir)?.sessions;
+    sessions.retain(|session| session.kind == SessionKind::Baseline && session.closed.is_some());
+    Ok(sessions)
+}
+
+/// The baseline recorded last as seen `now`, if there is one; sessions that were closed without a baseline in them are
+/// passed over. One that is dated in the future was recorded while the clock was wrong: it is the last only where there is
+/// no other.
+///
+/// # Errors
+/// The folder or that baseline cannot be read.
+pub fn latest_baseline(
+    dir: impl AsRef<Path>,
+    now: DateTime<Utc>,
+) -> Result<Option<(SessionSummary, survey::Baseline)>, LogbookError> {
+    index(dir)?.latest_baseline(now)
+}
+
+pub(crate) fn files(dir: &Path) -> Result<Vec<PathBuf>, LogbookError> {
+    let failed = |source| LogbookError::Io {
+        path: dir.to_owned(),
+        attempt: "list",
+        source,
+    };
+    let entries = match std::fs::read_dir(dir) {
+        Ok(entries) => entries,
+        Err(absent) if absent.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(source) => return Err(failed(source)),
+    };
+    let mut files = Vec::new();
+    for entry in entries {
+        let path = entry.map_err(failed)?.path();
+        if path.extension().is_some_and(|end| end == EXTENSION) {
+            files.push(path);
+        }
+    }
+    files.sort();
+    Ok(files)
+}
+
+pub(crate) fn id_of(path: &Path) -> &str {
+    path.file_stem()
+        .and_then(|stem| stem.to_str())
+        .unwrap_or_default()
+}

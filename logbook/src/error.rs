@@ -1,0 +1,398 @@
+//! Why the logbook refuses; one list, because every caller must tell a full disk from a wrong file.
+
+use std::path::{Path, PathBuf};
+
+/// errno of an I/O error, the same on every Unix.
+const EIO: i32 = 5;
+
+/// In which way a disk refuses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum DiskFault {
+    /// No space, or no quota: goes by when space is back, and the file may be written again.
+    Full,
+    /// An I/O error: nobody knows what reached the disk, and this file is written no more.
+    Broken,
+    /// Read-only, not permitted, gone.
+    Refused,
+}
+
+/// What went wrong with which file, and what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum LogbookError {
+    /// The disk took no more: full, failing, or no longer writable. Frames acknowledged before are safe.
+    #[error(
+        "the disk refuses: cannot {attempt} {path}; earlier frames are safe; free space or mend the disk, then start a new session"
+    )]
+    DiskRefused {
+        /// The file.
+        path: PathBuf,
+        /// What was attempted, a verb first: it stands before the path.
+        attempt: &'static str,
+        /// In which way.
+        fault: DiskFault,
+        /// What the system said.
+        #[source]
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
+    /// Another process holds a lock on the file, or on the index of its journal: goes by when it lets go.
+    #[error(
+        "cannot {attempt} {path}: another program holds a lock on it; close the program that has it open (a database browser?)"
+    )]
+    Locked {
+        /// The file.
+        path: PathBuf,
+        /// What was attempted.
+        attempt: &'static str,
+        /// What SQLite said.
+        #[source]
+        source: rusqlite::Error,
+    },
+    /// The file that is written is no longer the one at its path: nobody finds what is written to it.
+    #[error("{path} {why} while it was recorded")]
+    Gone {
+        /// Where it was.
+        path: PathBuf,
+        /// What happened to it, and to which of its files.
+        why: String,
+    },
+    /// A closed session is not written again.
+    #[error("{path} is closed ({reason}); start a new session")]
+    Closed {
+        /// The file.
+        path: PathBuf,
+        /// Why it was closed.
+        reason: String,
+    },
+    /// A part that another one goes on from is not written again.
+    #[error("{path} goes on in {by}; resume that one")]
+    Continued {
+        /// The file.
+        path: PathBuf,
+        /// Id of the part that goes on.
+        by: String,
+    },
+    /// The file is something else.
+    #[error("{path} is not a session file: {why}")]
+    NotASession {
+        /// The file.
+        path: PathBuf,
+        /// How one can tell.
+        why: String,
+    },
+    /// The file was written by another version of this program.
+    #[error("{path} has schema {has}, this program reads {reads}; use the version that wrote it")]
+    OtherSchema {
+        /// The file.
+        path: PathBuf,
+        /// What it has.
+        has: i64,
+        /// What can be read.
+        reads: i64,
+    },
+    /// Another process owns the state directory.
+    #[error(
+        "another process{} already runs on {dir}; stop it, or configure another state directory",
+        pid.map(|pid| format!(" (pid {pid})")).unwrap_or_default()
+    )]
+    AlreadyRunning {
+        /// The directory.
+        dir: PathBuf,
+        /// Its process number, as it wrote it down.
+        pid: Option<u32>,
+    },
+    /// A session of that name exists; nothing is ever overwritten.
+    #[error("{path} exists already; a session is never overwritten, choose another id")]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The name cannot be a file name and a D-Bus path.
+    #[error("'{id}' cannot name a session: use a to z, 0 to 9 and _ (1 to 100 of them)")]
+    BadId {
+        /// What was given.
+        id: String,
+    },
+    /// The readings do not answer the session's protocol.
+    #[error("a frame of {has} readings does not fit a session whose protocol asks {wants}")]
+    WrongLength {
+        /// What it has.
+        has: usize,
+        /// What the protocol asks.
+        wants: usize,
+    },
+    /// A reading is flagged ok and is not a number.
+    #[error("reading {reading} is flagged ok and is not a finite number; flag it instead")]
+    NotFinite {
+        /// Its index, from 0.
+        reading: usize,
+    },
+    /// More readings than a frame's record can count.
+    #[error("a frame of {has} readings is too long to be kept; 65,535 is the most")]
+    TooManyReadings {
+        /// What it has.
+        has: usize,
+    },
+    /// A time that does not fit 64 bits of nanoseconds.
+    #[error("{what} is out of range: wall times reach from 1677 to 2262, durations to 292 years")]
+    TimeOutOfRange {
+        /// Which time.
+        what: &'static str,
+    },
+    /// Something in the file does not agree with its checksum or with its own layout.
+    #[error("{path} is damaged at {place}: {why}")]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// Which entry.
+        place: String,
+        /// What does not agree.
+        why: String,
+    },
+    /// The session has no such frame.
+    #[error("{path} has no frame {sequence}; it has {frames}, counted from {first}")]
+    NoSuchFrame {
+        /// The file.
+        path: PathBuf,
+        /// What was asked.
+        sequence: u64,
+        /// How many there are.
+        frames: u64,
+        /// The first one's sequence.
+        first: u64,
+    },
+    /// No session of that name.
+    #[error("no session '{asked}' in {dir}; `tactus sessions` lists them")]
+    NoSuchSession {
+        /// The folder.
+        dir: PathBuf,
+        /// What was asked.
+        asked: String,
+    },
+    /// Several sessions begin like that.
+    #[error("'{asked}' may be any of {candidates} in {dir}; write more of the id")]
+    Ambiguous {
+        /// The folder.
+        dir: PathBuf,
+        /// What was asked.
+        asked: String,
+        /// Some of them.
+        candidates: String,
+    },
+    /// The folder or file could not be read.
+    #[error("cannot {attempt} {path}")]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What was attempted.
+        attempt: &'static str,
+        /// What the system said.
+        #[source]
+        source: std::io::Error,
+    },
+    /// The store failed in another way.
+    #[error("cannot {attempt} {path}")]
+    Store {
+        /// The file.
+        path: PathBuf,
+        /// What was attempted.
+        attempt: &'static str,
+        /// What SQLite said.
+        #[source]
+        source: rusqlite::Error,
+    },
+}
+
+impl LogbookError {
+    /// Sorts what SQLite said while something was being written.
+    pub(crate) fn writing(path: &Path, attempt: &'static str, source: rusqlite::Error) -> Self {
+        use rusqlite::ErrorCode::{CannotOpen, DiskFull, ReadOnly, SystemIoFailure};
+        if is_lock(&source) {
+            return Self::Locked {
+                path: path.to_owned(),
+                attempt,
+                source,
+            };
+        }
+        let fault = match source.sqlite_error_code() {
+            Some(DiskFull) => DiskFault::Full,
+            Some(SystemIoFailure) => DiskFault::Broken,
+            Some(ReadOnly | CannotOpen) => DiskFault::Refused,
+            _ => {
+                return Self::Store {
+                    path: path.to_owned(),
+                    attempt,
+                    source,
+                };
+            }
+        };
+        Self::DiskRefused {
+            path: path.to_owned(),
+            attempt,
+            fault,
+            source: Box::new(source),
+        }
+    }
+
+    /// Sorts what the system said while something was being written.
+    pub(crate) fn disk(path: &Path, attempt: &'static str, source: std::io::Error) -> Self {
+        use std::io::ErrorKind::{QuotaExceeded, StorageFull};
+        let fault = match source.kind() {
+            StorageFull | QuotaExceeded => DiskFault::Full,
+            _ if source.raw_os_error() == Some(EIO) => DiskFault::Broken,
+            _ => DiskFault::Refused,
+        };
+        Self::DiskRefused {
+            path: path.to_owned(),
+            attempt,
+            fault,
+            source: Box::new(source),
+        }
+    }
+
+    /// Sorts what SQLite said while something was being read.
+    pub(crate) fn reading(path: &Path, attempt: &'static str, source: rusqlite::Error) -> Self {
+        use rusqlite::ErrorCode::{DatabaseCorrupt, NotADatabase};
+        match source.sqlite_error_code() {
+            Some(NotADatabase) => Self::NotASession {
+                path: path.to_owned(),
+                why: "it is not an SQLite file".into(),
+            },
+            Some(DatabaseCorrupt) => Self::Damaged {
+                path: path.to_owned(),
+                place: object_of(attempt).to_owned(),
+                why: source.to_string(),
+            },
+            _ if is_lock(&source) => Self::Locked {
+                path: path.to_owned(),
+                attempt,
+                source,
+            },
+            _ => Self::Store {
+                path: path.to_owned(),
+                attempt,
+                source,
+            },
+        }
+    }
+
+    /// Whether the disk is to blame, so that acquisition must stop.
+    pub fn is_disk(&self) -> bool {
+        self.disk_fault().is_some()
+    }
+
+    /// Whether the disk is full: the same writer may go on when space is back.
+    pub fn is_full(&self) -> bool {
+        self.disk_fault() == Some(DiskFault::Full)
+    }
+
+    /// Whether an I/O error has made the file unknown: only [`crate::SessionWriter::successor`] goes on.
+    pub fn is_broken(&self) -> bool {
+        self.disk_fault() == Some(DiskFault::Broken)
+    }
+
+    /// Whether another process holds a lock: the same writer may go on when it lets go.
+    pub fn is_locked(&self) -> bool {
+        matches!(self, Self::Locked { .. })
+    }
+
+    /// Whether the file was deleted, moved or replaced: only [`crate::SessionWriter::successor`] goes on.
+    pub fn is_gone(&self) -> bool {
+        matches!(self, Self::Gone { .. })
+    }
+
+    /// In which way the disk refused, where it did.
+    pub fn disk_fault(&self) -> Option<DiskFault> {
+        match self {
+            Self::DiskRefused { fault, .. } => Some(*fault),
+            _ => None,
+        }
+    }
+}
+
+/// Whether SQLite waited for a lock in vain.
+fn is_lock(source: &rusqlite::Error) -> bool {
+    use rusqlite::ErrorCode::{DatabaseBusy, DatabaseLocked, FileLockingProtocolFailed};
+    matches!(
+        source.sqlite_error_code(),
+        Some(DatabaseBusy | DatabaseLocked | FileLockingProtocolFailed)
+    )
+}
+
+/// "the frames" of "read the frames of".
+fn object_of(attempt: &str) -> &str {
+    let object = attempt
+        .split_once(' ')
+        .map_or(attempt, |(_, object)| object);
+    object.strip_suffix(" of").unwrap_or(object)
+}
+
+impl From<crate::codec::EncodeError> for LogbookError {
+    fn from(refusal: crate::codec::EncodeError) -> Self {
+        match refusal {
+            crate::codec::EncodeError::NotFinite(reading) => Self::NotFinite { reading },
+            crate::codec::EncodeError::TooMany(has) => Self::TooManyReadings { has },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::error::*;
+
+    /// Words that an attempt may begin with.
+    const VERBS: [&str; 14] = [
+        "close", "copy", "count", "fold", "list", "lock", "make", "mark", "open", "read", "remove",
+        "rename", "sync", "tell",
+    ];
+
+    /// Every attempt that the sources of this crate name: a literal before the cause of an error.
+    fn attempts() -> Vec<String> {
+        let mut folders = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join("src")];
+        let mut attempts = Vec::new();
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(folder).unwrap() {
+                let path = entry.unwrap().path();
+                if path.is_dir() {
+                    folders.push(path);
+                    continue;
+                }
+                let text = std::fs::read_to_string(&path).unwrap();
+                let text = text.split("#[cfg(test)]").next().unwrap();
+                let words: Vec<&str> = text.split_whitespace().collect();
+                let text = words.join(" ");
+                for (end, _) in text.match_indices("\", source") {
+                    let before = &text[..end];
+                    attempts.push(before.rsplit('"').next().unwrap().to_owned());
+                }
+                for named in text.split("attempt: \"").skip(1) {
+                    attempts.push(named.split('"').next().unwrap().to_owned());
+                }
+            }
+        }
+        attempts
+    }
+
+    #[test]
+    fn every_attempt_reads_as_a_sentence_in_every_error() {
+        let attempts = attempts();
+        assert!(attempts.len() > 30, "{attempts:?}");
+        for attempt in attempts {
+            let verb = attempt.split(' ').next().unwrap();
+            assert!(
+                VERBS.contains(&verb) || verb == "write",
+                "'cannot {attempt} FILE' is no sentence"
+            );
+            assert!(
+                !attempt.ends_with(' ') && !attempt.contains('('),
+                "{attempt}"
+            );
+        }
+    }
+
+    #[test]
+    fn an_object_is_told_without_its_verb() {
+        assert_eq!(object_of("read the frames of"), "the frames");
+        assert_eq!(object_of("tell the size of"), "the size");
+        assert_eq!(object_of("open"), "open");
+    }
+}

@@ -1,0 +1,194 @@
+//! What a killed writer has left in a folder that nobody writes to: files without a session in them are removed, and
+//! journals of sessions that go on no more are folded into their files.
+
+use std::path::{Path, PathBuf};
+
+use rusqlite::config::DbConfig;
+use rusqlite::{Connection, OpenFlags};
+
+use crate::directory::open_files::InWriting;
+use crate::directory::{continued_by, files};
+use crate::writer::set_aside_journal;
+use crate::{LogbookError, SessionReader, schema};
+
+/// Ending of a copy that was being made of a file; see [`crate::SessionWriter::rescue`].
+pub(crate) const COPY: &str = "rescue";
+
+/// What was done.
+#[derive(Debug, Default)]
+pub struct Tidied {
+    /// Files without a session in them: their writer was killed before the header was on disk.
+    pub removed: Vec<PathBuf>,
+    /// Sessions that are one file again.
+    pub folded: Vec<PathBuf>,
+    /// What could not be done.
+    pub refused: Vec<LogbookError>,
+}
+
+/// Tidies a folder up; the caller holds its lock, so that no other writer is there.
+///
+/// # Errors
+/// The folder cannot be read.
+pub fn tidy(dir: impl AsRef<Path>) -> Result<Tidied, LogbookError> {
+    let dir = dir.as_ref();
+    let mut tidied = Tidied::default();
+    for path in files(dir)? {
+        let Ok(found) = std::fs::symlink_metadata(&path) else {
+            continue;
+        };
+        if !found.is_file() {
+            continue;
+        }
+        if found.len() <= u64::from(schema::PAGE) && is_stub(&path, found.len()) {
+            remove(&path);
+            tidied.removed.push(path);
+        } else if beside(&path, "-wal").exists() {
+            match fold(&path) {
+                Ok(true) => tidied.folded.push(path),
+                Ok(false) => {}
+                Err(error) => tidied.refused.push(error),
+            }
+        }
+    }
+    if let Ok(entries) = std::fs::read_dir(dir) {
+        for path in entries.flatten().map(|entry| entry.path()) {
+            if path.extension().is_some_and(|end| end == COPY)
+                && std::fs::symlink_metadata(&path).is_ok_and(|found| found.is_file())
+            {
+                remove(&path);
+                tidied.removed.push(path);
+            }
+        }
+    }
+    Ok(tidied)
+}
+
+/// Whether nothing was ever written to a file: neither a table nor, in its journal, the beginning of one.
+fn is_stub(path: &Path, bytes: u64) -> bool {
+    if bytes == 0 {
+        let journal = std::fs::metadata(beside(path, "-wal"));
+        return journal.map_or(true, |journal| journal.len() == 0);
+    }
+    // what its journals hold is read with it, and they stay as they are
+    let tables = open(path).and_then(|connection| {
+        connection.set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true)?;
+        connection.query_row("SELECT count(*) FROM sqlite_master", [], |row| {
+            row.get::<_, i64>(0)
+        })
+    });
+    tables.is_ok_and(|tables| tables == 0)
+}
+
+/// Folds the journal of a session in that is closed, or that another part goes on from; whether it was.
+fn fold(path: &Path) -> Result<bool, LogbookError> {
+    let session = SessionReader::open(path)?;
+    if session.is_folded() {
+        // a journal that is none of it
+        return Ok(false);
+    }
+    let over = session.closed().is_some() || continued_by(path, &session.header().id)?.is_some();
+    drop(session);
+    if !over {
+        return Ok(false);
+    }
+    let failed = |source| LogbookError::writing(path, "fold the journal into", source);
+    set_aside_journal(path)?;
+    let _in_writing =
+        InWriting::new(path).map_err(|source| LogbookError::disk(path, "open", source))?;
+    let connection = open(path).map_err(failed)?;
+    connection
+        .pragma_update(None, "synchronous", "EXTRA")
+        .and_then(|()| connection.pragma_update(None, "journal_mode", "DELETE"))
+        .map_err(failed)?;
+    Ok(true)
+}
+
+fn open(path: &Path) -> rusqlite::Result<Connection> {
+    let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    Connection::open_with_flags(path, flags)
+}
+
+/// The journals first, which would be taken for another file's.
+fn remove(path: &Path) {
+    for end in ["-wal", "-shm", "-journal", ""] {
+        let _ = std::fs::remove_file(beside(path, end));
+    }
+}
+
+fn beside(path: &Path, end: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(end);
+    name.into()
+}
+
+#[cfg(test)]
+mod tests {
+    use chrono::DateTime;
+    use survey::Protocol;
+
+    use crate::maintenance::leftovers::*;
+    use crate::{SessionHeader, SessionWriter};
+
+    #[test]
+    fn stubs_are_removed_and_ended_sessions_become_one_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let dir = folder.path();
+        let at = DateTime::UNIX_EPOCH;
+        let begun = |id: &str| {
+            let header = SessionHeader::new(id, at, Protocol::sheffield(4).unwrap());
+            SessionWriter::create(dir, &header).unwrap()
+        };
+        // a reader keeps the journal from being folded in
+        let closed = begun("closed");
+        let path = closed.path().to_owned();
+        let reader = Connection::open(&path).unwrap();
+        reader
+            .execute_batch("BEGIN; SELECT count(*) FROM frame;")
+            .unwrap();
+        closed.close(at, "done").unwrap();
+        assert!(beside(&path, "-wal").exists());
+        // the reader goes without tidying up, as one does that was killed
+        reader
+            .set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true)
+            .unwrap();
+        drop(reader);
+        let running = begun("running");
+        running
+            .connection_for_tests()
+            .set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true)
+            .unwrap();
+        let goes_on = running.path().to_owned();
+        drop(running);
+        std::fs::write(dir.join("empty.tactus"), "").unwrap();
+        let blank = dir.join("blank.tactus");
+        Connection::open(&blank)
+            .unwrap()
+            .execute_batch(&format!(
+                "PRAGMA page_size = {}; PRAGMA journal_mode = WAL",
+                schema::PAGE
+            ))
+            .unwrap();
+        assert!(std::fs::metadata(&blank).unwrap().len() > 0);
+        std::fs::write(dir.join("half.rescue"), "half").unwrap();
+        std::fs::write(dir.join("notes.tactus"), "a person's own words").unwrap();
+
+        let tidied = tidy(dir).unwrap();
+        let names = |paths: &[PathBuf]| -> Vec<String> {
+            let name = |path: &PathBuf| path.file_name().unwrap().to_string_lossy().into_owned();
+            paths.iter().map(name).collect()
+        };
+        assert_eq!(
+            names(&tidied.removed),
+            ["blank.tactus", "empty.tactus", "half.rescue"]
+        );
+        assert_eq!(names(&tidied.folded), ["closed.tactus"]);
+        assert!(tidied.refused.is_empty(), "{:?}", tidied.refused);
+        assert!(!beside(&path, "-wal").exists());
+        assert!(dir.join("notes.tactus").exists());
+        let whole = SessionReader::open(&path).unwrap();
+        assert_eq!(whole.closed().unwrap().reason, "done");
+        SessionWriter::resume(&goes_on).unwrap();
+        let again = tidy(dir).unwrap();
+        assert!(again.removed.is_empty() && again.folded.is_empty());
+    }
+}

@@ -1,0 +1,231 @@
+//! What can still be read of a damaged file, as a new one.
+
+use std::path::{Path, PathBuf};
+
+use chrono::{DateTime, Utc};
+use serde::Serialize;
+
+use crate::directory::{folder_of, id_of, path_of};
+use crate::reader::SMALLEST;
+use crate::{LogbookError, Record, SessionHeader, SessionReader, SessionWriter, schema};
+
+/// Kind of the event that says which frames a repair has cut; its text begins `frames 5 to 9 `.
+pub const CUT: &str = "cut";
+
+/// Frames that are written together.
+const GROUP: usize = 256;
+/// Rows of events that are tried one by one where they cannot be read in order.
+const EVENTS: i64 = 100_000;
+
+/// Frames that could not be read.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Cut {
+    /// The first of them.
+    pub first: u64,
+    /// The last of them.
+    pub last: u64,
+    /// Why, of the first.
+    pub why: String,
+}
+
+/// What a repair kept and what it cut.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Repaired {
+    /// The new file.
+    pub path: PathBuf,
+    /// Frames kept.
+    pub frames: u64,
+    /// Events kept.
+    pub events: usize,
+    /// Whether a baseline was kept.
+    pub baseline: bool,
+    /// Frames that were cut.
+    pub cut: Vec<Cut>,
+    /// What else was lost, a sentence each.
+    pub lost: Vec<String>,
+}
+
+/// Writes what can be read of a session's file into a new one, which is closed; the damaged one is not touched. `out` is
+/// the new file, `<id>_repaired.tactus` beside it where none is named.
+///
+/// # Errors
+/// A header that cannot be read (without the protocol no reading means anything), a file that exists, or a disk that
+/// refuses.
+pub fn repair(
+    path: impl AsRef<Path>,
+    out: Option<&Path>,
+    at: DateTime<Utc>,
+    mut progress: impl FnMut(u64),
+) -> Result<Repaired, LogbookError> {
+    let path = path.as_ref();
+    let session = SessionReader::open(path)?;
+    let beside = path_of(
+        folder_of(path),
+        &format!("{}_repaired", session.header().id),
+    );
+    let out = out.unwrap_or(&beside);
+    let header = SessionHeader {
+        id: id_of(out).to_owned(),
+        ..session.header().clone()
+    };
+    let mut repaired = Repaired {
+        path: path_of(folder_of(out), &header.id),
+        frames: 0,
+        events: 0,
+        baseline: false,
+        cut: Vec::new(),
+        lost: Vec::new(),
+    };
+    let mut writer = SessionWriter::create(folder_of(out), &header)?;
+    match session.baseline() {
+        Ok(Some(baseline)) => {
+            writer.baseline(&baseline)?;
+            repaired.baseline = true;
+        }
+        Ok(None) => {}
+        Err(damage) => repaired.lost.push(format!("the baseline: {damage}")),
+    }
+    events(&session, &mut writer, &mut repaired)?;
+    let rows = session.rows();
+    let mut met = 0;
+    let size = std::fs::metadata(path).map_or(0, |found| found.len());
+    let mut next = Rows {
+        session: &session,
+        next: header.first_sequence,
+        end: header.first_sequence + size / SMALLEST as u64 + u64::from(schema::PAGE),
+    };
+    let mut group: Vec<Record> = Vec::new();
+    for (number, found) in &mut next {
+        met += 1;
+        match found {
+            Ok(record) => {
+                let expected = group
+                    .last()
+                    .map_or(writer.acknowledged(), |last| last.frame.sequence)
+                    + 1;
+                if number > expected {
+                    flush(&mut writer, &mut group, &mut repaired)?;
+                    cut(&mut repaired, expected, number - 1, "not there");
+                    writer.skip_to(number);
+                }
+                group.push(record);
+                if group.len() == GROUP {
+                    flush(&mut writer, &mut group, &mut repaired)?;
+                    progress(repaired.frames);
+                }
+            }
+            Err(damage) => cut(&mut repaired, number, number, &damage.to_string()),
+        }
+    }
+    flush(&mut writer, &mut group, &mut repaired)?;
+    if let Ok(rows) = rows {
+        repaired.lost.extend(session.unmet(rows, met));
+    }
+    // Rows that could not be read behind the last whole frame are not known to have been there.
+    let last = writer.acknowledged();
+    if repaired.cut.iter().any(|cut| cut.last > last) {
+        let text = format!("behind frame {last} nothing can be read");
+        repaired.lost.push(text);
+    }
+    repaired.cut.retain_mut(|cut| {
+        cut.last = cut.last.min(last);
+        cut.first <= last
+    });
+    for cut in &repaired.cut {
+        let text = format!("frames {} to {} were cut: {}", cut.first, cut.last, cut.why);
+        writer.event(at, CUT, &text)?;
+    }
+    for lost in &repaired.lost {
+        writer.event(at, CUT, lost)?;
+    }
+    let text = format!("made from {} by repair", path.display());
+    writer.event(at, "repaired", &text)?;
+    match session.closed() {
+        Some(closing) => {
+            let reason = format!("{} (repaired)", closing.reason);
+            writer.close(closing.at, &reason)?;
+        }
+        None => writer.close(at, "not closed (repaired)")?,
+    }
+    Ok(repaired)
+}
+
+fn events(
+    session: &SessionReader,
+    writer: &mut SessionWriter,
+    repaired: &mut Repaired,
+) -> Result<(), LogbookError> {
+    let (events, damaged) = match session.events_and_damaged() {
+        Ok(read) => read,
+        Err(damage) => {
+            repaired.lost.push(format!("events: {damage}"));
+            let one_by_one = (1..=EVENTS).map_while(|number| session.event(number).transpose());
+            (one_by_one.flatten().collect(), Vec::new())
+        }
+    };
+    for number in damaged {
+        let text = format!("event {number}: its checksum does not agree");
+        repaired.lost.push(text);
+    }
+    for event in events {
+        writer.event(event.at, &event.kind, &event.text)?;
+        repaired.events += 1;
+    }
+    Ok(())
+}
+
+fn flush(
+    writer: &mut SessionWriter,
+    group: &mut Vec<Record>,
+    repaired: &mut Repaired,
+) -> Result<(), LogbookError> {
+    repaired.frames += group.len() as u64;
+    writer.append_kept(group)?;
+    group.clear();
+    Ok(())
+}
+
+fn cut(repaired: &mut Repaired, first: u64, last: u64, why: &str) {
+    match repaired.cut.last_mut() {
+        Some(before) if before.last + 1 >= first => before.last = before.last.max(last),
+        _ => repaired.cut.push(Cut {
+            first,
+            last,
+            why: why.to_owned(),
+        }),
+    }
+}
+
+/// Rows in order; where they cannot be read in order, one by one.
+struct Rows<'a> {
+    session: &'a SessionReader,
+    next: u64,
+    end: u64,
+}
+
+impl Iterator for Rows<'_> {
+    type Item = (u64, Result<Record, LogbookError>);
+
+    fn next(&mut self) -> Option<Self::Item> {
+        while self.next < self.end {
+            let number = self.next;
+            match self.session.kept(number) {
+                Ok(Some(record)) => {
+                    self.next += 1;
+                    return Some((number, Ok(record)));
+                }
+                Err(damage) => {
+                    self.next += 1;
+                    return Some((number, Err(damage)));
+                }
+                // A hole, or the end.
+                Ok(None) => match self.session.sequence_behind(number) {
+                    Ok(Some(behind)) => self.next = behind,
+                    Ok(None) => return None,
+                    Err(_) => self.next += 1,
+                },
+            }
+        }
+        None
+    }
+}

@@ -1,0 +1,405 @@
+//! Is a record whole? Checksums, sequence, references, baseline, the chain of parts, and an event for every gap.
+
+use std::path::{Path, PathBuf};
+
+use chrono::{DateTime, TimeDelta, Utc};
+use serde::Serialize;
+
+use crate::directory::{folder_of, id_of, part_of};
+use crate::maintenance::prune::pruned_parts;
+use crate::writer::CONTINUED_IN;
+use crate::{CUT, Event, LogbookError, RESUMED, Record, SessionReader};
+
+/// A scheduled session has a gap where frames are further apart than this many periods: one was left out.
+const PERIODS: f64 = 1.5;
+/// One without a schedule where they are further apart than this many times the usual distance.
+const USUAL: f64 = 5.0;
+/// Closer than this nothing is a gap, s: a frame that was late.
+const LEAST: f64 = 1.0;
+/// An event may be written so long after the frame that it explains the lack of.
+const LATER: TimeDelta = TimeDelta::try_seconds(5).unwrap();
+
+/// Something that is not as it should be.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Finding {
+    /// Id of the part.
+    pub part: String,
+    /// One word for a machine: `unreadable`, `header`, `closing`, `damaged`, `missing`, `chain`, `baseline`, `event`,
+    /// `gap`.
+    pub kind: &'static str,
+    /// A sentence for a person.
+    pub text: String,
+}
+
+/// Two frames that are further apart than frames of this session are.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Gap {
+    /// Sequence of the frame before.
+    pub after: u64,
+    /// How long, s.
+    pub seconds: f64,
+    /// The event that explains it, if there is one.
+    pub explained: Option<String>,
+}
+
+/// What was found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Verified {
+    /// Id of the session: its first part's.
+    pub session: String,
+    /// Ids of its parts, in order.
+    pub parts: Vec<String>,
+    /// Frames that are whole.
+    pub frames: u64,
+    /// Whether the last part was closed.
+    pub closed: bool,
+    /// Every gap, explained or not.
+    pub gaps: Vec<Gap>,
+    /// What is wrong; empty where nothing is.
+    pub findings: Vec<Finding>,
+}
+
+/// The files of the session that a file is a part of, in order; those that are there.
+///
+/// # Errors
+/// The folder cannot be read.
+pub fn parts(path: impl AsRef<Path>) -> Result<Vec<PathBuf>, LogbookError> {
+    let path = path.as_ref();
+    let name = |path: &Path| -> String {
+        path.file_stem()
+            .map(|stem| stem.to_string_lossy().into_owned())
+            .unwrap_or_default()
+    };
+    let own = name(path);
+    let session = part_of(&own).0;
+    let mut parts = crate::directory::files(folder_of(path))?;
+    parts.retain(|other| part_of(&name(other)).0 == session);
+    parts.sort_by_key(|other| part_of(&name(other)).1);
+    Ok(parts)
+}
+
+/// Reads all of a session, whatever part of it is named. `progress` is told how many frames have been read.
+///
+/// # Errors
+/// The folder cannot be read. A file that cannot be read is a finding, not an error, and so is damage.
+pub fn verify(
+    path: impl AsRef<Path>,
+    mut progress: impl FnMut(u64),
+) -> Result<Verified, LogbookError> {
+    let path = path.as_ref();
+    let mut look = Look::default();
+    let mut files = parts(path)?;
+    if files.is_empty() {
+        files.push(path.to_owned());
+    }
+    for file in &files {
+        look.part(file, &mut progress);
+    }
+    look.ends(folder_of(path));
+    let gaps = look.gaps();
+    for gap in gaps.iter().filter(|gap| gap.explained.is_none()) {
+        let part = look.part_of_frame(gap.after);
+        look.found(
+            &part,
+            "gap",
+            format!(
+                "{:.1} s without a frame behind frame {}, and no event says why",
+                gap.seconds, gap.after
+            ),
+        );
+    }
+    Ok(Verified {
+        session: match look.session.is_empty() {
+            true => part_of(id_of(path)).0.to_owned(),
+            false => look.session,
+        },
+        parts: look.parts.into_iter().map(|(id, _)| id).collect(),
+        frames: look.frames,
+        closed: look.closed,
+        gaps,
+        findings: look.findings,
+    })
+}
+
+/// A frame as far as time is concerned.
+#[derive(Clone, Copy)]
+struct Moment {
+    sequence: u64,
+    monotonic: f64,
+    wall: DateTime<Utc>,
+}
+
+/// What has been seen so far.
+#[derive(Default)]
+struct Look {
+    session: String,
+    /// Ids, and the sequence that each begins with.
+    parts: Vec<(String, u64)>,
+    /// Which part each one says that it goes on from.
+    continues: Vec<(String, String)>,
+    /// What each part that was closed says about it.
+    closings: Vec<(String, String)>,
+    /// Files that are no session, and why: parts whose making was cut short, or all that is left of one.
+    strangers: Vec<(String, String)>,
+    frames: u64,
+    closed: bool,
+    /// Seconds between neighbours that may be further apart than they should.
+    distances: Vec<f64>,
+    moments: Vec<(Moment, Moment, f64)>,
+    last: Option<Moment>,
+    events: Vec<Event>,
+    period: Option<f64>,
+    findings: Vec<Finding>,
+    /// Sequence of the last frame that was there or is known to be missing.
+    expected: Option<u64>,
+}
+
+impl Look {
+    fn found(&mut self, part: &str, kind: &'static str, text: String) {
+        self.findings.push(Finding {
+            part: part.to_owned(),
+            kind,
+            text,
+        });
+    }
+
+    fn part_of_frame(&self, sequence: u64) -> String {
+        self.parts
+            .iter()
+            .rev()
+            .find(|(_, first)| *first <= sequence)
+            .map(|(id, _)| id.clone())
+            .unwrap_or_default()
+    }
+
+    fn part(&mut self, path: &Path, progress: &mut impl FnMut(u64)) {
+        let stem = id_of(path);
+        let session = match SessionReader::open(path) {
+            Ok(session) => session,
+            Err(damage @ LogbookError::Damaged { .. }) => {
+                return self.found(stem, "header", damage.to_string());
+            }
+            Err(stranger @ LogbookError::NotASession { .. }) => {
+                return self.strangers.push((stem.to_owned(), stranger.to_string()));
+            }
+            Err(refusal) => return self.found(stem, "unreadable", with_cause(&refusal)),
+        };
+        let header = session.header().clone();
+        let id = header.id.clone();
+        self.session = header.session().to_owned();
+        self.closed = session.closed().is_some();
+        if let Some(earlier) = &header.continues {
+            self.continues.push((id.clone(), earlier.clone()));
+        }
+        if let Some(closing) = session.closed() {
+            self.closings.push((id.clone(), closing.reason.clone()));
+        }
+        for (kind, text) in session.faults() {
+            self.found(&id, kind, text);
+        }
+        self.period = serde_json::from_str::<serde_json::Value>(&header.asked)
+            .ok()
+            .and_then(|asked| asked["every_s"].as_f64())
+            .filter(|period| *period > 0.0)
+            .or(self.period);
+        self.chain(
+            folder_of(path),
+            &header.continues,
+            header.first_sequence,
+            &id,
+        );
+        self.parts.push((id.clone(), header.first_sequence));
+        match session.events_and_damaged() {
+            Ok((events, damaged)) => {
+                self.events.extend(events);
+                for number in damaged {
+                    let text = format!("event {number} does not agree with its checksum");
+                    self.found(&id, "event", text);
+                }
+            }
+            Err(damage) => self.found(&id, "event", damage.to_string()),
+        }
+        if let Err(damage) = session.baseline() {
+            self.found(&id, "baseline", damage.to_string());
+        }
+        self.expected = Some(header.first_sequence);
+        let first_sequence = header.first_sequence;
+        // What a part before this one has from here on was written again.
+        self.moments
+            .retain(|(_, later, _)| later.sequence < first_sequence);
+        if self
+            .last
+            .is_some_and(|last| last.sequence >= first_sequence)
+        {
+            self.last = self.moments.last().map(|(_, later, _)| *later);
+        }
+        // Counted before they are read: a session that runs gets more meanwhile.
+        let rows = session.rows();
+        let mut met = 0;
+        for record in session.frames() {
+            met += 1;
+            match record {
+                Ok(record) => self.frame(&id, &record),
+                Err(damage) => {
+                    self.found(&id, "damaged", damage.to_string());
+                    // Its sequence is in the text; it is there, whole or not.
+                    self.expected = self.expected.map(|expected| expected + 1);
+                }
+            }
+            progress(self.frames);
+        }
+        match rows {
+            Ok(rows) => {
+                if let Some(text) = session.unmet(rows, met) {
+                    self.found(&id, "damaged", text);
+                }
+            }
+            Err(damage) => self.found(&id, "damaged", damage.to_string()),
+        }
+    }
+
+    /// Whether the parts that the others speak of are there. A file that is no session is none of them: its making was
+    /// cut short, and the session went on in another part.
+    fn ends(&mut self, folder: &Path) {
+        let ids: Vec<&str> = self.parts.iter().map(|(id, _)| id.as_str()).collect();
+        let mut found = Vec::new();
+        for (id, reason) in &self.closings {
+            let Some(next) = reason.strip_prefix(CONTINUED_IN) else {
+                continue;
+            };
+            let is_known = ids.contains(&next) || self.strangers.iter().any(|(id, _)| id == next);
+            if !is_known && !pruned_parts(folder).contains(next) {
+                let text = format!("it was closed as continued in {next}, which is not there");
+                found.push((id.clone(), "chain", text));
+            }
+        }
+        for (stem, why) in &self.strangers {
+            let number = part_of(stem).1;
+            let is_named = self
+                .closings
+                .iter()
+                .any(|(_, reason)| reason.strip_prefix(CONTINUED_IN) == Some(stem.as_str()));
+            let was_passed_over = self
+                .continues
+                .iter()
+                .any(|(later, earlier)| part_of(later).1 > number && part_of(earlier).1 < number);
+            if is_named || !was_passed_over {
+                found.push((stem.clone(), "unreadable", why.clone()));
+            }
+        }
+        for (part, kind, text) in found {
+            self.found(&part, kind, text);
+        }
+    }
+
+    fn chain(&mut self, folder: &Path, continues: &Option<String>, first: u64, id: &str) {
+        let before = self.parts.last().map(|(id, _)| id.clone());
+        match (continues, before) {
+            (None, None) => {}
+            (Some(earlier), Some(before)) if *earlier == before => {
+                let next = self.expected.unwrap_or(first);
+                if next < first {
+                    self.missing(id, next, first - 1);
+                }
+            }
+            (Some(earlier), _) => {
+                if !pruned_parts(folder).contains(earlier) {
+                    let text = format!("it goes on from {earlier}, which is not there");
+                    self.found(id, "chain", text);
+                }
+            }
+            (None, Some(before)) => {
+                let text = format!("it is named as a part behind {before} and goes on from none");
+                self.found(id, "chain", text);
+            }
+        }
+    }
+
+    fn missing(&mut self, part: &str, from: u64, to: u64) {
+        let cut = format!("frames {from} to {to} ");
+        let said = |event: &Event| event.kind == CUT && event.text.starts_with(&cut);
+        if !self.events.iter().any(said) {
+            let text = format!("frames {from} to {to} are not there");
+            self.found(part, "missing", text);
+        }
+    }
+
+    fn frame(&mut self, part: &str, record: &Record) {
+        let sequence = record.frame.sequence;
+        if let Some(expected) = self.expected
+            && sequence > expected
+        {
+            self.missing(part, expected, sequence - 1);
+        }
+        self.expected = Some(sequence + 1);
+        self.frames += 1;
+        let now = Moment {
+            sequence,
+            monotonic: record.frame.monotonic.as_secs_f64(),
+            wall: record.frame.wall,
+        };
+        if let Some(last) = self.last {
+            let by_wall = (now.wall - last.wall).as_seconds_f64();
+            let by_clock = now.monotonic - last.monotonic;
+            // A clock that has begun anew belongs to another process: then only the wall clock tells.
+            let apart = if by_clock < 0.0 { by_wall } else { by_clock };
+            self.distances.push(apart);
+            let least = self.period.map_or(LEAST, |period| PERIODS * period);
+            if apart > least || by_clock < 0.0 {
+                self.moments.push((last, now, apart));
+            }
+        }
+        self.last = Some(now);
+    }
+
+    /// Those that are further apart than they should be.
+    fn gaps(&mut self) -> Vec<Gap> {
+        let usual = match self.distances.len() {
+            0 => 0.0,
+            count => {
+                let (_, median, _) = self
+                    .distances
+                    .select_nth_unstable_by(count / 2, f64::total_cmp);
+                *median
+            }
+        };
+        let most = match self.period {
+            // A frame that takes longer than its period follows the one before back to back.
+            Some(period) => PERIODS * period.max(usual),
+            None => (USUAL * usual).max(LEAST),
+        };
+        let explains = |before: &Moment, after: &Moment| {
+            let (from, to) = match before.wall <= after.wall {
+                true => (before.wall, after.wall),
+                // The clock was set back.
+                false => (after.wall, before.wall),
+            };
+            let within = |event: &&Event| (from..=to + LATER).contains(&event.at);
+            let mut events = self.events.iter().filter(within);
+            let restart = events.clone().find(|event| event.kind == RESUMED);
+            restart.or_else(|| events.next())
+        };
+        self.moments
+            .iter()
+            .filter(|(.., apart)| *apart > most)
+            .map(|(before, after, apart)| Gap {
+                after: before.sequence,
+                seconds: *apart,
+                explained: explains(before, after)
+                    .map(|event| format!("{}: {}", event.kind, event.text)),
+            })
+            .collect()
+    }
+}
+
+/// An error with what caused it, in one line.
+fn with_cause(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(deeper) = cause {
+        text.push_str(": ");
+        text.push_str(&deeper.to_string());
+        cause = deeper.source();
+    }
+    text
+}

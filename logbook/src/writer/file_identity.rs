@@ -1,0 +1,146 @@
+//! Whether the file that is written is still the one at its path: a file that was deleted or moved takes every write, and
+//! nobody finds what was written.
+
+use std::fs::File;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+
+use rusqlite::{Connection, params};
+
+use crate::LogbookError;
+use crate::directory::{EXTENSION, folder_of};
+use crate::writer::{SessionWriter, companion};
+
+/// Bytes that are copied while frames wait.
+const MOST_COPIED: u64 = 1 << 30;
+
+/// What SQLite writes a session to.
+const FILES: [&str; 3] = ["", "-wal", "-shm"];
+
+/// Device and inode of the file and of its companions.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(super) struct FilePlace([Option<(u64, u64)>; FILES.len()]);
+
+impl FilePlace {
+    /// As they are now. They are asked about and never opened: to close one that SQLite has open would drop its locks.
+    pub(super) fn of(path: &Path) -> Self {
+        Self(FILES.map(|end| {
+            let found = std::fs::metadata(companion(path, end)).ok()?;
+            Some((found.dev(), found.ino()))
+        }))
+    }
+
+    /// Whether they are still the same.
+    pub(super) fn check(&self, path: &Path) -> Result<(), LogbookError> {
+        let now = Self::of(path);
+        for ((end, was), is) in FILES.iter().zip(&self.0).zip(&now.0) {
+            let why = match (was, is) {
+                (Some(was), Some(is)) if was != is => "was replaced by another file",
+                (Some(_), None) => "was deleted or moved",
+                _ => continue,
+            };
+            let why = match *end {
+                "" => why.to_owned(),
+                end => format!("has lost its {end} file, which {why}"),
+            };
+            return Err(LogbookError::Gone {
+                path: path.to_owned(),
+                why,
+            });
+        }
+        Ok(())
+    }
+}
+
+impl SessionWriter {
+    /// Whether the file that is written is still the one at its path; looked at after each write, too.
+    ///
+    /// # Errors
+    /// [`LogbookError::Gone`].
+    pub fn check_place(&self) -> Result<(), LogbookError> {
+        self.place.check(&self.path)
+    }
+
+    /// Copies what is in a file that was deleted or moved, as long as this writer has it open, and gives the copy its
+    /// path back; where another file is there, a path beside it. Where only a companion was lost, the file gets what was
+    /// in it. Returns where the frames are.
+    ///
+    /// # Errors
+    /// The disk refuses the copy, the file cannot be read any more, or is too large to be copied beside a session.
+    pub fn rescue(&self) -> Result<PathBuf, LogbookError> {
+        if FilePlace::of(&self.path).0[0] == self.place.0[0] {
+            let folded = self
+                .connection
+                .query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |_| Ok(()));
+            folded.map_err(|source| {
+                LogbookError::writing(&self.path, "fold the journal into", source)
+            })?;
+            return Ok(self.path.clone());
+        }
+        let folder = folder_of(&self.path);
+        crate::writer::make_folder(folder)
+            .map_err(|source| LogbookError::disk(&self.path, "make the folder of", source))?;
+        let beside = self
+            .path
+            .with_extension(crate::maintenance::leftovers::COPY);
+        let _ = std::fs::remove_file(&beside);
+        let copied = self.copy_to(&beside);
+        let placed = copied.and_then(|()| self.give_place(&beside));
+        placed.inspect_err(|_| {
+            let _ = std::fs::remove_file(&beside);
+        })
+    }
+
+    fn copy_to(&self, beside: &Path) -> Result<(), LogbookError> {
+        let failed = |source| LogbookError::writing(&self.path, "copy", source);
+        let size = "SELECT page_count * page_size FROM pragma_page_count, pragma_page_size";
+        let size: i64 = self
+            .connection
+            .query_row(size, [], |row| row.get(0))
+            .map_err(failed)?;
+        if size.unsigned_abs() > MOST_COPIED {
+            return Err(LogbookError::Gone {
+                path: self.path.clone(),
+                why: format!("has {size} bytes, too many to be copied,"),
+            });
+        }
+        let to = beside.to_string_lossy();
+        self.connection
+            .execute("VACUUM INTO ?1", params![to])
+            .map_err(failed)?;
+        // as a session that is not closed: the mode says so, too
+        let as_written = |copy: &Path| -> rusqlite::Result<()> {
+            Connection::open(copy)?.pragma_update(None, "journal_mode", "WAL")
+        };
+        as_written(beside).map_err(failed)?;
+        let written = File::open(beside).and_then(|copy| copy.sync_all());
+        written.map_err(|source| LogbookError::disk(beside, "sync", source))
+    }
+
+    fn give_place(&self, beside: &Path) -> Result<PathBuf, LogbookError> {
+        let folder = folder_of(&self.path);
+        let rescued = format!("{}_rescued.{EXTENSION}", self.header.id);
+        for place in [self.path.clone(), folder.join(rescued)] {
+            if place.exists() {
+                continue;
+            }
+            // a journal that was left there belongs to the file that is gone, and would be played back into the copy
+            for end in ["-wal", "-shm", "-journal"] {
+                let _ = std::fs::remove_file(companion(&place, end));
+            }
+            // links nothing over a file that came meanwhile
+            match std::fs::hard_link(beside, &place) {
+                Ok(()) => {}
+                Err(taken) if taken.kind() == std::io::ErrorKind::AlreadyExists => continue,
+                Err(source) => return Err(LogbookError::disk(&place, "make", source)),
+            }
+            let _ = std::fs::remove_file(beside);
+            let synced = File::open(folder).and_then(|folder| folder.sync_all());
+            synced.map_err(|source| LogbookError::disk(&place, "sync the folder of", source))?;
+            return Ok(place);
+        }
+        Err(LogbookError::Exists {
+            path: self.path.clone(),
+        })
+    }
+}

@@ -1,0 +1,106 @@
+//! What every picture is drawn on: white paper of so many points, as PNG and as SVG; and the colours of curves and points.
+
+use plotters::prelude::*;
+
+use crate::PictureError;
+use crate::drawing::pen::Pen;
+use crate::raster::check_size;
+
+/// Pixels of a PNG to the point; of a map each is the mean of so many by so many.
+pub(crate) const FINER: usize = 2;
+/// Lines and words of an SVG lie on a grid of so many to the point (plotters knows whole numbers only).
+pub(crate) const GRAIN: f64 = 4.0;
+/// plotters writes words of a bitmap too high by this part of their size, those of an SVG right.
+pub(crate) const SINK: f64 = 0.1;
+
+/// What is drawn side by side is told apart by these; each has another brightness beside the next.
+pub(crate) const COLOURS: [RGBColor; 8] = [
+    RGBColor(0, 90, 160),
+    RGBColor(200, 80, 0),
+    RGBColor(0, 130, 80),
+    RGBColor(150, 40, 120),
+    RGBColor(110, 110, 0),
+    RGBColor(190, 30, 50),
+    RGBColor(70, 70, 150),
+    RGBColor(90, 60, 40),
+];
+/// Lines of a grid behind curves and points.
+pub(crate) const GRID: RGBColor = RGBColor(205, 205, 210);
+/// Edges and upright marks.
+pub(crate) const PALE: RGBColor = RGBColor(120, 120, 126);
+
+/// Something that a pen can draw.
+pub(crate) trait Drawing {
+    /// Width and height, points.
+    fn size(&self) -> [f64; 2];
+
+    /// Draws it on white paper.
+    fn draw<DB: DrawingBackend>(&self, pen: &Pen<'_, DB>) -> Result<(), PictureError>;
+
+    fn png(&self) -> Result<Vec<u8>, PictureError> {
+        let [width, height] = self
+            .size()
+            .map(|points| (points * FINER as f64).round() as usize);
+        check_size(width, height)?;
+        let mut pixels = vec![255; width * height * 3];
+        {
+            let area = BitMapBackend::with_buffer(&mut pixels, (width as u32, height as u32))
+                .into_drawing_area();
+            area.fill(&WHITE).map_err(failed)?;
+            self.draw(&Pen::new(&area, FINER as f64, SINK))?;
+            area.present().map_err(failed)?;
+        }
+        encoded(&pixels, width, height)
+    }
+
+    fn svg(&self) -> Result<String, PictureError> {
+        let size = self.size();
+        let grains = size.map(|points| (points * GRAIN).round() as u32);
+        let mut drawn = String::new();
+        {
+            let area = SVGBackend::with_string(&mut drawn, grains.into()).into_drawing_area();
+            area.fill(&WHITE).map_err(failed)?;
+            self.draw(&Pen::new(&area, GRAIN, 0.0))?;
+            area.present().map_err(failed)?;
+        }
+        Ok(format!(
+            "{}{}</svg>\n",
+            opening(size.map(|points| points.round() as usize), grains),
+            inside(&drawn)
+        ))
+    }
+}
+
+/// The first tag of an SVG: its size in points, and in grains.
+pub(crate) fn opening([width, height]: [usize; 2], grains: [u32; 2]) -> String {
+    format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {} {}\">\n",
+        grains[0], grains[1]
+    )
+}
+
+/// What stands between the first and the last tag of an SVG.
+pub(crate) fn inside(svg: &str) -> &str {
+    let after_head = svg
+        .find("<svg")
+        .and_then(|at| svg[at..].find('>').map(|end| at + end + 1));
+    let from = after_head.unwrap_or(0);
+    let to = svg.rfind("</svg>").unwrap_or(svg.len());
+    svg.get(from..to).unwrap_or("")
+}
+
+/// Pixels as a PNG.
+pub(crate) fn encoded(pixels: &[u8], width: usize, height: usize) -> Result<Vec<u8>, PictureError> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, width as u32, height as u32);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    let mut writer = encoder.write_header().map_err(failed)?;
+    writer.write_image_data(pixels).map_err(failed)?;
+    writer.finish().map_err(failed)?;
+    Ok(bytes)
+}
+
+pub(crate) fn failed(cause: impl std::fmt::Display) -> PictureError {
+    PictureError::Draw(cause.to_string())
+}

@@ -1,0 +1,67 @@
+//! One colour scale for everything: zero almost white, loss to blue, gain to brown.
+
+/// Red, green, blue, 0 to 255 (sRGB).
+pub type Rgb = [u8; 3];
+
+const LOSS: [Rgb; 7] = [
+    [250, 250, 246],
+    [205, 232, 222],
+    [139, 203, 207],
+    [74, 163, 196],
+    [40, 114, 176],
+    [37, 66, 138],
+    [26, 26, 82],
+];
+
+const GAIN: [Rgb; 5] = [
+    [250, 250, 246],
+    [252, 217, 172],
+    [240, 163, 94],
+    [203, 100, 38],
+    [120, 44, 12],
+];
+
+/// The colour of a share of the scale: 0 is zero, -1 the largest loss, 1 the largest gain; beyond that the end's colour.
+/// `None` for what is not a number.
+pub fn colour(share: f64) -> Option<Rgb> {
+    if share.is_nan() {
+        return None;
+    }
+    let stops: &[Rgb] = if share <= 0.0 { &LOSS } else { &GAIN };
+    let place = share.abs().min(1.0) * (stops.len() - 1) as f64;
+    let below = (place.floor() as usize).min(stops.len() - 2);
+    let part = place - below as f64;
+    Some(std::array::from_fn(|channel| {
+        let (from, to) = (stops[below][channel], stops[below + 1][channel]);
+        (f64::from(from) + part * (f64::from(to) - f64::from(from))).round() as u8
+    }))
+}
+
+/// Relative luminance, 0 to 1: what is left of a colour in a grey print.
+pub(crate) fn luminance(colour: Rgb) -> f64 {
+    let linear = colour.map(|channel| (f64::from(channel) / 255.0).powf(2.2));
+    0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::drawing::colour::*;
+
+    #[test]
+    fn the_more_the_darker_on_both_sides() {
+        for side in [-1.0, 1.0] {
+            let greys: Vec<f64> = (0..=100)
+                .map(|step| luminance(colour(side * f64::from(step) / 100.0).unwrap()))
+                .collect();
+            assert!(greys.windows(2).all(|pair| pair[1] < pair[0]));
+        }
+    }
+
+    #[test]
+    fn what_is_not_a_number_has_no_colour() {
+        assert_eq!(colour(f64::NAN), None);
+        assert_eq!(colour(-0.0), colour(0.0));
+        assert_eq!(colour(-9.0), colour(-1.0));
+        assert_eq!(colour(f64::INFINITY), colour(1.0));
+    }
+}

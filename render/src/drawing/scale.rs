@@ -1,0 +1,218 @@
+//! Ends and ticks of a scale.
+
+use survey::{Map, MapUnit};
+
+use crate::drawing::colour::colour;
+use crate::{PictureError, Rgb, Scale};
+
+/// Ends of a colour scale, in the map's unit; zero is never outside.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Range {
+    /// Lower end, at most 0.
+    pub low: f64,
+    /// Upper end, at least 0.
+    pub high: f64,
+    /// Whether values below the lower end are drawn in its colour.
+    pub below: bool,
+    /// Whether values above the upper end are drawn in its colour.
+    pub above: bool,
+    /// What the values mean.
+    pub unit: MapUnit,
+}
+
+impl Range {
+    /// The range that serves one or more maps. With [`Scale::Own`] of maps without a value: a loss of
+    /// one per cent, or one of whatever the unit is shown in.
+    ///
+    /// # Errors
+    /// Fixed ends out of order, or not numbers; maps whose values do not mean the same.
+    pub fn of<'a>(maps: impl IntoIterator<Item = (&'a Map, Scale)>) -> Result<Self, PictureError> {
+        let (mut low, mut high) = (0.0_f64, 0.0_f64);
+        let (mut least, mut most) = (0.0_f64, 0.0_f64);
+        let mut unit = None;
+        for (map, scale) in maps {
+            if *unit.get_or_insert(map.unit) != map.unit {
+                return Err(PictureError::Units);
+            }
+            let finite = map.values.iter().copied().filter(|value| value.is_finite());
+            let (own_low, own_high) = finite.fold((0.0_f64, 0.0_f64), |(low, high), value| {
+                (low.min(value), high.max(value))
+            });
+            least = least.min(own_low);
+            most = most.max(own_high);
+            let (from, to) = match scale {
+                Scale::Own => (own_low, own_high),
+                Scale::Fixed(from, to) if from < to && (to - from).is_finite() => (from, to),
+                Scale::Fixed(low, high) => return Err(PictureError::Scale { low, high }),
+            };
+            low = low.min(from);
+            high = high.max(to);
+        }
+        let unit = unit.unwrap_or(MapUnit::RelativeConductance);
+        if low == 0.0 && high == 0.0 {
+            let one = 1.0 / unit.shown().0.abs();
+            match unit {
+                MapUnit::Pressure => high = one,
+                MapUnit::RelativeConductance | MapUnit::Conductance => low = -one,
+            }
+        }
+        Ok(Self {
+            low,
+            high,
+            below: least < low,
+            above: most > high,
+            unit,
+        })
+    }
+
+    /// A value as a part of the larger end: negative where it is a load.
+    pub(crate) fn share(&self, value: f64) -> f64 {
+        -self.unit.load(value) / self.low.abs().max(self.high)
+    }
+
+    /// The colour of a value: loads have the colours of losses, whether they are shown as such or as pressure.
+    pub fn colour(&self, value: f64) -> Option<Rgb> {
+        colour(self.share(value))
+    }
+
+    /// Places of the ticks, ascending, with what is written there: as the unit is shown, without it.
+    pub(crate) fn ticks(&self, most: usize) -> Vec<(f64, String)> {
+        let (per, _) = self.unit.shown();
+        let (step, decimals) = step(per.abs() * (self.high - self.low), most);
+        let first = (per.abs() * self.low / step - 1e-9).ceil() as i64;
+        let last = (per.abs() * self.high / step + 1e-9).floor() as i64;
+        (first..=last)
+            .map(|k| {
+                let value = k as f64 * step / per.abs();
+                (value, signed(per * value, decimals))
+            })
+            .collect()
+    }
+
+    /// Signs before an end that values lie beyond: below the lower one, above the upper one. Losses are shown positive.
+    pub(crate) fn beyond(&self) -> [&'static str; 2] {
+        let signs = ["\u{2264}", "\u{2265}"];
+        match self.unit.shown().0 < 0.0 {
+            true => [signs[1], signs[0]],
+            false => signs,
+        }
+    }
+
+    /// A value as the unit is shown, with as many decimals as the range deserves.
+    pub(crate) fn words(&self, value: f64) -> String {
+        let (per, unit) = self.unit.shown();
+        let (_, decimals) = step(per.abs() * (self.high - self.low), 20);
+        format!("{} {unit}", signed(per * value, decimals))
+    }
+}
+
+/// A number with a true minus sign, and no sign before a zero.
+fn signed(value: f64, decimals: usize) -> String {
+    let text = format!("{:.decimals$}", value.abs());
+    let zero = text.bytes().all(|c| matches!(c, b'0' | b'.'));
+    if value < 0.0 && !zero {
+        format!("\u{2212}{text}")
+    } else {
+        text
+    }
+}
+
+/// The smallest of 1, 2, 5 times a power of ten that gives at most so many steps, and the decimals it needs.
+pub(crate) fn step(span: f64, most: usize) -> (f64, usize) {
+    let least = (span / most.max(1) as f64).max(f64::MIN_POSITIVE);
+    let power = least.log10().floor();
+    let decade = 10.0_f64.powf(power);
+    let (factor, carried) = [(1.0, 0.0), (2.0, 0.0), (5.0, 0.0), (10.0, 1.0)]
+        .into_iter()
+        .find(|(factor, _)| factor * decade >= least * (1.0 - 1e-9))
+        .unwrap_or((10.0, 1.0));
+    let decimals = (-(power + carried)).clamp(0.0, 12.0) as usize;
+    (factor * decade, decimals)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::drawing::scale::*;
+
+    fn map(values: Vec<f64>) -> Map {
+        Map {
+            mesh_hash: "m".into(),
+            values,
+            unit: MapUnit::RelativeConductance,
+            method: "test".into(),
+            masked: 0,
+        }
+    }
+
+    #[test]
+    fn ticks_are_round_and_include_zero() {
+        let range = Range::of([(&map(vec![-0.43, 0.06]), Scale::Own)]).unwrap();
+        let written: Vec<String> = range.ticks(6).into_iter().map(|(_, text)| text).collect();
+        assert_eq!(
+            written,
+            ["40", "30", "20", "10", "0"],
+            "losses are positive numbers"
+        );
+        assert_eq!(range.colour(0.0), colour(0.0));
+    }
+
+    #[test]
+    fn tiny_ranges_keep_their_decimals() {
+        assert_eq!(step(0.0123, 6), (0.005, 3));
+        assert_eq!(step(9.0, 10).1, 0);
+        let range = Range::of([(&map(vec![-1.2e-5]), Scale::Own)]).unwrap();
+        assert!(range.ticks(6).len() >= 3);
+    }
+
+    #[test]
+    fn fixed_ends_say_when_values_lie_beyond() {
+        let range = Range::of([(&map(vec![-0.9, 0.0]), Scale::Fixed(-0.5, 0.0))]).unwrap();
+        assert!(range.below && !range.above);
+        assert_eq!(range.colour(-0.9), range.colour(-0.5));
+        let siemens = Map {
+            unit: MapUnit::Conductance,
+            ..map(vec![-1e-4])
+        };
+        let shown = Range::of([(&siemens, Scale::Own)]).unwrap();
+        assert_eq!(shown.words(-1e-4), "\u{2212}100 \u{b5}S per square");
+        assert_eq!(
+            Range::of([(&siemens, Scale::Own), (&map(vec![-0.9]), Scale::Own)]),
+            Err(PictureError::Units)
+        );
+        for (low, high) in [
+            (0.0, 0.0),
+            (1.0, -1.0),
+            (f64::NAN, 1.0),
+            (f64::NEG_INFINITY, 0.0),
+        ] {
+            assert!(Range::of([(&map(vec![0.0]), Scale::Fixed(low, high))]).is_err());
+        }
+    }
+
+    #[test]
+    fn pressure_is_in_kilopascals_and_coloured_as_a_loss_is() {
+        let pressure = Map {
+            unit: MapUnit::Pressure,
+            ..map(vec![0.0, 30.0])
+        };
+        let range = Range::of([(&pressure, Scale::Own)]).unwrap();
+        assert_eq!((range.low, range.high), (0.0, 30.0));
+        assert_eq!(range.words(30.0), "30 kPa");
+        assert_eq!(range.ticks(3).last().unwrap().1, "30");
+        let loss = Range::of([(&map(vec![-0.5]), Scale::Own)]).unwrap();
+        assert_eq!(range.colour(30.0), loss.colour(-0.5));
+        let nothing = Map {
+            values: vec![0.0; 2],
+            ..pressure
+        };
+        let range = Range::of([(&nothing, Scale::Own)]).unwrap();
+        assert_eq!((range.low, range.high), (0.0, 1.0));
+    }
+
+    #[test]
+    fn nothing_but_gaps_still_has_a_scale() {
+        let range = Range::of([(&map(vec![f64::NAN, f64::INFINITY]), Scale::Own)]).unwrap();
+        assert_eq!((range.low, range.high), (-0.01, 0.0));
+        assert_eq!(range.colour(f64::NAN), None);
+    }
+}

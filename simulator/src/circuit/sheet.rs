@@ -1,0 +1,343 @@
+//! The sheet on the bench, with the wires that lead to it now.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+use nalgebra::DMatrix;
+use phantom::{Phantom, PhantomError, ReadingContext};
+use survey::{Amps, Electrode, Ohms, Relay, Volts};
+
+use crate::circuit::load_network::Hanging;
+use crate::circuit::terminals::Fixture;
+use crate::circuit::{Flow, METER_HI, METER_LO, Point, Resistor};
+
+/// Relays of the mainframe are numbered slot x 1000 + channel, those of the board pole x 100 + electrode.
+const FIRST_OF_MAINFRAME: u32 = 1000;
+
+/// The source's terminals.
+const SOURCE: [Point; 2] = [Point::Source(true), Point::Source(false)];
+
+/// The board's chips that join poles to electrodes.
+fn chips(poles: [Option<Electrode>; 4]) -> impl Iterator<Item = Relay> {
+    (1..).zip(poles).filter_map(|(pole, electrode)| {
+        let number = u32::try_from(electrode?.number()).ok()?;
+        Some(Relay(pole * 100 + number))
+    })
+}
+
+/// How the voltmeter takes a reading.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Taken {
+    pub(crate) relay: Option<Relay>,
+    pub(crate) range: Volts,
+    pub(crate) nplc: f64,
+    /// What the voltmeter itself sends from HI to LO.
+    pub(crate) test: Amps,
+    /// The bus that it looks at.
+    pub(crate) bus: u32,
+}
+
+/// A phantom behind a fixture: what the source sees, and what the voltmeter sees.
+#[derive(Debug)]
+pub(crate) struct Sheet {
+    pub(crate) phantom: Phantom,
+    /// What hangs on the terminals instead of the phantom.
+    hanging: Option<Vec<Resistor>>,
+    no_sheet: DMatrix<f64>,
+    fixture: Fixture,
+    closed: BTreeSet<Relay>,
+    /// The channel that the voltmeter's scan has closed for the reading under way, with its bank's bus relay.
+    scanned: Vec<Relay>,
+    poles: [Option<Electrode>; 4],
+    /// Relays that stay as they are, whatever their instrument believes: closed or open.
+    stuck: BTreeMap<Relay, bool>,
+    /// The same, of those whose life is over; and the ones that have been replaced since, which are not worn.
+    worn: BTreeMap<Relay, bool>,
+    replaced: BTreeSet<Relay>,
+    /// How often each has closed, where an effect of the scene must know it.
+    closures: BTreeMap<Relay, u64>,
+    /// Whatever is measured is over range.
+    pub(crate) overload: bool,
+    flowing: Amps,
+    source_range: Amps,
+    /// Of the mains, which integration is counted in.
+    line_hz: f64,
+    /// When current or relays last changed.
+    changed: Duration,
+    /// What the phantom could not compute; the source then sees an open circuit and readings are over range.
+    fault: Option<PhantomError>,
+}
+
+impl Sheet {
+    pub(crate) fn new(phantom: Phantom, fixture: Fixture, hanging: &Hanging, line_hz: f64) -> Self {
+        Self {
+            hanging: hanging.resistors(phantom.electrodes()),
+            no_sheet: DMatrix::zeros(0, 0),
+            phantom,
+            fixture,
+            closed: BTreeSet::new(),
+            scanned: Vec::new(),
+            poles: [None; 4],
+            stuck: BTreeMap::new(),
+            worn: BTreeMap::new(),
+            replaced: BTreeSet::new(),
+            closures: BTreeMap::new(),
+            overload: false,
+            flowing: Amps(0.0),
+            source_range: Amps(0.0),
+            line_hz,
+            changed: Duration::ZERO,
+            fault: None,
+        }
+    }
+
+    pub(crate) fn set_closed(&mut self, closed: &BTreeSet<Relay>, at: Duration) {
+        if self.phantom.bends_wires() {
+            let new: Vec<Relay> = closed.difference(&self.closed).copied().collect();
+            self.count(new, at);
+        }
+        self.closed.clone_from(closed);
+        self.changed = at;
+    }
+
+    pub(crate) fn set_poles(&mut self, poles: [Option<Electrode>; 4], at: Duration) {
+        if self.phantom.bends_wires() {
+            let before: Vec<Relay> = chips(self.poles).collect();
+            let new = chips(poles).filter(|relay| !before.contains(relay));
+            self.count(new.collect(), at);
+        }
+        self.poles = poles;
+        self.changed = at;
+    }
+
+    /// Relays have closed once more; some for the last time.
+    fn count(&mut self, relays: Vec<Relay>, at: Duration) {
+        for relay in relays {
+            let closures = self.closures.entry(relay).or_default();
+            *closures += 1;
+            let contact = self.phantom.relay_contact(relay, *closures, at);
+            if let Some(closed) = contact.stuck
+                && !self.replaced.contains(&relay)
+            {
+                self.worn.entry(relay).or_insert(closed);
+            }
+        }
+    }
+
+    /// Says which channel a scan reads; `None` when it reads none.
+    pub(crate) fn set_scanned(&mut self, channel: Option<Relay>) {
+        self.scanned.clear();
+        if let Some(channel) = channel {
+            self.scanned.push(channel);
+            self.scanned.extend(self.fixture.scanned_by(channel));
+        }
+    }
+
+    /// A relay stays closed, or open.
+    pub(crate) fn stick(&mut self, relay: Relay, closed: bool) {
+        self.stuck.insert(relay, closed);
+    }
+
+    /// A relay moves again; a worn one has been replaced.
+    pub(crate) fn free(&mut self, relay: Relay) {
+        self.stuck.remove(&relay);
+        if self.worn.remove(&relay).is_some() {
+            self.replaced.insert(relay);
+        }
+    }
+
+    pub(crate) fn free_all(&mut self) {
+        self.stuck.clear();
+        self.replaced
+            .extend(std::mem::take(&mut self.worn).into_keys());
+    }
+
+    /// The mainframe's relays that are really closed, outside of a scan.
+    pub(crate) fn closed(&self) -> BTreeSet<Relay> {
+        self.really(self.closed.iter().copied())
+            .filter(|relay| relay.0 >= FIRST_OF_MAINFRAME)
+            .collect()
+    }
+
+    /// Of relays that should be closed those that are, and with them the ones that are stuck closed.
+    fn really(&self, asked: impl Iterator<Item = Relay>) -> impl Iterator<Item = Relay> {
+        // What a person has stuck stays so, whatever wear would make of it.
+        let worn = self.worn.iter();
+        let worn = worn.filter(|(relay, _)| !self.stuck.contains_key(relay));
+        let stuck = self.stuck.iter().chain(worn);
+        let stuck = stuck.filter(|(_, closed)| **closed);
+        let moves =
+            |relay: &Relay| !(self.stuck.contains_key(relay) || self.worn.contains_key(relay));
+        asked.filter(moves).chain(stuck.map(|(relay, _)| *relay))
+    }
+
+    pub(crate) fn poles(&self) -> [Option<Electrode>; 4] {
+        self.poles
+    }
+
+    pub(crate) fn flowing(&self) -> Amps {
+        self.flowing
+    }
+
+    pub(crate) fn fault(&self) -> Option<&PhantomError> {
+        self.fault.as_ref()
+    }
+
+    /// What an ideal voltmeter has at its terminals.
+    pub(crate) fn voltage(&mut self, at: Duration) -> Volts {
+        self.voltage_with(at, Amps(0.0), 1)
+    }
+
+    /// What it has on that bus while it sends a current of its own through its terminals; infinite where that current
+    /// finds no way. The source goes on as it is: what the test current does to its compliance is left out.
+    fn voltage_with(&mut self, at: Duration, test: Amps, bus: u32) -> Volts {
+        let flowing = self.flowing.0;
+        if flowing == 0.0 && test.0 == 0.0 {
+            return Volts(0.0);
+        }
+        let resistors = self.resistors(at);
+        let [hi, lo] = [Point::Bus(bus, true), Point::Bus(bus, false)];
+        match self.impedance(at) {
+            Ok(z) => {
+                let own = match flowing {
+                    0.0 => 0.0,
+                    _ => flowing * Flow::solve(resistors.clone(), z).across(z, hi, lo),
+                };
+                if test.0 == 0.0 {
+                    return Volts(own);
+                }
+                let flow = Flow::solve_between(resistors, [METER_HI, METER_LO], z);
+                let seen = match bus {
+                    1 => flow.resistance(z),
+                    _ if flow.resistance(z).is_finite() && flow.joins(hi, lo) => {
+                        flow.across(z, hi, lo)
+                    }
+                    _ => f64::INFINITY,
+                };
+                Volts(own + test.0 * seen)
+            }
+            Err(fault) => {
+                self.fault = Some(fault);
+                Volts(f64::INFINITY)
+            }
+        }
+    }
+
+    /// What the voltmeter is given to measure: the ideal voltage, bent by the scene's effects.
+    pub(crate) fn measured(&mut self, at: Duration, taken: Taken) -> Volts {
+        if self.overload {
+            return Volts(f64::INFINITY);
+        }
+        let exact = self.voltage_with(at, taken.test, taken.bus);
+        if !exact.0.is_finite() {
+            return exact;
+        }
+        let needs = self.phantom.needs();
+        let leads = self.phantom.loop_resistance().0;
+        let mut seen = |needed: bool, from: [Point; 2]| {
+            let resistance = needed.then(|| self.resistance_between(from, at));
+            Ohms(resistance.unwrap_or(0.0))
+        };
+        let context = ReadingContext {
+            source_resistance: seen(needs.source_resistance, [METER_HI, METER_LO]),
+            load_resistance: Ohms(seen(needs.load_resistance, SOURCE).0 + leads),
+            at,
+            integration: survey::duration(taken.nplc / self.line_hz),
+            range: taken.range,
+            nplc: taken.nplc,
+            relay: taken.relay,
+            flowing: self.flowing,
+            source_range: self.source_range,
+            since_change: at.saturating_sub(self.changed),
+        };
+        self.phantom.reading(exact, context)
+    }
+
+    /// What a current from the one point to the other meets, ohm; infinite where nothing joins them or the phantom
+    /// cannot be solved.
+    fn resistance_between(&mut self, [from, to]: [Point; 2], at: Duration) -> f64 {
+        let resistors = self.resistors(at);
+        match self.impedance(at) {
+            Ok(z) => Flow::solve_between(resistors, [from, to], z).resistance(z),
+            Err(fault) => {
+                self.fault = Some(fault);
+                f64::INFINITY
+            }
+        }
+    }
+
+    /// Voltage at the voltmeter for each ampere of the source.
+    pub(crate) fn transfer(&mut self, at: Duration) -> Ohms {
+        let resistors = self.resistors(at);
+        match self.impedance(at) {
+            Ok(z) => Ohms(Flow::solve(resistors, z).across(z, METER_HI, METER_LO)),
+            Err(fault) => {
+                self.fault = Some(fault);
+                Ohms(0.0)
+            }
+        }
+    }
+
+    fn resistors(&mut self, at: Duration) -> Vec<Resistor> {
+        let scanned = self
+            .scanned
+            .iter()
+            .filter(|relay| !self.closed.contains(relay));
+        let asked = self.closed.iter().chain(scanned).copied();
+        let closed = self.really(asked.chain(chips(self.poles)));
+        let wires: Vec<Resistor> = if self.phantom.bends_wires() {
+            let closed: Vec<Relay> = closed.collect();
+            let mut wires = Vec::new();
+            for relay in closed {
+                let closures = self.closures.get(&relay).copied().unwrap_or(0);
+                let more = self.phantom.relay_contact(relay, closures, at).ohms.0;
+                wires.extend(self.fixture.joined(relay).map(|wire| Resistor {
+                    ohms: wire.ohms + more,
+                    ..wire
+                }));
+            }
+            wires
+        } else {
+            closed
+                .flat_map(|relay| self.fixture.joined(relay))
+                .collect()
+        };
+        let Some(hanging) = &self.hanging else {
+            return wires;
+        };
+        let lead = |point| match point {
+            Point::Electrode(index) => Point::Terminal(index),
+            other => other,
+        };
+        wires
+            .into_iter()
+            .map(|wire| Resistor {
+                from: lead(wire.from),
+                to: lead(wire.to),
+                ..wire
+            })
+            .chain(hanging.iter().copied())
+            .collect()
+    }
+
+    /// The transfer impedance of what the electrodes belong to; nothing belongs to it when resistors hang there.
+    fn impedance(&mut self, at: Duration) -> Result<&DMatrix<f64>, PhantomError> {
+        match self.hanging {
+            Some(_) => Ok(&self.no_sheet),
+            None => self.phantom.transfer_impedance(at),
+        }
+    }
+}
+
+impl keithley_6221::Load for Sheet {
+    fn resistance(&mut self, at: Duration) -> Ohms {
+        let leads = self.phantom.loop_resistance().0;
+        Ohms(self.resistance_between(SOURCE, at) + leads)
+    }
+
+    fn drive(&mut self, flowing: Amps, range: Amps, at: Duration) {
+        self.flowing = flowing;
+        self.source_range = range;
+        self.changed = at;
+    }
+}

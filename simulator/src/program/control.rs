@@ -1,0 +1,203 @@
+//! The control socket of a served rig: faults and presses, as lines of words; every answer is a line of JSON.
+
+use std::io::{self, BufRead, BufReader, Write};
+use std::os::unix::fs::{FileTypeExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use serde_json::{Value, json};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{UnixListener, UnixStream};
+use tokio::task::JoinSet;
+
+use crate::{Fault, Load, SimulatedRig};
+
+/// Longest line of words.
+const LONGEST_LINE: usize = 4096;
+/// How long a person's command waits for its answer.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// Begins to listen; only the owner may connect.
+///
+/// # Errors
+/// A path that cannot be had.
+pub(crate) fn listen(path: &Path) -> io::Result<UnixListener> {
+    let socket = std::fs::symlink_metadata(path).is_ok_and(|found| found.file_type().is_socket());
+    if socket && std::os::unix::net::UnixStream::connect(path).is_err() {
+        // Left over by one that was killed; what is no socket is somebody's file.
+        std::fs::remove_file(path).ok();
+    }
+    let listener = UnixListener::bind(path)?;
+    std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o600))?;
+    Ok(listener)
+}
+
+/// Serves the socket.
+pub(crate) async fn serve(rig: SimulatedRig, listener: UnixListener) {
+    let mut clients = JoinSet::new();
+    loop {
+        match listener.accept().await {
+            Ok((stream, _)) => {
+                clients.spawn(converse(rig.clone(), stream));
+            }
+            Err(fault) => {
+                tracing::warn!("the control socket cannot accept: {fault}");
+                tokio::task::yield_now().await;
+            }
+        }
+        while clients.try_join_next().is_some() {}
+    }
+}
+
+async fn converse(rig: SimulatedRig, mut stream: UnixStream) {
+    let mut framer = scpi::Framer::new(LONGEST_LINE);
+    let mut chunk = [0; 1024];
+    while let Ok(count @ 1..) = stream.read(&mut chunk).await {
+        framer.push(&chunk[..count]);
+        for line in framer.by_ref() {
+            let answer = match line {
+                Ok(line) => {
+                    let rig = rig.clone();
+                    let line = String::from_utf8_lossy(&line).into_owned();
+                    // A fault or a press may cost a solution of the sheet.
+                    let obeyed = tokio::task::spawn_blocking(move || obey(&rig, &line)).await;
+                    obeyed.unwrap_or_else(|fault| json!({ "error": fault.to_string() }))
+                }
+                Err(fault) => json!({ "error": fault.to_string() }),
+            };
+            if stream
+                .write_all(format!("{answer}\n").as_bytes())
+                .await
+                .is_err()
+            {
+                return;
+            }
+        }
+    }
+}
+
+/// Does what a line says.
+fn obey(rig: &SimulatedRig, line: &str) -> Value {
+    let done = match line.split_whitespace().collect::<Vec<_>>().as_slice() {
+        ["status"] => return serde_json::to_value(rig.status()).unwrap_or_default(),
+        ["release"] => {
+            rig.release();
+            Ok(())
+        }
+        ["press", numbers @ ..] => press(rig, numbers),
+        _ => line
+            .parse::<Fault>()
+            .and_then(|fault| rig.fault(&fault))
+            .map_err(|refusal| refusal.to_string()),
+    };
+    match done {
+        Ok(()) => json!({ "ok": true }),
+        Err(told) => json!({ "error": told }),
+    }
+}
+
+fn press(rig: &SimulatedRig, numbers: &[&str]) -> Result<(), String> {
+    let numbers: Vec<f64> = numbers
+        .iter()
+        .filter_map(|word| word.parse().ok())
+        .collect();
+    let &[x_mm, y_mm, diameter_mm, loss_percent] = numbers.as_slice() else {
+        return Err("a press is written press X_MM Y_MM DIAMETER_MM LOSS_PERCENT".to_owned());
+    };
+    let load = Load::disc([x_mm, y_mm], diameter_mm, loss_percent / 100.0);
+    rig.press(load).map_err(|refusal| refusal.to_string())
+}
+
+/// Where sockets of served rigs lie.
+fn folder() -> PathBuf {
+    std::env::var_os("XDG_RUNTIME_DIR").map_or_else(std::env::temp_dir, PathBuf::from)
+}
+
+/// Beginning of the name of a served rig's own folder.
+const PREFIX: &str = "tactus-sim-";
+/// Name of the socket in it.
+pub(crate) const SOCKET: &str = "control";
+
+/// A folder of a served rig's own, removed with it.
+pub(crate) fn own_folder() -> io::Result<tempfile::TempDir> {
+    tempfile::Builder::new()
+        .prefix(PREFIX)
+        .permissions(std::fs::Permissions::from_mode(0o700))
+        .tempdir_in(folder())
+}
+
+/// Sends one line to a running rig and gives its answer. Without a path there must be exactly one rig running.
+///
+/// # Errors
+/// No rig, several of them, or one that refuses; in words.
+pub(crate) fn ask(path: Option<&Path>, line: &str) -> Result<Value, String> {
+    let path = match path {
+        Some(path) => path.to_owned(),
+        None => the_only_one()?,
+    };
+    let told = |fault: io::Error| {
+        format!(
+            "{}: {fault}; is `tactus-sim serve` running there?",
+            path.display()
+        )
+    };
+    let mut stream = std::os::unix::net::UnixStream::connect(&path).map_err(told)?;
+    stream.set_read_timeout(Some(PATIENCE)).map_err(told)?;
+    stream
+        .write_all(format!("{line}\n").as_bytes())
+        .map_err(told)?;
+    let mut answer = String::new();
+    BufReader::new(stream)
+        .read_line(&mut answer)
+        .map_err(told)?;
+    let answer: Value = serde_json::from_str(&answer)
+        .map_err(|_| format!("{} does not answer as a bench", path.display()))?;
+    match answer.get("error").and_then(Value::as_str) {
+        Some(refusal) => Err(refusal.to_owned()),
+        None => Ok(answer),
+    }
+}
+
+fn the_only_one() -> Result<PathBuf, String> {
+    let entries = std::fs::read_dir(folder()).into_iter().flatten().flatten();
+    let running: Vec<PathBuf> = entries
+        .filter(|entry| entry.file_name().to_string_lossy().starts_with(PREFIX))
+        .map(|entry| entry.path().join(SOCKET))
+        .filter(|path| std::os::unix::net::UnixStream::connect(path).is_ok())
+        .collect();
+    match running.as_slice() {
+        [only] => Ok(only.clone()),
+        [] => Err(
+            "no `tactus-sim serve` is running; if one is, name its socket by --control".to_owned(),
+        ),
+        several => {
+            let paths: Vec<String> = several
+                .iter()
+                .map(|path| path.display().to_string())
+                .collect();
+            Err(format!(
+                "several rigs are served; choose one by --control: {}",
+                paths.join(", ")
+            ))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::program::control::*;
+
+    #[tokio::test]
+    async fn a_socket_takes_the_place_of_a_dead_socket_only() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("control");
+        std::fs::write(&path, "precious").unwrap();
+        assert!(listen(&path).is_err());
+        assert_eq!(std::fs::read(&path).unwrap(), b"precious");
+        std::fs::remove_file(&path).unwrap();
+        drop(listen(&path).unwrap());
+        // its name is still there, and nobody listens
+        assert!(path.exists());
+        listen(&path).unwrap();
+    }
+}

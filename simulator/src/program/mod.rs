@@ -1,0 +1,422 @@
+//! `tactus-sim`, as a function.
+
+pub(crate) mod control;
+pub(crate) mod list;
+pub(crate) mod panel;
+mod played;
+pub(crate) mod status;
+
+use std::ffi::OsString;
+use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::SystemTime;
+
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use keysight_34980a::Module;
+use outfile::OutPath;
+use phantom::Scene;
+use rig::transcript::TranscriptWriter;
+use tokio::signal::unix::{SignalKind, signal};
+use tracing_subscriber::EnvFilter;
+
+use crate::fault::GRAMMAR;
+use crate::program::panel::Panel;
+use crate::{Hanging, Pace, Profile, ServeOptions, SimulatedRig, serve};
+
+/// Exit code of a profile or scene that cannot be used (EX_CONFIG).
+const CONFIGURATION: u8 = 78;
+
+/// Simulated instruments, joined to one simulated sheet, for any client that speaks SCPI.
+#[derive(Debug, Parser)]
+#[command(name = "tactus-sim", version)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Serve the instruments until stopped; prints one line of JSON once clients can connect.
+    Serve(Serve),
+    /// Let something go wrong in a rig that is served, or put it right.
+    #[command(after_help = GRAMMAR)]
+    Fault(Words),
+    /// Press a disc on the sheet of a rig that is served: X_MM Y_MM DIAMETER_MM LOSS_PERCENT.
+    Press(Words),
+    /// Take off what was pressed.
+    Release(Control),
+    /// Show who is connected to a rig that is served, the source's state, the closed relays, the last error.
+    Status(Status),
+    /// Make a golden of a transcript: a conversation that the simulator must hold from then on.
+    Golden(played::MakeGolden),
+    /// Play a transcript to the simulators and say where they first answer otherwise.
+    Replay(played::Replay),
+    /// List modules, profiles, scenes, loads and faults.
+    List {
+        /// As one line of JSON.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+#[derive(Debug, clap::Args)]
+struct Control {
+    /// The control socket that the ready line names; not needed where one rig is served.
+    #[arg(long, value_name = "PATH")]
+    control: Option<PathBuf>,
+}
+
+#[derive(Debug, clap::Args)]
+struct Words {
+    #[command(flatten)]
+    control: Control,
+    /// What is to be done.
+    #[arg(required = true, allow_negative_numbers = true)]
+    words: Vec<String>,
+}
+
+#[derive(Debug, clap::Args)]
+struct Status {
+    #[command(flatten)]
+    control: Control,
+    /// As one line of JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, clap::Args)]
+struct Serve {
+    /// The instruments: a file, or a name of `tactus-sim list`.
+    #[arg(long, value_name = "FILE|NAME")]
+    profile: Option<String>,
+    /// The sheet, its loads and effects: a file, or a name of `tactus-sim list`. Without one an unloaded sheet.
+    #[arg(long, value_name = "FILE|NAME")]
+    scene: Option<String>,
+    /// Port of the 6221; 0 takes a free one.
+    #[arg(long, value_name = "N", default_value_t = 1394)]
+    port_6221: u16,
+    /// Port of the 34980A; 0 takes a free one.
+    #[arg(long, value_name = "N", default_value_t = 5025)]
+    port_34980a: u16,
+    /// Port of the 34980A's VXI-11 core channel; 0 takes a free one. Without it there is none.
+    #[arg(long, value_name = "N")]
+    port_vxi11: Option<u16>,
+    /// Port of the 34980A's telnet server (the instrument's own is 5024); 0 takes a free one. Without it there is none.
+    #[arg(long, value_name = "N")]
+    port_telnet: Option<u16>,
+    /// Port of the 34980A's LXI identification and its page; 0 takes a free one. Without it there are none, unless they
+    /// are announced.
+    #[arg(long, value_name = "N")]
+    port_http: Option<u16>,
+    /// Give the 6221 its serial port too, as a pseudo-terminal.
+    #[arg(long)]
+    serial_6221: bool,
+    /// Path of the control socket; without it one in a folder of its own.
+    #[arg(long, value_name = "PATH")]
+    control: Option<PathBuf>,
+    /// What hangs on the terminals in place of the profile's: sheet, nothing, "resistor FROM TO OHMS", "mesh OHMS".
+    #[arg(long, value_name = "WORDS")]
+    load: Option<Hanging>,
+    /// Put a module in a slot, in place of the profile's: 1=34924A, 3=34934A,4x128.
+    #[arg(long, value_name = "N=MODEL[,TERMINAL]", value_parser = slot)]
+    slot: Vec<(usize, Module)>,
+    /// Answer at once instead of taking the instruments' time.
+    #[arg(long)]
+    instant: bool,
+    /// Write what is said to the instruments, and what they answer, to a new file: a transcript for `golden` and
+    /// `replay`.
+    #[arg(long, value_name = "FILE")]
+    record: Option<OutPath>,
+    /// Announce the instruments by mDNS.
+    #[arg(long)]
+    announce: bool,
+    /// Address to listen on.
+    #[arg(long, default_value = "127.0.0.1")]
+    bind: String,
+}
+
+pub(crate) fn slot(text: &str) -> Result<(usize, Module), String> {
+    let (number, module) = text
+        .split_once('=')
+        .ok_or("a slot is given as N=MODEL, such as 1=34924A")?;
+    let number: usize = number
+        .trim()
+        .parse()
+        .ok()
+        .filter(|number| (1..=8).contains(number))
+        .ok_or_else(|| format!("there is no slot '{number}', slots are 1 to 8"))?;
+    let module = module
+        .parse()
+        .map_err(|fault: keysight_34980a::ModuleError| fault.to_string())?;
+    Ok((number, module))
+}
+
+/// The definition of the command line: every command and option, for reference pages and completions.
+pub fn command() -> clap::Command {
+    <Arguments as clap::CommandFactory>::command()
+}
+
+/// Runs `tactus-sim`; the first argument is the program's name.
+pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let command = Arguments::command();
+    let parsed = command.clone().try_get_matches_from(arguments);
+    let (matches, arguments) = match parsed.and_then(|matches| {
+        let arguments = Arguments::from_arg_matches(&matches)?;
+        Ok((matches, arguments))
+    }) {
+        Ok(parsed) => parsed,
+        Err(refusal) => {
+            // Nothing is left to be told when even this cannot be printed.
+            refusal.print().ok();
+            return ExitCode::from(u8::try_from(refusal.exit_code()).unwrap_or(2));
+        }
+    };
+    if let Err(refused) = outfile::check_arguments(&command, &matches) {
+        return fail(&refused, CONFIGURATION);
+    }
+    let asked = match arguments.command {
+        Command::Serve(asked) => asked,
+        Command::Fault(Words { control, words }) => return tell(&control, &words.join(" ")),
+        Command::Press(Words { control, words }) => {
+            return tell(&control, &format!("press {}", words.join(" ")));
+        }
+        Command::Release(control) => return tell(&control, "release"),
+        Command::Status(Status { control, json }) => return show(&control, json),
+        Command::Golden(asked) => return played::make_golden(&asked),
+        Command::Replay(asked) => return played::play(&asked),
+        Command::List { json } => {
+            return say(&if json {
+                list::json().to_string()
+            } else {
+                list::text()
+            });
+        }
+    };
+    let panel = std::io::stderr().is_terminal().then(Panel::default);
+    let filter = EnvFilter::try_from_env("TACTUS_LOG")
+        .unwrap_or_else(|_| EnvFilter::new("warn,mdns_sd=error"));
+    let log = tracing_subscriber::fmt().with_env_filter(filter);
+    match &panel {
+        Some(panel) => log.with_writer(panel.clone()).try_init().ok(),
+        None => log.with_writer(std::io::stderr).try_init().ok(),
+    };
+    let (profile, scene) = match prepare(&asked) {
+        Ok(prepared) => prepared,
+        Err(fault) => return fail(&*fault, CONFIGURATION),
+    };
+    let runtime = match tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()
+    {
+        Ok(runtime) => runtime,
+        Err(fault) => return fail(&fault, 1),
+    };
+    runtime.block_on(async {
+        let rig = match SimulatedRig::new(&profile, scene) {
+            Ok(rig) => rig,
+            Err(fault) => return fail(&fault, CONFIGURATION),
+        };
+        if let Some(path) = &asked.record {
+            match TranscriptWriter::create(path) {
+                Ok(writer) => rig.record(writer),
+                Err(fault) => return fail(&fault, CONFIGURATION),
+            }
+        }
+        match serve_until_stopped(rig, &asked, panel).await {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(fault) => fail(&*fault, 1),
+        }
+    })
+}
+
+type Fault = Box<dyn std::error::Error>;
+
+fn prepare(asked: &Serve) -> Result<(Profile, Scene), Fault> {
+    let mut profile = match &asked.profile {
+        Some(name) => Profile::load(name)?,
+        None => Profile::default(),
+    };
+    for (number, module) in &asked.slot {
+        profile.slots[number - 1] = Some(*module);
+    }
+    if profile.mainframe.clock_unix_s.is_none() {
+        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+        let now = now.unwrap_or_default().as_secs();
+        profile.mainframe.clock_unix_s = u32::try_from(now).ok();
+    }
+    if let Some(load) = &asked.load {
+        profile.load = load.clone();
+    }
+    if asked.instant {
+        profile.pace = Pace::Instant;
+    }
+    let scene = scene_named(asked.scene.as_deref())?;
+    Ok((profile, scene))
+}
+
+/// A shipped scene, or one in a file; without a name the quiet one.
+fn scene_named(name: Option<&str>) -> Result<Scene, Fault> {
+    Ok(name.map_or_else(|| Ok(Scene::quiet()), Scene::open)?)
+}
+
+/// Sends one line to a served rig.
+fn tell(to: &Control, line: &str) -> ExitCode {
+    match control::ask(to.control.as_deref(), line) {
+        Ok(_) => ExitCode::SUCCESS,
+        Err(refusal) => {
+            eprintln!("tactus-sim: {}", survey::printable(&refusal));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn show(of: &Control, json: bool) -> ExitCode {
+    let told = control::ask(of.control.as_deref(), "status").and_then(|status| {
+        if json {
+            return Ok(status.to_string());
+        }
+        let status: crate::Status = serde_json::from_value(status)
+            .map_err(|fault| format!("the bench speaks of something else: {fault}"))?;
+        Ok(status.to_string())
+    });
+    match told {
+        Ok(text) => say(&text),
+        Err(refusal) => {
+            eprintln!("tactus-sim: {}", survey::printable(&refusal));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Prints; whoever stopped reading has heard enough.
+fn say(text: &str) -> ExitCode {
+    match writeln!(std::io::stdout(), "{text}") {
+        Err(fault) if fault.kind() != std::io::ErrorKind::BrokenPipe => fail(&fault, 1),
+        _ => ExitCode::SUCCESS,
+    }
+}
+
+async fn serve_until_stopped(
+    rig: SimulatedRig,
+    asked: &Serve,
+    panel: Option<Panel>,
+) -> Result<(), Fault> {
+    // Before the ready line: whoever waits for it may stop us at once.
+    let mut terminate = signal(SignalKind::terminate())?;
+    let mut interrupt = signal(SignalKind::interrupt())?;
+    let shown = rig.clone();
+    let server = serve(
+        rig,
+        &ServeOptions {
+            bind: asked.bind.clone(),
+            port_6221: asked.port_6221,
+            port_34980a: asked.port_34980a,
+            port_vxi11: asked.port_vxi11,
+            port_telnet: asked.port_telnet,
+            port_http: asked.port_http,
+            serial_6221: asked.serial_6221,
+            control: asked.control.clone(),
+            announce: asked.announce,
+        },
+    )
+    .await?;
+    let mut line = serde_json::to_string(server.ready())?;
+    line.push('\n');
+    {
+        let mut out = std::io::stdout().lock();
+        out.write_all(line.as_bytes())?;
+        out.flush()?;
+    }
+    let draw = async {
+        match panel {
+            Some(panel) => panel.keep_drawing(&shown).await,
+            None => std::future::pending().await,
+        }
+    };
+    tokio::select! {
+        _ = terminate.recv() => {}
+        _ = interrupt.recv() => {}
+        () = draw => {}
+    }
+    server.stop().await;
+    Ok(())
+}
+
+/// Prints the chain of causes once, at the edge.
+fn fail(fault: &dyn std::error::Error, code: u8) -> ExitCode {
+    let mut text = fault.to_string();
+    let mut cause = fault.source();
+    while let Some(below) = cause {
+        text.push_str(&format!(": {below}"));
+        cause = below.source();
+    }
+    eprintln!("tactus-sim: {}", survey::printable_lines(&text));
+    ExitCode::from(code)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_output_replaces_what_is_not_its_own() {
+        let paths = outfile::trial::Paths {
+            outputs: &[
+                ("golden --out", "golden t --instrument 6221 --out {}"),
+                ("serve --record", "serve --record {}"),
+            ],
+            inputs: &[
+                "fault --control",
+                "golden file",
+                "press --control",
+                "release --control",
+                "replay file",
+                // a socket, which is bound where nothing has its name
+                "serve --control",
+                "status --control",
+            ],
+        };
+        outfile::trial::attack_every_output(&Arguments::command(), &paths, run);
+    }
+
+    #[test]
+    fn every_command_of_the_chapter_is_understood() {
+        let manual = include_str!("../../../docs/how-to/develop-without-instruments.md");
+        let chapter = [manual, include_str!("../../README.md")].concat();
+        let mut commands = 0;
+        let lines = chapter.lines().map(str::trim);
+        for line in lines.filter(|line| line.starts_with("tactus-sim ")) {
+            let line = line.split(" #").next().unwrap_or_default();
+            // The shell's own.
+            let line = line.trim_end().trim_end_matches('&');
+            // Quotes hold words together.
+            let words = line.split('"').enumerate().flat_map(|(index, part)| {
+                if index % 2 == 1 {
+                    vec![part]
+                } else {
+                    part.split_whitespace().collect()
+                }
+            });
+            let arguments = Arguments::try_parse_from(words)
+                .unwrap_or_else(|refusal| panic!("{line}: {refusal}"));
+            if let Command::Fault(Words { words, .. }) = arguments.command {
+                let words = words.join(" ");
+                assert!(words.parse::<crate::Fault>().is_ok(), "{words}");
+            }
+            commands += 1;
+        }
+        assert!(commands > 10);
+        for profile in chapter.split("```toml\n").skip(1) {
+            let text = profile.split("```").next().unwrap_or_default();
+            // a profile, or a piece of a scene
+            if let Err(fault) = Profile::parse("README.md", text) {
+                assert!(
+                    crate::Scene::parse("README.md", text).is_ok(),
+                    "{fault}: {text}"
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! What goes wrong in a rig, while it runs.
+
+use std::sync::{MutexGuard, PoisonError};
+use std::time::Duration;
+
+use crate::fault::{Fault, FaultError, Mischief};
+use crate::simulated_rig::{Instrument, SimulatedRig, Wire};
+use crate::transport::client::Manners;
+
+impl SimulatedRig {
+    /// Lets something go wrong, or puts it right.
+    ///
+    /// # Errors
+    /// A fault of something that this rig has not.
+    pub fn fault(&self, fault: &Fault) -> Result<(), FaultError> {
+        tracing::info!("fault: {fault}");
+        match fault {
+            Fault::Wire(instrument, wire) => self.set_wire(*instrument, *wire),
+            Fault::Drop(instrument) => {
+                let wire = self.shared.wires[instrument.index()].borrow().wire;
+                self.set_wire(*instrument, Wire::Cut);
+                self.set_wire(*instrument, wire);
+            }
+            Fault::Replies(instrument, mischief, count) => {
+                let next = (*mischief, *count);
+                self.manners()[instrument.index()].next.push_back(next);
+            }
+            Fault::Slow(instrument, by) => {
+                self.manners()[instrument.index()].slower_by = *by;
+            }
+            Fault::Reset(Instrument::Board) => {
+                self.need_board()?;
+                let said = self.bench().power_cycle(Instrument::Board);
+                self.shared.banner.send_replace(said.unwrap_or_default());
+            }
+            Fault::Reset(instrument) => self.power_cycle(*instrument),
+            Fault::Serial(plugged) => {
+                self.need_board()?;
+                if *plugged {
+                    self.bench().power_cycle(Instrument::Board);
+                }
+                let wire = if *plugged { Wire::Sound } else { Wire::Cut };
+                self.set_wire(Instrument::Board, wire);
+            }
+            Fault::Slot(..) | Fault::Voltmeter(_) => {
+                // A mainframe is opened with its power off.
+                self.set_wire(Instrument::Mainframe, Wire::Cut);
+                self.bench().fault(fault);
+                self.set_wire(Instrument::Mainframe, Wire::Sound);
+            }
+            Fault::None => {
+                for instrument in [Instrument::Source, Instrument::Mainframe, Instrument::Board] {
+                    self.manners()[instrument.index()] = Manners::default();
+                    if self.shared.wires[instrument.index()].borrow().wire != Wire::Sound {
+                        self.set_wire(instrument, Wire::Sound);
+                    }
+                }
+                if self.bench().is_opened_up() {
+                    self.set_wire(Instrument::Mainframe, Wire::Cut);
+                    self.set_wire(Instrument::Mainframe, Wire::Sound);
+                }
+                self.bench().fault(fault);
+            }
+            Fault::QueueOverflow(_)
+            | Fault::StuckOpen(_)
+            | Fault::StuckClosed(_)
+            | Fault::Free(_)
+            | Fault::Overload(_)
+            | Fault::Interlock(_)
+            | Fault::TerminalBlock(..)
+            | Fault::Pulse(_) => self.bench().fault(fault),
+        }
+        self.shared.changed.notify_waiters();
+        Ok(())
+    }
+
+    fn need_board(&self) -> Result<(), FaultError> {
+        if self.shared.has_board {
+            Ok(())
+        } else {
+            Err(FaultError::NotHere("there is no multiplexer board"))
+        }
+    }
+
+    /// Lets happen what the time line holds for now.
+    pub(crate) fn apply_due_faults(&self) {
+        let due = self.bench().take_due_faults();
+        for fault in due {
+            if let Err(refusal) = self.fault(&fault) {
+                tracing::warn!("the time line's fault '{fault}' cannot be: {refusal}");
+            }
+        }
+    }
+
+    /// Time on the wall until the time line's next fault; `None` when there is none, or when time only passes as
+    /// messages are heard.
+    pub(crate) fn next_fault_in(&self) -> Option<Duration> {
+        self.bench().next_fault_in()
+    }
+
+    /// How much later than it could an instrument answers.
+    pub(crate) fn slowness(&self, instrument: Instrument) -> Duration {
+        self.manners()[instrument.index()].slower_by
+    }
+
+    /// What happens to an instrument's next reply.
+    pub(crate) fn mischief(&self, instrument: Instrument) -> Option<Mischief> {
+        self.manners()[instrument.index()].take()
+    }
+
+    fn manners(&self) -> MutexGuard<'_, [Manners; 3]> {
+        let manners = self.shared.manners.lock();
+        manners.unwrap_or_else(PoisonError::into_inner)
+    }
+}

@@ -1,0 +1,39 @@
+//! What is said to the instruments, written to a file.
+
+use std::time::Duration;
+
+use rig::transcript::{Entry, Said, TranscriptWriter};
+
+use crate::simulated_instruments::Bench;
+use crate::simulated_rig::{Instrument, SimulatedRig};
+
+impl SimulatedRig {
+    /// From now on everything that is said goes into a file. A disk that is full ends that, with a warning.
+    pub fn record(&self, writer: TranscriptWriter) {
+        self.bench().recorder = Some(writer);
+    }
+
+    pub(super) fn record_line(
+        &self,
+        bench: &mut Bench,
+        instrument: Instrument,
+        session: u32,
+        at: Duration,
+        said: Said,
+    ) {
+        let Some(recorder) = &mut bench.recorder else {
+            return;
+        };
+        let guests = self.guests();
+        let from = guests.get(&session).map_or("", |(_, address)| address);
+        let entry = Entry {
+            t_s: at.as_secs_f64(),
+            instrument: format!("{} for {from}", instrument.name()),
+            said,
+        };
+        if let Err(fault) = recorder.write(&entry) {
+            tracing::warn!("recording ends: {fault}");
+            bench.recorder = None;
+        }
+    }
+}

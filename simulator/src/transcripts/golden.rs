@@ -1,0 +1,345 @@
+//! Goldens: conversations that a simulator must hold, each citing where it comes from.
+//!
+//! ```text
+//! # words for people
+//! instrument 34980a
+//! cites keysight-34980a, section 1
+//! slot 1 34924A
+//! > *IDN?
+//! ~ Agilent Technologies,34980A,MY44000001,2.43-2.43-0.00-0.00
+//! > ROUT:CLOS (@1001)
+//! .
+//! @ 1.5
+//! > ROUT:CLOS? (@1001)
+//! < 1
+//! ```
+//!
+//! `>` is said, `<` is answered to the byte, `~` is answered in this shape (any digit for a digit, any sign for a sign;
+//! an overload is an overload), `.` says that nothing is answered, and `@` that what follows is said not before so many
+//! seconds after power on. Before the first `>` stand `instrument` (`6221`, `34980a`, `gpio`), `cites`, and what the
+//! instrument is made of: `slot N MODEL`, `vendor NAME`, `ohms R` on the source's terminals, `volts V` at the voltmeter.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use crate::Instrument;
+use crate::isolated::{Making, Stand};
+
+/// A conversation and what it is held with.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Golden {
+    /// What the instrument is made of.
+    pub making: Making,
+    /// Where the conversation comes from: a fact sheet's section, a recording.
+    pub cites: Vec<String>,
+    /// The conversation.
+    pub lines: Vec<Line>,
+}
+
+/// A line of the conversation, with its number in the file (from 1).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Line {
+    /// Its number; 0 where there is no file yet.
+    pub number: usize,
+    /// What it is.
+    pub step: Step,
+}
+
+/// What a line of a golden is.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Step {
+    /// What follows is said not before this time after power on.
+    At(Duration),
+    /// A message.
+    Say(String),
+    /// Its reply.
+    Answer(Expected),
+    /// It has no reply.
+    Silence,
+}
+
+/// A reply that is expected.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Expected {
+    /// To the byte.
+    Text(String),
+    /// In this shape.
+    Shape(String),
+}
+
+impl Expected {
+    /// Whether a reply is as expected.
+    pub fn holds(&self, reply: &str) -> bool {
+        match self {
+            Self::Text(text) => text == reply,
+            Self::Shape(shape) => is_alike(shape, reply),
+        }
+    }
+}
+
+/// How an overload is told (fact sheets, 34980A section 5 and 6221 section 3).
+const OVERLOAD: &str = "9.90000000E+37";
+
+/// Whether two replies differ in digits and signs only.
+fn is_alike(one: &str, other: &str) -> bool {
+    let overloads = |text: &str| -> Vec<usize> {
+        let found = text.match_indices(OVERLOAD);
+        found.map(|(at, _)| at).collect()
+    };
+    let alike = |(one, other): (char, char)| {
+        let sign = |letter| matches!(letter, '+' | '-');
+        one == other || one.is_ascii_digit() && other.is_ascii_digit() || sign(one) && sign(other)
+    };
+    one.chars().count() == other.chars().count()
+        && one.chars().zip(other.chars()).all(alike)
+        && overloads(one) == overloads(other)
+}
+
+/// Why a golden cannot be read, or is not held.
+#[derive(Debug, thiserror::Error)]
+pub enum GoldenError {
+    /// The file cannot be read.
+    #[error("the golden {} cannot be read; check the path", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system says.
+        #[source]
+        cause: std::io::Error,
+    },
+    /// A line that says nothing, or something that cannot be.
+    #[error("{place}:{line}: {told}")]
+    Line {
+        /// The file.
+        place: String,
+        /// Counted from 1.
+        line: usize,
+        /// What is wrong with it, and what may stand there.
+        told: String,
+    },
+    /// The instrument, or where it comes from, is not said.
+    #[error("{place}: there is no line '{what} ...' before the first message")]
+    Missing {
+        /// The file.
+        place: String,
+        /// The line that is missing.
+        what: &'static str,
+    },
+    /// The simulator answers otherwise.
+    #[error("{place}:{line}: to '{said}' {expected} is expected, the simulator answers {answered}")]
+    Differs {
+        /// The file.
+        place: String,
+        /// The line with the expected reply.
+        line: usize,
+        /// The message.
+        said: String,
+        /// What is expected.
+        expected: String,
+        /// What came.
+        answered: String,
+    },
+}
+
+impl Golden {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// A file that cannot be read or is no golden.
+    pub fn read(path: &Path) -> Result<Self, GoldenError> {
+        let text = std::fs::read_to_string(path).map_err(|cause| GoldenError::Unreadable {
+            path: path.to_owned(),
+            cause,
+        })?;
+        Self::parse(&path.display().to_string(), &text)
+    }
+
+    /// Reads a text; `place` names it in errors.
+    ///
+    /// # Errors
+    /// A line that is not of the format, with its number; no instrument, or nothing cited.
+    pub fn parse(place: &str, text: &str) -> Result<Self, GoldenError> {
+        let mut instrument = None;
+        let mut making = Making::of(Instrument::Source);
+        let (mut cites, mut lines): (Vec<String>, Vec<Line>) = (Vec::new(), Vec::new());
+        for (index, line) in text.lines().enumerate() {
+            let number = index + 1;
+            let wrong = |told: String| GoldenError::Line {
+                place: place.to_owned(),
+                line: number,
+                told,
+            };
+            if line.is_empty() || line.starts_with('#') {
+                continue;
+            }
+            let (word, rest) = line.split_once(' ').unwrap_or((line, ""));
+            let step = match word {
+                ">" => Some(Step::Say(rest.to_owned())),
+                "<" => Some(Step::Answer(Expected::Text(rest.to_owned()))),
+                "~" => Some(Step::Answer(Expected::Shape(rest.to_owned()))),
+                "." => Some(Step::Silence),
+                "@" => {
+                    let seconds = rest.trim().parse().ok();
+                    let at = seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+                    let at = at.ok_or_else(|| wrong(format!("'{rest}' is no time in seconds")))?;
+                    Some(Step::At(at))
+                }
+                _ if !lines.is_empty() => {
+                    return Err(wrong(format!("'{word}' is none of > < ~ . @ and #")));
+                }
+                "instrument" => {
+                    let named = Instrument::named(rest.trim());
+                    let told = || format!("'{rest}' is none of 6221, 34980a and gpio");
+                    instrument = Some(named.ok_or_else(|| wrong(told()))?);
+                    None
+                }
+                "cites" => {
+                    cites.push(rest.trim().to_owned());
+                    None
+                }
+                "vendor" => {
+                    making.vendor = Some(rest.trim().to_owned());
+                    None
+                }
+                "slot" => {
+                    let (slot, module) =
+                        crate::program::slot(&rest.trim().replacen(' ', "=", 1)).map_err(&wrong)?;
+                    making.slots[slot - 1] = Some(module);
+                    None
+                }
+                "ohms" | "volts" => {
+                    let value: f64 = rest
+                        .trim()
+                        .parse()
+                        .map_err(|_| wrong(format!("'{rest}' is no number")))?;
+                    match word {
+                        "ohms" if value >= 0.0 => making.ohms = value,
+                        "volts" if !value.is_nan() => making.volts = value,
+                        _ => return Err(wrong(format!("{word} cannot be {value}"))),
+                    }
+                    None
+                }
+                _ => {
+                    return Err(wrong(format!(
+                        "'{word}' is none of instrument, cites, slot, vendor, ohms, volts, > < ~ . @ and #"
+                    )));
+                }
+            };
+            let Some(step) = step else {
+                continue;
+            };
+            let answers = matches!(step, Step::Answer(_) | Step::Silence);
+            let behind = lines.last().map(|line| &line.step);
+            if answers && !matches!(behind, Some(Step::Say(_))) {
+                return Err(wrong("a reply stands behind a message".to_owned()));
+            }
+            lines.push(Line { number, step });
+        }
+        let missing = |what| GoldenError::Missing {
+            place: place.to_owned(),
+            what,
+        };
+        making.instrument = instrument.ok_or_else(|| missing("instrument"))?;
+        if cites.is_empty() {
+            return Err(missing("cites"));
+        }
+        Ok(Self {
+            making,
+            cites,
+            lines,
+        })
+    }
+
+    /// Holds the conversation with a simulator just switched on.
+    ///
+    /// # Errors
+    /// [`GoldenError::Differs`] at the first reply that is not as expected.
+    pub fn play(&self, place: &str) -> Result<(), GoldenError> {
+        let mut stand = Stand::new(&self.making);
+        let mut now = Duration::ZERO;
+        let (mut said, mut answered) = ("", None);
+        for line in &self.lines {
+            let (expected, holds) = match &line.step {
+                Step::At(at) => {
+                    now = now.max(*at);
+                    continue;
+                }
+                Step::Say(message) => {
+                    let (reply, busy) = stand.hear(message, now);
+                    now = now.saturating_add(busy);
+                    (said, answered) = (message.as_str(), reply);
+                    continue;
+                }
+                Step::Silence => ("nothing".to_owned(), answered.is_none()),
+                Step::Answer(expected) => {
+                    let holds = answered
+                        .as_deref()
+                        .is_some_and(|reply| expected.holds(reply));
+                    (expected.to_string(), holds)
+                }
+            };
+            if !holds {
+                return Err(GoldenError::Differs {
+                    place: place.to_owned(),
+                    line: line.number,
+                    said: said.to_owned(),
+                    expected,
+                    answered: answered
+                        .map_or_else(|| "nothing".to_owned(), |text| format!("'{text}'")),
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for Expected {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Text(text) => write!(f, "'{text}'"),
+            Self::Shape(shape) => write!(f, "the shape of '{shape}'"),
+        }
+    }
+}
+
+impl fmt::Display for Golden {
+    /// As it is read.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Making {
+            instrument,
+            vendor,
+            slots,
+            ohms,
+            volts,
+        } = &self.making;
+        writeln!(f, "instrument {}", instrument.name())?;
+        for cited in &self.cites {
+            writeln!(f, "cites {cited}")?;
+        }
+        if let Some(vendor) = vendor {
+            writeln!(f, "vendor {vendor}")?;
+        }
+        for (index, module) in slots.iter().enumerate() {
+            if let Some(module) = module {
+                writeln!(f, "slot {} {module}", index + 1)?;
+            }
+        }
+        if ohms.is_finite() {
+            writeln!(f, "ohms {ohms}")?;
+        }
+        if *volts != 0.0 {
+            writeln!(f, "volts {volts}")?;
+        }
+        for line in &self.lines {
+            match &line.step {
+                Step::At(at) => writeln!(f, "@ {}", at.as_secs_f64())?,
+                Step::Say(message) => writeln!(f, "> {message}")?,
+                Step::Answer(Expected::Text(text)) => writeln!(f, "< {text}")?,
+                Step::Answer(Expected::Shape(shape)) => writeln!(f, "~ {shape}")?,
+                Step::Silence => writeln!(f, ".")?,
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,162 @@
+//! What a transcript tells of an instrument, and the golden that is made of it.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use rig::transcript::{Entry, Said};
+use scpi::parse_message;
+
+use crate::Instrument;
+use crate::isolated::Making;
+use crate::transcripts::golden::{Expected, Golden, Line, Step};
+use crate::transcripts::playback::ReplayError;
+
+/// Makes a golden of what a transcript has of one instrument. Readings, times, counts and serial numbers are kept in
+/// their shape.
+///
+/// # Errors
+/// Nothing said to that instrument; a reply to nothing.
+pub fn golden_of(
+    place: &str,
+    entries: &[(usize, Entry)],
+    making: &Making,
+    cites: Vec<String>,
+) -> Result<Golden, ReplayError> {
+    let instrument = making.instrument;
+    let of_it = entries
+        .iter()
+        .filter(|(_, entry)| Instrument::named(&entry.model()) == Some(instrument));
+    let mut steps: Vec<Step> = Vec::new();
+    let (mut last, mut began) = (0.0, None);
+    // Messages whose reply is still to come, by their place among the steps: clients may send ahead.
+    let mut open: VecDeque<(usize, String)> = VecDeque::new();
+    for (line, entry) in of_it {
+        match &entry.said {
+            Said::Sent(message) => {
+                let began = *began.get_or_insert(entry.t_s);
+                let at = ((entry.t_s - began) * 1e3).round() / 1e3;
+                if at > last {
+                    last = at;
+                    let at = Duration::try_from_secs_f64(at).unwrap_or_default();
+                    steps.push(Step::At(at));
+                }
+                steps.push(Step::Say(message.clone()));
+                steps.push(Step::Silence);
+                open.push_back((steps.len() - 1, message.clone()));
+            }
+            Said::Received(text) => {
+                let asked = open.iter().position(|(_, message)| message.contains('?'));
+                let index = asked.or(open.len().checked_sub(1));
+                let found = index.and_then(|index| open.drain(..=index).next_back());
+                let (step, said) = found.ok_or_else(|| ReplayError::Unasked {
+                    place: place.to_owned(),
+                    line: *line,
+                    text: text.clone(),
+                })?;
+                steps[step] = Step::Answer(match varies(instrument, &said) {
+                    true => Expected::Shape(text.clone()),
+                    false => Expected::Text(text.clone()),
+                });
+            }
+            Said::Note(_) => {}
+        }
+    }
+    if steps.is_empty() {
+        return Err(ReplayError::Nothing {
+            place: place.to_owned(),
+            instrument,
+        });
+    }
+    let lines = steps.into_iter().map(|step| Line { number: 0, step });
+    Ok(Golden {
+        making: told_making(entries, instrument, making),
+        cites,
+        lines: lines.collect(),
+    })
+}
+
+/// What an instrument is made of, completed by what it tells of itself in the transcript.
+pub(super) fn told_making(
+    entries: &[(usize, Entry)],
+    instrument: Instrument,
+    making: &Making,
+) -> Making {
+    let mut told = Making {
+        instrument,
+        ..making.clone()
+    };
+    if instrument != Instrument::Mainframe {
+        return told;
+    }
+    let of_it = entries
+        .iter()
+        .filter(|(_, entry)| Instrument::named(&entry.model()) == Some(instrument));
+    let mut asked: Option<keysight_34980a::Command> = None;
+    for (_, entry) in of_it {
+        match &entry.said {
+            Said::Sent(message) => asked = message.parse().ok(),
+            Said::Received(text) => match asked.take() {
+                Some(keysight_34980a::Command::Common(scpi::Common::Identify)) => {
+                    let vendor = text.split(',').next().map(str::to_owned);
+                    told.vendor = told.vendor.or(vendor);
+                }
+                Some(keysight_34980a::Command::System(keysight_34980a::System::CardType(slot))) => {
+                    let model = text.trim_matches('"').split(',').nth(1).unwrap_or_default();
+                    // A 34934A appends its layout.
+                    let module = model.replacen('-', ",", 1).parse().ok();
+                    if let Some(place) = told.slots.get_mut(slot as usize - 1) {
+                        *place = place.or(module);
+                    }
+                }
+                _ => {}
+            },
+            Said::Note(_) => {}
+        }
+    }
+    told
+}
+
+/// Whether the reply to a message depends on what cannot be the same twice: the specimen, the clock, the unit's age.
+pub(super) fn varies(instrument: Instrument, message: &str) -> bool {
+    use keithley_6221::Command as Source;
+    use keysight_34980a::{Command as Mainframe, Functions, Measure, System};
+    if instrument == Instrument::Board {
+        let command = message.parse();
+        return matches!(
+            command,
+            Ok(gpio_mux::Command::Identify | gpio_mux::Command::AskLastEdge)
+        );
+    }
+    parse_message(message)
+        .into_iter()
+        .flatten()
+        .any(|call| match instrument {
+            Instrument::Source => matches!(
+                Source::of(&call),
+                Ok(Source::Common(scpi::Common::Identify)
+                    | Source::BoardSerial(_)
+                    | Source::BoardRevision(_)
+                    | Source::Address(_))
+            ),
+            Instrument::Mainframe => matches!(
+                Mainframe::of(&call),
+                Ok(Mainframe::Common(scpi::Common::Identify)
+                    | Mainframe::Measure(
+                        Measure::Read(_)
+                            | Measure::Volts { .. }
+                            | Measure::Fetch
+                            | Measure::ReadAndErase(_)
+                            | Measure::Remove(_)
+                    )
+                    | Mainframe::Functions(Functions::Measure(..))
+                    | Mainframe::System(
+                        System::CardType(_)
+                            | System::Date
+                            | System::Time
+                            | System::ScanTime
+                            | System::RelayCycles(_)
+                    ))
+            ),
+            Instrument::Board => false,
+        })
+}

@@ -1,0 +1,270 @@
+//! Transcripts played to the simulators: compared, or made into goldens.
+
+mod made;
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use rig::transcript::{Entry, Said};
+
+use crate::isolated::{Making, Stand};
+use crate::transcripts::golden::Expected;
+pub use crate::transcripts::playback::made::golden_of;
+use crate::transcripts::playback::made::{told_making, varies};
+use crate::{Instrument, SimulatedRig};
+
+/// Why a transcript cannot be played, or where the simulators answer otherwise.
+#[derive(Debug, thiserror::Error)]
+pub enum ReplayError {
+    /// An instrument that is not simulated.
+    #[error(
+        "{place}:{line}: there is no simulated '{instrument}'; an instrument's name begins with 6221, 34980a or gpio"
+    )]
+    Stranger {
+        /// The file.
+        place: String,
+        /// Counted from 1.
+        line: usize,
+        /// Its name.
+        instrument: String,
+    },
+    /// Nothing was said to the instrument.
+    #[error("{place}: nothing is said to a {instrument}")]
+    Nothing {
+        /// The file.
+        place: String,
+        /// Which.
+        instrument: Instrument,
+    },
+    /// Nobody can say what was asked.
+    #[error(
+        "{place}:{line}: '{text}' is received, and nothing was asked; replies stand behind their messages"
+    )]
+    Unasked {
+        /// The file.
+        place: String,
+        /// Counted from 1.
+        line: usize,
+        /// What was received.
+        text: String,
+    },
+    /// The first difference.
+    #[error(
+        "{place}:{line}: to '{said}' the {instrument} answered {recorded}, the simulator answers {simulated}"
+    )]
+    Differs {
+        /// The file.
+        place: String,
+        /// The line of the reply, or of the message where the recording has none.
+        line: usize,
+        /// Which.
+        instrument: Instrument,
+        /// The message.
+        said: String,
+        /// What the recording has.
+        recorded: String,
+        /// What the simulator answers.
+        simulated: String,
+    },
+}
+
+/// What was played.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Played {
+    /// Messages sent.
+    pub messages: usize,
+    /// Replies compared.
+    pub replies: usize,
+}
+
+/// How closely replies are compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Closeness {
+    /// To the byte.
+    Exact,
+    /// Readings, times, counts and serial numbers in their shape, everything else to the byte.
+    Shapes,
+}
+
+/// What a transcript is played to.
+#[derive(Debug, Clone)]
+pub enum Against {
+    /// Each instrument on its own, as recorded: mainframes hold the modules that the transcript tells of. The source
+    /// drives so many ohms, the voltmeter sees so many volts.
+    Alone {
+        /// What the mainframe holds, where the transcript does not tell.
+        making: Making,
+    },
+    /// The instruments of one bench. Its pace should be instant: times are those of the transcript.
+    Together(SimulatedRig),
+}
+
+/// A message under way.
+#[derive(Debug)]
+struct Sent {
+    line: usize,
+    said: String,
+    reply: Option<String>,
+}
+
+/// One instrument's wire in a transcript.
+struct Wire {
+    name: String,
+    instrument: Instrument,
+    stand: Option<Stand>,
+    free_at: Duration,
+    under_way: VecDeque<Sent>,
+}
+
+/// Plays a transcript (see [`rig::transcript`]): every message to its simulator at its time, every reply compared.
+///
+/// # Errors
+/// The first difference; an instrument that is not simulated; a reply to nothing.
+pub fn replay(
+    place: &str,
+    entries: &[(usize, Entry)],
+    against: &Against,
+    closeness: Closeness,
+) -> Result<Played, ReplayError> {
+    let mut played = Played::default();
+    let mut wires: Vec<Wire> = Vec::new();
+    for (line, entry) in entries {
+        let known = wires.iter().position(|wire| wire.name == entry.instrument);
+        let index = match known {
+            Some(index) => index,
+            None => {
+                wires.push(Wire::new(place, *line, entry, entries, against)?);
+                wires.len() - 1
+            }
+        };
+        let wire = &mut wires[index];
+        match &entry.said {
+            Said::Sent(message) => {
+                played.messages += 1;
+                let reply = wire.hear(message, entry.t_s, against);
+                wire.under_way.push_back(Sent {
+                    line: *line,
+                    said: message.clone(),
+                    reply,
+                });
+            }
+            Said::Received(text) => {
+                played.replies += 1;
+                wire.compare(place, *line, text, closeness)?;
+            }
+            Said::Note(_) => {}
+        }
+    }
+    for wire in &mut wires {
+        while let Some(sent) = wire.under_way.pop_front() {
+            wire.unanswered(place, &sent)?;
+        }
+    }
+    Ok(played)
+}
+
+impl Wire {
+    fn new(
+        place: &str,
+        line: usize,
+        entry: &Entry,
+        entries: &[(usize, Entry)],
+        against: &Against,
+    ) -> Result<Self, ReplayError> {
+        let instrument = Instrument::named(&entry.model());
+        let instrument = instrument.ok_or_else(|| ReplayError::Stranger {
+            place: place.to_owned(),
+            line,
+            instrument: entry.instrument.clone(),
+        })?;
+        let stand = match against {
+            Against::Alone { making } => {
+                let told = told_making(entries, instrument, making);
+                Some(Stand::new(&told))
+            }
+            Against::Together(_) => None,
+        };
+        Ok(Self {
+            name: entry.instrument.clone(),
+            instrument,
+            stand,
+            free_at: Duration::ZERO,
+            under_way: VecDeque::new(),
+        })
+    }
+
+    fn hear(&mut self, message: &str, t_s: f64, against: &Against) -> Option<String> {
+        let at = Duration::try_from_secs_f64(t_s).unwrap_or_default();
+        match (&mut self.stand, against) {
+            (Some(stand), _) => {
+                let at = at.max(self.free_at);
+                let (reply, busy) = stand.hear(message, at);
+                self.free_at = at.saturating_add(busy);
+                reply
+            }
+            (None, Against::Together(rig)) => {
+                rig.advance(at.saturating_sub(rig.now()));
+                rig.hear(self.instrument, message).0
+            }
+            (None, Against::Alone { .. }) => None,
+        }
+    }
+
+    /// Compares a reply to that of the message it must be the answer of: the oldest that was answered, or may have
+    /// been.
+    fn compare(
+        &mut self,
+        place: &str,
+        line: usize,
+        text: &str,
+        closeness: Closeness,
+    ) -> Result<(), ReplayError> {
+        let unasked = || ReplayError::Unasked {
+            place: place.to_owned(),
+            line,
+            text: text.to_owned(),
+        };
+        // Commands before the question have no reply on either side.
+        let answered = self.under_way.iter().position(|sent| sent.reply.is_some());
+        let asks = |sent: &Sent| sent.said.contains('?');
+        let index = answered
+            .or_else(|| self.under_way.iter().rposition(asks))
+            .or(self.under_way.len().checked_sub(1))
+            .ok_or_else(unasked)?;
+        self.under_way.drain(..index);
+        let sent = self.under_way.pop_front().ok_or_else(unasked)?;
+        let expected = match closeness {
+            Closeness::Shapes if varies(self.instrument, &sent.said) => {
+                Expected::Shape(text.to_owned())
+            }
+            _ => Expected::Text(text.to_owned()),
+        };
+        if sent
+            .reply
+            .as_deref()
+            .is_some_and(|reply| expected.holds(reply))
+        {
+            return Ok(());
+        }
+        Err(self.differs(place, line, &sent, format!("'{text}'")))
+    }
+
+    fn unanswered(&self, place: &str, sent: &Sent) -> Result<(), ReplayError> {
+        match sent.reply {
+            None => Ok(()),
+            Some(_) => Err(self.differs(place, sent.line, sent, "nothing".to_owned())),
+        }
+    }
+
+    fn differs(&self, place: &str, line: usize, sent: &Sent, recorded: String) -> ReplayError {
+        let simulated = sent.reply.as_ref();
+        ReplayError::Differs {
+            place: place.to_owned(),
+            line,
+            instrument: self.instrument,
+            said: sent.said.clone(),
+            recorded,
+            simulated: simulated.map_or_else(|| "nothing".to_owned(), |text| format!("'{text}'")),
+        }
+    }
+}

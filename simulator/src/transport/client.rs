@@ -1,0 +1,382 @@
+//! Clients at an instrument: who is connected, each with a session of its own, and how replies reach them.
+
+use std::io;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use scpi::ParseError;
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
+use tokio::sync::watch;
+use tokio::time::Instant;
+
+use crate::fault::Mischief;
+use crate::simulated_instruments::{Heard, When};
+use crate::simulated_rig::{Instrument, Line, SimulatedRig, Wire};
+
+/// Longest message an instrument takes, bytes; a longer one is dropped and queues -363.
+pub(crate) const LONGEST_MESSAGE: usize = 64 * 1024;
+
+/// How long an answer is waited for on behalf of a client that has closed its side.
+const GRACE: Duration = Duration::from_secs(10);
+
+/// How often readings that are waited for are brought up to date.
+const SHORTEST_STEP: Duration = Duration::from_millis(5);
+const LONGEST_STEP: Duration = Duration::from_millis(100);
+
+/// A client connected to an instrument; it is entered in the rig's list until it is dropped.
+#[derive(Debug)]
+pub(crate) struct Guest {
+    rig: SimulatedRig,
+    instrument: Instrument,
+    session: u32,
+    line: watch::Receiver<Line>,
+    cuts: u64,
+    /// Whether the source's serial port is spoken to, whose lines end as its settings say.
+    serial: bool,
+}
+
+/// What is to be sent for one message.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(crate) struct Delivery {
+    /// The bytes, with their line end unless a fault took it.
+    pub(crate) bytes: Vec<u8>,
+}
+
+impl Guest {
+    /// Enters a client; `address` is for people.
+    pub(crate) fn enter(rig: &SimulatedRig, instrument: Instrument, address: &str) -> Self {
+        let session = rig.shared.sessions.fetch_add(1, Ordering::Relaxed);
+        let line = rig.shared.wires[instrument.index()].subscribe();
+        let cuts = line.borrow().cuts;
+        rig.name_session(instrument, session, address);
+        rig.guests()
+            .insert(session, (instrument, address.to_owned()));
+        rig.shared.changed.notify_waiters();
+        Self {
+            rig: rig.clone(),
+            instrument,
+            session,
+            line,
+            cuts,
+            serial: false,
+        }
+    }
+
+    /// Bytes as they are heard: a carriage return ends a message where the serial port is set so. Beside a line feed it
+    /// is white space.
+    fn heard_as(&self, bytes: &mut [u8]) {
+        if self.serial && self.rig.serial_terminator() == "\r" {
+            for byte in bytes.iter_mut().filter(|byte| **byte == b'\r') {
+                *byte = b'\n';
+            }
+        }
+    }
+
+    /// Replies as they are sent.
+    fn sent_as(&self, bytes: Vec<u8>) -> Vec<u8> {
+        let terminator = self.rig.serial_terminator();
+        if !self.serial || terminator == "\n" {
+            return bytes;
+        }
+        // No reply has a line feed inside.
+        let ended = |byte: u8| match byte {
+            b'\n' => terminator.as_bytes().to_vec(),
+            other => vec![other],
+        };
+        bytes.into_iter().flat_map(ended).collect()
+    }
+
+    /// Waits until the wire is cut.
+    pub(crate) async fn cut(&self) {
+        cut(self.line.clone(), self.cuts).await;
+    }
+
+    /// Whether the far side hears and says nothing.
+    pub(crate) fn is_silent(&self) -> bool {
+        self.line.borrow().wire == Wire::Silent
+    }
+
+    /// Lets the instrument hear a message, waits as long as it needs, and gives what is to be sent.
+    pub(crate) async fn hear(&self, message: Vec<u8>) -> io::Result<Delivery> {
+        let heard = self.begin(message).await?;
+        Ok(self.finish(heard).await)
+    }
+
+    /// Lets the instrument hear a message. What is then waited for, [`Guest::finish`] does.
+    pub(crate) async fn begin(&self, message: Vec<u8>) -> io::Result<Heard> {
+        let heard = String::from_utf8_lossy(&message).into_owned();
+        let (rig, instrument, session) = (self.rig.clone(), self.instrument, self.session);
+        // A load that has moved costs a solution of the sheet, too long for a thread that others wait on.
+        let reply = tokio::task::spawn_blocking(move || {
+            rig.hear_from(instrument, session, &heard, When::InTime)
+        })
+        .await;
+        let mut heard = reply.map_err(io::Error::other)?;
+        heard.wait += self.rig.slowness(self.instrument);
+        Ok(heard)
+    }
+
+    /// Waits as long as the instrument needs, and gives what is to be sent.
+    pub(crate) async fn finish(&self, heard: Heard) -> Delivery {
+        let end = Instant::now() + heard.wait;
+        // Readings cost a solution of the sheet each: they are taken while they are waited for, not at the end.
+        let step = (heard.wait / 8).clamp(SHORTEST_STEP, LONGEST_STEP);
+        while heard.later && end.saturating_duration_since(Instant::now()) > 2 * step {
+            tokio::time::sleep(step).await;
+            let rig = self.rig.clone();
+            tokio::task::spawn_blocking(move || rig.catch_up())
+                .await
+                .ok();
+        }
+        if !heard.wait.is_zero() {
+            tokio::time::sleep_until(end).await;
+        }
+        let text = if heard.later {
+            let (rig, session) = (self.rig.clone(), self.session);
+            let fetched = tokio::task::spawn_blocking(move || rig.fetch(session)).await;
+            fetched.ok().flatten()
+        } else {
+            heard.text
+        };
+        let Some(text) = text else {
+            return Delivery::default();
+        };
+        if self.line.borrow().wire != Wire::Sound {
+            return Delivery::default();
+        }
+        let mut bytes = text.into_bytes();
+        match self.rig.mischief(self.instrument) {
+            None => bytes.push(b'\n'),
+            Some(Mischief::Lost) => bytes.clear(),
+            Some(Mischief::HalfLine) => bytes.truncate(bytes.len() / 2),
+            Some(Mischief::Late(by)) => {
+                tokio::time::sleep(by).await;
+                bytes.push(b'\n');
+            }
+            Some(Mischief::Doubled) => {
+                bytes.push(b'\n');
+                bytes.extend_from_within(..);
+            }
+        }
+        Delivery { bytes }
+    }
+
+    /// Queues an error that arose outside of any message: -363, -410, -420. The board answers even so.
+    pub(crate) fn refuse(&self, refusal: ParseError) -> Option<String> {
+        self.rig.refuse(self.instrument, self.session, refusal)
+    }
+
+    /// A device clear: what the instrument does for this client ends.
+    pub(crate) async fn clear(&self) {
+        let (rig, session) = (self.rig.clone(), self.session);
+        // Relays that open cost a solution of the sheet. The task is not cancelled, so it ends well.
+        tokio::task::spawn_blocking(move || rig.clear_session(session))
+            .await
+            .ok();
+    }
+
+    /// The status byte of a serial poll, without message available.
+    pub(crate) async fn status_byte(&self) -> u8 {
+        let rig = self.rig.clone();
+        let byte = tokio::task::spawn_blocking(move || rig.status_byte()).await;
+        byte.unwrap_or_default()
+    }
+
+    /// Serves a stream of bytes until its client leaves.
+    pub(crate) async fn answer<S>(&self, stream: &mut S) -> io::Result<()>
+    where
+        S: AsyncRead + AsyncWrite + Unpin + Send,
+    {
+        let mut framer = scpi::Framer::new(LONGEST_MESSAGE);
+        let mut chunk = [0; 4096];
+        let mut banner = self.rig.shared.banner.subscribe();
+        let mut half_closed = false;
+        loop {
+            // What came while the instrument was busy is heard before more is read.
+            while let Some(message) = framer.next() {
+                let message = match message {
+                    Ok(message) => message,
+                    Err(scpi::FramingError::Oversized { .. }) => {
+                        if let Some(reply) = self.refuse(ParseError::InputOverrun) {
+                            stream.write_all(format!("{reply}\n").as_bytes()).await?;
+                        }
+                        continue;
+                    }
+                };
+                let mut ahead = Vec::new();
+                let delivery = {
+                    let hearing = self.hear(message);
+                    attended(hearing, stream, &mut ahead, &mut half_closed).await?
+                };
+                if !self.is_silent() {
+                    self.heard_as(&mut ahead);
+                    framer.push(&ahead);
+                }
+                if !delivery.bytes.is_empty() {
+                    stream.write_all(&self.sent_as(delivery.bytes)).await?;
+                    stream.flush().await?;
+                }
+            }
+            if half_closed {
+                return Ok(());
+            }
+            let count = tokio::select! {
+                count = stream.read(&mut chunk) => count?,
+                Ok(()) = banner.changed(), if self.instrument == Instrument::Board => {
+                    let mut said = banner.borrow_and_update().clone();
+                    said.push('\n');
+                    stream.write_all(said.as_bytes()).await?;
+                    stream.flush().await?;
+                    framer.clear();
+                    continue;
+                }
+            };
+            if count == 0 {
+                return Ok(());
+            }
+            if !self.is_silent() {
+                self.heard_as(&mut chunk[..count]);
+                framer.push(&chunk[..count]);
+            }
+        }
+    }
+}
+
+/// Waits for an answer and keeps an eye on the client: bytes that it sends meanwhile are kept, up to a bound; a client
+/// that has broken off is let go at once, one that has closed its side after [`GRACE`], because nothing tells it from
+/// one that has left.
+async fn attended<S>(
+    hearing: impl Future<Output = io::Result<Delivery>>,
+    stream: &mut S,
+    ahead: &mut Vec<u8>,
+    half_closed: &mut bool,
+) -> io::Result<Delivery>
+where
+    S: AsyncRead + Unpin,
+{
+    let mut chunk = [0; 4096];
+    tokio::pin!(hearing);
+    let grace = tokio::time::sleep(GRACE);
+    tokio::pin!(grace);
+    loop {
+        tokio::select! {
+            biased;
+            delivery = &mut hearing => return delivery,
+            count = stream.read(&mut chunk), if !*half_closed && ahead.len() < LONGEST_MESSAGE => {
+                match count? {
+                    0 => {
+                        *half_closed = true;
+                        grace.as_mut().reset(Instant::now() + GRACE);
+                    }
+                    count => ahead.extend_from_slice(&chunk[..count]),
+                }
+            }
+            () = &mut grace, if *half_closed => {
+                return Err(io::Error::new(io::ErrorKind::TimedOut, "its client has left"));
+            }
+        }
+    }
+}
+
+impl Drop for Guest {
+    fn drop(&mut self) {
+        self.rig.guests().remove(&self.session);
+        self.rig.forget_session(self.instrument, self.session);
+        self.rig.shared.changed.notify_waiters();
+    }
+}
+
+async fn cut(mut line: watch::Receiver<Line>, before: u64) {
+    // The sender lives as long as the rig, and whoever waits holds that: waiting cannot fail.
+    line.wait_for(|line| line.wire == Wire::Cut || line.cuts != before)
+        .await
+        .ok();
+}
+
+/// How a conversation ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum End {
+    /// The client said goodbye.
+    Clean,
+    /// The connection was reset, or the wire cut.
+    Abnormal,
+}
+
+impl SimulatedRig {
+    /// Waits until the wire to an instrument is cut, from this call on.
+    pub(crate) fn until_cut(&self, instrument: Instrument) -> impl Future<Output = ()> + use<> {
+        let line = self.shared.wires[instrument.index()].subscribe();
+        let cuts = line.borrow().cuts;
+        cut(line, cuts)
+    }
+
+    /// Waits until there is a wire to an instrument.
+    pub(crate) async fn until_connected(&self, instrument: Instrument) {
+        let mut line = self.shared.wires[instrument.index()].subscribe();
+        line.wait_for(|line| line.wire != Wire::Cut).await.ok();
+    }
+
+    /// Serves one connection until its client leaves or the wire is cut.
+    pub(crate) async fn converse<S>(self, instrument: Instrument, address: String, stream: S) -> End
+    where
+        S: AsyncRead + AsyncWrite + Unpin + Send,
+    {
+        let guest = Guest::enter(&self, instrument, &address);
+        entertain(guest, address, stream).await
+    }
+
+    /// Serves a serial port until it is pulled.
+    pub(crate) async fn converse_by_serial<S>(
+        self,
+        instrument: Instrument,
+        address: String,
+        stream: S,
+    ) -> End
+    where
+        S: AsyncRead + AsyncWrite + Unpin + Send,
+    {
+        let mut guest = Guest::enter(&self, instrument, &address);
+        guest.serial = instrument == Instrument::Source;
+        entertain(guest, address, stream).await
+    }
+}
+
+async fn entertain<S>(guest: Guest, address: String, mut stream: S) -> End
+where
+    S: AsyncRead + AsyncWrite + Unpin + Send,
+{
+    tokio::select! {
+        biased;
+        () = guest.cut() => End::Abnormal,
+        ended = guest.answer(&mut stream) => match ended {
+            Ok(()) => {
+                stream.shutdown().await.ok();
+                End::Clean
+            }
+            Err(fault) => {
+                tracing::debug!("{address} left the {}: {fault}", guest.instrument);
+                End::Abnormal
+            }
+        }
+    }
+}
+
+/// Replies that go wrong, and how slow the answers are.
+#[derive(Debug, Default)]
+pub(crate) struct Manners {
+    pub(crate) next: std::collections::VecDeque<(Mischief, u32)>,
+    pub(crate) slower_by: Duration,
+}
+
+impl Manners {
+    /// What happens to the next reply.
+    pub(crate) fn take(&mut self) -> Option<Mischief> {
+        let (mischief, left) = self.next.front_mut()?;
+        let mischief = *mischief;
+        *left -= 1;
+        if *left == 0 {
+            self.next.pop_front();
+        }
+        Some(mischief)
+    }
+}

@@ -1,0 +1,9 @@
+//! How clients reach the simulated instruments: sockets, telnet, VXI-11, pseudo-terminals, web pages, mDNS.
+//! What an instrument replies is decided by the drivers' simulators.
+
+pub(crate) mod announce;
+pub(crate) mod client;
+pub(crate) mod pty;
+pub(crate) mod telnet;
+pub(crate) mod vxi11;
+pub(crate) mod web;

@@ -1,0 +1,179 @@
+//! The mainframe's telnet port (fact sheet 34980A, section 1): a greeting, a prompt, and lines as a person types them.
+//!
+//! Its clients are sessions like any other. Offers and requests of the telnet protocol (RFC 854) are declined.
+
+use std::io;
+
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpListener;
+use tokio::task::JoinSet;
+
+use rig::Stream;
+use scpi::{Framer, ParseError};
+
+use crate::transport::client::{Guest, LONGEST_MESSAGE};
+use crate::{Instrument, SimulatedRig};
+
+/// The wording is assumed; the sources only say that there is a prompt.
+const GREETING: &str = "Welcome to the 34980A Switch/Measure Unit, simulated\r\n";
+const PROMPT: &str = "34980A> ";
+
+/// Commands of the protocol.
+const INTERPRET: u8 = 255;
+const DONT: u8 = 254;
+const DO: u8 = 253;
+const WONT: u8 = 252;
+const WILL: u8 = 251;
+const BEGIN: u8 = 250;
+const END: u8 = 240;
+
+/// Serves the port.
+pub(crate) async fn serve(rig: SimulatedRig, listener: TcpListener) {
+    let mut clients = JoinSet::new();
+    loop {
+        match listener.accept().await {
+            Ok((stream, address)) => {
+                stream.set_nodelay(true).ok();
+                clients.spawn(converse(rig.clone(), stream, address.to_string()));
+            }
+            Err(fault) => {
+                tracing::warn!("a telnet client could not be accepted: {fault}");
+                tokio::task::yield_now().await;
+            }
+        }
+        while clients.try_join_next().is_some() {}
+    }
+}
+
+async fn converse(rig: SimulatedRig, mut stream: impl Stream, address: String) {
+    let guest = Guest::enter(&rig, Instrument::Mainframe, &format!("telnet {address}"));
+    tokio::select! {
+        biased;
+        () = guest.cut() => {}
+        ended = answer(&guest, &mut stream) => if let Err(fault) = ended {
+            tracing::debug!("telnet {address} left: {fault}");
+        }
+    }
+}
+
+async fn answer(guest: &Guest, stream: &mut impl Stream) -> io::Result<()> {
+    stream
+        .write_all(format!("{GREETING}{PROMPT}").as_bytes())
+        .await?;
+    let mut framer = Framer::new(LONGEST_MESSAGE);
+    let mut protocol = Protocol::Text;
+    let mut chunk = [0; 4096];
+    loop {
+        let count = stream.read(&mut chunk).await?;
+        if count == 0 {
+            return Ok(());
+        }
+        if guest.is_silent() {
+            continue;
+        }
+        let (mut typed, mut said) = (Vec::new(), Vec::new());
+        for byte in &chunk[..count] {
+            protocol = protocol.hear(*byte, &mut typed, &mut said);
+        }
+        // Whoever presses Enter alone gets a prompt; the framer passes such lines over.
+        let lines = typed.iter().filter(|byte| **byte == b'\n').count();
+        framer.push(&typed);
+        let mut heard = 0;
+        for message in framer.by_ref() {
+            heard += 1;
+            match message {
+                Ok(message) => {
+                    let reply = guest.hear(message).await?.bytes;
+                    for line in reply.split_inclusive(|byte| *byte == b'\n') {
+                        said.extend_from_slice(line.strip_suffix(b"\n").unwrap_or(line));
+                        if line.ends_with(b"\n") {
+                            said.extend_from_slice(b"\r\n");
+                        }
+                    }
+                }
+                Err(_) => drop(guest.refuse(ParseError::InputOverrun)),
+            }
+            said.extend_from_slice(PROMPT.as_bytes());
+        }
+        for _ in heard..lines {
+            said.extend_from_slice(PROMPT.as_bytes());
+        }
+        stream.write_all(&said).await?;
+        stream.flush().await?;
+    }
+}
+
+/// Where in the telnet protocol a stream of bytes is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Protocol {
+    Text,
+    /// Behind the byte that announces a command.
+    Command,
+    /// Behind DO, DONT, WILL or WONT: an option follows.
+    Option(u8),
+    /// Within a negotiation, and behind an announcement there.
+    Negotiation,
+    NegotiationCommand,
+}
+
+impl Protocol {
+    /// Takes one byte: what was typed goes on, offers and requests are declined.
+    fn hear(self, byte: u8, typed: &mut Vec<u8>, said: &mut Vec<u8>) -> Self {
+        match (self, byte) {
+            (Self::Text, INTERPRET) => Self::Command,
+            // A carriage return is followed by a line feed, or by nothing.
+            (Self::Text, 0) => Self::Text,
+            (Self::Text, byte) => {
+                typed.push(byte);
+                Self::Text
+            }
+            (Self::Command, WILL | WONT | DO | DONT) => Self::Option(byte),
+            (Self::Command, BEGIN) => Self::Negotiation,
+            (Self::Command, INTERPRET) => {
+                typed.push(INTERPRET);
+                Self::Text
+            }
+            (Self::Command, _) => Self::Text,
+            (Self::Option(DO), option) => {
+                said.extend([INTERPRET, WONT, option]);
+                Self::Text
+            }
+            (Self::Option(WILL), option) => {
+                said.extend([INTERPRET, DONT, option]);
+                Self::Text
+            }
+            (Self::Option(_), _) => Self::Text,
+            (Self::Negotiation, INTERPRET) => Self::NegotiationCommand,
+            (Self::Negotiation, _) => Self::Negotiation,
+            (Self::NegotiationCommand, END) => Self::Text,
+            (Self::NegotiationCommand, _) => Self::Negotiation,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::transport::telnet::*;
+
+    #[tokio::test]
+    async fn offers_are_declined_and_lines_answered_with_a_prompt() {
+        let profile = crate::Profile::default().at_pace(crate::Pace::Instant);
+        let rig = SimulatedRig::new(&profile, crate::Scene::quiet()).unwrap();
+        let (mut here, there) = tokio::io::duplex(4096);
+        tokio::spawn(converse(rig, there, "memory".to_owned()));
+        // DO 1, a negotiation with a line end in it, WILL 3, then two lines and an empty one.
+        here.write_all(b"\xff\xfd\x01\xff\xfa\x18\n\xff\xf0\xff\xfb\x03*ESE 4\r\n*ESE?\r\n\r\n")
+            .await
+            .unwrap();
+        here.shutdown().await.unwrap();
+        let mut said = Vec::new();
+        here.read_to_end(&mut said).await.unwrap();
+        let begun = format!("{GREETING}{PROMPT}").into_bytes();
+        let rest = said.strip_prefix(begun.as_slice()).unwrap();
+        let expected = [
+            &b"\xff\xfc\x01\xff\xfe\x03"[..],
+            b"34980A> +4\r\n34980A> 34980A> ",
+        ];
+        assert_eq!(rest, expected.concat());
+    }
+}

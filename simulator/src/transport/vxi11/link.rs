@@ -1,0 +1,320 @@
+//! A link: one client's way to the instrument, with an input buffer and an output queue of its own.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use scpi::ParseError;
+use tokio::sync::{Notify, mpsc};
+use tokio::task::JoinHandle;
+use tokio::time::{Instant, timeout_at};
+
+use crate::transport::client::{Delivery, Guest, LONGEST_MESSAGE};
+
+/// Messages that wait to be heard; a writer then waits too.
+const WAITING: usize = 16;
+/// Why a read ended (VXI-11, B.6.5).
+const BY_COUNT: u32 = 1;
+const BY_CHARACTER: u32 = 2;
+const BY_END: u32 = 4;
+
+/// Codes of VXI-11, table B.2.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub(super) enum Fault {
+    NotAccessible = 3,
+    InvalidLink = 4,
+    NotSupported = 8,
+    OutOfResources = 9,
+    LockedByAnother = 11,
+    NoLock = 12,
+    TimedOut = 15,
+    Io = 17,
+    Aborted = 23,
+}
+
+/// What a read asks for.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ReadRequest {
+    pub(super) most: usize,
+    pub(super) until: Option<u8>,
+    pub(super) deadline: Instant,
+}
+
+#[derive(Debug, Default)]
+struct Queue {
+    reply: Vec<u8>,
+    given: usize,
+    /// Messages taken in and not heard to their end.
+    pending: usize,
+    /// Counts device clears: what was heard before the last one is not answered.
+    cleared: u64,
+    lost: bool,
+}
+
+impl Queue {
+    fn left(&self) -> &[u8] {
+        &self.reply[self.given..]
+    }
+
+    fn empty(&mut self) {
+        self.reply.clear();
+        self.given = 0;
+    }
+}
+
+/// What a link's listener hears, in the order in which it came (IEEE 488.2, 6.1.4): a trigger waits for the messages
+/// before it.
+#[derive(Debug)]
+enum Input {
+    Message(Vec<u8>),
+    Trigger,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    queue: Mutex<Queue>,
+    changed: Notify,
+    aborted: Notify,
+    /// A device clear: whoever waits for the instrument waits no longer.
+    interrupted: Notify,
+}
+
+impl Shared {
+    fn queue(&self) -> MutexGuard<'_, Queue> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Stops what a link waits for, from another connection.
+#[derive(Debug, Clone)]
+pub(super) struct Aborter(Arc<Shared>);
+
+impl Aborter {
+    pub(super) fn abort(&self) {
+        self.0.aborted.notify_waiters();
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct Link {
+    guest: Arc<Guest>,
+    framer: scpi::Framer,
+    inputs: mpsc::Sender<(Input, u64)>,
+    shared: Arc<Shared>,
+    listener: JoinHandle<()>,
+}
+
+impl Link {
+    pub(super) fn new(guest: Guest) -> Self {
+        let guest = Arc::new(guest);
+        let shared = Arc::new(Shared::default());
+        let (inputs, waiting) = mpsc::channel(WAITING);
+        let listener = tokio::spawn(listen(guest.clone(), shared.clone(), waiting));
+        Self {
+            guest,
+            framer: scpi::Framer::new(LONGEST_MESSAGE),
+            inputs,
+            shared,
+            listener,
+        }
+    }
+
+    pub(super) fn aborter(&self) -> Aborter {
+        Aborter(self.shared.clone())
+    }
+
+    pub(super) fn guest(&self) -> &Guest {
+        &self.guest
+    }
+
+    /// Takes bytes in; `end` ends a message as a line feed does.
+    pub(super) async fn write(
+        &mut self,
+        data: &[u8],
+        end: bool,
+        deadline: Instant,
+    ) -> Result<(), Fault> {
+        if self.guest.is_silent() {
+            return self.wait_out(deadline).await;
+        }
+        self.framer.push(data);
+        if end && self.framer.is_partial() {
+            self.framer.push(b"\n");
+        }
+        while let Some(message) = self.framer.next() {
+            let Ok(message) = message else {
+                self.guest.refuse(ParseError::InputOverrun);
+                continue;
+            };
+            if let Err(fault) = self.take_in(Input::Message(message), deadline).await {
+                self.framer.clear();
+                return Err(fault);
+            }
+        }
+        Ok(())
+    }
+
+    /// A group execute trigger: behind the messages that came before it. It interrupts no reply.
+    pub(super) async fn trigger(&self, deadline: Instant) -> Result<(), Fault> {
+        self.take_in(Input::Trigger, deadline).await
+    }
+
+    async fn take_in(&self, input: Input, deadline: Instant) -> Result<(), Fault> {
+        let cleared = {
+            let mut queue = self.shared.queue();
+            queue.pending += 1;
+            queue.cleared
+        };
+        let sent = tokio::select! {
+            sent = timeout_at(deadline, self.inputs.send((input, cleared))) => {
+                matches!(sent, Ok(Ok(()))).then_some(()).ok_or(Fault::TimedOut)
+            }
+            () = self.shared.aborted.notified() => Err(Fault::Aborted),
+        };
+        if sent.is_err() {
+            self.shared.queue().pending -= 1;
+        }
+        sent
+    }
+
+    /// Gives the next bytes of the reply and why there are no more of them.
+    pub(super) async fn read(&self, request: ReadRequest) -> Result<(u32, Vec<u8>), Fault> {
+        if self.guest.is_silent() {
+            self.wait_out(request.deadline).await?;
+        }
+        let mut waited = false;
+        loop {
+            let changed = self.shared.changed.notified();
+            {
+                let mut queue = self.shared.queue();
+                if queue.lost {
+                    return Err(Fault::Io);
+                }
+                if !queue.left().is_empty() {
+                    return Ok(take(&mut queue, request));
+                }
+                if waited {
+                    if queue.pending == 0 {
+                        drop(queue);
+                        self.guest.refuse(ParseError::QueryUnterminated);
+                    }
+                    return Err(Fault::TimedOut);
+                }
+            }
+            tokio::select! {
+                ended = timeout_at(request.deadline, changed) => waited = ended.is_err(),
+                () = self.shared.aborted.notified() => return Err(Fault::Aborted),
+            }
+        }
+    }
+
+    /// Whether a reply waits to be read.
+    pub(super) fn has_reply(&self) -> bool {
+        !self.shared.queue().left().is_empty()
+    }
+
+    /// A device clear: input, output and what is being answered are forgotten, and what the instrument does for this
+    /// link ends.
+    pub(super) async fn clear(&mut self) {
+        self.framer.clear();
+        {
+            let mut queue = self.shared.queue();
+            queue.cleared += 1;
+            queue.empty();
+        }
+        self.shared.interrupted.notify_waiters();
+        self.guest.clear().await;
+    }
+
+    async fn wait_out(&self, deadline: Instant) -> Result<(), Fault> {
+        tokio::select! {
+            () = tokio::time::sleep_until(deadline) => Err(Fault::TimedOut),
+            () = self.shared.aborted.notified() => Err(Fault::Aborted),
+        }
+    }
+}
+
+impl Drop for Link {
+    fn drop(&mut self) {
+        self.listener.abort();
+    }
+}
+
+/// A deadline from a client's milliseconds.
+pub(super) fn within(milliseconds: u32) -> Instant {
+    Instant::now() + Duration::from_millis(u64::from(milliseconds))
+}
+
+fn take(queue: &mut Queue, request: ReadRequest) -> (u32, Vec<u8>) {
+    let left = queue.left();
+    let mut count = left.len().min(request.most);
+    let mut reason = 0;
+    if let Some(end) = request.until
+        && let Some(at) = left[..count].iter().position(|byte| *byte == end)
+    {
+        count = at + 1;
+        reason |= BY_CHARACTER;
+    }
+    if count == request.most {
+        reason |= BY_COUNT;
+    }
+    if count == left.len() {
+        reason |= BY_END;
+    }
+    let given = left[..count].to_vec();
+    queue.given += count;
+    (reason, given)
+}
+
+/// Hears a link's messages and triggers one after the other.
+async fn listen(guest: Arc<Guest>, shared: Arc<Shared>, mut inputs: mpsc::Receiver<(Input, u64)>) {
+    while let Some((input, cleared)) = inputs.recv().await {
+        // Listening before the look at the count: a clear in between is not missed.
+        let clear = shared.interrupted.notified();
+        tokio::pin!(clear);
+        clear.as_mut().enable();
+        let (message, interrupted) = {
+            let mut queue = shared.queue();
+            if queue.cleared != cleared {
+                queue.pending -= 1;
+                continue;
+            }
+            match input {
+                Input::Trigger => (b"*TRG".to_vec(), false),
+                Input::Message(message) => {
+                    let unread = !queue.left().is_empty();
+                    queue.empty();
+                    (message, unread)
+                }
+            }
+        };
+        if interrupted {
+            guest.refuse(ParseError::QueryInterrupted);
+        }
+        // What has been begun is heard to its end, so that a clear comes before it or behind it.
+        let delivery = match guest.begin(message).await {
+            Err(fault) => Err(fault),
+            Ok(heard) => tokio::select! {
+                biased;
+                () = clear => {
+                    guest.clear().await;
+                    Ok(Delivery::default())
+                }
+                delivery = guest.finish(heard) => Ok(delivery),
+            },
+        };
+        let mut queue = shared.queue();
+        queue.pending -= 1;
+        match delivery {
+            // A trigger has no reply, and leaves one that waits.
+            Ok(delivery) if queue.cleared == cleared && !delivery.bytes.is_empty() => {
+                queue.reply = delivery.bytes;
+                queue.given = 0;
+            }
+            Ok(_) => {}
+            Err(_) => queue.lost = true,
+        }
+        drop(queue);
+        shared.changed.notify_waiters();
+    }
+}

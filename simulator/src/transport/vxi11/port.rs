@@ -1,0 +1,78 @@
+//! What all connections of a core channel share: the lock, and the ways to abort.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::AtomicU32;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use tokio::sync::Notify;
+use tokio::time::{Instant, timeout_at};
+
+use crate::SimulatedRig;
+use crate::transport::vxi11::link::{Aborter, Fault};
+
+/// What all connections share.
+#[derive(Debug)]
+pub(super) struct Port {
+    pub(super) rig: SimulatedRig,
+    pub(super) number: u16,
+    pub(super) next_link: AtomicU32,
+    lock: Mutex<Option<u32>>,
+    unlocked: Notify,
+    aborters: Mutex<BTreeMap<u32, Aborter>>,
+}
+
+impl Port {
+    pub(super) fn new(rig: SimulatedRig, number: u16) -> Self {
+        Self {
+            rig,
+            number,
+            next_link: AtomicU32::new(1),
+            lock: Mutex::default(),
+            unlocked: Notify::new(),
+            aborters: Mutex::default(),
+        }
+    }
+
+    pub(super) fn owner(&self) -> MutexGuard<'_, Option<u32>> {
+        self.lock.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(super) fn aborters(&self) -> MutexGuard<'_, BTreeMap<u32, Aborter>> {
+        self.aborters.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(super) fn release(&self, link: u32) -> bool {
+        let mut owner = self.owner();
+        let held = *owner == Some(link);
+        if held {
+            *owner = None;
+            self.unlocked.notify_waiters();
+        }
+        held
+    }
+
+    /// Waits until no other link holds the lock, and takes it if asked to.
+    pub(super) async fn pass(
+        &self,
+        link: u32,
+        take: bool,
+        wait: bool,
+        deadline: Instant,
+    ) -> Result<(), Fault> {
+        loop {
+            let unlocked = self.unlocked.notified();
+            {
+                let mut owner = self.owner();
+                if owner.is_none_or(|owner| owner == link) {
+                    if take {
+                        *owner = Some(link);
+                    }
+                    return Ok(());
+                }
+            }
+            if !wait || timeout_at(deadline, unlocked).await.is_err() {
+                return Err(Fault::LockedByAnother);
+            }
+        }
+    }
+}

@@ -1,0 +1,213 @@
+//! ONC RPC version 2 (RFC 5531) over TCP, as far as VXI-11 needs it: record marking, calls, replies, XDR.
+
+use std::io;
+
+use tokio::io::{AsyncRead, AsyncReadExt};
+
+/// Set in the mark of a record's last fragment.
+const LAST_FRAGMENT: u32 = 1 << 31;
+const CALL: u32 = 0;
+const REPLY: u32 = 1;
+const RPC_VERSION: u32 = 2;
+
+/// Reads one record of at most `most` bytes; `None` at the end of the stream.
+///
+/// # Errors
+/// A stream that breaks, or a record that is too long.
+pub(super) async fn read_record<S>(stream: &mut S, most: usize) -> io::Result<Option<Vec<u8>>>
+where
+    S: AsyncRead + Unpin,
+{
+    let mut record = Vec::new();
+    loop {
+        let mark = match stream.read_u32().await {
+            Ok(mark) => mark,
+            Err(end) if end.kind() == io::ErrorKind::UnexpectedEof && record.is_empty() => {
+                return Ok(None);
+            }
+            Err(fault) => return Err(fault),
+        };
+        let length = (mark & !LAST_FRAGMENT) as usize;
+        if record.len() + length > most {
+            let told = format!("an RPC record of more than {most} bytes");
+            return Err(io::Error::new(io::ErrorKind::InvalidData, told));
+        }
+        let start = record.len();
+        record.resize(start + length, 0);
+        stream.read_exact(&mut record[start..]).await?;
+        if mark & LAST_FRAGMENT != 0 {
+            return Ok(Some(record));
+        }
+    }
+}
+
+/// Puts the mark before a record.
+pub(super) fn marked(record: &[u8]) -> Vec<u8> {
+    let length = u32::try_from(record.len()).expect("replies are bounded well below 2 GiB");
+    let mut bytes = (length | LAST_FRAGMENT).to_be_bytes().to_vec();
+    bytes.extend_from_slice(record);
+    bytes
+}
+
+/// Arguments that are not of the expected shape.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Garbage;
+
+/// Reads XDR (RFC 4506).
+#[derive(Debug)]
+pub(super) struct Reader<'a>(&'a [u8]);
+
+impl<'a> Reader<'a> {
+    pub(super) fn new(bytes: &'a [u8]) -> Self {
+        Self(bytes)
+    }
+
+    pub(super) fn word(&mut self) -> Result<u32, Garbage> {
+        let (word, rest) = self.0.split_first_chunk::<4>().ok_or(Garbage)?;
+        self.0 = rest;
+        Ok(u32::from_be_bytes(*word))
+    }
+
+    pub(super) fn flag(&mut self) -> Result<bool, Garbage> {
+        self.word().map(|word| word != 0)
+    }
+
+    pub(super) fn opaque(&mut self) -> Result<&'a [u8], Garbage> {
+        let length = self.word()? as usize;
+        let padded = length.checked_next_multiple_of(4).ok_or(Garbage)?;
+        if padded > self.0.len() {
+            return Err(Garbage);
+        }
+        let (bytes, rest) = self.0.split_at(padded);
+        self.0 = rest;
+        Ok(&bytes[..length])
+    }
+}
+
+/// Writes XDR.
+#[derive(Debug, Default)]
+pub(super) struct Writer(Vec<u8>);
+
+impl Writer {
+    pub(super) fn word(mut self, word: u32) -> Self {
+        self.0.extend_from_slice(&word.to_be_bytes());
+        self
+    }
+
+    pub(super) fn opaque(self, bytes: &[u8]) -> Self {
+        let length = u32::try_from(bytes.len()).expect("replies are bounded well below 4 GiB");
+        let mut written = self.word(length);
+        written.0.extend_from_slice(bytes);
+        let padded = written.0.len().next_multiple_of(4);
+        written.0.resize(padded, 0);
+        written
+    }
+
+    pub(super) fn bytes(self) -> Vec<u8> {
+        self.0
+    }
+}
+
+/// A call without its arguments.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Call {
+    pub(super) xid: u32,
+    version: u32,
+    pub(super) program: u32,
+    pub(super) program_version: u32,
+    pub(super) procedure: u32,
+}
+
+impl Call {
+    /// Reads a call's head; its arguments are what the reader then holds.
+    pub(super) fn read(reader: &mut Reader<'_>) -> Result<Self, Garbage> {
+        let xid = reader.word()?;
+        if reader.word()? != CALL {
+            return Err(Garbage);
+        }
+        let call = Self {
+            xid,
+            version: reader.word()?,
+            program: reader.word()?,
+            program_version: reader.word()?,
+            procedure: reader.word()?,
+        };
+        // Credential and verifier: whoever reaches the port may use it.
+        for _ in 0..2 {
+            reader.word()?;
+            reader.opaque()?;
+        }
+        Ok(call)
+    }
+
+    pub(super) fn is_understood(&self) -> bool {
+        self.version == RPC_VERSION
+    }
+}
+
+/// What becomes of a call.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Reply {
+    Done(Vec<u8>),
+    NoProgram,
+    NoVersion(u32),
+    NoProcedure,
+    GarbageArguments,
+    /// Another version of RPC itself.
+    Denied,
+}
+
+impl Reply {
+    pub(super) fn record(&self, xid: u32) -> Vec<u8> {
+        let head = Writer::default().word(xid).word(REPLY);
+        if *self == Self::Denied {
+            // MSG_DENIED, RPC_MISMATCH, lowest and highest version.
+            let denied = head.word(1).word(0);
+            return denied.word(RPC_VERSION).word(RPC_VERSION).bytes();
+        }
+        // MSG_ACCEPTED, an empty verifier.
+        let accepted = head.word(0).word(0).word(0);
+        match self {
+            Self::Done(results) => {
+                let mut record = accepted.word(0).bytes();
+                record.extend_from_slice(results);
+                record
+            }
+            Self::NoProgram => accepted.word(1).bytes(),
+            Self::NoVersion(only) => accepted.word(2).word(*only).word(*only).bytes(),
+            Self::NoProcedure => accepted.word(3).bytes(),
+            Self::GarbageArguments | Self::Denied => accepted.word(4).bytes(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::transport::vxi11::rpc::*;
+
+    #[tokio::test]
+    async fn fragments_are_joined_and_long_records_refused() {
+        let mut bytes = vec![0, 0, 0, 2, b'a', b'b', 0, 0, 0, 0];
+        bytes.extend([0x80, 0, 0, 1, b'c']);
+        let record = read_record(&mut bytes.as_slice(), 8).await.unwrap();
+        assert_eq!(record.unwrap(), b"abc");
+        assert!(read_record(&mut bytes.as_slice(), 2).await.is_err());
+        assert!(read_record(&mut [0xff; 8].as_slice(), 64).await.is_err());
+        assert!(read_record(&mut [].as_slice(), 64).await.unwrap().is_none());
+        // The end in the middle of a record is no end.
+        assert!(read_record(&mut &bytes[..6], 8).await.is_err());
+        assert_eq!(marked(b"abc"), [0x80, 0, 0, 3, b'a', b'b', b'c']);
+    }
+
+    #[test]
+    fn xdr_is_padded_and_bounded() {
+        let bytes = Writer::default().word(7).opaque(b"inst0").bytes();
+        assert_eq!(bytes.len(), 4 + 4 + 8);
+        let mut reader = Reader::new(&bytes);
+        assert_eq!(reader.word(), Ok(7));
+        assert_eq!(reader.opaque(), Ok(b"inst0".as_slice()));
+        assert_eq!(reader.word(), Err(Garbage));
+        let lie = [0xff, 0xff, 0xff, 0xff, 1, 2, 3, 4];
+        assert_eq!(Reader::new(&lie).opaque(), Err(Garbage));
+    }
+}

@@ -1,0 +1,200 @@
+//! The hyper-parameter of a linear method from recorded frames, for a recording whose noise nobody knows.
+
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector};
+use survey::{Protocol, Reading};
+
+use crate::Mesh;
+use crate::inverse::learned::linear::Linear;
+use crate::inverse::one_step::{OneStepError, OneStepOptions};
+use crate::inverse::prior::Penalty;
+use crate::linear_algebra::dense;
+
+/// Values of lambda squared that are tried, a decade.
+const STEPS_A_DECADE: i32 = 10;
+/// Of lambda squared, below the largest eigenvalue: the linear model is not exact to more (MODEL_SHARE).
+const DECADES: i32 = -7;
+
+/// Frames seen along the directions of the data in which the prior and the sensitivity are simple.
+struct Spectrum {
+    /// Eigenvalues of J R^-1 J', the null space of R fitted first.
+    values: Vec<f64>,
+    /// Squares of each frame along them.
+    squares: Vec<DVector<f64>>,
+    /// Square of what each frame has in the directions that no map moves, and how many those are.
+    beside: Vec<f64>,
+    unseen: usize,
+}
+
+impl Spectrum {
+    /// `fitted`: whether the null space of R is fitted first.
+    fn new(
+        (linear, mut sensitivity, penalty): (Linear, DMatrix<f64>, Penalty),
+        baseline: &[Reading],
+        frames: &[&[Reading]],
+        fitted: bool,
+    ) -> Result<Self, OneStepError> {
+        let mut beside_null = None;
+        if fitted && let Some(null) = penalty.null_space() {
+            let q = (&sensitivity * null).qr().q();
+            sensitivity -= &q * q.tr_mul(&sensitivity);
+            beside_null = Some(q);
+        }
+        let spread = penalty
+            .inverse_times_transposed(&sensitivity)
+            .ok_or(OneStepError::Prior)?;
+        let gram = dense::product(dense::view(&sensitivity), dense::view(&spread));
+        let gram = 0.5 * (&gram + gram.transpose());
+        let (values, vectors) = dense::symmetric_eigen(&gram).ok_or(OneStepError::Prior)?;
+        let (mut squares, mut beside) = (Vec::new(), Vec::new());
+        for frame in frames {
+            // what contradicts its twin is masked in maps; here it is noise to be told of
+            let Ok((change, missing)) = linear.change_as_read(baseline, frame, "one-step") else {
+                continue;
+            };
+            if !missing.is_empty() || change.iter().all(|c| *c == 0.0) {
+                continue;
+            }
+            let mut folded = linear.fold.data(&change);
+            let all: f64 = change.iter().map(|c| c * c).sum();
+            beside.push((all - folded.norm_squared()).max(0.0));
+            if let Some(q) = &beside_null {
+                folded -= q * q.tr_mul(&folded);
+            }
+            squares.push(vectors.tr_mul(&folded).map(|along| along * along));
+        }
+        Ok(Self {
+            unseen: linear.fold.readings() - linear.fold.rows(),
+            values: values.into_iter().map(|value| value.max(0.0)).collect(),
+            squares,
+            beside,
+        })
+    }
+
+    /// Candidates of lambda squared, from the largest eigenvalue down.
+    fn candidates(&self) -> Vec<f64> {
+        let top = self.values.iter().copied().fold(0.0, f64::max);
+        (DECADES * STEPS_A_DECADE..=0)
+            .map(|step| top * 10_f64.powf(f64::from(step) / f64::from(STEPS_A_DECADE)))
+            .collect()
+    }
+}
+
+/// The lambda that makes recorded frames most probable: with x ~ N(0, g^2 R^-1) and white noise s, a change is
+/// N(0, g^2 J R^-1 J' + s^2 I); each frame has its own g, all share lambda = s / g. What the model does not explain counts
+/// as noise. Frames with missing readings, and those without any change, are left out; `None` when no other is left. It is
+/// searched from 3e-4 of the largest singular value of J R^-1/2 up.
+///
+/// # Errors
+/// As [`crate::OneStep::new`]; `options.hyper` is not looked at.
+pub fn probable_lambda(
+    mesh: &Arc<Mesh>,
+    contact_ohm_m: &[f64],
+    sigma0: &[f64],
+    protocol: &Protocol,
+    options: &OneStepOptions,
+    baseline: &[Reading],
+    frames: &[&[Reading]],
+) -> Result<Option<f64>, OneStepError> {
+    let model = Linear::new(mesh, contact_ohm_m, sigma0, protocol, options)?;
+    let spectrum = Spectrum::new(model, baseline, frames, false)?;
+    if spectrum.squares.is_empty() {
+        return Ok(None);
+    }
+    // minus twice the logarithm of the probability, up to a constant, with every g at its best
+    let surprise = |square: f64| -> f64 {
+        let variance: Vec<f64> = spectrum.values.iter().map(|value| value + square).collect();
+        let unseen = spectrum.unseen as f64;
+        let logs: f64 =
+            variance.iter().map(|variance| variance.ln()).sum::<f64>() + unseen * square.ln();
+        let count = variance.len() as f64 + unseen;
+        spectrum
+            .squares
+            .iter()
+            .zip(&spectrum.beside)
+            .map(|(squares, beside)| {
+                let sum: f64 = squares.iter().zip(&variance).map(|(c, v)| c / v).sum();
+                count * (sum + beside / square).ln() + logs
+            })
+            .sum()
+    };
+    let best = spectrum
+        .candidates()
+        .into_iter()
+        .map(|square| (square, surprise(square)))
+        .min_by(|a, b| a.1.total_cmp(&b.1));
+    Ok(best.map(|(square, _)| square.sqrt()))
+}
+
+/// The lambda at the corner of the L-curve of recorded frames (P. C. Hansen, SIAM Review 34 (1992) 561): where
+/// log |J x - d| against log sqrt(x'Rx), both over all frames, bends most. `None` where no frame has a change, or the
+/// curve has no corner between 3e-4 of the largest singular value of J R^-1/2 and that value.
+///
+/// # Errors
+/// As [`crate::OneStep::new`]; `options.hyper` is not looked at.
+pub fn l_curve_lambda(
+    mesh: &Arc<Mesh>,
+    contact_ohm_m: &[f64],
+    sigma0: &[f64],
+    protocol: &Protocol,
+    options: &OneStepOptions,
+    baseline: &[Reading],
+    frames: &[&[Reading]],
+) -> Result<Option<f64>, OneStepError> {
+    let model = Linear::new(mesh, contact_ohm_m, sigma0, protocol, options)?;
+    let spectrum = Spectrum::new(model, baseline, frames, true)?;
+    if spectrum.squares.is_empty() {
+        return Ok(None);
+    }
+    let candidates = spectrum.candidates();
+    let curve: Vec<[f64; 2]> = candidates
+        .iter()
+        .map(|&square| {
+            let (mut residual, mut size) = (0.0, 0.0);
+            for (squares, beside) in spectrum.squares.iter().zip(&spectrum.beside) {
+                residual += beside;
+                for (c, v) in squares.iter().zip(&spectrum.values) {
+                    residual += c * (square / (v + square)).powi(2);
+                    size += c * v / (v + square).powi(2);
+                }
+            }
+            [0.5 * residual.ln(), 0.5 * size.ln()]
+        })
+        .collect();
+    Ok(corner(&curve).map(|at| candidates[at].sqrt()))
+}
+
+/// The point of a curve, evenly spaced in its parameter, that bends most towards the origin.
+fn corner(curve: &[[f64; 2]]) -> Option<usize> {
+    let bend = |k: usize| {
+        let [p, q, r] = [curve[k - 1], curve[k], curve[k + 1]];
+        let (dx, dy) = (0.5 * (r[0] - p[0]), 0.5 * (r[1] - p[1]));
+        let (ddx, ddy) = (r[0] - 2.0 * q[0] + p[0], r[1] - 2.0 * q[1] + p[1]);
+        (dx * ddy - dy * ddx) / (dx * dx + dy * dy).powf(1.5)
+    };
+    (1..curve.len().saturating_sub(1))
+        .map(|k| (k, bend(k)))
+        .filter(|(_, bend)| bend.is_finite() && *bend > 0.0)
+        .max_by(|a, b| a.1.total_cmp(&b.1))
+        .map(|(k, _)| k)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::inverse::hyper_parameter::*;
+
+    #[test]
+    fn the_corner_of_an_l_is_found() {
+        // down, then to the right, with the parameter ascending along it
+        let curve: Vec<[f64; 2]> = (0..41)
+            .map(|k| {
+                let t = f64::from(k - 20) / 4.0;
+                [(1.0 + t.exp()).ln(), (1.0 + (-t).exp()).ln()]
+            })
+            .collect();
+        assert_eq!(corner(&curve), Some(20));
+        let straight: Vec<[f64; 2]> = (0..9).map(|k| [f64::from(k), -f64::from(k)]).collect();
+        assert_eq!(corner(&straight), None);
+    }
+}

@@ -1,0 +1,192 @@
+//! The linear model of a difference: sensitivity, prior, the baseline's scale.
+
+use std::sync::Arc;
+
+use nalgebra::DMatrix;
+use survey::{Protocol, Reading};
+
+use crate::inverse::one_step::{OneStepError, OneStepOptions, Scale};
+use crate::inverse::prior::{Penalty, Prior};
+use crate::inverse::reciprocity::Fold;
+use crate::inverse::reconstructor::Difference;
+use crate::{Forward, Mesh, Parameters, ReconstructError};
+
+/// How readings become the data of a linear problem.
+pub(crate) struct Linear {
+    scale: Scale,
+    /// Readings of the model at 1 A.
+    model: Vec<f64>,
+    /// Distance round the ring between driving and sensing pair of each reading.
+    distances: Vec<usize>,
+    /// The reading that reciprocity makes equal to each.
+    twins: Vec<Option<usize>>,
+    /// 1 over the deviation of each reading, root mean square 1.
+    weights: Option<Vec<f64>>,
+    /// Reciprocal twins as one row.
+    pub(crate) fold: Fold,
+}
+
+impl Linear {
+    /// Solves the forward model at `sigma0`. Gives the sensitivity to relative changes of the region too (a row each of
+    /// the folded readings), and the prior.
+    pub(crate) fn new(
+        mesh: &Arc<Mesh>,
+        contact_ohm_m: &[f64],
+        sigma0: &[f64],
+        protocol: &Protocol,
+        options: &OneStepOptions,
+    ) -> Result<(Self, DMatrix<f64>, Penalty), OneStepError> {
+        let forward = Forward::new(Arc::clone(mesh), contact_ohm_m)?;
+        let model = forward.readings(sigma0, protocol)?;
+        let counted = |what, has: usize| {
+            if has == protocol.len() {
+                Ok(())
+            } else {
+                Err(OneStepError::Count {
+                    what,
+                    has,
+                    wants: protocol.len(),
+                })
+            }
+        };
+        let mut factors = vec![1.0; protocol.len()];
+        if let Scale::Currents(currents) = &options.scale {
+            counted("currents", currents.len())?;
+            factors.copy_from_slice(currents);
+        }
+        let weights = match &options.deviations {
+            None => None,
+            Some(deviations) => {
+                counted("deviations", deviations.len())?;
+                Some(weights(deviations)?)
+            }
+        };
+        let twins = equal_twins(protocol, &factors);
+        for (factor, weight) in factors.iter_mut().zip(weights.iter().flatten()) {
+            *factor *= weight;
+        }
+        let fold = Fold::new(protocol, &factors);
+        let half = Protocol::new(protocol.electrodes(), fold.questions(protocol))
+            .map_err(|_| OneStepError::Prior)?; // never: they are the protocol's own
+        let relative = Parameters::region().logarithmic();
+        let mut sensitivity = forward.sensitivity(sigma0, &half, &relative)?;
+        scale_rows(&mut sensitivity, fold.norm());
+        let penalty = match options.prior {
+            Prior::Tikhonov => Penalty::identity(sensitivity.ncols()),
+            Prior::Noser { p } => Penalty::noser(&sensitivity, p),
+            Prior::Laplace => Penalty::laplacian(mesh),
+            Prior::Variation => Penalty::variation(mesh),
+            Prior::Gaussian { length_m } => Penalty::smooth(mesh, length_m)?,
+        };
+        let linear = Self {
+            scale: options.scale.clone(),
+            model: model.as_slice().to_vec(),
+            distances: distances(protocol),
+            twins,
+            weights,
+            fold,
+        };
+        Ok((linear, sensitivity, penalty))
+    }
+
+    /// The largest magnitude of the model's readings, as the data are: the paper's v-hat.
+    pub(crate) fn largest(&self) -> f64 {
+        let currents = match &self.scale {
+            Scale::Currents(currents) => Some(currents),
+            Scale::Uniform | Scale::ByDistance => None,
+        };
+        self.model
+            .iter()
+            .enumerate()
+            .map(|(i, v)| currents.map_or(v.abs(), |currents| (v * currents[i]).abs()))
+            .fold(0.0, f64::max)
+    }
+
+    /// The change between baseline and frame at the model's scale, and which readings are missing in it.
+    pub(crate) fn change(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+        method: &str,
+    ) -> Result<(Vec<f64>, Vec<usize>), ReconstructError> {
+        self.difference(baseline, frame, &self.twins, method)
+    }
+
+    /// The same without masking what contradicts its twin: frames that tell how far readings stray from the model.
+    pub(crate) fn change_as_read(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+        method: &str,
+    ) -> Result<(Vec<f64>, Vec<usize>), ReconstructError> {
+        self.difference(baseline, frame, &vec![None; self.twins.len()], method)
+    }
+
+    fn difference(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+        twins: &[Option<usize>],
+        method: &str,
+    ) -> Result<(Vec<f64>, Vec<usize>), ReconstructError> {
+        let mut difference = Difference::new(baseline, frame, twins, Some(&self.model), method)?;
+        match self.scale {
+            Scale::Currents(_) => {}
+            Scale::Uniform => difference.scale(&self.model, None)?,
+            Scale::ByDistance => difference.scale(&self.model, Some(&self.distances))?,
+        }
+        if let Some(weights) = &self.weights {
+            for (value, weight) in difference.change.iter_mut().zip(weights) {
+                *value *= weight;
+            }
+        }
+        Ok((difference.change, difference.missing))
+    }
+}
+
+/// Twins, where all readings are at one current: at several they are not comparable as they are.
+fn equal_twins(protocol: &Protocol, currents: &[f64]) -> Vec<Option<usize>> {
+    if currents.iter().all(|current| *current == currents[0]) {
+        protocol.reciprocal_twins()
+    } else {
+        vec![None; currents.len()]
+    }
+}
+
+/// Distance round the ring from each reading's driving to its sensing pair, the same for reciprocal twins.
+fn distances(protocol: &Protocol) -> Vec<usize> {
+    let ring = protocol.electrodes();
+    protocol
+        .measurements()
+        .iter()
+        .map(|question| {
+            let ahead = (ring + question.sense.plus.0 - question.drive.plus.0) % ring;
+            ahead.min(ring - ahead)
+        })
+        .collect()
+}
+
+/// 1 / deviation, scaled so that the deviations have a root mean square of 1.
+fn weights(deviations: &[f64]) -> Result<Vec<f64>, OneStepError> {
+    if let Some(&value) = deviations
+        .iter()
+        .find(|value| !(**value > 0.0 && value.is_finite()))
+    {
+        return Err(OneStepError::NotPositive {
+            what: "deviation of a reading",
+            value,
+        });
+    }
+    let square: f64 = deviations.iter().map(|value| value * value).sum();
+    let scale = (square / deviations.len() as f64).sqrt();
+    Ok(deviations.iter().map(|value| scale / value).collect())
+}
+
+/// Multiplies row i by factor i.
+fn scale_rows(matrix: &mut DMatrix<f64>, factors: &[f64]) {
+    for mut column in matrix.column_iter_mut() {
+        for (value, factor) in column.iter_mut().zip(factors) {
+            *value *= factor;
+        }
+    }
+}

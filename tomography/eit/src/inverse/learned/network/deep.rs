@@ -1,0 +1,106 @@
+//! The deep network as a reconstructor: normalises by Eq. 6, refuses what is far from its training.
+
+use std::sync::Arc;
+
+use survey::{Map, Protocol, Reading};
+
+use crate::inverse::learned::network::{DeepNetwork, Familiar};
+use crate::model::Trained;
+use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
+
+/// Times the distance of the familiar inputs beyond which a deep network's map is refused.
+const NOVELTY_LIMIT: f64 = 10.0;
+
+/// A deep network with the geometry and survey that it was trained for.
+#[derive(Debug, Clone)]
+pub struct DeepReconstructor {
+    network: DeepNetwork,
+    familiar: Familiar,
+    trained: Trained,
+}
+
+impl DeepReconstructor {
+    /// `network` must take the protocol's readings and give the mesh's region, which a loaded model's does.
+    pub(crate) fn new(network: DeepNetwork, familiar: Familiar, trained: Trained) -> Self {
+        Self {
+            network,
+            familiar,
+            trained,
+        }
+    }
+
+    /// The network.
+    pub fn network(&self) -> &DeepNetwork {
+        &self.network
+    }
+
+    /// The normalised input and the number of missing readings. One that is missing is its reciprocal twin's where that is
+    /// there, else what it usually was in training.
+    fn input(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<(Vec<f32>, usize), ReconstructError> {
+        let (change, left, masked) = self.trained.change(baseline, frame)?;
+        let mut input: Vec<f32> = change.iter().map(|value| *value as f32).collect();
+        for reading in left {
+            input[reading] = self.familiar.usual(reading);
+        }
+        Ok((input, masked))
+    }
+}
+
+impl Reconstructor for DeepReconstructor {
+    fn method(&self) -> &str {
+        &self.trained.method
+    }
+
+    fn protocol(&self) -> &Protocol {
+        &self.trained.protocol
+    }
+
+    fn mesh(&self) -> &Arc<Mesh> {
+        &self.trained.mesh
+    }
+
+    fn assumptions(&self) -> Vec<String> {
+        self.trained.assumptions.clone()
+    }
+
+    fn noise_figure(&self) -> Option<f64> {
+        self.trained.noise_figure
+    }
+
+    fn novelty(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<Option<Novelty>, ReconstructError> {
+        let (input, _) = self.input(baseline, frame)?;
+        Ok(Some(Novelty {
+            value: self.familiar.novelty(&input),
+            limit: 1.0,
+            measure: "Mahalanobis distance from the training inputs, over the one within which 99.9 % of them lie",
+        }))
+    }
+
+    fn reconstruct(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<Map, ReconstructError> {
+        let (input, masked) = self.input(baseline, frame)?;
+        let novelty = self.familiar.novelty(&input);
+        self.trained.refuse_far(novelty, NOVELTY_LIMIT)?;
+        let values = self.network.predict(&input);
+        if let Some(triangle) = values.iter().position(|value| !value.is_finite()) {
+            return Err(ReconstructError::Numerical {
+                method: self.trained.method.clone(),
+                cause: format!("its answer for triangle {triangle} is {}", values[triangle]),
+            });
+        }
+        Ok(self
+            .trained
+            .map(values.into_iter().map(f64::from).collect(), masked))
+    }
+}

@@ -1,0 +1,15 @@
+//! Inverse problems: from a difference of voltages to a map of the relative change of conductance.
+//! Voltages from conductances are `forward`'s.
+
+pub(crate) mod box_constrained;
+pub(crate) mod data_space;
+pub(crate) mod hyper_parameter;
+pub(crate) mod interior_point;
+pub mod learned;
+pub(crate) mod loss_only;
+pub(crate) mod low_rank;
+pub(crate) mod one_step;
+pub(crate) mod prior;
+pub(crate) mod reciprocity;
+pub(crate) mod reconstructor;
+pub(crate) mod tv;

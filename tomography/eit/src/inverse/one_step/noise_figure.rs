@@ -1,0 +1,92 @@
+//! The noise figure of a linear map, and the hyper-parameter that has a given one.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::Mesh;
+use crate::inverse::one_step::OneStepError;
+use crate::inverse::reciprocity::Fold;
+
+/// Diameter of the load that a noise figure is told for, as a share of the square root of the region's area.
+pub(super) const LOAD: f64 = 0.0543;
+
+/// The noise figure of the linear map M (A. Adler, R. Guardo, IEEE Trans. Med. Imaging 15 (1996) 170): mean |y| over the
+/// noise of a reading, over mean |a M y| over the root mean square of its noise, a the areas, y the readings of a small
+/// disc in the middle of the region.
+pub(super) fn of(mesh: &Mesh, fold: &Fold, sensitivity: &DMatrix<f64>, map: &DMatrix<f64>) -> f64 {
+    let (centroids, areas) = (mesh.region_centroids(), mesh.region_areas());
+    let area: f64 = areas.iter().sum();
+    let middle = [0, 1].map(|axis| {
+        centroids
+            .iter()
+            .zip(&areas)
+            .map(|(at, a)| at[axis] * a)
+            .sum::<f64>()
+            / area
+    });
+    let away = |at: &[f64; 2]| (at[0] - middle[0]).hypot(at[1] - middle[1]);
+    let radius =
+        (0.5 * LOAD * area.sqrt()).max(centroids.iter().map(away).fold(f64::INFINITY, f64::min));
+    let load = DVector::from_iterator(
+        centroids.len(),
+        centroids
+            .iter()
+            .map(|at| f64::from(u8::from(away(at) <= radius))),
+    );
+    let seen = sensitivity * load;
+    let answer = map * &seen;
+    let mut noise = vec![0.0; areas.len()];
+    for column in map.column_iter() {
+        for (sum, value) in noise.iter_mut().zip(&column) {
+            *sum += value * value;
+        }
+    }
+    let seen = fold.readings_of(&seen);
+    let readings = seen.iter().map(|y| y.abs()).sum::<f64>() / seen.len() as f64;
+    let unknowns = areas.len() as f64;
+    let signal = answer
+        .iter()
+        .zip(&areas)
+        .map(|(x, a)| (x * a).abs())
+        .sum::<f64>()
+        / unknowns;
+    let spread = noise
+        .iter()
+        .zip(&areas)
+        .map(|(n, a)| n * a * a)
+        .sum::<f64>()
+        / unknowns;
+    readings * spread.sqrt() / signal
+}
+
+/// The lambda with the noise figure `wanted`: the figure falls as lambda grows. It is searched between 1e-5 and 1e2 of
+/// `size`, to a thousandth of it.
+pub(super) fn lambda(
+    wanted: f64,
+    size: f64,
+    at: impl Fn(f64) -> Result<f64, OneStepError>,
+) -> Result<f64, OneStepError> {
+    if !(wanted > 0.0 && wanted.is_finite()) {
+        return Err(OneStepError::NotPositive {
+            what: "noise figure",
+            value: wanted,
+        });
+    }
+    let (mut low, mut high) = ((1e-5 * size).ln(), (1e2 * size).ln());
+    let (most, least) = (at(low.exp())?, at(high.exp())?);
+    if !(least..=most).contains(&wanted) {
+        return Err(OneStepError::NoiseFigure {
+            wanted,
+            least,
+            most,
+        });
+    }
+    while high - low > 1e-3 {
+        let middle = 0.5 * (low + high);
+        if at(middle.exp())? > wanted {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    Ok((0.5 * (low + high)).exp())
+}

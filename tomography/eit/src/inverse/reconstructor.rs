@@ -1,0 +1,359 @@
+//! The seam between voltages and maps: what every reconstructor promises, and how it refuses.
+
+use std::sync::Arc;
+
+use survey::{Map, Protocol, Reading};
+
+use crate::Mesh;
+use crate::inverse::one_step::UNEXPLAINED;
+
+/// Share of the readings that may be missing before a map is refused.
+pub const MOST_MISSING: f64 = 0.25;
+
+/// Reciprocal twins that differ by more than this share of the larger cannot both be right, whatever noise and loads do.
+const CONTRADICTED: f64 = 0.9;
+
+/// Turns a baseline and a frame into a map of the relative change of conductance.
+pub trait Reconstructor: Send + Sync {
+    /// The method as a person would name it.
+    fn method(&self) -> &str;
+    /// The questions whose answers it understands.
+    fn protocol(&self) -> &Protocol;
+    /// The mesh whose region the map covers.
+    fn mesh(&self) -> &Arc<Mesh>;
+    /// The map. Readings that are not valid in either are masked and counted in the map.
+    ///
+    /// # Errors
+    /// A wrong count of readings, too many missing, a baseline or a frame that this method cannot judge.
+    fn reconstruct(&self, baseline: &[Reading], frame: &[Reading])
+    -> Result<Map, ReconstructError>;
+    /// What the method assumed and how exact it is, a sentence each, for a person: prior, hyper-parameter and where it
+    /// came from, noise, bounds, training set, stated errors. Nothing is said where the list is empty.
+    fn assumptions(&self) -> Vec<String> {
+        Vec::new()
+    }
+    /// The noise figure: signal-to-noise ratio of the readings over that of the map, for a small load in the middle of
+    /// the region; below 1 the method averages noise away, at the price of sharpness. `None` where it is not defined.
+    /// May take a second: a method that is not linear finds it by seeded draws of noise.
+    fn noise_figure(&self) -> Option<f64> {
+        None
+    }
+    /// How far these readings lie from everything that the method can explain or was trained on; `None` where the
+    /// method cannot tell.
+    ///
+    /// # Errors
+    /// As [`Reconstructor::reconstruct`] before a map is attempted: counts, missing readings, a dead baseline.
+    fn novelty(
+        &self,
+        _baseline: &[Reading],
+        _frame: &[Reading],
+    ) -> Result<Option<Novelty>, ReconstructError> {
+        Ok(None)
+    }
+}
+
+/// How unlike its expectations a method finds a frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Novelty {
+    /// The measure, at least 0; what its unit is, `measure` says.
+    pub value: f64,
+    /// Above it the frame lies outside of what the method knows.
+    pub limit: f64,
+    /// What is measured, for a person: of model-based methods the root mean square of what no map explains, in standard
+    /// deviations of the noise; of networks the distance to the nearest thing they were trained on.
+    pub measure: &'static str,
+}
+
+impl Novelty {
+    /// Whether the frame lies outside of what the method knows; not a number is outside.
+    pub fn outside(&self) -> bool {
+        self.value.is_nan() || self.value > self.limit
+    }
+}
+
+/// Why there is no map.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ReconstructError {
+    /// Baseline or frame does not answer this protocol.
+    #[error("the {what} has {has} readings, the {method} reconstruction needs {wants}")]
+    Length {
+        /// `baseline` or `frame`.
+        what: &'static str,
+        /// What it has.
+        has: usize,
+        /// What is needed.
+        wants: usize,
+        /// The method asked.
+        method: String,
+    },
+    /// More readings are missing than [`MOST_MISSING`].
+    #[error(
+        "{missing} of {readings} readings are missing, more than a quarter: no map; look at the wiring and the range"
+    )]
+    TooManyMissing {
+        /// Not valid in baseline or frame.
+        missing: usize,
+        /// Of so many.
+        readings: usize,
+    },
+    /// All valid readings of the baseline are zero.
+    #[error("the baseline is zero everywhere: no current flowed when it was recorded")]
+    DeadBaseline,
+    /// The baseline's readings have the opposite sign of the model's.
+    #[error(
+        "the baseline's readings have the opposite sign of this geometry's: reversed leads, or an instrument that \
+         gives magnitudes (negate them)"
+    )]
+    OppositeSign,
+    /// The input is far from everything the network was trained on.
+    #[error(
+        "the frame lies outside of what the model was trained on: novelty {novelty:.1}, limit {limit}; record a new \
+         baseline, or train with loads and noise like these"
+    )]
+    OutsideModel {
+        /// Its distance, in the measure of the model's kind.
+        novelty: f64,
+        /// Beyond which nothing is said.
+        limit: f64,
+    },
+    /// The numbers gave out.
+    #[error("the {method} reconstruction failed on these readings: {cause}")]
+    Numerical {
+        /// The method.
+        method: String,
+        /// What failed.
+        cause: String,
+    },
+}
+
+/// Baseline and difference where both are valid, and what is missing.
+pub(crate) struct Difference {
+    /// Volts of the baseline, 0 where missing.
+    pub(crate) baseline: Vec<f64>,
+    /// Frame minus baseline in volts, 0 where missing.
+    pub(crate) change: Vec<f64>,
+    /// Indices of missing readings, ascending.
+    pub(crate) missing: Vec<usize>,
+}
+
+impl Difference {
+    /// Checks the counts, and masks what is not valid in both, or what reciprocity says cannot be: of two twins that
+    /// differ by more than [`CONTRADICTED`] of the larger, where that is no small reading, the one farther from the model's
+    /// (both, where there is no model). One channel that shouts would else rule the scale of all.
+    pub(crate) fn new(
+        baseline: &[Reading],
+        frame: &[Reading],
+        twins: &[Option<usize>],
+        model: Option<&[f64]>,
+        method: &str,
+    ) -> Result<Self, ReconstructError> {
+        let wants = twins.len();
+        for (what, has) in [("baseline", baseline.len()), ("frame", frame.len())] {
+            if has != wants {
+                return Err(ReconstructError::Length {
+                    what,
+                    has,
+                    wants,
+                    method: method.to_owned(),
+                });
+            }
+        }
+        let finite = |reading: Reading| {
+            reading
+                .volts()
+                .map(|volts| volts.0)
+                .filter(|volts| volts.is_finite())
+        };
+        let mut difference = Self {
+            baseline: vec![0.0; wants],
+            change: vec![0.0; wants],
+            missing: Vec::new(),
+        };
+        for reading in 0..wants {
+            match (finite(baseline[reading]), finite(frame[reading])) {
+                (Some(before), Some(now)) => {
+                    difference.baseline[reading] = before;
+                    difference.change[reading] = now - before;
+                }
+                _ => difference.missing.push(reading),
+            }
+        }
+        difference.mask_contradictions(twins, model);
+        if difference.missing.len() as f64 > MOST_MISSING * wants as f64 {
+            return Err(ReconstructError::TooManyMissing {
+                missing: difference.missing.len(),
+                readings: wants,
+            });
+        }
+        if difference.baseline.iter().all(|volts| *volts == 0.0) {
+            return Err(ReconstructError::DeadBaseline);
+        }
+        Ok(difference)
+    }
+
+    fn mask_contradictions(&mut self, twins: &[Option<usize>], model: Option<&[f64]>) {
+        let after: Vec<f64> = self
+            .baseline
+            .iter()
+            .zip(&self.change)
+            .map(|(before, change)| before + change)
+            .collect();
+        let mut wrong = contradictions(&self.baseline, &self.missing, twins, model);
+        wrong.extend(contradictions(&after, &self.missing, twins, model));
+        for &reading in &wrong {
+            self.baseline[reading] = 0.0;
+            self.change[reading] = 0.0;
+        }
+        self.missing.append(&mut wrong);
+        self.missing.sort_unstable();
+        self.missing.dedup();
+    }
+
+    /// Eq. 6: the change over the largest reading of the baseline. A missing reading is its reciprocal twin's where that one
+    /// is there; the indices of the others are given too.
+    pub(crate) fn normalised(mut self, twins: &[Option<usize>]) -> (Vec<f64>, Vec<usize>) {
+        let top = self
+            .baseline
+            .iter()
+            .fold(0.0_f64, |top, v| top.max(v.abs()));
+        let left = self
+            .missing
+            .iter()
+            .copied()
+            .filter(|&reading| match twins[reading] {
+                Some(twin) if self.missing.binary_search(&twin).is_err() => {
+                    self.change[reading] = self.change[twin];
+                    false
+                }
+                _ => true,
+            })
+            .collect();
+        for value in &mut self.change {
+            *value /= top;
+        }
+        (self.change, left)
+    }
+
+    /// Brings the change to the model's scale: divides it by the factor between baseline and model, one for all
+    /// readings, or one for each group of them that stays within [`UNEXPLAINED`] of that.
+    pub(crate) fn scale(
+        &mut self,
+        model: &[f64],
+        groups: Option<&[usize]>,
+    ) -> Result<(), ReconstructError> {
+        let mut valid = vec![true; model.len()];
+        for &reading in &self.missing {
+            valid[reading] = false;
+        }
+        let count = groups.map_or(0, |groups| groups.iter().max().map_or(0, |top| top + 1));
+        // cross and square sums of each group, and of all readings at the end
+        let mut sums = vec![[0.0; 2]; count + 1];
+        for reading in (0..model.len()).filter(|&reading| valid[reading]) {
+            let group = groups.map(|groups| groups[reading]);
+            for slot in group.into_iter().chain([count]) {
+                sums[slot][0] += self.baseline[reading] * model[reading];
+                sums[slot][1] += model[reading] * model[reading];
+            }
+        }
+        let uniform = sums[count][0] / sums[count][1];
+        if !(uniform.is_finite() && uniform > 0.0) {
+            return Err(ReconstructError::OppositeSign);
+        }
+        for (reading, change) in self.change.iter_mut().enumerate() {
+            let own = groups
+                .map(|groups| sums[groups[reading]])
+                .map(|[cross, square]| cross / square)
+                .filter(|own| (UNEXPLAINED.recip()..=UNEXPLAINED).contains(&(own / uniform)));
+            *change /= own.unwrap_or(uniform);
+        }
+        Ok(())
+    }
+}
+
+/// Readings that contradict their twins.
+fn contradictions(
+    volts: &[f64],
+    missing: &[usize],
+    twins: &[Option<usize>],
+    model: Option<&[f64]>,
+) -> Vec<usize> {
+    let valid = |reading: usize| missing.binary_search(&reading).is_err();
+    let top = |[twin, reading]: [usize; 2]| volts[twin].abs().max(volts[reading].abs());
+    let mut doubtful: Vec<[usize; 2]> = twins
+        .iter()
+        .enumerate()
+        .filter_map(|(reading, twin)| Some([(*twin)?, reading]))
+        .filter(|&[twin, reading]| {
+            twin < reading
+                && (volts[twin] - volts[reading]).abs() > CONTRADICTED * top([twin, reading])
+                && valid(twin)
+                && valid(reading)
+        })
+        .collect();
+    // what follows costs more than the rest of a quick frame, and is seldom needed
+    if doubtful.is_empty() {
+        return Vec::new();
+    }
+    let mut sizes: Vec<f64> = (0..volts.len())
+        .filter(|&reading| valid(reading))
+        .map(|reading| volts[reading].abs())
+        .collect();
+    let usual = median(&mut sizes);
+    doubtful.retain(|&pair| top(pair) > usual);
+    let Some(model) = model.filter(|_| !doubtful.is_empty()) else {
+        return doubtful.into_flattened();
+    };
+    let mut ratios: Vec<f64> = (0..volts.len())
+        .filter(|&reading| valid(reading) && model[reading] != 0.0)
+        .map(|reading| volts[reading] / model[reading])
+        .collect();
+    let scale = median(&mut ratios);
+    let far = |reading: usize| (volts[reading] - scale * model[reading]).abs();
+    doubtful
+        .into_iter()
+        .map(|[twin, reading]| {
+            if far(twin) > far(reading) {
+                twin
+            } else {
+                reading
+            }
+        })
+        .collect()
+}
+
+/// The upper median; 0 of nothing.
+fn median(values: &mut [f64]) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::inverse::reconstructor::*;
+
+    const MODEL: [f64; 6] = [1.0, 1.0, 0.5, 0.5, 0.1, 0.1];
+    const TWINS: [Option<usize>; 6] = [Some(1), Some(0), Some(3), Some(2), Some(5), Some(4)];
+
+    fn wrong(change: impl Fn(&mut [f64]), model: Option<&[f64]>) -> Vec<usize> {
+        let mut volts = MODEL.map(|v| 2e-3 * v);
+        change(&mut volts);
+        contradictions(&volts, &[], &TWINS, model)
+    }
+
+    #[test]
+    fn of_twins_that_contradict_each_other_the_model_tells_the_wrong_one() {
+        assert!(wrong(|_| (), Some(&MODEL)).is_empty());
+        assert_eq!(wrong(|v| v[3] *= 100.0, Some(&MODEL)), [3]);
+        assert_eq!(wrong(|v| v[1] = 0.0, Some(&MODEL)), [1]);
+        assert_eq!(wrong(|v| v[0] *= -1.0, Some(&MODEL)), [0]);
+        assert_eq!(wrong(|v| v[3] *= 100.0, None), [2, 3]);
+    }
+
+    #[test]
+    fn loads_noise_and_small_readings_are_no_contradiction() {
+        assert!(wrong(|v| v[0] *= 5.0, Some(&MODEL)).is_empty());
+        assert!(wrong(|v| v[4] = 0.0, Some(&MODEL)).is_empty());
+        let lonely = contradictions(&[1.0, 100.0], &[], &[None, None], Some(&[1.0, 1.0]));
+        assert!(lonely.is_empty());
+    }
+}

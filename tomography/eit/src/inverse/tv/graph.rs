@@ -1,0 +1,96 @@
+//! Unknowns and the edges between them: the triangles of a region, and what their borders weigh.
+
+use std::collections::HashMap;
+
+use crate::Mesh;
+use crate::inverse::tv::cut::CutGraph;
+
+/// Neighbouring unknowns, and the length of the border between them.
+pub(crate) struct Graph {
+    pub(crate) unknowns: usize,
+    pub(crate) edges: Vec<[usize; 2]>,
+    /// Length of each border, m.
+    pub(crate) lengths: Vec<f64>,
+    pub(crate) cut: CutGraph,
+    /// Edges and far ends of each unknown: `around[first[u]..first[u + 1]]`.
+    first: Vec<usize>,
+    around: Vec<[u32; 2]>,
+}
+
+impl Graph {
+    /// The triangles of the mesh's region; only edges with a triangle of the region on both sides count.
+    pub(crate) fn of_region(mesh: &Mesh) -> Self {
+        let (mut edges, mut lengths) = (Vec::new(), Vec::new());
+        let mut open = HashMap::new();
+        for (unknown, &triangle) in mesh.region().iter().enumerate() {
+            let [a, b, c] = mesh.triangles()[triangle];
+            for (p, q) in [(a, b), (b, c), (c, a)] {
+                if let Some(other) = open.insert((p.min(q), p.max(q)), unknown) {
+                    edges.push([other, unknown]);
+                    lengths.push(mesh.edge_length([p, q]));
+                }
+            }
+        }
+        Self::new(mesh.region().len(), edges, lengths)
+    }
+
+    pub(crate) fn new(unknowns: usize, edges: Vec<[usize; 2]>, lengths: Vec<f64>) -> Self {
+        let mut first = vec![0_usize; unknowns + 1];
+        for edge in &edges {
+            for &end in edge {
+                first[end + 1] += 1;
+            }
+        }
+        for unknown in 0..unknowns {
+            first[unknown + 1] += first[unknown];
+        }
+        let mut next = first.clone();
+        let mut around = vec![[0; 2]; 2 * edges.len()];
+        for (edge, &[a, b]) in edges.iter().enumerate() {
+            for (from, to) in [(a, b), (b, a)] {
+                around[next[from]] = [edge as u32, to as u32];
+                next[from] += 1;
+            }
+        }
+        Self {
+            unknowns,
+            cut: CutGraph::new(unknowns, &edges),
+            edges,
+            lengths,
+            first,
+            around,
+        }
+    }
+
+    /// Edge and neighbour, for each neighbour.
+    pub(crate) fn around(&self, unknown: usize) -> impl Iterator<Item = (usize, usize)> + '_ {
+        self.around[self.first[unknown]..self.first[unknown + 1]]
+            .iter()
+            .map(|&[edge, other]| (edge as usize, other as usize))
+    }
+
+    /// Connected parts of unknowns that `same` joins across an edge: the part of each, and how many there are. Parts
+    /// are numbered by their first unknown.
+    pub(crate) fn parts(&self, same: impl Fn(usize, usize) -> bool) -> (Vec<usize>, usize) {
+        let mut part = vec![usize::MAX; self.unknowns];
+        let mut count = 0;
+        let mut frontier = Vec::new();
+        for seed in 0..self.unknowns {
+            if part[seed] != usize::MAX {
+                continue;
+            }
+            part[seed] = count;
+            frontier.push(seed);
+            while let Some(unknown) = frontier.pop() {
+                for (_, other) in self.around(unknown) {
+                    if part[other] == usize::MAX && same(unknown, other) {
+                        part[other] = count;
+                        frontier.push(other);
+                    }
+                }
+            }
+            count += 1;
+        }
+        (part, count)
+    }
+}

@@ -1,0 +1,202 @@
+//! Dense products and factorisations: nalgebra holds the numbers, faer multiplies and factors them.
+//!
+//! faer is built without threads here; the larger products are cut into fixed chunks of columns that threads share, so
+//! every result has the same bits on any number of threads.
+
+use faer::linalg::matmul::matmul;
+use faer::linalg::solvers::Solve;
+use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use crate::linear_algebra::sparse::{MulAdd, Task, widest};
+
+/// The same numbers as faer sees them.
+pub(crate) fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
+    MatRef::from_column_major_slice(matrix.as_slice(), matrix.nrows(), matrix.ncols())
+}
+
+/// Columns that one thread takes at a time.
+const COLUMNS: usize = 64;
+
+/// Multiplications below which other threads are not worth waking.
+const SMALL: usize = 20_000_000;
+
+/// Calls `fill` with the number of the first column and the columns, for each chunk of a matrix.
+fn by_columns(
+    out: &mut DMatrix<f64>,
+    multiplications: usize,
+    fill: impl Fn(usize, &mut [f64]) + Sync,
+) {
+    let length = out.nrows() * COLUMNS;
+    if out.is_empty() {
+        return;
+    }
+    if multiplications < SMALL {
+        let chunks = out.as_mut_slice().chunks_mut(length).enumerate();
+        chunks.for_each(|(chunk, out)| fill(chunk * COLUMNS, out));
+    } else {
+        let chunks = out.as_mut_slice().par_chunks_mut(length).enumerate();
+        chunks.for_each(|(chunk, out)| fill(chunk * COLUMNS, out));
+    }
+}
+
+/// a b
+pub(crate) fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> DMatrix<f64> {
+    let (rows, columns) = (a.nrows(), b.ncols());
+    let mut out = DMatrix::zeros(rows, columns);
+    by_columns(&mut out, rows * columns * a.ncols(), |first, out| {
+        let count = out.len() / rows;
+        let into = MatMut::from_column_major_slice_mut(out, rows, count);
+        let b = b.subcols(first, count);
+        matmul(into, Accum::Replace, a, b, 1.0, Par::Seq);
+    });
+    out
+}
+
+/// The lower triangle of a a', and its mirror image.
+fn square(a: MatRef<'_, f64>) -> DMatrix<f64> {
+    let rows = a.nrows();
+    let mut out = DMatrix::zeros(rows, rows);
+    by_columns(&mut out, rows * rows * a.ncols() / 2, |first, out| {
+        let count = out.len() / rows;
+        let into =
+            MatMut::from_column_major_slice_mut(out, rows, count).subrows_mut(first, rows - first);
+        let (low, own) = (a.subrows(first, rows - first), a.subrows(first, count));
+        matmul(into, Accum::Replace, low, own.transpose(), 1.0, Par::Seq);
+    });
+    out.fill_upper_triangle_with_lower_triangle();
+    out
+}
+
+/// a x, at the speed of memory.
+pub(crate) fn times(a: &DMatrix<f64>, x: &DVector<f64>) -> Vec<f64> {
+    widest(Times { a, x })
+}
+
+struct Times<'a> {
+    a: &'a DMatrix<f64>,
+    x: &'a DVector<f64>,
+}
+
+impl Task for Times<'_> {
+    type Output = Vec<f64>;
+
+    #[inline(always)]
+    fn run<M: MulAdd>(self) -> Vec<f64> {
+        const TOGETHER: usize = 8;
+        let rows = self.a.nrows();
+        let mut out = vec![0.0; rows];
+        let columns = self.a.as_slice().chunks(rows.max(1) * TOGETHER);
+        for (columns, x) in columns.zip(self.x.as_slice().chunks(TOGETHER)) {
+            if x.len() == TOGETHER {
+                let column: [&[f64]; TOGETHER] =
+                    std::array::from_fn(|k| &columns[k * rows..][..rows]);
+                for (i, out) in out.iter_mut().enumerate() {
+                    let mut sum = *out;
+                    for k in 0..TOGETHER {
+                        sum = M::mul_add(column[k][i], x[k], sum);
+                    }
+                    *out = sum;
+                }
+            } else {
+                for (column, x) in columns.chunks_exact(rows).zip(x) {
+                    for (out, value) in out.iter_mut().zip(column) {
+                        *out = M::mul_add(*value, *x, *out);
+                    }
+                }
+            }
+        }
+        out
+    }
+}
+
+/// Q with orthonormal columns, and the inverse of U, of A = Q U; `None` where A has not the rank of its columns.
+pub(crate) fn thin_qr_and_inverse(a: &DMatrix<f64>) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
+    let n = a.ncols();
+    let qr = view(a).qr();
+    let q = qr.compute_thin_Q();
+    let mut inverse = Mat::<f64>::identity(n, n);
+    qr.thin_R()
+        .solve_upper_triangular_in_place(inverse.as_mut());
+    let inverse = DMatrix::from_fn(n, n, |i, j| inverse[(i, j)]);
+    let q = DMatrix::from_fn(a.nrows(), n, |i, j| q[(i, j)]);
+    inverse
+        .iter()
+        .all(|value| value.is_finite())
+        .then_some((q, inverse))
+}
+
+/// The inverse of a symmetric positive definite matrix, symmetric to the last bit; `None` where it is not definite.
+pub(crate) fn inverse_of_definite(a: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let n = a.nrows();
+    let factor = view(a).llt(Side::Lower).ok()?;
+    let mut inverse = Mat::<f64>::identity(n, n);
+    factor.solve_in_place(inverse.as_mut());
+    let out = DMatrix::from_fn(n, n, |i, j| 0.5 * (inverse[(i, j)] + inverse[(j, i)]));
+    out.iter().all(|value| value.is_finite()).then_some(out)
+}
+
+/// Solves a x = b for symmetric positive definite a; `None` where it is not definite.
+pub(crate) fn solve_definite(a: &DMatrix<f64>, b: &[f64]) -> Option<Vec<f64>> {
+    let factor = view(a).llt(Side::Lower).ok()?;
+    let mut x = Mat::<f64>::from_fn(b.len(), 1, |i, _| b[i]);
+    factor.solve_in_place(x.as_mut());
+    Some((0..b.len()).map(|i| x[(i, 0)]).collect())
+}
+
+/// Eigenvalues (ascending) and orthonormal eigenvectors (columns) of a symmetric matrix.
+pub(crate) fn symmetric_eigen(a: &DMatrix<f64>) -> Option<(Vec<f64>, DMatrix<f64>)> {
+    let n = a.nrows();
+    let eigen = view(a).self_adjoint_eigen(Side::Lower).ok()?;
+    let (s, u) = (eigen.S(), eigen.U());
+    let values = (0..n).map(|i| s[i]).collect();
+    Some((values, DMatrix::from_fn(n, n, |i, j| u[(i, j)])))
+}
+
+/// A factor of a symmetric positive definite matrix, for several right-hand sides.
+pub(crate) struct Definite(faer::linalg::solvers::Llt<f64>);
+
+impl Definite {
+    /// `None` where the matrix is not definite.
+    pub(crate) fn new(a: &DMatrix<f64>) -> Option<Self> {
+        view(a).llt(Side::Lower).ok().map(Self)
+    }
+
+    pub(crate) fn solve(&self, b: &DVector<f64>) -> DVector<f64> {
+        let mut x = b.clone();
+        let rows = x.len();
+        self.0.solve_in_place(MatMut::from_column_major_slice_mut(
+            x.as_mut_slice(),
+            rows,
+            1,
+        ));
+        x
+    }
+}
+
+/// J W J' with the diagonal W that `weight` gives, positive entries; columns without a weight are left out.
+pub(crate) fn gram(j: &DMatrix<f64>, weight: impl Fn(usize) -> Option<f64>) -> DMatrix<f64> {
+    let rows = j.nrows();
+    let mut scaled = Vec::with_capacity(j.len());
+    for (i, column) in j.column_iter().enumerate() {
+        if let Some(weight) = weight(i) {
+            let root = weight.sqrt();
+            scaled.extend(column.iter().map(|value| value * root));
+        }
+    }
+    let columns = scaled.len().checked_div(rows).unwrap_or_default();
+    square(MatRef::from_column_major_slice(&scaled, rows, columns))
+}
+
+/// A'A
+pub(crate) fn gram_of_columns(a: &DMatrix<f64>) -> DMatrix<f64> {
+    square(view(a).transpose())
+}
+
+/// A'x
+pub(crate) fn transposed_times(a: &DMatrix<f64>, x: &DVector<f64>) -> DVector<f64> {
+    let x = MatRef::from_column_major_slice(x.as_slice(), x.len(), 1);
+    let product = product(view(a).transpose(), x);
+    DVector::from_column_slice(product.as_slice())
+}

@@ -1,0 +1,523 @@
+//! A triangulated sheet with electrodes on its boundary, checked once so that nobody checks again.
+
+mod check;
+pub(crate) mod generation;
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use sha2::{Digest, Sha256};
+use survey::Electrode;
+
+/// Below this share of the whole sheet a triangle counts as having no area.
+const SMALLEST_AREA: f64 = 1e-12;
+
+/// Fewer edges than this under an electrode lose current and make its resistance depend on the mesh.
+pub const ENOUGH_EDGES: usize = 4;
+
+/// Linear triangles, the boundary edges that each electrode touches, and the region of interest.
+///
+/// Metres throughout. Every node is used, every triangle is counter-clockwise, the sheet is one piece, electrodes lie
+/// on boundary edges (of the outer rim or of a hole) and do not touch each other.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mesh {
+    nodes: Vec<[f64; 2]>,
+    triangles: Vec<[usize; 3]>,
+    electrode_edges: Vec<Vec<[usize; 2]>>,
+    region: Vec<usize>,
+    areas: Vec<f64>,
+    hash: String,
+}
+
+/// Why nodes, triangles and electrodes do not make a mesh. Elements and nodes are counted from 0 as in case folders,
+/// electrodes from 1 as people do.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum MeshError {
+    /// No triangle.
+    #[error("a mesh needs at least one triangle")]
+    Empty,
+    /// A coordinate is NaN or infinite.
+    #[error("node {node} has a coordinate that is not finite")]
+    NotFinite {
+        /// The node.
+        node: usize,
+    },
+    /// A triangle names a node that does not exist.
+    #[error("element {element} names node {node}, but there are {nodes} nodes")]
+    NoSuchNode {
+        /// The element.
+        element: usize,
+        /// The node named.
+        node: usize,
+        /// Nodes there are.
+        nodes: usize,
+    },
+    /// A triangle runs clockwise.
+    #[error(
+        "element {element} is inverted (area {area:e} m2); its corners must run counter-clockwise"
+    )]
+    Inverted {
+        /// The element.
+        element: usize,
+        /// Its signed area, m2.
+        area: f64,
+    },
+    /// A triangle has no area.
+    #[error("element {element} has no area ({area:e} m2)")]
+    NoArea {
+        /// The element.
+        element: usize,
+        /// Its signed area, m2.
+        area: f64,
+    },
+    /// A node that no triangle uses.
+    #[error("node {node} belongs to no element; remove it")]
+    UnusedNode {
+        /// The node.
+        node: usize,
+    },
+    /// Elements overlap along an edge.
+    #[error(
+        "element {element} is the second on the same side of the edge from node {from} to {to}"
+    )]
+    Overlap {
+        /// The element.
+        element: usize,
+        /// Start of the edge.
+        from: usize,
+        /// End of the edge.
+        to: usize,
+    },
+    /// The sheet is in pieces.
+    #[error("element {element} is not connected to element 0; the sheet must be one piece")]
+    Disconnected {
+        /// An element of another piece.
+        element: usize,
+    },
+    /// An electrode without an edge.
+    #[error("electrode {electrode} touches nothing: it has no edge")]
+    NoEdge {
+        /// The electrode.
+        electrode: Electrode,
+    },
+    /// An electrode's edge is not on the boundary.
+    #[error(
+        "electrode {electrode}: the edge between nodes {from} and {to} is not a boundary edge of the mesh"
+    )]
+    NotBoundary {
+        /// The electrode.
+        electrode: Electrode,
+        /// One end.
+        from: usize,
+        /// Other end.
+        to: usize,
+    },
+    /// An edge is named twice.
+    #[error("electrode {electrode} names the edge between nodes {from} and {to} a second time")]
+    EdgeTwice {
+        /// The electrode.
+        electrode: Electrode,
+        /// One end.
+        from: usize,
+        /// Other end.
+        to: usize,
+    },
+    /// Two electrodes meet.
+    #[error(
+        "electrodes {first} and {second} meet at node {node}; leave at least one edge between them"
+    )]
+    ElectrodesMeet {
+        /// First.
+        first: Electrode,
+        /// Second.
+        second: Electrode,
+        /// Where.
+        node: usize,
+    },
+    /// The region is empty or names an element that does not exist, or names one twice.
+    #[error("the region of interest {fault}")]
+    Region {
+        /// What is wrong with it.
+        fault: String,
+    },
+    /// A preset's measures do not make a sheet.
+    #[error("preset '{preset}': {fault}")]
+    Preset {
+        /// Name of the preset.
+        preset: &'static str,
+        /// What is wrong, and with which key.
+        fault: String,
+    },
+}
+
+/// What a mesh is like, in numbers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeshQuality {
+    /// Number of nodes.
+    pub nodes: usize,
+    /// Number of triangles.
+    pub triangles: usize,
+    /// Number of triangles in the region of interest.
+    pub region: usize,
+    /// Area of the sheet, m2.
+    pub area: f64,
+    /// Smallest angle of all triangles, degrees.
+    pub smallest_angle: f64,
+    /// Largest angle of all triangles, degrees.
+    pub largest_angle: f64,
+    /// Fewest edges under an electrode.
+    pub fewest_electrode_edges: usize,
+    /// Electrodes with fewer than [`ENOUGH_EDGES`] edges: usable, but their resistance is the mesh's rather than theirs.
+    pub coarse_electrodes: Vec<Electrode>,
+}
+
+impl Mesh {
+    /// Checks everything and keeps it. `region` names triangles; `None` is all of them.
+    ///
+    /// # Errors
+    /// The first fault found, naming node, element or electrode.
+    pub fn new(
+        nodes: Vec<[f64; 2]>,
+        triangles: Vec<[usize; 3]>,
+        electrode_edges: Vec<Vec<[usize; 2]>>,
+        region: Option<Vec<usize>>,
+    ) -> Result<Self, MeshError> {
+        let areas = check::triangles(&nodes, &triangles)?;
+        let sides = check::sides(&triangles)?;
+        check::connected(&triangles, &sides)?;
+        check::electrodes(&sides, &electrode_edges)?;
+        let region = check::region(region, triangles.len())?;
+        let hash = hash(&nodes, &triangles, &electrode_edges, &region);
+        Ok(Self {
+            nodes,
+            triangles,
+            electrode_edges,
+            region,
+            areas,
+            hash,
+        })
+    }
+
+    /// The same mesh with another region of interest.
+    ///
+    /// # Errors
+    /// A region that is empty, or names an element that does not exist or one twice.
+    pub fn with_region(&self, region: Option<Vec<usize>>) -> Result<Self, MeshError> {
+        let region = check::region(region, self.triangles.len())?;
+        let hash = hash(&self.nodes, &self.triangles, &self.electrode_edges, &region);
+        Ok(Self {
+            region,
+            hash,
+            ..self.clone()
+        })
+    }
+
+    /// Positions, m.
+    pub fn nodes(&self) -> &[[f64; 2]] {
+        &self.nodes
+    }
+
+    /// Corners of each triangle, counter-clockwise.
+    pub fn triangles(&self) -> &[[usize; 3]] {
+        &self.triangles
+    }
+
+    /// Boundary edges under each electrode.
+    pub fn electrode_edges(&self) -> &[Vec<[usize; 2]>] {
+        &self.electrode_edges
+    }
+
+    /// Number of electrodes.
+    pub fn electrodes(&self) -> usize {
+        self.electrode_edges.len()
+    }
+
+    /// Triangles of the region of interest, in the order of a map's values.
+    pub fn region(&self) -> &[usize] {
+        &self.region
+    }
+
+    /// Area of a triangle, m2.
+    pub fn area(&self, triangle: usize) -> f64 {
+        self.areas[triangle]
+    }
+
+    /// Centroid of a triangle, m.
+    pub fn centroid(&self, triangle: usize) -> [f64; 2] {
+        let [a, b, c] = self.corners(triangle);
+        [(a[0] + b[0] + c[0]) / 3.0, (a[1] + b[1] + c[1]) / 3.0]
+    }
+
+    /// The three corners of a triangle, m.
+    pub fn corners(&self, triangle: usize) -> [[f64; 2]; 3] {
+        self.triangles[triangle].map(|node| self.nodes[node])
+    }
+
+    /// Centroids of the region's triangles, m.
+    pub fn region_centroids(&self) -> Vec<[f64; 2]> {
+        self.region.iter().map(|&t| self.centroid(t)).collect()
+    }
+
+    /// Areas of the region's triangles, m2.
+    pub fn region_areas(&self) -> Vec<f64> {
+        self.region.iter().map(|&t| self.areas[t]).collect()
+    }
+
+    /// Length of the contact of an electrode, m.
+    pub fn electrode_length(&self, electrode: usize) -> f64 {
+        self.electrode_edges[electrode]
+            .iter()
+            .map(|edge| self.edge_length(*edge))
+            .sum()
+    }
+
+    /// Centre of each electrode: the length-weighted mean of its edges, m.
+    pub fn electrode_centres(&self) -> Vec<[f64; 2]> {
+        self.electrode_edges
+            .iter()
+            .map(|edges| {
+                let mut weight = 0.0;
+                let mut sum = [0.0; 2];
+                for &[a, b] in edges {
+                    let length = self.edge_length([a, b]);
+                    weight += length;
+                    for (axis, sum) in sum.iter_mut().enumerate() {
+                        *sum += 0.5 * length * (self.nodes[a][axis] + self.nodes[b][axis]);
+                    }
+                }
+                sum.map(|sum| sum / weight)
+            })
+            .collect()
+    }
+
+    /// Length of an edge, m.
+    pub fn edge_length(&self, [a, b]: [usize; 2]) -> f64 {
+        let [a, b] = [self.nodes[a], self.nodes[b]];
+        (b[0] - a[0]).hypot(b[1] - a[1])
+    }
+
+    /// The boundary as closed loops (the last point is not the first again): the rim counter-clockwise, holes clockwise.
+    pub fn outline(&self) -> Vec<Vec<[f64; 2]>> {
+        let directed: BTreeSet<[usize; 2]> = self.triangles.iter().flat_map(sides_of).collect();
+        let mut next: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for &[a, b] in &directed {
+            if !directed.contains(&[b, a]) {
+                next.entry(a).or_default().push(b);
+            }
+        }
+        let mut loops = Vec::new();
+        while let Some((&start, _)) = next.iter().next() {
+            let mut at = start;
+            let mut points = Vec::new();
+            while let Some(ends) = next.get_mut(&at) {
+                let to = ends.pop();
+                if ends.is_empty() {
+                    next.remove(&at);
+                }
+                points.push(self.nodes[at]);
+                match to {
+                    Some(to) if to != start => at = to,
+                    _ => break,
+                }
+            }
+            loops.push(points);
+        }
+        loops
+    }
+
+    /// SHA-256, hex, over every bit of the geometry: nodes, triangles, electrodes and region.
+    pub fn hash(&self) -> &str {
+        &self.hash
+    }
+
+    /// Measures the mesh.
+    pub fn quality(&self) -> MeshQuality {
+        let mut smallest = f64::INFINITY;
+        let mut largest = 0.0_f64;
+        for t in 0..self.triangles.len() {
+            for angle in angles(self.corners(t)) {
+                smallest = smallest.min(angle);
+                largest = largest.max(angle);
+            }
+        }
+        MeshQuality {
+            nodes: self.nodes.len(),
+            triangles: self.triangles.len(),
+            region: self.region.len(),
+            area: self.areas.iter().sum(),
+            smallest_angle: smallest.to_degrees(),
+            largest_angle: largest.to_degrees(),
+            fewest_electrode_edges: self.electrode_edges.iter().map(Vec::len).min().unwrap_or(0),
+            coarse_electrodes: self
+                .electrode_edges
+                .iter()
+                .enumerate()
+                .filter(|(_, edges)| edges.len() < ENOUGH_EDGES)
+                .map(|(electrode, _)| Electrode(electrode))
+                .collect(),
+        }
+    }
+}
+
+/// Twice the signed area over two.
+pub(crate) fn signed_area([a, b, c]: [[f64; 2]; 3]) -> f64 {
+    0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+}
+
+/// The angles at the corners, radian.
+pub(crate) fn angles(corners: [[f64; 2]; 3]) -> [f64; 3] {
+    [0, 1, 2].map(|i| {
+        let [p, q, r] = [corners[i], corners[(i + 1) % 3], corners[(i + 2) % 3]];
+        let (u, v) = ([q[0] - p[0], q[1] - p[1]], [r[0] - p[0], r[1] - p[1]]);
+        (u[0] * v[1] - u[1] * v[0]).atan2(u[0] * v[0] + u[1] * v[1])
+    })
+}
+
+fn sides_of(triangle: &[usize; 3]) -> [[usize; 2]; 3] {
+    let [a, b, c] = *triangle;
+    [[a, b], [b, c], [c, a]]
+}
+
+fn hash(
+    nodes: &[[f64; 2]],
+    triangles: &[[usize; 3]],
+    electrode_edges: &[Vec<[usize; 2]>],
+    region: &[usize],
+) -> String {
+    let mut hasher = Sha256::new();
+    let count = |hasher: &mut Sha256, n: usize| hasher.update((n as u64).to_le_bytes());
+    count(&mut hasher, nodes.len());
+    for coordinate in nodes.iter().flatten() {
+        hasher.update(coordinate.to_bits().to_le_bytes());
+    }
+    count(&mut hasher, triangles.len());
+    for &node in triangles.iter().flatten() {
+        count(&mut hasher, node);
+    }
+    count(&mut hasher, electrode_edges.len());
+    for edges in electrode_edges {
+        count(&mut hasher, edges.len());
+        for &node in edges.iter().flatten() {
+            count(&mut hasher, node);
+        }
+    }
+    count(&mut hasher, region.len());
+    for &element in region {
+        count(&mut hasher, element);
+    }
+    hasher
+        .finalize()
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn square() -> (Vec<[f64; 2]>, Vec<[usize; 3]>) {
+        (
+            vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]],
+            vec![[0, 1, 2], [0, 2, 3]],
+        )
+    }
+
+    fn with(edges: Vec<Vec<[usize; 2]>>) -> Result<Mesh, MeshError> {
+        let (nodes, triangles) = square();
+        Mesh::new(nodes, triangles, edges, None)
+    }
+
+    #[test]
+    fn a_square_with_two_electrodes() {
+        let mesh = with(vec![vec![[3, 0]], vec![[1, 2]]]).unwrap();
+        assert_eq!(mesh.electrode_centres(), [[0.0, 0.5], [1.0, 0.5]]);
+        assert_eq!(mesh.outline().len(), 1);
+        assert_eq!(mesh.outline()[0].len(), 4);
+        let quality = mesh.quality();
+        assert_eq!(quality.coarse_electrodes.len(), 2);
+        assert!((quality.smallest_angle - 45.0).abs() < 1e-12);
+        assert_eq!(mesh.region(), [0, 1]);
+        let half = mesh.with_region(Some(vec![1])).unwrap();
+        assert_ne!(half.hash(), mesh.hash());
+    }
+
+    #[test]
+    fn faults_are_named() {
+        let (nodes, _) = square();
+        let refuse = |triangles: Vec<[usize; 3]>| {
+            Mesh::new(nodes.clone(), triangles, Vec::new(), None).unwrap_err()
+        };
+        assert!(matches!(
+            refuse(vec![[0, 1, 2], [0, 3, 2]]),
+            MeshError::Inverted { element: 1, .. }
+        ));
+        assert!(matches!(
+            refuse(vec![[0, 1, 2], [0, 2, 2]]),
+            MeshError::NoArea { element: 1, .. }
+        ));
+        assert!(matches!(
+            refuse(vec![[0, 1, 2]]),
+            MeshError::UnusedNode { node: 3 }
+        ));
+        assert!(matches!(
+            refuse(vec![[0, 1, 7]]),
+            MeshError::NoSuchNode { node: 7, .. }
+        ));
+        assert!(matches!(
+            refuse(vec![[0, 1, 2], [0, 1, 3]]),
+            MeshError::Overlap { element: 1, .. }
+        ));
+        let apart = Mesh::new(
+            vec![
+                [0.0, 0.0],
+                [1.0, 0.0],
+                [0.0, 1.0],
+                [5.0, 0.0],
+                [6.0, 0.0],
+                [5.0, 1.0],
+            ],
+            vec![[0, 1, 2], [3, 4, 5]],
+            Vec::new(),
+            None,
+        );
+        assert_eq!(apart, Err(MeshError::Disconnected { element: 1 }));
+        assert!(matches!(
+            Mesh::new(vec![[f64::NAN, 0.0]; 3], vec![[0, 1, 2]], Vec::new(), None),
+            Err(MeshError::NotFinite { node: 0 })
+        ));
+    }
+
+    #[test]
+    fn electrode_faults_are_named() {
+        assert_eq!(
+            with(vec![vec![]]),
+            Err(MeshError::NoEdge {
+                electrode: Electrode(0)
+            })
+        );
+        let inner = with(vec![vec![[0, 2]]]).unwrap_err();
+        assert_eq!(
+            inner.to_string(),
+            "electrode 1: the edge between nodes 0 and 2 is not a boundary edge of the mesh"
+        );
+        assert!(matches!(
+            with(vec![vec![[0, 1]], vec![[1, 2]]]),
+            Err(MeshError::ElectrodesMeet { node: 1, .. })
+        ));
+        assert!(matches!(
+            with(vec![vec![[0, 1], [1, 0]]]),
+            Err(MeshError::EdgeTwice { .. })
+        ));
+    }
+
+    #[test]
+    fn region_faults_are_named() {
+        let mesh = with(Vec::new()).unwrap();
+        for region in [vec![], vec![2], vec![0, 0]] {
+            assert!(matches!(
+                mesh.with_region(Some(region)),
+                Err(MeshError::Region { .. })
+            ));
+        }
+    }
+}

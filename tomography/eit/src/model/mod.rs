@@ -1,0 +1,475 @@
+//! Model files: trained weights, and all that is needed to use them, in one file.
+//!
+//! A file is `safetensors` with one metadata entry, `tactus`: JSON that says kind, geometry hash, survey hash,
+//! normalisation, training and build. Mesh and protocol are tensors beside the weights, so the file alone makes maps.
+//! The same model has the same bytes, and a checksum over metadata and tensors finds a bit that has turned.
+
+mod file;
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use outfile::{Existing, OutFileError};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use survey::{Map, MapUnit, Protocol, Reading};
+
+use crate::inverse::learned::network::{DeepNetwork, DeepReconstructor, DeepReport, Familiar};
+use crate::inverse::reconstructor::Difference;
+use crate::{
+    Mesh, RbfNetwork, RbfReconstructor, ReconstructError, Reconstructor, TrainingReport,
+    TrainingSettings,
+};
+
+const VERSION: u32 = 2;
+/// A file of more bytes is no model: the deep network of the paper has 50 MB.
+const LARGEST: u64 = 1 << 30;
+
+/// What kind of network a file holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    /// Radial basis functions ([`RbfNetwork`]).
+    Rbf,
+    /// Fully connected layers ([`DeepNetwork`]).
+    Deep,
+}
+
+/// What is trained.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Network {
+    /// Radial basis functions.
+    Rbf(RbfNetwork),
+    /// Fully connected layers, and the inputs that they have seen.
+    Deep(DeepNetwork, Familiar),
+}
+
+impl Network {
+    fn kind(&self) -> Kind {
+        match self {
+            Self::Rbf(_) => Kind::Rbf,
+            Self::Deep(..) => Kind::Deep,
+        }
+    }
+
+    /// Readings of the input.
+    pub fn inputs(&self) -> usize {
+        match self {
+            Self::Rbf(network) => network.inputs(),
+            Self::Deep(network, _) => network.inputs(),
+        }
+    }
+
+    /// Triangles of the output.
+    pub fn outputs(&self) -> usize {
+        match self {
+            Self::Rbf(network) => network.outputs(),
+            Self::Deep(network, _) => network.outputs(),
+        }
+    }
+}
+
+/// What a training found, by kind.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Report {
+    /// Of an RBF network.
+    Rbf(TrainingReport),
+    /// Of a deep network.
+    Deep(DeepReport),
+}
+
+/// What a file says about itself.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Metadata {
+    /// Version of the layout, 2.
+    pub version: u32,
+    /// Kind of network.
+    pub kind: Kind,
+    /// A short name: `rbf paper`.
+    pub name: String,
+    /// [`Mesh::hash`] of the geometry it was trained on.
+    pub geometry: String,
+    /// [`Protocol::hash`] of the survey it was trained on.
+    pub survey: String,
+    /// Number of electrodes.
+    pub electrodes: usize,
+    /// Number of readings.
+    pub readings: usize,
+    /// How readings become inputs and outputs become a map, in words.
+    pub normalisation: String,
+    /// Settings of the training, its seed among them.
+    pub training: TrainingSettings,
+    /// What the training found.
+    pub report: Report,
+    /// Signal-to-noise ratio of the readings over that of the map ([`Reconstructor::noise_figure`]), found at training.
+    pub noise_figure: Option<f64>,
+    /// The build that trained it.
+    pub build: String,
+    /// SHA-256, hex, of this JSON with an empty checksum, then name, kind, shape and bytes of every tensor by name.
+    pub checksum: String,
+}
+
+const NORMALISATION: &str =
+    "input (v - v0) / max|v0| (Eq. 6); output dsigma / sigma0 a triangle of the region (Eq. 7)";
+
+/// A model with its geometry and survey.
+#[derive(Debug, Clone)]
+pub struct Model {
+    metadata: Metadata,
+    mesh: Arc<Mesh>,
+    protocol: Protocol,
+    network: Network,
+    hash: String,
+}
+
+/// Why a model cannot be read, written or used.
+#[derive(Debug, thiserror::Error)]
+pub enum ModelError {
+    /// The file cannot be read.
+    #[error("model file {} cannot be accessed", .path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        #[source]
+        cause: std::io::Error,
+    },
+    /// The file cannot be written, or must not be.
+    #[error(transparent)]
+    Unwritten(#[from] OutFileError),
+    /// The file ends before its content does.
+    #[error("model file {} is truncated: copy it again", .path.display())]
+    Truncated {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file is something else.
+    #[error("{} is not a model file of Tactus: {why}", .path.display())]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+        /// What gives it away.
+        why: String,
+    },
+    /// A model of a kind or version that this build does not know.
+    #[error("model file {} holds {holds}, this build knows rbf and deep of version {VERSION}: train it again, or use another build", .path.display())]
+    Kind {
+        /// The file.
+        path: PathBuf,
+        /// Kind and version it names.
+        holds: String,
+    },
+    /// A model whose content does not fit together.
+    #[error("model file {} is damaged: {why}", .path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What does not fit.
+        why: String,
+    },
+    /// Made for other questions.
+    #[error(
+        "the model was made for survey {model} ({model_readings} readings), this is survey {here} ({here_readings} readings)"
+    )]
+    Survey {
+        /// Hash in the model.
+        model: String,
+        /// Its readings.
+        model_readings: usize,
+        /// Hash here.
+        here: String,
+        /// Readings here.
+        here_readings: usize,
+    },
+    /// Made for another sheet.
+    #[error("the model was made for geometry {model}, this is geometry {here}")]
+    Geometry {
+        /// Hash in the model.
+        model: String,
+        /// Hash here.
+        here: String,
+    },
+    /// The network does not fit the mesh or the protocol, or has numbers that are not finite.
+    #[error("the network does not fit its geometry and survey: {0}")]
+    Network(String),
+}
+
+impl Model {
+    /// Joins a trained network with its geometry, survey and history.
+    ///
+    /// # Errors
+    /// A network that does not fit them.
+    pub fn new(
+        name: &str,
+        mesh: Arc<Mesh>,
+        protocol: &Protocol,
+        network: Network,
+        training: TrainingSettings,
+        report: Report,
+        noise_figure: Option<f64>,
+    ) -> Result<Self, ModelError> {
+        fits(&network, &mesh, protocol).map_err(ModelError::Network)?;
+        let mut model = Self {
+            metadata: Metadata {
+                version: VERSION,
+                kind: network.kind(),
+                name: name.to_owned(),
+                geometry: mesh.hash().to_owned(),
+                survey: protocol.hash(),
+                electrodes: protocol.electrodes(),
+                readings: protocol.len(),
+                normalisation: NORMALISATION.to_owned(),
+                training,
+                report,
+                noise_figure: noise_figure.filter(|figure| figure.is_finite()),
+                build: concat!("eit ", env!("CARGO_PKG_VERSION")).to_owned(),
+                checksum: String::new(),
+            },
+            mesh,
+            protocol: protocol.clone(),
+            network,
+            hash: String::new(),
+        };
+        let (bytes, checksum) = file::bytes(&model)?;
+        model.metadata.checksum = checksum;
+        model.hash = fingerprint(&bytes);
+        Ok(model)
+    }
+
+    /// The same model with a noise figure in its metadata; one that is not finite is left out.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_noise_figure(self, figure: f64) -> Result<Self, ModelError> {
+        Self::new(
+            &self.metadata.name,
+            self.mesh,
+            &self.protocol,
+            self.network,
+            self.metadata.training,
+            self.metadata.report,
+            Some(figure),
+        )
+    }
+
+    /// What the file says about itself.
+    pub fn metadata(&self) -> &Metadata {
+        &self.metadata
+    }
+
+    /// SHA-256 of the file, hex.
+    pub fn hash(&self) -> &str {
+        &self.hash
+    }
+
+    /// The geometry it was trained on.
+    pub fn mesh(&self) -> &Arc<Mesh> {
+        &self.mesh
+    }
+
+    /// The survey it was trained on.
+    pub fn protocol(&self) -> &Protocol {
+        &self.protocol
+    }
+
+    /// The network.
+    pub fn network(&self) -> &Network {
+        &self.network
+    }
+
+    /// Refuses another survey or geometry, naming both.
+    ///
+    /// # Errors
+    /// [`ModelError::Survey`], [`ModelError::Geometry`].
+    pub fn check(&self, protocol: &Protocol, mesh: &Mesh) -> Result<(), ModelError> {
+        if &self.protocol != protocol {
+            return Err(ModelError::Survey {
+                model: self.metadata.survey.clone(),
+                model_readings: self.protocol.len(),
+                here: protocol.hash(),
+                here_readings: protocol.len(),
+            });
+        }
+        if self.mesh.hash() != mesh.hash() {
+            return Err(ModelError::Geometry {
+                model: self.metadata.geometry.clone(),
+                here: mesh.hash().to_owned(),
+            });
+        }
+        Ok(())
+    }
+
+    /// Ready to make maps.
+    pub fn into_reconstructor(self) -> Box<dyn Reconstructor> {
+        let said = self.assumptions();
+        let Metadata {
+            name,
+            report,
+            noise_figure,
+            ..
+        } = self.metadata;
+        let trained = Trained {
+            mesh: self.mesh,
+            twins: self.protocol.reciprocal_twins(),
+            protocol: self.protocol,
+            method: name,
+            assumptions: said,
+            noise_figure,
+        };
+        match self.network {
+            Network::Rbf(network) => {
+                let familiar = match report {
+                    Report::Rbf(report) => report.familiar,
+                    Report::Deep(_) => f64::NAN,
+                };
+                Box::new(RbfReconstructor::new(network, familiar, trained))
+            }
+            Network::Deep(network, familiar) => {
+                Box::new(DeepReconstructor::new(network, familiar, trained))
+            }
+        }
+    }
+
+    /// What it was trained on and how well it learnt it, a sentence each.
+    fn assumptions(&self) -> Vec<String> {
+        let training = &self.metadata.training;
+        let mut said = vec![format!(
+            "trained on {} simulated cases, {} copies of each with jitter ({}): losses of conductance only",
+            training.cases, training.repeats, training.jitter
+        )];
+        match &self.metadata.report {
+            Report::Rbf(report) => said.push(format!(
+                "condition {:.1e} of the least-squares problem, rank {}",
+                report.condition, report.rank
+            )),
+            Report::Deep(report) => said.extend(report.sentences()),
+        }
+        said
+    }
+}
+
+/// What every trained reconstructor carries beside its network.
+#[derive(Debug, Clone)]
+pub(crate) struct Trained {
+    pub(crate) mesh: Arc<Mesh>,
+    pub(crate) protocol: Protocol,
+    /// The reading that reciprocity makes equal to each.
+    pub(crate) twins: Vec<Option<usize>>,
+    pub(crate) method: String,
+    pub(crate) assumptions: Vec<String>,
+    pub(crate) noise_figure: Option<f64>,
+}
+
+impl Trained {
+    /// The normalised change that a network is asked about, the readings that even their twins do not give, and how many
+    /// were missing at first.
+    pub(crate) fn change(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<(Vec<f64>, Vec<usize>, usize), ReconstructError> {
+        let difference = Difference::new(baseline, frame, &self.twins, None, &self.method)?;
+        let masked = difference.missing.len();
+        let (change, left) = difference.normalised(&self.twins);
+        Ok((change, left, masked))
+    }
+
+    /// Refuses an input too far from what was trained on.
+    pub(crate) fn refuse_far(&self, novelty: f64, limit: f64) -> Result<(), ReconstructError> {
+        if novelty > limit || novelty.is_nan() {
+            return Err(ReconstructError::OutsideModel { novelty, limit });
+        }
+        Ok(())
+    }
+
+    /// A network's answer for the triangles of the region as a map.
+    pub(crate) fn map(&self, values: Vec<f64>, masked: usize) -> Map {
+        Map {
+            mesh_hash: self.mesh.hash().to_owned(),
+            values,
+            unit: MapUnit::RelativeConductance,
+            method: self.method.clone(),
+            masked,
+        }
+    }
+}
+
+/// Writes a model, whole or not at all.
+///
+/// # Errors
+/// [`ModelError::Unwritten`].
+pub fn save(path: &Path, existing: Existing, model: &Model) -> Result<(), ModelError> {
+    Ok(outfile::write(path, existing, &file::bytes(model)?.0)?)
+}
+
+/// Reads a model and checks that its content fits together.
+///
+/// # Errors
+/// See [`ModelError`].
+pub fn load(path: &Path) -> Result<Model, ModelError> {
+    let failed = |cause| ModelError::Io {
+        path: path.to_owned(),
+        cause,
+    };
+    let foreign = |why: &str| ModelError::Foreign {
+        path: path.to_owned(),
+        why: why.to_owned(),
+    };
+    // a pipe is opened only when somebody writes to it
+    let kind = std::fs::metadata(path).map_err(failed)?;
+    if !kind.is_file() {
+        return Err(foreign("it is no regular file"));
+    }
+    let file = File::open(path).map_err(failed)?;
+    let length = file.metadata().map_err(failed)?.len();
+    if length > LARGEST {
+        return Err(foreign("it is larger than 1 GiB"));
+    }
+    // Read and not mapped: who rewrites a mapped file ends the process that reads it (SIGBUS).
+    let mut bytes = Vec::with_capacity(usize::try_from(length).unwrap_or(0));
+    file.take(LARGEST).read_to_end(&mut bytes).map_err(failed)?;
+    if bytes.is_empty() {
+        return Err(ModelError::Truncated {
+            path: path.to_owned(),
+        });
+    }
+    file::parse(path, &bytes)
+}
+
+/// A reconstructor from a model file.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_reconstructor(path: &Path) -> Result<Box<dyn Reconstructor>, ModelError> {
+    Ok(load(path)?.into_reconstructor())
+}
+
+/// Whether the network takes the protocol's readings, gives the region's triangles, and is finite.
+fn fits(network: &Network, mesh: &Mesh, protocol: &Protocol) -> Result<(), String> {
+    let (inputs, outputs) = (network.inputs(), network.outputs());
+    if inputs != protocol.len() || outputs != mesh.region().len() {
+        return Err(format!(
+            "it takes {inputs} readings and gives {outputs} triangles, there are {} and {}",
+            protocol.len(),
+            mesh.region().len()
+        ));
+    }
+    match network {
+        Network::Rbf(network) => network.is_sound(),
+        // its layers were checked when they were joined
+        Network::Deep(_, familiar) if familiar.is_sound(inputs) => Ok(()),
+        Network::Deep(..) => Err("what it has seen is not described in finite numbers".to_owned()),
+    }
+}
+
+/// SHA-256 of some bytes, hex: how models, and what they are trained from, are told apart.
+pub fn fingerprint(bytes: &[u8]) -> String {
+    hex(&Sha256::digest(bytes))
+}
+
+fn hex(digest: &[u8]) -> String {
+    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+}

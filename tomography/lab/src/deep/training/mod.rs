@@ -1,0 +1,302 @@
+//! Epochs: steps in an order drawn anew, the held-out loss after each, the best weights kept.
+
+use std::path::Path;
+
+use eit::inverse::learned::network::{Familiar, Layer, Rounding, Weights};
+use eit::{DeepNetwork, DeepReport, DeepSettings, Noise, Precision, SampleError, Samples};
+use rayon::prelude::*;
+
+use super::batch::{Described, Feed};
+use super::checkpoint::{self, CheckpointFault, Course};
+use super::descent::{Batch, Descent};
+
+/// Held-out cases on which the cost of rounding the weights is found.
+const ROUNDED: usize = 100;
+
+/// What a deep training starts from.
+pub(crate) struct Recipe<'a> {
+    /// The set; its last `settings.held_out` cases are kept back.
+    pub(crate) samples: &'a dyn Samples,
+    pub(crate) noise: &'a Noise,
+    /// Jittered copies of each case.
+    pub(crate) repeats: usize,
+    pub(crate) settings: DeepSettings,
+    pub(crate) seed: u64,
+    /// How the weights are kept afterwards.
+    pub(crate) precision: Precision,
+    /// Where the training is kept after each epoch, and gone on from; with a name for everything its bits depend on.
+    pub(crate) checkpoint: Option<(&'a Path, String)>,
+}
+
+/// Where a training is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Moment {
+    /// It goes on from a checkpoint.
+    Resumed { epochs: usize },
+    /// A step of an epoch (from 1) is done.
+    Step {
+        epoch: usize,
+        step: usize,
+        of: usize,
+    },
+    /// An epoch is done.
+    Epoch {
+        epoch: usize,
+        training: f64,
+        held_out: f64,
+        best: bool,
+    },
+}
+
+/// Why there is no deep network.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum DeepFault {
+    #[error("setting {setting} of the deep network must be {must}")]
+    Setting {
+        setting: &'static str,
+        must: &'static str,
+    },
+    #[error(
+        "{cases} cases with {repeats} copies are fewer samples than a batch of {batch}, beside {held_out} held out"
+    )]
+    Few {
+        cases: usize,
+        repeats: usize,
+        batch: usize,
+        held_out: usize,
+    },
+    #[error("all samples of the training set are alike: more cases or larger loads are needed")]
+    Alike,
+    #[error("the training set")]
+    Sample(#[from] SampleError),
+    #[error(
+        "the loss is {loss} at step {step} of epoch {epoch}: the training ran away; give a smaller learning_rate"
+    )]
+    RanAway {
+        loss: f64,
+        step: usize,
+        epoch: usize,
+    },
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointFault),
+    #[error("the trained network: {0}")]
+    Network(String),
+}
+
+/// Trains. The same recipe gives the same bits, on any number of threads, in one run or several.
+pub(crate) fn train(
+    recipe: &Recipe<'_>,
+    progress: &dyn Fn(Moment),
+) -> Result<(DeepNetwork, Familiar, DeepReport), DeepFault> {
+    let Recipe {
+        samples, settings, ..
+    } = recipe;
+    if let Some((setting, must)) = settings.fault() {
+        return Err(DeepFault::Setting { setting, must });
+    }
+    let feed = Feed {
+        samples: *samples,
+        noise: recipe.noise,
+        repeats: recipe.repeats,
+        held_out: settings.held_out.min(samples.len()),
+    };
+    let batches = feed.len() / settings.batch;
+    if batches == 0 {
+        return Err(DeepFault::Few {
+            cases: feed.cases(),
+            repeats: recipe.repeats,
+            batch: settings.batch,
+            held_out: settings.held_out,
+        });
+    }
+    let epsilon = settings.normalisation_epsilon;
+    let Described {
+        statistics,
+        familiar,
+    } = feed.describe(epsilon)?.ok_or(DeepFault::Alike)?;
+    let mut descent = Descent::new(settings, samples.inputs(), samples.outputs(), recipe.seed);
+    let mut best: Vec<Vec<f32>> = descent.trained().map(|part| part.values.clone()).collect();
+    let mut course = Course {
+        fingerprint: String::new(),
+        epochs: 0,
+        steps: 0,
+        best: None,
+    };
+    if let Some((path, fingerprint)) = &recipe.checkpoint {
+        if let Some(kept) = checkpoint::read(path, &mut descent, &mut best, fingerprint)? {
+            progress(Moment::Resumed {
+                epochs: kept.epochs,
+            });
+            course = kept;
+        }
+        course.fingerprint.clone_from(fingerprint);
+    }
+    let mut batch = Batch::default();
+    let empty = empty_loss(&feed)?;
+    while course.epochs < settings.epochs && !tired(&course, settings) {
+        let epoch = course.epochs + 1;
+        let order = feed.order(recipe.seed, epoch);
+        let mut sum = 0.0;
+        // samples left over from whole batches wait for another order
+        for (step, which) in order.chunks_exact(settings.batch).enumerate() {
+            feed.fill(&mut batch, which.par_iter().copied())?;
+            let loss = descent.step(&batch, settings.rate(epoch - 1), epsilon);
+            if !loss.is_finite() {
+                return Err(DeepFault::RanAway {
+                    loss,
+                    step: step + 1,
+                    epoch,
+                });
+            }
+            sum += loss;
+            progress(Moment::Step {
+                epoch,
+                step: step + 1,
+                of: batches,
+            });
+        }
+        let training = sum / batches as f64;
+        let held_out = held_out_loss(&mut descent, &feed, settings, &statistics)?;
+        let better = course.best.is_none_or(|(_, _, least)| held_out < least);
+        if better {
+            course.best = Some((epoch, training, held_out));
+            for (best, part) in best.iter_mut().zip(descent.trained()) {
+                best.clone_from(&part.values);
+            }
+        }
+        course.epochs = epoch;
+        course.steps = descent.steps;
+        if let Some((path, _)) = &recipe.checkpoint {
+            checkpoint::write(path, &descent, &best, &course)?;
+        }
+        progress(Moment::Epoch {
+            epoch,
+            training,
+            held_out,
+            best: better,
+        });
+    }
+    for (part, best) in descent.trained_mut().zip(&best) {
+        part.values.clone_from(best);
+    }
+    let exact = network(&descent, &statistics)?;
+    let kept = exact.with_precision(recipe.precision);
+    let (best_epoch, training_loss, held_out_loss) = course.best.unwrap_or((0, f64::NAN, f64::NAN));
+    let report = DeepReport {
+        settings: settings.clone(),
+        parameters: descent.parameters(),
+        samples: feed.len(),
+        epochs: course.epochs,
+        best_epoch,
+        training_loss,
+        held_out_loss,
+        empty_loss: empty,
+        kept: rounding(&exact, &kept, &feed)?,
+    };
+    Ok((kept, familiar, report))
+}
+
+/// Whether the held-out loss has not fallen for too long.
+fn tired(course: &Course, settings: &DeepSettings) -> bool {
+    let since = course.best.map_or(0, |(best, ..)| course.epochs - best);
+    settings.patience > 0 && since >= settings.patience
+}
+
+fn held_out_loss(
+    descent: &mut Descent,
+    feed: &Feed<'_>,
+    settings: &DeepSettings,
+    statistics: &[Vec<f32>; 2],
+) -> Result<f64, SampleError> {
+    let mut batch = Batch::default();
+    let mut sum = 0.0;
+    let kept_back = feed.kept_back();
+    for which in kept_back.chunks(settings.batch) {
+        feed.fill(&mut batch, which.par_iter().copied())?;
+        let loss = descent.loss(&batch, Some(statistics), settings.normalisation_epsilon);
+        sum += loss * which.len() as f64;
+    }
+    Ok(sum / kept_back.len() as f64)
+}
+
+/// The loss of maps without a load on the held-out cases.
+fn empty_loss(feed: &Feed<'_>) -> Result<f64, SampleError> {
+    let mut sum = 0.0;
+    let kept_back = feed.kept_back();
+    for (_, case) in &kept_back {
+        let target = feed.samples.sample(*case)?.target;
+        sum += 0.5
+            * target
+                .iter()
+                .map(|(_, change)| f64::from(*change).powi(2))
+                .sum::<f64>();
+    }
+    Ok(sum / kept_back.len() as f64)
+}
+
+/// The network as it is used: the normalisation of the input in one mean, gain and shift.
+fn network(descent: &Descent, statistics: &[Vec<f32>; 2]) -> Result<DeepNetwork, DeepFault> {
+    let [mean, inverse] = statistics.clone();
+    let count = mean.len();
+    let (mean, gain, shift) = match &descent.normalisation {
+        Some([scale, shift]) => (
+            mean,
+            inverse
+                .iter()
+                .zip(&scale.values)
+                .map(|(a, b)| a * b)
+                .collect(),
+            shift.values.clone(),
+        ),
+        None => (vec![0.0; count], vec![1.0; count], vec![0.0; count]),
+    };
+    let layers = descent
+        .layers
+        .iter()
+        .map(|layer| {
+            let (weights, bias) = layer.plain();
+            Layer {
+                weights: Weights::F32(weights),
+                bias,
+            }
+        })
+        .collect();
+    DeepNetwork::new(mean, gain, shift, layers).map_err(DeepFault::Network)
+}
+
+/// What keeping the weights in fewer bytes changes.
+fn rounding(
+    exact: &DeepNetwork,
+    kept: &DeepNetwork,
+    feed: &Feed<'_>,
+) -> Result<Rounding, SampleError> {
+    let (mut changed, mut all, mut loss) = (0.0, 0.0, 0.0);
+    let kept_back = feed.kept_back();
+    let judged = &kept_back[..kept_back.len().min(ROUNDED)];
+    let mut batch = Batch::default();
+    for which in judged {
+        feed.fill(&mut batch, rayon::iter::repeat_n(*which, 1))?;
+        let [mut a, b] = [exact, kept].map(|network| network.predict(&batch.inputs));
+        for (a, b) in a.iter().zip(&b) {
+            changed += f64::from(a - b).powi(2);
+            all += f64::from(*a).powi(2);
+        }
+        a.clone_from(&b);
+        for &(triangle, _, change) in &batch.targets {
+            a[triangle as usize] -= change;
+        }
+        loss += 0.5 * a.iter().map(|e| f64::from(*e).powi(2)).sum::<f64>();
+    }
+    Ok(Rounding {
+        precision: kept.precision(),
+        map_change: if all > 0.0 {
+            (changed / all).sqrt()
+        } else {
+            0.0
+        },
+        held_out_loss: loss / judged.len() as f64,
+    })
+}
+
+#[cfg(test)]
+mod tests;
