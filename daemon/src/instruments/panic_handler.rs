@@ -177,12 +177,12 @@ pub(crate) mod tests {
         let options = Options::new().with("frames", 100_u64);
         let live = keeper.record_baseline(&options).await.unwrap();
         current_flows(&sheet).await;
-        std::thread::spawn(|| panic!("a test of the guard"))
+        std::thread::spawn(|| panic!("a test of the panic handler"))
             .join()
             .unwrap_err();
         let ending = within(live.ended()).await.unwrap();
         assert!(
-            ending.faulted && ending.reason.contains("guard.rs"),
+            ending.faulted && ending.reason.contains(file!()),
             "{ending:?}"
         );
         assert!(!sheet.source_output().0);
