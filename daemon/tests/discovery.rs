@@ -69,7 +69,7 @@ fn assert_only_asked_who_it_is(rig: &SimulatedRig) {
     let heard: Vec<String> = rig
         .transcript()
         .into_iter()
-        .map(|said| said.heard)
+        .map(|said| said.received)
         .collect();
     assert!(
         !heard.is_empty() && heard.iter().all(|heard| heard == "*IDN?"),

@@ -154,7 +154,7 @@ impl Play {
     fn came_back_off(&self, words: &str) {
         let said = self.rig.transcript();
         let back = said.iter().position(|said| {
-            said.instrument == Instrument::Source && said.heard.starts_with("*IDN?")
+            said.instrument == Instrument::Source && said.received.starts_with("*IDN?")
         });
         let back = back.unwrap_or_else(|| panic!("{words}: the source was not asked who it is"));
         let (until_then, said) = said.split_at(back);
@@ -162,13 +162,14 @@ impl Play {
         let moved = until_then
             .iter()
             .rev()
-            .find(|said| said.instrument != Instrument::Source && moves_relays(&said.heard));
+            .find(|said| said.instrument != Instrument::Source && moves_relays(&said.received));
         if let Some(moved) = moved.filter(|_| words.contains("6221")) {
-            assert!(opens_relays(&moved.heard), "{words}: {}", moved.heard);
+            assert!(opens_relays(&moved.received), "{words}: {}", moved.received);
         }
         let of_source = |word: &str| {
-            said.iter()
-                .position(|said| said.instrument == Instrument::Source && said.heard.contains(word))
+            said.iter().position(|said| {
+                said.instrument == Instrument::Source && said.received.contains(word)
+            })
         };
         let off = of_source("CLE").unwrap_or_else(|| panic!("{words}: never off"));
         let other = said

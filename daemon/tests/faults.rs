@@ -4,7 +4,7 @@ mod stage;
 
 use dbus::{Fault, Options};
 use logbook::SessionReader;
-use simulator::{Instrument, Pace, Profile, Said, Scene, SimulatedRig, Wire};
+use simulator::{Instrument, Pace, Profile, Scene, SimulatedRig, TranscriptLine, Wire};
 use stage::{
     Measuring, SMALL, Stage, assert_off_before_anything_else, on_tcp, on_tcp_with, told, within,
 };
@@ -252,8 +252,8 @@ async fn a_stop_ends_a_session_that_waits_for_its_rig() {
 #[tokio::test(flavor = "multi_thread")]
 async fn relays_found_closed_at_the_start_wait_for_a_person() {
     let (rig, _server, config) = on_tcp().await;
-    rig.hear(Instrument::Mainframe, "ROUT:CLOS (@1040)");
-    rig.hear(Instrument::Source, "OUTP ON;:SOUR:CURR 1e-3");
+    rig.receive(Instrument::Mainframe, "ROUT:CLOS (@1040)");
+    rig.receive(Instrument::Source, "OUTP ON;:SOUR:CURR 1e-3");
     let stage = Stage::new(&config);
     let daemon = stage.start().await;
     assert!(!rig.source_output().0, "off before anything else");
@@ -330,14 +330,16 @@ async fn sigterm_while_a_scan_is_under_way_switches_off_at_once_and_verifies() {
     assert!(status.success(), "{log}");
     assert!(!rig.source_output().0 && rig.closed().is_empty(), "{log}");
     let said = rig.transcript();
-    let is_off = |said: &&Said| said.instrument == Instrument::Source && said.heard.contains("CLE");
+    let is_off = |said: &&TranscriptLine| {
+        said.instrument == Instrument::Source && said.received.contains("CLE")
+    };
     let off = said
         .iter()
         .find(is_off)
         .unwrap_or_else(|| panic!("{said:#?}"));
     let states = off.answered.as_deref().unwrap_or_default();
     assert!(
-        off.heard.contains("OUTP?"),
+        off.received.contains("OUTP?"),
         "asked in the same message: {off:?}"
     );
     assert!(states.starts_with("0.000000E+00;0"), "{off:?}");
@@ -347,7 +349,7 @@ async fn sigterm_while_a_scan_is_under_way_switches_off_at_once_and_verifies() {
         .find(|said| said.instrument == Instrument::Mainframe);
     let opened = opened.unwrap_or_else(|| panic!("{said:#?}"));
     assert!(
-        opened.heard.contains("OPEN (") && opened.heard.contains("CLOS? ("),
+        opened.received.contains("OPEN (") && opened.received.contains("CLOS? ("),
         "{opened:?}"
     );
 }

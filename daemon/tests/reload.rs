@@ -4,7 +4,7 @@ mod stage;
 
 use dbus::{Fault, Options};
 use rig::transcript::{parse_transcript, read_transcript};
-use simulator::{Against, Closeness, Pace, Profile, Scene, SimulatedRig, replay};
+use simulator::{Comparison, Pace, Profile, ReplayTarget, Scene, SimulatedRig, replay};
 use stage::{Running, SMALL, Stage, told, within};
 
 #[tokio::test(flavor = "multi_thread")]
@@ -76,11 +76,11 @@ async fn a_good_configuration_is_taken_at_once_and_during_a_session_at_its_end()
 }
 
 /// The rig of the stage, switched on anew.
-fn fresh(stage: &Stage) -> Against {
+fn fresh(stage: &Stage) -> ReplayTarget {
     let profile = Profile::load(stage.path().join("profile.toml").to_str().unwrap()).unwrap();
     let text = std::fs::read_to_string(stage.path().join("scene.toml")).unwrap();
     let scene = Scene::parse("scene.toml", &text).unwrap();
-    Against::Together(SimulatedRig::new(&profile.at_pace(Pace::Instant), scene).unwrap())
+    ReplayTarget::Together(SimulatedRig::new(&profile.at_pace(Pace::Instant), scene).unwrap())
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -100,7 +100,7 @@ async fn a_transcript_is_played_without_a_difference_and_an_altered_reply_is_fou
         "{}",
         entries.len()
     );
-    let played = replay("frame", &entries, &fresh(&stage), Closeness::Shapes).unwrap();
+    let played = replay("frame", &entries, &fresh(&stage), Comparison::Shapes).unwrap();
     assert!(played.replies > 50, "{played:?}");
 
     // one digit of the 6221's level, in the middle
@@ -118,7 +118,7 @@ async fn a_transcript_is_played_without_a_difference_and_an_altered_reply_is_fou
         .unwrap()
         + 1;
     let entries = parse_transcript("frame", &altered).unwrap();
-    let first = replay("frame", &entries, &fresh(&stage), Closeness::Shapes).unwrap_err();
+    let first = replay("frame", &entries, &fresh(&stage), Comparison::Shapes).unwrap_err();
     let first = first.to_string();
     assert!(
         first.starts_with(&format!("frame:{line}:")) && first.contains("6221"),

@@ -31,8 +31,8 @@ fn other(module: bool) -> SimulatedRig {
 fn assert_untouched(rig: &SimulatedRig) {
     let said = rig.transcript().into_iter();
     let told: Vec<String> = said
-        .filter(|said| said.instrument == Instrument::Source && said.heard.contains("OUTP"))
-        .map(|said| said.heard)
+        .filter(|said| said.instrument == Instrument::Source && said.received.contains("OUTP"))
+        .map(|said| said.received)
         .collect();
     assert!(told.is_empty(), "{told:?}");
 }

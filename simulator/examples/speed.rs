@@ -3,7 +3,7 @@
 //! ```text
 //! cargo run --release -p tactus-simulator --example speed            # everything (a minute)
 //! cargo run --release -p tactus-simulator --example speed -- quick   # without the frames in real time
-//! cargo run --release -p tactus-simulator --example speed -- told    # where the time of a frame goes, message by message
+//! cargo run --release -p tactus-simulator --example speed -- messages    # where the time of a frame goes, message by message
 //! cargo run --release -p tactus-simulator --example speed -- python=VENV/bin/python   # with pyvisa beside it
 //! ```
 //!
@@ -20,7 +20,7 @@ use keithley_6221::Keithley6221;
 use keysight_34980a::Keysight34980a;
 use phantom::Scene;
 use rig::{BoxStream, Link, MeterSettings, Rig, Stop, SystemClock, Tape, acquire, connect_tcp};
-use simulator::{Instrument, Pace, Profile, Said, SimulatedRig};
+use simulator::{Instrument, Pace, Profile, SimulatedRig, TranscriptLine};
 use survey::{Amps, Plan, Protocol, Timing, Volts, Wiring};
 
 type AnyError = Box<dyn std::error::Error>;
@@ -35,8 +35,8 @@ const SETTLE: Duration = Duration::from_millis(2);
 #[tokio::main(flavor = "current_thread")]
 async fn main() -> Result<(), AnyError> {
     let asked = |what: &str| std::env::args().any(|argument| argument == what);
-    if asked("told") {
-        return told().await;
+    if asked("messages") {
+        return messages().await;
     }
     let quick = asked("quick");
     let python =
@@ -145,8 +145,8 @@ fn pyvisa(python: &str) -> Result<(f64, f64), AnyError> {
         command.arg(answering()?.to_string());
     }
     let ended = command.output()?;
-    let told = String::from_utf8_lossy(&ended.stdout);
-    let mut numbers = told.lines().map(str::parse::<f64>);
+    let reported = String::from_utf8_lossy(&ended.stdout);
+    let mut numbers = reported.lines().map(str::parse::<f64>);
     match (numbers.next(), numbers.next()) {
         (Some(Ok(rate)), Some(Ok(frame))) => Ok((rate, frame)),
         _ => Err(format!("{python}: {}", String::from_utf8_lossy(&ended.stderr)).into()),
@@ -154,7 +154,7 @@ fn pyvisa(python: &str) -> Result<(f64, f64), AnyError> {
 }
 
 /// Prints a frame in real time message by message: when it was sent, how long its answer took, which instrument.
-async fn told() -> Result<(), AnyError> {
+async fn messages() -> Result<(), AnyError> {
     let simulated = SimulatedRig::new(&Profile::load("pairs-34924a")?, Scene::quiet())?;
     let tape = Tape::new(1);
     let link = |stream, name: &str| Link::new(stream, name, DEADLINE).with_tape(tape.clone());
@@ -255,11 +255,11 @@ struct Script {
 }
 
 impl Script {
-    fn of(said: &[Said], first: usize, instrument: Instrument) -> Self {
-        let of = |said: &[Said]| -> Vec<(String, Option<String>)> {
-            let heard = said.iter().filter(|one| one.instrument == instrument);
-            heard
-                .map(|one| (one.heard.clone(), one.answered.clone()))
+    fn of(said: &[TranscriptLine], first: usize, instrument: Instrument) -> Self {
+        let of = |said: &[TranscriptLine]| -> Vec<(String, Option<String>)> {
+            let received = said.iter().filter(|one| one.instrument == instrument);
+            received
+                .map(|one| (one.received.clone(), one.answered.clone()))
                 .collect()
         };
         Self {
@@ -273,9 +273,9 @@ impl Script {
         if self.next == self.answers.len() {
             self.next = self.repeats_from;
         }
-        let (heard, answered) = &self.answers[self.next];
+        let (received, answered) = &self.answers[self.next];
         assert_eq!(
-            heard, line,
+            received, line,
             "the conversation is another one than was recorded"
         );
         self.next += 1;

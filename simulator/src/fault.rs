@@ -13,7 +13,7 @@ const LONGEST: Duration = Duration::from_secs(86_400);
 
 /// The words of every fault, for people.
 pub(crate) const GRAMMAR: &str = "\
-wire INSTRUMENT cut|silent|sound    connections are closed, or hear and say nothing
+wire INSTRUMENT cut|silent|sound    connections are closed, or stay open and carry nothing
 drop INSTRUMENT                     its connections break once, new ones are taken
 late INSTRUMENT SECONDS [COUNT]     the next replies come so much later
 lost INSTRUMENT [COUNT]             the next replies never come
@@ -22,8 +22,8 @@ half-line INSTRUMENT [COUNT]        the next replies break off in the middle
 slow INSTRUMENT SECONDS             every answer takes so much longer; 0 ends it
 reset INSTRUMENT                    power off and on; the board says its banner again
 queue-overflow INSTRUMENT           its error queue is full and more
-stuck-open RELAY                    reads closed when it is told to close, and stays open
-stuck-closed RELAY                  reads open when it is told to open, and stays closed
+stuck-open RELAY                    reads closed when it is commanded to close, and stays open
+stuck-closed RELAY                  reads open when it is commanded to open, and stays closed
 free RELAY                          not stuck any more
 slot N empty|filled                 the module is out of its slot, or back in it (with a power cycle)
 voltmeter missing|present           the mainframe has no internal voltmeter (with a power cycle)
@@ -38,7 +38,7 @@ INSTRUMENT is 6221, 34980a or board; RELAY is 1003, or on a board pole x 100 + e
 
 /// What happens to replies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Mischief {
+pub enum ReplyFault {
     /// It comes so much later.
     Late(Duration),
     /// It never comes.
@@ -52,9 +52,9 @@ pub enum Mischief {
 /// One thing that goes wrong, or is put right again. Written and read in the words of `tactus-sim fault`.
 ///
 /// ```
-/// use simulator::{Fault, Instrument, Mischief};
+/// use simulator::{Fault, Instrument, ReplyFault};
 /// let fault: Fault = "lost 34980a 3".parse()?;
-/// assert_eq!(fault, Fault::Replies(Instrument::Mainframe, Mischief::Lost, 3));
+/// assert_eq!(fault, Fault::Replies(Instrument::Mainframe, ReplyFault::Lost, 3));
 /// assert_eq!(fault.to_string(), "lost 34980a 3");
 /// assert!("lost 34980b".parse::<Fault>().is_err());
 /// # Ok::<(), simulator::FaultError>(())
@@ -67,16 +67,16 @@ pub enum Fault {
     /// Connections break, and new ones are taken at once.
     Drop(Instrument),
     /// The next so many replies.
-    Replies(Instrument, Mischief, u32),
+    Replies(Instrument, ReplyFault, u32),
     /// Every answer takes so much longer.
     Slow(Instrument, Duration),
     /// Power off and on.
     Reset(Instrument),
     /// The error queue is full, and more.
     QueueOverflow(Instrument),
-    /// Reads as it is told, and stays open.
+    /// Reads as it is commanded, and stays open.
     StuckOpen(Relay),
-    /// Reads as it is told, and stays closed.
+    /// Reads as it is commanded, and stays closed.
     StuckClosed(Relay),
     /// Not stuck any more.
     Free(Relay),
@@ -148,13 +148,13 @@ impl fmt::Display for Fault {
                 write!(f, "wire {} {state}", word(*instrument))
             }
             Self::Drop(instrument) => write!(f, "drop {}", word(*instrument)),
-            Self::Replies(instrument, mischief, count) => {
+            Self::Replies(instrument, reply_fault, count) => {
                 let at = word(*instrument);
-                match mischief {
-                    Mischief::Late(by) => write!(f, "late {at} {} {count}", by.as_secs_f64()),
-                    Mischief::Lost => write!(f, "lost {at} {count}"),
-                    Mischief::Doubled => write!(f, "doubled {at} {count}"),
-                    Mischief::HalfLine => write!(f, "half-line {at} {count}"),
+                match reply_fault {
+                    ReplyFault::Late(by) => write!(f, "late {at} {} {count}", by.as_secs_f64()),
+                    ReplyFault::Lost => write!(f, "lost {at} {count}"),
+                    ReplyFault::Doubled => write!(f, "doubled {at} {count}"),
+                    ReplyFault::HalfLine => write!(f, "half-line {at} {count}"),
                 }
             }
             Self::Slow(instrument, by) => {
@@ -255,18 +255,18 @@ impl FromStr for Fault {
             ["late", at, by, rest @ ..] if rest.len() < 2 => instrument(at).and_then(|at| {
                 Ok(Self::Replies(
                     at,
-                    Mischief::Late(seconds(by)?),
+                    ReplyFault::Late(seconds(by)?),
                     count(rest.first())?,
                 ))
             }),
             [kind @ ("lost" | "doubled" | "half-line"), at, rest @ ..] if rest.len() < 2 => {
                 instrument(at).and_then(|at| {
-                    let mischief = match *kind {
-                        "lost" => Mischief::Lost,
-                        "doubled" => Mischief::Doubled,
-                        _ => Mischief::HalfLine,
+                    let reply_fault = match *kind {
+                        "lost" => ReplyFault::Lost,
+                        "doubled" => ReplyFault::Doubled,
+                        _ => ReplyFault::HalfLine,
                     };
-                    Ok(Self::Replies(at, mischief, count(rest.first())?))
+                    Ok(Self::Replies(at, reply_fault, count(rest.first())?))
                 })
             }
             ["slow", at, by] => instrument(at).and_then(|at| Ok(Self::Slow(at, seconds(by)?))),
@@ -392,7 +392,7 @@ mod tests {
 
     #[test]
     fn words_that_mean_nothing_are_told_what_would() {
-        for (words, told) in [
+        for (words, reported) in [
             ("", "it has no words"),
             ("fire 6221", "tactus-sim fault --help"),
             (
@@ -409,7 +409,7 @@ mod tests {
             ("overload maybe", "'maybe' is not off or on"),
         ] {
             let refusal = words.parse::<Fault>().unwrap_err().to_string();
-            assert!(refusal.contains(told), "{words}: {refusal}");
+            assert!(refusal.contains(reported), "{words}: {refusal}");
         }
     }
 }

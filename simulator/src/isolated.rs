@@ -12,7 +12,7 @@ use crate::Instrument;
 
 /// What an instrument is made of and what its terminals meet.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Making {
+pub struct InstrumentSetup {
     /// Which instrument.
     pub instrument: Instrument,
     /// First field of the mainframe's `*IDN?`; without one as it comes.
@@ -25,7 +25,7 @@ pub struct Making {
     pub volts: f64,
 }
 
-impl Making {
+impl InstrumentSetup {
     /// An instrument as it comes: no modules, nothing on its terminals.
     pub fn of(instrument: Instrument) -> Self {
         Self {
@@ -40,9 +40,9 @@ impl Making {
 
 /// The same voltage wherever it is measured.
 #[derive(Debug)]
-pub(crate) struct Steady(f64);
+pub(crate) struct ConstantVoltage(f64);
 
-impl Wires for Steady {
+impl Wires for ConstantVoltage {
     fn relays(&mut self, _: &BTreeSet<Relay>, _: Duration) {}
 
     fn measure(&mut self, _: Duration, _: MeterRequest) -> Volts {
@@ -52,38 +52,38 @@ impl Wires for Steady {
 
 /// Poles that lead nowhere.
 #[derive(Debug)]
-pub(crate) struct Nowhere;
+pub(crate) struct UnconnectedPoles;
 
-impl Poles for Nowhere {
+impl Poles for UnconnectedPoles {
     fn poles(&mut self, _: [Option<Electrode>; 4], _: Duration) {}
 }
 
 /// An instrument just switched on.
 #[derive(Debug)]
-pub(crate) enum Stand {
+pub(crate) enum IsolatedInstrument {
     Source(Box<Simulator6221>, Resistor),
-    Mainframe(Box<Simulator34980a>, Steady),
+    Mainframe(Box<Simulator34980a>, ConstantVoltage),
     Board(Box<SimulatorGpioMux>),
 }
 
-impl Stand {
-    pub(crate) fn new(making: &Making) -> Self {
-        match making.instrument {
+impl IsolatedInstrument {
+    pub(crate) fn new(setup: &InstrumentSetup) -> Self {
+        match setup.instrument {
             Instrument::Source => Self::Source(
                 Box::new(Simulator6221::new(Settings6221::default())),
-                Resistor::new(Ohms(making.ohms)),
+                Resistor::new(Ohms(setup.ohms)),
             ),
             Instrument::Mainframe => {
                 let mut settings = Settings34980a {
-                    slots: making.slots,
+                    slots: setup.slots,
                     ..Settings34980a::default()
                 };
-                if let Some(vendor) = &making.vendor {
+                if let Some(vendor) = &setup.vendor {
                     settings.vendor.clone_from(vendor);
                 }
                 Self::Mainframe(
                     Box::new(Simulator34980a::new(settings)),
-                    Steady(making.volts),
+                    ConstantVoltage(setup.volts),
                 )
             }
             Instrument::Board => Self::Board(Box::new(SimulatorGpioMux::new(
@@ -93,10 +93,10 @@ impl Stand {
     }
 
     /// Hears a message at a time since power on: the reply, and how long the instrument is busy with it.
-    pub(crate) fn hear(&mut self, line: &str, at: Duration) -> (Option<String>, Duration) {
+    pub(crate) fn receive(&mut self, line: &str, at: Duration) -> (Option<String>, Duration) {
         match self {
             Self::Source(source, load) => {
-                let reply = source.hear(line, at, load);
+                let reply = source.receive(line, at, load);
                 (reply.text, reply.busy)
             }
             Self::Mainframe(unit, wires) => {
@@ -104,11 +104,11 @@ impl Stand {
                 while let Some(due) = unit.due().filter(|due| *due < at) {
                     unit.pass(due, wires);
                 }
-                let reply = unit.hear(line, at, wires);
+                let reply = unit.receive(line, at, wires);
                 (reply.text, reply.busy)
             }
             Self::Board(board) => {
-                let reply = board.hear(line, at, &mut Nowhere);
+                let reply = board.receive(line, at, &mut UnconnectedPoles);
                 (reply.text, reply.busy)
             }
         }

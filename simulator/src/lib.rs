@@ -36,16 +36,18 @@ mod simulated_rig;
 pub(crate) mod transcripts;
 pub(crate) mod transport;
 
-pub use crate::circuit::load_network::{Hanging, HangingError};
-pub use crate::isolated::Making;
+pub use crate::circuit::load_network::{LoadNetwork, LoadNetworkError};
+pub use crate::isolated::InstrumentSetup;
 pub use crate::program::status::{Client, SourceStatus, Status};
-pub use crate::simulated_rig::{Instrument, Messages, RigError, Said, SimulatedRig, Wire};
-pub use crate::transcripts::golden::{Expected, Golden, GoldenError, Line, Step};
+pub use crate::simulated_rig::{
+    Instrument, Messages, RigError, SimulatedRig, TranscriptLine, Wire,
+};
+pub use crate::transcripts::golden::{Expected, Golden, GoldenError, GoldenLine, Step};
 pub use crate::transcripts::playback::{
-    Against, Closeness, Played, ReplayError, golden_of, replay,
+    Comparison, Played, ReplayError, ReplayTarget, golden_of, replay,
 };
 pub use crate::transport::vxi11::CoreChannel;
-pub use fault::{Fault, FaultError, Mischief, TimedFault};
+pub use fault::{Fault, FaultError, ReplyFault, TimedFault};
 pub use frame_times::{FrameTimeError, FrameTimes};
 pub use phantom::{Load, LoadError, PhantomError, Scene, SceneError, Shape};
 pub use profile::{Board, Mainframe, Pace, Profile, ProfileError, SecondClient, Source};

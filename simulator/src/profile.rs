@@ -7,7 +7,7 @@ use std::time::Duration;
 use keysight_34980a::Module;
 use serde::Deserialize;
 
-use crate::circuit::load_network::{Hanging, HangingError};
+use crate::circuit::load_network::{LoadNetwork, LoadNetworkError};
 use crate::fault::TimedFault;
 
 /// How the instruments take their time.
@@ -45,7 +45,7 @@ pub struct Profile {
     /// The multiplexer board, if there is one.
     pub board: Option<Board>,
     /// What hangs on the terminals.
-    pub load: Hanging,
+    pub load: LoadNetwork,
     /// What goes wrong, and when.
     pub faults: Vec<TimedFault>,
 }
@@ -54,7 +54,7 @@ pub struct Profile {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SecondClient {
-    /// It is connected, and hears nothing until the first has left.
+    /// It is connected, and receives nothing until the first has left.
     #[default]
     Held,
     /// Its connection is closed at once.
@@ -354,8 +354,8 @@ impl Profile {
             Some(words) => words
                 .get_ref()
                 .parse()
-                .map_err(|refusal: HangingError| fault(words.span(), refusal.to_string()))?,
-            None => Hanging::default(),
+                .map_err(|refusal: LoadNetworkError| fault(words.span(), refusal.to_string()))?,
+            None => LoadNetwork::default(),
         };
         let mut faults = Vec::new();
         for entry in &document.fault {
@@ -421,7 +421,7 @@ mod tests {
 
     #[test]
     fn what_is_wrong_is_named_with_its_place() {
-        for (text, told) in [
+        for (text, reported) in [
             ("time = \"soon\"", "p.toml:1:8: unknown time 'soon'"),
             (
                 "time = \"scaled\"",
@@ -456,7 +456,7 @@ mod tests {
             ),
         ] {
             let refusal = Profile::parse("p.toml", text).unwrap_err().to_string();
-            assert!(refusal.starts_with(told), "{text}: {refusal}");
+            assert!(refusal.starts_with(reported), "{text}: {refusal}");
         }
         let missing = Profile::load("/nowhere/mine.toml").unwrap_err().to_string();
         assert!(missing.contains("/nowhere/mine.toml"), "{missing}");

@@ -320,7 +320,7 @@ async fn accept_source(rig: SimulatedRig, listener: TcpListener) {
             loop {
                 let (second, address) = next_client(instrument, &listener).await;
                 tracing::warn!("{address} is refused: the {instrument} has a client");
-                // Closed with a reset: nothing that it sends is heard.
+                // Closed with a reset: nothing that it sends is received.
                 second.set_zero_linger().ok();
             }
         };

@@ -1,19 +1,19 @@
-//! What the voltmeter makes of the network on the bench besides DC volts.
+//! What the voltmeter makes of the network besides DC volts.
 
 use std::time::Duration;
 
 use phantom::Scene;
-use simulator::{Hanging, Instrument, Pace, Profile, SimulatedRig};
+use simulator::{Instrument, LoadNetwork, Pace, Profile, SimulatedRig};
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
 
-fn simulated(load: Hanging) -> SimulatedRig {
+fn simulated(load: LoadNetwork) -> SimulatedRig {
     let mut profile = Profile::shipped("pairs-34924a").unwrap();
     profile.load = load;
     SimulatedRig::new(&profile.at_pace(Pace::Instant), Scene::quiet()).unwrap()
 }
 
 fn read(rig: &SimulatedRig, question: &str) -> f64 {
-    let answer = rig.hear(Instrument::Mainframe, question).0.unwrap();
+    let answer = rig.receive(Instrument::Mainframe, question).0.unwrap();
     answer.parse().unwrap()
 }
 
@@ -38,36 +38,36 @@ async fn the_test_current_meets_relays_and_load_and_four_wires_the_load_alone() 
     assert_eq!(read(&rig, "MEAS:RES? AUTO,(@1002)"), 9.9e37);
     assert_eq!(read(&rig, "MEAS:FRES? AUTO,(@1002)"), 9.9e37);
     // the source's own ampere is in the reading, unless it is compensated
-    rig.hear(Instrument::Mainframe, "ROUT:SCAN (@)");
-    rig.hear(Instrument::Mainframe, "ROUT:CLOS (@1036)");
-    rig.hear(Instrument::Source, "SOUR:CURR 1e-4;:OUTP ON");
+    rig.receive(Instrument::Mainframe, "ROUT:SCAN (@)");
+    rig.receive(Instrument::Mainframe, "ROUT:CLOS (@1036)");
+    rig.receive(Instrument::Source, "SOUR:CURR 1e-4;:OUTP ON");
     near(read(&rig, "MEAS:RES? 1E3,(@1001)"), 470.0 * 1.1 + 200.4);
     near(read(&rig, "RES:OCOM ON,(@1001);:READ?"), 470.0 + 200.4);
-    let rig = simulated(Hanging::Nothing);
+    let rig = simulated(LoadNetwork::Nothing);
     assert_eq!(read(&rig, "MEAS:RES? AUTO,(@1001)"), 9.9e37);
     // a sheet that is not broken is some hundred ohm between neighbours
-    let sheet = simulated(Hanging::Mesh { ohms: 100.0 });
+    let sheet = simulated(LoadNetwork::Mesh { ohms: 100.0 });
     assert!((10.0..100.0).contains(&read(&sheet, "MEAS:FRES? AUTO,(@1003)")));
 }
 
 #[tokio::test]
 async fn a_wave_of_the_source_is_read_as_ac_volts_and_frequency() {
     let rig = simulated("resistor 1 2 470".parse().unwrap());
-    rig.hear(Instrument::Mainframe, "ROUT:CLOS (@1036)");
-    rig.hear(Instrument::Source, "SOUR:CURR 1e-3;:OUTP ON");
+    rig.receive(Instrument::Mainframe, "ROUT:CLOS (@1036)");
+    rig.receive(Instrument::Source, "SOUR:CURR 1e-3;:OUTP ON");
     assert_eq!(read(&rig, "MEAS:VOLT:AC? AUTO,(@1001)"), 0.0);
     assert_eq!(read(&rig, "MEAS:FREQ? (@1001)"), 0.0);
     let wave = "SOUR:WAVE:FUNC SIN;FREQ 123;AMPL 1e-3;OFFS 0;RANG BEST;ARM;INIT";
-    rig.hear(Instrument::Source, wave);
+    rig.receive(Instrument::Source, wave);
     assert_eq!(
-        rig.hear(Instrument::Source, "SYST:ERR?").0.unwrap(),
+        rig.receive(Instrument::Source, "SYST:ERR?").0.unwrap(),
         "0,\"No error\""
     );
     near(read(&rig, "MEAS:VOLT:AC? AUTO,(@1001)"), 0.47 / 2f64.sqrt());
     near(read(&rig, "MEAS:FREQ? (@1001)"), 123.0);
     near(read(&rig, "MEAS:PER? (@1001)"), 1.0 / 123.0);
     // clipped at the voltage limit it comes nearer to a square wave
-    rig.hear(
+    rig.receive(
         Instrument::Source,
         "SOUR:WAVE:ABOR;:SOUR:CURR:COMP 0.1;:SOUR:WAVE:ARM;INIT",
     );
@@ -77,7 +77,7 @@ async fn a_wave_of_the_source_is_read_as_ac_volts_and_frequency() {
         clipped > 0.8 * 470.0 * flowing && clipped < 470.0 * flowing,
         "{clipped}"
     );
-    rig.hear(Instrument::Source, "SOUR:WAVE:ABOR");
+    rig.receive(Instrument::Source, "SOUR:WAVE:ABOR");
     assert_eq!(read(&rig, "MEAS:VOLT:AC? AUTO,(@1001)"), 0.0);
 }
 
@@ -86,8 +86,8 @@ async fn what_the_source_does_during_a_scan_is_in_the_readings_that_follow() {
     let mut profile = Profile::shipped("pairs-34924a").unwrap();
     profile.load = "resistor 1 2 470".parse().unwrap();
     let rig = SimulatedRig::new(&profile.at_pace(Pace::Real), Scene::quiet()).unwrap();
-    rig.hear(Instrument::Mainframe, "ROUT:CLOS (@1036)");
-    rig.hear(Instrument::Source, "SOUR:CURR 1e-3;:OUTP ON");
+    rig.receive(Instrument::Mainframe, "ROUT:CLOS (@1036)");
+    rig.receive(Instrument::Source, "SOUR:CURR 1e-3;:OUTP ON");
     let (reader, mut writer) = tokio::io::split(rig.connect_34980a());
     let mut reader = BufReader::new(reader);
     let mut said = String::new();
@@ -97,7 +97,7 @@ async fn what_the_source_does_during_a_scan_is_in_the_readings_that_follow() {
     reader.read_line(&mut said).await.unwrap();
     writer.write_all(b"*IDN?;:READ?\n").await.unwrap();
     tokio::time::sleep(Duration::from_millis(500)).await;
-    rig.hear(Instrument::Source, "SOUR:CURR -2e-3");
+    rig.receive(Instrument::Source, "SOUR:CURR -2e-3");
     said.clear();
     reader.read_line(&mut said).await.unwrap();
     let (identity, readings) = said.trim().split_once(';').unwrap();
@@ -114,7 +114,7 @@ async fn what_the_source_does_during_a_scan_is_in_the_readings_that_follow() {
     // broken off by another client: what has been read is answered
     writer.write_all(b"READ?\n").await.unwrap();
     tokio::time::sleep(Duration::from_millis(500)).await;
-    rig.hear(Instrument::Mainframe, "ABOR");
+    rig.receive(Instrument::Mainframe, "ABOR");
     said.clear();
     reader.read_line(&mut said).await.unwrap();
     assert_eq!(said.trim().split(',').count(), 2, "{said}");

@@ -27,8 +27,8 @@ fn run(command: &mut Command) -> Result<Output, String> {
     if ended.status.success() {
         return Ok(ended);
     }
-    let told = String::from_utf8_lossy(&ended.stderr);
-    let last: Vec<&str> = told.lines().rev().take(15).collect();
+    let reported = String::from_utf8_lossy(&ended.stderr);
+    let last: Vec<&str> = reported.lines().rev().take(15).collect();
     let last: Vec<&str> = last.into_iter().rev().collect();
     Err(format!("{command:?} failed:\n{}", last.join("\n")))
 }
@@ -166,12 +166,18 @@ fn zeroconf_and_avahi_find_every_service() {
         panic!("avahi-daemon and dbus-daemon are required and cannot be started: {reason}")
     });
     let browse = ["--resolve", "--terminate", "--parsable", "_lxi._tcp"];
-    let told = avahi.ask("avahi-browse", &browse);
+    let reported = avahi.ask("avahi-browse", &browse);
     let wanted = ["txtvers=1", "Model=34980A", serial.as_str()];
-    assert!(wanted.iter().all(|word| told.contains(word)), "{told}");
-    let told = avahi.ask("lxi", &["discover", "--mdns", "--timeout", "3"]);
-    assert!(told.contains(&format!("34980A #{serial}")), "{told}");
-    assert!(told.contains("vxi-11 service on port"), "{told}");
+    assert!(
+        wanted.iter().all(|word| reported.contains(word)),
+        "{reported}"
+    );
+    let reported = avahi.ask("lxi", &["discover", "--mdns", "--timeout", "3"]);
+    assert!(
+        reported.contains(&format!("34980A #{serial}")),
+        "{reported}"
+    );
+    assert!(reported.contains("vxi-11 service on port"), "{reported}");
     assert_eq!(served.terminate(), Some(0));
     // A clean stop says goodbye, and within five seconds nobody knows of it.
     let stopped = Instant::now();
@@ -190,15 +196,15 @@ struct Avahi {
 
 impl Avahi {
     fn start() -> Result<Self, String> {
-        let told = |what: &'static str| move |fault: std::io::Error| format!("{what}: {fault}");
-        let folder = tempfile::tempdir().map_err(told("a folder"))?;
+        let reported = |what: &'static str| move |fault: std::io::Error| format!("{what}: {fault}");
+        let folder = tempfile::tempdir().map_err(reported("a folder"))?;
         let mut bus = Command::new("dbus-daemon")
             .args(["--config-file=/usr/share/dbus-1/system.conf", "--nopidfile"])
             .args(["--nofork", "--print-address"])
             .arg(format!("--address={}", address(&folder)))
             .stdout(Stdio::piped())
             .spawn()
-            .map_err(told("dbus-daemon (package dbus)"))?;
+            .map_err(reported("dbus-daemon (package dbus)"))?;
         let mut line = String::new();
         let out = bus.stdout.take().ok_or("dbus-daemon has no output")?;
         let said = BufReader::new(out).read_line(&mut line);
@@ -215,13 +221,13 @@ impl Avahi {
             );
         };
         let said = daemon.stderr.take().ok_or("avahi-daemon has no output")?;
-        let mut heard = Vec::new();
+        let mut received = Vec::new();
         let up = BufReader::new(said)
             .lines()
             .map_while(Result::ok)
             .any(|line| {
                 let complete = line.contains("startup complete");
-                heard.push(line);
+                received.push(line);
                 complete
             });
         let avahi = Self {
@@ -231,7 +237,7 @@ impl Avahi {
         };
         match up {
             true => Ok(avahi),
-            false => Err(heard.join("\n")),
+            false => Err(received.join("\n")),
         }
     }
 
@@ -267,9 +273,9 @@ fn lxi_tools_ask_who_is_there() {
     for (instrument, model) in [("6221", "MODEL 6221"), ("34980a", "34980A")] {
         let (host, port) = served.address(instrument).rsplit_once(':').unwrap();
         let asked = ["scpi", "--raw", "--address", host, "--port", port, "*IDN?"];
-        let told = run(Command::new("lxi").args(asked)).unwrap();
-        let told = String::from_utf8_lossy(&told.stdout);
-        assert!(told.contains(model), "{told}");
+        let reported = run(Command::new("lxi").args(asked)).unwrap();
+        let reported = String::from_utf8_lossy(&reported.stdout);
+        assert!(reported.contains(model), "{reported}");
     }
 }
 

@@ -125,14 +125,14 @@ impl Wire {
     }
 }
 
-struct Bench {
+struct FaultyRig {
     served: Served,
     source: Wire,
     mainframe: Wire,
     board: Wire,
 }
 
-impl Bench {
+impl FaultyRig {
     fn start(profile: &str, scene: Option<&Path>) -> Self {
         let mut arguments = vec!["--profile", profile, "--load", "resistor 1 2 470"];
         arguments.extend(
@@ -287,7 +287,7 @@ impl Bench {
             true => &mut self.source,
             false => &mut self.mainframe,
         };
-        // One of its own kind may break: it has been heard all the same.
+        // One of its own kind may break: it has been received all the same.
         bystander.ask("*OPC?").await;
     }
 }
@@ -321,35 +321,32 @@ enum Way {
     TimeLine,
 }
 
-async fn holds(bench: &mut Bench, (words, lasts): (&str, bool), way: Way) {
+async fn holds(rig: &mut FaultyRig, (words, lasts): (&str, bool), way: Way) {
     let timed = words.starts_with("late") || words.starts_with("slow");
-    bench.prepare(words).await;
+    rig.prepare(words).await;
     // A machine that is busy may be slow without any fault.
-    assert!(
-        timed || !bench.shows(words).await,
-        "{words}, {way:?}: before"
-    );
-    bench.prepare(words).await;
+    assert!(timed || !rig.shows(words).await, "{words}, {way:?}: before");
+    rig.prepare(words).await;
     match way {
-        Way::TimeLine => bench.time_passes(words).await,
-        Way::Live => bench.served.fault(words),
+        Way::TimeLine => rig.time_passes(words).await,
+        Way::Live => rig.served.fault(words),
     }
-    assert!(bench.shows(words).await, "{words}, {way:?}: not seen");
+    assert!(rig.shows(words).await, "{words}, {way:?}: not seen");
     if lasts {
         match way {
-            Way::TimeLine => bench.time_passes(words).await,
-            Way::Live => bench.served.fault("none"),
+            Way::TimeLine => rig.time_passes(words).await,
+            Way::Live => rig.served.fault("none"),
         }
     }
-    bench.prepare(words).await;
+    rig.prepare(words).await;
     assert!(
-        timed || !bench.shows(words).await,
+        timed || !rig.shows(words).await,
         "{words}, {way:?}: not over"
     );
 }
 
 async fn all_hold(profile: &str, faults: &[(&str, bool)]) {
-    let mut live = Bench::start(profile, None);
+    let mut live = FaultyRig::start(profile, None);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.toml");
     for (words, lasts) in faults {
@@ -357,7 +354,7 @@ async fn all_hold(profile: &str, faults: &[(&str, bool)]) {
         let until = if *lasts { "for_s = 25\n" } else { "" };
         let scene = format!("[[fault]]\nat_s = 25\n{until}what = \"{words}\"\n");
         std::fs::write(&path, scene).unwrap();
-        let mut played = Bench::start(profile, Some(&path));
+        let mut played = FaultyRig::start(profile, Some(&path));
         holds(&mut played, (words, *lasts), Way::TimeLine).await;
     }
 }

@@ -11,24 +11,24 @@ use gpio_mux::GpioMux;
 use phantom::Scene;
 use rig::{Link, LinkError, connect_tcp, open_serial};
 use served::Served;
-use simulator::{Fault, Hanging, Instrument, Pace, Profile, SimulatedRig};
+use simulator::{Fault, Instrument, LoadNetwork, Pace, Profile, SimulatedRig};
 use survey::{Electrode, Relay};
 
 const DEADLINE: Duration = Duration::from_secs(20);
 
-fn simulated(profile: &str, load: Hanging) -> SimulatedRig {
+fn simulated(profile: &str, load: LoadNetwork) -> SimulatedRig {
     let mut profile = Profile::shipped(profile).unwrap().at_pace(Pace::Instant);
     profile.load = load;
     SimulatedRig::new(&profile, Scene::quiet()).unwrap()
 }
 
 fn ask(rig: &SimulatedRig, instrument: Instrument, question: &str) -> String {
-    rig.hear(instrument, question).0.unwrap()
+    rig.receive(instrument, question).0.unwrap()
 }
 
 /// What the voltmeter reads on a channel.
 fn read(rig: &SimulatedRig, channel: u32) -> f64 {
-    rig.hear(
+    rig.receive(
         Instrument::Mainframe,
         &format!("CONF:VOLT:DC 10,(@{channel})"),
     );
@@ -37,8 +37,8 @@ fn read(rig: &SimulatedRig, channel: u32) -> f64 {
 
 /// One milliampere through terminals 1 and 2.
 fn drive(rig: &SimulatedRig) {
-    rig.hear(Instrument::Mainframe, "ROUT:CLOS (@1036)");
-    rig.hear(Instrument::Source, "SOUR:CURR 1e-3;:OUTP ON");
+    rig.receive(Instrument::Mainframe, "ROUT:CLOS (@1036)");
+    rig.receive(Instrument::Source, "SOUR:CURR 1e-3;:OUTP ON");
 }
 
 fn near(value: f64, wanted: f64) -> bool {
@@ -52,12 +52,12 @@ async fn loads_beside_the_sheet_obey_ohm() {
     assert!(near(read(&rig, 1001), 0.47), "{}", read(&rig, 1001));
     // A pair with an end on the resistor and the other in the air has no voltage.
     assert!(near(read(&rig, 1002), 0.0));
-    let rig = simulated("pairs-34924a", Hanging::Nothing);
+    let rig = simulated("pairs-34924a", LoadNetwork::Nothing);
     drive(&rig);
     assert_eq!(ask(&rig, Instrument::Source, "STAT:MEAS:COND?"), "8");
     assert_eq!(rig.flowing(), survey::Amps(0.0));
     // A mesh: round its edge the voltages add up to nothing.
-    let rig = simulated("pairs-34924a", Hanging::Mesh { ohms: 100.0 });
+    let rig = simulated("pairs-34924a", LoadNetwork::Mesh { ohms: 100.0 });
     drive(&rig);
     let around: f64 = (1001..=1026).map(|channel| read(&rig, channel)).sum();
     assert!(around.abs() < 1e-6, "{around}");
@@ -75,7 +75,7 @@ async fn a_stuck_relay_reads_right_and_leads_wrong() {
     rig.fault(&Fault::Free(Relay(1036))).unwrap();
     assert_eq!(ask(&rig, Instrument::Source, "STAT:MEAS:COND?"), "0");
     rig.fault(&Fault::StuckClosed(Relay(1036))).unwrap();
-    rig.hear(Instrument::Mainframe, "ROUT:OPEN (@1036)");
+    rig.receive(Instrument::Mainframe, "ROUT:OPEN (@1036)");
     assert_eq!(ask(&rig, Instrument::Mainframe, "ROUT:CLOS? (@1036)"), "0");
     assert_eq!(rig.closed().into_iter().collect::<Vec<_>>(), [Relay(1036)]);
     assert!(near(read(&rig, 1001), 0.47));
@@ -91,8 +91,8 @@ async fn a_stuck_pole_of_the_board_is_no_electrode() {
     let rig = simulated("gpio-board", "resistor 3 4 100".parse().unwrap());
     let mut board = drivers::board(&rig).await;
     rig.fault(&Fault::StuckOpen(Relay(103))).unwrap();
-    rig.hear(Instrument::Board, "PAIR I 3");
-    rig.hear(Instrument::Source, "SOUR:CURR 1e-3;:OUTP ON");
+    rig.receive(Instrument::Board, "PAIR I 3");
+    rig.receive(Instrument::Source, "SOUR:CURR 1e-3;:OUTP ON");
     assert_eq!(board.state().await.unwrap().0[0], Some(Electrode(2)));
     assert_eq!(rig.flowing(), survey::Amps(0.0));
     rig.fault(&Fault::Free(Relay(103))).unwrap();
@@ -125,15 +125,15 @@ async fn instruments_fail_as_they_would() {
     let card = ask(&rig, Instrument::Mainframe, "SYST:CTYP? 1");
     assert!(card.contains("34924A"), "{card}");
     rig.fault(&"voltmeter missing".parse().unwrap()).unwrap();
-    rig.hear(Instrument::Mainframe, "CONF:VOLT:DC 10,(@1001)");
+    rig.receive(Instrument::Mainframe, "CONF:VOLT:DC 10,(@1001)");
     assert_ne!(
         ask(&rig, Instrument::Mainframe, "SYST:ERR?"),
         "+0,\"No error\""
     );
     rig.fault(&Fault::None).unwrap();
     drive(&rig);
-    rig.hear(Instrument::Mainframe, "*CLS");
-    rig.hear(Instrument::Source, "OUTP ON");
+    rig.receive(Instrument::Mainframe, "*CLS");
+    rig.receive(Instrument::Source, "OUTP ON");
     assert!(near(read(&rig, 1001), 0.47));
     assert!(rig.fault(&"serial unplug".parse().unwrap()).is_err());
 }
@@ -172,10 +172,10 @@ async fn a_scene_has_faults_beside_its_loads() {
     assert!(read(&rig, 1001) < 10.0);
     let scene = Scene::parse("faulty.toml", &text.replace("on", "of")).unwrap();
     let refusal = SimulatedRig::new(&profile, scene).unwrap_err();
-    let told = refusal.to_string();
+    let reported = refusal.to_string();
     assert!(
-        told.starts_with("faulty.toml:4:8: 'overload of' is no fault"),
-        "{told}"
+        reported.starts_with("faulty.toml:4:8: 'overload of' is no fault"),
+        "{reported}"
     );
 }
 
@@ -229,8 +229,11 @@ async fn replies_go_wrong_as_a_person_says() {
     assert!(link(&served, "6221").await.ask("*IDN?").await.is_ok());
     let refused = served.command("fault", "wire 6221");
     assert_eq!(refused.status.code(), Some(1));
-    let told = String::from_utf8_lossy(&refused.stderr).into_owned();
-    assert!(told.contains("wire INSTRUMENT cut|silent|sound"), "{told}");
+    let reported = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(
+        reported.contains("wire INSTRUMENT cut|silent|sound"),
+        "{reported}"
+    );
 }
 
 #[tokio::test]
@@ -307,32 +310,32 @@ async fn the_serial_port_of_the_source_ends_its_lines_as_it_is_set() {
         ("LF", "\n"),
     ] {
         // The reply to the question behind the setting ends in the new way already.
-        for (said, told) in [
+        for (said, reported) in [
             (format!("SYST:COMM:SER:TERM {word};TERM?{before}"), word),
             (format!("*ESE?{end}"), "0"),
         ] {
             port.write_all(said.as_bytes()).await.unwrap();
-            let expected = format!("{told}{end}");
-            let mut heard = vec![0; expected.len()];
-            let read = tokio::time::timeout(DEADLINE, port.read_exact(&mut heard));
+            let expected = format!("{reported}{end}");
+            let mut received = vec![0; expected.len()];
+            let read = tokio::time::timeout(DEADLINE, port.read_exact(&mut received));
             read.await.unwrap().unwrap();
-            assert_eq!(String::from_utf8_lossy(&heard), expected);
+            assert_eq!(String::from_utf8_lossy(&received), expected);
         }
         before = end;
     }
     // The network's lines end in a line feed all the same.
     let said = b"SYST:COMM:SER:TERM CR;TERM?\n";
     port.write_all(said).await.unwrap();
-    let mut heard = [0; 3];
-    let read = tokio::time::timeout(DEADLINE, port.read_exact(&mut heard));
+    let mut received = [0; 3];
+    let read = tokio::time::timeout(DEADLINE, port.read_exact(&mut received));
     read.await.unwrap().unwrap();
-    assert_eq!(&heard, b"CR\r");
+    assert_eq!(&received, b"CR\r");
     assert_eq!(link(&served, "6221").await.ask("*ESE?").await.unwrap(), "0");
 }
 
 #[tokio::test]
 async fn a_board_that_is_reset_says_its_banner() {
-    let rig = simulated("gpio-board", Hanging::Sheet);
+    let rig = simulated("gpio-board", LoadNetwork::Sheet);
     let mut wire = rig.connect_gpio();
     use tokio::io::{AsyncReadExt, AsyncWriteExt};
     wire.write_all(b"PAIR I 3\n").await.unwrap();
@@ -348,7 +351,7 @@ async fn a_board_that_is_reset_says_its_banner() {
 
 #[tokio::test]
 async fn a_line_too_long_for_the_board_has_its_reply() {
-    let rig = simulated("gpio-board", Hanging::Sheet);
+    let rig = simulated("gpio-board", LoadNetwork::Sheet);
     let mut board = Link::new(rig.connect_gpio(), "board", DEADLINE);
     let too_long = board.ask(&"A".repeat(100_000)).await.unwrap();
     assert_eq!(too_long, "ERR -363,\"Input buffer overrun\"");

@@ -74,9 +74,9 @@ async fn every_wiring_reads_the_bare_forward_solution_to_the_digits_sent() {
         rig.now()
     );
     assert_eq!((messages.reading, messages.readings), (26, 26 * 26));
-    // The source confirms everything it is told: on two wires only an answer keeps the order of things.
+    // The source confirms every message: on two wires only an answer keeps the order of things.
     let source = rig.messages(Instrument::Source);
-    assert_eq!(source.heard, source.answered);
+    assert_eq!(source.received, source.answered);
     assert_off(&rig);
 
     let matrix = Wiring::matrix_34932a(1, 26).unwrap();
@@ -202,7 +202,7 @@ async fn one_wrong_relay_number_and_the_readings_go_wrong() {
     let rig = mainframe_rig(&sim).await;
     let bare = bare(&sim, &right);
 
-    // Injecting pair 3 is told to use the relay of pair 30, which leads nowhere: compliance, nothing measured.
+    // Injecting pair 3 is configured to use the relay of pair 30, which leads nowhere: compliance, nothing measured.
     let mut wrong = right.clone();
     wrong.inject[2].1 = vec![Relay(1614)];
     let frame_of_nothing = frame(&rig, &wrong).await.unwrap();

@@ -1,4 +1,4 @@
-//! Goldens are held, transcripts are played, and a difference is told with its place.
+//! Goldens are held, transcripts are played, and a difference is reported with its place.
 
 #[allow(dead_code)]
 mod served;
@@ -15,7 +15,7 @@ fn folder() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/goldens"))
 }
 
-fn bench(arguments: &[&str]) -> Output {
+fn program(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_tactus-sim"))
         .args(arguments)
         .output()
@@ -66,7 +66,7 @@ fn a_golden_that_is_not_held_says_where() {
         let text = format!("instrument 34980a\ncites x\n{overload}~ {expected}\n");
         assert_eq!(parse(&text).unwrap().play("x").is_ok(), holds, "{expected}");
     }
-    for (wrong, told) in [
+    for (wrong, reported) in [
         ("cites x\n> A\n", "no line 'instrument ...'"),
         ("instrument 6221\n> A\n", "no line 'cites ...'"),
         ("instrument 2400\n", "a.golden:1: '2400' is none of"),
@@ -86,7 +86,7 @@ fn a_golden_that_is_not_held_says_where() {
         ("ohms -3\n", "a.golden:1: ohms cannot be -3"),
     ] {
         let fault = parse(wrong).unwrap_err().to_string();
-        assert!(fault.contains(told), "{wrong}: {fault}");
+        assert!(fault.contains(reported), "{wrong}: {fault}");
     }
 }
 
@@ -134,13 +134,16 @@ fn what_was_recorded_is_replayed_and_made_a_golden() {
     let file = transcript.to_str().unwrap();
     recorded(&transcript);
     // A recording is not written over.
-    assert_eq!(bench(&["serve", "--record", file]).status.code(), Some(78));
+    assert_eq!(
+        program(&["serve", "--record", file]).status.code(),
+        Some(78)
+    );
 
     let together = ["replay", file, "--profile", "showcase", "--exact"];
     for arguments in [&["replay", file][..], &together] {
-        let played = bench(arguments);
-        let told = String::from_utf8_lossy(&played.stderr).into_owned();
-        assert!(played.status.success(), "{told}");
+        let played = program(arguments);
+        let reported = String::from_utf8_lossy(&played.stderr).into_owned();
+        assert!(played.status.success(), "{reported}");
         let said = String::from_utf8_lossy(&played.stdout).into_owned();
         assert!(said.starts_with("9 messages, 7 replies: "), "{said}");
     }
@@ -157,10 +160,10 @@ fn what_was_recorded_is_replayed_and_made_a_golden() {
         "-o",
         out,
     ];
-    let made = bench(&make);
+    let made = program(&make);
     assert!(made.status.success() && made.stderr.is_empty(), "{made:?}");
     assert_eq!(
-        bench(&make).status.code(),
+        program(&make).status.code(),
         Some(78),
         "it is not written over"
     );
@@ -193,12 +196,12 @@ fn what_was_recorded_is_replayed_and_made_a_golden() {
     );
     let other = folder.path().join("other.jsonl");
     std::fs::write(&other, changed).unwrap();
-    let played = bench(&["replay", other.to_str().unwrap()]);
+    let played = program(&["replay", other.to_str().unwrap()]);
     assert_eq!(played.status.code(), Some(1));
-    let told = String::from_utf8_lossy(&played.stderr).into_owned();
+    let reported = String::from_utf8_lossy(&played.stderr).into_owned();
     assert!(
-        told.contains("other.jsonl:13: to 'SOUR:CURR 1e-3;CURR?' the 6221 answered '1.000001E-03', the simulator answers '1.000000E-03'"),
-        "{told}"
+        reported.contains("other.jsonl:13: to 'SOUR:CURR 1e-3;CURR?' the 6221 answered '1.000001E-03', the simulator answers '1.000000E-03'"),
+        "{reported}"
     );
 }
 
@@ -207,7 +210,7 @@ fn transcripts_that_cannot_be_played_are_told_so() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("talk.jsonl");
     let sent = r#"{"t_s":0,"instrument":"6221","sent":"OUTP ON"}"#;
-    for (text, code, told) in [
+    for (text, code, reported) in [
         ("{}\n".to_owned(), 78, "talk.jsonl:1: missing field"),
         (
             sent.replace("6221", "2400 at home"),
@@ -231,13 +234,13 @@ fn transcripts_that_cannot_be_played_are_told_so() {
         ),
     ] {
         std::fs::write(&file, text).unwrap();
-        let played = bench(&["replay", file.to_str().unwrap()]);
+        let played = program(&["replay", file.to_str().unwrap()]);
         let said = String::from_utf8_lossy(&played.stderr).into_owned();
         assert_eq!(played.status.code(), Some(code), "{said}");
-        assert!(said.contains(told), "{told}: {said}");
+        assert!(said.contains(reported), "{reported}: {said}");
     }
     std::fs::write(&file, sent).unwrap();
-    let made = bench(&["golden", file.to_str().unwrap(), "--instrument", "gpio"]);
+    let made = program(&["golden", file.to_str().unwrap(), "--instrument", "gpio"]);
     assert_eq!(made.status.code(), Some(78));
-    assert!(bench(&["replay", "/nowhere/at.all"]).status.code() == Some(78));
+    assert!(program(&["replay", "/nowhere/at.all"]).status.code() == Some(78));
 }

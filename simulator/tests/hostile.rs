@@ -47,7 +47,7 @@ fn number(text: &str) -> f64 {
         .unwrap_or_else(|_| panic!("'{text}' is no number"))
 }
 
-/// Each header with what stands behind MIN, MAX and DEF; the limits are told and can be set.
+/// Each header with what stands behind MIN, MAX and DEF; the limits are reported and can be set.
 #[test]
 fn every_limit_is_told_and_can_be_set() {
     let served = Served::start(&["--profile", "pairs-34924a"]);
@@ -107,15 +107,15 @@ fn every_limit_is_told_and_can_be_set() {
             }
             for (limit, value) in [("MIN", least), ("max", most)] {
                 let here = list.trim_start_matches(',');
-                let told = client.ask(&format!("{header} {limit}{list};:{header}? {here}"));
-                assert_eq!(number(&told), value, "{header} {limit}");
-                // As it is told it can be set, too.
-                let again = client.ask(&format!("{header} {told}{list};:{header}? {here}"));
-                assert_eq!(again, told, "{header} {told}");
+                let reported = client.ask(&format!("{header} {limit}{list};:{header}? {here}"));
+                assert_eq!(number(&reported), value, "{header} {limit}");
+                // As it is reported it can be set, too.
+                let again = client.ask(&format!("{header} {reported}{list};:{header}? {here}"));
+                assert_eq!(again, reported, "{header} {reported}");
                 let error = client.error();
                 assert!(
                     error.trim_start_matches('+').starts_with("0,"),
-                    "{header} {told}: {error}"
+                    "{header} {reported}: {error}"
                 );
             }
             client.send(format!("{header} DEF{list}\n").as_bytes());
@@ -139,7 +139,7 @@ fn a_queue_that_overflows_keeps_the_oldest_and_says_so() {
             .collect();
         assert_eq!(codes[..depth - 1], vec![-113; depth - 1][..], "{key}");
         assert_eq!(codes[depth - 1..], [-350, 0, 0], "{key}");
-        // Room again: the next error is told as it is.
+        // Room again: the next error is reported as it is.
         client.send(b"NONSENSE\n");
         assert!(client.error().contains("-113"));
     }
@@ -258,8 +258,8 @@ fn bad_input_is_logged_with_its_address_and_disturbs_nobody() {
         .spawn()
         .unwrap();
     let mut line = String::new();
-    let mut told = BufReader::new(child.stdout.take().unwrap());
-    told.read_line(&mut line).unwrap();
+    let mut reported = BufReader::new(child.stdout.take().unwrap());
+    reported.read_line(&mut line).unwrap();
     let ready: serde_json::Value = serde_json::from_str(&line).unwrap();
     let address = |key: &str| ready[key].as_str().unwrap().to_owned();
 
@@ -280,7 +280,7 @@ fn bad_input_is_logged_with_its_address_and_disturbs_nobody() {
     let from_vxi11 = stranger.local_addr().unwrap().to_string();
     stranger.read_to_end(&mut Vec::new()).ok();
     assert_eq!(good.ask("*ESE?"), "+4");
-    // A question that is none has no reply, and the next line is heard as if nothing had been.
+    // A question that is none has no reply, and the next line is received as if nothing had been.
     assert_eq!(
         bad.ask("N?;*ESE?").split(',').next(),
         Some("Agilent Technologies")
@@ -313,10 +313,10 @@ fn bad_input_is_logged_with_its_address_and_disturbs_nobody() {
         .unwrap();
     child.wait().unwrap();
     for (who, what) in [
-        (bad.address(), "told the 34980a 'NON\\u{1b}[2JSENSE'"),
+        (bad.address(), "sent the 34980a 'NON\\u{1b}[2JSENSE'"),
         (
             source.address(),
-            "told the 6221 'BLAH?': -113,\"Undefined header\"",
+            "sent the 6221 'BLAH?': -113,\"Undefined header\"",
         ),
         (from_vxi11, "is disconnected"),
     ] {

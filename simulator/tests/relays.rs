@@ -5,31 +5,34 @@ mod drivers;
 
 use drivers::{board_rig, frame, mainframe_rig, simulated};
 use phantom::{Preview, Scan, Scene};
-use simulator::{Fault, Hanging, Instrument, Pace, Profile, SimulatedRig};
+use simulator::{Fault, Instrument, LoadNetwork, Pace, Profile, SimulatedRig};
 use survey::{Relay, Wiring};
 
-fn hanging(scene: &str) -> SimulatedRig {
+fn load_network(scene: &str) -> SimulatedRig {
     let mut profile = Profile::shipped("pairs-34924a").unwrap();
-    profile.load = "resistor 1 2 470".parse::<Hanging>().unwrap();
+    profile.load = "resistor 1 2 470".parse::<LoadNetwork>().unwrap();
     let scene = Scene::parse("test.toml", scene).unwrap();
     SimulatedRig::new(&profile.at_pace(Pace::Instant), scene).unwrap()
 }
 
 fn read(rig: &SimulatedRig, question: &str) -> f64 {
-    let answer = rig.hear(Instrument::Mainframe, question).0.unwrap();
+    let answer = rig.receive(Instrument::Mainframe, question).0.unwrap();
     answer.parse().unwrap()
 }
 
 fn compliance(rig: &SimulatedRig) -> String {
-    rig.hear(Instrument::Source, "STAT:MEAS:COND?").0.unwrap()
+    rig.receive(Instrument::Source, "STAT:MEAS:COND?")
+        .0
+        .unwrap()
 }
 
 #[tokio::test]
 async fn channels_add_their_resistance_to_two_wires_and_not_to_four() {
-    let bare = hanging("");
-    let clean = hanging("[effects.channel-resistance]\nohm = 2.0\nstd = 0.0\ndirty_percent = 0.0");
+    let bare = load_network("");
+    let clean =
+        load_network("[effects.channel-resistance]\nohm = 2.0\nstd = 0.0\ndirty_percent = 0.0");
     let dirty =
-        hanging("[effects.channel-resistance]\nohm = 2.0\nstd = 0.0\ndirty_percent = 100.0");
+        load_network("[effects.channel-resistance]\nohm = 2.0\nstd = 0.0\ndirty_percent = 100.0");
     let two_wires = |rig: &SimulatedRig| read(rig, "MEAS:RES? AUTO,(@1001)");
     let plain = two_wires(&bare);
     // a channel and the relay to the bus, two poles each
@@ -43,10 +46,10 @@ async fn channels_add_their_resistance_to_two_wires_and_not_to_four() {
 #[tokio::test]
 async fn leads_reach_compliance_and_no_reading() {
     for (ohm, reached) in [("0.0", "0"), ("14.0", "0"), ("16.0", "8")] {
-        let rig = hanging(&format!("[effects.lead-resistance]\nohm = {ohm}"));
-        rig.hear(Instrument::Mainframe, "ROUT:CLOS (@1036)");
+        let rig = load_network(&format!("[effects.lead-resistance]\nohm = {ohm}"));
+        rig.receive(Instrument::Mainframe, "ROUT:CLOS (@1036)");
         // 1 mA through 470 ohm and two poles of 100.1: 670.2 mV, and 2 mV for each ohm of lead
-        rig.hear(
+        rig.receive(
             Instrument::Source,
             "SOUR:CURR:COMP 0.70;:SOUR:CURR 1e-3;:OUTP ON",
         );
@@ -61,18 +64,18 @@ async fn leads_reach_compliance_and_no_reading() {
 #[tokio::test]
 async fn a_relay_whose_life_is_over_sticks_and_can_be_replaced() {
     let worn = |closed: u32| {
-        hanging(&format!(
+        load_network(&format!(
             "[effects.wear]\nlife_closures = 3\nshape = 20\nclosed_percent = {closed}"
         ))
     };
     let drive = |rig: &SimulatedRig| {
-        rig.hear(Instrument::Source, "SOUR:CURR 1e-3;:OUTP ON");
+        rig.receive(Instrument::Source, "SOUR:CURR 1e-3;:OUTP ON");
     };
     let open = |rig: &SimulatedRig| {
-        rig.hear(Instrument::Mainframe, "ROUT:OPEN (@1036)");
+        rig.receive(Instrument::Mainframe, "ROUT:OPEN (@1036)");
     };
     let close = |rig: &SimulatedRig| {
-        rig.hear(Instrument::Mainframe, "ROUT:CLOS (@1036)");
+        rig.receive(Instrument::Mainframe, "ROUT:CLOS (@1036)");
     };
     // With a shape of 20 lives lie within some percent of three closures.
     let rig = worn(0);
@@ -86,7 +89,7 @@ async fn a_relay_whose_life_is_over_sticks_and_can_be_replaced() {
     close(&rig);
     open(&rig);
     close(&rig);
-    let asked = rig.hear(Instrument::Mainframe, "ROUT:CLOS? (@1036)").0;
+    let asked = rig.receive(Instrument::Mainframe, "ROUT:CLOS? (@1036)").0;
     assert_eq!(asked.unwrap(), "1", "it reads closed");
     assert_eq!(compliance(&rig), "8", "and is open");
     rig.fault(&Fault::Free(Relay(1036))).unwrap();
@@ -158,8 +161,10 @@ async fn what_channels_do_to_readings_is_as_large_as_predicted() {
     let all = Preview::new(&scene, Scan::usual(26).unwrap())
         .unwrap()
         .predictions();
-    let told = all.iter().find(|told| told.name == "channel-resistance");
-    let ratio = told.unwrap().volts / seen;
+    let reported = all
+        .iter()
+        .find(|reported| reported.name == "channel-resistance");
+    let ratio = reported.unwrap().volts / seen;
     println!("{seen:.2e} V seen, {ratio:.2} of it predicted");
     assert!((0.5..2.0).contains(&ratio), "{ratio}");
 }

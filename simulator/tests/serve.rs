@@ -137,21 +137,21 @@ fn what_cannot_be_served_is_refused_with_the_right_code() {
             String::from_utf8(ended.stderr).unwrap(),
         )
     };
-    let (code, told) = run(&["serve", "--slot", "9=34924A"]);
+    let (code, reported) = run(&["serve", "--slot", "9=34924A"]);
     assert_eq!(code, Some(2));
-    assert!(told.contains("slots are 1 to 8"), "{told}");
-    let (code, told) = run(&["serve", "--profile", "no-such-profile"]);
+    assert!(reported.contains("slots are 1 to 8"), "{reported}");
+    let (code, reported) = run(&["serve", "--profile", "no-such-profile"]);
     assert_eq!(code, Some(78));
     assert!(
-        told.contains("pairs-34924a, ") && told.contains(", gpio-board"),
-        "{told}"
+        reported.contains("pairs-34924a, ") && reported.contains(", gpio-board"),
+        "{reported}"
     );
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
-    let (code, told) = run(&["serve", "--port-6221", &port]);
+    let (code, reported) = run(&["serve", "--port-6221", &port]);
     assert_eq!(code, Some(1));
     assert!(
-        told.contains(&port) && told.contains("for the 6221"),
-        "{told}"
+        reported.contains(&port) && reported.contains("for the 6221"),
+        "{reported}"
     );
 }

@@ -222,7 +222,7 @@ fn a_second_client_of_the_source_is_held_or_refused_or_served() {
     assert!(!first.ask("*IDN?").is_empty());
     let mut second = Client::of(&held, "6221");
     second.send(b"*ESE?\n");
-    // What the second says is heard only after the first has left.
+    // What the second says is received only after the first has left.
     first.send(b"*ESE 7\n");
     drop(first);
     assert_eq!(second.line(), "7");
@@ -276,7 +276,7 @@ fn a_client_that_breaks_off_while_the_source_is_busy_leaves_its_place() {
     let served = Served::start_in_time(&[]);
     let mut first = Client::of(&served, "6221");
     first.send(LONG_SWEEP);
-    // The message has been heard once the mainframe's bench shows the sweep.
+    // The message has been received once the mainframe's status shows the sweep.
     let begun = Instant::now();
     let status = || String::from_utf8(served.command("status", "--json").stdout).unwrap();
     while !status().contains("\"output\":true") {

@@ -292,9 +292,9 @@ fn an_abort_ends_a_read_that_waits() {
     let begun = Instant::now();
     let mut other = Client::of(&served);
     // Until the read is under way there is nothing to abort; then it ends, and this with it.
-    let (ended, told) = std::sync::mpsc::channel::<()>();
+    let (ended, reported) = std::sync::mpsc::channel::<()>();
     let aborter = std::thread::spawn(move || {
-        while told.try_recv() == Err(std::sync::mpsc::TryRecvError::Empty) {
+        while reported.try_recv() == Err(std::sync::mpsc::TryRecvError::Empty) {
             let aborted = other.call_in(999, CORE + 1, 1, 1, Arguments::default().word(link));
             assert_eq!((word(&aborted, 0), word(&aborted, 1)), (0, 0));
         }

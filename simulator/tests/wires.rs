@@ -1,4 +1,4 @@
-//! The bench's own words: wires that break, instruments that lose power, time, presses, any relay that is closed.
+//! What the rig itself offers: wires that break, instruments that lose power, time, presses, any relay that is closed.
 
 #[allow(dead_code)]
 mod drivers;
@@ -171,14 +171,14 @@ async fn the_transcript_tells_what_went_over_the_wires() {
     let transcript = sim.transcript();
     let reads = transcript
         .iter()
-        .filter(|said| said.heard.contains("READ?"));
+        .filter(|said| said.received.contains("READ?"));
     assert_eq!(reads.clone().count(), 26);
     // The overlap goes out in the segment of the question: close first, then open.
     let second = reads.clone().nth(1).unwrap();
     assert!(
-        second.heard.starts_with("ROUT:CLOS (@1037);"),
+        second.received.starts_with("ROUT:CLOS (@1037);"),
         "{}",
-        second.heard
+        second.received
     );
     // and the error queue is read behind it
     let (readings, error) = second.answered.as_ref().unwrap().split_once(';').unwrap();

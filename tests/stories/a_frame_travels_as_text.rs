@@ -89,14 +89,14 @@ fn a_frame_is_26_questions_and_their_answers() {
         let transcript = bench.transcript();
         let scans: Vec<_> = transcript
             .iter()
-            .filter(|said| said.heard.contains("READ?"))
+            .filter(|said| said.received.contains("READ?"))
             .collect();
         assert_eq!(scans.len(), 26);
         for said in &scans[1..] {
             assert!(
-                said.heard.contains("ROUT:CLOS (@"),
+                said.received.contains("ROUT:CLOS (@"),
                 "relays and question in one message: {}",
-                said.heard
+                said.received
             );
             let answer = said.answered.as_deref().expect("READ? is answered");
             // the readings, and the error queue asked in the same message

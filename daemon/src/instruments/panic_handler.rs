@@ -253,13 +253,13 @@ pub(crate) mod tests {
         let off = last(Instrument::Source);
         let states = off.answered.as_deref().unwrap_or_default();
         assert!(
-            off.heard.contains("CLE") && off.heard.contains("OUTP?"),
+            off.received.contains("CLE") && off.received.contains("OUTP?"),
             "{off:?}"
         );
         assert!(states.contains("0.000000E+00;0"), "{off:?}");
         let open = last(Instrument::Mainframe);
         assert!(
-            open.heard.contains("OPEN (") && open.heard.contains("CLOS? ("),
+            open.received.contains("OPEN (") && open.received.contains("CLOS? ("),
             "{open:?}"
         );
         let states = open.answered.as_deref().unwrap_or_default();

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use dbus::{Address, Instrument1Proxy, Manager1Proxy, Options, Session1Proxy, Simulation1Proxy};
 use logbook::Verified;
-use simulator::{Instrument, Pace, Profile, Said, Scene, ServeOptions, SimulatedRig};
+use simulator::{Instrument, Pace, Profile, Scene, ServeOptions, SimulatedRig, TranscriptLine};
 use tokio::io::{AsyncBufReadExt, BufReader};
 use zbus::{Connection, OwnedObjectPath};
 
@@ -289,13 +289,13 @@ pub fn instant(profile: &Profile) -> SimulatedRig {
 }
 
 /// When the source was found again it was switched off and asked whether it is, before anybody else was spoken to.
-pub fn assert_off_before_anything_else(said: &[Said]) {
-    let place = |from: usize, what: &dyn Fn(&Said) -> bool| {
+pub fn assert_off_before_anything_else(said: &[TranscriptLine]) {
+    let place = |from: usize, what: &dyn Fn(&TranscriptLine) -> bool| {
         let found = said[from..].iter().position(what);
         from + found.unwrap_or_else(|| panic!("it is not in {said:#?}"))
     };
-    let of_source = |said: &Said, word: &str| {
-        said.instrument == Instrument::Source && said.heard.contains(word)
+    let of_source = |said: &TranscriptLine, word: &str| {
+        said.instrument == Instrument::Source && said.received.contains(word)
     };
     let back = place(0, &|said| of_source(said, "*IDN?"));
     let off = place(back, &|said| of_source(said, "CLE"));

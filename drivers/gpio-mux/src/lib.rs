@@ -20,7 +20,7 @@
 //!     fn poles(&mut self, joined: [Option<Electrode>; 4], _: Duration) { self.0 = joined; }
 //! }
 //! let (mut board, mut sheet) = (SimulatorGpioMux::new(Settings::default()), Sheet([None; 4]));
-//! let answer = board.hear("PAIR I 26", Duration::ZERO, &mut sheet);
+//! let answer = board.receive("PAIR I 26", Duration::ZERO, &mut sheet);
 //! assert_eq!(answer.text.as_deref(), Some("26,1,OFF,OFF"));
 //! assert_eq!(sheet.0[1], Some(Electrode(0)));
 //! ```

@@ -98,7 +98,7 @@ pub struct SimulatorGpioMux {
     /// By the firmware's clock.
     last_edge: Duration,
     watchdog: Duration,
-    heard: Duration,
+    received: Duration,
     errors: ErrorQueue,
 }
 
@@ -115,7 +115,7 @@ impl SimulatorGpioMux {
             started: Duration::ZERO,
             last_edge: Duration::ZERO,
             watchdog: WATCHDOG,
-            heard: Duration::ZERO,
+            received: Duration::ZERO,
             errors: ErrorQueue::new(ERRORS),
         }
     }
@@ -181,7 +181,7 @@ impl SimulatorGpioMux {
     pub fn reset(&mut self, at: Duration, poles: &mut dyn Poles) -> String {
         self.all_off(at, poles);
         self.watchdog = WATCHDOG;
-        self.heard = at;
+        self.received = at;
         self.started = at;
         self.last_edge = Duration::ZERO;
         self.errors.clear();
@@ -190,14 +190,14 @@ impl SimulatorGpioMux {
 
     /// Lets time pass without a command: the watchdog opens everything when its time is over.
     pub fn pass(&mut self, at: Duration, poles: &mut dyn Poles) {
-        let due = self.heard + self.watchdog;
+        let due = self.received + self.watchdog;
         if self.watchdog > Duration::ZERO && at >= due && self.state() != State::default() {
             self.all_off(due, poles);
         }
     }
 
     /// Hears one line and answers it.
-    pub fn hear(&mut self, line: &str, at: Duration, poles: &mut dyn Poles) -> Response {
+    pub fn receive(&mut self, line: &str, at: Duration, poles: &mut dyn Poles) -> Response {
         self.pass(at, poles);
         if line.trim().is_empty() {
             return Response {
@@ -207,14 +207,14 @@ impl SimulatorGpioMux {
         }
         let answer = line.parse().and_then(|command| {
             // Noise on the line is no command: it does not keep the watchdog quiet.
-            self.heard = at;
+            self.received = at;
             self.obey(command, at, poles)
         });
         self.answer(answer)
     }
 
     /// Hears a line that is longer than its buffer. It has one reply too, so that its loss is noticed.
-    pub fn hear_too_much(&mut self, at: Duration, poles: &mut dyn Poles) -> Response {
+    pub fn receive_oversized(&mut self, at: Duration, poles: &mut dyn Poles) -> Response {
         self.pass(at, poles);
         self.answer(Err(Refusal::new(-363, "Input buffer overrun")))
     }

@@ -20,7 +20,7 @@ impl Poles for Sheet {
 
 struct Bench {
     board: SimulatorGpioMux,
-    heard: Vec<String>,
+    received: Vec<String>,
     /// Answered instead of the truth to the next line.
     lie: Option<&'static str>,
 }
@@ -30,7 +30,7 @@ type Shared = Arc<Mutex<Bench>>;
 fn bench() -> Shared {
     Arc::new(Mutex::new(Bench {
         board: SimulatorGpioMux::new(Settings::default()),
-        heard: Vec::new(),
+        received: Vec::new(),
         lie: None,
     }))
 }
@@ -51,8 +51,8 @@ fn plug(bench: &Shared) -> DuplexStream {
                 let line = String::from_utf8(line.unwrap()).unwrap();
                 let (text, busy) = {
                     let bench = &mut *bench.lock().unwrap();
-                    let answer = bench.board.hear(&line, start.elapsed(), &mut Sheet);
-                    bench.heard.push(line);
+                    let answer = bench.board.receive(&line, start.elapsed(), &mut Sheet);
+                    bench.received.push(line);
                     let lie = bench.lie.take().map(str::to_owned);
                     (lie.or(answer.text), answer.busy)
                 };
@@ -80,12 +80,12 @@ async fn link(bench: &Shared) -> Link<DuplexStream> {
 async fn connected() -> (Shared, GpioMux<DuplexStream>) {
     let bench = bench();
     let board = GpioMux::connect(link(&bench).await).await.unwrap();
-    bench.lock().unwrap().heard.clear();
+    bench.lock().unwrap().received.clear();
     (bench, board)
 }
 
-fn heard(bench: &Shared) -> Vec<String> {
-    std::mem::take(&mut bench.lock().unwrap().heard)
+fn received(bench: &Shared) -> Vec<String> {
+    std::mem::take(&mut bench.lock().unwrap().received)
 }
 
 fn relays(numbers: &[u32]) -> Vec<Relay> {
@@ -105,7 +105,7 @@ async fn connecting_asks_who_it_is_and_sets_the_watchdog() {
     let bench = bench();
     let board = GpioMux::connect(link(&bench).await).await.unwrap();
     assert_eq!(board.identity(), "Tactus,GPIO-MUX,0001,1.0");
-    assert_eq!(heard(&bench), ["*IDN?", "WDOG 10000"]);
+    assert_eq!(received(&bench), ["*IDN?", "WDOG 10000"]);
     bench.lock().unwrap().lie = Some("Acme,OTHER,1,1");
     let refusal = GpioMux::connect(link(&bench).await).await.unwrap_err();
     assert!(
@@ -144,7 +144,10 @@ async fn a_whole_plan_moves_the_poles_break_before_make() {
         }
     }
     let bench = bench.lock().unwrap();
-    let pairs = bench.heard.iter().filter(|line| line.starts_with("PAIR"));
+    let pairs = bench
+        .received
+        .iter()
+        .filter(|line| line.starts_with("PAIR"));
     // One message a move, but for the pair that closes the ring.
     assert!(pairs.count() > 590);
     let mut on = [false; 4];
@@ -160,7 +163,7 @@ async fn a_whole_plan_moves_the_poles_break_before_make() {
 async fn illegal_combinations_are_refused_before_the_wire_is_touched() {
     let (bench, mut board) = connected().await;
     board.move_relays(&[close(&[101, 202])]).await.unwrap();
-    assert_eq!(heard(&bench), ["PAIR I 1"]);
+    assert_eq!(received(&bench), ["PAIR I 1"]);
     for (moves, reason) in [
         (vec![close(&[102])], "a pole carries one electrode"),
         (
@@ -174,7 +177,7 @@ async fn illegal_combinations_are_refused_before_the_wire_is_touched() {
         assert!(matches!(refusal, RigError::Unable { .. }));
         assert!(refusal.to_string().contains(reason), "{refusal}");
     }
-    assert!(heard(&bench).is_empty());
+    assert!(received(&bench).is_empty());
     // The board itself refuses what only it knows: electrode 27 is not wired.
     let refusal = board.move_relays(&[close(&[327])]).await.unwrap_err();
     assert!(
@@ -183,7 +186,7 @@ async fn illegal_combinations_are_refused_before_the_wire_is_touched() {
     );
     // And is asked where it stands before the next move.
     board.move_relays(&[close(&[303])]).await.unwrap();
-    assert_eq!(heard(&bench), ["SET V+ 27", "STAT?", "SET V+ 3"]);
+    assert_eq!(received(&bench), ["SET V+ 27", "STAT?", "SET V+ 3"]);
 }
 
 #[tokio::test(start_paused = true)]
@@ -206,12 +209,12 @@ async fn opening_is_verified() {
         bench.lock().unwrap().board.state(),
         gpio_mux::State::default()
     );
-    heard(&bench);
+    received(&bench);
     bench.lock().unwrap().lie = Some("5,OFF,OFF,OFF");
     let fault = board.open_verified(&relays(&[105])).await;
     // It says that it is off, so the OFF that follows the lie is answered truly, and the read-back agrees.
     fault.unwrap();
-    assert_eq!(heard(&bench), ["STAT?", "OFF", "STAT?"]);
+    assert_eq!(received(&bench), ["STAT?", "OFF", "STAT?"]);
 }
 
 #[tokio::test(start_paused = true)]

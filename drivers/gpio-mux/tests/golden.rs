@@ -18,7 +18,9 @@ fn holds(conversation: &str) {
     for line in conversation.lines().map(str::trim) {
         match line.split_at_checked(1) {
             Some((">", said)) => {
-                answer = board.hear(said.trim(), Duration::ZERO, &mut Nowhere).text;
+                answer = board
+                    .receive(said.trim(), Duration::ZERO, &mut Nowhere)
+                    .text;
             }
             Some(("<", expected)) => {
                 assert_eq!(

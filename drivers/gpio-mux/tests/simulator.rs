@@ -47,8 +47,8 @@ fn breaks_before_it_makes(board: &SimulatorGpioMux) {
 fn enables_off_then_address_then_enable() {
     let (mut board, mut sheet) = board();
     let at = Duration::from_secs(1);
-    board.hear("SET I+ 3", at, &mut sheet);
-    board.hear("SET I+ 20", at * 2, &mut sheet);
+    board.receive("SET I+ 3", at, &mut sheet);
+    board.receive("SET I+ 20", at * 2, &mut sheet);
     let edges: Vec<Edge> = board.edges().map(|record| record.edge).collect();
     assert_eq!(
         edges,
@@ -80,20 +80,20 @@ fn enables_off_then_address_then_enable() {
 fn the_watchdog_opens_at_its_own_time() {
     let (mut board, mut sheet) = board();
     let ms = Duration::from_millis;
-    board.hear("PAIR I 5", ms(100), &mut sheet);
+    board.receive("PAIR I 5", ms(100), &mut sheet);
     board.pass(ms(2099), &mut sheet);
     assert_eq!(
         sheet.joined,
         [Some(Electrode(4)), Some(Electrode(5)), None, None]
     );
-    let answer = board.hear("STAT?", ms(9000), &mut sheet);
+    let answer = board.receive("STAT?", ms(9000), &mut sheet);
     assert_eq!(answer.text.as_deref(), Some("OFF,OFF,OFF,OFF"));
     assert_eq!(answer.busy, Duration::from_micros(1500));
     let (opened, _) = sheet.history[2];
     assert_eq!(opened, ms(2100) + Duration::from_micros(1));
 
-    board.hear("WDOG 0", ms(9000), &mut sheet);
-    board.hear("PAIR V 5", ms(9000), &mut sheet);
+    board.receive("WDOG 0", ms(9000), &mut sheet);
+    board.receive("PAIR V 5", ms(9000), &mut sheet);
     board.pass(Duration::from_secs(99_999), &mut sheet);
     assert_eq!(sheet.joined[2], Some(Electrode(4)));
 }
@@ -102,14 +102,14 @@ fn the_watchdog_opens_at_its_own_time() {
 fn a_reset_is_all_off_and_a_new_banner() {
     let (mut board, mut sheet) = board();
     let second = Duration::from_secs(1);
-    board.hear("PAIR I 5", Duration::ZERO, &mut sheet);
-    board.hear("BLAH", Duration::ZERO, &mut sheet);
+    board.receive("PAIR I 5", Duration::ZERO, &mut sheet);
+    board.receive("BLAH", Duration::ZERO, &mut sheet);
     let banner = board.reset(second, &mut sheet);
     assert_eq!(banner, "Tactus,GPIO-MUX,0001,1.0 ready");
     assert_eq!(board.state(), State::default());
     assert_eq!(sheet.joined, [None; 4]);
     // Its clock and its queue begin anew, and so does the watchdog's time.
-    let mut say = |line: &str, at| board.hear(line, at, &mut sheet).text.unwrap();
+    let mut say = |line: &str, at| board.receive(line, at, &mut sheet).text.unwrap();
     assert_eq!(say("LAST?", second), "0");
     assert_eq!(say("SYST:ERR?", second), "+0,\"No error\"");
     assert_eq!(say("SET I+ 1", second * 2), "1,OFF,OFF,OFF");
@@ -121,13 +121,13 @@ fn a_reset_is_all_off_and_a_new_banner() {
 fn noise_does_not_keep_the_watchdog_quiet_and_too_long_a_line_has_its_reply() {
     let (mut board, mut sheet) = board();
     let ms = Duration::from_millis;
-    board.hear("PAIR I 5", ms(0), &mut sheet);
+    board.receive("PAIR I 5", ms(0), &mut sheet);
     // Refused, but a command: the host is there.
-    let refused = board.hear("SET I- 5", ms(1500), &mut sheet).text;
+    let refused = board.receive("SET I- 5", ms(1500), &mut sheet).text;
     assert!(refused.unwrap().starts_with("ERR -221,"));
-    board.hear("\u{fffd}\u{fffd}", ms(3000), &mut sheet);
-    board.hear("", ms(3200), &mut sheet);
-    let too_long = board.hear_too_much(ms(3400), &mut sheet);
+    board.receive("\u{fffd}\u{fffd}", ms(3000), &mut sheet);
+    board.receive("", ms(3200), &mut sheet);
+    let too_long = board.receive_oversized(ms(3400), &mut sheet);
     assert_eq!(
         too_long.text.as_deref(),
         Some("ERR -363,\"Input buffer overrun\"")
@@ -135,7 +135,12 @@ fn noise_does_not_keep_the_watchdog_quiet_and_too_long_a_line_has_its_reply() {
     assert_eq!(sheet.joined[0], Some(Electrode(4)));
     board.pass(ms(3500), &mut sheet);
     assert_eq!(sheet.joined, [None; 4]);
-    let errors = (0..4).map(|_| board.hear("SYST:ERR?", ms(3500), &mut sheet).text.unwrap());
+    let errors = (0..4).map(|_| {
+        board
+            .receive("SYST:ERR?", ms(3500), &mut sheet)
+            .text
+            .unwrap()
+    });
     let codes: Vec<String> = errors
         .map(|text| text.split(',').next().unwrap().to_owned())
         .collect();
@@ -160,7 +165,7 @@ proptest! {
         let (mut board, mut sheet) = board();
         let mut at = Duration::ZERO;
         for line in lines {
-            let answer = board.hear(&line, at, &mut sheet);
+            let answer = board.receive(&line, at, &mut sheet);
             prop_assert_eq!(answer.text.is_none(), line.trim().is_empty());
             prop_assert_eq!(sheet.joined, board.state().0);
             at += Duration::from_millis(700);
@@ -187,13 +192,13 @@ fn a_stuck_enable_reads_right_and_joins_two_electrodes() {
     );
     let at = Duration::from_millis(1);
     board.stick(Line::Enable(Pole::VPlus, Chip::A), true, at, &mut seen);
-    let answer = board.hear("SET V+ 20", at, &mut seen).text;
+    let answer = board.receive("SET V+ 20", at, &mut seen).text;
     assert_eq!(answer.as_deref(), Some("OFF,OFF,20,OFF"));
     assert_eq!(seen.0, [304, 320].map(survey::Relay).into());
     board.stick(Line::Address(Pole::VPlus, 0), false, at, &mut seen);
     assert_eq!(seen.0, [303, 319].map(survey::Relay).into());
     assert_eq!(
-        board.hear("OFF", at, &mut seen).text.as_deref(),
+        board.receive("OFF", at, &mut seen).text.as_deref(),
         Some("OFF,OFF,OFF,OFF")
     );
     assert_eq!(seen.0, [303].map(survey::Relay).into());
@@ -206,9 +211,9 @@ fn a_lost_reply_is_lost_after_the_command_was_carried_out() {
     let (mut board, mut sheet) = board();
     board.lose_replies(1);
     assert_eq!(
-        board.hear("SET I+ 5", Duration::ZERO, &mut sheet).text,
+        board.receive("SET I+ 5", Duration::ZERO, &mut sheet).text,
         None
     );
-    let answer = board.hear("STAT?", Duration::ZERO, &mut sheet).text;
+    let answer = board.receive("STAT?", Duration::ZERO, &mut sheet).text;
     assert_eq!(answer.as_deref(), Some("5,OFF,OFF,OFF"));
 }

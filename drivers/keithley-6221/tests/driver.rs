@@ -9,11 +9,11 @@ use scpi::{Framer, parse_message};
 use survey::{Amps, Ohms, Volts};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 
-/// An instrument with a resistor, and what it has heard. It outlives its connections.
+/// An instrument with a resistor, and what it has received. It outlives its connections.
 struct Bench {
     simulator: Simulator6221,
     load: Resistor,
-    heard: Vec<String>,
+    received: Vec<String>,
     /// What to do with the next replies instead of sending them as they are.
     mishaps: Vec<Mishap>,
 }
@@ -33,7 +33,7 @@ fn bench(resistance: f64) -> Shared {
     Arc::new(Mutex::new(Bench {
         simulator: Simulator6221::new(Settings6221::default()),
         load: Resistor::new(Ohms(resistance)),
-        heard: Vec::new(),
+        received: Vec::new(),
         mishaps: Vec::new(),
     }))
 }
@@ -67,8 +67,10 @@ fn plug(bench: &Shared) -> DuplexStream {
 impl Bench {
     /// The line to send, if any; `None` to hang up.
     fn answer(&mut self, line: String) -> Option<Option<String>> {
-        let reply = self.simulator.hear(&line, Duration::ZERO, &mut self.load);
-        self.heard.push(line);
+        let reply = self
+            .simulator
+            .receive(&line, Duration::ZERO, &mut self.load);
+        self.received.push(line);
         match reply.text.is_some().then(|| self.mishaps.pop()).flatten() {
             Some(Mishap::Silence) => Some(None),
             Some(Mishap::Says(text)) => Some(Some(text.to_owned())),
@@ -116,7 +118,7 @@ async fn all_the_driver_says_is_heard() {
     source.set_current(Amps(-2.1e-6)).await.unwrap();
     source.in_compliance().await.unwrap();
     source.off().await.unwrap();
-    for line in simulator(&bench, |b| b.heard.clone()) {
+    for line in simulator(&bench, |b| b.received.clone()) {
         for call in parse_message(&line) {
             Command::of(&call.unwrap()).unwrap();
         }
@@ -129,10 +131,10 @@ async fn setting_a_level_is_one_segment() {
     let bench = bench(500.0);
     let mut source = connected(&bench).await;
     source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
-    simulator(&bench, |b| b.heard.clear());
+    simulator(&bench, |b| b.received.clear());
     source.set_current(Amps(1e-3)).await.unwrap();
     assert_eq!(
-        simulator(&bench, |b| b.heard.clone()),
+        simulator(&bench, |b| b.received.clone()),
         ["SOUR:CURR 1E-3;:SOUR:CURR?;:SYST:ERR?"]
     );
 }
@@ -192,7 +194,7 @@ async fn what_cannot_be_set_is_refused_before_a_byte_is_sent() {
         Err(RigError::CurrentOutOfRange { .. })
     ));
     source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
-    simulator(&bench, |b| b.heard.clear());
+    simulator(&bench, |b| b.received.clear());
     for current in [2.2e-3, -1.0, f64::NAN, f64::INFINITY] {
         let refused = source.set_current(Amps(current)).await;
         assert!(
@@ -211,7 +213,7 @@ async fn what_cannot_be_set_is_refused_before_a_byte_is_sent() {
             "{limit}"
         );
     }
-    assert!(simulator(&bench, |b| b.heard.is_empty()));
+    assert!(simulator(&bench, |b| b.received.is_empty()));
 }
 
 #[tokio::test]
@@ -228,7 +230,7 @@ async fn errors_left_by_others_are_emptied_and_new_ones_name_the_command() {
     let bench = bench(500.0);
     simulator(&bench, |b| {
         for _ in 0..20 {
-            b.simulator.hear("XYZ", Duration::ZERO, &mut b.load);
+            b.simulator.receive("XYZ", Duration::ZERO, &mut b.load);
         }
     });
     let mut source = connected(&bench).await;
@@ -237,7 +239,7 @@ async fn errors_left_by_others_are_emptied_and_new_ones_name_the_command() {
     simulator(&bench, |b| {
         b.simulator
             .set_interlock(false, Duration::ZERO, &mut b.load);
-        b.simulator.hear("XYZ", Duration::ZERO, &mut b.load);
+        b.simulator.receive("XYZ", Duration::ZERO, &mut b.load);
     });
     match source.set_output(true).await {
         Err(RigError::Refused { command, code, .. }) => {

@@ -1,4 +1,4 @@
-//! What the driver can say, the simulator hears.
+//! What the driver can say, the simulator receives.
 
 use keithley_6221::{
     Address, Ask, Board, Command, DeltaMode, Element, Kind, List, Message, Parameter, Shield,
@@ -159,11 +159,11 @@ fn what_the_driver_says_the_simulator_hears() {
 #[test]
 fn a_message_of_all_commands_is_heard_as_those_commands() {
     let said = every_command();
-    let heard: Vec<Command> = parse_message(Message(&said).to_string())
+    let received: Vec<Command> = parse_message(Message(&said).to_string())
         .iter()
         .map(|call| Command::of(call.as_ref().unwrap()).unwrap())
         .collect();
-    assert_eq!(heard, said);
+    assert_eq!(received, said);
 }
 
 #[test]

@@ -68,7 +68,7 @@ fn serve(mut client: TcpStream) -> std::io::Result<()> {
         framer.push(&bytes[..count]);
         for line in framer.by_ref() {
             let line = String::from_utf8_lossy(&line.expect("lines are short")).into_owned();
-            let reply = source.hear(&line, start.elapsed(), &mut load);
+            let reply = source.receive(&line, start.elapsed(), &mut load);
             // The instrument is busy; that is what is simulated here.
             thread::sleep(reply.busy);
             if let Some(text) = reply.text {

@@ -1,4 +1,4 @@
-//! The simulated instrument: what flows, what stays when a client goes, and that nothing heard can upset it.
+//! The simulated instrument: what flows, what stays when a client goes, and that nothing received can upset it.
 
 use std::time::Duration;
 
@@ -32,10 +32,10 @@ impl Load for Witness {
 #[test]
 fn the_level_flows_until_the_limit_holds_it_back() {
     let (mut source, mut load) = (instrument(), Resistor::new(Ohms(1000.0)));
-    source.hear("CURR:COMP 5;:CURR -4e-3;:OUTP 1", START, &mut load);
+    source.receive("CURR:COMP 5;:CURR -4e-3;:OUTP 1", START, &mut load);
     assert_eq!(load.flowing, Amps(-4e-3));
     assert!(!source.in_compliance());
-    source.hear("CURR -10e-3", START, &mut load);
+    source.receive("CURR -10e-3", START, &mut load);
     assert_eq!(load.flowing, Amps(-5e-3));
     assert!(source.in_compliance());
     assert_eq!(source.level(), Amps(-10e-3));
@@ -44,9 +44,9 @@ fn the_level_flows_until_the_limit_holds_it_back() {
 #[test]
 fn nothing_connected_is_compliance_as_soon_as_the_level_is_not_zero() {
     let (mut source, mut load) = (instrument(), Resistor::open());
-    source.hear("OUTP 1", START, &mut load);
+    source.receive("OUTP 1", START, &mut load);
     assert!(!source.in_compliance());
-    source.hear("CURR 1e-9", START, &mut load);
+    source.receive("CURR 1e-9", START, &mut load);
     assert!(source.in_compliance());
     assert_eq!(load.flowing, Amps(0.0));
     load.resistance = Ohms(0.0);
@@ -54,7 +54,7 @@ fn nothing_connected_is_compliance_as_soon_as_the_level_is_not_zero() {
     assert!(!source.in_compliance());
     assert_eq!(load.flowing, Amps(1e-9));
     // The event stays until it is read.
-    let reply = source.hear("STAT:MEAS?;:STAT:MEAS:COND?", START, &mut load);
+    let reply = source.receive("STAT:MEAS?;:STAT:MEAS:COND?", START, &mut load);
     assert_eq!(reply.text.as_deref(), Some("8;0"));
 }
 
@@ -66,10 +66,10 @@ fn the_load_is_told_only_of_changes_and_of_the_range() {
         ..Witness::default()
     };
     let later = Duration::from_secs(3);
-    source.hear("CURR:RANG 2e-3;:CURR 1e-3;:*IDN?", START, &mut load);
-    source.hear("OUTP 1;:OUTP?", later, &mut load);
-    source.hear("CURR 1e-3;CURR:COMP 20;FILT 1", later, &mut load);
-    source.hear("SOUR:CLE", later, &mut load);
+    source.receive("CURR:RANG 2e-3;:CURR 1e-3;:*IDN?", START, &mut load);
+    source.receive("OUTP 1;:OUTP?", later, &mut load);
+    source.receive("CURR 1e-3;CURR:COMP 20;FILT 1", later, &mut load);
+    source.receive("SOUR:CLE", later, &mut load);
     assert_eq!(
         load.told,
         [(0.0, 2e-3, START), (1e-3, 2e-3, later), (0.0, 2e-3, later)]
@@ -80,8 +80,8 @@ fn the_load_is_told_only_of_changes_and_of_the_range() {
 fn a_change_of_range_takes_longer_than_a_level() {
     let (mut source, mut load) = (instrument(), Resistor::new(Ohms(1.0)));
     let busy = |reply: keithley_6221::Response| reply.busy;
-    let range = source.hear("CURR:RANG 2e-3", START, &mut load);
-    let level = source.hear("CURR 1e-3", START, &mut load);
+    let range = source.receive("CURR:RANG 2e-3", START, &mut load);
+    let level = source.receive("CURR 1e-3", START, &mut load);
     assert_eq!(busy(range), Duration::from_millis(15));
     assert_eq!(busy(level), Duration::from_millis(5));
 }
@@ -89,10 +89,10 @@ fn a_change_of_range_takes_longer_than_a_level() {
 #[test]
 fn an_open_interlock_keeps_the_output_off() {
     let (mut source, mut load) = (instrument(), Resistor::new(Ohms(1.0)));
-    source.hear("CURR 1e-3;:OUTP 1", START, &mut load);
+    source.receive("CURR 1e-3;:OUTP 1", START, &mut load);
     source.set_interlock(false, START, &mut load);
     assert_eq!(load.flowing, Amps(0.0));
-    let reply = source.hear(
+    let reply = source.receive(
         "OUTP 1;:OUTP?;:OUTP:INT:TRIP?;:STAT:MEAS:COND?;:SYST:ERR?",
         START,
         &mut load,
@@ -102,7 +102,7 @@ fn an_open_interlock_keeps_the_output_off() {
         Some("0;0;2;-221,\"Settings conflict\"")
     );
     source.set_interlock(true, START, &mut load);
-    source.hear("OUTP 1", START, &mut load);
+    source.receive("OUTP 1", START, &mut load);
     assert!(source.output());
 }
 
@@ -110,7 +110,7 @@ fn an_open_interlock_keeps_the_output_off() {
 fn a_line_too_long_is_error_363() {
     let (mut source, mut load) = (instrument(), Resistor::open());
     source.refuse(scpi::ParseError::InputOverrun);
-    let reply = source.hear("SYST:ERR?", START, &mut load).text;
+    let reply = source.receive("SYST:ERR?", START, &mut load).text;
     assert_eq!(reply.as_deref(), Some("-363,\"Input buffer overrun\""));
 }
 
@@ -137,7 +137,7 @@ proptest! {
     ) {
         let (mut source, mut load) = (instrument(), Resistor::new(Ohms(resistance)));
         for line in lines {
-            let reply = source.hear(&line, START, &mut load);
+            let reply = source.receive(&line, START, &mut load);
             prop_assert!(source.errors() <= 10);
             prop_assert!(reply.text.is_none_or(|text| !text.contains('\n')));
             prop_assert!(source.level().abs() <= Amps(0.105));
@@ -148,7 +148,7 @@ proptest! {
                 prop_assert_eq!(load.flowing, Amps(0.0));
             }
         }
-        source.hear("*RST", START, &mut load);
+        source.receive("*RST", START, &mut load);
         prop_assert_eq!(load.flowing, Amps(0.0));
     }
 }

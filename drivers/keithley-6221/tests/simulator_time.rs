@@ -77,8 +77,8 @@ proptest! {
     ) {
         let (mut watched, mut here) = (instrument(), Resistor::new(Ohms(ohms)));
         let (mut left_alone, mut there) = (instrument(), Resistor::new(Ohms(ohms)));
-        watched.hear(&beginning, Duration::ZERO, &mut here);
-        left_alone.hear(&beginning, Duration::ZERO, &mut there);
+        watched.receive(&beginning, Duration::ZERO, &mut here);
+        left_alone.receive(&beginning, Duration::ZERO, &mut there);
         prop_assert_eq!(watched.errors(), 0);
         let mut now = 0.0;
         for step in steps {
@@ -91,8 +91,8 @@ proptest! {
         prop_assert_eq!(watched.output(), left_alone.output());
         let asked = "STAT:OPER:COND?;:STAT:MEAS:COND?;:SOUR:CURR?;:SOUR:CURR:RANG?;:SOUR:SWE:ARM?";
         prop_assert_eq!(
-            watched.hear(asked, seconds(now), &mut here).text,
-            left_alone.hear(asked, seconds(now), &mut there).text
+            watched.receive(asked, seconds(now), &mut here).text,
+            left_alone.receive(asked, seconds(now), &mut there).text
         );
     }
 
@@ -104,7 +104,7 @@ proptest! {
         let (mut source, mut load) = (instrument(), Resistor::new(Ohms(ohms)));
         let mut now = 0.0;
         for (line, pause, event) in said {
-            let reply = source.hear(&line, seconds(now), &mut load);
+            let reply = source.receive(&line, seconds(now), &mut load);
             prop_assert!(reply.text.is_none_or(|text| !text.contains('\n')));
             now += pause;
             source.trigger(Trigger::Link(event % 8), seconds(now), &mut load);
@@ -117,9 +117,9 @@ proptest! {
                 prop_assert_eq!(load.flowing, Amps(0.0));
             }
         }
-        source.hear("*RST", seconds(now), &mut load);
+        source.receive("*RST", seconds(now), &mut load);
         prop_assert_eq!(load.flowing, Amps(0.0));
-        prop_assert_eq!(source.hear("STAT:OPER:COND?", seconds(now), &mut load).text, Some("1024".to_owned()));
+        prop_assert_eq!(source.receive("STAT:OPER:COND?", seconds(now), &mut load).text, Some("1024".to_owned()));
     }
 }
 
@@ -130,7 +130,7 @@ fn an_interlock_that_opens_slowly_switches_off_later() {
         ..Settings6221::default()
     });
     let mut load = Resistor::new(Ohms(1.0));
-    source.hear("CURR 1e-3;:OUTP 1", Duration::ZERO, &mut load);
+    source.receive("CURR 1e-3;:OUTP 1", Duration::ZERO, &mut load);
     source.set_interlock(false, seconds(1.0), &mut load);
     assert_eq!(load.flowing, Amps(1e-3));
     source.load_changed(seconds(1.05), &mut load);
@@ -141,7 +141,7 @@ fn an_interlock_that_opens_slowly_switches_off_later() {
 #[test]
 fn time_does_not_run_back() {
     let (mut source, mut load) = (instrument(), Resistor::new(Ohms(1.0)));
-    source.hear("SOUR:WAVE:FREQ 1;ARM;INIT", seconds(10.0), &mut load);
+    source.receive("SOUR:WAVE:FREQ 1;ARM;INIT", seconds(10.0), &mut load);
     source.load_changed(seconds(10.25), &mut load);
     let peak = load.flowing;
     source.load_changed(seconds(3.0), &mut load);

@@ -24,7 +24,7 @@
 //! settings.slots[0] = Some("34924A".parse::<Module>()?);
 //! let mut unit = Simulator34980a::new(settings);
 //! let message = "CONF:VOLT:DC 10,(@1001:1002);:ROUT:CLOS (@1036);:READ?";
-//! let answer = unit.hear(message, Duration::ZERO, &mut Battery(false));
+//! let answer = unit.receive(message, Duration::ZERO, &mut Battery(false));
 //! assert_eq!(answer.text.as_deref(), Some("+2.00000000E+00,+2.00000000E+00"));
 //! # Ok::<(), keysight_34980a::ModuleError>(())
 //! ```

@@ -55,7 +55,7 @@ fn converse(mut stream: TcpStream, session: Session, rig: &Mutex<Rig>, start: In
             let line = String::from_utf8_lossy(&line).into_owned();
             let response = {
                 let Rig { unit, sheet } = &mut *rig.lock().unwrap();
-                unit.hear_from(session, &line, start.elapsed(), sheet)
+                unit.receive_from(session, &line, start.elapsed(), sheet)
             };
             // The instrument's own time.
             std::thread::sleep(response.busy);

@@ -58,7 +58,7 @@ impl Talk {
     }
 
     fn say(&mut self, line: &str) -> String {
-        let response = self.0.hear(line, self.2, &mut self.1);
+        let response = self.0.receive(line, self.2, &mut self.1);
         self.2 += response.busy;
         response.text.unwrap_or_default()
     }

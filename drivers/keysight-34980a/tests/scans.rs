@@ -21,7 +21,7 @@ fn scanner() -> (Simulator34980a, Sheet) {
 }
 
 fn ask(unit: &mut Simulator34980a, sheet: &mut Sheet, message: &str, at: Duration) -> String {
-    unit.hear(message, at, sheet).text.unwrap_or_default()
+    unit.receive(message, at, sheet).text.unwrap_or_default()
 }
 
 #[test]
@@ -120,7 +120,7 @@ fn the_timer_paces_sweeps_until_they_are_stopped() {
          +1.00100000E+00,000000001.022,+1.00200000E+00,000000001.043"
     );
     // Without an end nothing waits for it.
-    let waited = unit.hear("*OPC?", at, &mut sheet);
+    let waited = unit.receive("*OPC?", at, &mut sheet);
     assert_eq!(
         (waited.text.as_deref(), waited.busy),
         (Some("1"), Duration::ZERO)
@@ -145,13 +145,13 @@ fn a_timer_shorter_than_a_sweep_does_not_hurry_it() {
     let (mut unit, mut sheet) = scanner();
     say(&mut unit, &mut sheet, "TRIG:SOUR TIM;TIM 0.1;COUN 3");
     let begin = Duration::from_secs(10);
-    let waited = unit.hear("INIT;*OPC?", begin, &mut sheet);
+    let waited = unit.receive("INIT;*OPC?", begin, &mut sheet);
     assert_eq!(waited.busy, PERIOD * 30);
     say(&mut unit, &mut sheet, "TRIG:TIM 1");
     let begin = begin * 2;
-    let waited = unit.hear("INIT;*OPC?", begin, &mut sheet);
+    let waited = unit.receive("INIT;*OPC?", begin, &mut sheet);
     assert_eq!(waited.busy, Duration::from_secs(2) + PERIOD * 10);
-    let read = unit.hear("READ?", begin * 2, &mut sheet);
+    let read = unit.receive("READ?", begin * 2, &mut sheet);
     assert_eq!(read.busy, Duration::from_secs(2) + PERIOD * 10);
 }
 
@@ -303,7 +303,7 @@ proptest! {
                 at += Duration::from_micros(*look);
                 unit.pass(at, &mut sheet);
             }
-            let waited = unit.hear("*OPC?", START, &mut sheet).busy;
+            let waited = unit.receive("*OPC?", START, &mut sheet).busy;
             let readings = ask(&mut unit, &mut sheet, "FETC?", at + START);
             let instants: Vec<Duration> = sheet.requests.iter().map(|(at, ..)| *at).collect();
             (waited.min(PERIOD * 40), readings, instants, sheet.history)

@@ -24,7 +24,7 @@ fn ask(
     message: &str,
     at: Duration,
 ) -> String {
-    let response = unit.hear_from(session, message, at, sheet);
+    let response = unit.receive_from(session, message, at, sheet);
     response.text.unwrap_or_default()
 }
 
@@ -38,14 +38,14 @@ fn a_query_that_waits_keeps_only_its_own_session() {
         "CONF:VOLT 10,(@1001:1010);:TRIG:SOUR TIM;TIM 1;COUN 3;:INIT",
         START,
     );
-    let waiting = unit.hear_from(A, "*OPC?", START, &mut sheet);
+    let waiting = unit.receive_from(A, "*OPC?", START, &mut sheet);
     assert!(waiting.busy > Duration::from_secs(2), "{waiting:?}");
-    let other = unit.hear_from(B, "*IDN?;:DATA:POIN?;:STAT:OPER:COND?", ms(500), &mut sheet);
+    let other = unit.receive_from(B, "*IDN?;:DATA:POIN?;:STAT:OPER:COND?", ms(500), &mut sheet);
     assert_eq!(other.busy, Duration::ZERO);
     let text = other.text.unwrap();
     assert!(text.ends_with(";+9;+16"), "{text}");
     // What A says meanwhile is taken up when its query has been answered.
-    let next = unit.hear_from(A, "STAT:OPER:COND?", ms(600), &mut sheet);
+    let next = unit.receive_from(A, "STAT:OPER:COND?", ms(600), &mut sheet);
     assert_eq!(next.text.as_deref(), Some("+0"));
     assert_eq!(ms(600) + next.busy, START + waiting.busy);
 }
@@ -140,7 +140,7 @@ fn a_sequence_runs_by_itself() {
     let define =
         "ROUT:SEQ:DEF walk,\"ROUT:CLOS (@1101);:SYST:DEL 0.1;:ROUT:OPEN (@1101);CLOS (@1102)\"";
     ask(&mut unit, &mut sheet, A, define, START);
-    let run = unit.hear(
+    let run = unit.receive(
         "ROUT:SEQ:TRIG WALK;BUSY?;:STAT:OPER:COND?",
         START,
         &mut sheet,
@@ -156,7 +156,7 @@ fn a_sequence_runs_by_itself() {
         "+16384"
     );
     assert_eq!(sheet.closed, [Relay(1101)].into());
-    let answer = unit.hear("ROUT:CLOS? (@1101,1102)", ms(60), &mut sheet);
+    let answer = unit.receive("ROUT:CLOS? (@1101,1102)", ms(60), &mut sheet);
     assert_eq!(answer.text.as_deref(), Some("0,1"));
     assert_eq!(answer.busy, Duration::from_millis(112 - 60));
     assert_eq!(
@@ -172,7 +172,7 @@ fn a_sequence_runs_by_itself() {
     // Kept without power.
     unit.power_cycle(ms(300), &mut sheet);
     assert_eq!(sheet.closed, [Relay(1102)].into());
-    let waited = unit.hear("ROUT:SEQ:TRIG WALK;:*OPC?", ms(300), &mut sheet);
+    let waited = unit.receive("ROUT:SEQ:TRIG WALK;:*OPC?", ms(300), &mut sheet);
     assert_eq!(waited.busy, Duration::from_millis(4 + 100 + 4));
 }
 
@@ -320,17 +320,17 @@ fn an_open_terminal_block_keeps_the_buses_open() {
 fn commands_may_overlap_with_relays_that_move() {
     let (mut unit, mut sheet) = (mainframe(&["34932A", "34924A"]), Sheet::default());
     let message = "ROUT:OPER:OVER ON;:ROUT:CLOS (@1101);CLOS (@1102);CLOS (@2001);:ROUT:MOD:BUSY? 1;BUSY? ANY;:ROUT:OPER:OVER?";
-    let answer = unit.hear(message, START, &mut sheet);
+    let answer = unit.receive(message, START, &mut sheet);
     assert_eq!(
         (answer.text.as_deref(), answer.busy),
         (Some("1;1;1"), Duration::ZERO)
     );
-    let wait = unit.hear("ROUT:MOD:WAIT 2;BUSY? 2;BUSY? 1", START, &mut sheet);
+    let wait = unit.receive("ROUT:MOD:WAIT 2;BUSY? 2;BUSY? 1", START, &mut sheet);
     assert_eq!(
         (wait.text.as_deref(), wait.busy),
         (Some("0;1"), Duration::from_micros(500))
     );
-    let wait = unit.hear("*OPC?;:ROUT:MOD:BUSY?", START, &mut sheet);
+    let wait = unit.receive("*OPC?;:ROUT:MOD:BUSY?", START, &mut sheet);
     assert_eq!(
         (wait.text.as_deref(), wait.busy),
         (Some("1;0"), Duration::from_millis(8))

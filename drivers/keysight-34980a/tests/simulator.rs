@@ -21,7 +21,7 @@ fn a_scan_closes_one_channel_with_its_bus_relay_and_leaves_the_other_bank_alone(
     let (mut unit, mut sheet) = (mainframe(&["34924A", "34932A"]), Sheet::default());
     say(&mut unit, &mut sheet, "ROUT:CLOS (@1005,1036,2921,2922)");
     say(&mut unit, &mut sheet, "CONF:VOLT:DC 10,(@1001:1002)");
-    unit.hear("READ?", START, &mut sheet);
+    unit.receive("READ?", START, &mut sheet);
     let seen: Vec<&BTreeSet<Relay>> = sheet.requests.iter().map(|(_, _, closed)| closed).collect();
     // 2922 ties row 6 to bus 2: only bus 1 is cleared.
     let during = [
@@ -39,7 +39,7 @@ fn relays_and_readings_take_their_time() {
         let (mut unit, mut sheet) = (mainframe(modules), Sheet::default());
         let mut last = Duration::ZERO;
         for message in messages {
-            last = unit.hear(message, START, &mut sheet).busy;
+            last = unit.receive(message, START, &mut sheet).busy;
         }
         assert_eq!(unit.errors_waiting(), 0, "{messages:?}");
         last.as_secs_f64()
@@ -116,22 +116,25 @@ fn a_measurement_in_memory_ends_in_its_own_time() {
     );
     let length = 10.0 * 21.6e-3;
     assert_eq!(
-        unit.hear("INIT;*OPC", START, &mut sheet).busy,
+        unit.receive("INIT;*OPC", START, &mut sheet).busy,
         Duration::ZERO
     );
     let half = START + survey::duration(length / 2.0);
-    let heard = unit.hear("STAT:OPER:COND?;*ESR?;:INIT;:SYST:ERR?", half, &mut sheet);
-    assert_eq!(heard.text.as_deref(), Some("+16;+0;-213,\"Init ignored\""));
-    let waited = unit.hear("*OPC?;*ESR?;:STAT:OPER:COND?", half, &mut sheet);
+    let received = unit.receive("STAT:OPER:COND?;*ESR?;:INIT;:SYST:ERR?", half, &mut sheet);
+    assert_eq!(
+        received.text.as_deref(),
+        Some("+16;+0;-213,\"Init ignored\"")
+    );
+    let waited = unit.receive("*OPC?;*ESR?;:STAT:OPER:COND?", half, &mut sheet);
     assert!((waited.busy.as_secs_f64() - length / 2.0).abs() < 1e-6);
     assert_eq!(waited.text.as_deref(), Some("1;+17;+0"));
-    let answer = unit.hear("FETC?", START * 2, &mut sheet).text.unwrap();
+    let answer = unit.receive("FETC?", START * 2, &mut sheet).text.unwrap();
     assert_eq!(answer.split(',').count(), 10);
     // Cut off in the middle, only what was measured by then is there.
     let later = START * 3;
-    unit.hear("INIT", later, &mut sheet);
+    unit.receive("INIT", later, &mut sheet);
     let cut = later + survey::duration(length / 2.0 + 1e-3);
-    let answer = unit.hear("ABOR;:FETC?", cut, &mut sheet).text.unwrap();
+    let answer = unit.receive("ABOR;:FETC?", cut, &mut sheet).text.unwrap();
     assert_eq!(answer.split(',').count(), 5);
 }
 
@@ -145,15 +148,15 @@ fn triggers_from_the_bus_take_one_sweep_each() {
     );
     let later = |seconds| START + Duration::from_secs(seconds);
     assert_eq!(
-        unit.hear("STAT:OPER:COND?", START, &mut sheet)
+        unit.receive("STAT:OPER:COND?", START, &mut sheet)
             .text
             .as_deref(),
         Some("+32")
     );
-    unit.hear("*TRG", later(1), &mut sheet);
-    unit.hear("*TRG", later(2), &mut sheet);
-    unit.hear("*TRG", later(3), &mut sheet);
-    let answer = unit.hear("FETC?;:SYST:ERR?", later(4), &mut sheet).text;
+    unit.receive("*TRG", later(1), &mut sheet);
+    unit.receive("*TRG", later(2), &mut sheet);
+    unit.receive("*TRG", later(3), &mut sheet);
+    let answer = unit.receive("FETC?;:SYST:ERR?", later(4), &mut sheet).text;
     let answer = answer.unwrap();
     let (readings, error) = answer.split_once(';').unwrap();
     assert_eq!(readings.split(',').count(), 4);
@@ -273,7 +276,7 @@ proptest! {
         let (mut unit, mut sheet) = (Simulator34980a::new(settings), Sheet::default());
         let mut at = Duration::ZERO;
         for message in messages {
-            let response = unit.hear(&message.concat(), at, &mut sheet);
+            let response = unit.receive(&message.concat(), at, &mut sheet);
             prop_assert!(unit.errors_waiting() <= 20);
             prop_assert!(response.text.is_none_or(|text| !text.is_empty() && !text.contains('\n')));
             at += response.busy + Duration::from_millis(5);

@@ -19,8 +19,8 @@
 //! let (here, mut there) = tokio::io::duplex(64);
 //! let mut link = rig::Link::new(here, "a meter in memory", Duration::from_secs(1));
 //! let meter = async {
-//!     let mut heard = [0; 6];
-//!     there.read_exact(&mut heard).await.unwrap();
+//!     let mut received = [0; 6];
+//!     there.read_exact(&mut received).await.unwrap();
 //!     there.write_all(b"A METER\n").await.unwrap();
 //! };
 //! let (answer, ()) = tokio::join!(link.ask("*IDN?"), meter);

@@ -3,12 +3,12 @@
 
 #![no_main]
 
-mod empty_bench;
+mod without_load;
 
 use std::time::Duration;
 
 use simulator::{CoreChannel, SimulatedRig};
-use empty_bench::{BENCH, Bench, bench};
+use without_load::{RIG, RigWithoutLoad, rig_without_load};
 use libfuzzer_sys::fuzz_target;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
@@ -80,14 +80,14 @@ async fn converse(rig: &SimulatedRig, sent: Vec<u8>) {
     assert!(rest.is_empty());
     let mut other = rig.connect_34980a();
     other.write_all(b"*IDN?\n").await.expect("the other client is served");
-    let mut told = [0; 64];
-    let count = other.read(&mut told).await.expect("the other client is served");
-    assert!(told[..count].starts_with(b"Agilent"));
+    let mut reported = [0; 64];
+    let count = other.read(&mut reported).await.expect("the other client is served");
+    assert!(reported[..count].starts_with(b"Agilent"));
 }
 
 fuzz_target!(|bytes: &[u8]| {
-    BENCH.with(|cell| {
-        let Bench { runtime, rig } = cell.get_or_init(bench);
+    RIG.with(|cell| {
+        let RigWithoutLoad { runtime, rig } = cell.get_or_init(rig_without_load);
         let sent = records(bytes);
         let limit = Duration::from_secs(86_400 * 365);
         let talk = async { tokio::time::timeout(limit, converse(rig, sent)).await };

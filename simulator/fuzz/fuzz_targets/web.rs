@@ -3,12 +3,12 @@
 
 #![no_main]
 
-mod empty_bench;
+mod without_load;
 
 use std::time::Duration;
 
 use simulator::SimulatedRig;
-use empty_bench::{BENCH, Bench, bench};
+use without_load::{RIG, RigWithoutLoad, rig_without_load};
 use libfuzzer_sys::fuzz_target;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
@@ -27,13 +27,13 @@ async fn ask(rig: &SimulatedRig, request: &[u8]) {
     let status = head.lines().next().unwrap_or_default();
     let whole = ["200 OK", "400 Bad Request", "404 Not Found", "405 Method Not Allowed"];
     assert!(whole.iter().any(|known| status == format!("HTTP/1.1 {known}")));
-    let told = head.lines().find_map(|line| line.strip_prefix("Content-Length: "));
-    assert_eq!(told.and_then(|length| length.parse().ok()), Some(body.len()));
+    let reported = head.lines().find_map(|line| line.strip_prefix("Content-Length: "));
+    assert_eq!(reported.and_then(|length| length.parse().ok()), Some(body.len()));
 }
 
 fuzz_target!(|bytes: &[u8]| {
-    BENCH.with(|cell| {
-        let Bench { runtime, rig } = cell.get_or_init(bench);
+    RIG.with(|cell| {
+        let RigWithoutLoad { runtime, rig } = cell.get_or_init(rig_without_load);
         let limit = Duration::from_secs(60);
         let talk = async { tokio::time::timeout(limit, ask(rig, bytes)).await };
         runtime.block_on(talk).expect("no request hangs");

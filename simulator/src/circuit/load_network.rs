@@ -9,7 +9,7 @@ use crate::circuit::{Point, Resistor};
 
 /// What hangs on the terminals, instead of the scene's sheet if it is another.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub enum Hanging {
+pub enum LoadNetwork {
     /// The scene's sheet.
     #[default]
     Sheet,
@@ -35,12 +35,12 @@ pub enum Hanging {
 /// Words that are no load.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("'{words}' is no load; it is written sheet, nothing, resistor FROM TO OHMS, or mesh OHMS")]
-pub struct HangingError {
+pub struct LoadNetworkError {
     /// What was said.
     pub words: String,
 }
 
-impl Hanging {
+impl LoadNetwork {
     /// The words of every load.
     pub(crate) const GRAMMAR: &str = "\
 sheet                   the scene's sheet
@@ -101,7 +101,7 @@ fn mesh(terminals: usize, ohms: f64) -> Vec<Resistor> {
     resistors
 }
 
-impl fmt::Display for Hanging {
+impl fmt::Display for LoadNetwork {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Sheet => f.write_str("sheet"),
@@ -112,10 +112,10 @@ impl fmt::Display for Hanging {
     }
 }
 
-impl FromStr for Hanging {
-    type Err = HangingError;
+impl FromStr for LoadNetwork {
+    type Err = LoadNetworkError;
 
-    fn from_str(text: &str) -> Result<Self, HangingError> {
+    fn from_str(text: &str) -> Result<Self, LoadNetworkError> {
         let ohms = |word: &str| {
             word.parse()
                 .ok()
@@ -134,7 +134,7 @@ impl FromStr for Hanging {
             })(),
             _ => None,
         };
-        load.ok_or_else(|| HangingError {
+        load.ok_or_else(|| LoadNetworkError {
             words: text.to_owned(),
         })
     }
@@ -147,7 +147,7 @@ mod tests {
     #[test]
     fn loads_read_as_they_are_written() {
         for words in ["sheet", "nothing", "resistor 1 3 470", "mesh 100"] {
-            assert_eq!(words.parse::<Hanging>().unwrap().to_string(), words);
+            assert_eq!(words.parse::<LoadNetwork>().unwrap().to_string(), words);
         }
         for words in [
             "",
@@ -157,7 +157,7 @@ mod tests {
             "resistor 1 1 5",
             "resistor 0 1 5",
         ] {
-            assert!(words.parse::<Hanging>().is_err(), "{words}");
+            assert!(words.parse::<LoadNetwork>().is_err(), "{words}");
         }
     }
 

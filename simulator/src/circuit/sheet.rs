@@ -1,4 +1,4 @@
-//! The sheet on the bench, with the wires that lead to it now.
+//! The sheet of the simulated rig, with the wires that lead to it now.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -7,7 +7,7 @@ use nalgebra::DMatrix;
 use phantom::{Phantom, PhantomError, ReadingContext};
 use survey::{Amps, Electrode, Ohms, Relay, Volts};
 
-use crate::circuit::load_network::Hanging;
+use crate::circuit::load_network::LoadNetwork;
 use crate::circuit::terminals::Fixture;
 use crate::circuit::{Flow, METER_HI, METER_LO, Point, Resistor};
 
@@ -27,7 +27,7 @@ fn chips(poles: [Option<Electrode>; 4]) -> impl Iterator<Item = Relay> {
 
 /// How the voltmeter takes a reading.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Taken {
+pub(crate) struct ReadingRequest {
     pub(crate) relay: Option<Relay>,
     pub(crate) range: Volts,
     pub(crate) nplc: f64,
@@ -42,7 +42,7 @@ pub(crate) struct Taken {
 pub(crate) struct Sheet {
     pub(crate) phantom: Phantom,
     /// What hangs on the terminals instead of the phantom.
-    hanging: Option<Vec<Resistor>>,
+    load_network: Option<Vec<Resistor>>,
     no_sheet: DMatrix<f64>,
     fixture: Fixture,
     closed: BTreeSet<Relay>,
@@ -69,9 +69,14 @@ pub(crate) struct Sheet {
 }
 
 impl Sheet {
-    pub(crate) fn new(phantom: Phantom, fixture: Fixture, hanging: &Hanging, line_hz: f64) -> Self {
+    pub(crate) fn new(
+        phantom: Phantom,
+        fixture: Fixture,
+        load_network: &LoadNetwork,
+        line_hz: f64,
+    ) -> Self {
         Self {
-            hanging: hanging.resistors(phantom.electrodes()),
+            load_network: load_network.resistors(phantom.electrodes()),
             no_sheet: DMatrix::zeros(0, 0),
             phantom,
             fixture,
@@ -160,7 +165,7 @@ impl Sheet {
     }
 
     /// Of relays that should be closed those that are, and with them the ones that are stuck closed.
-    fn really(&self, asked: impl Iterator<Item = Relay>) -> impl Iterator<Item = Relay> {
+    fn really(&self, commanded: impl Iterator<Item = Relay>) -> impl Iterator<Item = Relay> {
         // What a person has stuck stays so, whatever wear would make of it.
         let worn = self.worn.iter();
         let worn = worn.filter(|(relay, _)| !self.stuck.contains_key(relay));
@@ -168,7 +173,9 @@ impl Sheet {
         let stuck = stuck.filter(|(_, closed)| **closed);
         let moves =
             |relay: &Relay| !(self.stuck.contains_key(relay) || self.worn.contains_key(relay));
-        asked.filter(moves).chain(stuck.map(|(relay, _)| *relay))
+        commanded
+            .filter(moves)
+            .chain(stuck.map(|(relay, _)| *relay))
     }
 
     pub(crate) fn poles(&self) -> [Option<Electrode>; 4] {
@@ -224,11 +231,11 @@ impl Sheet {
     }
 
     /// What the voltmeter is given to measure: the ideal voltage, bent by the scene's effects.
-    pub(crate) fn measured(&mut self, at: Duration, taken: Taken) -> Volts {
+    pub(crate) fn measured(&mut self, at: Duration, request: ReadingRequest) -> Volts {
         if self.overload {
             return Volts(f64::INFINITY);
         }
-        let exact = self.voltage_with(at, taken.test, taken.bus);
+        let exact = self.voltage_with(at, request.test, request.bus);
         if !exact.0.is_finite() {
             return exact;
         }
@@ -242,10 +249,10 @@ impl Sheet {
             source_resistance: seen(needs.source_resistance, [METER_HI, METER_LO]),
             load_resistance: Ohms(seen(needs.load_resistance, SOURCE).0 + leads),
             at,
-            integration: survey::duration(taken.nplc / self.line_hz),
-            range: taken.range,
-            nplc: taken.nplc,
-            relay: taken.relay,
+            integration: survey::duration(request.nplc / self.line_hz),
+            range: request.range,
+            nplc: request.nplc,
+            relay: request.relay,
             flowing: self.flowing,
             source_range: self.source_range,
             since_change: at.saturating_sub(self.changed),
@@ -283,8 +290,8 @@ impl Sheet {
             .scanned
             .iter()
             .filter(|relay| !self.closed.contains(relay));
-        let asked = self.closed.iter().chain(scanned).copied();
-        let closed = self.really(asked.chain(chips(self.poles)));
+        let commanded = self.closed.iter().chain(scanned).copied();
+        let closed = self.really(commanded.chain(chips(self.poles)));
         let wires: Vec<Resistor> = if self.phantom.bends_wires() {
             let closed: Vec<Relay> = closed.collect();
             let mut wires = Vec::new();
@@ -302,7 +309,7 @@ impl Sheet {
                 .flat_map(|relay| self.fixture.joined(relay))
                 .collect()
         };
-        let Some(hanging) = &self.hanging else {
+        let Some(load_network) = &self.load_network else {
             return wires;
         };
         let lead = |point| match point {
@@ -316,13 +323,13 @@ impl Sheet {
                 to: lead(wire.to),
                 ..wire
             })
-            .chain(hanging.iter().copied())
+            .chain(load_network.iter().copied())
             .collect()
     }
 
     /// The transfer impedance of what the electrodes belong to; nothing belongs to it when resistors hang there.
     fn impedance(&mut self, at: Duration) -> Result<&DMatrix<f64>, PhantomError> {
-        match self.hanging {
+        match self.load_network {
             Some(_) => Ok(&self.no_sheet),
             None => self.phantom.transfer_impedance(at),
         }

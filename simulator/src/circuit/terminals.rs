@@ -1,4 +1,4 @@
-//! Which relay joins what to what: the terminal blocks of a bench wired for pairs.
+//! Which relay joins what to what: the terminal blocks of a rig wired for pairs.
 //!
 //! Pair k is electrodes k and k+1, H on k, L on k+1, the last with the first (fact sheet 34980A, section 8).
 //!

@@ -15,7 +15,7 @@ use crate::{Fault, Load, SimulatedRig};
 /// Longest line of words.
 const LONGEST_LINE: usize = 4096;
 /// How long a person's command waits for its answer.
-const PATIENCE: Duration = Duration::from_secs(30);
+const TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Begins to listen; only the owner may connect.
 ///
@@ -92,7 +92,7 @@ fn obey(rig: &SimulatedRig, line: &str) -> Value {
     };
     match done {
         Ok(()) => json!({ "ok": true }),
-        Err(told) => json!({ "error": told }),
+        Err(message) => json!({ "error": message }),
     }
 }
 
@@ -135,23 +135,23 @@ pub(crate) fn ask(path: Option<&Path>, line: &str) -> Result<Value, String> {
         Some(path) => path.to_owned(),
         None => the_only_one()?,
     };
-    let told = |fault: io::Error| {
+    let with_path = |fault: io::Error| {
         format!(
             "{}: {fault}; is `tactus-sim serve` running there?",
             path.display()
         )
     };
-    let mut stream = std::os::unix::net::UnixStream::connect(&path).map_err(told)?;
-    stream.set_read_timeout(Some(PATIENCE)).map_err(told)?;
+    let mut stream = std::os::unix::net::UnixStream::connect(&path).map_err(with_path)?;
+    stream.set_read_timeout(Some(TIMEOUT)).map_err(with_path)?;
     stream
         .write_all(format!("{line}\n").as_bytes())
-        .map_err(told)?;
+        .map_err(with_path)?;
     let mut answer = String::new();
     BufReader::new(stream)
         .read_line(&mut answer)
-        .map_err(told)?;
+        .map_err(with_path)?;
     let answer: Value = serde_json::from_str(&answer)
-        .map_err(|_| format!("{} does not answer as a bench", path.display()))?;
+        .map_err(|_| format!("{} does not answer as a simulated rig", path.display()))?;
     match answer.get("error").and_then(Value::as_str) {
         Some(refusal) => Err(refusal.to_owned()),
         None => Ok(answer),

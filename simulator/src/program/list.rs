@@ -64,7 +64,7 @@ pub(crate) fn json() -> Value {
         .iter()
         .map(|(name, text)| json!({ "name": name, "what": Scene::what(text) }))
         .collect();
-    let loads: Vec<Value> = crate::Hanging::GRAMMAR
+    let loads: Vec<Value> = crate::LoadNetwork::GRAMMAR
         .lines()
         .filter_map(|line| line.split_once("  "))
         .map(|(words, what)| json!({ "words": words.trim(), "what": what.trim() }))

@@ -22,7 +22,7 @@ use tracing_subscriber::EnvFilter;
 
 use crate::fault::GRAMMAR;
 use crate::program::panel::Panel;
-use crate::{Hanging, Pace, Profile, ServeOptions, SimulatedRig, serve};
+use crate::{LoadNetwork, Pace, Profile, ServeOptions, SimulatedRig, serve};
 
 /// Exit code of a profile or scene that cannot be used (EX_CONFIG).
 const CONFIGURATION: u8 = 78;
@@ -117,7 +117,7 @@ struct Serve {
     control: Option<PathBuf>,
     /// What hangs on the terminals in place of the profile's: sheet, nothing, "resistor FROM TO OHMS", "mesh OHMS".
     #[arg(long, value_name = "WORDS")]
-    load: Option<Hanging>,
+    load: Option<LoadNetwork>,
     /// Put a module in a slot, in place of the profile's: 1=34924A, 3=34934A,4x128.
     #[arg(long, value_name = "N=MODEL[,TERMINAL]", value_parser = slot)]
     slot: Vec<(usize, Module)>,
@@ -167,7 +167,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     }) {
         Ok(parsed) => parsed,
         Err(refusal) => {
-            // Nothing is left to be told when even this cannot be printed.
+            // There is no other way to report an error that cannot be printed.
             refusal.print().ok();
             return ExitCode::from(u8::try_from(refusal.exit_code()).unwrap_or(2));
         }
@@ -175,16 +175,16 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     if let Err(refused) = outfile::check_arguments(&command, &matches) {
         return fail(&refused, CONFIGURATION);
     }
-    let asked = match arguments.command {
-        Command::Serve(asked) => asked,
+    let options = match arguments.command {
+        Command::Serve(options) => options,
         Command::Fault(Words { control, words }) => return tell(&control, &words.join(" ")),
         Command::Press(Words { control, words }) => {
             return tell(&control, &format!("press {}", words.join(" ")));
         }
         Command::Release(control) => return tell(&control, "release"),
         Command::Status(Status { control, json }) => return show(&control, json),
-        Command::Golden(asked) => return played::make_golden(&asked),
-        Command::Replay(asked) => return played::play(&asked),
+        Command::Golden(options) => return played::make_golden(&options),
+        Command::Replay(options) => return played::play(&options),
         Command::List { json } => {
             return say(&if json {
                 list::json().to_string()
@@ -201,7 +201,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Some(panel) => log.with_writer(panel.clone()).try_init().ok(),
         None => log.with_writer(std::io::stderr).try_init().ok(),
     };
-    let (profile, scene) = match prepare(&asked) {
+    let (profile, scene) = match prepare(&options) {
         Ok(prepared) => prepared,
         Err(fault) => return fail(&*fault, CONFIGURATION),
     };
@@ -218,13 +218,13 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
             Ok(rig) => rig,
             Err(fault) => return fail(&fault, CONFIGURATION),
         };
-        if let Some(path) = &asked.record {
+        if let Some(path) = &options.record {
             match TranscriptWriter::create(path) {
                 Ok(writer) => rig.record(writer),
                 Err(fault) => return fail(&fault, CONFIGURATION),
             }
         }
-        match serve_until_stopped(rig, &asked, panel).await {
+        match serve_until_stopped(rig, &options, panel).await {
             Ok(()) => ExitCode::SUCCESS,
             Err(fault) => fail(&*fault, 1),
         }
@@ -233,12 +233,12 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
 
 type Fault = Box<dyn std::error::Error>;
 
-fn prepare(asked: &Serve) -> Result<(Profile, Scene), Fault> {
-    let mut profile = match &asked.profile {
+fn prepare(options: &Serve) -> Result<(Profile, Scene), Fault> {
+    let mut profile = match &options.profile {
         Some(name) => Profile::load(name)?,
         None => Profile::default(),
     };
-    for (number, module) in &asked.slot {
+    for (number, module) in &options.slot {
         profile.slots[number - 1] = Some(*module);
     }
     if profile.mainframe.clock_unix_s.is_none() {
@@ -246,13 +246,13 @@ fn prepare(asked: &Serve) -> Result<(Profile, Scene), Fault> {
         let now = now.unwrap_or_default().as_secs();
         profile.mainframe.clock_unix_s = u32::try_from(now).ok();
     }
-    if let Some(load) = &asked.load {
+    if let Some(load) = &options.load {
         profile.load = load.clone();
     }
-    if asked.instant {
+    if options.instant {
         profile.pace = Pace::Instant;
     }
-    let scene = scene_named(asked.scene.as_deref())?;
+    let scene = scene_named(options.scene.as_deref())?;
     Ok((profile, scene))
 }
 
@@ -273,15 +273,15 @@ fn tell(to: &Control, line: &str) -> ExitCode {
 }
 
 fn show(of: &Control, json: bool) -> ExitCode {
-    let told = control::ask(of.control.as_deref(), "status").and_then(|status| {
+    let reported = control::ask(of.control.as_deref(), "status").and_then(|status| {
         if json {
             return Ok(status.to_string());
         }
         let status: crate::Status = serde_json::from_value(status)
-            .map_err(|fault| format!("the bench speaks of something else: {fault}"))?;
+            .map_err(|fault| format!("the rig is asked for something else: {fault}"))?;
         Ok(status.to_string())
     });
-    match told {
+    match reported {
         Ok(text) => say(&text),
         Err(refusal) => {
             eprintln!("tactus-sim: {}", survey::printable(&refusal));
@@ -290,7 +290,7 @@ fn show(of: &Control, json: bool) -> ExitCode {
     }
 }
 
-/// Prints; whoever stopped reading has heard enough.
+/// Prints; a closed pipe is no error.
 fn say(text: &str) -> ExitCode {
     match writeln!(std::io::stdout(), "{text}") {
         Err(fault) if fault.kind() != std::io::ErrorKind::BrokenPipe => fail(&fault, 1),
@@ -300,7 +300,7 @@ fn say(text: &str) -> ExitCode {
 
 async fn serve_until_stopped(
     rig: SimulatedRig,
-    asked: &Serve,
+    options: &Serve,
     panel: Option<Panel>,
 ) -> Result<(), Fault> {
     // Before the ready line: whoever waits for it may stop us at once.
@@ -310,15 +310,15 @@ async fn serve_until_stopped(
     let server = serve(
         rig,
         &ServeOptions {
-            bind: asked.bind.clone(),
-            port_6221: asked.port_6221,
-            port_34980a: asked.port_34980a,
-            port_vxi11: asked.port_vxi11,
-            port_telnet: asked.port_telnet,
-            port_http: asked.port_http,
-            serial_6221: asked.serial_6221,
-            control: asked.control.clone(),
-            announce: asked.announce,
+            bind: options.bind.clone(),
+            port_6221: options.port_6221,
+            port_34980a: options.port_34980a,
+            port_vxi11: options.port_vxi11,
+            port_telnet: options.port_telnet,
+            port_http: options.port_http,
+            serial_6221: options.serial_6221,
+            control: options.control.clone(),
+            announce: options.announce,
         },
     )
     .await?;

@@ -9,8 +9,8 @@ use rig::transcript::read_transcript;
 
 use super::{CONFIGURATION, Fault, fail, say, scene_named, slot};
 use crate::{
-    Against, Closeness, Golden, Hanging, Instrument, Making, Pace, Profile, SimulatedRig,
-    golden_of, replay,
+    Comparison, Golden, Instrument, InstrumentSetup, LoadNetwork, Pace, Profile, ReplayTarget,
+    SimulatedRig, golden_of, replay,
 };
 
 #[derive(Debug, clap::Args)]
@@ -30,14 +30,14 @@ pub(super) struct MakeGolden {
     #[arg(long, value_name = "WORDS")]
     cites: Vec<String>,
     #[command(flatten)]
-    making: MakingArguments,
+    setup: SetupArguments,
 }
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Replay {
     /// The transcript.
     file: PathBuf,
-    /// Play it to the instruments of a bench: a profile's file, or a name of `tactus-sim list`. Without one each
+    /// Play it to the instruments of one rig: a profile's file, or a name of `tactus-sim list`. Without one each
     /// instrument is played to on its own.
     #[arg(long, value_name = "FILE|NAME")]
     profile: Option<String>,
@@ -46,16 +46,16 @@ pub(super) struct Replay {
     scene: Option<String>,
     /// With --profile: what hangs on the terminals in place of the profile's.
     #[arg(long, value_name = "WORDS", requires = "profile")]
-    load: Option<Hanging>,
+    load: Option<LoadNetwork>,
     /// Compare readings, times and serial numbers to the byte too.
     #[arg(long)]
     exact: bool,
     #[command(flatten)]
-    making: MakingArguments,
+    setup: SetupArguments,
 }
 
 #[derive(Debug, clap::Args)]
-struct MakingArguments {
+struct SetupArguments {
     /// A module of the mainframe that the transcript does not tell of: 1=34924A, 3=34934A,4x128.
     #[arg(long, value_name = "N=MODEL[,TERMINAL]", value_parser = slot)]
     slot: Vec<(usize, Module)>,
@@ -71,37 +71,37 @@ fn instrument(text: &str) -> Result<Instrument, String> {
     Instrument::named(text).ok_or_else(|| "there are 6221, 34980a and gpio".to_owned())
 }
 
-impl MakingArguments {
-    fn of(&self, instrument: Instrument) -> Result<Making, Fault> {
-        let mut making = Making::of(instrument);
+impl SetupArguments {
+    fn of(&self, instrument: Instrument) -> Result<InstrumentSetup, Fault> {
+        let mut setup = InstrumentSetup::of(instrument);
         for (number, module) in &self.slot {
-            making.slots[number - 1] = Some(*module);
+            setup.slots[number - 1] = Some(*module);
         }
         if let Some(ohms) = self.ohms {
             if ohms.is_nan() || ohms < 0.0 {
                 return Err(format!("{ohms} ohm cannot hang on terminals").into());
             }
-            making.ohms = ohms;
+            setup.ohms = ohms;
         }
         if let Some(volts) = self.volts {
             if volts.is_nan() {
                 return Err("a voltage is a number".into());
             }
-            making.volts = volts;
+            setup.volts = volts;
         }
-        Ok(making)
+        Ok(setup)
     }
 }
 
-pub(super) fn make_golden(asked: &MakeGolden) -> ExitCode {
-    match written_golden(asked) {
+pub(super) fn make_golden(options: &MakeGolden) -> ExitCode {
+    match written_golden(options) {
         Ok((golden, differs)) => {
             if let Some(differs) = differs {
                 eprintln!(
                     "tactus-sim: the golden is made; the simulator does not hold it yet: {differs}"
                 );
             }
-            match &asked.out {
+            match &options.out {
                 Some(_) => ExitCode::SUCCESS,
                 None => say(golden.to_string().trim_end()),
             }
@@ -111,45 +111,45 @@ pub(super) fn make_golden(asked: &MakeGolden) -> ExitCode {
 }
 
 /// The golden, and where the simulator answers otherwise.
-fn written_golden(asked: &MakeGolden) -> Result<(Golden, Option<String>), Fault> {
-    let entries = read_transcript(&asked.file)?;
-    let place = asked.file.display().to_string();
-    let name = asked.file.file_name().unwrap_or_default();
-    let mut cites = asked.cites.clone();
+fn written_golden(options: &MakeGolden) -> Result<(Golden, Option<String>), Fault> {
+    let entries = read_transcript(&options.file)?;
+    let place = options.file.display().to_string();
+    let name = options.file.file_name().unwrap_or_default();
+    let mut cites = options.cites.clone();
     cites.push(format!("the transcript {}", name.to_string_lossy()));
-    let making = asked.making.of(asked.instrument)?;
-    let golden = golden_of(&place, &entries, &making, cites)?;
+    let setup = options.setup.of(options.instrument)?;
+    let golden = golden_of(&place, &entries, &setup, cites)?;
     let text = golden.to_string();
-    let place = match &asked.out {
+    let place = match &options.out {
         Some(path) => {
-            outfile::write(path, Existing::forced(asked.force), text.as_bytes())?;
+            outfile::write(path, Existing::forced(options.force), text.as_bytes())?;
             path.display().to_string()
         }
         None => "the golden".to_owned(),
     };
-    // Read again, so that differences are told with their lines.
+    // Read again, so that differences are reported with their lines.
     let differs = Golden::parse(&place, &text)?.play(&place).err();
     Ok((golden, differs.map(|fault| fault.to_string())))
 }
 
-pub(super) fn play(asked: &Replay) -> ExitCode {
-    let against = match against(asked) {
-        Ok(against) => against,
+pub(super) fn play(options: &Replay) -> ExitCode {
+    let target = match target(options) {
+        Ok(target) => target,
         Err(fault) => return fail(&*fault, CONFIGURATION),
     };
-    let entries = match read_transcript(&asked.file) {
+    let entries = match read_transcript(&options.file) {
         Ok(entries) => entries,
         Err(fault) => return fail(&fault, CONFIGURATION),
     };
-    let closeness = match asked.exact {
-        true => Closeness::Exact,
-        false => Closeness::Shapes,
+    let comparison = match options.exact {
+        true => Comparison::Exact,
+        false => Comparison::Shapes,
     };
     match replay(
-        &asked.file.display().to_string(),
+        &options.file.display().to_string(),
         &entries,
-        &against,
-        closeness,
+        &target,
+        comparison,
     ) {
         Ok(played) => say(&format!(
             "{} messages, {} replies: the simulators answer as recorded",
@@ -159,19 +159,19 @@ pub(super) fn play(asked: &Replay) -> ExitCode {
     }
 }
 
-fn against(asked: &Replay) -> Result<Against, Fault> {
-    let Some(name) = &asked.profile else {
-        return Ok(Against::Alone {
-            making: asked.making.of(Instrument::Mainframe)?,
+fn target(options: &Replay) -> Result<ReplayTarget, Fault> {
+    let Some(name) = &options.profile else {
+        return Ok(ReplayTarget::Alone {
+            setup: options.setup.of(Instrument::Mainframe)?,
         });
     };
     let mut profile = Profile::load(name)?.at_pace(Pace::Instant);
-    for (number, module) in &asked.making.slot {
+    for (number, module) in &options.setup.slot {
         profile.slots[number - 1] = Some(*module);
     }
-    if let Some(load) = &asked.load {
+    if let Some(load) = &options.load {
         profile.load = load.clone();
     }
-    let scene = scene_named(asked.scene.as_deref())?;
-    Ok(Against::Together(SimulatedRig::new(&profile, scene)?))
+    let scene = scene_named(options.scene.as_deref())?;
+    Ok(ReplayTarget::Together(SimulatedRig::new(&profile, scene)?))
 }

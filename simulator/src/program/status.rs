@@ -144,12 +144,12 @@ mod tests {
             poles: [Some(3), None, None, None],
             last_error: None,
         };
-        let mut told = status.clone();
-        told.source.pulses[2] = 11;
-        told.source.flowing_a = -2.5e-6;
-        let told = told.to_string();
-        assert!(told.contains("-2.5000 uA flowing"), "{told}");
-        assert_eq!(told.lines().nth(2), Some("pulses   line 3: 11"));
+        let mut reported = status.clone();
+        reported.source.pulses[2] = 11;
+        reported.source.flowing_a = -2.5e-6;
+        let reported = reported.to_string();
+        assert!(reported.contains("-2.5000 uA flowing"), "{reported}");
+        assert_eq!(reported.lines().nth(2), Some("pulses   line 3: 11"));
         let text = status.to_string();
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines[0], "clients  34980a from 127.0.0.1:4711");

@@ -7,13 +7,13 @@ use scpi::ParseError;
 
 use crate::fault::Fault;
 use crate::profile::Pace;
-use crate::simulated_instruments::{Bench, Ends, When};
+use crate::simulated_instruments::{Ends, ReplyTiming, SimulatedInstruments};
 use crate::simulated_rig::Instrument;
 
 /// More messages than any instrument's error queue holds.
 const OVERFLOWING: usize = 64;
 
-impl Bench {
+impl SimulatedInstruments {
     /// Queues an error that arose outside of any message; what the instrument says to it, if it says anything.
     pub(crate) fn refuse(
         &mut self,
@@ -32,7 +32,7 @@ impl Bench {
                     sheet: &mut self.sheet,
                     readings: 0,
                 };
-                return self.board.hear_too_much(at, &mut ends).text;
+                return self.board.receive_oversized(at, &mut ends).text;
             }
         }
         None
@@ -71,7 +71,7 @@ impl Bench {
             Fault::QueueOverflow(Instrument::Mainframe) => self.mainframe.overflow_errors(),
             Fault::QueueOverflow(instrument) => {
                 for _ in 0..OVERFLOWING {
-                    self.hear(*instrument, 0, "TACTUS:FAULT", When::AtOnce);
+                    self.receive(*instrument, 0, "TACTUS:FAULT", ReplyTiming::AtOnce);
                 }
             }
             Fault::StuckOpen(relay) => self.sheet.stick(*relay, false),

@@ -14,11 +14,11 @@ use scpi::ErrorEntry;
 use survey::{Amps, Electrode, Relay, Volts};
 use tokio::time::Instant;
 
-use crate::circuit::sheet::{Sheet, Taken};
+use crate::circuit::sheet::{ReadingRequest, Sheet};
 use crate::circuit::terminals::Fixture;
 use crate::fault::TimedFault;
 use crate::profile::{Pace, Profile, milliseconds};
-use crate::simulated_rig::{Instrument, Messages, Said};
+use crate::simulated_rig::{Instrument, Messages, TranscriptLine};
 
 mod faults;
 
@@ -26,7 +26,7 @@ mod faults;
 const YEAR_2000: u32 = 946_684_800;
 
 #[derive(Debug)]
-pub(crate) struct Bench {
+pub(crate) struct SimulatedInstruments {
     pub(crate) source: Simulator6221,
     source_settings: Settings6221,
     mainframe: Simulator34980a,
@@ -37,7 +37,7 @@ pub(crate) struct Bench {
     /// In instant time: what the instruments would have needed so far. Else what was skipped.
     elapsed: Duration,
     messages: [Messages; 3],
-    pub(crate) transcript: Option<Vec<Said>>,
+    pub(crate) transcript: Option<Vec<TranscriptLine>>,
     /// Where in it a reply is still missing.
     unanswered: Option<usize>,
     /// Where everything said is written.
@@ -55,7 +55,7 @@ pub(crate) struct Bench {
 
 /// What an instrument made of a message.
 #[derive(Debug)]
-pub(crate) struct Heard {
+pub(crate) struct MessageOutcome {
     pub(crate) text: Option<String>,
     /// How long that takes by the clock on the wall.
     pub(crate) wait: Duration,
@@ -65,16 +65,16 @@ pub(crate) struct Heard {
     pub(crate) refused: Option<String>,
 }
 
-/// When a reply is made.
+/// ReplyTiming a reply is made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum When {
+pub(crate) enum ReplyTiming {
     /// At once, whatever time it takes by the instrument's clock.
     AtOnce,
-    /// When its time has come: readings are taken at their own instants, and [`Bench::fetch`] gives the reply.
+    /// ReplyTiming its time has come: readings are taken at their own instants, and [`SimulatedInstruments::fetch`] gives the reply.
     InTime,
 }
 
-impl Bench {
+impl SimulatedInstruments {
     /// Instruments just switched on.
     pub(crate) fn new(profile: &Profile, phantom: Phantom, mut time_line: Vec<TimedFault>) -> Self {
         let electrodes = phantom.electrodes();
@@ -125,9 +125,9 @@ impl Bench {
             recorder: None,
         };
         new.identities = [Instrument::Source, Instrument::Mainframe, Instrument::Board]
-            .map(|instrument| new.hear(instrument, 0, "*IDN?", When::AtOnce))
-            .map(|heard| heard.text.unwrap_or_default());
-        // Nobody has been heard yet, and no time has passed.
+            .map(|instrument| new.receive(instrument, 0, "*IDN?", ReplyTiming::AtOnce))
+            .map(|received| received.text.unwrap_or_default());
+        // No message has been received yet, and no time has passed.
         new.messages = Default::default();
         new.elapsed = Duration::ZERO;
         new
@@ -177,14 +177,14 @@ impl Bench {
         ends.source.load_changed(at, ends.sheet);
     }
 
-    /// Lets an instrument hear one message.
-    pub(crate) fn hear(
+    /// Lets an instrument receive one message.
+    pub(crate) fn receive(
         &mut self,
         instrument: Instrument,
         session: u32,
         line: &str,
-        when: When,
-    ) -> Heard {
+        timing: ReplyTiming,
+    ) -> MessageOutcome {
         self.catch_up();
         let at = self.now();
         let errors = self.latest_error(instrument).0;
@@ -196,35 +196,35 @@ impl Bench {
         let mut later = false;
         let (text, busy) = match instrument {
             Instrument::Source => {
-                let reply = ends.source.hear(line, at, ends.sheet);
+                let reply = ends.source.receive(line, at, ends.sheet);
                 (reply.text, reply.busy)
             }
             Instrument::Mainframe => {
                 let (session, mainframe) = (Session(session), &mut self.mainframe);
-                let reply = if when == When::InTime && self.pace != Pace::Instant {
+                let reply = if timing == ReplyTiming::InTime && self.pace != Pace::Instant {
                     let begun = mainframe.begin_from(session, line, at, &mut ends);
                     later = begun.1;
                     begun.0
                 } else {
-                    mainframe.hear_from(session, line, at, &mut ends)
+                    mainframe.receive_from(session, line, at, &mut ends)
                 };
                 (reply.text, reply.busy)
             }
             Instrument::Board => {
-                let reply = self.board.hear(line, at, &mut ends);
+                let reply = self.board.receive(line, at, &mut ends);
                 (reply.text, reply.busy)
             }
         };
         let count = &mut self.messages[instrument.index()];
-        count.heard += 1;
+        count.received += 1;
         count.answered += u64::from(text.is_some());
         count.readings += ends.readings;
         count.reading += u64::from(later || ends.readings > 0);
         if let Some(transcript) = &mut self.transcript {
-            transcript.push(Said {
+            transcript.push(TranscriptLine {
                 at,
                 instrument,
-                heard: line.to_owned(),
+                received: line.to_owned(),
                 answered: text.clone(),
             });
             if later {
@@ -243,7 +243,7 @@ impl Bench {
             (added, Some(latest)) if added != errors => Some(latest.to_string()),
             _ => None,
         };
-        Heard {
+        MessageOutcome {
             text,
             wait,
             later,
@@ -352,14 +352,14 @@ impl Wires for Ends<'_> {
         self.sheet.set_scanned(request.channel);
         // The sheet may have been pressed since the relays moved.
         self.source.load_changed(at, self.sheet);
-        let taken = Taken {
+        let reading = ReadingRequest {
             relay: request.channel,
             range: request.range,
             nplc: request.nplc,
             test: request.test_current,
             bus: if request.four_wire { 2 } else { 1 },
         };
-        let volts = self.sheet.measured(at, taken);
+        let volts = self.sheet.measured(at, reading);
         self.sheet.set_scanned(None);
         volts
     }
@@ -369,7 +369,7 @@ impl Wires for Ends<'_> {
         self.sheet.set_scanned(request.channel);
         self.source.load_changed(at, self.sheet);
         let wave = self.source.alternating(self.sheet);
-        let heard = match wave {
+        let received = match wave {
             Some((rms, hertz)) => Alternating {
                 rms: rms * self.sheet.transfer(at).abs(),
                 hertz,
@@ -377,7 +377,7 @@ impl Wires for Ends<'_> {
             None => Alternating::default(),
         };
         self.sheet.set_scanned(None);
-        heard
+        received
     }
 }
 

@@ -3,9 +3,9 @@
 use std::sync::{MutexGuard, PoisonError};
 use std::time::Duration;
 
-use crate::fault::{Fault, FaultError, Mischief};
+use crate::fault::{Fault, FaultError, ReplyFault};
 use crate::simulated_rig::{Instrument, SimulatedRig, Wire};
-use crate::transport::client::Manners;
+use crate::transport::client::LinkFaults;
 
 impl SimulatedRig {
     /// Lets something go wrong, or puts it right.
@@ -21,23 +21,23 @@ impl SimulatedRig {
                 self.set_wire(*instrument, Wire::Cut);
                 self.set_wire(*instrument, wire);
             }
-            Fault::Replies(instrument, mischief, count) => {
-                let next = (*mischief, *count);
-                self.manners()[instrument.index()].next.push_back(next);
+            Fault::Replies(instrument, reply_fault, count) => {
+                let next = (*reply_fault, *count);
+                self.link_faults()[instrument.index()].next.push_back(next);
             }
             Fault::Slow(instrument, by) => {
-                self.manners()[instrument.index()].slower_by = *by;
+                self.link_faults()[instrument.index()].slower_by = *by;
             }
             Fault::Reset(Instrument::Board) => {
                 self.need_board()?;
-                let said = self.bench().power_cycle(Instrument::Board);
+                let said = self.instruments().power_cycle(Instrument::Board);
                 self.shared.banner.send_replace(said.unwrap_or_default());
             }
             Fault::Reset(instrument) => self.power_cycle(*instrument),
             Fault::Serial(plugged) => {
                 self.need_board()?;
                 if *plugged {
-                    self.bench().power_cycle(Instrument::Board);
+                    self.instruments().power_cycle(Instrument::Board);
                 }
                 let wire = if *plugged { Wire::Sound } else { Wire::Cut };
                 self.set_wire(Instrument::Board, wire);
@@ -45,21 +45,21 @@ impl SimulatedRig {
             Fault::Slot(..) | Fault::Voltmeter(_) => {
                 // A mainframe is opened with its power off.
                 self.set_wire(Instrument::Mainframe, Wire::Cut);
-                self.bench().fault(fault);
+                self.instruments().fault(fault);
                 self.set_wire(Instrument::Mainframe, Wire::Sound);
             }
             Fault::None => {
                 for instrument in [Instrument::Source, Instrument::Mainframe, Instrument::Board] {
-                    self.manners()[instrument.index()] = Manners::default();
+                    self.link_faults()[instrument.index()] = LinkFaults::default();
                     if self.shared.wires[instrument.index()].borrow().wire != Wire::Sound {
                         self.set_wire(instrument, Wire::Sound);
                     }
                 }
-                if self.bench().is_opened_up() {
+                if self.instruments().is_opened_up() {
                     self.set_wire(Instrument::Mainframe, Wire::Cut);
                     self.set_wire(Instrument::Mainframe, Wire::Sound);
                 }
-                self.bench().fault(fault);
+                self.instruments().fault(fault);
             }
             Fault::QueueOverflow(_)
             | Fault::StuckOpen(_)
@@ -68,7 +68,7 @@ impl SimulatedRig {
             | Fault::Overload(_)
             | Fault::Interlock(_)
             | Fault::TerminalBlock(..)
-            | Fault::Pulse(_) => self.bench().fault(fault),
+            | Fault::Pulse(_) => self.instruments().fault(fault),
         }
         self.shared.changed.notify_waiters();
         Ok(())
@@ -84,7 +84,7 @@ impl SimulatedRig {
 
     /// Lets happen what the time line holds for now.
     pub(crate) fn apply_due_faults(&self) {
-        let due = self.bench().take_due_faults();
+        let due = self.instruments().take_due_faults();
         for fault in due {
             if let Err(refusal) = self.fault(&fault) {
                 tracing::warn!("the time line's fault '{fault}' cannot be: {refusal}");
@@ -93,23 +93,23 @@ impl SimulatedRig {
     }
 
     /// Time on the wall until the time line's next fault; `None` when there is none, or when time only passes as
-    /// messages are heard.
+    /// messages are received.
     pub(crate) fn next_fault_in(&self) -> Option<Duration> {
-        self.bench().next_fault_in()
+        self.instruments().next_fault_in()
     }
 
     /// How much later than it could an instrument answers.
     pub(crate) fn slowness(&self, instrument: Instrument) -> Duration {
-        self.manners()[instrument.index()].slower_by
+        self.link_faults()[instrument.index()].slower_by
     }
 
     /// What happens to an instrument's next reply.
-    pub(crate) fn mischief(&self, instrument: Instrument) -> Option<Mischief> {
-        self.manners()[instrument.index()].take()
+    pub(crate) fn reply_fault(&self, instrument: Instrument) -> Option<ReplyFault> {
+        self.link_faults()[instrument.index()].take()
     }
 
-    fn manners(&self) -> MutexGuard<'_, [Manners; 3]> {
-        let manners = self.shared.manners.lock();
-        manners.unwrap_or_else(PoisonError::into_inner)
+    fn link_faults(&self) -> MutexGuard<'_, [LinkFaults; 3]> {
+        let link_faults = self.shared.link_faults.lock();
+        link_faults.unwrap_or_else(PoisonError::into_inner)
     }
 }

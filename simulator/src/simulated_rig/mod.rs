@@ -14,8 +14,8 @@ use tokio::sync::{Notify, watch};
 use crate::fault::TimedFault;
 use crate::profile::Profile;
 use crate::program::status::{Client, SourceStatus, Status};
-use crate::simulated_instruments::Bench;
-use crate::transport::client::Manners;
+use crate::simulated_instruments::SimulatedInstruments;
+use crate::transport::client::LinkFaults;
 
 mod faults;
 mod received;
@@ -74,22 +74,22 @@ pub enum Wire {
     Sound,
     /// Every connection is closed, and a new one at once.
     Cut,
-    /// Open, but nothing comes through: the far side hears nothing and says nothing.
+    /// Open, but nothing comes through: the far side receives nothing and says nothing.
     Silent,
 }
 
 /// A wire, and how often it was cut: a cut that is mended at once breaks connections all the same.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Line {
+pub(crate) struct WireState {
     pub(crate) wire: Wire,
     pub(crate) cuts: u64,
 }
 
-/// What an instrument has heard and said, counted.
+/// What an instrument has received and said, counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Messages {
-    /// Messages heard.
-    pub heard: u64,
+    /// Messages received.
+    pub received: u64,
     /// Replies given.
     pub answered: u64,
     /// Messages that made the voltmeter take readings.
@@ -100,13 +100,13 @@ pub struct Messages {
 
 /// One line of a transcript.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Said {
+pub struct TranscriptLine {
     /// The instruments' time.
     pub at: Duration,
-    /// Who heard it.
+    /// Who received it.
     pub instrument: Instrument,
-    /// What it heard.
-    pub heard: String,
+    /// What it received.
+    pub received: String,
     /// What it answered.
     pub answered: Option<String>,
 }
@@ -154,14 +154,14 @@ pub struct SimulatedRig {
 }
 
 /// Clients connected now: session, instrument, address.
-pub(crate) type Guests = BTreeMap<u32, (Instrument, String)>;
+pub(crate) type Clients = BTreeMap<u32, (Instrument, String)>;
 
 #[derive(Debug)]
 pub(crate) struct Shared {
-    bench: Mutex<Bench>,
-    pub(crate) wires: [watch::Sender<Line>; 3],
-    manners: Mutex<[Manners; 3]>,
-    guests: Mutex<Guests>,
+    instruments: Mutex<SimulatedInstruments>,
+    pub(crate) wires: [watch::Sender<WireState>; 3],
+    link_faults: Mutex<[LinkFaults; 3]>,
+    clients: Mutex<Clients>,
     /// The next client's session; 0 is the rig's own.
     pub(crate) sessions: AtomicU32,
     /// What the board says unasked.
@@ -204,15 +204,15 @@ impl SimulatedRig {
         }
         Ok(Self {
             shared: Arc::new(Shared {
-                bench: Mutex::new(Bench::new(profile, phantom, time_line)),
+                instruments: Mutex::new(SimulatedInstruments::new(profile, phantom, time_line)),
                 wires: [(); 3].map(|()| {
-                    watch::Sender::new(Line {
+                    watch::Sender::new(WireState {
                         wire: Wire::Sound,
                         cuts: 0,
                     })
                 }),
-                manners: Mutex::default(),
-                guests: Mutex::default(),
+                link_faults: Mutex::default(),
+                clients: Mutex::default(),
                 sessions: AtomicU32::new(1),
                 banner: watch::Sender::new(String::new()),
                 changed: Notify::new(),
@@ -286,124 +286,132 @@ impl SimulatedRig {
 
     /// The phantom behind the instruments, for pressing it and asking it for the truth.
     pub fn with_phantom<T>(&self, act: impl FnOnce(&mut Phantom) -> T) -> T {
-        act(&mut self.bench().sheet.phantom)
+        act(&mut self.instruments().sheet.phantom)
     }
 
     /// What the instruments' clock shows: the scene's time line runs by it.
     pub fn now(&self) -> Duration {
-        self.bench().now()
+        self.instruments().now()
     }
 
     /// Lets the instruments' time pass.
     pub fn advance(&self, by: Duration) {
-        self.bench().advance(by);
+        self.instruments().advance(by);
     }
 
     /// The current that really flows.
     pub fn flowing(&self) -> Amps {
-        self.bench_now().sheet.flowing()
+        self.instruments_now().sheet.flowing()
     }
 
     /// Whether the source's output is on, and the level it is set to.
     pub fn source_output(&self) -> (bool, Amps) {
-        let bench = self.bench();
-        (bench.source.output(), bench.source.level())
+        let instruments = self.instruments();
+        (instruments.source.output(), instruments.source.level())
     }
 
     /// The mainframe's relays that are really closed.
     pub fn closed(&self) -> BTreeSet<Relay> {
-        self.bench_now().sheet.closed()
+        self.instruments_now().sheet.closed()
     }
 
     /// The electrodes that the board's poles are really joined to: I+, I-, V+, V-.
     pub fn poles(&self) -> [Option<Electrode>; 4] {
-        self.bench_now().sheet.poles()
+        self.instruments_now().sheet.poles()
     }
 
     /// What an ideal voltmeter on analogue bus 1 would have at its terminals now.
     pub fn voltage(&self) -> Volts {
-        let mut bench = self.bench_now();
-        let at = bench.now();
-        bench.sheet.voltage(at)
+        let mut instruments = self.instruments_now();
+        let at = instruments.now();
+        instruments.sheet.voltage(at)
     }
 
     /// Why the sheet could not be computed, if it ever could not; readings are then over range.
     pub fn sheet_fault(&self) -> Option<String> {
-        self.bench().sheet.fault().map(ToString::to_string)
+        self.instruments().sheet.fault().map(ToString::to_string)
     }
 
-    /// What an instrument has heard and said so far.
+    /// What an instrument has received and said so far.
     pub fn messages(&self, instrument: Instrument) -> Messages {
-        self.bench().messages(instrument)
+        self.instruments().messages(instrument)
     }
 
     /// Begins to write down everything that is said, from nothing.
     pub fn keep_transcript(&self) {
-        self.bench().transcript = Some(Vec::new());
+        self.instruments().transcript = Some(Vec::new());
     }
 
     /// Everything said since [`SimulatedRig::keep_transcript`].
-    pub fn transcript(&self) -> Vec<Said> {
-        self.bench().transcript.clone().unwrap_or_default()
+    pub fn transcript(&self) -> Vec<TranscriptLine> {
+        self.instruments().transcript.clone().unwrap_or_default()
     }
 
     /// Switches an instrument off and on: its settings are lost, latching relays stay, its connections break.
     pub fn power_cycle(&self, instrument: Instrument) {
         self.set_wire(instrument, Wire::Cut);
-        self.bench().power_cycle(instrument);
+        self.instruments().power_cycle(instrument);
         self.set_wire(instrument, Wire::Sound);
     }
 
     /// What an instrument says of itself, without taking its time.
     pub(crate) fn identity(&self, instrument: Instrument) -> String {
-        let bench = self.bench();
-        bench.identity(instrument).to_owned()
+        let instruments = self.instruments();
+        instruments.identity(instrument).to_owned()
     }
 
     /// What a person wants to know about the rig.
     pub fn status(&self) -> Status {
         let clients = self
-            .guests()
+            .clients()
             .values()
             .map(|(instrument, address)| Client {
                 instrument: instrument.to_string(),
                 address: address.clone(),
             })
             .collect();
-        let bench = self.bench_now();
+        let instruments = self.instruments_now();
         Status {
-            at_s: bench.now().as_secs_f64(),
+            at_s: instruments.now().as_secs_f64(),
             clients,
             source: SourceStatus {
-                output: bench.source.output(),
-                level_a: bench.source.level().0,
-                flowing_a: bench.sheet.flowing().0,
-                range_a: bench.source.range().0,
-                in_compliance: bench.source.in_compliance(),
-                pulses: bench.source.pulses(),
+                output: instruments.source.output(),
+                level_a: instruments.source.level().0,
+                flowing_a: instruments.sheet.flowing().0,
+                range_a: instruments.source.range().0,
+                in_compliance: instruments.source.in_compliance(),
+                pulses: instruments.source.pulses(),
             },
-            closed: bench.sheet.closed().iter().map(|relay| relay.0).collect(),
-            poles: bench.sheet.poles().map(|pole| pole.map(Electrode::number)),
-            last_error: bench.last_error.clone(),
+            closed: instruments
+                .sheet
+                .closed()
+                .iter()
+                .map(|relay| relay.0)
+                .collect(),
+            poles: instruments
+                .sheet
+                .poles()
+                .map(|pole| pole.map(Electrode::number)),
+            last_error: instruments.last_error.clone(),
         }
     }
 
-    pub(crate) fn guests(&self) -> MutexGuard<'_, Guests> {
-        let guests = self.shared.guests.lock();
-        guests.unwrap_or_else(PoisonError::into_inner)
+    pub(crate) fn clients(&self) -> MutexGuard<'_, Clients> {
+        let clients = self.shared.clients.lock();
+        clients.unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The bench as it is by now.
-    fn bench_now(&self) -> MutexGuard<'_, Bench> {
-        let mut bench = self.bench();
-        bench.catch_up();
-        bench
+    /// The instruments, brought up to the present time.
+    fn instruments_now(&self) -> MutexGuard<'_, SimulatedInstruments> {
+        let mut instruments = self.instruments();
+        instruments.catch_up();
+        instruments
     }
 
-    /// A simulator that panicked has told so already; what it held is still the truth to look at.
-    fn bench(&self) -> MutexGuard<'_, Bench> {
+    /// A simulator that panicked has logged that already; its state is still what people want to see.
+    fn instruments(&self) -> MutexGuard<'_, SimulatedInstruments> {
         self.shared
-            .bench
+            .instruments
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
     }

@@ -1,68 +1,74 @@
-//! What the instruments hear, from whom, and what is told of what they refuse.
+//! What the instruments receive, from whom, and what is reported of what they refuse.
 
 use std::time::Duration;
 
 use rig::transcript::Said;
 use scpi::ParseError;
 
-use crate::simulated_instruments::{Heard, When};
+use crate::simulated_instruments::{MessageOutcome, ReplyTiming};
 use crate::simulated_rig::{Instrument, SimulatedRig};
 
 impl SimulatedRig {
-    /// Lets an instrument hear one message, and says what it answers and how long that takes in the caller's time.
-    pub fn hear(&self, instrument: Instrument, line: &str) -> (Option<String>, Duration) {
-        let heard = self.hear_from(instrument, 0, line, When::AtOnce);
-        (heard.text, heard.wait)
+    /// Lets an instrument receive one message, and says what it answers and how long that takes in the caller's time.
+    pub fn receive(&self, instrument: Instrument, line: &str) -> (Option<String>, Duration) {
+        let received = self.receive_from(instrument, 0, line, ReplyTiming::AtOnce);
+        (received.text, received.wait)
     }
 
-    /// As [`SimulatedRig::hear`], from a session with an output queue of its own.
-    pub(crate) fn hear_from(
+    /// As [`SimulatedRig::receive`], from a session with an output queue of its own.
+    pub(crate) fn receive_from(
         &self,
         instrument: Instrument,
         session: u32,
         line: &str,
-        when: When,
-    ) -> Heard {
+        timing: ReplyTiming,
+    ) -> MessageOutcome {
         self.apply_due_faults();
-        let mut heard = {
-            let mut bench = self.bench();
-            let at = bench.now();
-            let heard = bench.hear(instrument, session, line, when);
+        let mut received = {
+            let mut instruments = self.instruments();
+            let at = instruments.now();
+            let received = instruments.receive(instrument, session, line, timing);
             self.record_line(
-                &mut bench,
+                &mut instruments,
                 instrument,
                 session,
                 at,
                 Said::Sent(line.to_owned()),
             );
-            if let Some(reply) = &heard.text {
+            if let Some(reply) = &received.text {
                 let said = Said::Received(reply.clone());
-                self.record_line(&mut bench, instrument, session, at + heard.wait, said);
+                self.record_line(
+                    &mut instruments,
+                    instrument,
+                    session,
+                    at + received.wait,
+                    said,
+                );
             }
-            heard
+            received
         };
-        if let Some(refused) = heard.refused.take() {
-            self.tell_refused(instrument, session, line, refused);
+        if let Some(refused) = received.refused.take() {
+            self.report_refused(instrument, session, line, refused);
         }
         self.shared.changed.notify_waiters();
-        heard
+        received
     }
 
     /// Lets happen what was due by now.
     pub(crate) fn catch_up(&self) {
         self.apply_due_faults();
-        self.bench().catch_up();
+        self.instruments().catch_up();
     }
 
     /// The mainframe's reply that was to be made later, now that its time is over.
     pub(crate) fn fetch(&self, session: u32) -> Option<String> {
         self.apply_due_faults();
         let text = {
-            let mut bench = self.bench();
-            let text = bench.fetch(session);
+            let mut instruments = self.instruments();
+            let text = instruments.fetch(session);
             if let Some(reply) = &text {
-                let (at, said) = (bench.now(), Said::Received(reply.clone()));
-                self.record_line(&mut bench, Instrument::Mainframe, session, at, said);
+                let (at, said) = (instruments.now(), Said::Received(reply.clone()));
+                self.record_line(&mut instruments, Instrument::Mainframe, session, at, said);
             }
             text
         };
@@ -77,44 +83,44 @@ impl SimulatedRig {
         session: u32,
         refusal: ParseError,
     ) -> Option<String> {
-        let reply = self.bench().refuse(instrument, session, refusal);
-        self.tell_refused(instrument, session, "", refusal.to_string());
+        let reply = self.instruments().refuse(instrument, session, refusal);
+        self.report_refused(instrument, session, "", refusal.to_string());
         reply
     }
 
-    fn tell_refused(&self, instrument: Instrument, session: u32, line: &str, refused: String) {
+    fn report_refused(&self, instrument: Instrument, session: u32, line: &str, refused: String) {
         let from = self
-            .guests()
+            .clients()
             .get(&session)
-            .map_or_else(|| "the bench".to_owned(), |(_, address)| address.clone());
+            .map_or_else(|| "the rig".to_owned(), |(_, address)| address.clone());
         // Escaped: what a stranger sends must not steer a terminal.
         let shown: String = line.chars().take(80).flat_map(char::escape_debug).collect();
         match line {
             "" => tracing::warn!("{from} at the {instrument}: {refused}"),
-            _ => tracing::warn!("{from} told the {instrument} '{shown}': {refused}"),
+            _ => tracing::warn!("{from} sent the {instrument} '{shown}': {refused}"),
         }
-        self.bench().last_error = Some(format!("{instrument}: {refused} (from {from})"));
+        self.instruments().last_error = Some(format!("{instrument}: {refused} (from {from})"));
     }
 
     pub(crate) fn name_session(&self, instrument: Instrument, session: u32, name: &str) {
-        self.bench().name_session(instrument, session, name);
+        self.instruments().name_session(instrument, session, name);
     }
 
     pub(crate) fn forget_session(&self, instrument: Instrument, session: u32) {
-        self.bench().forget_session(instrument, session);
+        self.instruments().forget_session(instrument, session);
     }
 
     pub(crate) fn clear_session(&self, session: u32) {
-        self.bench().clear_session(session);
+        self.instruments().clear_session(session);
         self.shared.changed.notify_waiters();
     }
 
     /// What ends a line on the source's serial port.
     pub(crate) fn serial_terminator(&self) -> &'static str {
-        self.bench().source.serial_terminator()
+        self.instruments().source.serial_terminator()
     }
 
     pub(crate) fn status_byte(&self) -> u8 {
-        self.bench().status_byte()
+        self.instruments().status_byte()
     }
 }

@@ -4,28 +4,28 @@ use std::time::Duration;
 
 use rig::transcript::{Entry, Said, TranscriptWriter};
 
-use crate::simulated_instruments::Bench;
+use crate::simulated_instruments::SimulatedInstruments;
 use crate::simulated_rig::{Instrument, SimulatedRig};
 
 impl SimulatedRig {
     /// From now on everything that is said goes into a file. A disk that is full ends that, with a warning.
     pub fn record(&self, writer: TranscriptWriter) {
-        self.bench().recorder = Some(writer);
+        self.instruments().recorder = Some(writer);
     }
 
     pub(super) fn record_line(
         &self,
-        bench: &mut Bench,
+        instruments: &mut SimulatedInstruments,
         instrument: Instrument,
         session: u32,
         at: Duration,
         said: Said,
     ) {
-        let Some(recorder) = &mut bench.recorder else {
+        let Some(recorder) = &mut instruments.recorder else {
             return;
         };
-        let guests = self.guests();
-        let from = guests.get(&session).map_or("", |(_, address)| address);
+        let clients = self.clients();
+        let from = clients.get(&session).map_or("", |(_, address)| address);
         let entry = Entry {
             t_s: at.as_secs_f64(),
             instrument: format!("{} for {from}", instrument.name()),
@@ -33,7 +33,7 @@ impl SimulatedRig {
         };
         if let Err(fault) = recorder.write(&entry) {
             tracing::warn!("recording ends: {fault}");
-            bench.recorder = None;
+            instruments.recorder = None;
         }
     }
 }

@@ -24,22 +24,22 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use crate::Instrument;
-use crate::isolated::{Making, Stand};
+use crate::isolated::{InstrumentSetup, IsolatedInstrument};
 
 /// A conversation and what it is held with.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Golden {
     /// What the instrument is made of.
-    pub making: Making,
+    pub setup: InstrumentSetup,
     /// Where the conversation comes from: a fact sheet's section, a recording.
     pub cites: Vec<String>,
     /// The conversation.
-    pub lines: Vec<Line>,
+    pub lines: Vec<GoldenLine>,
 }
 
 /// A line of the conversation, with its number in the file (from 1).
 #[derive(Debug, Clone, PartialEq)]
-pub struct Line {
+pub struct GoldenLine {
     /// Its number; 0 where there is no file yet.
     pub number: usize,
     /// What it is.
@@ -78,7 +78,7 @@ impl Expected {
     }
 }
 
-/// How an overload is told (fact sheets, 34980A section 5 and 6221 section 3).
+/// How an instrument reports an overload (fact sheets, 34980A section 5 and 6221 section 3).
 const OVERLOAD: &str = "9.90000000E+37";
 
 /// Whether two replies differ in digits and signs only.
@@ -109,14 +109,14 @@ pub enum GoldenError {
         cause: std::io::Error,
     },
     /// A line that says nothing, or something that cannot be.
-    #[error("{place}:{line}: {told}")]
+    #[error("{place}:{line}: {reason}")]
     Line {
         /// The file.
         place: String,
         /// Counted from 1.
         line: usize,
         /// What is wrong with it, and what may stand there.
-        told: String,
+        reason: String,
     },
     /// The instrument, or where it comes from, is not said.
     #[error("{place}: there is no line '{what} ...' before the first message")]
@@ -161,14 +161,14 @@ impl Golden {
     /// A line that is not of the format, with its number; no instrument, or nothing cited.
     pub fn parse(place: &str, text: &str) -> Result<Self, GoldenError> {
         let mut instrument = None;
-        let mut making = Making::of(Instrument::Source);
-        let (mut cites, mut lines): (Vec<String>, Vec<Line>) = (Vec::new(), Vec::new());
+        let mut setup = InstrumentSetup::of(Instrument::Source);
+        let (mut cites, mut lines): (Vec<String>, Vec<GoldenLine>) = (Vec::new(), Vec::new());
         for (index, line) in text.lines().enumerate() {
             let number = index + 1;
-            let wrong = |told: String| GoldenError::Line {
+            let wrong = |reason: String| GoldenError::Line {
                 place: place.to_owned(),
                 line: number,
-                told,
+                reason,
             };
             if line.is_empty() || line.starts_with('#') {
                 continue;
@@ -190,8 +190,8 @@ impl Golden {
                 }
                 "instrument" => {
                     let named = Instrument::named(rest.trim());
-                    let told = || format!("'{rest}' is none of 6221, 34980a and gpio");
-                    instrument = Some(named.ok_or_else(|| wrong(told()))?);
+                    let reason = || format!("'{rest}' is none of 6221, 34980a and gpio");
+                    instrument = Some(named.ok_or_else(|| wrong(reason()))?);
                     None
                 }
                 "cites" => {
@@ -199,13 +199,13 @@ impl Golden {
                     None
                 }
                 "vendor" => {
-                    making.vendor = Some(rest.trim().to_owned());
+                    setup.vendor = Some(rest.trim().to_owned());
                     None
                 }
                 "slot" => {
                     let (slot, module) =
                         crate::program::slot(&rest.trim().replacen(' ', "=", 1)).map_err(&wrong)?;
-                    making.slots[slot - 1] = Some(module);
+                    setup.slots[slot - 1] = Some(module);
                     None
                 }
                 "ohms" | "volts" => {
@@ -214,8 +214,8 @@ impl Golden {
                         .parse()
                         .map_err(|_| wrong(format!("'{rest}' is no number")))?;
                     match word {
-                        "ohms" if value >= 0.0 => making.ohms = value,
-                        "volts" if !value.is_nan() => making.volts = value,
+                        "ohms" if value >= 0.0 => setup.ohms = value,
+                        "volts" if !value.is_nan() => setup.volts = value,
                         _ => return Err(wrong(format!("{word} cannot be {value}"))),
                     }
                     None
@@ -234,18 +234,18 @@ impl Golden {
             if answers && !matches!(behind, Some(Step::Say(_))) {
                 return Err(wrong("a reply stands behind a message".to_owned()));
             }
-            lines.push(Line { number, step });
+            lines.push(GoldenLine { number, step });
         }
         let missing = |what| GoldenError::Missing {
             place: place.to_owned(),
             what,
         };
-        making.instrument = instrument.ok_or_else(|| missing("instrument"))?;
+        setup.instrument = instrument.ok_or_else(|| missing("instrument"))?;
         if cites.is_empty() {
             return Err(missing("cites"));
         }
         Ok(Self {
-            making,
+            setup,
             cites,
             lines,
         })
@@ -256,7 +256,7 @@ impl Golden {
     /// # Errors
     /// [`GoldenError::Differs`] at the first reply that is not as expected.
     pub fn play(&self, place: &str) -> Result<(), GoldenError> {
-        let mut stand = Stand::new(&self.making);
+        let mut isolated = IsolatedInstrument::new(&self.setup);
         let mut now = Duration::ZERO;
         let (mut said, mut answered) = ("", None);
         for line in &self.lines {
@@ -266,7 +266,7 @@ impl Golden {
                     continue;
                 }
                 Step::Say(message) => {
-                    let (reply, busy) = stand.hear(message, now);
+                    let (reply, busy) = isolated.receive(message, now);
                     now = now.saturating_add(busy);
                     (said, answered) = (message.as_str(), reply);
                     continue;
@@ -306,13 +306,13 @@ impl fmt::Display for Expected {
 impl fmt::Display for Golden {
     /// As it is read.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Making {
+        let InstrumentSetup {
             instrument,
             vendor,
             slots,
             ohms,
             volts,
-        } = &self.making;
+        } = &self.setup;
         writeln!(f, "instrument {}", instrument.name())?;
         for cited in &self.cites {
             writeln!(f, "cites {cited}")?;

@@ -36,7 +36,7 @@ impl Announcement {
             .iter()
             .any(|(_, _, address)| address.ip().is_loopback())
         {
-            // Left out unless asked for; whoever serves on it alone is only heard there.
+            // Left out unless asked for; a service on it alone is found only there.
             daemon.enable_interface(IfKind::LoopbackV4).ok();
             daemon.enable_interface(IfKind::LoopbackV6).ok();
         }

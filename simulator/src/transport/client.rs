@@ -9,9 +9,9 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::sync::watch;
 use tokio::time::Instant;
 
-use crate::fault::Mischief;
-use crate::simulated_instruments::{Heard, When};
-use crate::simulated_rig::{Instrument, Line, SimulatedRig, Wire};
+use crate::fault::ReplyFault;
+use crate::simulated_instruments::{MessageOutcome, ReplyTiming};
+use crate::simulated_rig::{Instrument, SimulatedRig, Wire, WireState};
 
 /// Longest message an instrument takes, bytes; a longer one is dropped and queues -363.
 pub(crate) const LONGEST_MESSAGE: usize = 64 * 1024;
@@ -25,11 +25,11 @@ const LONGEST_STEP: Duration = Duration::from_millis(100);
 
 /// A client connected to an instrument; it is entered in the rig's list until it is dropped.
 #[derive(Debug)]
-pub(crate) struct Guest {
+pub(crate) struct ClientSession {
     rig: SimulatedRig,
     instrument: Instrument,
     session: u32,
-    line: watch::Receiver<Line>,
+    line: watch::Receiver<WireState>,
     cuts: u64,
     /// Whether the source's serial port is spoken to, whose lines end as its settings say.
     serial: bool,
@@ -42,14 +42,14 @@ pub(crate) struct Delivery {
     pub(crate) bytes: Vec<u8>,
 }
 
-impl Guest {
+impl ClientSession {
     /// Enters a client; `address` is for people.
     pub(crate) fn enter(rig: &SimulatedRig, instrument: Instrument, address: &str) -> Self {
         let session = rig.shared.sessions.fetch_add(1, Ordering::Relaxed);
         let line = rig.shared.wires[instrument.index()].subscribe();
         let cuts = line.borrow().cuts;
         rig.name_session(instrument, session, address);
-        rig.guests()
+        rig.clients()
             .insert(session, (instrument, address.to_owned()));
         rig.shared.changed.notify_waiters();
         Self {
@@ -62,9 +62,9 @@ impl Guest {
         }
     }
 
-    /// Bytes as they are heard: a carriage return ends a message where the serial port is set so. Beside a line feed it
+    /// Bytes as they are received: a carriage return ends a message where the serial port is set so. Beside a line feed it
     /// is white space.
-    fn heard_as(&self, bytes: &mut [u8]) {
+    fn received_as(&self, bytes: &mut [u8]) {
         if self.serial && self.rig.serial_terminator() == "\r" {
             for byte in bytes.iter_mut().filter(|byte| **byte == b'\r') {
                 *byte = b'\n';
@@ -91,52 +91,52 @@ impl Guest {
         cut(self.line.clone(), self.cuts).await;
     }
 
-    /// Whether the far side hears and says nothing.
+    /// Whether the far side receives and says nothing.
     pub(crate) fn is_silent(&self) -> bool {
         self.line.borrow().wire == Wire::Silent
     }
 
-    /// Lets the instrument hear a message, waits as long as it needs, and gives what is to be sent.
-    pub(crate) async fn hear(&self, message: Vec<u8>) -> io::Result<Delivery> {
-        let heard = self.begin(message).await?;
-        Ok(self.finish(heard).await)
+    /// Lets the instrument receive a message, waits as long as it needs, and gives what is to be sent.
+    pub(crate) async fn receive(&self, message: Vec<u8>) -> io::Result<Delivery> {
+        let received = self.begin(message).await?;
+        Ok(self.finish(received).await)
     }
 
-    /// Lets the instrument hear a message. What is then waited for, [`Guest::finish`] does.
-    pub(crate) async fn begin(&self, message: Vec<u8>) -> io::Result<Heard> {
-        let heard = String::from_utf8_lossy(&message).into_owned();
+    /// Lets the instrument receive a message. What is then waited for, [`ClientSession::finish`] does.
+    pub(crate) async fn begin(&self, message: Vec<u8>) -> io::Result<MessageOutcome> {
+        let received = String::from_utf8_lossy(&message).into_owned();
         let (rig, instrument, session) = (self.rig.clone(), self.instrument, self.session);
         // A load that has moved costs a solution of the sheet, too long for a thread that others wait on.
         let reply = tokio::task::spawn_blocking(move || {
-            rig.hear_from(instrument, session, &heard, When::InTime)
+            rig.receive_from(instrument, session, &received, ReplyTiming::InTime)
         })
         .await;
-        let mut heard = reply.map_err(io::Error::other)?;
-        heard.wait += self.rig.slowness(self.instrument);
-        Ok(heard)
+        let mut received = reply.map_err(io::Error::other)?;
+        received.wait += self.rig.slowness(self.instrument);
+        Ok(received)
     }
 
     /// Waits as long as the instrument needs, and gives what is to be sent.
-    pub(crate) async fn finish(&self, heard: Heard) -> Delivery {
-        let end = Instant::now() + heard.wait;
+    pub(crate) async fn finish(&self, received: MessageOutcome) -> Delivery {
+        let end = Instant::now() + received.wait;
         // Readings cost a solution of the sheet each: they are taken while they are waited for, not at the end.
-        let step = (heard.wait / 8).clamp(SHORTEST_STEP, LONGEST_STEP);
-        while heard.later && end.saturating_duration_since(Instant::now()) > 2 * step {
+        let step = (received.wait / 8).clamp(SHORTEST_STEP, LONGEST_STEP);
+        while received.later && end.saturating_duration_since(Instant::now()) > 2 * step {
             tokio::time::sleep(step).await;
             let rig = self.rig.clone();
             tokio::task::spawn_blocking(move || rig.catch_up())
                 .await
                 .ok();
         }
-        if !heard.wait.is_zero() {
+        if !received.wait.is_zero() {
             tokio::time::sleep_until(end).await;
         }
-        let text = if heard.later {
+        let text = if received.later {
             let (rig, session) = (self.rig.clone(), self.session);
             let fetched = tokio::task::spawn_blocking(move || rig.fetch(session)).await;
             fetched.ok().flatten()
         } else {
-            heard.text
+            received.text
         };
         let Some(text) = text else {
             return Delivery::default();
@@ -145,15 +145,15 @@ impl Guest {
             return Delivery::default();
         }
         let mut bytes = text.into_bytes();
-        match self.rig.mischief(self.instrument) {
+        match self.rig.reply_fault(self.instrument) {
             None => bytes.push(b'\n'),
-            Some(Mischief::Lost) => bytes.clear(),
-            Some(Mischief::HalfLine) => bytes.truncate(bytes.len() / 2),
-            Some(Mischief::Late(by)) => {
+            Some(ReplyFault::Lost) => bytes.clear(),
+            Some(ReplyFault::HalfLine) => bytes.truncate(bytes.len() / 2),
+            Some(ReplyFault::Late(by)) => {
                 tokio::time::sleep(by).await;
                 bytes.push(b'\n');
             }
-            Some(Mischief::Doubled) => {
+            Some(ReplyFault::Doubled) => {
                 bytes.push(b'\n');
                 bytes.extend_from_within(..);
             }
@@ -192,7 +192,7 @@ impl Guest {
         let mut banner = self.rig.shared.banner.subscribe();
         let mut half_closed = false;
         loop {
-            // What came while the instrument was busy is heard before more is read.
+            // What came while the instrument was busy is handled before more is read.
             while let Some(message) = framer.next() {
                 let message = match message {
                     Ok(message) => message,
@@ -205,11 +205,11 @@ impl Guest {
                 };
                 let mut ahead = Vec::new();
                 let delivery = {
-                    let hearing = self.hear(message);
-                    attended(hearing, stream, &mut ahead, &mut half_closed).await?
+                    let receiving = self.receive(message);
+                    attended(receiving, stream, &mut ahead, &mut half_closed).await?
                 };
                 if !self.is_silent() {
-                    self.heard_as(&mut ahead);
+                    self.received_as(&mut ahead);
                     framer.push(&ahead);
                 }
                 if !delivery.bytes.is_empty() {
@@ -235,7 +235,7 @@ impl Guest {
                 return Ok(());
             }
             if !self.is_silent() {
-                self.heard_as(&mut chunk[..count]);
+                self.received_as(&mut chunk[..count]);
                 framer.push(&chunk[..count]);
             }
         }
@@ -246,7 +246,7 @@ impl Guest {
 /// that has broken off is let go at once, one that has closed its side after [`GRACE`], because nothing tells it from
 /// one that has left.
 async fn attended<S>(
-    hearing: impl Future<Output = io::Result<Delivery>>,
+    receiving: impl Future<Output = io::Result<Delivery>>,
     stream: &mut S,
     ahead: &mut Vec<u8>,
     half_closed: &mut bool,
@@ -255,13 +255,13 @@ where
     S: AsyncRead + Unpin,
 {
     let mut chunk = [0; 4096];
-    tokio::pin!(hearing);
+    tokio::pin!(receiving);
     let grace = tokio::time::sleep(GRACE);
     tokio::pin!(grace);
     loop {
         tokio::select! {
             biased;
-            delivery = &mut hearing => return delivery,
+            delivery = &mut receiving => return delivery,
             count = stream.read(&mut chunk), if !*half_closed && ahead.len() < LONGEST_MESSAGE => {
                 match count? {
                     0 => {
@@ -278,15 +278,15 @@ where
     }
 }
 
-impl Drop for Guest {
+impl Drop for ClientSession {
     fn drop(&mut self) {
-        self.rig.guests().remove(&self.session);
+        self.rig.clients().remove(&self.session);
         self.rig.forget_session(self.instrument, self.session);
         self.rig.shared.changed.notify_waiters();
     }
 }
 
-async fn cut(mut line: watch::Receiver<Line>, before: u64) {
+async fn cut(mut line: watch::Receiver<WireState>, before: u64) {
     // The sender lives as long as the rig, and whoever waits holds that: waiting cannot fail.
     line.wait_for(|line| line.wire == Wire::Cut || line.cuts != before)
         .await
@@ -321,8 +321,8 @@ impl SimulatedRig {
     where
         S: AsyncRead + AsyncWrite + Unpin + Send,
     {
-        let guest = Guest::enter(&self, instrument, &address);
-        entertain(guest, address, stream).await
+        let client = ClientSession::enter(&self, instrument, &address);
+        serve_client(client, address, stream).await
     }
 
     /// Serves a serial port until it is pulled.
@@ -335,26 +335,26 @@ impl SimulatedRig {
     where
         S: AsyncRead + AsyncWrite + Unpin + Send,
     {
-        let mut guest = Guest::enter(&self, instrument, &address);
-        guest.serial = instrument == Instrument::Source;
-        entertain(guest, address, stream).await
+        let mut client = ClientSession::enter(&self, instrument, &address);
+        client.serial = instrument == Instrument::Source;
+        serve_client(client, address, stream).await
     }
 }
 
-async fn entertain<S>(guest: Guest, address: String, mut stream: S) -> End
+async fn serve_client<S>(client: ClientSession, address: String, mut stream: S) -> End
 where
     S: AsyncRead + AsyncWrite + Unpin + Send,
 {
     tokio::select! {
         biased;
-        () = guest.cut() => End::Abnormal,
-        ended = guest.answer(&mut stream) => match ended {
+        () = client.cut() => End::Abnormal,
+        ended = client.answer(&mut stream) => match ended {
             Ok(()) => {
                 stream.shutdown().await.ok();
                 End::Clean
             }
             Err(fault) => {
-                tracing::debug!("{address} left the {}: {fault}", guest.instrument);
+                tracing::debug!("{address} left the {}: {fault}", client.instrument);
                 End::Abnormal
             }
         }
@@ -363,20 +363,20 @@ where
 
 /// Replies that go wrong, and how slow the answers are.
 #[derive(Debug, Default)]
-pub(crate) struct Manners {
-    pub(crate) next: std::collections::VecDeque<(Mischief, u32)>,
+pub(crate) struct LinkFaults {
+    pub(crate) next: std::collections::VecDeque<(ReplyFault, u32)>,
     pub(crate) slower_by: Duration,
 }
 
-impl Manners {
+impl LinkFaults {
     /// What happens to the next reply.
-    pub(crate) fn take(&mut self) -> Option<Mischief> {
-        let (mischief, left) = self.next.front_mut()?;
-        let mischief = *mischief;
+    pub(crate) fn take(&mut self) -> Option<ReplyFault> {
+        let (reply_fault, left) = self.next.front_mut()?;
+        let reply_fault = *reply_fault;
         *left -= 1;
         if *left == 0 {
             self.next.pop_front();
         }
-        Some(mischief)
+        Some(reply_fault)
     }
 }

@@ -11,7 +11,7 @@ use tokio::task::JoinSet;
 use rig::Stream;
 use scpi::{Framer, ParseError};
 
-use crate::transport::client::{Guest, LONGEST_MESSAGE};
+use crate::transport::client::{ClientSession, LONGEST_MESSAGE};
 use crate::{Instrument, SimulatedRig};
 
 /// The wording is assumed; the sources only say that there is a prompt.
@@ -46,17 +46,17 @@ pub(crate) async fn serve(rig: SimulatedRig, listener: TcpListener) {
 }
 
 async fn converse(rig: SimulatedRig, mut stream: impl Stream, address: String) {
-    let guest = Guest::enter(&rig, Instrument::Mainframe, &format!("telnet {address}"));
+    let client = ClientSession::enter(&rig, Instrument::Mainframe, &format!("telnet {address}"));
     tokio::select! {
         biased;
-        () = guest.cut() => {}
-        ended = answer(&guest, &mut stream) => if let Err(fault) = ended {
+        () = client.cut() => {}
+        ended = answer(&client, &mut stream) => if let Err(fault) = ended {
             tracing::debug!("telnet {address} left: {fault}");
         }
     }
 }
 
-async fn answer(guest: &Guest, stream: &mut impl Stream) -> io::Result<()> {
+async fn answer(client: &ClientSession, stream: &mut impl Stream) -> io::Result<()> {
     stream
         .write_all(format!("{GREETING}{PROMPT}").as_bytes())
         .await?;
@@ -68,37 +68,37 @@ async fn answer(guest: &Guest, stream: &mut impl Stream) -> io::Result<()> {
         if count == 0 {
             return Ok(());
         }
-        if guest.is_silent() {
+        if client.is_silent() {
             continue;
         }
-        let (mut typed, mut said) = (Vec::new(), Vec::new());
+        let (mut typed, mut output) = (Vec::new(), Vec::new());
         for byte in &chunk[..count] {
-            protocol = protocol.hear(*byte, &mut typed, &mut said);
+            protocol = protocol.receive(*byte, &mut typed, &mut output);
         }
         // Whoever presses Enter alone gets a prompt; the framer passes such lines over.
         let lines = typed.iter().filter(|byte| **byte == b'\n').count();
         framer.push(&typed);
-        let mut heard = 0;
+        let mut received = 0;
         for message in framer.by_ref() {
-            heard += 1;
+            received += 1;
             match message {
                 Ok(message) => {
-                    let reply = guest.hear(message).await?.bytes;
+                    let reply = client.receive(message).await?.bytes;
                     for line in reply.split_inclusive(|byte| *byte == b'\n') {
-                        said.extend_from_slice(line.strip_suffix(b"\n").unwrap_or(line));
+                        output.extend_from_slice(line.strip_suffix(b"\n").unwrap_or(line));
                         if line.ends_with(b"\n") {
-                            said.extend_from_slice(b"\r\n");
+                            output.extend_from_slice(b"\r\n");
                         }
                     }
                 }
-                Err(_) => drop(guest.refuse(ParseError::InputOverrun)),
+                Err(_) => drop(client.refuse(ParseError::InputOverrun)),
             }
-            said.extend_from_slice(PROMPT.as_bytes());
+            output.extend_from_slice(PROMPT.as_bytes());
         }
-        for _ in heard..lines {
-            said.extend_from_slice(PROMPT.as_bytes());
+        for _ in received..lines {
+            output.extend_from_slice(PROMPT.as_bytes());
         }
-        stream.write_all(&said).await?;
+        stream.write_all(&output).await?;
         stream.flush().await?;
     }
 }
@@ -118,7 +118,7 @@ enum Protocol {
 
 impl Protocol {
     /// Takes one byte: what was typed goes on, offers and requests are declined.
-    fn hear(self, byte: u8, typed: &mut Vec<u8>, said: &mut Vec<u8>) -> Self {
+    fn receive(self, byte: u8, typed: &mut Vec<u8>, output: &mut Vec<u8>) -> Self {
         match (self, byte) {
             (Self::Text, INTERPRET) => Self::Command,
             // A carriage return is followed by a line feed, or by nothing.
@@ -135,11 +135,11 @@ impl Protocol {
             }
             (Self::Command, _) => Self::Text,
             (Self::Option(DO), option) => {
-                said.extend([INTERPRET, WONT, option]);
+                output.extend([INTERPRET, WONT, option]);
                 Self::Text
             }
             (Self::Option(WILL), option) => {
-                said.extend([INTERPRET, DONT, option]);
+                output.extend([INTERPRET, DONT, option]);
                 Self::Text
             }
             (Self::Option(_), _) => Self::Text,
@@ -166,10 +166,10 @@ mod tests {
             .await
             .unwrap();
         here.shutdown().await.unwrap();
-        let mut said = Vec::new();
-        here.read_to_end(&mut said).await.unwrap();
+        let mut output = Vec::new();
+        here.read_to_end(&mut output).await.unwrap();
         let begun = format!("{GREETING}{PROMPT}").into_bytes();
-        let rest = said.strip_prefix(begun.as_slice()).unwrap();
+        let rest = output.strip_prefix(begun.as_slice()).unwrap();
         let expected = [
             &b"\xff\xfc\x01\xff\xfe\x03"[..],
             b"34980A> +4\r\n34980A> 34980A> ",

@@ -18,7 +18,7 @@ use crate::{Instrument, SimulatedRig};
 /// Most bytes of a request's head.
 const LONGEST_HEAD: usize = 8 * 1024;
 /// Longest time for a request and its answer.
-const PATIENCE: Duration = Duration::from_secs(5);
+const TIMEOUT: Duration = Duration::from_secs(5);
 /// Most clients at once.
 const CLIENTS: usize = 32;
 /// Room of a connection in memory, bytes.
@@ -43,7 +43,7 @@ impl SimulatedRig {
                 mainframe: at(5025),
                 vxi11: None,
             };
-            tokio::time::timeout(PATIENCE, answer(&rig, there, at(80), ports)).await
+            tokio::time::timeout(TIMEOUT, answer(&rig, there, at(80), ports)).await
         });
         Box::new(here)
     }
@@ -63,7 +63,7 @@ pub(crate) async fn serve(rig: SimulatedRig, listener: TcpListener, ports: Ports
                     let Ok(here) = stream.local_addr() else {
                         return;
                     };
-                    match tokio::time::timeout(PATIENCE, answer(&rig, stream, here, ports)).await {
+                    match tokio::time::timeout(TIMEOUT, answer(&rig, stream, here, ports)).await {
                         Ok(Ok(())) => {}
                         Ok(Err(fault)) => tracing::debug!("{address} asked for a page: {fault}"),
                         Err(_) => tracing::debug!("{address} took too long to ask for a page"),
@@ -119,8 +119,8 @@ async fn answer(
             respond(&mut stream, "200 OK", "text/html; charset=utf-8", &page).await
         }
         ("GET", _) => {
-            let told = "there is / and /lxi/identification\n";
-            respond(&mut stream, "404 Not Found", "text/plain", told).await
+            let body = "there is / and /lxi/identification\n";
+            respond(&mut stream, "404 Not Found", "text/plain", body).await
         }
         (_, "/" | "/lxi/identification") => {
             respond(

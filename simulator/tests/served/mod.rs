@@ -61,8 +61,8 @@ impl Served {
     /// Lets something go wrong.
     pub fn fault(&self, words: &str) {
         let done = self.command("fault", words);
-        let told = String::from_utf8_lossy(&done.stderr).into_owned();
-        assert!(done.status.success(), "{words}: {told}");
+        let reported = String::from_utf8_lossy(&done.stderr).into_owned();
+        assert!(done.status.success(), "{words}: {reported}");
     }
 }
 

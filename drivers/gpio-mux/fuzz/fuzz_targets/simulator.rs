@@ -43,7 +43,7 @@ fuzz_target!(|bytes: &[u8]| {
     let mut now = Duration::ZERO;
     for message in framer.flatten() {
         let line = String::from_utf8_lossy(&message);
-        let reply = board.hear(&line, now, &mut poles).text;
+        let reply = board.receive(&line, now, &mut poles).text;
         assert_eq!(reply.is_none(), line.trim().is_empty());
         if let Some(reply) = reply {
             assert!(!reply.contains('\n'));

@@ -29,7 +29,7 @@ fuzz_target!(|bytes: &[u8]| {
     framer.push(said);
     let mut now = Duration::ZERO;
     for message in framer.flatten() {
-        let reply = source.hear(&String::from_utf8_lossy(&message), now, &mut load);
+        let reply = source.receive(&String::from_utf8_lossy(&message), now, &mut load);
         assert!(reply.text.is_none_or(|text| !text.contains('\n')));
         now += pause;
         source.load_changed(now, &mut load);

@@ -33,7 +33,7 @@ use lists::Lists;
 use modes::{Mode, Outcome};
 use values::Values;
 
-/// A 6221 that hears lines and gives replies. It knows nothing of connections: output and settings outlive them.
+/// A 6221 that receives lines and gives replies. It knows nothing of connections: output and settings outlive them.
 #[derive(Debug, Clone)]
 pub struct Simulator6221 {
     settings: Settings6221,
@@ -49,9 +49,9 @@ pub struct Simulator6221 {
     memories: [Option<Box<(Panel, Values)>>; 5],
     mode: Mode,
     outcome: Outcome,
-    /// `*OPC` was heard and something is still under way.
+    /// `*OPC` was received and something is still under way.
     completion_awaited: bool,
-    /// `*OPC?` was heard behind what has no foreseeable end; its answer comes once that has been ended.
+    /// `*OPC?` was received behind what has no foreseeable end; its answer comes once that has been ended.
     answer_awaited: bool,
     flowing: Amps,
     told_range: Range,
@@ -104,7 +104,7 @@ impl Simulator6221 {
     ///
     /// What comes behind a `*WAI` or `*OPC?` in the same line is carried out as of the end of what was waited for, and
     /// the wait is part of [`Response::busy`].
-    pub fn hear(&mut self, line: &str, at: Duration, load: &mut dyn Load) -> Response {
+    pub fn receive(&mut self, line: &str, at: Duration, load: &mut dyn Load) -> Response {
         self.pass(at, load);
         let mut replies: Vec<String> = Vec::new();
         let mut busy = self.settings.command_time;
@@ -165,13 +165,13 @@ impl Simulator6221 {
     /// Lets a trigger in that does not come as a message; false when nothing waits for it.
     pub fn trigger(&mut self, event: Trigger, at: Duration, load: &mut dyn Load) -> bool {
         self.pass(at, load);
-        let heard = self.hear_trigger(event);
+        let received = self.receive_trigger(event);
         self.pass(at, load);
         self.flow(load);
-        heard
+        received
     }
 
-    /// Queues an error that arose before a line could be heard: -363 for one that was too long, -410 for one that came
+    /// Queues an error that arose before a line could be received: -363 for one that was too long, -410 for one that came
     /// before the last reply was read, -420 for a reply that was read without a question.
     pub fn refuse(&mut self, refusal: ParseError) {
         let text = match refusal {

@@ -216,7 +216,7 @@ impl Simulator6221 {
     fn planned_sweep(&self) -> Result<Sweep, ParseError> {
         let points = plan_sweep(&self.values, &self.lists, self.panel.range)?;
         let sweep = Sweep::new(points, &self.values);
-        // Nobody hears an answer on a line that is spoken on.
+        // Nobody receives an answer on a line that is spoken on.
         if sweep.hears_itself() {
             return Err(ParseError::SettingsConflict);
         }
@@ -266,23 +266,24 @@ impl Simulator6221 {
         }
     }
 
-    pub(super) fn hear_trigger(&mut self, event: Trigger) -> bool {
+    pub(super) fn receive_trigger(&mut self, event: Trigger) -> bool {
         let now = self.now;
-        self.sweep_mut().is_some_and(|sweep| sweep.hear(event, now))
+        self.sweep_mut()
+            .is_some_and(|sweep| sweep.receive(event, now))
     }
 
     pub(super) fn signal_arm(&mut self) -> Result<(), ParseError> {
         let now = self.now;
-        let heard = self.sweep_mut().is_some_and(|sweep| sweep.signal_arm(now));
-        heard.then_some(()).ok_or(ParseError::TriggerIgnored)
+        let received = self.sweep_mut().is_some_and(|sweep| sweep.signal_arm(now));
+        received.then_some(()).ok_or(ParseError::TriggerIgnored)
     }
 
     pub(super) fn signal_trigger(&mut self) -> Result<(), ParseError> {
         let now = self.now;
-        let heard = self
+        let received = self
             .sweep_mut()
             .is_some_and(|sweep| sweep.signal_trigger(now));
-        heard.then_some(()).ok_or(ParseError::TriggerIgnored)
+        received.then_some(()).ok_or(ParseError::TriggerIgnored)
     }
 
     /// # Errors

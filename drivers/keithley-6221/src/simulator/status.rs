@@ -73,7 +73,7 @@ impl Simulator6221 {
             Common::Wait => None,
             Common::SelfTest => Some("0".to_owned()),
             Common::Trigger => {
-                if !self.hear_trigger(Trigger::Bus) {
+                if !self.receive_trigger(Trigger::Bus) {
                     return Err(ParseError::TriggerIgnored);
                 }
                 None

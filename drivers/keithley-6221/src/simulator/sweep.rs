@@ -249,15 +249,15 @@ impl Sweep {
     }
 
     /// Lets an event in; false when nothing waits for it.
-    pub(super) fn hear(&mut self, event: Trigger, now: Duration) -> bool {
+    pub(super) fn receive(&mut self, event: Trigger, now: Duration) -> bool {
         match self.phase {
             Phase::AwaitArm => {
-                let heard = match self.arm {
+                let received = match self.arm {
                     Arm::Event(awaited) => awaited == event,
                     Arm::EitherEdge => matches!(event, Trigger::StartOfTest { .. }),
                     Arm::Immediate | Arm::Timer(_) => false,
                 };
-                heard && self.signal_arm(now)
+                received && self.signal_arm(now)
             }
             Phase::AwaitTrigger { .. } => match (event, self.line) {
                 (Trigger::Link(line), Some(awaited)) => line == awaited && self.signal_trigger(now),

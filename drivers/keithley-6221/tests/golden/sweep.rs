@@ -189,7 +189,7 @@ fn section_5_completion_behind_a_trigger_is_told_when_it_has_come() {
     let mut talk = staircase(100.0);
     talk.hold(&[("ARM:SOUR BUS;:INIT;*OPC?", "-"), ("OUTP?", "1")]);
     let now = talk.now();
-    let reply = talk.source.hear("*TRG", now, &mut talk.load);
+    let reply = talk.source.receive("*TRG", now, &mut talk.load);
     assert_eq!(reply.text.as_deref(), Some("1"));
     assert_eq!(
         reply.busy,
@@ -248,7 +248,7 @@ fn section_5_completion_is_told_when_a_sweep_is_done() {
     // As a query, the answer takes as long as the sweep.
     talk.say("INIT");
     let (now, command_time) = (talk.now(), Duration::from_millis(5));
-    let reply = talk.source.hear("*OPC?", now, &mut talk.load);
+    let reply = talk.source.receive("*OPC?", now, &mut talk.load);
     assert_eq!(reply.text.as_deref(), Some("1"));
     assert_eq!(reply.busy, command_time + Duration::from_secs(2));
     // What stands behind it is carried out when it is over.

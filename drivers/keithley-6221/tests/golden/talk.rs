@@ -34,7 +34,7 @@ impl Talk {
 
     /// The reply to one line; `-` is none.
     pub fn say(&mut self, line: &str) -> String {
-        let reply = self.source.hear(line, self.now, &mut self.load).text;
+        let reply = self.source.receive(line, self.now, &mut self.load).text;
         reply.unwrap_or_else(|| "-".to_owned())
     }
 

@@ -82,7 +82,7 @@ fn section_4_each_point_waits_for_its_line() {
 fn section_4_the_key_and_the_start_of_test_line_arm() {
     let rising = Trigger::StartOfTest { rising: true };
     let falling = Trigger::StartOfTest { rising: false };
-    for (layers, deaf, heard) in [
+    for (layers, deaf, received) in [
         ("ARM:SOUR MAN", Trigger::Bus, Trigger::Key),
         ("ARM:SOUR PST", falling, rising),
         ("ARM:SOUR NST", rising, falling),
@@ -92,7 +92,10 @@ fn section_4_the_key_and_the_start_of_test_line_arm() {
         let mut talk = pairs(layers);
         let now = talk.now();
         assert!(!talk.source.trigger(deaf, now, &mut talk.load), "{layers}");
-        assert!(talk.source.trigger(heard, now, &mut talk.load), "{layers}");
+        assert!(
+            talk.source.trigger(received, now, &mut talk.load),
+            "{layers}"
+        );
         assert_eq!(talk.load.flowing, Amps(1e-3), "{layers}");
     }
 }

@@ -59,7 +59,7 @@ fuzz_target!(|bytes: &[u8]| {
             }
             response.busy
         } else {
-            let response = unit.hear_from(session, &line, at, &mut wires);
+            let response = unit.receive_from(session, &line, at, &mut wires);
             assert!(response.text.is_none_or(|text| !text.is_empty()));
             response.busy
         };

@@ -180,7 +180,7 @@ pub struct Simulator34980a {
     overlap: bool,
     /// `*OPC` waits for the end of what is going on.
     completion_awaited: bool,
-    /// The message that is heard now may be answered later.
+    /// The reply to the message being received may come later.
     deferring: bool,
     deferred: Option<Deferred>,
 }
@@ -256,13 +256,13 @@ impl Simulator34980a {
     }
 
     /// Hears one message (a line without its end) from the only session, and answers it.
-    pub fn hear(&mut self, line: &str, at: Duration, wires: &mut dyn Wires) -> Response {
-        self.hear_from(Session::default(), line, at, wires)
+    pub fn receive(&mut self, line: &str, at: Duration, wires: &mut dyn Wires) -> Response {
+        self.receive_from(Session::default(), line, at, wires)
     }
 
     /// Hears one message of a session, and answers it. What the response's time is over, the session's next message may
-    /// be heard; other sessions need not wait for that.
-    pub fn hear_from(
+    /// be received; other sessions need not wait for that.
+    pub fn receive_from(
         &mut self,
         session: Session,
         line: &str,
@@ -283,9 +283,9 @@ impl Simulator34980a {
         for (place, call) in calls.into_iter().enumerate() {
             turn.last = place + 1 == count;
             self.pass(turn.now, turn.wires);
-            let heard = call.and_then(|call| Ok((call.query, Command::of(&call)?)));
-            let (query, command) = match heard {
-                Ok(heard) => heard,
+            let received = call.and_then(|call| Ok((call.query, Command::of(&call)?)));
+            let (query, command) = match received {
+                Ok(received) => received,
                 Err(refusal) => {
                     self.fail(refusal.into());
                     // What follows a command error is not understood any more, what follows a bad value is.

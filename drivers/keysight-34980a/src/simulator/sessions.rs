@@ -143,7 +143,7 @@ impl Simulator34980a {
         if self.sessions.replies.remove(&session).is_some() {
             self.fail(ParseError::QueryInterrupted.into());
         }
-        let response = self.hear_from(session, line, at, wires);
+        let response = self.receive_from(session, line, at, wires);
         if let Some(text) = response.text {
             let ready = at + response.busy;
             self.sessions.replies.insert(session, (text, ready));

@@ -8,7 +8,7 @@ async fn pair_wiring_costs_26_reading_messages_of_one_segment_each() {
     let mut meter = switch.clone();
     let scan = relays(1001..=1026);
     meter.prepare(METER, &scan).await.unwrap();
-    let preparation = shared.heard();
+    let preparation = shared.received();
     assert_eq!(preparation[0], "*RST;*CLS;:SYST:ERR?");
     assert_eq!(preparation[1], "CONF:VOLT:DC 100,(@1001:1026);:SYST:ERR?");
     for setting in [
@@ -29,13 +29,13 @@ async fn pair_wiring_costs_26_reading_messages_of_one_segment_each() {
         .move_relays(&[close(&[1036]), open(&[])])
         .await
         .unwrap();
-    assert_eq!(shared.heard(), ["ROUT:CLOS (@1036);*OPC?"]);
+    assert_eq!(shared.received(), ["ROUT:CLOS (@1036);*OPC?"]);
     assert_eq!(shared.closed(), [1036]);
     for pair in 0..26 {
         if pair > 0 {
             let moves = [close(&[1036 + pair]), open(&[1035 + pair])];
             switch.move_relays(&moves).await.unwrap();
-            assert_eq!(shared.heard(), [""; 0]);
+            assert_eq!(shared.received(), [""; 0]);
         }
         let readings = meter.scan().await.unwrap();
         let expected: Vec<Reading> = (1..=26)
@@ -52,7 +52,7 @@ async fn pair_wiring_costs_26_reading_messages_of_one_segment_each() {
                 1035 + pair
             ),
         };
-        assert_eq!(shared.heard(), [said]);
+        assert_eq!(shared.received(), [said]);
     }
     let (driven, all) = (relays(1060..=1061), relays(1036..=1061));
     assert_eq!(
@@ -61,7 +61,7 @@ async fn pair_wiring_costs_26_reading_messages_of_one_segment_each() {
     );
     switch.open_verified(&all).await.unwrap();
     assert_eq!(
-        shared.heard(),
+        shared.received(),
         [
             "ROUT:CLOS? (@1060,1061);:ROUT:OPEN (@1036:1061);:ROUT:CLOS? (@1036:1061);:SYST:ERR?",
             "ROUT:OPEN (@1036:1061);:ROUT:CLOS? (@1036:1061);:SYST:ERR?"
@@ -71,7 +71,7 @@ async fn pair_wiring_costs_26_reading_messages_of_one_segment_each() {
 
     // The next frame with the same settings only reads back; nothing is reset.
     meter.prepare(METER, &scan).await.unwrap();
-    assert_eq!(shared.heard(), [read_back.as_str()]);
+    assert_eq!(shared.received(), [read_back.as_str()]);
 }
 
 #[tokio::test(start_paused = true)]
@@ -81,14 +81,14 @@ async fn matrix_wiring_reads_the_bare_voltmeter_behind_the_bus_relay() {
     meter.prepare(METER, &[]).await.unwrap();
     assert!(
         shared
-            .heard()
+            .received()
             .iter()
             .any(|said| said.starts_with("CONF:VOLT:DC 100,(@)"))
     );
     switch.move_relays(&[close(&[1921])]).await.unwrap();
     switch.move_relays(&[close(&[1201])]).await.unwrap();
     switch.move_relays(&[close(&[1103])]).await.unwrap();
-    shared.heard();
+    shared.received();
     assert_eq!(meter.read().await.unwrap(), Reading::Ok(Volts(1.103)));
     switch
         .move_relays(&[open(&[1103]), close(&[1501])])
@@ -96,7 +96,7 @@ async fn matrix_wiring_reads_the_bare_voltmeter_behind_the_bus_relay() {
         .unwrap();
     assert_eq!(meter.read().await.unwrap(), Reading::Ok(Volts(1.501)));
     assert_eq!(
-        shared.heard(),
+        shared.received(),
         [
             "READ?;:SYST:ERR?",
             "ROUT:OPEN (@1103);:ROUT:CLOS (@1501);:READ?;:SYST:ERR?"
@@ -118,7 +118,7 @@ async fn readings_come_in_the_order_asked_for_though_the_instrument_scans_ascend
     assert_eq!(meter.scan().await.unwrap(), expected);
     assert!(
         shared
-            .heard()
+            .received()
             .iter()
             .any(|said| said.contains("(@1001,1003,1005)"))
     );

@@ -17,11 +17,11 @@ use survey::{Reading, Relay, Volts, Wiring};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::time::Instant;
 
-/// A mainframe, its sheet, and what it has heard.
+/// A mainframe, its sheet, and what it has received.
 struct Bench {
     unit: Simulator34980a,
     sheet: Sheet,
-    heard: Vec<String>,
+    received: Vec<String>,
     /// What is answered to a message with this end, or to a question among others, instead of the truth. An empty text
     /// stands for silence.
     lies: Vec<(&'static str, &'static str)>,
@@ -48,7 +48,7 @@ impl Shared {
         Self(Arc::new(Mutex::new(Bench {
             unit,
             sheet: Sheet::default(),
-            heard: Vec::new(),
+            received: Vec::new(),
             lies: Vec::new(),
         })))
     }
@@ -61,15 +61,17 @@ impl Shared {
         self.0.lock().unwrap().lies.clear();
     }
 
-    /// What was heard since the last time.
-    fn heard(&self) -> Vec<String> {
-        std::mem::take(&mut self.0.lock().unwrap().heard)
+    /// What was received since the last time.
+    fn received(&self) -> Vec<String> {
+        std::mem::take(&mut self.0.lock().unwrap().received)
     }
 
     /// Does something to the mainframe behind the driver's back.
     fn say(&self, message: &str) {
         let bench = &mut *self.0.lock().unwrap();
-        bench.unit.hear(message, Duration::ZERO, &mut bench.sheet);
+        bench
+            .unit
+            .receive(message, Duration::ZERO, &mut bench.sheet);
     }
 
     fn closed(&self) -> Vec<u32> {
@@ -90,8 +92,8 @@ impl Shared {
                     let line = String::from_utf8(line.unwrap()).unwrap();
                     let (text, busy) = {
                         let bench = &mut *shared.0.lock().unwrap();
-                        bench.heard.push(line.clone());
-                        let answer = bench.unit.hear(&line, start.elapsed(), &mut bench.sheet);
+                        bench.received.push(line.clone());
+                        let answer = bench.unit.receive(&line, start.elapsed(), &mut bench.sheet);
                         let lie = bench.lies.iter().find(|(end, _)| line.ends_with(end));
                         match lie {
                             Some((_, "")) => (None, answer.busy),
@@ -137,6 +139,6 @@ fn open(numbers: &[u32]) -> Move {
 async fn connected(modules: &[&str]) -> (Shared, Keysight34980a<DuplexStream>) {
     let shared = Shared::of(mainframe(modules));
     let unit = Keysight34980a::connect(shared.plug()).await.unwrap();
-    shared.heard();
+    shared.received();
     (shared, unit)
 }

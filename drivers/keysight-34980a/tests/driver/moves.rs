@@ -9,14 +9,14 @@ async fn relays_left_closed_are_found_so_and_opened_in_one_message() {
     let mut unit = Keysight34980a::connect(shared.plug()).await.unwrap();
     let asked = relays([1036, 1037, 1040]);
     assert_eq!(unit.closed(&asked).await.unwrap(), [true, false, true]);
-    shared.heard();
+    shared.received();
     // A move that is held back when things go wrong closes nothing on the way to safety.
     unit.move_relays(&[close(&[1037]), open(&[1036])])
         .await
         .unwrap();
     unit.open_verified(&asked).await.unwrap();
     assert_eq!(
-        shared.heard()[0],
+        shared.received()[0],
         "ROUT:OPEN (@1036);:ROUT:OPEN (@1036,1037,1040);:ROUT:CLOS? (@1036,1037,1040);:SYST:ERR?"
     );
     assert!(shared.closed().is_empty());
@@ -51,11 +51,11 @@ async fn a_refused_move_fails_its_own_message_and_is_named() {
         "{told}"
     );
     // The queue is empty again, and the next preparation sets everything anew.
-    shared.heard();
+    shared.received();
     switch.open_verified(&relays([1030, 1036])).await.unwrap();
-    assert_eq!(shared.heard().len(), 1);
+    assert_eq!(shared.received().len(), 1);
     meter.prepare(METER, &relays(1001..=1026)).await.unwrap();
-    assert!(shared.heard()[0].starts_with("CONF:VOLT:DC 100"));
+    assert!(shared.received()[0].starts_with("CONF:VOLT:DC 100"));
     meter.scan().await.unwrap();
 }
 
@@ -162,5 +162,5 @@ async fn a_wiring_is_checked_against_the_modules_before_anything_moves() {
             .await
             .is_err()
     );
-    assert_eq!(shared.heard(), [""; 0]);
+    assert_eq!(shared.received(), [""; 0]);
 }

@@ -8,7 +8,7 @@ async fn each_channel_is_scanned_on_its_own_range_set_in_the_same_message_where_
     let mut meter = switch.clone();
     meter.prepare(METER, &relays(1001..=1004)).await.unwrap();
     switch.move_relays(&[close(&[1036])]).await.unwrap();
-    shared.heard();
+    shared.received();
     let on = |ranges: [f64; 4]| -> Vec<Sample> {
         (1001..)
             .zip(ranges)
@@ -24,17 +24,22 @@ async fn each_channel_is_scanned_on_its_own_range_set_in_the_same_message_where_
     assert_eq!(readings[1], Reading::Overload);
     assert!(readings[0].is_ok() && readings[2].is_ok() && readings[3].is_ok());
     assert_eq!(
-        shared.heard(),
+        shared.received(),
         ["VOLT:DC:RANG 10,(@1001,1003);:VOLT:DC:RANG 0.1,(@1002);:READ?;:SYST:ERR?"]
     );
     meter.scan_on(&on([10.0, 10.0, 10.0, 100.0])).await.unwrap();
     assert_eq!(
-        shared.heard(),
+        shared.received(),
         ["VOLT:DC:RANG 10,(@1002);:READ?;:SYST:ERR?"]
     );
     // The next frame finds them as they were left, and says so to nobody.
     meter.prepare(METER, &relays(1001..=1004)).await.unwrap();
-    assert!(shared.heard().iter().all(|said| !said.contains("RANG 1")));
+    assert!(
+        shared
+            .received()
+            .iter()
+            .all(|said| !said.contains("RANG 1"))
+    );
     assert!(matches!(
         meter.scan_on(&on([10.0, 2.0, 10.0, 100.0])).await,
         Err(RigError::VoltageOutOfRange { .. })
@@ -51,7 +56,7 @@ async fn a_wait_is_the_delay_of_its_channel_set_in_the_same_message_where_it_cha
     };
     meter.prepare(patient, &relays(1001..=1003)).await.unwrap();
     switch.move_relays(&[close(&[1036])]).await.unwrap();
-    shared.heard();
+    shared.received();
     let on = |waits: [u64; 3]| -> Vec<Sample> {
         (1001..)
             .zip(waits)
@@ -63,11 +68,11 @@ async fn a_wait_is_the_delay_of_its_channel_set_in_the_same_message_where_it_cha
             .collect()
     };
     meter.scan_on(&on([0, 0, 0])).await.unwrap();
-    assert_eq!(shared.heard(), ["READ?;:SYST:ERR?"]);
+    assert_eq!(shared.received(), ["READ?;:SYST:ERR?"]);
     let begun = Instant::now();
     meter.scan_on(&on([0, 0, 0])).await.unwrap();
     let without = begun.elapsed();
-    shared.heard();
+    shared.received();
     // rounded up to whole milliseconds
     let begun = Instant::now();
     meter.scan_on(&on([1500, 0, 0])).await.unwrap();
@@ -75,7 +80,7 @@ async fn a_wait_is_the_delay_of_its_channel_set_in_the_same_message_where_it_cha
     meter.scan_on(&on([1500, 0, 0])).await.unwrap();
     meter.scan_on(&on([0, 4000, 0])).await.unwrap();
     assert_eq!(
-        shared.heard(),
+        shared.received(),
         [
             "ROUT:CHAN:DEL 0.003,(@1001);:READ?;:SYST:ERR?",
             "READ?;:SYST:ERR?",
@@ -84,7 +89,7 @@ async fn a_wait_is_the_delay_of_its_channel_set_in_the_same_message_where_it_cha
     );
     // read back as set
     meter.prepare(patient, &relays(1001..=1003)).await.unwrap();
-    assert_eq!(shared.heard().len(), 1);
+    assert_eq!(shared.received().len(), 1);
     // far longer than any other answer may take
     meter.scan_on(&on([30_000_000, 0, 0])).await.unwrap();
     assert!(matches!(
@@ -99,7 +104,7 @@ async fn a_shorter_scan_has_its_list_in_the_same_message_and_a_stranger_is_refus
     let mut meter = switch.clone();
     meter.prepare(METER, &relays(1001..=1006)).await.unwrap();
     switch.move_relays(&[close(&[1036])]).await.unwrap();
-    shared.heard();
+    shared.received();
     let of = |numbers: &[u32]| -> Vec<Sample> {
         let sample = |relay| Sample {
             relay,
@@ -113,9 +118,12 @@ async fn a_shorter_scan_has_its_list_in_the_same_message_and_a_stranger_is_refus
     };
     let short = meter.scan_on(&of(&[1005, 1002])).await.unwrap();
     assert_eq!(short, [1.005, 1.002].map(|volts| Reading::Ok(Volts(volts))));
-    assert_eq!(shared.heard(), ["ROUT:SCAN (@1002,1005);:READ?;:SYST:ERR?"]);
+    assert_eq!(
+        shared.received(),
+        ["ROUT:SCAN (@1002,1005);:READ?;:SYST:ERR?"]
+    );
     assert_eq!(meter.scan_on(&of(&[1005, 1002])).await.unwrap(), short);
-    assert_eq!(shared.heard(), ["READ?;:SYST:ERR?"]);
+    assert_eq!(shared.received(), ["READ?;:SYST:ERR?"]);
     assert!(matches!(
         meter.scan_on(&of(&[1007])).await,
         Err(RigError::Unable { .. })
@@ -134,7 +142,7 @@ async fn averages_are_sweeps_of_one_message_and_one_overload_voids_its_mean() {
         ..METER
     };
     meter.prepare(thrice, &relays(1001..=1002)).await.unwrap();
-    let preparation = shared.heard();
+    let preparation = shared.received();
     for setting in [
         "TRIG:COUN 3;:SYST:ERR?",
         "ROUT:CHAN:DEL 0.004,(@1001,1002);:SYST:ERR?",
@@ -163,7 +171,7 @@ async fn a_chain_of_routes_is_one_message_with_an_answer_each() {
     meter.prepare(METER, &[]).await.unwrap();
     switch.move_relays(&[close(&[1921])]).await.unwrap();
     switch.move_relays(&[close(&[1201])]).await.unwrap();
-    shared.heard();
+    shared.received();
     let hop = |moves: Vec<Move>, range: f64| Hop {
         moves,
         range: Volts(range),
@@ -182,7 +190,7 @@ async fn a_chain_of_routes_is_one_message_with_an_answer_each() {
         ]
     );
     assert_eq!(
-        shared.heard(),
+        shared.received(),
         ["ROUT:CLOS (@1103);:VOLT:DC:RANG 10,(@);:READ?;\
           :ROUT:OPEN (@1103);:ROUT:CLOS (@1501);:READ?;\
           :ROUT:OPEN (@1501);:ROUT:CLOS (@1104);:VOLT:DC:RANG 0.1,(@);:READ?;:SYST:ERR?"]

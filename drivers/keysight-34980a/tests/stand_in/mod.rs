@@ -66,5 +66,5 @@ pub fn mainframe(modules: &[&str]) -> Simulator34980a {
 
 /// Says one message at time 0 and gives the answer.
 pub fn say(unit: &mut Simulator34980a, sheet: &mut Sheet, message: &str) -> Option<String> {
-    unit.hear(message, Duration::ZERO, sheet).text
+    unit.receive(message, Duration::ZERO, sheet).text
 }

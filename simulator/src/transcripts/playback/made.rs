@@ -7,8 +7,8 @@ use rig::transcript::{Entry, Said};
 use scpi::parse_message;
 
 use crate::Instrument;
-use crate::isolated::Making;
-use crate::transcripts::golden::{Expected, Golden, Line, Step};
+use crate::isolated::InstrumentSetup;
+use crate::transcripts::golden::{Expected, Golden, GoldenLine, Step};
 use crate::transcripts::playback::ReplayError;
 
 /// Makes a golden of what a transcript has of one instrument. Readings, times, counts and serial numbers are kept in
@@ -19,10 +19,10 @@ use crate::transcripts::playback::ReplayError;
 pub fn golden_of(
     place: &str,
     entries: &[(usize, Entry)],
-    making: &Making,
+    setup: &InstrumentSetup,
     cites: Vec<String>,
 ) -> Result<Golden, ReplayError> {
-    let instrument = making.instrument;
+    let instrument = setup.instrument;
     let of_it = entries
         .iter()
         .filter(|(_, entry)| Instrument::named(&entry.model()) == Some(instrument));
@@ -67,26 +67,26 @@ pub fn golden_of(
             instrument,
         });
     }
-    let lines = steps.into_iter().map(|step| Line { number: 0, step });
+    let lines = steps.into_iter().map(|step| GoldenLine { number: 0, step });
     Ok(Golden {
-        making: told_making(entries, instrument, making),
+        setup: setup_of_transcript(entries, instrument, setup),
         cites,
         lines: lines.collect(),
     })
 }
 
 /// What an instrument is made of, completed by what it tells of itself in the transcript.
-pub(super) fn told_making(
+pub(super) fn setup_of_transcript(
     entries: &[(usize, Entry)],
     instrument: Instrument,
-    making: &Making,
-) -> Making {
-    let mut told = Making {
+    setup: &InstrumentSetup,
+) -> InstrumentSetup {
+    let mut setup = InstrumentSetup {
         instrument,
-        ..making.clone()
+        ..setup.clone()
     };
     if instrument != Instrument::Mainframe {
-        return told;
+        return setup;
     }
     let of_it = entries
         .iter()
@@ -98,13 +98,13 @@ pub(super) fn told_making(
             Said::Received(text) => match asked.take() {
                 Some(keysight_34980a::Command::Common(scpi::Common::Identify)) => {
                     let vendor = text.split(',').next().map(str::to_owned);
-                    told.vendor = told.vendor.or(vendor);
+                    setup.vendor = setup.vendor.or(vendor);
                 }
                 Some(keysight_34980a::Command::System(keysight_34980a::System::CardType(slot))) => {
                     let model = text.trim_matches('"').split(',').nth(1).unwrap_or_default();
                     // A 34934A appends its layout.
                     let module = model.replacen('-', ",", 1).parse().ok();
-                    if let Some(place) = told.slots.get_mut(slot as usize - 1) {
+                    if let Some(place) = setup.slots.get_mut(slot as usize - 1) {
                         *place = place.or(module);
                     }
                 }
@@ -113,7 +113,7 @@ pub(super) fn told_making(
             Said::Note(_) => {}
         }
     }
-    told
+    setup
 }
 
 /// Whether the reply to a message depends on what cannot be the same twice: the specimen, the clock, the unit's age.

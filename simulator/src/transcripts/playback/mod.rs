@@ -7,10 +7,10 @@ use std::time::Duration;
 
 use rig::transcript::{Entry, Said};
 
-use crate::isolated::{Making, Stand};
+use crate::isolated::{InstrumentSetup, IsolatedInstrument};
 use crate::transcripts::golden::Expected;
 pub use crate::transcripts::playback::made::golden_of;
-use crate::transcripts::playback::made::{told_making, varies};
+use crate::transcripts::playback::made::{setup_of_transcript, varies};
 use crate::{Instrument, SimulatedRig};
 
 /// Why a transcript cannot be played, or where the simulators answer otherwise.
@@ -28,8 +28,8 @@ pub enum ReplayError {
         /// Its name.
         instrument: String,
     },
-    /// Nothing was said to the instrument.
-    #[error("{place}: nothing is said to a {instrument}")]
+    /// The transcript has no message to the instrument.
+    #[error("{place}: no message is sent to a {instrument}")]
     Nothing {
         /// The file.
         place: String,
@@ -50,7 +50,7 @@ pub enum ReplayError {
     },
     /// The first difference.
     #[error(
-        "{place}:{line}: to '{said}' the {instrument} answered {recorded}, the simulator answers {simulated}"
+        "{place}:{line}: to '{message}' the {instrument} answered {recorded}, the simulator answers {simulated}"
     )]
     Differs {
         /// The file.
@@ -60,7 +60,7 @@ pub enum ReplayError {
         /// Which.
         instrument: Instrument,
         /// The message.
-        said: String,
+        message: String,
         /// What the recording has.
         recorded: String,
         /// What the simulator answers.
@@ -79,7 +79,7 @@ pub struct Played {
 
 /// How closely replies are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Closeness {
+pub enum Comparison {
     /// To the byte.
     Exact,
     /// Readings, times, counts and serial numbers in their shape, everything else to the byte.
@@ -88,14 +88,14 @@ pub enum Closeness {
 
 /// What a transcript is played to.
 #[derive(Debug, Clone)]
-pub enum Against {
+pub enum ReplayTarget {
     /// Each instrument on its own, as recorded: mainframes hold the modules that the transcript tells of. The source
     /// drives so many ohms, the voltmeter sees so many volts.
     Alone {
         /// What the mainframe holds, where the transcript does not tell.
-        making: Making,
+        setup: InstrumentSetup,
     },
-    /// The instruments of one bench. Its pace should be instant: times are those of the transcript.
+    /// The instruments of one simulated rig. Its pace should be instant: times are those of the transcript.
     Together(SimulatedRig),
 }
 
@@ -103,7 +103,7 @@ pub enum Against {
 #[derive(Debug)]
 struct Sent {
     line: usize,
-    said: String,
+    message: String,
     reply: Option<String>,
 }
 
@@ -111,7 +111,7 @@ struct Sent {
 struct Wire {
     name: String,
     instrument: Instrument,
-    stand: Option<Stand>,
+    isolated: Option<IsolatedInstrument>,
     free_at: Duration,
     under_way: VecDeque<Sent>,
 }
@@ -123,8 +123,8 @@ struct Wire {
 pub fn replay(
     place: &str,
     entries: &[(usize, Entry)],
-    against: &Against,
-    closeness: Closeness,
+    target: &ReplayTarget,
+    comparison: Comparison,
 ) -> Result<Played, ReplayError> {
     let mut played = Played::default();
     let mut wires: Vec<Wire> = Vec::new();
@@ -133,7 +133,7 @@ pub fn replay(
         let index = match known {
             Some(index) => index,
             None => {
-                wires.push(Wire::new(place, *line, entry, entries, against)?);
+                wires.push(Wire::new(place, *line, entry, entries, target)?);
                 wires.len() - 1
             }
         };
@@ -141,16 +141,16 @@ pub fn replay(
         match &entry.said {
             Said::Sent(message) => {
                 played.messages += 1;
-                let reply = wire.hear(message, entry.t_s, against);
+                let reply = wire.receive(message, entry.t_s, target);
                 wire.under_way.push_back(Sent {
                     line: *line,
-                    said: message.clone(),
+                    message: message.clone(),
                     reply,
                 });
             }
             Said::Received(text) => {
                 played.replies += 1;
-                wire.compare(place, *line, text, closeness)?;
+                wire.compare(place, *line, text, comparison)?;
             }
             Said::Note(_) => {}
         }
@@ -169,7 +169,7 @@ impl Wire {
         line: usize,
         entry: &Entry,
         entries: &[(usize, Entry)],
-        against: &Against,
+        target: &ReplayTarget,
     ) -> Result<Self, ReplayError> {
         let instrument = Instrument::named(&entry.model());
         let instrument = instrument.ok_or_else(|| ReplayError::Stranger {
@@ -177,36 +177,36 @@ impl Wire {
             line,
             instrument: entry.instrument.clone(),
         })?;
-        let stand = match against {
-            Against::Alone { making } => {
-                let told = told_making(entries, instrument, making);
-                Some(Stand::new(&told))
+        let isolated = match target {
+            ReplayTarget::Alone { setup } => {
+                let setup = setup_of_transcript(entries, instrument, setup);
+                Some(IsolatedInstrument::new(&setup))
             }
-            Against::Together(_) => None,
+            ReplayTarget::Together(_) => None,
         };
         Ok(Self {
             name: entry.instrument.clone(),
             instrument,
-            stand,
+            isolated,
             free_at: Duration::ZERO,
             under_way: VecDeque::new(),
         })
     }
 
-    fn hear(&mut self, message: &str, t_s: f64, against: &Against) -> Option<String> {
+    fn receive(&mut self, message: &str, t_s: f64, target: &ReplayTarget) -> Option<String> {
         let at = Duration::try_from_secs_f64(t_s).unwrap_or_default();
-        match (&mut self.stand, against) {
-            (Some(stand), _) => {
+        match (&mut self.isolated, target) {
+            (Some(isolated), _) => {
                 let at = at.max(self.free_at);
-                let (reply, busy) = stand.hear(message, at);
+                let (reply, busy) = isolated.receive(message, at);
                 self.free_at = at.saturating_add(busy);
                 reply
             }
-            (None, Against::Together(rig)) => {
+            (None, ReplayTarget::Together(rig)) => {
                 rig.advance(at.saturating_sub(rig.now()));
-                rig.hear(self.instrument, message).0
+                rig.receive(self.instrument, message).0
             }
-            (None, Against::Alone { .. }) => None,
+            (None, ReplayTarget::Alone { .. }) => None,
         }
     }
 
@@ -217,7 +217,7 @@ impl Wire {
         place: &str,
         line: usize,
         text: &str,
-        closeness: Closeness,
+        comparison: Comparison,
     ) -> Result<(), ReplayError> {
         let unasked = || ReplayError::Unasked {
             place: place.to_owned(),
@@ -226,15 +226,15 @@ impl Wire {
         };
         // Commands before the question have no reply on either side.
         let answered = self.under_way.iter().position(|sent| sent.reply.is_some());
-        let asks = |sent: &Sent| sent.said.contains('?');
+        let asks = |sent: &Sent| sent.message.contains('?');
         let index = answered
             .or_else(|| self.under_way.iter().rposition(asks))
             .or(self.under_way.len().checked_sub(1))
             .ok_or_else(unasked)?;
         self.under_way.drain(..index);
         let sent = self.under_way.pop_front().ok_or_else(unasked)?;
-        let expected = match closeness {
-            Closeness::Shapes if varies(self.instrument, &sent.said) => {
+        let expected = match comparison {
+            Comparison::Shapes if varies(self.instrument, &sent.message) => {
                 Expected::Shape(text.to_owned())
             }
             _ => Expected::Text(text.to_owned()),
@@ -262,7 +262,7 @@ impl Wire {
             place: place.to_owned(),
             line,
             instrument: self.instrument,
-            said: sent.said.clone(),
+            message: sent.message.clone(),
             recorded,
             simulated: simulated.map_or_else(|| "nothing".to_owned(), |text| format!("'{text}'")),
         }

@@ -11,7 +11,7 @@ use tokio::net::TcpListener;
 use tokio::task::JoinSet;
 use tokio::time::Instant;
 
-use crate::transport::client::Guest;
+use crate::transport::client::ClientSession;
 use crate::transport::vxi11::link::{Fault, Link, ReadRequest, within};
 use crate::transport::vxi11::port::Port;
 use crate::transport::vxi11::rpc::{Call, Garbage, Reader, Reply, Writer, marked, read_record};
@@ -25,7 +25,7 @@ const VERSION: u32 = 1;
 const LARGEST_WRITE: usize = 16 * 1024;
 /// Most data in one answer to device_read, bytes.
 const LARGEST_READ: usize = 1024 * 1024;
-/// Longest record: clients in use write a long message at once, whatever they were told.
+/// Longest record: clients in use write a long message at once, whatever limit they were given.
 const LARGEST_RECORD: usize = 256 * 1024;
 /// Most links of a connection.
 const LINKS: usize = 16;
@@ -212,13 +212,13 @@ impl Links {
                     .bytes()
             }
             13 => {
-                let asked = self.generic(arguments).await?;
-                let byte = match &asked {
+                let request = self.generic(arguments).await?;
+                let byte = match &request {
                     Ok((link, _)) => self.status_byte(*link).await,
                     Err(_) => 0,
                 };
                 Writer::default()
-                    .word(status(asked.map(|_| ())))
+                    .word(status(request.map(|_| ())))
                     .word(byte)
                     .bytes()
             }
@@ -230,13 +230,13 @@ impl Links {
                 code(done)
             }
             15 => {
-                let asked = self.generic(arguments).await?;
-                if let Ok((link, _)) = asked
+                let request = self.generic(arguments).await?;
+                if let Ok((link, _)) = request
                     && let Some(link) = self.links.get_mut(&link)
                 {
                     link.clear().await;
                 }
-                code(asked.map(|_| ()))
+                code(request.map(|_| ()))
             }
             // There is no front panel to lock.
             16 | 17 => code(self.generic(arguments).await?.map(|_| ())),
@@ -305,7 +305,7 @@ impl Links {
         let number = made.unwrap_or(0);
         if made.is_ok() {
             let address = format!("VXI11 {}", self.address);
-            let link = Link::new(Guest::enter(
+            let link = Link::new(ClientSession::enter(
                 &self.port.rig,
                 Instrument::Mainframe,
                 &address,
@@ -373,7 +373,7 @@ impl Links {
         let Some(link) = self.links.get(&link) else {
             return 0;
         };
-        let byte = u32::from(link.guest().status_byte().await);
+        let byte = u32::from(link.client().status_byte().await);
         match link.has_reply() {
             true => byte | MESSAGE_AVAILABLE,
             false => byte & !MESSAGE_AVAILABLE,

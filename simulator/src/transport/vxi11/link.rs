@@ -8,9 +8,9 @@ use tokio::sync::{Notify, mpsc};
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, timeout_at};
 
-use crate::transport::client::{Delivery, Guest, LONGEST_MESSAGE};
+use crate::transport::client::{ClientSession, Delivery, LONGEST_MESSAGE};
 
-/// Messages that wait to be heard; a writer then waits too.
+/// Messages that wait to be received; a writer then waits too.
 const WAITING: usize = 16;
 /// Why a read ended (VXI-11, B.6.5).
 const BY_COUNT: u32 = 1;
@@ -44,9 +44,9 @@ pub(super) struct ReadRequest {
 struct Queue {
     reply: Vec<u8>,
     given: usize,
-    /// Messages taken in and not heard to their end.
+    /// Messages taken in and not carried out yet.
     pending: usize,
-    /// Counts device clears: what was heard before the last one is not answered.
+    /// Counts device clears: what was received before the last one is not answered.
     cleared: u64,
     lost: bool,
 }
@@ -62,7 +62,7 @@ impl Queue {
     }
 }
 
-/// What a link's listener hears, in the order in which it came (IEEE 488.2, 6.1.4): a trigger waits for the messages
+/// What a link's listener receives, in the order in which it came (IEEE 488.2, 6.1.4): a trigger waits for the messages
 /// before it.
 #[derive(Debug)]
 enum Input {
@@ -97,7 +97,7 @@ impl Aborter {
 
 #[derive(Debug)]
 pub(super) struct Link {
-    guest: Arc<Guest>,
+    client: Arc<ClientSession>,
     framer: scpi::Framer,
     inputs: mpsc::Sender<(Input, u64)>,
     shared: Arc<Shared>,
@@ -105,13 +105,13 @@ pub(super) struct Link {
 }
 
 impl Link {
-    pub(super) fn new(guest: Guest) -> Self {
-        let guest = Arc::new(guest);
+    pub(super) fn new(client: ClientSession) -> Self {
+        let client = Arc::new(client);
         let shared = Arc::new(Shared::default());
         let (inputs, waiting) = mpsc::channel(WAITING);
-        let listener = tokio::spawn(listen(guest.clone(), shared.clone(), waiting));
+        let listener = tokio::spawn(listen(client.clone(), shared.clone(), waiting));
         Self {
-            guest,
+            client,
             framer: scpi::Framer::new(LONGEST_MESSAGE),
             inputs,
             shared,
@@ -123,8 +123,8 @@ impl Link {
         Aborter(self.shared.clone())
     }
 
-    pub(super) fn guest(&self) -> &Guest {
-        &self.guest
+    pub(super) fn client(&self) -> &ClientSession {
+        &self.client
     }
 
     /// Takes bytes in; `end` ends a message as a line feed does.
@@ -134,7 +134,7 @@ impl Link {
         end: bool,
         deadline: Instant,
     ) -> Result<(), Fault> {
-        if self.guest.is_silent() {
+        if self.client.is_silent() {
             return self.wait_out(deadline).await;
         }
         self.framer.push(data);
@@ -143,7 +143,7 @@ impl Link {
         }
         while let Some(message) = self.framer.next() {
             let Ok(message) = message else {
-                self.guest.refuse(ParseError::InputOverrun);
+                self.client.refuse(ParseError::InputOverrun);
                 continue;
             };
             if let Err(fault) = self.take_in(Input::Message(message), deadline).await {
@@ -179,7 +179,7 @@ impl Link {
 
     /// Gives the next bytes of the reply and why there are no more of them.
     pub(super) async fn read(&self, request: ReadRequest) -> Result<(u32, Vec<u8>), Fault> {
-        if self.guest.is_silent() {
+        if self.client.is_silent() {
             self.wait_out(request.deadline).await?;
         }
         let mut waited = false;
@@ -196,7 +196,7 @@ impl Link {
                 if waited {
                     if queue.pending == 0 {
                         drop(queue);
-                        self.guest.refuse(ParseError::QueryUnterminated);
+                        self.client.refuse(ParseError::QueryUnterminated);
                     }
                     return Err(Fault::TimedOut);
                 }
@@ -223,7 +223,7 @@ impl Link {
             queue.empty();
         }
         self.shared.interrupted.notify_waiters();
-        self.guest.clear().await;
+        self.client.clear().await;
     }
 
     async fn wait_out(&self, deadline: Instant) -> Result<(), Fault> {
@@ -267,7 +267,11 @@ fn take(queue: &mut Queue, request: ReadRequest) -> (u32, Vec<u8>) {
 }
 
 /// Hears a link's messages and triggers one after the other.
-async fn listen(guest: Arc<Guest>, shared: Arc<Shared>, mut inputs: mpsc::Receiver<(Input, u64)>) {
+async fn listen(
+    client: Arc<ClientSession>,
+    shared: Arc<Shared>,
+    mut inputs: mpsc::Receiver<(Input, u64)>,
+) {
     while let Some((input, cleared)) = inputs.recv().await {
         // Listening before the look at the count: a clear in between is not missed.
         let clear = shared.interrupted.notified();
@@ -289,18 +293,18 @@ async fn listen(guest: Arc<Guest>, shared: Arc<Shared>, mut inputs: mpsc::Receiv
             }
         };
         if interrupted {
-            guest.refuse(ParseError::QueryInterrupted);
+            client.refuse(ParseError::QueryInterrupted);
         }
-        // What has been begun is heard to its end, so that a clear comes before it or behind it.
-        let delivery = match guest.begin(message).await {
+        // A message that has begun is carried out to its end, so that a clear comes before it or behind it.
+        let delivery = match client.begin(message).await {
             Err(fault) => Err(fault),
-            Ok(heard) => tokio::select! {
+            Ok(received) => tokio::select! {
                 biased;
                 () = clear => {
-                    guest.clear().await;
+                    client.clear().await;
                     Ok(Delivery::default())
                 }
-                delivery = guest.finish(heard) => Ok(delivery),
+                delivery = client.finish(received) => Ok(delivery),
             },
         };
         let mut queue = shared.queue();

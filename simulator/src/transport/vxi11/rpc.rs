@@ -29,8 +29,8 @@ where
         };
         let length = (mark & !LAST_FRAGMENT) as usize;
         if record.len() + length > most {
-            let told = format!("an RPC record of more than {most} bytes");
-            return Err(io::Error::new(io::ErrorKind::InvalidData, told));
+            let reason = format!("an RPC record of more than {most} bytes");
+            return Err(io::Error::new(io::ErrorKind::InvalidData, reason));
         }
         let start = record.len();
         record.resize(start + length, 0);

@@ -13,7 +13,7 @@ use crate::simulator::errors::Trouble;
 use crate::simulator::relays::Moves;
 use crate::simulator::{Session, Simulator34980a, Wires};
 
-/// What a command is heard in.
+/// The parts of a received command.
 pub(crate) struct Turn<'a> {
     pub(super) session: Session,
     pub(super) now: Duration,

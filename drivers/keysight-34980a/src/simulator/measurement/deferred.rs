@@ -1,6 +1,6 @@
 //! Replies of a READ? that are written when its readings have been taken, each at its own instant.
 //!
-//! [`Simulator34980a::hear_from`] knows the answer at once, with readings ahead of their time: what else moves on the bench
+//! [`Simulator34980a::receive_from`] knows the answer at once, with readings ahead of their time: what else moves on the bench
 //! meanwhile is not in them. A server that keeps time lets a message begin, waits, and fetches the answer.
 
 use std::time::Duration;
@@ -19,7 +19,7 @@ pub(crate) struct Deferred {
 }
 
 impl Simulator34980a {
-    /// As [`Simulator34980a::hear_from`], but a message that ends by READ? or MEAS? has its readings taken at their own
+    /// As [`Simulator34980a::receive_from`], but a message that ends by READ? or MEAS? has its readings taken at their own
     /// instants. Then the second value is true: the text is not known yet, and [`Simulator34980a::fetch`] gives it when
     /// the response's time is over.
     pub fn begin_from(
@@ -32,7 +32,7 @@ impl Simulator34980a {
         // Who asks anew wants no older answer.
         self.forget_deferred(session);
         self.deferring = self.deferred.is_none();
-        let mut response = self.hear_from(session, line, at, wires);
+        let mut response = self.receive_from(session, line, at, wires);
         self.deferring = false;
         match &mut self.deferred {
             Some(deferred) if deferred.session == session && deferred.before.is_none() => {

@@ -324,10 +324,10 @@ impl Own {
                 };
                 let [lowest, highest] = FREQUENCIES;
                 let signal = wires.alternating(at, volts(range));
-                let heard = signal.rms.0 >= LEAST_SIGNAL * range
+                let received = signal.rms.0 >= LEAST_SIGNAL * range
                     && (lowest..=highest).contains(&signal.hertz);
                 match self.function {
-                    _ if !heard => 0.0,
+                    _ if !received => 0.0,
                     Function::Period => 1.0 / signal.hertz,
                     _ => signal.hertz,
                 }
