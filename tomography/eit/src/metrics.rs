@@ -141,14 +141,14 @@ impl Image {
     /// [`MeritError::Nothing`].
     ///
     /// ```
-    /// use eit::merit::Image;
+    /// use eit::metrics::Image;
     /// let rows = [vec![0.0, 0.0, 0.0], vec![0.0, 4.0, 1.0], vec![0.0, -1.0, 0.0]];
     /// let merit = Image::new(&rows)?.greit([0.0, 1.0])?;
     /// assert_eq!(merit.amplitude, 4.0);
     /// assert_eq!(merit.centroid, [0.0, 0.5]); // two pixels are at or above 1
     /// assert_eq!(merit.position_error, 0.5);
     /// assert_eq!(merit.ringing, 0.2);
-    /// # Ok::<(), eit::merit::MeritError>(())
+    /// # Ok::<(), eit::metrics::MeritError>(())
     /// ```
     pub fn greit(&self, target: [f64; 2]) -> Result<Greit, MeritError> {
         let inside = || {
