@@ -4,7 +4,7 @@
 
 mod bytes;
 mod sql;
-#[path = "../taken/mod.rs"]
+#[path = "../common/taken.rs"]
 mod taken;
 mod view;
 

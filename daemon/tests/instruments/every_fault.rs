@@ -1,0 +1,368 @@
+//! Every fault that the simulators know, over TCP and a serial line, in the middle of a session: the source is off and
+//! verified in time (or, where the source itself is gone, the relays are open and it is verified off on its return), the
+//! frame is marked, the session is suspended, and it goes on when the fault has passed.
+//!
+//! The times printed are the daemon's own, from the moment at which it noticed to the answer that the source is off;
+//! what is asserted of them is in `drivers/rig/tests/exits.rs`, on a clock that no other work on the machine disturbs.
+
+use crate::stage::{DEADLINE, Running, Stage, assert_whole};
+use dbus::{Options, Session1Proxy};
+use logbook::SessionReader;
+use simulator::{Fault, Instrument, Pace, Profile, Scene, ServeOptions, SimulatedRig};
+
+/// How long an instrument may take to answer; silent ones are found out by it.
+const ANSWER_MS: u64 = 1000;
+
+/// What becomes of a session.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Course {
+    /// A frame fails, the session is suspended and goes on, after the fault is mended where it does not pass.
+    Recovers(Option<&'static str>),
+    /// Frames come, their readings are marked; mended by this.
+    Marked(&'static str),
+    /// Nobody can see it by reading back: the frame comes as it is. See `ARCHITECTURE.md`.
+    Unseen(&'static str),
+}
+use Course::{Marked, Recovers, Unseen};
+
+/// Faults of a rig with the pair wiring, in the words of `tactus-sim fault`.
+const ON_TCP: &[(&str, Course)] = &[
+    ("drop 34980a", Recovers(None)),
+    ("wire 34980a cut", Recovers(Some("wire 34980a sound"))),
+    ("wire 34980a silent", Recovers(Some("wire 34980a sound"))),
+    ("lost 34980a 1", Recovers(None)),
+    ("late 34980a 1.5 1", Recovers(None)),
+    ("doubled 34980a 1", Recovers(None)),
+    ("half-line 34980a 1", Recovers(None)),
+    ("slow 34980a 1.5", Recovers(Some("slow 34980a 0"))),
+    ("reset 34980a", Recovers(None)),
+    ("queue-overflow 34980a", Recovers(None)),
+    ("slot 1 empty", Recovers(Some("slot 1 filled"))),
+    ("voltmeter missing", Recovers(Some("voltmeter present"))),
+    ("overload on", Marked("overload off")),
+    ("stuck-open 1040", Marked("free 1040")),
+    ("stuck-closed 1040", Unseen("free 1040")),
+    ("interlock open", Recovers(Some("interlock closed"))),
+    ("drop 6221", Recovers(None)),
+    ("wire 6221 cut", Recovers(Some("wire 6221 sound"))),
+    ("wire 6221 silent", Recovers(Some("wire 6221 sound"))),
+    ("lost 6221 1", Recovers(None)),
+    ("late 6221 1.5 1", Recovers(None)),
+    ("doubled 6221 1", Recovers(None)),
+    ("half-line 6221 1", Recovers(None)),
+    ("slow 6221 1.5", Recovers(Some("slow 6221 0"))),
+    ("reset 6221", Recovers(None)),
+    ("queue-overflow 6221", Recovers(None)),
+];
+
+/// Faults of a rig with the multiplexer board.
+const ON_SERIAL: &[(&str, Course)] = &[
+    ("lost board 1", Recovers(None)),
+    ("late board 1.5 1", Recovers(None)),
+    ("doubled board 1", Recovers(None)),
+    ("half-line board 1", Recovers(None)),
+    ("wire board silent", Recovers(Some("wire board sound"))),
+    ("slow board 1.5", Recovers(Some("slow board 0"))),
+    ("reset board", Recovers(None)),
+];
+
+/// The line itself goes: its far end is closed under a daemon that has it open, which hears a hang-up, and its name is
+/// gone until it is plugged in again.
+const UNPLUGGED: &[(&str, Course)] = &[("serial unplug", Recovers(Some("serial plug")))];
+
+/// A served rig and a daemon that measures on it.
+struct Play {
+    rig: SimulatedRig,
+    _server: simulator::Server,
+    _stage: Stage,
+    daemon: Running,
+    session: Session1Proxy<'static>,
+}
+
+impl Play {
+    async fn begin(board: bool) -> Self {
+        let scene = "[disc-tank]\nelectrodes = 16\n[effects.voltmeter-noise]\nuv = 2.0\n";
+        let scene = Scene::parse("scene", scene).expect("a scene");
+        let name = if board { "gpio-board" } else { "pairs-34924a" };
+        let mut profile = Profile::load(name)
+            .expect("it ships")
+            .at_pace(Pace::Instant);
+        // how long the 6221's place stays taken is another test's matter
+        profile.source.slot_hold_s = 0.0;
+        let rig = SimulatedRig::new(&profile, scene).expect("a rig");
+        let options = ServeOptions {
+            port_6221: 0,
+            port_34980a: 0,
+            ..ServeOptions::default()
+        };
+        let server = simulator::serve(rig.clone(), &options)
+            .await
+            .expect("ports are free");
+        let ready = server.ready();
+        let (wiring, switch) = match &ready.serial {
+            Some(path) if board => ("gpio-board", format!("serial:{path}")),
+            _ => ("pairs-34924a", format!("tcp:{}", ready.mainframe)),
+        };
+        let config = format!(
+            "[rig]\nkind = \"instruments\"\n\
+             [source]\naddress = \"tcp:{}\"\ndeadline_ms = {ANSWER_MS}\n\
+             [switch]\naddress = \"{switch}\"\ndeadline_ms = {ANSWER_MS}\n\
+             [voltmeter]\naddress = \"tcp:{}\"\ndeadline_ms = {ANSWER_MS}\n\
+             [wiring]\nkind = \"{wiring}\"\n[survey]\nelectrodes = 16\ncompliance_v = 4.0\nnplc = 0.02\n\
+             [geometry]\npreset = \"disc-tank\"\n[geometry.disc-tank]\nelectrodes = 16\n\
+             [record]\ndirectory = \"state\"\n[bus]\npeer_path = \"run/peer\"\n",
+            ready.source, ready.mainframe
+        );
+        let stage = Stage::new(&config);
+        let daemon = stage.start().await;
+        daemon.baseline(2).await;
+        let session = daemon.start(Options::new()).await;
+        Self {
+            rig,
+            _server: server,
+            _stage: stage,
+            daemon,
+            session,
+        }
+    }
+
+    /// Waits for a frame that began after now.
+    async fn next_frame(&self) -> dbus::LatestFrame {
+        let acquired = self.session.frames_acquired().await.expect("it answers");
+        let mut done = self.session.receive_frame_done().await.expect("a stream");
+        within("a frame", async {
+            loop {
+                if let Ok(frame) = self.session.latest_frame().await
+                    && frame.sequence > acquired + 1
+                {
+                    return frame;
+                }
+                dbus::next(&mut done).await;
+            }
+        })
+        .await
+    }
+
+    fn fault(&self, words: &str) {
+        let fault: Fault = words.parse().expect("the words of a fault");
+        self.rig.fault(&fault).expect("this rig has it");
+    }
+
+    /// The source that was found again is off before anybody else is spoken to, and on only when all is verified.
+    fn came_back_off(&self, words: &str) {
+        let said = self.rig.transcript();
+        let back = said.iter().position(|said| {
+            said.instrument == Instrument::Source && said.received.starts_with("*IDN?")
+        });
+        let back = back.unwrap_or_else(|| panic!("{words}: the source was not asked who it is"));
+        let (until_then, said) = said.split_at(back);
+        // whatever could still be said to the switch when the fault was noticed: open
+        let moved = until_then
+            .iter()
+            .rev()
+            .find(|said| said.instrument != Instrument::Source && moves_relays(&said.received));
+        if let Some(moved) = moved.filter(|_| words.contains("6221")) {
+            assert!(opens_relays(&moved.received), "{words}: {}", moved.received);
+        }
+        let of_source = |word: &str| {
+            said.iter().position(|said| {
+                said.instrument == Instrument::Source && said.received.contains(word)
+            })
+        };
+        let off = of_source("CLE").unwrap_or_else(|| panic!("{words}: never off"));
+        let other = said
+            .iter()
+            .position(|said| said.instrument != Instrument::Source);
+        assert!(other > Some(off), "{words}: {other:?} before {off}");
+        assert!(of_source("OUTP 1") > other, "{words}");
+    }
+
+    async fn suffer(&self, words: &'static str, course: Course) -> String {
+        let source_is_gone = words.contains("6221") && !words.starts_with("queue");
+        self.next_frame().await;
+        let mut happened = self
+            .daemon
+            .manager
+            .receive_happened()
+            .await
+            .expect("a stream");
+        self.rig.keep_transcript();
+        self.fault(words);
+        let mut told: Vec<(String, String)> = Vec::new();
+        match course {
+            Recovers(mend) => {
+                let mut mended = mend.is_none();
+                let gone_through = tokio::time::timeout(DEADLINE, async {
+                    loop {
+                        let signal = tokio::select! {
+                            // what has been told comes before a frame that came after it
+                            biased;
+                            signal = dbus::next(&mut happened) => signal.expect("the daemon runs"),
+                            // what passes by itself may have passed while the source was switched off, which is said
+                            // twice where need be, or between two frames: once more
+                            _ = self.next_frame(), if told.is_empty() && mend.is_none() => {
+                                self.fault(words);
+                                continue;
+                            }
+                        };
+                        let signal = signal.args().expect("arguments");
+                        told.push((signal.kind.to_string(), signal.text.to_string()));
+                        match signal.kind {
+                            "frame-failed" if !source_is_gone => {
+                                let verified = "the source is off, verified";
+                                assert!(signal.text.contains(verified), "{}", signal.text);
+                            }
+                            // where the fault passes by itself the source may be back by now
+                            "source-unknown" if !mended => {
+                                assert!(
+                                    self.rig.poles().iter().take(2).all(Option::is_none),
+                                    "{words}"
+                                );
+                                let injecting = |relay: &survey::Relay| relay.0 % 1000 > 35;
+                                assert!(!self.rig.closed().iter().any(injecting), "{words}");
+                            }
+                            "suspended" if !mended => {
+                                assert_eq!(
+                                    self.session.state().await.expect("it answers"),
+                                    "suspended"
+                                );
+                            }
+                            "reconnecting" if !mended => {
+                                let recovery =
+                                    self.daemon.manager.recovery().await.expect("it answers");
+                                assert!(
+                                    Options(recovery)
+                                        .whole("tries")
+                                        .is_ok_and(|tries| tries >= Some(1))
+                                );
+                                mended = true;
+                                self.fault(mend.expect("told above"));
+                            }
+                            "resumed" => return,
+                            _ => {}
+                        }
+                    }
+                })
+                .await;
+                if gone_through.is_err() {
+                    let state = self.session.state().await;
+                    let why = self.session.last_error().await;
+                    panic!("{words}: {state:?}, {why:?}: {told:#?}");
+                }
+                let kinds: Vec<&str> = told.iter().map(|(kind, _)| kind.as_str()).collect();
+                for step in [
+                    "frame-failed",
+                    "suspended",
+                    "reconnected",
+                    "settings-verified",
+                    "resumed",
+                ] {
+                    assert!(kinds.contains(&step), "{words}: no {step} in {told:#?}");
+                }
+                self.next_frame().await;
+                self.came_back_off(words);
+            }
+            Marked(mend) => {
+                let frame = self.next_frame().await;
+                let marked = frame.flags.iter().filter(|flag| **flag != 0).count();
+                assert!(marked > 0, "{words}: no reading is marked");
+                let compliance = frame.quality.whole("compliance").expect("a number");
+                if !words.starts_with("overload") {
+                    assert!(compliance > Some(0), "{words}: {:?}", frame.quality);
+                }
+                self.fault(mend);
+                self.next_frame().await;
+                told.push((
+                    "marked".to_owned(),
+                    format!("{marked} readings of {}", frame.flags.len()),
+                ));
+            }
+            Unseen(mend) => {
+                self.next_frame().await;
+                self.fault(mend);
+                self.next_frame().await;
+            }
+        }
+        // a busy machine may let a deadline pass besides: that is recovered from too
+        while self.session.state().await.expect("it answers") != "running" {
+            println!("{words}: and then {:?}", self.session.last_error().await);
+            self.next_frame().await;
+        }
+        let first = told.first().map(|(kind, text)| format!("{kind}: {text}"));
+        format!(
+            "{words:24} {}",
+            first.unwrap_or_else(|| "not seen by reading back".to_owned())
+        )
+    }
+
+    async fn end(self, recoveries: usize) {
+        self.session.stop().await.expect("it stops");
+        assert!(!self.rig.source_output().0);
+        let path = self.session.path().await.expect("it answers");
+        let record = SessionReader::open(&path).expect("a record");
+        let events = record.events().expect("events");
+        let count = |kind: &str| events.iter().filter(|event| event.kind == kind).count();
+        assert!(
+            count("frame-failed") >= recoveries,
+            "{}",
+            count("frame-failed")
+        );
+        for step in [
+            "suspended",
+            "reconnected",
+            "settings-verified",
+            "resumed",
+            "transcript",
+        ] {
+            assert_eq!(count(step), count("frame-failed"), "{step}");
+        }
+        let failed = self.session.frames_failed().await.expect("it answers");
+        assert_eq!(failed as usize, count("frame-failed"));
+        assert_eq!(
+            record.len().expect("frames"),
+            self.session.frames_acquired().await.expect("it answers")
+        );
+        assert_whole(&path);
+        let (status, log) = self.daemon.terminate().await;
+        assert!(status.success(), "{log}");
+    }
+}
+
+fn moves_relays(heard: &str) -> bool {
+    heard.contains("CLOS (") || heard.contains("OPEN (")
+}
+
+fn opens_relays(heard: &str) -> bool {
+    heard.contains("OPEN (") && !heard.contains("CLOS (")
+}
+
+async fn within<T>(what: &str, future: impl Future<Output = T>) -> T {
+    tokio::time::timeout(DEADLINE, future)
+        .await
+        .unwrap_or_else(|_| panic!("{what}: nothing takes that long"))
+}
+
+async fn play(board: bool, faults: &'static [(&'static str, Course)]) {
+    let play = Play::begin(board).await;
+    let mut recoveries = 0;
+    for (words, course) in faults {
+        recoveries += usize::from(matches!(course, Recovers(_)));
+        println!("{}", play.suffer(words, *course).await);
+    }
+    play.end(recoveries).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn every_fault_of_source_and_mainframe_over_tcp() {
+    play(false, ON_TCP).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn every_fault_of_the_board_on_a_serial_line() {
+    play(true, ON_SERIAL).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_unplugged_serial_line_fails_its_frame_and_is_used_again() {
+    play(true, UNPLUGGED).await;
+}

@@ -1,0 +1,454 @@
+//! Faults that no simulator plays: a link taken down under TCP, a wall clock that is set, a daemon that is stopped.
+//!
+//! A machine may lack what the first two need (network namespaces for a user without rights, libfaketime): they say so
+//! and pass, unless TACTUS_REQUIRE_NETNS=1 or TACTUS_REQUIRE_FAKETIME=1.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::stage::{
+    Running, SMALL, Stage, assert_off_before_anything_else, assert_whole, config_for, instant,
+    on_tcp, told, within,
+};
+use dbus::{FrameDoneStream, Options, Session1Proxy};
+use logbook::{Record, SessionReader};
+use rustix::process::Signal;
+use simulator::{Profile, ServeOptions, Server, SimulatedRig};
+
+/// From start to start of frames, s.
+const EVERY_S: f64 = 0.2;
+
+/// Skips, or fails where this machine was said to have it.
+fn lacks(required: &str, why: &str) {
+    let required = std::env::var_os(required).is_some_and(|set| set == "1");
+    assert!(!required, "it is required here: {why}");
+    eprintln!("skipped: {why}");
+}
+
+/// Waits until so many more frames are on disk.
+async fn frames_go_on(session: &Session1Proxy<'_>, frames: &mut FrameDoneStream, more: u64) {
+    let before = within(session.frames_durable()).await.unwrap();
+    while within(session.frames_durable()).await.unwrap() < before + more {
+        within(dbus::next(frames)).await.unwrap();
+    }
+}
+
+fn records(path: &str) -> Vec<Record> {
+    let reader = SessionReader::open(path).unwrap();
+    reader.frames().map(|record| record.unwrap()).collect()
+}
+
+fn no_sequence_is_missing(records: &[Record]) {
+    let sequences = records.iter().map(|record| record.frame.sequence);
+    assert!(sequences.eq(1..=records.len() as u64));
+}
+
+const INSIDE: &str = "TACTUS_TEST_INSIDE";
+const OWN_NETWORK: [&str; 3] = ["--user", "--map-root-user", "--net"];
+
+/// Whether this process has a network of its own. Where it has not, the test is run again by one that has, and is over.
+fn has_own_network(test: &str) -> bool {
+    if std::env::var_os(INSIDE).is_some() {
+        return true;
+    }
+    let needed = "nsenter --version && ip link add here type veth peer name there && exec unshare --net true";
+    let tried = Command::new("unshare")
+        .args(OWN_NETWORK)
+        .args(["sh", "-c", needed])
+        .output();
+    let refusal = match tried {
+        Ok(output) if output.status.success() => None,
+        Ok(output) => Some(String::from_utf8_lossy(&output.stderr).into_owned()),
+        Err(fault) => Some(format!("unshare: {fault}")),
+    };
+    if let Some(refusal) = refusal {
+        let why = format!("no network namespace with a link of its own: {refusal}");
+        lacks("TACTUS_REQUIRE_NETNS", &why);
+        return false;
+    }
+    let output = Command::new("unshare")
+        .args(OWN_NETWORK)
+        .arg(std::env::current_exe().unwrap())
+        .args(["--exact", test, "--nocapture"])
+        .env(INSIDE, "1")
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stdout);
+    let noted = String::from_utf8_lossy(&output.stderr);
+    println!("{said}{noted}");
+    assert!(output.status.success() && said.contains("1 passed"));
+    false
+}
+
+fn ip(words: &str) {
+    let output = Command::new("ip").args(words.split(' ')).output().unwrap();
+    assert!(output.status.success(), "ip {words}: {output:?}");
+}
+
+/// An instrument's cable, from this network to the daemon's.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Cable {
+    Source = 1,
+    Mainframe = 2,
+}
+
+impl Cable {
+    const ALL: [Self; 2] = [Self::Source, Self::Mainframe];
+
+    fn lay(self) {
+        let number = self as u8;
+        ip(&format!(
+            "link add rig{number} type veth peer name daemon{number}"
+        ));
+        ip(&format!("addr add 10.77.{number}.2/24 dev rig{number}"));
+        self.plug();
+    }
+
+    /// What is under way is lost, and nobody is told: no end of a connection, no refusal.
+    fn pull(self) {
+        ip(&format!("link set rig{} down", self as u8));
+    }
+
+    fn plug(self) {
+        ip(&format!("link set rig{} up", self as u8));
+    }
+
+    /// Where the daemon finds what listens at this address here.
+    fn place(self, listening: &str) -> String {
+        let port = listening.rsplit(':').next().unwrap();
+        format!("10.77.{}.2:{port}", self as u8)
+    }
+}
+
+/// Takes the far ends of the cables from the network of process $RIG, and becomes what it is told to.
+const AT_THE_FAR_END: &str = r#"
+set -e
+for number in 1 2; do
+    nsenter --net="/proc/$RIG/ns/net" ip link set "daemon$number" netns $$
+    ip addr add "10.77.$number.1/24" dev "daemon$number"
+    ip link set "daemon$number" up
+done
+exec "$0" "$@"
+"#;
+
+/// Instruments in this network, a daemon in another, cables between them.
+struct Cabled {
+    rig: SimulatedRig,
+    _server: Server,
+    _stage: Stage,
+    daemon: Running,
+}
+
+impl Cabled {
+    async fn begin() -> Self {
+        for cable in Cable::ALL {
+            cable.lay();
+        }
+        let rig = instant(&Profile::default());
+        let options = ServeOptions {
+            bind: "0.0.0.0".to_owned(),
+            port_6221: 0,
+            port_34980a: 0,
+            ..ServeOptions::default()
+        };
+        let server = simulator::serve(rig.clone(), &options).await.unwrap();
+        let stage = Stage::new(&config_for(
+            &Cable::Source.place(&server.ready().source),
+            &Cable::Mainframe.place(&server.ready().mainframe),
+        ));
+        let mut command = tokio::process::Command::new("unshare");
+        command
+            .args(["--net", "sh", "-c", AT_THE_FAR_END])
+            .arg(env!("CARGO_BIN_EXE_tactusd"))
+            .env("RIG", std::process::id().to_string());
+        let daemon = stage.start_by(command).await;
+        daemon.baseline(1).await;
+        Self {
+            rig,
+            _server: server,
+            _stage: stage,
+            daemon,
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_session_goes_on_after_a_pulled_cable_is_back() {
+    if !has_own_network("outages::a_session_goes_on_after_a_pulled_cable_is_back") {
+        return;
+    }
+    let Cabled {
+        rig,
+        _server,
+        _stage,
+        daemon,
+    } = Cabled::begin().await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    let session = daemon.start(Options::new()).await;
+    let mut frames = session.receive_frame_done().await.unwrap();
+
+    let cuts: [&[Cable]; 3] = [&[Cable::Source], &[Cable::Mainframe], &Cable::ALL];
+    for cut in cuts {
+        frames_go_on(&session, &mut frames, 2).await;
+        rig.keep_transcript();
+        for cable in cut {
+            cable.pull();
+        }
+        let mut kinds = Vec::new();
+        let mut back = false;
+        loop {
+            let signal = within(dbus::next(&mut happened)).await.unwrap();
+            let told = signal.args().unwrap();
+            println!("{cut:?}: {}: {}", told.kind, told.text);
+            kinds.push(told.kind.to_string());
+            match told.kind {
+                "source-unknown" if !back => {
+                    let state = daemon.manager.source_state().await.unwrap();
+                    assert_eq!(state, "unknown");
+                    assert!(rig.closed().is_empty(), "{:?}", rig.closed());
+                }
+                "alarm" => assert!(told.text.contains("may be live"), "{}", told.text),
+                "reconnecting" if !back => {
+                    assert_eq!(session.state().await.unwrap(), "suspended");
+                    back = true;
+                    for cable in cut {
+                        cable.plug();
+                    }
+                }
+                "resumed" if back => break,
+                _ => {}
+            }
+        }
+        let unknown = match cut {
+            [Cable::Source] => Some("source-unknown"),
+            [Cable::Mainframe] => None,
+            _ => Some("alarm"),
+        };
+        let steps = ["frame-failed", "suspended", "settings-verified"];
+        for step in steps.into_iter().chain(unknown) {
+            assert!(kinds.iter().any(|kind| kind == step), "{step}: {kinds:?}");
+        }
+        assert_off_before_anything_else(&rig.transcript());
+    }
+    frames_go_on(&session, &mut frames, 2).await;
+    within(session.stop()).await.unwrap();
+    assert!(!rig.source_output().0);
+    let path = session.path().await.unwrap();
+    no_sequence_is_missing(&records(&path));
+    let verified = assert_whole(&path);
+    let explained = verified.gaps.iter().filter(|gap| gap.explained.is_some());
+    assert!(explained.count() >= cuts.len(), "{:?}", verified.gaps);
+    daemon.terminate().await;
+}
+
+/// Whether a process's TCP still waits for the end of a connection to the source.
+fn lingers(process: u32) -> bool {
+    // as /proc writes 10.77.1.2, and the state of one that is only asked for
+    const SOURCE: &str = "02014D0A:";
+    const SYN_SENT: &str = "02";
+    let connections = std::fs::read_to_string(format!("/proc/{process}/net/tcp")).unwrap();
+    connections.lines().any(|line| {
+        let mut fields = line.split_whitespace().skip(2);
+        let (peer, state) = (fields.next(), fields.next());
+        peer.is_some_and(|peer| peer.starts_with(SOURCE)) && state != Some(SYN_SENT)
+    })
+}
+
+/// Cut off behind a switch: the daemon's own link stays up, and its TCP gives up in silence. The 6221 has one place, and
+/// keeps it for the client that is gone.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_source_that_keeps_its_place_for_a_lost_client_is_had_back() {
+    if !has_own_network("outages::a_source_that_keeps_its_place_for_a_lost_client_is_had_back") {
+        return;
+    }
+    let Cabled {
+        rig,
+        _server,
+        _stage,
+        daemon,
+    } = Cabled::begin().await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    let session = daemon.start(Options::new().with("step", true)).await;
+    within(session.step(2)).await.unwrap();
+    rig.keep_transcript();
+    // Between two frames: what the source would answer to is lost, and it has nothing of its own to repeat.
+    ip("addr del 10.77.1.2/24 dev rig1");
+    let asked = session.step(1);
+    let had_back = async {
+        let mut back = false;
+        loop {
+            let signal = within(dbus::next(&mut happened)).await.unwrap();
+            let told = signal.args().unwrap();
+            println!("{}: {}", told.kind, told.text);
+            match told.kind {
+                "reconnecting" if !back && !lingers(daemon.id()) => {
+                    back = true;
+                    ip("addr add 10.77.1.2/24 dev rig1");
+                }
+                "resumed" if back => break,
+                _ => {}
+            }
+        }
+    };
+    let (_, ()) = tokio::join!(asked, had_back);
+    assert_off_before_anything_else(&rig.transcript());
+    within(session.step(2)).await.unwrap();
+    within(session.stop()).await.unwrap();
+    assert!(!rig.source_output().0);
+    let path = session.path().await.unwrap();
+    no_sequence_is_missing(&records(&path));
+    assert_whole(&path);
+    daemon.terminate().await;
+}
+
+/// The library that sets a process's clocks.
+fn faketime() -> Option<PathBuf> {
+    let folders = std::fs::read_dir("/usr/lib").ok()?;
+    folders
+        .filter_map(Result::ok)
+        .map(|folder| folder.path().join("faketime/libfaketimeMT.so.1"))
+        .find(|library| library.exists())
+}
+
+/// Sets the wall clock so many seconds off, in one step.
+fn set_clock(file: &Path, off_s: i64) {
+    let next = file.with_extension("next");
+    std::fs::write(&next, format!("{off_s:+}\n")).unwrap();
+    std::fs::rename(&next, file).unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_wall_clock_that_is_set_moves_no_frame_and_is_said() {
+    const HOUR_S: i64 = 3600;
+    let Some(library) = faketime() else {
+        return lacks("TACTUS_REQUIRE_FAKETIME", "libfaketime is not installed");
+    };
+    let stage = Stage::new(SMALL);
+    let clock = stage.path().join("clock");
+    set_clock(&clock, 0);
+    let mut command = tokio::process::Command::new(env!("CARGO_BIN_EXE_tactusd"));
+    command
+        .env("LD_PRELOAD", library)
+        .env("FAKETIME_TIMESTAMP_FILE", &clock)
+        .env("FAKETIME_NO_CACHE", "1")
+        .env("FAKETIME_DONT_FAKE_MONOTONIC", "1")
+        .env("NO_FAKE_STAT", "1");
+    let daemon = stage.start_by(command).await;
+    daemon.baseline(1).await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    let session = daemon.start(Options::new().with("every_s", EVERY_S)).await;
+    let mut frames = session.receive_frame_done().await.unwrap();
+    frames_go_on(&session, &mut frames, 5).await;
+    // an hour ahead, then two hours back
+    for (off_s, step) in [(HOUR_S, "by +36"), (-HOUR_S, "by -7")] {
+        set_clock(&clock, off_s);
+        // a busy machine may read the two clocks a second apart, which is said too
+        while !told(&mut happened, "clock-moved").await.contains(step) {}
+        frames_go_on(&session, &mut frames, 5).await;
+    }
+    let missed = session.frames_dropped().await.unwrap();
+    within(session.stop()).await.unwrap();
+
+    let path = session.path().await.unwrap();
+    let records = records(&path);
+    no_sequence_is_missing(&records);
+    assert_whole(&path);
+    // one clock has kept to the schedule, the other was set twice: nothing else moves either by a minute
+    let (first, last) = (&records[0].frame, &records[records.len() - 1].frame);
+    let places = records.len() as u64 - 1 + missed;
+    let lasted = (last.monotonic - first.monotonic).as_secs_f64();
+    assert!(
+        (lasted - places as f64 * EVERY_S).abs() < 60.0,
+        "{places} places in {lasted} s"
+    );
+    let apart = |record: &Record| {
+        let frame = &record.frame;
+        (frame.wall - first.wall).as_seconds_f64()
+            - (frame.monotonic - first.monotonic).as_secs_f64()
+    };
+    for off_s in [0, HOUR_S, -HOUR_S] {
+        let alike = |record: &&Record| (apart(record) - off_s as f64).abs() < 60.0;
+        let of_this_time = records.iter().filter(alike).count();
+        assert!(of_this_time >= 5, "{of_this_time} frames at {off_s:+} s");
+    }
+    let events = SessionReader::open(&path).unwrap().events().unwrap();
+    let said = |word: &str| {
+        let said =
+            |event: &&logbook::Event| event.kind == "clock-moved" && event.text.contains(word);
+        events.iter().filter(said).count()
+    };
+    assert_eq!((said("by +36"), said("by -7")), (1, 1), "{events:?}");
+    daemon.terminate().await;
+}
+
+/// Whether all of a process stands still.
+fn stands_still(id: u32) -> bool {
+    std::fs::read_dir(format!("/proc/{id}/task"))
+        .unwrap()
+        .all(|thread| {
+            let state = std::fs::read_to_string(thread.unwrap().path().join("stat")).unwrap();
+            state.rsplit(") ").next().unwrap().starts_with('T')
+        })
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_daemon_that_was_paused_goes_on_and_reports_what_it_missed() {
+    let (rig, _server, config) = on_tcp().await;
+    let stage = Stage::new(&config);
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let session = daemon.start(Options::new().with("every_s", EVERY_S)).await;
+    let mut frames = session.receive_frame_done().await.unwrap();
+    frames_go_on(&session, &mut frames, 3).await;
+    let path = session.path().await.unwrap();
+    let (acknowledged, id) = (session.frames_durable().await.unwrap(), daemon.id());
+
+    // in the middle of a frame
+    within(async {
+        while !rig.source_output().0 {
+            tokio::task::yield_now().await;
+        }
+    })
+    .await;
+    daemon.signal(Signal::STOP);
+    within(async {
+        while !stands_still(id) {
+            tokio::task::yield_now().await;
+        }
+    })
+    .await;
+    // its record can be read meanwhile
+    assert!(SessionReader::open(&path).unwrap().len().unwrap() >= acknowledged);
+    // as long as another one needs for so many frames of the same schedule
+    const MEANWHILE: u64 = 15;
+    let other = Stage::new(SMALL);
+    let measuring = other.start().await;
+    measuring.baseline(1).await;
+    let options = Options::new()
+        .with("every_s", EVERY_S)
+        .with("count", MEANWHILE);
+    within(measuring.start(options).await.wait()).await.unwrap();
+    measuring.terminate().await;
+    assert!(stands_still(id));
+    daemon.signal(Signal::CONT);
+
+    frames_go_on(&session, &mut frames, 3).await;
+    within(session.stop()).await.unwrap();
+    assert!(!rig.source_output().0);
+    no_sequence_is_missing(&records(&path));
+    let verified = assert_whole(&path);
+    let stood_s = (MEANWHILE - 1) as f64 * EVERY_S;
+    let gap = verified.gaps.iter().find(|gap| gap.seconds >= stood_s);
+    let gap = gap.unwrap_or_else(|| panic!("{:?}", verified.gaps));
+    assert!(gap.explained.is_some(), "{gap:?}");
+    let events = SessionReader::open(&path).unwrap().events().unwrap();
+    let missed: u64 = events
+        .iter()
+        .filter(|event| event.kind == "frames-missed")
+        .map(|event| -> u64 { event.text.split(' ').next().unwrap().parse().unwrap() })
+        .sum();
+    assert_eq!(missed, session.frames_dropped().await.unwrap());
+    assert!(missed >= MEANWHILE - 2, "{events:?}");
+    let (status, log) = daemon.terminate().await;
+    assert!(status.success(), "{log}");
+}

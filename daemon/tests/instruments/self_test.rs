@@ -1,0 +1,290 @@
+//! Self-test and wear, on simulated rigs with and without faults.
+
+use crate::stage::{SMALL, Stage, within};
+use dbus::{Fault, Options, TestReport};
+
+const QUIET: &str = "[disc-tank]\nelectrodes = 16\n[effects.voltmeter-noise]\nuv = 2.0\n";
+
+/// Tests a rig with this wiring and module, on a scene that ends so; what it reports.
+async fn tested(wiring: &str, slots: &str, scene: &str) -> TestReport {
+    of_scene(wiring, slots, &format!("{QUIET}{scene}")).await
+}
+
+/// The same on this scene.
+async fn of_scene(wiring: &str, slots: &str, scene: &str) -> TestReport {
+    let stage = Stage::new(&format!("{SMALL}[wiring]\nkind = \"{wiring}\"\n"));
+    let profile = format!("time = \"instant\"\n{slots}\n");
+    std::fs::write(stage.path().join("profile.toml"), profile).unwrap();
+    std::fs::write(stage.path().join("scene.toml"), scene).unwrap();
+    let daemon = stage.start().await;
+    let report = within(daemon.manager.test_instruments(&Options::new()))
+        .await
+        .unwrap();
+    assert_eq!(daemon.manager.state().await.unwrap(), "idle");
+    let kept = std::fs::read_to_string(stage.path().join("state/tests.jsonl")).unwrap();
+    assert_eq!(kept.lines().count(), 1);
+    report
+}
+
+fn fault(what: &str) -> String {
+    format!("[[fault]]\nat_s = 0\nwhat = \"{what}\"\n")
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_sound_rig_passes_and_its_sheet_is_measured_two_ways() {
+    for (wiring, slots) in [
+        ("pairs-34924a", "[slots]\n1 = \"34924A\""),
+        ("fast-34925a", "[slots]\n1 = \"34925A\"\n2 = \"34924A\""),
+        ("matrix-34932a", "[slots]\n1 = \"34932A\""),
+        ("matrix-34934a", "[slots]\n1 = \"34934A,4x128\""),
+    ] {
+        let report = tested(wiring, slots, "").await;
+        assert!(report.passed, "{wiring}: {:?}", report.findings);
+        assert_eq!(report.lines.len(), 16 + 16 + 16 + 16 + 5, "{wiring}");
+        assert!(
+            report.lines.iter().all(|line| line.verdict == "ok"),
+            "{wiring}"
+        );
+        let number = |key: &str| report.more.number(key).unwrap().unwrap();
+        println!(
+            "{wiring}: sheet {:.2} ohm, misfit {:.1e}, van der Pauw {:.2} (raw {:.2}), reciprocity {:.1e}, noise {:.2} uV",
+            number("sheet_ohm"),
+            number("misfit"),
+            number("pauw_ohm"),
+            number("pauw_raw_ohm"),
+            number("reciprocity"),
+            1e6 * number("noise_v")
+        );
+        let truth = 1.0 / eit::DiscTank::default().conductance();
+        for key in ["sheet_ohm", "pauw_ohm"] {
+            let off = (number(key) / truth - 1.0).abs();
+            assert!(
+                off < 0.015,
+                "{wiring}: {key} is {}, {truth} is true",
+                number(key)
+            );
+        }
+        assert!(
+            (0.5e-6..6e-6).contains(&number("noise_v")),
+            "{}",
+            number("noise_v")
+        );
+    }
+}
+
+/// A sheet of another resistance than the configuration has, with contacts that differ: what is measured is the sheet in
+/// front of it, not what was written down.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_sheet_that_is_not_as_configured_is_measured_as_it_is() {
+    for truth in [310.0, 2400.0] {
+        let sheet = format!("[disc-tank]\nelectrodes = 16\nsheet_ohm = {truth}\n");
+        let scene = QUIET.replace("[disc-tank]\nelectrodes = 16\n", &sheet)
+            + "[effects.contact-spread]\nstd = 0.2\n";
+        let report = of_scene("pairs-34924a", "[slots]\n1 = \"34924A\"", &scene).await;
+        assert!(report.passed, "{:?}", report.findings);
+        for key in ["sheet_ohm", "pauw_ohm"] {
+            let measured = report.more.number(key).unwrap().unwrap();
+            println!("a sheet of {truth} ohm: {key} {measured:.2}");
+            assert!((measured / truth - 1.0).abs() < 0.015, "{key}: {measured}");
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_noisy_channel_and_a_noisy_electrode_are_named() {
+    let noisy =
+        |channels: &str| format!("[effects.channel-noise]\nchannels = {channels}\nuv = 60.0\n");
+    for (channels, finding) in [
+        ("[1005]", "relay 1005: noisy, "),
+        ("[1016]", "relay 1016: noisy, "),
+        ("[1005, 1006]", "electrode 6: noisy, "),
+        ("[1016, 1001]", "electrode 1: noisy, "),
+    ] {
+        let report = tested("pairs-34924a", "[slots]\n1 = \"34924A\"", &noisy(channels)).await;
+        println!("{channels}: {:?}", report.findings);
+        assert_eq!(report.findings.len(), 1, "{:?}", report.findings);
+        assert!(
+            report.findings[0].starts_with(finding),
+            "{:?}",
+            report.findings
+        );
+        let lines = report.lines.iter().filter(|line| line.check == "noise");
+        let failed = lines.filter(|line| line.verdict == "failed");
+        assert_eq!(failed.count(), channels.split(',').count(), "{channels}");
+        // the voltmeter is not blamed for it
+        let noise = report.more.number("noise_v").unwrap().unwrap();
+        assert!((0.5e-6..6e-6).contains(&noise), "{noise}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn each_fault_is_found_and_named() {
+    let pairs = ("pairs-34924a", "[slots]\n1 = \"34924A\"");
+    let large = ("matrix-34934a", "[slots]\n1 = \"34934A,4x128\"");
+    let matrix = ("matrix-34932a", "[slots]\n1 = \"34932A\"");
+    let cases = [
+        (
+            pairs,
+            fault("stuck-open 1042"),
+            "relay 1042 stays open: it joins electrodes 7 and 8 to the source",
+        ),
+        (
+            pairs,
+            fault("stuck-open 1005"),
+            "relay 1005 stays open: it joins electrodes 5 and 6 to the voltmeter",
+        ),
+        (
+            pairs,
+            fault("stuck-closed 1042"),
+            "relay 1042 stays closed: it joins electrodes 7 and 8 to the source",
+        ),
+        (
+            pairs,
+            fault("stuck-closed 1005"),
+            "relay 1005 stays closed: it joins electrodes 5 and 6 to the voltmeter",
+        ),
+        (
+            pairs,
+            "[[contact]]\nelectrode = 11\nohm = 1e9\n".to_owned(),
+            "electrode 11: open; look at its wire",
+        ),
+        (
+            pairs,
+            "[[contact]]\nelectrode = 11\nohm = 3000\n".to_owned(),
+            "electrode 11: poor contact, 30",
+        ),
+        (
+            matrix,
+            fault("stuck-open 1203"),
+            "relay 1203 stays open: it joins electrodes 3 and 4 to the source",
+        ),
+        (
+            matrix,
+            fault("stuck-closed 1103"),
+            "relay 1103 stays closed: it joins electrodes 3 and 4 to the voltmeter",
+        ),
+        (
+            large,
+            fault("stuck-open 1105"),
+            "relay 1105 stays open: it joins electrode 5 to the source",
+        ),
+        (
+            large,
+            fault("stuck-open 1706"),
+            "relay 1706 stays open: it joins electrode 6 to the voltmeter",
+        ),
+        (
+            large,
+            fault("stuck-closed 1309"),
+            "relay 1309 stays closed: it joins electrode 9 to the source",
+        ),
+        (
+            large,
+            fault("stuck-closed 1509"),
+            "relay 1509 stays closed: it joins electrode 9 to the voltmeter",
+        ),
+    ];
+    for ((wiring, slots), scene, finding) in cases {
+        let report = tested(wiring, slots, &scene).await;
+        println!(
+            "{wiring}, {}: {:?}",
+            scene.trim().replace('\n', ", "),
+            report.findings
+        );
+        assert_eq!(report.findings.len(), 1, "{:?}", report.findings);
+        assert!(
+            report.findings[0].starts_with(finding),
+            "wanted {finding}, got {:?}",
+            report.findings
+        );
+        assert!(!report.passed);
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn nobody_tests_while_somebody_records_nor_the_other_way_round() {
+    let stage = Stage::new(SMALL);
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let session = daemon.start(Options::new().with("step", true)).await;
+    let options = Options::new();
+    for refused in [
+        daemon.manager.test_instruments(&options).await.unwrap_err(),
+        daemon.manager.relays(&options).await.unwrap_err(),
+    ] {
+        assert!(
+            matches!(&refused, Fault::SessionActive(text) if text.contains("a session is running")),
+            "{refused:?}"
+        );
+    }
+    within(session.stop()).await.unwrap();
+    assert!(
+        within(daemon.manager.test_instruments(&options))
+            .await
+            .unwrap()
+            .passed
+    );
+    let refused = daemon
+        .manager
+        .relays(&Options::new().with("all", true))
+        .await
+        .unwrap_err();
+    assert!(matches!(refused, Fault::InvalidOption(_)), "{refused:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stop_in_the_middle_leaves_the_source_off() {
+    let stage = Stage::new(&SMALL.replace(
+        "electrodes = 16\n[record]",
+        "electrodes = 16\nnplc = 2\n[record]",
+    ));
+    std::fs::write(
+        stage.path().join("profile.toml"),
+        "time = \"real\"\n[slots]\n1 = \"34924A\"\n",
+    )
+    .unwrap();
+    let daemon = stage.start().await;
+    let mut progress = daemon.manager.receive_test_progress().await.unwrap();
+    let manager = daemon.manager.clone();
+    let test = tokio::spawn(async move { manager.test_instruments(&Options::new()).await });
+    // the second step: current flows, or is about to
+    for _ in 0..2 {
+        within(dbus::next(&mut progress)).await.unwrap();
+    }
+    assert_eq!(daemon.manager.state().await.unwrap(), "testing");
+    let (status, log) = daemon.terminate().await;
+    assert!(status.success(), "the source was verified off: {log}");
+    assert!(within(test).await.unwrap().is_err());
+    assert!(
+        !stage.path().join("state/tests.jsonl").exists(),
+        "half a test is no report"
+    );
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn closures_are_counted_and_projected() {
+    let stage = Stage::new(&format!("{SMALL}[care]\nrelay_life_cycles = 1000\n"));
+    let daemon = stage.start().await;
+    daemon.baseline(3).await;
+    let relays = within(daemon.manager.relays(&Options::new()))
+        .await
+        .unwrap();
+    assert_eq!(relays.len(), 32);
+    let of = |number: u32| relays.iter().find(|wear| wear.relay == number).unwrap();
+    let (injecting, measuring) = (of(1036), of(1001));
+    // three frames: a frame closes each injecting relay once and scans each measuring one at each of 16 injections
+    assert_eq!((injecting.cycles, measuring.cycles), (3, 48));
+    assert_eq!((injecting.rated, injecting.used), (1000, 0.003));
+    let frame = daemon.manager.plan().await.unwrap().duration_s;
+    assert!(
+        (injecting.left_s / (997.0 * frame) - 1.0).abs() < 1e-6,
+        "{}",
+        injecting.left_s
+    );
+    assert!(
+        (measuring.left_s / (952.0 / 16.0 * frame) - 1.0).abs() < 1e-6,
+        "{}",
+        measuring.left_s
+    );
+    assert_eq!(injecting.purpose, "joins electrodes 1 and 2 to the source");
+}

@@ -1,0 +1,129 @@
+//! Another instrument or module than the known one waits for a person, also where it was exchanged while no daemon ran.
+
+use crate::stage::{Measuring, Stage, instant, on_tcp, serve, told, within};
+use dbus::{Fault, Options};
+use simulator::{Instrument, Profile, SimulatedRig};
+
+/// The ports at which a server listens.
+fn ports(server: &simulator::Server) -> (u16, u16) {
+    let port = |address: &str| address.rsplit(':').next().unwrap().parse().unwrap();
+    (
+        port(&server.ready().source),
+        port(&server.ready().mainframe),
+    )
+}
+
+/// A rig with another source, and with another module where asked for.
+fn other(module: bool) -> SimulatedRig {
+    let mut profile = Profile::default();
+    profile.source.serial = "7654321".to_owned();
+    if module {
+        profile.slots[4] = Some("34931A".parse().unwrap());
+    }
+    let rig = instant(&profile);
+    rig.keep_transcript();
+    rig
+}
+
+/// A stranger is asked who it is, and told nothing.
+fn assert_untouched(rig: &SimulatedRig) {
+    let said = rig.transcript().into_iter();
+    let told: Vec<String> = said
+        .filter(|said| said.instrument == Instrument::Source && said.received.contains("OUTP"))
+        .map(|said| said.received)
+        .collect();
+    assert!(told.is_empty(), "{told:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn another_serial_number_waits_for_a_person() {
+    let Measuring {
+        rig,
+        server,
+        stage: _stage,
+        daemon,
+        session,
+        mut happened,
+        ..
+    } = Measuring::begin().await;
+    let ports = ports(&server);
+    server.stop().await;
+    let stranger = other(false);
+    let _other = serve(&stranger, ports).await;
+    let text = told(&mut happened, "others-found").await;
+    assert!(text.contains("7654321"), "{text}");
+    assert_eq!(session.state().await.unwrap(), "suspended");
+    assert_untouched(&stranger);
+    while Options(daemon.manager.recovery().await.unwrap())
+        .flag("person")
+        .unwrap()
+        != Some(true)
+    {
+        within(dbus::next(&mut happened)).await.unwrap();
+    }
+    let agreed = daemon.manager.accept_instruments().await.unwrap();
+    assert!(agreed.contains("7654321"), "{agreed}");
+    told(&mut happened, "resumed").await;
+    let instruments = daemon.manager.instruments().await.unwrap();
+    let source = daemon.instrument(&instruments[0]).await;
+    assert!(source.identity().await.unwrap().contains("7654321"));
+    let refused = daemon.manager.accept_instruments().await.unwrap_err();
+    assert!(matches!(refused, Fault::Unsupported(_)), "{refused:?}");
+    drop(rig);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_was_exchanged_while_no_daemon_ran_waits_for_a_person() {
+    let (_rig, server, config) = on_tcp().await;
+    let stage = Stage::new(&config);
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    daemon.terminate().await;
+    let ports = ports(&server);
+    server.stop().await;
+    let stranger = other(true);
+    let _other = serve(&stranger, ports).await;
+
+    let daemon = stage.start().await;
+    assert_eq!(daemon.manager.state().await.unwrap(), "faulted");
+    let why = daemon.manager.last_error().await.unwrap();
+    for told in [
+        "7654321",
+        "slot 5: empty was known",
+        "34931A",
+        "tactus instruments accept",
+    ] {
+        assert!(why.contains(told), "no {told} in {why}");
+    }
+    assert_eq!(daemon.manager.source_state().await.unwrap(), "unknown");
+    let refused = daemon.manager.record_baseline(&Options::new()).await;
+    assert!(
+        matches!(&refused, Err(Fault::InstrumentFault(text)) if text.contains("7654321")),
+        "{refused:?}"
+    );
+    assert_untouched(&stranger);
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    while daemon.manager.accept_instruments().await.is_err() {
+        within(dbus::next(&mut happened)).await.unwrap();
+    }
+    told(&mut happened, "reconnected").await;
+    daemon.baseline(1).await;
+    assert_eq!(daemon.manager.source_state().await.unwrap(), "off");
+    daemon.terminate().await;
+
+    // agreed once, known from then on
+    let daemon = stage.start().await;
+    assert_eq!(daemon.manager.state().await.unwrap(), "idle");
+    daemon.terminate().await;
+    let file = stage.path().join("state/known-instruments.json");
+    assert!(std::fs::read_to_string(&file).unwrap().contains("7654321"));
+    std::fs::write(&file, "{").unwrap();
+    let refused = within(tokio::task::spawn_blocking(move || stage.run(&[])))
+        .await
+        .unwrap();
+    let said = String::from_utf8_lossy(&refused.stderr);
+    assert!(
+        refused.status.code() == Some(1) && said.contains("known-instruments.json is damaged"),
+        "{said}"
+    );
+}

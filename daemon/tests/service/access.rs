@@ -1,0 +1,392 @@
+//! Who may do what, on each of the three ways to the daemon: polkit granting, refusing, silent and absent; other users.
+
+use std::collections::HashMap;
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::process::CommandExt;
+use std::path::Path;
+use std::process::{Command, Output};
+use std::sync::Arc;
+
+use crate::stage::broker::Broker;
+use crate::stage::{Running, SMALL, Stage, within};
+use dbus::{BUS_NAME, Fault, INTERFACE_XML, Manager1Proxy, Options, ROOT_PATH, Simulation1Proxy};
+use tokio::sync::watch;
+use tokio::task::JoinSet;
+use zbus::fdo::PropertiesProxy;
+use zbus::proxy::MethodFlags;
+use zbus::{Connection, OwnedVariant};
+
+/// Somebody else, where the tests run as root.
+const NOBODY: u32 = 65_534;
+
+/// What the authority of a test does when it is asked.
+#[derive(Clone)]
+enum Says {
+    Yes,
+    No,
+    Nothing,
+    /// Yes, when this says so.
+    YesWhen(watch::Receiver<bool>),
+}
+
+/// What it was asked: the sender's name, the action, the flags.
+type Asked = Arc<watch::Sender<Vec<(String, String, u32)>>>;
+
+struct Authority {
+    says: Says,
+    asked: Asked,
+}
+
+#[zbus::interface(name = "org.freedesktop.PolicyKit1.Authority")]
+impl Authority {
+    async fn check_authorization(
+        &self,
+        subject: (String, HashMap<String, OwnedVariant>),
+        action: String,
+        _details: HashMap<String, String>,
+        flags: u32,
+        _cancellation: String,
+    ) -> (bool, bool, HashMap<String, String>) {
+        assert_eq!(subject.0, "system-bus-name");
+        let name = String::try_from(subject.1["name"].try_clone().unwrap()).unwrap();
+        self.asked
+            .send_modify(|asked| asked.push((name, action, flags)));
+        match &self.says {
+            Says::Yes => (true, false, HashMap::new()),
+            Says::YesWhen(said) => {
+                said.clone().wait_for(|said| *said).await.unwrap();
+                (true, false, HashMap::new())
+            }
+            Says::No => (false, false, HashMap::new()),
+            Says::Nothing => std::future::pending().await,
+        }
+    }
+}
+
+/// A daemon on a bus with this authority, and a client there.
+struct Scene {
+    daemon: Running,
+    client: Connection,
+    manager: Manager1Proxy<'static>,
+    asked: Asked,
+    _authority: Option<Connection>,
+    broker: Broker,
+    stage: Stage,
+}
+
+impl Scene {
+    async fn set(bus: &str, says: Option<Says>) -> Option<Self> {
+        let stage = Stage::new(&SMALL.replace("[bus]", &format!("[bus]\n{bus} = true")));
+        let broker = Broker::start(stage.path())?;
+        let asked = Asked::default();
+        let authority = match says {
+            None => None,
+            Some(says) => {
+                let connection = broker.connect().await;
+                let authority = Authority {
+                    says,
+                    asked: Arc::clone(&asked),
+                };
+                let path = "/org/freedesktop/PolicyKit1/Authority";
+                connection
+                    .object_server()
+                    .at(path, authority)
+                    .await
+                    .unwrap();
+                let name = "org.freedesktop.PolicyKit1";
+                connection.request_name(name).await.unwrap();
+                Some(connection)
+            }
+        };
+        let daemon = stage.start_on_bus(&broker.address).await;
+        let client = broker.connect().await;
+        let manager = Manager1Proxy::new(&client).await.unwrap();
+        Some(Self {
+            daemon,
+            client,
+            manager,
+            asked,
+            _authority: authority,
+            broker,
+            stage,
+        })
+    }
+
+    fn actions(&self) -> Vec<String> {
+        let asked = self.asked.borrow();
+        asked.iter().map(|(_, action, _)| action.clone()).collect()
+    }
+
+    /// `busctl call` of a method of the manager by another user; `None`, said, where this cannot be tried.
+    fn as_another(&self, method: &[&str]) -> Option<Output> {
+        self.open_to_all();
+        as_nobody(
+            Command::new("busctl")
+                .arg(format!("--address={}", self.broker.address))
+                .args(["call", BUS_NAME, ROOT_PATH, dbus::MANAGER_INTERFACE])
+                .args(method),
+        )
+    }
+
+    /// Lets other users come as far as the sockets.
+    fn open_to_all(&self) {
+        for (path, mode) in [("", 0o711), ("bus", 0o777)] {
+            let path = self.stage.path().join(path);
+            std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode)).unwrap();
+        }
+    }
+}
+
+fn as_nobody(command: &mut Command) -> Option<Output> {
+    if !rustix::process::geteuid().is_root() {
+        eprintln!("not tried as another user: only root can take another user's place");
+        return None;
+    }
+    match command.uid(NOBODY).gid(NOBODY).output() {
+        Ok(output) if said(&output).contains("Permission denied") => {
+            eprintln!("not tried as another user: it does not come as far as the test's folder");
+            None
+        }
+        Ok(output) => Some(output),
+        Err(error) => {
+            eprintln!("not tried as another user: {error}");
+            None
+        }
+    }
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn refused<T: std::fmt::Debug>(answer: Result<T, Fault>, why: &str) {
+    assert!(
+        matches!(&answer, Err(Fault::NotAuthorized(text)) if text.contains(why)),
+        "{answer:?}"
+    );
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn polkit_decides_each_action_of_a_sender_but_not_queries() {
+    let Some(scene) = Scene::set("system", Some(Says::Yes)).await else {
+        return;
+    };
+    scene.manager.state().await.unwrap();
+    scene.manager.list_sessions(&Options::new()).await.unwrap();
+    scene.manager.plan().await.unwrap();
+    assert!(scene.actions().is_empty());
+
+    let none = Options::new();
+    let baseline = Options::new().with("frames", 1_u64);
+    let path = scene.manager.record_baseline(&baseline).await.unwrap();
+    let session = scene.daemon.session(&path).await;
+    within(session.wait()).await.unwrap();
+    let step = Options::new().with("step", true);
+    let path = scene.manager.start_session(&step).await.unwrap();
+    let session = dbus::Session1Proxy::builder(&scene.client)
+        .path(path)
+        .build()
+        .await
+        .unwrap();
+    within(session.step(1)).await.unwrap();
+    session.latest_map().await.unwrap();
+    within(session.stop()).await.unwrap();
+    scene.manager.open_all().await.unwrap();
+    scene.manager.transcript(&none).await.unwrap();
+    scene.manager.reload().await.unwrap();
+    let words = "baseline control control control instruments instruments reload";
+    let expected: Vec<String> = words
+        .split(' ')
+        .map(|word| format!("org.tactus.Tactus1.{word}"))
+        .collect();
+    assert_eq!(scene.actions(), expected);
+
+    // a password is asked for only where the caller says that somebody is there to type it
+    let flags = MethodFlags::ALLOW_INTERACTIVE_AUTH;
+    let inner = scene.manager.inner();
+    let done: Option<String> = inner.call_with_flags("Reload", flags, &()).await.unwrap();
+    assert!(done.is_some());
+    let asked = scene.asked.borrow().clone();
+    let own = scene.client.unique_name().unwrap().as_str();
+    assert!(asked.iter().all(|(name, _, _)| name == own), "{asked:?}");
+    let flags: Vec<u32> = asked.iter().map(|(_, _, flags)| *flags).collect();
+    assert_eq!(flags, [0, 0, 0, 0, 0, 0, 0, 1]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_polkit_refuses_is_not_done_even_for_root() {
+    let Some(scene) = Scene::set("system", Some(Says::No)).await else {
+        return;
+    };
+    // the peer socket knows no polkit
+    scene.daemon.baseline(1).await;
+    let running = scene.daemon.start(Options::new().with("step", true)).await;
+    let session = dbus::Session1Proxy::builder(&scene.client)
+        .path(running.inner().path().to_owned())
+        .build()
+        .await
+        .unwrap();
+    let simulation = Simulation1Proxy::new(&scene.client).await.unwrap();
+    let (manager, none) = (&scene.manager, Options::new());
+    let why = "polkit does not allow you";
+    refused(manager.start_session(&none).await, why);
+    refused(manager.record_baseline(&none).await, why);
+    refused(manager.test_instruments(&none).await, why);
+    refused(manager.relays(&none).await, why);
+    refused(manager.discover(&[], &none).await, why);
+    refused(manager.open_all().await, why);
+    refused(manager.accept_instruments().await, why);
+    refused(manager.transcript(&none).await, why);
+    refused(manager.reload().await, why);
+    refused(session.stop().await, why);
+    refused(session.suspend().await, why);
+    refused(session.resume().await, why);
+    refused(session.step(1).await, why);
+    refused(simulation.press("disc", 0.0, 0.0, 0.01, 0.5).await, why);
+    refused(simulation.release().await, why);
+    assert_eq!(scene.actions().len(), 15);
+
+    // looking is for everybody; nothing was done
+    assert_eq!(session.state().await.unwrap(), "running");
+    assert_eq!(session.frames_acquired().await.unwrap(), 0);
+    within(running.stop()).await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn no_property_of_any_interface_can_be_set() {
+    let Some(scene) = Scene::set("system", Some(Says::Yes)).await else {
+        return;
+    };
+    let path = scene.daemon.baseline(1).await.inner().path().to_string();
+    let instrument = scene.manager.instruments().await.unwrap()[0].to_string();
+    let mut tried = 0;
+    for (interface, xml) in INTERFACE_XML {
+        let path = match interface {
+            dbus::SESSION_INTERFACE => path.as_str(),
+            dbus::INSTRUMENT_INTERFACE => instrument.as_str(),
+            _ => ROOT_PATH,
+        };
+        let properties = PropertiesProxy::builder(&scene.client)
+            .destination(BUS_NAME)
+            .path(path.to_owned())
+            .build()
+            .await
+            .unwrap();
+        let named = xml.split("<property name=\"").skip(1);
+        for name in named.filter_map(|rest| rest.split('"').next()) {
+            let before = properties
+                .get(interface.try_into().unwrap(), name)
+                .await
+                .unwrap();
+            let set = properties.set(interface.try_into().unwrap(), name, &before);
+            assert!(set.await.is_err(), "{interface}.{name} was set");
+            tried += 1;
+        }
+    }
+    assert!(tried > 20, "{tried} properties");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_polkit_that_never_answers_is_a_refusal() {
+    let Some(scene) = Scene::set("system", Some(Says::Nothing)).await else {
+        return;
+    };
+    refused(within(scene.manager.open_all()).await, "gave no answer");
+    // and holds nobody else up
+    assert_eq!(scene.manager.state().await.unwrap(), "idle");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn one_user_has_eight_questions_open_on_all_connections() {
+    let (say, said) = watch::channel(false);
+    let Some(scene) = Scene::set("system", Some(Says::YesWhen(said))).await else {
+        return;
+    };
+    // a person is waited for much longer than this test takes
+    let ask = async |manager: Manager1Proxy<'static>| -> zbus::Result<Option<String>> {
+        let flags = MethodFlags::ALLOW_INTERACTIVE_AUTH;
+        let inner = manager.inner();
+        inner
+            .call_with_flags("Transcript", flags, &Options::new())
+            .await
+    };
+    let refused = async |manager: &Manager1Proxy<'static>, whose: &str| {
+        let refusal = within(ask(manager.clone())).await.unwrap_err();
+        let told = format!("{refusal:?}");
+        let name = "org.tactus.Tactus1.Error.LimitsExceeded";
+        assert!(told.contains(name) && told.contains(whose), "{told}");
+    };
+    let mut asked = scene.asked.subscribe();
+    let mut questions = JoinSet::new();
+    for client in 1..=2 {
+        let manager = Manager1Proxy::new(&scene.broker.connect().await)
+            .await
+            .unwrap();
+        for _ in 0..4 {
+            questions.spawn(ask(manager.clone()));
+        }
+        within(asked.wait_for(|asked| asked.len() == client * 4))
+            .await
+            .unwrap();
+    }
+    refused(&scene.manager, "you have 8 questions to polkit").await;
+    assert_eq!(scene.asked.borrow().len(), 8, "polkit is not asked");
+    // looking needs no question
+    assert_eq!(scene.manager.state().await.unwrap(), "idle");
+
+    say.send(true).unwrap();
+    while let Some(granted) = within(questions.join_next()).await {
+        assert!(granted.unwrap().unwrap().is_some());
+    }
+    scene.manager.transcript(&Options::new()).await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn without_polkit_only_our_own_user_may_and_everybody_may_look() {
+    let Some(scene) = Scene::set("system", None).await else {
+        return;
+    };
+    scene.manager.open_all().await.unwrap();
+    let Some(output) = scene.as_another(&["OpenAll"]) else {
+        return;
+    };
+    let text = said(&output);
+    assert!(!output.status.success(), "{output:?}");
+    assert!(text.contains("the group tactus may"), "{text}");
+    let looked = scene.as_another(&["Plan"]).unwrap();
+    assert!(looked.status.success(), "{}", said(&looked));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_session_bus_and_the_peer_socket_are_our_own_users() {
+    let Some(scene) = Scene::set("session", Some(Says::No)).await else {
+        return;
+    };
+    scene.manager.open_all().await.unwrap();
+    assert!(
+        scene.actions().is_empty(),
+        "polkit knows nothing of this bus"
+    );
+    if let Some(output) = scene.as_another(&["OpenAll"]) {
+        let text = said(&output);
+        assert!(text.contains("only the daemon's own user"), "{text}");
+    }
+    // even where the socket's own permission bits let everybody come
+    for (path, mode) in [("run", 0o711), ("run/peer", 0o666)] {
+        let path = scene.stage.path().join(path);
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode)).unwrap();
+    }
+    let came = come_as_nobody(&scene.stage.path().join("run/peer"));
+    let (_, log) = scene.daemon.terminate().await;
+    assert_eq!(log.contains("was turned away"), came, "{log}");
+}
+
+/// Whether another user's process came as far as the daemon's peer socket.
+fn come_as_nobody(socket: &Path) -> bool {
+    let address = format!("--address=unix:path={}", socket.display());
+    let came = as_nobody(Command::new("busctl").args([address.as_str(), "tree", BUS_NAME]));
+    if let Some(output) = &came {
+        assert!(!output.status.success());
+    }
+    came.is_some()
+}

@@ -1,0 +1,134 @@
+//! The daemon on a bus with a broker: a private one for each test.
+
+use std::process::Command;
+
+use crate::stage::broker::Broker;
+use crate::stage::{SMALL, Stage, within};
+use dbus::{BUS_NAME, Options, ROOT_PATH};
+use zbus::fdo::DBusProxy;
+
+fn stage_on_session_bus() -> Stage {
+    Stage::new(&SMALL.replace("[bus]", "[bus]\nsession = true"))
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn busctl_alone_suffices_and_the_name_cannot_be_stolen() {
+    let stage = stage_on_session_bus();
+    let Some(broker) = Broker::start(stage.path()) else {
+        return;
+    };
+    let daemon = stage.start_on_bus(&broker.address).await;
+    daemon.baseline(1).await;
+    let session = daemon.start(Options::new().with("step", true)).await;
+    within(session.step(1)).await.unwrap();
+    let map = session.latest_map().await.unwrap();
+
+    let path = session.inner().path().to_string();
+    let asked = Command::new("busctl")
+        .args([
+            &format!("--address={}", broker.address),
+            "call",
+            BUS_NAME,
+            &path,
+            dbus::SESSION_INTERFACE,
+            "LatestMap",
+        ])
+        .output();
+    match asked {
+        Ok(output) => {
+            let text = String::from_utf8_lossy(&output.stdout);
+            assert!(
+                text.starts_with("txadsssba{sv} 1 "),
+                "{text}{}",
+                String::from_utf8_lossy(&output.stderr)
+            );
+            assert!(
+                text.contains(&format!(" {} ", map.values.len())) && text.contains(&map.mesh_hash)
+            );
+        }
+        Err(_) => eprintln!("not asked by busctl: it is not here"),
+    }
+
+    // another one wants the name with force
+    let thief = broker.connect().await;
+    let forced = thief
+        .request_name_with_flags(
+            BUS_NAME,
+            zbus::fdo::RequestNameFlags::REPLACE_EXISTING
+                | zbus::fdo::RequestNameFlags::DO_NOT_QUEUE,
+        )
+        .await;
+    assert!(
+        !matches!(forced, Ok(zbus::fdo::RequestNameReply::PrimaryOwner)),
+        "{forced:?}"
+    );
+    let second = Stage::new(&SMALL.replace("[bus]", "[bus]\nsession = true"));
+    let output = Command::new(env!("CARGO_BIN_EXE_tactusd"))
+        .arg("--config")
+        .arg(second.config())
+        .env("DBUS_SESSION_BUS_ADDRESS", &broker.address)
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        !output.status.success() && said.contains("owned already"),
+        "{said}"
+    );
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_restarted_bus_has_the_daemon_again_and_no_frame_is_lost() {
+    let stage = stage_on_session_bus();
+    let Some(broker) = Broker::start(stage.path()) else {
+        return;
+    };
+    let daemon = stage.start_on_bus(&broker.address).await;
+    daemon.baseline(1).await;
+    let session = daemon.start(Options::new()).await;
+    drop(broker);
+    let mut durable = session.receive_frame_done().await.unwrap();
+    let before = within(dbus::next(&mut durable))
+        .await
+        .unwrap()
+        .args()
+        .unwrap()
+        .sequence;
+
+    let broker = Broker::start(stage.path()).unwrap();
+    let connection = broker.connect().await;
+    let broker_itself = DBusProxy::new(&connection).await.unwrap();
+    let mut owners = broker_itself
+        .receive_name_owner_changed_with_args(&[(0, BUS_NAME)])
+        .await
+        .unwrap();
+    if !broker_itself
+        .name_has_owner(BUS_NAME.try_into().unwrap())
+        .await
+        .unwrap()
+    {
+        within(dbus::next(&mut owners)).await.unwrap();
+    }
+    let again = dbus::Manager1Proxy::builder(&connection)
+        .path(ROOT_PATH)
+        .build()
+        .await
+        .unwrap();
+    // the session that ran all the while is there too
+    let same = dbus::Session1Proxy::builder(&connection)
+        .path(session.inner().path().to_owned())
+        .build()
+        .await
+        .unwrap();
+    // a busy machine may have let a deadline pass: that is recovered from, and is another test's matter
+    let mut done = same.receive_frame_done().await.unwrap();
+    while within(again.state()).await.unwrap() != "acquiring" {
+        eprintln!("not yet: {:?}", same.last_error().await);
+        within(dbus::next(&mut done)).await.unwrap();
+    }
+    assert!(within(same.frames_durable()).await.unwrap() >= before);
+    within(same.stop()).await.unwrap();
+    assert_eq!(
+        session.frames_durable().await.unwrap(),
+        session.frames_acquired().await.unwrap()
+    );
+}

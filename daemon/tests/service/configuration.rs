@@ -1,0 +1,310 @@
+//! What is wrong in a configuration is said with its place, and nothing starts.
+
+use std::path::Path;
+use std::process::Command;
+
+use crate::stage::{SMALL, Stage};
+
+/// Exit code and standard error of `tactusd --check`.
+fn check(config: &str) -> (Option<i32>, String) {
+    let output = Stage::new(config).run(&["--check"]);
+    (
+        output.status.code(),
+        String::from_utf8_lossy(&output.stderr).into_owned(),
+    )
+}
+
+#[test]
+fn the_shipped_example_has_no_problem_and_says_every_section() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config.toml");
+    let text = std::fs::read_to_string(file).unwrap();
+    let (code, said) = check(&text);
+    assert_eq!((code, said.as_str()), (Some(0), ""));
+    // the same with every commented-out key in it is read too, though it says too much to be run
+    for section in [
+        "rig",
+        "source",
+        "switch",
+        "voltmeter",
+        "recording",
+        "wiring",
+        "survey",
+        "geometry",
+        "model",
+        "record",
+        "bus",
+        "schedule",
+    ] {
+        assert!(
+            text.contains(&format!("[{section}]")),
+            "[{section}] is not shown"
+        );
+    }
+}
+
+#[test]
+fn each_bad_input_is_named_at_its_place() {
+    let with = |from: &str, to: &str| {
+        assert!(SMALL.contains(from), "{from}");
+        SMALL.replace(from, to)
+    };
+    let more = |text: &str| format!("{SMALL}{text}");
+    let cases = [
+        (
+            with("kind =", "kinds ="),
+            "config.toml:3:1: unknown key 'kinds'; did you mean 'kind'?",
+        ),
+        (
+            with("[survey]\n", "[survey]\nsettle_us = 10\n"),
+            ":11:1: unknown key 'settle_us'; did you mean 'settle_ms'?",
+        ),
+        (
+            with("electrodes = 16\n[record]", "electrodes = 20\n[record]"),
+            ":11:14: survey.electrodes: the survey asks 20 electrodes, the geometry (preset disc-tank) has 16",
+        ),
+        (
+            more("[wiring]\nelectrodes = 26\n"),
+            ":20:14: wiring.electrodes: wiring '34924A pairs in slot 1' has 26 electrodes, the survey asks 16",
+        ),
+        (
+            more("[wiring]\nslot = 9\n"),
+            "wiring.slot: 9 is not from 1 to 8",
+        ),
+        (
+            more("[model]\nfile = \"nowhere.safetensors\"\n"),
+            "nowhere.safetensors",
+        ),
+        (
+            more("[model]\nfile = \"nowhere.safetensors\"\nloss_only = true\n"),
+            "nowhere.safetensors cannot be accessed",
+        ),
+        (
+            more(
+                "[model]\nfile = \"m.safetensors\"\nprior = \"noser\"\nlambda = 1.0\nloss_only = true\n",
+            ),
+            ":21:9: model.prior: a model file has its own settings; delete prior, lambda, or delete file",
+        ),
+        (
+            more("[model]\nmethod = \"tv\"\nlambda = 1.0\n"),
+            "model.lambda: lambda belongs to method = \"one-step\"",
+        ),
+        (
+            more("[model]\ngap = 1e-3\n"),
+            "model.gap: gap belongs to method = \"tv\"",
+        ),
+        (
+            more("[model]\nmethod = \"one-step\"\nfile = \"m.safetensors\"\n"),
+            "delete method, or delete file",
+        ),
+        (
+            more("[model]\nnoise_uv = -2.0\n"),
+            "model.noise_uv: -2 is not from 1e-6 to 1000000000",
+        ),
+        (
+            more("[model]\nnoise_uv = 2.0\nlambda = 1.0\n"),
+            "one of lambda, noise_figure and noise_uv",
+        ),
+        (
+            more("[model]\nmethod = \"tv\"\nmap_error = 1e-3\n"),
+            "model.map_error: map_error belongs to method = \"one-step\"",
+        ),
+        (
+            more("[model]\nprior = \"gaussian\"\nloss_only = true\n"),
+            "loss_only with the gaussian prior takes longer than a frame",
+        ),
+        (
+            more("[model]\nmap_error = 2.0\n"),
+            "model.map_error: 2 is not above 0 and below 1",
+        ),
+        (with("[record]", "current_ua = 200000.0\n[record]"), "over"),
+        (
+            with("[record]", "nplc = 3.0\n[record]"),
+            ":12:8: survey.nplc: 3 is none of",
+        ),
+        (
+            with("PROFILE", "nowhere.toml"),
+            ":4:11: rig.profile: profile",
+        ),
+        (
+            with("PROFILE", "matrix-34932a"),
+            ":4:11: rig.profile: profile matrix-34932a does not fit wiring pairs-34924a in slot 1: the 34932A in slot 1",
+        ),
+        (
+            with("PROFILE", "gpio-board"),
+            "slot 1 is empty, and relay 1036 joins electrodes 1 and 2 to the source; use profile = \"pairs-34924a\"",
+        ),
+        (
+            with("PROFILE", "gpio-board"),
+            "for its board set wiring.kind = \"gpio-board\"",
+        ),
+        (more("[wiring]\nslot = 2\n"), ":4:11: rig.profile: profile"),
+        (
+            more("[wiring]\nkind = \"matrix-34934a\"\n"),
+            "the 34924A in slot 1 has no channel 101: relay 1101 joins electrode 1 to the source",
+        ),
+        (
+            more("[wiring]\nkind = \"pairs-34922a\"\n"),
+            "slot 1 holds a 34924A, the wiring is made for a 34922A",
+        ),
+        (
+            more("[wiring]\nkind = \"fast-34925a\"\ninject_slot = 1\n"),
+            "slot 1 cannot hold both the measuring and the injecting module",
+        ),
+        (
+            more("[wiring]\ninject_slot = 2\n"),
+            "only wiring.kind = \"fast-34925a\" has one",
+        ),
+        (
+            more("[wiring]\nkind = \"file\"\n"),
+            "kind = \"file\" needs file = \"PATH\"",
+        ),
+        (
+            more("[wiring]\nkind = \"file\"\nfile = \"nowhere.toml\"\n"),
+            "nowhere.toml: cannot be read",
+        ),
+        (
+            more("[wiring]\nkind = \"gpio-board\"\n"),
+            "wiring gpio-board needs the multiplexer board",
+        ),
+        (
+            with("profile = \"PROFILE\"\n", "") + "[wiring]\nslot = 3\n",
+            ":18:2: wiring: profile pairs-34924a does not fit wiring pairs-34924a in slot 3: slot 3 is empty",
+        ),
+        (
+            with("scene = \"scene.toml\"", "scene = \"busy\""),
+            "shipped ones are quiet",
+        ),
+        (with("\"simulated\"", "\"instruments\""), ":3:8: the rig"),
+        (
+            with("\"simulated\"", "\"recording\""),
+            "needs a section [recording]",
+        ),
+        (
+            more("[source]\naddress = \"tcp:10.0.0.1:1394\"\n"),
+            "source: a simulated rig has no addresses",
+        ),
+        (
+            with("peer_path = \"run/peer\"", "peer = false"),
+            "nobody could reach the daemon",
+        ),
+    ];
+    for (config, says) in cases {
+        let (code, said) = check(&config);
+        assert_eq!(code, Some(78), "{config}\n{said}");
+        if says == ":3:8: the rig" {
+            // two missing instruments (the switch measures, too) and two keys of a simulated rig: all at once
+            assert_eq!(said.lines().count(), 4, "{said}");
+            assert!(
+                said.contains(":1:1: source: the rig has no [source]"),
+                "{said}"
+            );
+            assert_eq!(said.matches("delete this key").count(), 2, "{said}");
+            continue;
+        }
+        assert!(said.contains(says), "wanted {says:?} in\n{said}");
+    }
+}
+
+#[test]
+fn a_simulated_instrument_does_not_stand_in_for_a_real_one() {
+    let real = "[rig]\nkind = \"instruments\"\n[source]\naddress = \"simulated\"\n[switch]\naddress = \"tcp:h:1\"\n\
+                [voltmeter]\naddress = \"tcp:h:2\"\n";
+    let (code, said) = check(real);
+    assert_eq!(code, Some(78));
+    assert!(said.contains("set rig.kind = \"mixed\""), "{said}");
+    let alone = real.replace("\"simulated\"", "\"tcp:h:3\"");
+    let alone = alone.split("[voltmeter]").next().unwrap();
+    assert_eq!(check(alone).0, Some(0), "the voltmeter is the switch");
+    let board = format!("{alone}[wiring]\nkind = \"gpio-board\"\n");
+    let (_, said) = check(&board);
+    assert!(said.contains("the rig has no [voltmeter]"), "{said}");
+    let (_, said) = check(&real.replace("\"simulated\"", "\"tcp:h:3\""));
+    assert!(said.contains("give both the same address"), "{said}");
+}
+
+#[test]
+fn a_missing_instrument_is_an_error_and_nothing_else() {
+    let port = std::net::TcpListener::bind("127.0.0.1:0")
+        .unwrap()
+        .local_addr()
+        .unwrap();
+    let config = format!(
+        "[rig]\nkind = \"instruments\"\n[record]\ndirectory = \"state\"\n[bus]\npeer_path = \"run/peer\"\n[source]\naddress = \"tcp:{port}\"\n\
+         [switch]\naddress = \"tcp:{port}\"\n[voltmeter]\naddress = \"tcp:{port}\"\n"
+    );
+    let stage = Stage::new(&config);
+    for (args, code) in [(&[][..], 1), (&["--safe-off"], 5)] {
+        let output = stage.run(args);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{said}");
+        assert!(
+            said.contains(&format!("source at tcp:{port} cannot be reached")),
+            "{said}"
+        );
+    }
+}
+
+#[test]
+fn the_plan_is_printed_and_nothing_moves() {
+    let stage = Stage::new(SMALL);
+    let output = stage.run(&["--plan", "--json"]);
+    let plan: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(plan["readings"], 208);
+    assert_eq!(plan["reading_messages"], 16);
+    assert_eq!(
+        plan["lines"].as_array().unwrap().len() as u64,
+        plan["steps"].as_u64().unwrap()
+    );
+    let text = String::from_utf8(stage.run(&["--plan"]).stdout).unwrap();
+    assert!(
+        text.contains("nothing moved") && text.contains("16 injections"),
+        "{text}"
+    );
+}
+
+#[test]
+fn the_effective_configuration_is_a_configuration() {
+    let stage = Stage::new(SMALL);
+    let printed = String::from_utf8(stage.run(&["--print-config"]).stdout).unwrap();
+    assert!(printed.contains("settle_ms = 2.0"), "{printed}");
+    let (code, said) = check(&printed);
+    assert_eq!(code, Some(0), "{said}");
+    let again = Stage::new(&printed).run(&["--print-config"]).stdout;
+    assert_eq!(String::from_utf8(again).unwrap(), printed);
+}
+
+#[test]
+fn paths_are_absolute_wherever_the_daemon_is_started() {
+    let stage = Stage::new(SMALL);
+    let output = Command::new(env!("CARGO_BIN_EXE_tactusd"))
+        .args(["--config", "config.toml", "--print-config"])
+        .current_dir(stage.path())
+        .output()
+        .unwrap();
+    let printed = String::from_utf8(output.stdout).unwrap();
+    let state = stage.path().join("state");
+    assert!(
+        printed.contains(&format!("directory = \"{}\"", state.display())),
+        "{printed}"
+    );
+}
+
+#[test]
+fn safe_off_verifies_both() {
+    let output = Stage::new(SMALL).run(&["--safe-off"]);
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(output.status.success());
+    assert!(
+        said.contains("source off, verified") && said.contains("relays open, verified"),
+        "{said}"
+    );
+}
+
+#[test]
+fn usage_is_told_apart() {
+    let output = Command::new(env!("CARGO_BIN_EXE_tactusd"))
+        .arg("--chekc")
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+}

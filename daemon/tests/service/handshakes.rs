@@ -1,0 +1,157 @@
+//! What a program may say first on the peer socket: nothing of it reaches the session that runs.
+
+use crate::stage::{Measuring, Running, within};
+use dbus::Address;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::UnixStream;
+use tokio::task::JoinHandle;
+
+/// A first line as libdbus sends it, for the user that runs the test.
+fn greeting() -> Vec<u8> {
+    let user = rustix::process::getuid().as_raw().to_string();
+    let digits: String = user.bytes().map(|digit| format!("{digit:02x}")).collect();
+    format!("\0AUTH EXTERNAL {digits}\r\n").into_bytes()
+}
+
+/// Noise that is the same each time, with all 256 bytes in it.
+fn noise(length: u32) -> Vec<u8> {
+    (0..length)
+        .map(|at| (at.wrapping_mul(2_654_435_761) >> 24) as u8)
+        .collect()
+}
+
+/// Says this and waits until the daemon has closed the connection.
+async fn greet(socket: &std::path::Path, words: &[u8], leaves: bool) {
+    let mut stream = within(UnixStream::connect(socket)).await.unwrap();
+    // the daemon may have hung up before all is said
+    let _ = within(stream.write_all(words)).await;
+    if leaves {
+        let _ = stream.shutdown().await;
+    }
+    let mut answer = Vec::new();
+    let _ = within(stream.read_to_end(&mut answer)).await;
+}
+
+/// The session takes another frame, and nothing was said of a fault.
+async fn goes_on(measuring: &mut Measuring, end: &mut JoinHandle<String>, after: &str) {
+    // the first that comes may have been waiting
+    for _ in 0..2 {
+        let frame = async {
+            tokio::select! {
+                frame = dbus::next(&mut measuring.frames) => frame.is_some(),
+                why = &mut *end => panic!("after {after} the session ended: {why:?}"),
+            }
+        };
+        assert!(within(frame).await, "after {after}");
+    }
+    let state = measuring.daemon.manager.state().await.unwrap();
+    assert_ne!(state, "faulted", "after {after}");
+}
+
+/// Waits for the end of the session, which must not come.
+fn watched(measuring: &Measuring) -> JoinHandle<String> {
+    let session = measuring.session.clone();
+    tokio::spawn(async move { format!("{:?}", session.wait().await) })
+}
+
+async fn ended(daemon: Running) -> String {
+    let (status, log) = daemon.terminate().await;
+    assert!(status.success(), "{log}");
+    log
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn no_greeting_on_the_peer_socket_disturbs_the_session() {
+    let mut measuring = Measuring::begin().await;
+    let mut end = watched(&measuring);
+    let socket = measuring.stage.path().join("run/peer");
+    let hello = greeting();
+    let and = |more: &[u8]| [&hello[..], more].concat();
+    let attacks: Vec<(&str, Vec<u8>, bool)> = vec![
+        ("one newline", b"\n".to_vec(), false),
+        ("newlines", b"\n\n\n\r\n".to_vec(), false),
+        ("nothing", Vec::new(), true),
+        ("a zero byte", b"\0".to_vec(), true),
+        ("a zero byte and a newline", b"\0\n".to_vec(), false),
+        ("BEGIN first", b"\0BEGIN\r\n".to_vec(), false),
+        ("half of AUTH", b"\0AUTH EXT".to_vec(), true),
+        ("a megabyte", vec![b'a'; 1 << 20], false),
+        (
+            "a megabyte behind AUTH",
+            [&b"\0AUTH "[..], &vec![b'a'; 1 << 20]].concat(),
+            false,
+        ),
+        ("noise", noise(4096), false),
+        (
+            "noise behind a zero byte",
+            [&b"\0AUTH"[..], &noise(4096)].concat(),
+            false,
+        ),
+        ("a newline after AUTH", b"\0AUTH\r\n\n".to_vec(), false),
+        ("a newline after being known", and(b"\n"), false),
+        ("no user", b"\0AUTH EXTERNAL zz\r\n".to_vec(), false),
+        ("noise after being known", and(&noise(4096)), false),
+        (
+            "a megabyte after being known",
+            and(&vec![b'a'; 1 << 20]),
+            true,
+        ),
+        (
+            "noise for messages",
+            and(&[&b"BEGIN\r\n"[..], &noise(4096)].concat()),
+            true,
+        ),
+        ("a message that ends", and(b"BEGIN\r\nl\x01\0\x01"), true),
+    ];
+    for (what, words, leaves) in &attacks {
+        greet(&socket, words, *leaves).await;
+        goes_on(&mut measuring, &mut end, what).await;
+    }
+    within(measuring.session.stop()).await.unwrap();
+    let log = ended(measuring.daemon).await;
+    // two of the attacks reach a panic of zbus: the first is said, the other counted
+    let panics = log.lines().filter(|line| line.contains("panicked at"));
+    assert_eq!(panics.count(), 1, "{log}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn who_connects_and_says_nothing_is_dropped_and_holds_nobody_up() {
+    let mut measuring = Measuring::begin().await;
+    let mut end = watched(&measuring);
+    let socket = measuring.stage.path().join("run/peer");
+    let mut silent = Vec::new();
+    for k in 0..30 {
+        let mut stream = within(UnixStream::connect(&socket)).await.unwrap();
+        let words: &[u8] = match k % 3 {
+            0 => b"",
+            1 => b"\0AUTH",
+            _ => b"\0AUTH\r\n",
+        };
+        within(stream.write_all(words)).await.unwrap();
+        silent.push(stream);
+    }
+    // another one is served meanwhile
+    let address = Address::Unix(socket.clone());
+    let (other, _) = within(dbus::connect(Some(&address))).await.unwrap();
+    let manager = dbus::Manager1Proxy::new(&other).await.unwrap();
+    assert_ne!(within(manager.state()).await.unwrap(), "faulted");
+    for mut stream in silent {
+        let mut answer = Vec::new();
+        let _ = within(stream.read_to_end(&mut answer)).await;
+    }
+    goes_on(&mut measuring, &mut end, "silence").await;
+    // and their places are free again
+    let mut others = Vec::new();
+    for _ in 0..30 {
+        let connected = async {
+            loop {
+                match dbus::connect(Some(&address)).await {
+                    Ok((other, _)) => return other,
+                    // a place is given back when the daemon notices that it was left
+                    Err(_) => tokio::task::yield_now().await,
+                }
+            }
+        };
+        others.push(within(connected).await);
+    }
+}

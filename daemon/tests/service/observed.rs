@@ -1,0 +1,345 @@
+//! How a running daemon is: well, and then not, and why.
+
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+use dbus::Options;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
+
+use crate::stage::{Measuring, SMALL, Stage, told, within};
+
+/// The daemon's own answer.
+async fn health(daemon: &crate::stage::Running) -> Options {
+    within(daemon.manager.health()).await.unwrap()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_daemon_says_that_it_is_well_and_what_it_has() {
+    let stage = Stage::new(SMALL);
+    let daemon = stage.start().await;
+    let before = health(&daemon).await;
+    assert_eq!(before.flag("well").unwrap(), Some(true), "{before:?}");
+    assert!(!before.0.contains_key("session") && !before.0.contains_key("last_frame_ns"));
+    assert!(before.whole("disk_free_bytes").unwrap().unwrap() > 0);
+
+    daemon.baseline(2).await;
+    let session = daemon.start(Options::new().with("step", true)).await;
+    within(session.step(3)).await.unwrap();
+    let now = health(&daemon).await;
+    // on a busy machine a map may be late, and only that
+    let troubles = now.texts("troubles").unwrap().unwrap();
+    assert!(
+        troubles.iter().all(|text| text.starts_with("session: ")),
+        "{now:?}"
+    );
+    assert_eq!(now.whole("frames_durable").unwrap(), Some(3));
+    assert_eq!(now.whole("backlog").unwrap(), Some(0));
+    assert_eq!(now.whole("total_durable").unwrap(), Some(5));
+    assert_eq!(now.whole("last_frame_sequence").unwrap(), Some(3));
+    assert!(now.number("baseline_age_s").unwrap().unwrap() >= 0.0);
+    // whose counters nobody has asked for
+    assert!(now.number("relay_used").unwrap().unwrap() > 0.0, "{now:?}");
+    // nobody awaits a frame that is taken on request
+    assert_eq!(now.number("quiet_s").unwrap(), None);
+    assert_eq!(
+        now.texts("instruments").unwrap().unwrap(),
+        ["source: ready", "switch+voltmeter: ready"]
+    );
+    within(session.stop()).await.unwrap();
+    daemon.terminate().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_lost_rig_and_its_failed_frame_are_trouble_until_it_is_back() {
+    let Measuring {
+        rig,
+        server,
+        stage: _stage,
+        daemon,
+        session,
+        mut happened,
+        ..
+    } = Measuring::begin().await;
+    let port = |address: &str| address.rsplit_once(':').unwrap().1.parse().unwrap();
+    let ports = (
+        port(&server.ready().source),
+        port(&server.ready().mainframe),
+    );
+    server.stop().await;
+    told(&mut happened, "suspended").await;
+    let lost = health(&daemon).await;
+    assert_eq!(lost.flag("well").unwrap(), Some(false));
+    let troubles = lost.texts("troubles").unwrap().unwrap();
+    assert!(
+        troubles.iter().any(|text| text.starts_with("instrument: ")),
+        "{troubles:?}"
+    );
+    assert_eq!(lost.whole("total_failed").unwrap(), Some(1));
+    let why = lost.text("last_gap").unwrap().unwrap();
+    assert!(why.contains("failed: "), "{why}");
+    let instruments = lost.texts("instruments").unwrap().unwrap();
+    assert!(
+        instruments[0].starts_with("source: fault: "),
+        "{instruments:?}"
+    );
+
+    let _server = crate::stage::serve(&rig, ports).await;
+    told(&mut happened, "resumed").await;
+    let back = health(&daemon).await;
+    let troubles = back.texts("troubles").unwrap().unwrap();
+    assert!(
+        !troubles.iter().any(|text| text.starts_with("instrument")),
+        "{troubles:?}"
+    );
+    assert_eq!(
+        back.texts("instruments").unwrap().unwrap(),
+        ["source: ready", "switch+voltmeter: ready"]
+    );
+    within(session.stop()).await.unwrap();
+}
+
+/// One scrape.
+async fn scrape(address: &str) -> String {
+    let mut stream = TcpStream::connect(address).await.unwrap();
+    let request = b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n";
+    stream.write_all(request).await.unwrap();
+    let mut answer = String::new();
+    within(stream.read_to_string(&mut answer)).await.unwrap();
+    let (head, body) = answer.split_once("\r\n\r\n").unwrap();
+    assert!(
+        head.starts_with(
+            "HTTP/1.1 200 OK\r\nContent-Type: application/openmetrics-text; version=1.0.0"
+        ),
+        "{head}"
+    );
+    body.to_owned()
+}
+
+/// Every line of an exposition is a comment of a known kind or a sample of a described family, and the end is told.
+fn parsed(body: &str) -> Vec<(String, f64)> {
+    let mut families = BTreeSet::new();
+    let mut samples = Vec::new();
+    let lines: Vec<&str> = body.strip_suffix("# EOF\n").unwrap().lines().collect();
+    for line in lines {
+        if let Some(rest) = line.strip_prefix("# ") {
+            let words: Vec<&str> = rest.splitn(3, ' ').collect();
+            assert!(["TYPE", "HELP", "UNIT"].contains(&words[0]), "{line}");
+            if words[0] == "UNIT" {
+                assert!(words[1].ends_with(&format!("_{}", words[2])), "{line}");
+            }
+            families.insert(words[1].to_owned());
+            continue;
+        }
+        let (name, value) = line.rsplit_once(' ').unwrap();
+        let plain = name.split('{').next().unwrap();
+        let known = ["", "_total", "_info", "_sum", "_count", "_bucket"]
+            .iter()
+            .any(|end| {
+                plain
+                    .strip_suffix(end)
+                    .is_some_and(|family| families.contains(family))
+            });
+        assert!(known, "{line} is of no family");
+        samples.push((name.to_owned(), value.parse().unwrap()));
+    }
+    samples
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn metrics_are_scraped_and_every_line_is_understood() {
+    let with = format!("{SMALL}[metrics]\nlisten = \"127.0.0.1:0\"\n");
+    let stage = Stage::new(&with);
+    let daemon = stage.start().await;
+    let address = loop {
+        // it is opened beside everything else
+        if let Some(address) = health(&daemon).await.text("metrics").unwrap() {
+            break address.to_owned();
+        }
+        tokio::task::yield_now().await;
+    };
+    assert!(address.starts_with("127.0.0.1:"), "{address}");
+    let before = parsed(&scrape(&address).await);
+    daemon.baseline(2).await;
+    let session = daemon.start(Options::new().with("step", true)).await;
+    within(session.step(3)).await.unwrap();
+    let after = parsed(&scrape(&address).await);
+    let of = |samples: &[(String, f64)], wanted: &str| {
+        let found = samples.iter().find(|(name, _)| name == wanted);
+        found.map(|(_, value)| *value)
+    };
+    assert_eq!(of(&before, "tactus_frames_total"), Some(0.0));
+    assert_eq!(of(&before, "tactus_backlog_frames"), None);
+    assert_eq!(of(&before, "tactus_well"), Some(1.0));
+    for (name, value) in [
+        ("tactus_frames_total", 5.0),
+        ("tactus_durable_frames_total", 5.0),
+        ("tactus_failed_frames_total", 0.0),
+        ("tactus_backlog_frames", 0.0),
+        ("tactus_simulated", 1.0),
+        ("tactus_instrument_up{role=\"source\"}", 1.0),
+        ("tactus_state{state=\"acquiring\"}", 1.0),
+        ("tactus_state{state=\"idle\"}", 0.0),
+        ("tactus_trouble{kind=\"no-frame\"}", 0.0),
+    ] {
+        assert_eq!(of(&after, name), Some(value), "{name}\n{after:#?}");
+    }
+    // a map may come after its frame, and each bucket holds those below it
+    let maps = of(&after, "tactus_reconstruction_seconds_count").unwrap();
+    let buckets: Vec<f64> = after
+        .iter()
+        .filter(|(name, _)| name.starts_with("tactus_reconstruction_seconds_bucket"))
+        .map(|(_, value)| *value)
+        .collect();
+    assert_eq!(buckets.len(), 9, "{after:#?}");
+    assert!(buckets.is_sorted() && maps <= 3.0, "{after:#?}");
+    let all = of(&after, "tactus_reconstruction_seconds_bucket{le=\"+Inf\"}");
+    assert_eq!(all, Some(maps));
+    assert!(of(&after, "process_resident_memory_bytes").unwrap() > 1e6);
+    assert!(of(&after, "tactus_disk_free_bytes").unwrap() > 0.0);
+    // a few dozen series whatever the daemon does
+    assert!(after.len() < 60, "{}", after.len());
+    within(session.stop()).await.unwrap();
+    daemon.terminate().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_healthy_session_of_1000_frames_logs_two_lines() {
+    // a session without maps: on a busy machine those may be late, which is news. Frames without a pause fill any disk soon
+    let stage = Stage::new(&format!("{SMALL}[notify]\ndisk_days = 1e-6\n"));
+    let daemon = stage.start_with_its_usual_words().await;
+    let session = daemon.baseline(1000).await;
+    assert_eq!(session.frames_durable().await.unwrap(), 1000);
+    let id = session.id().await.unwrap();
+    let (status, log) = daemon.terminate().await;
+    assert!(status.success(), "{log}");
+    let of_the_session: Vec<&str> = log.lines().filter(|line| line.contains(&id)).collect();
+    assert_eq!(of_the_session.len(), 2, "{log}");
+    assert!(of_the_session[0].contains("begins"), "{log}");
+    assert!(
+        of_the_session[1].contains("1000 frames on disk, 0 failed"),
+        "{log}"
+    );
+    // beside them only the beginning and the end of the daemon
+    assert!(log.lines().count() <= 6, "{log}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_daemons_own_events_are_on_disk() {
+    let stage = Stage::new(SMALL);
+    let daemon = stage.start().await;
+    std::fs::write(stage.config(), "[rig\n").unwrap();
+    daemon.manager.reload().await.unwrap_err();
+    let (status, log) = daemon.terminate().await;
+    assert!(status.success(), "{log}");
+    let events = logbook::chronicle(stage.path().join("state")).unwrap();
+    let kinds: Vec<&str> = events.iter().map(|event| event.kind.as_str()).collect();
+    assert_eq!(
+        kinds,
+        ["started", "reload-refused", "stopped"],
+        "{events:#?}"
+    );
+    assert!(events[2].text.contains("SIGTERM"), "{events:#?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_notify_command_runs_and_its_test_reports_the_outcome() {
+    let stage = Stage::new(SMALL);
+    let letter = stage.path().join("letter.json");
+    let script = format!("cat >> {}; echo to the wind >&2; exit 4", letter.display());
+    // a baseline is stale at once
+    let with = format!(
+        "{SMALL}[notify]\ncommand = [\"/bin/sh\", \"-c\", \"{script}\"]\nbaseline_days = 1e-9\n"
+    );
+    stage.configure(&with);
+    let daemon = stage.start().await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    let fared = within(daemon.manager.notify_test()).await.unwrap();
+    assert_eq!(fared.flag("done").unwrap(), Some(false));
+    assert_eq!(fared.number("code").unwrap(), Some(4.0));
+    assert_eq!(fared.text("stderr").unwrap(), Some("to the wind\n"));
+    let read = |text: &str| -> serde_json::Value { serde_json::from_str(text).unwrap() };
+    let text = std::fs::read_to_string(&letter).unwrap();
+    let test = read(text.trim());
+    assert_eq!(
+        (&test["kind"], &test["phase"]),
+        (&"test".into(), &"test".into())
+    );
+    assert_eq!(test["simulated"], true);
+
+    daemon.baseline(1).await;
+    let why = told(&mut happened, "trouble").await;
+    assert!(why.starts_with("baseline-stale: "), "{why}");
+    // the command says no, which is an event too
+    let failed = told(&mut happened, "notify-failed").await;
+    assert!(failed.contains("exit code 4: to the wind"), "{failed}");
+    let text = std::fs::read_to_string(&letter).unwrap();
+    let stale = read(text.lines().nth(1).unwrap());
+    assert_eq!(stale["kind"], "baseline-stale");
+    assert_eq!(stale["phase"], "begun");
+    assert_eq!(stale["troubles"][0]["kind"], "baseline-stale");
+    daemon.terminate().await;
+}
+
+/// The command hangs; frames come all the same, and the end of the daemon is not held up.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_command_that_hangs_holds_no_frame_back() {
+    let with = format!(
+        "{SMALL}[notify]\ncommand = [\"/bin/sh\", \"-c\", \"sleep 3600\"]\nbaseline_days = 1e-9\ndeadline_s = 600\n"
+    );
+    let stage = Stage::new(&with);
+    let daemon = stage.start().await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    daemon.baseline(1).await;
+    told(&mut happened, "trouble").await;
+    let session = daemon.start(Options::new().with("count", 200_u64)).await;
+    within(session.wait()).await.unwrap();
+    assert_eq!(session.frames_durable().await.unwrap(), 200);
+    let begun = std::time::Instant::now();
+    let (status, log) = daemon.terminate().await;
+    assert!(status.success(), "{log}");
+    assert!(
+        begun.elapsed() < Duration::from_secs(600),
+        "it waited for the command"
+    );
+}
+
+#[test]
+fn what_cannot_be_is_said_with_its_place() {
+    let stage = Stage::new(&format!(
+        "{SMALL}[metrics]\nlisten = \"0.0.0.0:9617\"\n[notify]\ncommand = [\"mail\"]\nrelay_life = 1.5\nagain_s = 0.0\n\
+         no_frame_periods = 0.5\ndisk_dais = 3\n"
+    ));
+    let said = |stage: &Stage| {
+        let checked = stage.run(&["--check"]);
+        String::from_utf8_lossy(&checked.stderr).into_owned()
+    };
+    let unknown = said(&stage);
+    assert!(
+        unknown.contains(":26:1: unknown key 'disk_dais'; did you mean 'disk_days'?"),
+        "{unknown}"
+    );
+    let text = std::fs::read_to_string(stage.config()).unwrap();
+    stage.configure(&text.replace("disk_dais", "disk_days"));
+    let wrong = said(&stage);
+    for wanted in [
+        ":20:10: metrics.listen: 0.0.0.0:9617 can be reached from other machines",
+        ":22:11: notify.command: 'mail' is no absolute path",
+        ":23:14: notify.relay_life: 1.5 is not above 0 and at most 1",
+        ":24:11: notify.again_s: 0 is not above 0",
+        ":25:20: notify.no_frame_periods: 0.5 is not from 1 to 1000000",
+    ] {
+        assert!(wrong.contains(wanted), "{wanted}\n{wrong}");
+    }
+    let sound = format!(
+        "{SMALL}[metrics]\nlisten = \"0.0.0.0:9617\"\nbeyond_localhost = true\n[notify]\ncommand = [\"/bin/true\"]\n"
+    );
+    stage.configure(&sound);
+    assert_eq!(said(&stage), "");
+    stage.configure(&format!("{SMALL}[metrics]\nlisten = \"localhost\"\n"));
+    let wrong = said(&stage);
+    assert!(
+        wrong.contains(":20:10: metrics.listen: 'localhost' is no address"),
+        "{wrong}"
+    );
+}

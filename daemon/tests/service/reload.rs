@@ -1,0 +1,149 @@
+//! Another configuration while the daemon runs, and what was said over the wires.
+
+use crate::stage::{Running, SMALL, Stage, told, within};
+use dbus::{Fault, Options};
+use rig::transcript::{parse_transcript, read_transcript};
+use simulator::{Comparison, Pace, Profile, ReplayTarget, Scene, SimulatedRig, replay};
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_bad_configuration_changes_nothing_and_says_where_it_is_bad() {
+    let stage = Stage::new(SMALL);
+    let daemon = stage.start().await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    let before = daemon.manager.plan().await.unwrap();
+    stage.configure(&SMALL.replace("[record]", "current_ua = 9e9\n[record]"));
+    let refused = daemon.manager.reload().await.unwrap_err();
+    assert!(
+        matches!(&refused, Fault::Configuration(text) if text.contains("config.toml:12:14:")),
+        "{refused:?}"
+    );
+    let text = told(&mut happened, "reload-refused").await;
+    assert!(
+        text.contains("stays") && text.contains("config.toml:12:14:"),
+        "{text}"
+    );
+    stage.configure("[rig\n");
+    daemon.hang_up();
+    let text = told(&mut happened, "reload-refused").await;
+    assert!(text.contains("config.toml:1:"), "{text}");
+    let after = daemon.manager.plan().await.unwrap();
+    assert_eq!(before.current_a, after.current_a);
+    daemon.baseline(1).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_valid_reload_applies_at_once_or_at_the_sessions_end() {
+    let stage = Stage::new(SMALL);
+    let daemon = stage.start().await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    let current = async |daemon: &Running| daemon.manager.plan().await.unwrap().current_a;
+    let with =
+        |current: &str| SMALL.replace("[record]", &format!("current_ua = {current}\n[record]"));
+    stage.configure(&with("500.0"));
+    daemon.hang_up();
+    let text = told(&mut happened, "reloaded").await;
+    assert!(text.contains("in force"), "{text}");
+    assert!((current(&daemon).await - 5e-4).abs() < 1e-12);
+    daemon.baseline(1).await;
+
+    let session = daemon.start(Options::new()).await;
+    stage.configure(&with("250.0"));
+    let text = daemon.manager.reload().await.unwrap();
+    assert!(text.contains("when session"), "{text}");
+    assert!(
+        (current(&daemon).await - 5e-4).abs() < 1e-12,
+        "the session goes on as it began"
+    );
+    told(&mut happened, "reloaded").await;
+    within(session.stop()).await.unwrap();
+    told(&mut happened, "reloaded").await;
+    assert!((current(&daemon).await - 2.5e-4).abs() < 1e-12);
+    let refused = daemon
+        .manager
+        .start_session(&Options::new())
+        .await
+        .unwrap_err();
+    assert!(matches!(refused, Fault::BaselineMismatch(_)), "{refused:?}");
+
+    stage.configure(&SMALL.replace("\"state\"", "\"elsewhere\""));
+    let refused = daemon.manager.reload().await.unwrap_err();
+    assert!(
+        matches!(&refused, Fault::Unsupported(text) if text.contains("restart")),
+        "{refused:?}"
+    );
+}
+
+/// The rig of the stage, switched on anew.
+fn fresh(stage: &Stage) -> ReplayTarget {
+    let profile = Profile::load(stage.path().join("profile.toml").to_str().unwrap()).unwrap();
+    let text = std::fs::read_to_string(stage.path().join("scene.toml")).unwrap();
+    let scene = Scene::parse("scene.toml", &text).unwrap();
+    ReplayTarget::Together(SimulatedRig::new(&profile.at_pace(Pace::Instant), scene).unwrap())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_transcript_replays_and_an_altered_reply_is_found() {
+    let stage = Stage::new(SMALL);
+    let daemon = stage.start().await;
+    daemon.baseline(3).await;
+    let text = daemon
+        .manager
+        .transcript(&Options::new().with("frames", 2_u64))
+        .await
+        .unwrap();
+    let entries = parse_transcript("frame", &text).unwrap();
+    let times: Vec<f64> = entries.iter().map(|(_, entry)| entry.t_s).collect();
+    assert!(
+        times.is_sorted() && entries.len() > 100,
+        "{}",
+        entries.len()
+    );
+    let played = replay("frame", &entries, &fresh(&stage), Comparison::Shapes).unwrap();
+    assert!(played.replies > 50, "{played:?}");
+
+    // one digit of the 6221's level, in the middle
+    let altered = text.replacen("1.000000E-03;", "1.100000E-03;", 1);
+    let altered = if altered == text {
+        text.replacen("1.000000E-03", "1.100000E-03", 1)
+    } else {
+        altered
+    };
+    assert_ne!(altered, text);
+    let line = altered
+        .lines()
+        .zip(text.lines())
+        .position(|(one, other)| one != other)
+        .unwrap()
+        + 1;
+    let entries = parse_transcript("frame", &altered).unwrap();
+    let first = replay("frame", &entries, &fresh(&stage), Comparison::Shapes).unwrap_err();
+    let first = first.to_string();
+    assert!(
+        first.starts_with(&format!("frame:{line}:")) && first.contains("6221"),
+        "{first}"
+    );
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_frame_that_fails_leaves_its_transcript_on_disk() {
+    let scene = "[disc-tank]\nelectrodes = 16\n[[fault]]\nat_s = 1.0\nwhat = \"lost 34980a 1\"\n";
+    let stage = Stage::new(SMALL);
+    std::fs::write(stage.path().join("scene.toml"), scene).unwrap();
+    let daemon = stage.start().await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    // the fault may come as soon as a baseline is recorded, or later: the instruments' time runs by their messages
+    let path = daemon
+        .manager
+        .record_baseline(&Options::new().with("frames", 1000_u64))
+        .await
+        .unwrap();
+    let session = daemon.session(&path).await;
+    let text = told(&mut happened, "transcript").await;
+    let path = text.split(" is in ").nth(1).unwrap();
+    let entries = read_transcript(std::path::Path::new(path)).unwrap();
+    let last = format!("{:?}", entries.iter().rev().take(30).collect::<Vec<_>>());
+    assert!(last.contains("no answer within"), "{last}");
+    assert!(last.contains("CLE"), "switched off afterwards: {last}");
+    told(&mut happened, "resumed").await;
+    within(session.stop()).await.unwrap();
+}

@@ -1,0 +1,412 @@
+//! A session that has ended stays ended, whatever its file can be told: a full disk, a lock, a file that is gone.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::stage::{Running, SMALL, Stage, told, within};
+use dbus::{Fault, Options, Session1Proxy};
+use logbook::{SessionKind, SessionReader};
+use rustix::fs::FlockOperation;
+
+fn resuming() -> String {
+    SMALL.replace("resume = false", "resume = true")
+}
+
+/// Waits until so many frames are on disk.
+async fn durable(session: &Session1Proxy<'_>, frames: u64) {
+    let mut done = session.receive_frame_done().await.unwrap();
+    while session.frames_durable().await.unwrap() < frames {
+        within(dbus::next(&mut done)).await.unwrap();
+    }
+}
+
+/// The parts of measurements in a folder.
+fn measurements(folder: &Path) -> Vec<SessionReader> {
+    let mut paths: Vec<PathBuf> = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|end| end == "tactus"))
+        .collect();
+    paths.sort();
+    paths
+        .into_iter()
+        .filter_map(|path| SessionReader::open(path).ok())
+        .filter(|part| part.header().kind == SessionKind::Measurement)
+        .collect()
+}
+
+/// The frames of all measurements of a folder.
+fn recorded(folder: &Path) -> BTreeSet<u64> {
+    measurements(folder)
+        .iter()
+        .flat_map(|part| {
+            let frames: Vec<u64> = part
+                .frames()
+                .map(|record| record.unwrap().frame.sequence)
+                .collect();
+            frames
+        })
+        .collect()
+}
+
+/// Starts the next daemon and expects that nothing goes on.
+async fn assert_stays_ended(stage: &Stage) -> Running {
+    let daemon = stage.start().await;
+    let state = daemon.manager.state().await.unwrap();
+    assert_eq!(state, "idle", "a session that was stopped goes on");
+    assert!(
+        logbook::interrupted(stage.path().join("state"))
+            .unwrap()
+            .is_empty()
+    );
+    daemon
+}
+
+const INSIDE: &str = "TACTUS_TEST_INSIDE";
+const OWN_MOUNTS: [&str; 3] = ["--user", "--map-root-user", "--mount"];
+
+/// Whether this process may mount. Where it may not, the test is run again by one that may, and is over.
+fn has_own_mounts(test: &str) -> bool {
+    if std::env::var_os(INSIDE).is_some() {
+        return true;
+    }
+    let tried = Command::new("unshare")
+        .args(OWN_MOUNTS)
+        .args(["sh", "-c", "mount -t tmpfs none /mnt"])
+        .output();
+    let refusal = match tried {
+        Ok(output) if output.status.success() => None,
+        Ok(output) => Some(String::from_utf8_lossy(&output.stderr).into_owned()),
+        Err(fault) => Some(format!("unshare: {fault}")),
+    };
+    if let Some(refusal) = refusal {
+        let required = std::env::var_os("TACTUS_REQUIRE_NETNS").is_some_and(|set| set == "1");
+        assert!(!required, "it is required here: {refusal}");
+        eprintln!("skipped: no mount namespace of its own: {refusal}");
+        return false;
+    }
+    let output = Command::new("unshare")
+        .args(OWN_MOUNTS)
+        .arg(std::env::current_exe().unwrap())
+        .args(["--exact", test, "--nocapture"])
+        .env(INSIDE, "1")
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stdout);
+    let noted = String::from_utf8_lossy(&output.stderr);
+    println!("{said}{noted}");
+    assert!(output.status.success() && said.contains("1 passed"));
+    false
+}
+
+fn mount(arguments: &[&str], folder: &Path) {
+    let output = Command::new("mount")
+        .args(arguments)
+        .arg(folder)
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "mount {arguments:?}: {output:?}");
+}
+
+/// A disk of its own for the record, so small that a session fills it.
+fn small_disk(stage: &Stage) -> PathBuf {
+    let state = stage.path().join("state");
+    std::fs::create_dir(&state).unwrap();
+    mount(&["-t", "tmpfs", "-o", "size=3m", "none"], &state);
+    state
+}
+
+fn more_room(state: &Path) {
+    mount(&["-o", "remount,size=30m"], state);
+}
+
+/// Takes what is left of a disk.
+fn fill(state: &Path) -> PathBuf {
+    use std::io::Write;
+    let path = state.join("ballast");
+    let mut file = std::fs::File::create(&path).unwrap();
+    while file.write_all(&[0; 4096]).is_ok() {}
+    path
+}
+
+/// A session whose record has no room left, and its file.
+async fn paused_on_a_full_disk(daemon: &Running, state: &Path) -> Session1Proxy<'static> {
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    let session = daemon.start(Options::new().with("every_s", 0.001)).await;
+    durable(&session, 3).await;
+    fill(state);
+    told(&mut happened, "disk-full").await;
+    session
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stop_on_a_full_disk_is_honoured_by_the_next_daemon() {
+    if !has_own_mounts("endings::a_stop_on_a_full_disk_is_honoured_by_the_next_daemon") {
+        return;
+    }
+    let stage = Stage::new(&resuming());
+    let state = small_disk(&stage);
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let session = paused_on_a_full_disk(&daemon, &state).await;
+    let stopped = within(session.stop()).await;
+    daemon.kill().await;
+    std::fs::remove_file(state.join("ballast")).unwrap();
+    more_room(&state);
+    let daemon = assert_stays_ended(&stage).await;
+    let parts = measurements(&state);
+    let reason = &parts.last().unwrap().closed().unwrap().reason;
+    assert!(
+        reason.contains("stopped on request"),
+        "{reason} {stopped:?}"
+    );
+    daemon.terminate().await;
+}
+
+/// Where the record's disk takes no mark either, the runtime directory does; where that does not, it is said.
+#[tokio::test(flavor = "multi_thread")]
+async fn an_end_that_cannot_be_recorded_is_said() {
+    if !has_own_mounts("endings::an_end_that_cannot_be_recorded_is_said") {
+        return;
+    }
+    for runtime_too in [false, true] {
+        let stage = Stage::new(&resuming());
+        let state = small_disk(&stage);
+        let daemon = stage.start().await;
+        daemon.baseline(1).await;
+        block_marks(&state);
+        if runtime_too {
+            block_marks(&stage.path().join("run"));
+        }
+        let mut happened = daemon.manager.receive_happened().await.unwrap();
+        let session = paused_on_a_full_disk(&daemon, &state).await;
+        // neither this file nor a next part can say it
+        let held = lock(&session.path().await.unwrap(), false);
+        let stopped = within(session.stop()).await;
+        let Err(Fault::Failed(text)) = stopped else {
+            panic!("{stopped:?}");
+        };
+        drop(held);
+        if runtime_too {
+            assert!(text.contains("could not be written anywhere"), "{text}");
+            let alarm = told(&mut happened, "alarm").await;
+            assert!(alarm.contains("with current"), "{alarm}");
+            daemon.kill().await;
+            continue;
+        }
+        assert!(text.contains("only until this machine restarts"), "{text}");
+        daemon.kill().await;
+        std::fs::remove_file(state.join("ballast")).unwrap();
+        more_room(&state);
+        assert_stays_ended(&stage).await.terminate().await;
+    }
+}
+
+/// Puts folders where the marks of ended sessions are kept.
+fn block_marks(folder: &Path) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        if name.starts_with("ended-sessions") {
+            std::fs::remove_file(&path).unwrap();
+            std::fs::create_dir(&path).unwrap();
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_daemon_restarted_on_a_full_disk_goes_on_when_room_returns() {
+    if !has_own_mounts("endings::a_daemon_restarted_on_a_full_disk_goes_on_when_room_returns") {
+        return;
+    }
+    let stage = Stage::new(&resuming());
+    let state = small_disk(&stage);
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let session = paused_on_a_full_disk(&daemon, &state).await;
+    let (id, kept) = (
+        session.id().await.unwrap(),
+        session.frames_durable().await.unwrap(),
+    );
+    daemon.kill().await;
+    fill(&state);
+    let daemon = stage.start().await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    std::fs::remove_file(state.join("ballast")).unwrap();
+    more_room(&state);
+    while daemon.manager.active_session().await.unwrap().as_str() == "/" {
+        within(dbus::next(&mut happened)).await.unwrap();
+    }
+    let path = daemon.manager.active_session().await.unwrap();
+    let session = daemon.session(&path).await;
+    assert_eq!(session.id().await.unwrap(), id);
+    durable(&session, kept + 3).await;
+    within(session.stop()).await.unwrap();
+    let frames = session.frames_durable().await.unwrap();
+    assert!(recorded(&state).into_iter().eq(1..=frames));
+    daemon.terminate().await;
+}
+
+/// Locks a session's file as another program does, until what is returned is dropped.
+fn lock(path: &str, of_index: bool) -> Box<dyn std::any::Any> {
+    if of_index {
+        // whoever may read the index of the journal may do this
+        let index = std::fs::File::open(format!("{path}-shm")).unwrap();
+        let shared = FlockOperation::NonBlockingLockShared;
+        rustix::fs::fcntl_lock(&index, shared).unwrap();
+        return Box::new(index);
+    }
+    // a database browser that has begun to write
+    let other = rusqlite::Connection::open(path).unwrap();
+    other.execute_batch("BEGIN IMMEDIATE").unwrap();
+    Box::new(other)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_locked_record_pauses_the_session_and_loses_no_frame() {
+    let stage = Stage::new(&resuming());
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    let session = daemon.start(Options::new().with("every_s", 0.02)).await;
+    let path = session.path().await.unwrap();
+    for of_index in [false, true] {
+        durable(&session, session.frames_durable().await.unwrap() + 2).await;
+        let held = lock(&path, of_index);
+        let text = told(&mut happened, "record-locked").await;
+        assert!(
+            text.contains("another program") && text.contains(&path),
+            "{text}"
+        );
+        within(async {
+            while session.state().await.unwrap() != "suspended" {
+                tokio::task::yield_now().await;
+            }
+        })
+        .await;
+        assert_eq!(session.last_error().await.unwrap(), text);
+        drop(held);
+        told(&mut happened, "record-unlocked").await;
+    }
+    durable(&session, session.frames_durable().await.unwrap() + 2).await;
+    within(session.stop()).await.unwrap();
+    let frames = session.frames_durable().await.unwrap();
+    assert_eq!(session.path().await.unwrap(), path, "no lock lasted long");
+    assert!(
+        recorded(&stage.path().join("state"))
+            .into_iter()
+            .eq(1..=frames)
+    );
+    daemon.terminate().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_session_stopped_while_its_file_is_locked_stays_ended() {
+    let stage = Stage::new(&resuming());
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    let session = daemon.start(Options::new().with("every_s", 0.02)).await;
+    durable(&session, 2).await;
+    let held = lock(&session.path().await.unwrap(), false);
+    told(&mut happened, "record-locked").await;
+    within(session.stop()).await.unwrap();
+    let frames = session.frames_durable().await.unwrap();
+    daemon.kill().await;
+    drop(held);
+    let daemon = assert_stays_ended(&stage).await;
+    assert!(
+        recorded(&stage.path().join("state"))
+            .into_iter()
+            .eq(1..=frames)
+    );
+    daemon.terminate().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_file_that_is_deleted_or_replaced_loses_no_frame() {
+    let stage = Stage::new(&resuming());
+    let state = stage.path().join("state");
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    type Attack = fn(&str);
+    let attacks: [(&str, Attack); 4] = [
+        ("all files deleted", |path| {
+            for end in ["", "-wal", "-shm"] {
+                std::fs::remove_file(format!("{path}{end}")).unwrap();
+            }
+        }),
+        ("the file moved", |path| {
+            std::fs::rename(path, format!("{path}.away")).unwrap();
+        }),
+        ("the file replaced", |path| {
+            std::fs::write(format!("{path}.new"), "another file").unwrap();
+            std::fs::rename(format!("{path}.new"), path).unwrap();
+        }),
+        ("the journal deleted", |path| {
+            std::fs::remove_file(format!("{path}-wal")).unwrap();
+        }),
+    ];
+    for (attack, act) in attacks {
+        let mut happened = daemon.manager.receive_happened().await.unwrap();
+        let session = daemon.start(Options::new().with("step", true)).await;
+        within(session.step(3)).await.unwrap();
+        let path = session.path().await.unwrap();
+        act(&path);
+        // within a second, with no frame to come
+        let alarm = told(&mut happened, "alarm").await;
+        println!("{attack}: {alarm}");
+        assert!(
+            alarm.contains(&path) && alarm.contains("its frames are in"),
+            "{alarm}"
+        );
+        within(session.step(2)).await.unwrap();
+        assert_ne!(session.path().await.unwrap(), path, "{attack}");
+        within(session.stop()).await.unwrap();
+        assert_eq!(session.frames_durable().await.unwrap(), 5);
+        let id = session.id().await.unwrap();
+        let parts: Vec<SessionReader> = measurements(&state)
+            .into_iter()
+            .filter(|part| part.header().session() == id)
+            .collect();
+        let kept: BTreeSet<u64> = parts
+            .iter()
+            .flat_map(|part| {
+                part.frames()
+                    .map(|record| record.unwrap().frame.sequence)
+                    .collect::<Vec<_>>()
+            })
+            .collect();
+        assert!(kept.into_iter().eq(1..=5), "{attack}");
+    }
+    daemon.terminate().await;
+    // and nothing of it goes on
+    assert_stays_ended(&stage).await.terminate().await;
+}
+
+/// As a person starts it, whose files everybody may read.
+#[tokio::test(flavor = "multi_thread")]
+async fn what_is_recorded_is_not_for_strangers_to_read() {
+    use std::os::unix::fs::PermissionsExt;
+    let stage = Stage::new(SMALL);
+    let mut shell = tokio::process::Command::new("sh");
+    shell
+        .args(["-c", "umask 022; exec \"$0\" \"$@\""])
+        .arg(env!("CARGO_BIN_EXE_tactusd"));
+    let daemon = stage.start_by(shell).await;
+    daemon.baseline(1).await;
+    let session = daemon.start(Options::new().with("step", true)).await;
+    within(session.step(1)).await.unwrap();
+    let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode() & 0o7777;
+    let state = stage.path().join("state");
+    assert_eq!(mode(&state), 0o750);
+    let mut seen = 0;
+    for entry in std::fs::read_dir(&state).unwrap() {
+        let path = entry.unwrap().path();
+        assert_eq!(mode(&path), 0o640, "{}", path.display());
+        seen += 1;
+    }
+    assert!(seen >= 5, "{seen} files");
+    daemon.terminate().await;
+}

@@ -1,0 +1,12 @@
+//! Sessions from the bus to the record: measuring, recording, resuming and ending.
+//! Faults of instruments are tested in `instruments`, the service itself in `service`.
+
+mod endings;
+mod latency;
+mod lifecycle;
+mod measuring;
+mod pressure;
+mod recording;
+mod resume;
+#[path = "../stage/mod.rs"]
+mod stage;

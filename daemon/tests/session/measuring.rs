@@ -1,0 +1,286 @@
+//! How a session measures is its own affair, is seen in the plan, and is told where it changes on the way.
+
+use crate::stage::{SMALL, Stage, within};
+use dbus::{Fault, Options};
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_session_measures_as_it_is_asked_to_and_the_plan_shows_it() {
+    let stage = Stage::new(SMALL);
+    let daemon = stage.start().await;
+    let manager = &daemon.manager;
+    let configured = manager.plan().await.unwrap();
+    assert_eq!(configured.more.flag("reversal").unwrap(), Some(false));
+    let how = || {
+        Options::new()
+            .with("reversal", true)
+            .with("averages", 4_u64)
+    };
+    let path = manager
+        .record_baseline(&how().with("frames", 2_u64))
+        .await
+        .unwrap();
+    within(daemon.session(&path).await.wait()).await.unwrap();
+
+    let refused = manager.start_session(&Options::new()).await.unwrap_err();
+    assert!(
+        matches!(&refused, Fault::BaselineMismatch(text) if text.contains("current reversal")),
+        "{refused:?}"
+    );
+    for (options, says) in [
+        (how().with("averages", 0_u64), "0 is not from 1 to 1000"),
+        (how().with("ranges", "wide"), "'fixed' or 'planned'"),
+        (how().with("zero_every", 5_u64), "cancels offsets already"),
+        (how().with("nplc", 3.0), "3 is none of"),
+        (how().with("averages", "many"), "'averages' must be"),
+    ] {
+        let refused = manager.start_session(&options).await.unwrap_err();
+        assert!(
+            matches!(&refused, Fault::InvalidOption(text) if text.contains(says)),
+            "{says}: {refused:?}"
+        );
+    }
+
+    let session = daemon.start(how().with("step", true)).await;
+    assert_eq!(within(session.step(1)).await.unwrap(), 1);
+    let plan = manager.plan().await.unwrap();
+    assert_eq!(plan.more.flag("reversal").unwrap(), Some(true));
+    assert_eq!(plan.more.whole("averages").unwrap(), Some(4));
+    assert!(plan.duration_s > 4.0 * configured.duration_s);
+    let frame = session.latest_frame().await.unwrap();
+    assert!(frame.flags.iter().all(|flag| *flag == 0));
+    within(session.stop()).await.unwrap();
+    let after = manager.plan().await.unwrap();
+    assert_eq!(after.duration_s, configured.duration_s);
+}
+
+/// Before anything runs: what a setting would cost and gain is what the plan with it takes longer than the one without.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_plan_shows_what_each_setting_would_cost() {
+    let stage = Stage::new(&SMALL.replace("[survey]\n", "[survey]\nnplc = 0.02\nsettle_ms = 0\n"));
+    let daemon = stage.start().await;
+    let manager = &daemon.manager;
+    let plainest = manager.plan().await.unwrap();
+    let costs = |plan: &dbus::PlanReport| {
+        plan.more
+            .0
+            .keys()
+            .filter(|key| key.starts_with("cost_"))
+            .count()
+    };
+    assert_eq!(costs(&plainest), 0, "{:?}", plainest.more);
+    let root = 2.0_f64.sqrt();
+    for (option, setting, gain) in [
+        (Options::new().with("nplc", 1.0), "nplc", 100.0 / 3.0),
+        (Options::new().with("averages", 9_u64), "averages", 3.0),
+        (Options::new().with("autozero", true), "autozero", 1.0),
+        (Options::new().with("settle_ms", 7.0), "settle", 1.0),
+        (
+            Options::new().with("channel_delay_ms", 3.0),
+            "channel_delay",
+            1.0,
+        ),
+        (Options::new().with("reversal", true), "reversal", root),
+    ] {
+        let with = manager.plan_with(&option).await.unwrap();
+        let number = |key: String| with.more.number(&key).unwrap().unwrap();
+        let cost = number(format!("cost_{setting}_s"));
+        let longer = with.duration_s - plainest.duration_s;
+        println!(
+            "{setting}: {cost:.3} s a frame, noise / {:.2}",
+            number(format!("gain_{setting}"))
+        );
+        assert!(
+            cost > 0.0 && (cost - longer).abs() < 1e-9,
+            "{setting}: {cost}, {longer}"
+        );
+        let gained = number(format!("gain_{setting}"));
+        let noise = |plan: &dbus::PlanReport| plan.more.number("noise_v").unwrap().unwrap();
+        assert!((gained / gain - 1.0).abs() < 1e-9, "{setting}: {gained}");
+        assert!(
+            (noise(&plainest) / noise(&with) / gain - 1.0).abs() < 1e-9,
+            "{setting}"
+        );
+        assert_eq!(costs(&with), 1, "{setting}: {:?}", with.more);
+    }
+    let every_fifth = Options::new().with("zero_every", 5_u64);
+    let with = manager.plan_with(&every_fifth).await.unwrap();
+    let cost = with.more.number("cost_zero_every_s").unwrap().unwrap();
+    assert!((cost - plainest.duration_s / 5.0).abs() < 1e-9, "{cost}");
+    let refused = manager
+        .plan_with(&Options::new().with("count", 3_u64))
+        .await
+        .unwrap_err();
+    assert!(
+        matches!(&refused, Fault::InvalidOption(text) if text.contains("'count'")),
+        "{refused:?}"
+    );
+    assert_eq!(
+        manager.plan().await.unwrap().duration_s,
+        plainest.duration_s
+    );
+    within(daemon.terminate()).await;
+
+    // half a frame, on a wiring that reads one by one
+    let half = SMALL.replace("[survey]\n", "[survey]\nhalf = true\n")
+        + "[wiring]\nkind = \"matrix-34932a\"\n";
+    stage.configure(&half);
+    std::fs::write(
+        stage.path().join("profile.toml"),
+        "time = \"instant\"\n[slots]\n1 = \"34932A\"\n",
+    )
+    .unwrap();
+    let planned = |stage: &Stage| {
+        let said = stage.run(&["--plan", "--json"]);
+        assert!(said.status.success(), "{said:?}");
+        serde_json::from_slice::<serde_json::Value>(&said.stdout).unwrap()
+    };
+    let of_half = planned(&stage);
+    stage.configure(&half.replace("half = true\n", ""));
+    let of_whole = planned(&stage);
+    let saved = of_whole["duration_s"].as_f64().unwrap() - of_half["duration_s"].as_f64().unwrap();
+    let measuring = &of_half["measuring"];
+    assert_eq!(
+        (&measuring["half"], &measuring["skip"]),
+        (&true.into(), &0.into()),
+        "{measuring}"
+    );
+    let cost = measuring["cost_half_s"].as_f64().unwrap();
+    assert!(
+        saved > 0.0 && (saved + cost).abs() < 1e-9,
+        "{saved}, {cost}"
+    );
+    assert_eq!(
+        2 * of_half["readings"].as_u64().unwrap(),
+        of_whole["readings"].as_u64().unwrap()
+    );
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_zero_current_frame_is_reported_and_its_baseline_kept() {
+    let stage = Stage::new(&SMALL.replace("[survey]\n", "[survey]\nzero_every = 2\n"));
+    let daemon = stage.start().await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    daemon.baseline(3).await;
+    let session = daemon.start(Options::new().with("count", 1_u64)).await;
+    within(session.wait()).await.unwrap();
+    // one before the first frame of each session, one after the second
+    for _ in 0..3 {
+        let signal = within(dbus::next(&mut happened)).await.unwrap();
+        let told = signal.args().unwrap();
+        assert_eq!(told.kind, "zero", "{}", told.text);
+        assert!(told.text.contains("208 of 208 readings"), "{}", told.text);
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_overload_selects_the_next_larger_range_and_is_reported() {
+    // first, how large readings are; then a current at which the largest just fits the smallest range
+    let stage = Stage::new(SMALL);
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let volts = daemon.manager.baseline().await.unwrap().volts;
+    let largest = volts
+        .iter()
+        .fold(0.0_f64, |most, volts| most.max(volts.abs()));
+    within(daemon.terminate()).await;
+    let current = 1000.0 * 0.098 / largest;
+    let survey =
+        format!("[survey]\ncurrent_ua = {current:.1}\nranges = \"planned\"\nrange_margin = 1.0\n");
+    stage.configure(&SMALL.replace("[survey]\n", &survey));
+    let daemon = stage.start().await;
+    let manager = &daemon.manager;
+    let mut happened = manager.receive_happened().await.unwrap();
+    daemon.baseline(2).await;
+    let before = manager.plan().await.unwrap();
+    assert_eq!(before.more.flag("planned_ranges").unwrap(), Some(true));
+    let noise = |plan: &dbus::PlanReport, key| plan.more.number(key).unwrap().unwrap();
+    assert!(noise(&before, "noise_v") < 0.2 * noise(&before, "noise_fixed_v"));
+
+    let session = daemon.start(Options::new().with("step", true)).await;
+    assert_eq!(within(session.step(1)).await.unwrap(), 1);
+    let hand = daemon.simulation().await;
+    hand.press("disc", 0.11, 0.0, 0.035, 0.9).await.unwrap();
+    assert_eq!(within(session.step(1)).await.unwrap(), 2);
+    let frame = session.latest_frame().await.unwrap();
+    let overloads = frame.quality.whole("overloads").unwrap().unwrap();
+    assert!((1..104).contains(&overloads), "{overloads} overloads");
+    let signal = within(dbus::next(&mut happened)).await.unwrap();
+    let told = signal.args().unwrap();
+    assert_eq!(told.kind, "ranges");
+    let says = format!("{overloads} of {overloads} overloaded readings have the next larger range");
+    assert!(told.text.contains(&says), "{}", told.text);
+    let session_id = told.details.text("session").unwrap();
+    assert_eq!(session_id, Some(session.id().await.unwrap().as_str()));
+    let after = manager.plan().await.unwrap();
+    assert!(noise(&after, "noise_v") > noise(&before, "noise_v"));
+
+    assert_eq!(within(session.step(1)).await.unwrap(), 3);
+    let frame = session.latest_frame().await.unwrap();
+    assert_eq!(frame.quality.whole("overloads").unwrap(), Some(0));
+    within(session.stop()).await.unwrap();
+    let record = logbook::SessionReader::open(session.path().await.unwrap()).unwrap();
+    let events = record.events().unwrap();
+    assert!(
+        events.iter().any(|event| event.kind == "ranges"),
+        "{events:?}"
+    );
+}
+
+/// Electrodes of the wired ring.
+const RING: usize = 16;
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_wiring_file_is_compared_with_the_modules_found() {
+    let scene = simulator::Scene::parse("scene", "[disc-tank]\nelectrodes = 16\n").unwrap();
+    let profile = simulator::Profile::load("pairs-34924a").unwrap();
+    let rig =
+        simulator::SimulatedRig::new(&profile.at_pace(simulator::Pace::Instant), scene).unwrap();
+    let options = simulator::ServeOptions {
+        port_6221: 0,
+        port_34980a: 0,
+        serial_6221: true,
+        ..simulator::ServeOptions::default()
+    };
+    let server = simulator::serve(rig.clone(), &options).await.unwrap();
+    let ready = server.ready();
+    let relays = |from: usize| {
+        let each: Vec<String> = (0..RING).map(|pair| format!("[{}]", from + pair)).collect();
+        each.join(", ")
+    };
+    let wired = |module: &str| {
+        format!(
+            "name = \"by hand\"\nsensing = \"scan\"\ntransition = \"overlap\"\nmodules = {{ 1 = \"{module}\" }}\n\
+             inject = [{}]\nmeasure = [{}]\nbus = []\n",
+            relays(1036),
+            relays(1001)
+        )
+    };
+    let config = format!(
+        "[rig]\nkind = \"instruments\"\n[source]\naddress = \"serial:{}@115200\"\n[switch]\naddress = \"tcp:{}\"\n\
+         [wiring]\nkind = \"file\"\nfile = \"wiring.toml\"\n[survey]\nelectrodes = {RING}\nnplc = 0.02\n\
+         [geometry]\npreset = \"disc-tank\"\n[geometry.disc-tank]\nelectrodes = {RING}\n\
+         [record]\ndirectory = \"state\"\n[bus]\npeer_path = \"run/peer\"\n",
+        ready.source_serial.as_deref().unwrap(),
+        ready.mainframe
+    );
+    let stage = Stage::new(&config);
+    std::fs::write(stage.path().join("wiring.toml"), wired("34922A")).unwrap();
+    let refused = tokio::task::spawn_blocking(move || (stage.run(&[]), stage));
+    let (refused, stage) = within(refused).await.unwrap();
+    let told = String::from_utf8_lossy(&refused.stderr);
+    assert!(!refused.status.success());
+    assert!(
+        told.contains("slot 1 holds a 34924A, the wiring needs a 34922A"),
+        "{told}"
+    );
+
+    std::fs::write(stage.path().join("wiring.toml"), wired("34924A")).unwrap();
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let report = daemon.manager.baseline().await.unwrap();
+    assert_eq!(report.volts.len(), RING * (RING - 3));
+    assert!(report.flags.iter().all(|flag| *flag == 0) && !report.simulated);
+    assert!(report.volts.iter().all(|volts| volts.abs() > 1e-6));
+    let (off, _) = rig.source_output();
+    assert!(!off && rig.closed().is_empty());
+}

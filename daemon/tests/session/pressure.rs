@@ -1,0 +1,109 @@
+//! From loss to pressure: only with a calibration, and only with one of this method on this mesh.
+
+use crate::stage::{SMALL, Stage, within};
+use dbus::stream::{Body, Decoder};
+use dbus::{Fault, Options, Session1Proxy};
+use tokio::io::AsyncReadExt;
+
+fn calibration(mesh: &str, method: &str) -> String {
+    format!(
+        "kind = \"tactus-calibration-1\"\nmesh = \"{mesh}\"\nmethod = \"{method}\"\nloss = [0.01, 0.5, 1.0]\nkpa = [0.0, 25.0, 100.0]\n\
+         frame = [0.0, 0.0, 0.1, 0.1]\ngain = [0.0, 0.0, 0.0, 0.0, 0.0]\npresses = 12\nrms = 0.1\n"
+    )
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_calibrated_method_says_newtons() {
+    let stage = Stage::new(SMALL);
+    let daemon = stage.start().await;
+    daemon.baseline(2).await;
+    let session = daemon.start(Options::new().with("step", true)).await;
+    within(session.step(1)).await.unwrap();
+    let map = session.latest_map().await.unwrap();
+    assert_eq!(map.unit, "relative change of conductance");
+    assert_eq!(map.more.number("newtons").unwrap(), None);
+    match session.latest_pressure().await.unwrap_err() {
+        Fault::Failed(why) => assert!(why.contains("tactus-lab calibrate"), "{why}"),
+        other => panic!("{other:?}"),
+    }
+    within(session.stop()).await.unwrap();
+    daemon.terminate().await;
+
+    // another mesh's is refused before anything moves
+    let with = SMALL.replace(
+        "[survey]",
+        "[model]\ncalibration = \"sheet.toml\"\n[survey]",
+    );
+    stage.configure(&with);
+    let file = stage.path().join("sheet.toml");
+    std::fs::write(&file, calibration("another", &map.method)).unwrap();
+    let checked = stage.run(&["--check"]);
+    let said = String::from_utf8_lossy(&checked.stderr).into_owned();
+    assert_eq!(checked.status.code(), Some(78), "{said}");
+    assert!(
+        said.contains("sheet.toml") && said.contains("fitted on mesh"),
+        "{said}"
+    );
+    std::fs::write(&file, calibration(&map.mesh_hash, "total variation")).unwrap();
+    let checked = stage.run(&["--check"]);
+    let said = String::from_utf8_lossy(&checked.stderr).into_owned();
+    assert!(said.contains("maps of 'total variation'"), "{said}");
+
+    std::fs::write(&file, calibration(&map.mesh_hash, &map.method)).unwrap();
+    let daemon = stage.start().await;
+    let press = daemon.simulation().await;
+    press.press("disc", 0.06, 0.02, 0.05, 0.8).await.unwrap();
+    let session = daemon.start(Options::new().with("step", true)).await;
+    let mut stream = opened(&session, Options::new().with("pressure", true)).await;
+    let mut plain = opened(&session, Options::new()).await;
+    within(session.step(1)).await.unwrap();
+    let (map, pressure) = (
+        session.latest_map().await.unwrap(),
+        session.latest_pressure().await.unwrap(),
+    );
+    assert_eq!(pressure.sequence, map.sequence);
+    assert_eq!(pressure.kpa.len(), map.values.len());
+    // the curve of the file, triangle by triangle
+    for (kpa, value) in pressure.kpa.iter().zip(&map.values) {
+        let loss = -value;
+        let wanted = match loss {
+            loss if loss < 0.01 => 0.0,
+            loss if loss < 0.5 => 25.0 * (loss - 0.01) / 0.49,
+            loss => 25.0 + 150.0 * (loss - 0.5),
+        };
+        assert!((kpa - wanted).abs() < 1e-9, "{loss}: {kpa}, not {wanted}");
+    }
+    assert!(pressure.newtons > 1.0, "{} N", pressure.newtons);
+    assert_eq!(map.more.number("newtons").unwrap(), Some(pressure.newtons));
+    let took = map.more.number("reconstruction_s").unwrap().unwrap();
+    let whole = map.more.number("durable_s").unwrap().unwrap();
+    assert!(0.0 < took && took < whole, "{took} of {whole} s");
+    within(session.stop()).await.unwrap();
+    // the stream has it just before its map, for who asked
+    let told = within(kinds(&mut stream)).await;
+    assert_eq!(told, ["frame", "pressure", "map", "end"]);
+    let told = within(kinds(&mut plain)).await;
+    assert_eq!(told, ["frame", "map", "end"]);
+}
+
+async fn opened(session: &Session1Proxy<'_>, options: Options) -> tokio::net::UnixStream {
+    let descriptor = session.open_stream(&options).await.unwrap();
+    let stream = std::os::unix::net::UnixStream::from(std::os::fd::OwnedFd::from(descriptor));
+    stream.set_nonblocking(true).unwrap();
+    tokio::net::UnixStream::from_std(stream).unwrap()
+}
+
+async fn kinds(stream: &mut tokio::net::UnixStream) -> Vec<&'static str> {
+    let (mut bytes, mut decoder, mut kinds) = (Vec::new(), Decoder::new(), Vec::new());
+    stream.read_to_end(&mut bytes).await.unwrap();
+    decoder.push(&bytes);
+    while let Some(record) = decoder.next_record().unwrap() {
+        kinds.push(match record.body {
+            Body::Frame { .. } => "frame",
+            Body::Map { .. } => "map",
+            Body::Pressure { .. } => "pressure",
+            Body::End { .. } => "end",
+        });
+    }
+    kinds
+}

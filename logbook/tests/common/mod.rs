@@ -1,0 +1,8 @@
+//! Frames for tests: plain ones around given readings, and noisy ones as a rig gives them.
+//! The tests' own assertions are in the folders of the test binaries.
+
+// each binary uses what it needs of it
+#![allow(dead_code)]
+
+pub mod noisy;
+pub mod taken;

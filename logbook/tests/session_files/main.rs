@@ -1,0 +1,15 @@
+//! Session files: content, damage, parts, references, order, listing, maintenance and size.
+//! Power cuts, kills and the bytes written to the disk are tested in `disk`, random damage in `mutations`.
+
+#[path = "../common/mod.rs"]
+mod common;
+mod content;
+mod damage;
+mod folder;
+mod hostile;
+mod maintenance;
+mod order;
+mod parts;
+mod references;
+mod size;
+mod untouched;

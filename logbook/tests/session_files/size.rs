@@ -1,0 +1,65 @@
+//! What a frame costs on disk, all of the file included.
+
+use std::path::Path;
+
+use crate::common::noisy::{Digits, Rig, at};
+use logbook::{MapRecord, SessionHeader, SessionReader, SessionWriter};
+use survey::Baseline;
+
+/// Pages that are full, as all but the last of a day are.
+const FRAMES: u64 = 4092;
+/// A session of a day, a frame a second: what every file has once is shared by so many.
+const DAY: u64 = 86_400;
+
+fn recorded(dir: &Path, digits: Digits, frames: u64) -> u64 {
+    let mut rig = Rig::new(digits, 1);
+    let header = SessionHeader {
+        config_toml: "# as long as a configuration is\n".repeat(100),
+        ..SessionHeader::new(format!("of_{frames}"), at(0), rig.protocol().clone())
+    };
+    let unloaded: Vec<_> = (0..16).map(|number| rig.frame(number)).collect();
+    let taken: Vec<_> = (1..=frames).map(|number| rig.frame(number)).collect();
+    let map = MapRecord {
+        hash: "0123456789abcdef".repeat(4),
+        sum: Some(0.123),
+        method: "one-step".into(),
+        model_hash: None,
+        build: "0.1.0".into(),
+        cpu: "avx2".into(),
+    };
+    let mut writer = SessionWriter::create(dir, &header).unwrap();
+    writer
+        .baseline(&Baseline::from_frames("b", &unloaded).unwrap())
+        .unwrap();
+    for group in taken.chunks(341) {
+        let group = group.iter().map(|frame| (frame, Some(&map)));
+        writer.append_all(group).unwrap();
+    }
+    let path = writer.path().to_owned();
+    writer.close(at(DAY as i64), "done").unwrap();
+    let session = SessionReader::open(&path).unwrap();
+    for (kept, frame) in session.frames().zip(&taken) {
+        assert_eq!(kept.unwrap().frame, *frame, "to the last bit");
+    }
+    std::fs::metadata(&path).unwrap().len()
+}
+
+fn a_frame_of_a_day_takes(digits: Digits) -> f64 {
+    let dir = tempfile::tempdir().unwrap();
+    let [empty, full] = [0, FRAMES].map(|frames| recorded(dir.path(), digits, frames));
+    (full - empty) as f64 / FRAMES as f64 + empty as f64 / DAY as f64
+}
+
+#[test]
+fn a_frame_in_steps_of_a_tenth_of_a_microvolt_takes_570_bytes() {
+    let bytes = a_frame_of_a_day_takes(Digits::Tenths);
+    println!("{bytes:.1} bytes a frame; entropy of the noise 476");
+    assert!(bytes <= 570.0, "{bytes:.1}");
+}
+
+#[test]
+fn a_frame_of_nine_live_digits_takes_1560_bytes() {
+    let bytes = a_frame_of_a_day_takes(Digits::Nine);
+    println!("{bytes:.1} bytes a frame; entropy of the noise 1428");
+    assert!(bytes <= 1560.0, "{bytes:.1}");
+}

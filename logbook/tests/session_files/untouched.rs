@@ -1,0 +1,189 @@
+//! Looking at sessions changes nothing in their folder, whatever lies there.
+
+use std::collections::BTreeMap;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+use crate::common::taken::{at, taken};
+use logbook::{LogbookError, SessionHeader, SessionReader, SessionWriter, repair, verify};
+use rusqlite::Connection;
+use survey::{Protocol, Reading, Volts};
+
+const FRAMES: u64 = 20;
+
+fn written(dir: &Path, id: &str) -> SessionWriter {
+    let protocol = Protocol::sheffield(8).unwrap();
+    let header = SessionHeader::new(id, at(0), protocol.clone());
+    let mut writer = SessionWriter::create(dir, &header).unwrap();
+    for number in 1..=FRAMES {
+        let readings = vec![Reading::Ok(Volts(number as f64)); protocol.len()];
+        let frame = taken(&protocol, number, number as i64, readings);
+        writer.append(&frame, None).unwrap();
+    }
+    writer
+}
+
+fn beside(path: &Path, end: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(end);
+    name.into()
+}
+
+/// Copies a session as a killed writer leaves it.
+fn as_killed(writer: &SessionWriter, to: &Path, ends: &[&str]) -> PathBuf {
+    let copy = to.join(writer.path().file_name().unwrap());
+    for end in ends {
+        std::fs::copy(beside(writer.path(), end), beside(&copy, end)).unwrap();
+    }
+    copy
+}
+
+/// Bytes, inode and time of the last change of every file of a folder.
+type Folder = BTreeMap<PathBuf, (Vec<u8>, u64, SystemTime)>;
+
+fn all(dir: &Path) -> Folder {
+    std::fs::read_dir(dir)
+        .unwrap()
+        .map(|entry| {
+            let path = entry.unwrap().path();
+            let found = std::fs::symlink_metadata(&path).unwrap();
+            let bytes = std::fs::read(&path).unwrap();
+            (path, (bytes, found.ino(), found.modified().unwrap()))
+        })
+        .collect()
+}
+
+/// All that looks; the frames that are found.
+fn looked_at(path: &Path) -> u64 {
+    logbook::list(path.parent().unwrap()).unwrap();
+    verify(path, |_| {}).unwrap();
+    let _ = logbook::volume(path);
+    let session = SessionReader::open(path).unwrap();
+    session
+        .frames()
+        .map(|record| record.unwrap().frame.sequence)
+        .max()
+        .unwrap_or(0)
+}
+
+#[test]
+fn looking_changes_no_byte_no_time_and_no_listing() {
+    let made = tempfile::tempdir().unwrap();
+    let writer = written(made.path(), "m1");
+    for ends in [&["", "-wal", "-shm"][..], &["", "-wal"]] {
+        let dir = tempfile::tempdir().unwrap();
+        let path = as_killed(&writer, dir.path(), ends);
+        let before = all(dir.path());
+        assert_eq!(looked_at(&path), FRAMES, "{ends:?}");
+        assert!(before == all(dir.path()), "{ends:?}: something was changed");
+    }
+    let path = writer.path().to_owned();
+    writer.close(at(100), "done").unwrap();
+    let before = all(made.path());
+    assert_eq!(before.len(), 1);
+    assert_eq!(looked_at(&path), FRAMES);
+    assert!(before == all(made.path()), "something was changed");
+}
+
+/// The file beside a copy of the session after this script; SQLite has not come to its end.
+fn left_by(path: &Path, scripts: &[&str], end: &str) -> Vec<u8> {
+    let dir = tempfile::tempdir().unwrap();
+    let copy = dir.path().join("copy.tactus");
+    std::fs::copy(path, &copy).unwrap();
+    let connection = Connection::open(&copy).unwrap();
+    for script in scripts {
+        connection.execute_batch(script).unwrap();
+    }
+    std::fs::read(beside(&copy, end)).unwrap()
+}
+
+const OTHERWISE: &str =
+    "DELETE FROM frame WHERE sequence > 5; UPDATE session SET note = 'otherwise'";
+
+/// A journal that takes the file back to where nothing was behind frame 5.
+fn hostile_journal(path: &Path) -> Vec<u8> {
+    // without a sync the number of pages is not written before the end, and SQLite goes by the journal's size
+    let changing =
+        "PRAGMA synchronous = OFF; BEGIN; UPDATE session SET note = 'x'; DELETE FROM frame";
+    left_by(path, &[OTHERWISE, changing], "-journal")
+}
+
+/// A log of a transaction that deletes what is behind frame 5.
+fn hostile_log(path: &Path) -> Vec<u8> {
+    left_by(path, &["PRAGMA journal_mode = WAL", OTHERWISE], "-wal")
+}
+
+#[test]
+fn a_stray_journal_beside_a_closed_session_is_not_played_back() {
+    let dir = tempfile::tempdir().unwrap();
+    let writer = written(dir.path(), "m1");
+    let path = writer.path().to_owned();
+    writer.close(at(100), "done").unwrap();
+    let header = SessionReader::open(&path).unwrap().header().clone();
+    for (end, journal) in [
+        ("-journal", hostile_journal(&path)),
+        ("-wal", hostile_log(&path)),
+    ] {
+        std::fs::write(beside(&path, end), journal).unwrap();
+        let before = all(dir.path());
+        assert_eq!(looked_at(&path), FRAMES, "{end}");
+        assert_eq!(
+            *SessionReader::open(&path).unwrap().header(),
+            header,
+            "{end}"
+        );
+        assert!(before == all(dir.path()), "{end}: something was changed");
+        // the copy that a repair makes is of the session, too
+        let out = tempfile::tempdir().unwrap();
+        let repaired = repair(&path, Some(&out.path().join("r.tactus")), at(200), |_| {}).unwrap();
+        assert_eq!(repaired.frames, FRAMES, "{end}");
+        assert!(before == all(dir.path()), "{end}: something was changed");
+        std::fs::remove_file(beside(&path, end)).unwrap();
+    }
+}
+
+#[test]
+fn an_interrupted_session_resumes_without_a_stray_journal() {
+    let made = tempfile::tempdir().unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let writer = written(made.path(), "m1");
+    let path = as_killed(&writer, dir.path(), &["", "-wal"]);
+    writer.close(at(100), "done").unwrap();
+    let stray = hostile_journal(&made.path().join("m1.tactus"));
+    std::fs::write(beside(&path, "-journal"), stray).unwrap();
+    let before = all(dir.path());
+    let refused = SessionReader::open(&path).map(|_| ()).unwrap_err();
+    assert!(
+        matches!(refused, LogbookError::Damaged { .. }),
+        "{refused:?}"
+    );
+    assert!(
+        refused.to_string().contains("m1.tactus-journal"),
+        "{refused}"
+    );
+    let findings = verify(&path, |_| {}).unwrap().findings;
+    assert_eq!(findings[0].kind, "header", "{findings:?}");
+    assert!(before == all(dir.path()), "something was changed");
+
+    let (writer, resumed) = SessionWriter::resume(&path).unwrap();
+    assert_eq!(resumed.acknowledged, FRAMES);
+    writer.close(at(200), "done").unwrap();
+    assert_eq!(looked_at(&path), FRAMES);
+}
+
+#[test]
+fn a_reader_of_another_process_sees_what_is_acknowledged() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut writer = written(dir.path(), "m1");
+    let protocol = Protocol::sheffield(8).unwrap();
+    let session = SessionReader::open(writer.path()).unwrap();
+    for number in FRAMES + 1..FRAMES + 30 {
+        let readings = vec![Reading::Overload; protocol.len()];
+        let frame = taken(&protocol, number, number as i64, readings);
+        writer.append(&frame, None).unwrap();
+        assert_eq!(session.last_sequence().unwrap(), number);
+        let again = SessionReader::open(writer.path()).unwrap();
+        assert_eq!(again.last_sequence().unwrap(), number);
+    }
+}
