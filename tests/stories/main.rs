@@ -19,10 +19,11 @@ mod anyone_can_listen;
 mod bad_input_is_named;
 mod baseline_then_press;
 mod cli_speaks_json;
-mod dependency_rules;
+
 mod instruments_are_found_and_never_used;
 mod kill_nine_loses_nothing_acknowledged;
 mod manual;
+mod rules;
 mod test_one_is_found;
 mod text_from_outside_acts_on_nothing;
 mod the_contract_is_what_we_say;

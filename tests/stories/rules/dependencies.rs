@@ -1,0 +1,274 @@
+//! Which crate may depend on which, over `cargo metadata`. Development dependencies follow the same table.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use cargo_metadata::{DependencyKind, Package};
+
+use super::{crates, folder, metadata, only_exceptions, rust_files, short, text};
+
+/// The table of ARCHITECTURE.md. A crate may use fewer, never more. `tests` may use anything.
+const MAY_USE: &[(&str, &[&str])] = &[
+    ("survey", &[]),
+    ("scpi", &[]),
+    ("vxi11", &[]),
+    ("dbus", &[]),
+    ("outfile", &[]),
+    ("render", &["outfile", "survey"]),
+    ("logbook", &["outfile", "survey"]),
+    ("eit", &["outfile", "survey"]),
+    ("phantom", &["eit", "outfile", "survey"]),
+    ("imaging", &["eit", "logbook", "outfile", "survey"]),
+    ("training", &["eit", "outfile", "phantom", "survey"]),
+    ("rig", &["outfile", "scpi", "survey"]),
+    ("keithley-6221", &["rig", "scpi", "survey"]),
+    ("keysight-34980a", &["rig", "scpi", "survey"]),
+    ("gpio-mux", &["rig", "scpi", "survey"]),
+    ("self-test", &["eit", "rig", "survey"]),
+    ("config", &["imaging", "survey"]),
+    (
+        "simulator",
+        &[
+            "gpio-mux",
+            "keithley-6221",
+            "keysight-34980a",
+            "outfile",
+            "phantom",
+            "rig",
+            "scpi",
+            "survey",
+            "vxi11",
+        ],
+    ),
+    (
+        "studies",
+        &[
+            "eit",
+            "gpio-mux",
+            "imaging",
+            "keithley-6221",
+            "keysight-34980a",
+            "outfile",
+            "phantom",
+            "render",
+            "simulator",
+            "survey",
+            "training",
+        ],
+    ),
+    (
+        "lab",
+        &[
+            "config",
+            "eit",
+            "gpio-mux",
+            "imaging",
+            "keithley-6221",
+            "keysight-34980a",
+            "logbook",
+            "outfile",
+            "phantom",
+            "render",
+            "simulator",
+            "studies",
+            "survey",
+            "training",
+        ],
+    ),
+    (
+        "daemon",
+        &[
+            "config",
+            "dbus",
+            "eit",
+            "gpio-mux",
+            "imaging",
+            "keithley-6221",
+            "keysight-34980a",
+            "logbook",
+            "outfile",
+            "rig",
+            "self-test",
+            "simulator",
+            "survey",
+            "vxi11",
+        ],
+    ),
+    (
+        "cli",
+        &[
+            "archive", "config", "dbus", "eit", "imaging", "logbook", "outfile", "render", "survey",
+        ],
+    ),
+    (
+        "web",
+        &[
+            "archive", "config", "dbus", "eit", "imaging", "logbook", "outfile", "render", "survey",
+        ],
+    ),
+    (
+        "archive",
+        &["config", "dbus", "imaging", "logbook", "outfile", "survey"],
+    ),
+    (
+        "demo",
+        &["cli", "daemon", "eit", "phantom", "render", "simulator"],
+    ),
+];
+
+/// Dependencies beyond the table, as `crate -> crate`.
+const EXCEPTIONS: &[&str] = &["demo -> dbus", "demo -> logbook", "demo -> survey"];
+
+fn used_by(package: &Package) -> BTreeSet<&str> {
+    package
+        .dependencies
+        .iter()
+        .map(|dependency| short(&dependency.name))
+        .collect()
+}
+
+#[test]
+fn crates_depend_only_on_those_in_the_table() {
+    let metadata = metadata();
+    let crates = crates(&metadata);
+    let allowed: BTreeMap<_, _> = MAY_USE.iter().copied().collect();
+    let mut found = Vec::new();
+    for (name, package) in &crates {
+        if *name == "tests" {
+            continue;
+        }
+        let allowed = allowed
+            .get(name)
+            .unwrap_or_else(|| panic!("crate '{name}' has no row in the table of dependencies"));
+        for used in used_by(package) {
+            if crates.contains_key(used) && used != *name && !allowed.contains(&used) {
+                found.push(format!("{name} -> {used}"));
+            }
+        }
+    }
+    only_exceptions(
+        "a crate depends only on those that the table of dependencies allows",
+        found,
+        EXCEPTIONS.iter().map(ToString::to_string),
+    );
+}
+
+#[test]
+fn service_links_neither_lab_nor_training_nor_studies() {
+    let allowed: BTreeMap<_, _> = MAY_USE.iter().copied().collect();
+    let mut reached = BTreeSet::new();
+    let mut open = vec!["daemon", "cli", "web", "archive", "simulator"];
+    while let Some(name) = open.pop() {
+        if reached.insert(name) {
+            open.extend(allowed.get(name).copied().unwrap_or_default());
+        }
+    }
+    for offline in ["lab", "training", "studies"] {
+        assert!(
+            !reached.contains(offline),
+            "the table lets the service link {offline}"
+        );
+    }
+}
+
+#[test]
+fn mathematics_uses_no_clock_no_runtime_no_bus() {
+    let metadata = metadata();
+    let crates = crates(&metadata);
+    let mathematics = [
+        "survey", "scpi", "eit", "phantom", "render", "imaging", "training",
+    ];
+    for name in mathematics {
+        let Some(package) = crates.get(name) else {
+            continue;
+        };
+        let used = used_by(package);
+        for service in ["tokio", "zbus", "tokio-serial", "mdns-sd"] {
+            assert!(!used.contains(service), "{name} depends on {service}");
+        }
+        // a drawing may carry its date, an offline job reports how long it took
+        if ["render", "training"].contains(&name) {
+            continue;
+        }
+        for path in rust_files(&folder(package).join("src")) {
+            let text = text(&path);
+            for clock in ["Instant::now", "SystemTime::now", "Utc::now", "Local::now"] {
+                assert!(
+                    !text.contains(clock),
+                    "{}: reads a clock ({clock})",
+                    path.display()
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn nine_packages_named_by_the_user_are_used() {
+    let metadata = metadata();
+    let crates = crates(&metadata);
+    // each with the crate that uses it, and a word of its use
+    for (package, user, word) in [
+        ("tokio", "rig", "AsyncRead"),
+        ("tokio-serial", "rig", "tokio_serial"),
+        ("scpi", "keithley-6221", "scpi::"),
+        ("mdns-sd", "simulator", "mdns_sd"),
+        ("zbus", "dbus", "zbus"),
+        ("serde", "survey", "serde"),
+        ("toml", "daemon", "toml"),
+        ("nalgebra", "eit", "DMatrix"),
+        ("chrono", "survey", "chrono"),
+    ] {
+        let depends = crates[user].dependencies.iter().any(|dependency| {
+            short(&dependency.name) == package && dependency.kind == DependencyKind::Normal
+        });
+        assert!(depends, "{user} does not depend on {package}");
+        let files = rust_files(&folder(crates[user]).join("src"));
+        assert!(
+            files.iter().any(|path| text(path).contains(word)),
+            "{user} depends on {package} but never names '{word}'"
+        );
+    }
+}
+
+/// Packages without a use in their crate, as `crate: package`.
+const UNUSED: &[&str] = &[];
+
+#[test]
+fn every_dependency_is_named_in_its_crate() {
+    let metadata = metadata();
+    let mut unused = Vec::new();
+    for (name, package) in crates(&metadata) {
+        let source: String = rust_files(folder(package))
+            .iter()
+            .filter(|path| !path.components().any(|part| part.as_os_str() == "fuzz"))
+            .map(|path| text(path))
+            .collect();
+        for dependency in &package.dependencies {
+            let known_as = dependency.rename.as_ref().unwrap_or(&dependency.name);
+            let library = short(known_as).replace('-', "_");
+            // `zbus = { features = ["tokio"] }` needs no use of its own: the name in any path or macro call is enough
+            let named = ["::", "!", " as ", ";", ","]
+                .iter()
+                .any(|after| contains_word(&source, &library, after));
+            if !named {
+                unused.push(format!("{name}: {library}"));
+            }
+        }
+    }
+    only_exceptions(
+        "every dependency of a crate is used in it",
+        unused,
+        UNUSED.iter().map(ToString::to_string),
+    );
+}
+
+/// Whether `word` stands in the text, begins a name there, and is followed by `after`.
+fn contains_word(text: &str, word: &str, after: &str) -> bool {
+    text.match_indices(&format!("{word}{after}"))
+        .any(|(at, _)| {
+            !text[..at]
+                .chars()
+                .next_back()
+                .is_some_and(|before| before.is_alphanumeric() || before == '_')
+        })
+}

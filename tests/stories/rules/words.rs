@@ -1,0 +1,139 @@
+//! Names and words that must not stand where they do.
+
+use std::path::Path;
+
+use proc_macro2::{TokenStream, TokenTree};
+
+use super::{crates, folder, from_root, metadata, only_exceptions, root, rust_files, text};
+
+/// Crates for any instrument: a model's name or limit belongs to its driver.
+const WITHOUT_INSTRUMENTS: &[&str] = &["survey", "rig", "eit"];
+
+const MODEL_NAMES: &[&str] = &[
+    "6221", "34980", "34921", "34922", "34923", "34924", "34932", "4067", "keithley", "keysight",
+    "agilent",
+];
+
+/// Files that name an instrument's model and should not.
+const NAME_MODELS: &[&str] = &[
+    "drivers/rig/src/link/mod.rs",
+    "drivers/rig/src/transcript/mod.rs",
+    "survey/src/frame.rs",
+    "survey/src/plan/limits.rs",
+    "survey/src/plan/timing.rs",
+    "survey/src/wiring/maps.rs",
+    "survey/src/wiring/mod.rs",
+];
+
+#[test]
+fn survey_rig_and_eit_name_no_instrument_model() {
+    let metadata = metadata();
+    let crates = crates(&metadata);
+    let mut found = Vec::new();
+    for name in WITHOUT_INSTRUMENTS {
+        for path in rust_files(&folder(crates[name]).join("src")) {
+            let tokens: TokenStream = text(&path)
+                .parse()
+                .unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+            if names_model(tokens) {
+                found.push(from_root(&path));
+            }
+        }
+    }
+    only_exceptions(
+        "survey, rig and eit name no instrument's model: its facts belong to its driver",
+        found,
+        NAME_MODELS.iter().map(ToString::to_string),
+    );
+}
+
+/// Whether code or documentation names a model; modules for tests may, and end the search.
+fn names_model(tokens: TokenStream) -> bool {
+    let mut tests = false;
+    tokens.into_iter().any(|token| match token {
+        TokenTree::Group(group) => {
+            let inside = group.stream();
+            if tests && group.delimiter() == proc_macro2::Delimiter::Brace {
+                tests = false;
+                return false;
+            }
+            tests |= inside.to_string() == "cfg (test)";
+            names_model(inside)
+        }
+        TokenTree::Ident(_) | TokenTree::Literal(_) => {
+            let word = token.to_string().to_lowercase();
+            MODEL_NAMES.iter().any(|model| word.contains(model))
+        }
+        TokenTree::Punct(_) => false,
+    })
+}
+
+/// Names of crates, modules and files that say nothing about what is inside.
+const EMPTY_NAMES: &[&str] = &[
+    "util", "utils", "common", "helpers", "core", "types", "manager", "misc",
+];
+
+#[test]
+fn crates_and_files_have_telling_names() {
+    let metadata = metadata();
+    for (name, package) in crates(&metadata) {
+        assert!(!EMPTY_NAMES.contains(&name), "package {name}");
+        for path in rust_files(folder(package)) {
+            for part in Path::new(&from_root(&path)).iter() {
+                let part = part.to_string_lossy();
+                let part = part.strip_suffix(".rs").unwrap_or(&part);
+                assert!(
+                    !EMPTY_NAMES.contains(&part),
+                    "{}: '{part}' says nothing about what is inside",
+                    path.display()
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn nothing_is_left_unfinished() {
+    let metadata = metadata();
+    // spelled apart so that this file does not contain them
+    let words = [
+        concat!("to", "do!("),
+        concat!("unimplemented", "!("),
+        concat!("#[ign", "ore"),
+        concat!("#[should", "_panic"),
+    ];
+    for package in crates(&metadata).values() {
+        for path in rust_files(folder(package)) {
+            let text = text(&path);
+            for word in words {
+                assert!(!text.contains(word), "{}: has {word}", path.display());
+            }
+        }
+    }
+}
+
+#[test]
+fn no_file_names_the_machine_it_was_written_on() {
+    let listed = std::process::Command::new("git")
+        .args(["ls-files", "-z"])
+        .current_dir(root())
+        .output();
+    let Ok(listed) = listed.map(|output| String::from_utf8_lossy(&output.stdout).into_owned())
+    else {
+        eprintln!("skipped: git is not installed, so the tracked files are not known");
+        return;
+    };
+    let machine = [
+        concat!("/ro", "ot/"),
+        concat!("/ho", "me/"),
+        concat!("/wo", "rk/"),
+    ];
+    for file in listed.split('\0').filter(|file| !file.is_empty()) {
+        let Ok(text) = std::fs::read_to_string(root().join(file)) else {
+            continue;
+        };
+        for path in machine {
+            assert!(!text.contains(path), "{file} names {path}");
+        }
+    }
+}
