@@ -9,7 +9,7 @@ use logbook::{MapRecord, SessionHeader, SessionReader, SessionWriter, codec};
 use noisy::{Digits, NOISE, Rig};
 use survey::Baseline;
 
-#[path = "../tests/common/noisy.rs"]
+#[path = "../tests/example_frames/noisy.rs"]
 mod noisy;
 
 const FRAMES: u64 = 16_384;

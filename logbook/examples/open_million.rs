@@ -10,7 +10,7 @@ use survey::Baseline;
 
 // It needs no more than a part of it.
 #[allow(dead_code)]
-#[path = "../tests/common/noisy.rs"]
+#[path = "../tests/example_frames/noisy.rs"]
 mod noisy;
 
 /// Frames that are made; the record holds them over and over, for packing costs the same.

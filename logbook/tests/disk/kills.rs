@@ -10,7 +10,7 @@ use std::process::{Command, Stdio};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-use crate::common::taken::{at, taken};
+use crate::example_frames::taken::{at, taken};
 use logbook::{RESUMED, SessionHeader, SessionReader, SessionWriter, Storage};
 use survey::{Baseline, Frame, Protocol, Reading, Volts};
 

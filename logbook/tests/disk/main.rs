@@ -1,8 +1,8 @@
 //! What reaches the disk: after power cuts, failed syncs, kills and on a full disk; and how many bytes a frame writes.
 //! A process of its own, because [`vfs`] becomes the default file layer of all of it.
 
-#[path = "../common/mod.rs"]
-mod common;
+#[path = "../example_frames/mod.rs"]
+mod example_frames;
 mod image;
 mod kills;
 mod power_cuts;

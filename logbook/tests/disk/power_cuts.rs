@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::common::taken::{at, taken};
+use crate::example_frames::taken::{at, taken};
 use crate::image::{Disk, Lost};
 use crate::vfs::{self, Act, Fault, Mark, Step};
 use logbook::{LogbookError, RESUMED, SessionHeader, SessionReader, SessionWriter, Storage};

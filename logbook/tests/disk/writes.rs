@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use crate::common::noisy::{Digits, Rig, at};
+use crate::example_frames::noisy::{Digits, Rig, at};
 use crate::vfs::{self, Act};
 use logbook::{MapRecord, SessionHeader, SessionWriter};
 use survey::Baseline;

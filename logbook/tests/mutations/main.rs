@@ -4,7 +4,7 @@
 
 mod bytes;
 mod sql;
-#[path = "../common/taken.rs"]
+#[path = "../example_frames/taken.rs"]
 mod taken;
 mod view;
 

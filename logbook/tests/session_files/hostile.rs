@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 use std::time::Duration;
 
-use crate::common::taken::{at, taken};
+use crate::example_frames::taken::{at, taken};
 use logbook::{LogbookError, SessionHeader, SessionReader, SessionWriter, verify};
 use rusqlite::Connection;
 use survey::{Protocol, Reading, Volts};

@@ -1,10 +1,10 @@
 //! Session files: content, damage, parts, references, order, listing, maintenance and size.
 //! Power cuts, kills and the bytes written to the disk are tested in `disk`, random damage in `mutations`.
 
-#[path = "../common/mod.rs"]
-mod common;
 mod content;
 mod damage;
+#[path = "../example_frames/mod.rs"]
+mod example_frames;
 mod folder;
 mod hostile;
 mod maintenance;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use crate::common::taken::{at, taken};
+use crate::example_frames::taken::{at, taken};
 use logbook::{
     Exported, RESUMED, Retention, SessionHeader, SessionKind, SessionReader, SessionWriter, prune,
     repair, verify,

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::common::taken::{at, taken};
+use crate::example_frames::taken::{at, taken};
 use logbook::{LogbookError, SessionHeader, SessionReader, SessionWriter, repair, verify};
 use survey::{Protocol, Reading, Volts};
 

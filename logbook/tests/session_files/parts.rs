@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-use crate::common::taken::{at, taken};
+use crate::example_frames::taken::{at, taken};
 use logbook::{
     CONTINUED, LogbookError, RESUMED, SessionHeader, SessionReader, SessionWriter, Storage,
 };

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::noisy::{Digits, Rig, at};
+use crate::example_frames::noisy::{Digits, Rig, at};
 use logbook::{MapRecord, SessionHeader, SessionReader, SessionWriter};
 use survey::Baseline;
 

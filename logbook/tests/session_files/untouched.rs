@@ -5,7 +5,7 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use crate::common::taken::{at, taken};
+use crate::example_frames::taken::{at, taken};
 use logbook::{LogbookError, SessionHeader, SessionReader, SessionWriter, repair, verify};
 use rusqlite::Connection;
 use survey::{Protocol, Reading, Volts};

@@ -106,7 +106,6 @@ const KNOWN_CYCLES: &[(&str, &str, &[&str])] = &[
 const LARGE_FOLDERS: &[&str] = &[
     // the catalogue of effects, one file an effect
     "tomography/phantom/src/effects",
-    "daemon/tests",
     "simulator/tests",
     "tests/stories",
     "tomography/eit/tests",
