@@ -269,7 +269,7 @@ fn options(xml: &str) -> Vec<Named> {
 
 /// The interfaces as they are kept are read in full, and so is this reader.
 #[test]
-fn the_calls_cover_every_method_property_and_option() {
+fn hostile_calls_cover_every_method_property_and_option() {
     let calls = all("/session", "/instrument");
     for (interface, xml) in INTERFACE_XML {
         for (tag, count) in [

@@ -8,7 +8,7 @@
 use tactus_tests::{Keeper, Spoken, Stage};
 
 use super::pages::{self, CommandLine, Page};
-use crate::scenery::{self, Needs, ask};
+use crate::test_rig::{self, Needs, ask};
 
 #[test]
 fn readme_session_runs() {
@@ -66,7 +66,7 @@ fn play(page: &Page) -> Option<usize> {
         return Some(0);
     }
     let mut player = Player {
-        stage: scenery::set(Needs::SIMULATED, scenery::NOISY)?,
+        stage: test_rig::set(Needs::SIMULATED, test_rig::NOISY)?,
         keeper: None,
     };
     for line in &lines {
@@ -121,7 +121,7 @@ impl Player {
 
     fn start_daemon(&mut self) {
         if self.keeper.is_none() {
-            self.keeper = Some(scenery::start(&self.stage));
+            self.keeper = Some(test_rig::start(&self.stage));
         }
     }
 
@@ -138,8 +138,8 @@ impl Player {
             return id;
         }
         self.start_daemon();
-        scenery::baseline(&self.stage, 2);
-        scenery::measure(&self.stage, 3)
+        test_rig::baseline(&self.stage, 2);
+        test_rig::measure(&self.stage, 3)
     }
 
     fn run(&self, words: &[String]) -> Spoken {

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use cargo_metadata::{DependencyKind, Package};
 
-use super::{crates, folder, metadata, only_exceptions, rust_files, short, text};
+use super::{crates, folder, metadata, only_exceptions, root, rust_files, short, text};
 
 /// The table of ARCHITECTURE.md. A crate may use fewer, never more. `tests` may use anything.
 const MAY_USE: &[(&str, &[&str])] = &[
@@ -226,6 +226,59 @@ fn nine_packages_named_by_the_user_are_used() {
         assert!(
             files.iter().any(|path| text(path).contains(word)),
             "{user} depends on {package} but never names '{word}'"
+        );
+    }
+}
+
+/// Crates that could be published: whoever has an instrument or a phantom of their own can use them without the rest.
+const PUBLISHABLE: &[&str] = &[
+    "dbus",
+    "eit",
+    "gpio-mux",
+    "keithley-6221",
+    "keysight-34980a",
+    "outfile",
+    "rig",
+    "scpi",
+    "survey",
+];
+
+#[test]
+fn publishable_crates_are_complete_and_packaged() {
+    let metadata = metadata();
+    let check = text(&root().join(".ci/run"));
+    for (name, package) in crates(&metadata) {
+        let publishable = PUBLISHABLE.contains(&name);
+        // `publish = false` is an empty list of registries
+        assert_eq!(
+            package.publish.is_none(),
+            publishable,
+            "{name}: `publish` in its manifest and the list of publishable crates disagree"
+        );
+        if !publishable {
+            continue;
+        }
+        for (field, given) in [
+            ("description", package.description.is_some()),
+            ("license", package.license.is_some()),
+            ("readme", package.readme.is_some()),
+            ("keywords", !package.keywords.is_empty()),
+            ("categories", !package.categories.is_empty()),
+        ] {
+            assert!(given, "{name}: its manifest has no {field}");
+        }
+        for dependency in &package.dependencies {
+            let used = short(&dependency.name);
+            let ours = dependency.path.is_some() && dependency.kind != DependencyKind::Development;
+            assert!(
+                !ours || PUBLISHABLE.contains(&used),
+                "{name} depends on {used}, which could not be published"
+            );
+        }
+        assert!(
+            check.contains(&format!("-p {}", package.name)),
+            ".ci/run does not package {}",
+            package.name
         );
     }
 }

@@ -107,7 +107,6 @@ const LARGE_FOLDERS: &[&str] = &[
     // the catalogue of effects, one file an effect
     "tomography/phantom/src/effects",
     "simulator/tests",
-    "tests/stories",
     "tomography/eit/tests",
     "tomography/lab/src",
     "tomography/lab/src/stability",

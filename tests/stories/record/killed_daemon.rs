@@ -2,17 +2,17 @@
 
 use dbus::{Address, Session1Proxy};
 
-use crate::scenery::{self, Needs, ask, baseline};
+use crate::test_rig::{self, Needs, ask, baseline};
 
 #[test]
-fn a_killed_daemon_has_kept_every_acknowledged_frame() {
-    let Some(stage) = scenery::set(Needs::ANY, scenery::NOISY) else {
+fn killed_daemon_keeps_every_acknowledged_frame() {
+    let Some(stage) = test_rig::set(Needs::ANY, test_rig::NOISY) else {
         return;
     };
     let mut id = String::new();
     let mut before = 0;
     for round in 1..=3_u64 {
-        let keeper = scenery::start(&stage);
+        let keeper = test_rig::start(&stage);
         if round == 1 {
             baseline(&stage, 2);
             id = ask(&stage, &["start", "--step"])[0]["session"]
@@ -21,7 +21,7 @@ fn a_killed_daemon_has_kept_every_acknowledged_frame() {
                 .to_owned();
         }
         // the session of the daemon that was killed goes on by itself
-        let acknowledged = scenery::runtime().block_on(async {
+        let acknowledged = test_rig::runtime().block_on(async {
             let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
                 .await
                 .expect("the daemon listens");
@@ -42,9 +42,9 @@ fn a_killed_daemon_has_kept_every_acknowledged_frame() {
             .find(|line| line["id"] == id.as_str())
             .expect("the session is listed");
         assert_eq!(session["closed"], false, "nobody closed it");
-        before = scenery::number(session, "frames") as u64;
+        before = test_rig::number(session, "frames") as u64;
         assert!(before >= acknowledged, "{session}");
-        let text = scenery::export_csv(&stage, &id);
+        let text = test_rig::export_csv(&stage, &id);
         let numbers = text
             .lines()
             .skip(1)

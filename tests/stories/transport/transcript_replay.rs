@@ -1,14 +1,14 @@
 //! What was said for a frame is played to instruments that were just switched on, and they answer the same; where one
 //! reply is altered, the first difference is named.
 
-use crate::scenery::{self, Needs, baseline};
+use crate::test_rig::{self, Needs, baseline};
 
 #[test]
-fn a_conversation_is_played_again_and_an_altered_reply_is_named() {
-    let Some(stage) = scenery::set(Needs::SIMULATED, scenery::NOISY) else {
+fn replayed_transcript_names_an_altered_reply() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
         return;
     };
-    let _keeper = scenery::start(&stage);
+    let _keeper = test_rig::start(&stage);
     baseline(&stage, 2);
     let file = stage.path().join("frame.jsonl").display().to_string();
     let spoken = stage.tactus(&["transcript", "--out", &file]);

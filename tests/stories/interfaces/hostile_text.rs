@@ -1,7 +1,7 @@
 //! An instrument with a hostile serial number and a session with a hostile note: whatever shows them, nothing acts on the
 //! terminal or begins a line of its own.
 
-use crate::scenery::{self, Needs, ask, baseline};
+use crate::test_rig::{self, Needs, ask, baseline};
 
 /// As a client gives it: an argument has no NUL.
 const NOTE: &str = "a\n2027-01-15 08:00:09  alarm  forged\r\u{1b}[2J\u{202e}\u{9b}2J\"\"\"\\";
@@ -17,15 +17,15 @@ fn assert_shown(what: &str, text: &str) {
 }
 
 #[test]
-fn a_hostile_identity_and_note_are_only_shown() {
-    let Some(stage) = scenery::set(Needs::SIMULATED, scenery::NOISY) else {
+fn hostile_identity_and_note_are_shown_escaped() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
         return;
     };
     let profile = stage.path().join("profile.toml");
     let text = std::fs::read_to_string(&profile).expect("the stage wrote it");
     let serial = "[source]\nserial = \"7\\u001b[2J\\u202e\\u009b2J\\u0000\\r\\\"\\\"\\\"\"\n";
     std::fs::write(&profile, format!("{text}\n{serial}")).expect("the folder is there");
-    let keeper = scenery::start(&stage);
+    let keeper = test_rig::start(&stage);
     baseline(&stage, 2);
     ask(&stage, &["start", "--count", "2", "--note", NOTE, "--wait"]);
     for words in [

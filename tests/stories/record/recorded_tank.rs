@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::scenery::{self, Needs, ask, measure, number};
+use crate::test_rig::{self, Needs, ask, measure, number};
 
 fn tank(data: &Path, frames: &str, baseline: &str) -> String {
     format!(
@@ -37,15 +37,15 @@ peer_path = "STAGE/peer"
 }
 
 #[test]
-fn the_daemon_plays_750_frames_of_a_real_tank() {
-    let Some(data) = scenery::shared("data/uottawa2005") else {
+fn daemon_replays_750_frames_of_a_real_tank() {
+    let Some(data) = test_rig::shared("data/uottawa2005") else {
         return;
     };
     let config = tank(&data, "replay_ph3t1_750frames.csv", "first:16");
-    let Some(stage) = scenery::set_with(Needs::SIMULATED, scenery::QUIET, |_| config) else {
+    let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::QUIET, |_| config) else {
         return;
     };
-    let _keeper = scenery::start(&stage);
+    let _keeper = test_rig::start(&stage);
     let id = measure(&stage, 750);
     let session = ask(&stage, &["sessions"])
         .into_iter()
@@ -75,11 +75,11 @@ fn the_daemon_plays_750_frames_of_a_real_tank() {
 }
 
 #[test]
-fn the_ball_is_found_within_two_centimetres() {
-    let Some(data) = scenery::shared("data/uottawa2005") else {
+fn ball_in_the_tank_is_located_within_2_cm() {
+    let Some(data) = test_rig::shared("data/uottawa2005") else {
         return;
     };
-    let Some(stage) = scenery::set(Needs::SIMULATED, scenery::QUIET) else {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::QUIET) else {
         return;
     };
     let text =

@@ -3,8 +3,8 @@
 use phantom::Scene;
 use survey::{Baseline, Wiring};
 
-use crate::a_frame_travels_as_text::{drivers, frame, plan, simulated};
-use crate::scenery::{NOISY, runtime};
+use crate::test_rig::{NOISY, runtime};
+use crate::transport::frame_as_text::{drivers, frame, plan, simulated};
 
 /// Goals of the issue for the one-step method, mm.
 const MEAN_MM: f64 = 2.0;

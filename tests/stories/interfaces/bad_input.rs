@@ -1,10 +1,11 @@
 //! Bad input is named where it stands, nothing moves, and the exit code says configuration.
 
-use crate::scenery::{self, Needs, ask, baseline};
+use crate::test_rig::{self, Needs, ask, baseline};
 
 /// Runs `tactusd --check` on a changed configuration: exit code 78, and the message names each word.
 fn refused(change: &dyn Fn(&str) -> String, words: &[&str]) {
-    let Some(stage) = scenery::set_with(Needs::SIMULATED, scenery::NOISY, |config| change(config))
+    let Some(stage) =
+        test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, |config| change(config))
     else {
         return;
     };
@@ -44,7 +45,7 @@ fn electrode_counts_that_disagree_are_both_named() {
 }
 
 #[test]
-fn a_current_over_the_relays_limit_is_refused_not_clipped() {
+fn current_over_the_relay_limit_is_refused_not_clipped() {
     refused(
         &|config| config.replace("current_ua = 1000.0", "current_ua = 60000.0"),
         &["60 mA", "50 mA"],
@@ -72,7 +73,7 @@ fn a_missing_scene_is_named() {
 }
 
 #[test]
-fn a_missing_instrument_is_an_error_and_never_a_simulator() {
+fn missing_instrument_is_an_error_and_never_simulated() {
     let real = |config: &str| {
         // port 1 of loopback: nobody listens
         config
@@ -81,7 +82,7 @@ fn a_missing_instrument_is_an_error_and_never_a_simulator() {
             .replace("scene = \"STAGE/scene.toml\"\n", "")
             + "\n[source]\naddress = \"127.0.0.1:1\"\n[switch]\naddress = \"127.0.0.1:1\"\n[voltmeter]\naddress = \"127.0.0.1:1\"\n"
     };
-    let Some(stage) = scenery::set_with(Needs::SIMULATED, scenery::NOISY, real) else {
+    let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, real) else {
         return;
     };
     let fault = stage.start_daemon().expect_err("there is no instrument");
@@ -91,10 +92,10 @@ fn a_missing_instrument_is_an_error_and_never_a_simulator() {
 
 #[test]
 fn a_second_daemon_on_the_same_record_is_refused() {
-    let Some(stage) = scenery::set(Needs::ANY, scenery::NOISY) else {
+    let Some(stage) = test_rig::set(Needs::ANY, test_rig::NOISY) else {
         return;
     };
-    let keeper = scenery::start(&stage);
+    let keeper = test_rig::start(&stage);
     let second = stage
         .run(
             "tactusd",
@@ -113,10 +114,10 @@ fn a_second_daemon_on_the_same_record_is_refused() {
 
 #[test]
 fn a_baseline_taken_with_other_settings_is_refused() {
-    let Some(stage) = scenery::set(Needs::SIMULATED, scenery::NOISY) else {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
         return;
     };
-    let keeper = scenery::start(&stage);
+    let keeper = test_rig::start(&stage);
     let id = baseline(&stage, 2)[0]["session"]
         .as_str()
         .expect("an id")
@@ -126,7 +127,7 @@ fn a_baseline_taken_with_other_settings_is_refused() {
     stage
         .configure(&other)
         .expect("the configuration is written");
-    let _keeper = scenery::start(&stage);
+    let _keeper = test_rig::start(&stage);
     let said = stage
         .tactus(&["start", "--count", "1", "--baseline", &id])
         .unwrap_or_else(|fault| panic!("{fault}"));
@@ -155,7 +156,7 @@ fn a_truncated_or_foreign_model_is_refused() {
                 &format!("file = \"STAGE/{name}\""),
             )
         };
-        let Some(stage) = scenery::set_with(Needs::SIMULATED, scenery::NOISY, change) else {
+        let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, change) else {
             return;
         };
         std::fs::write(stage.path().join(name), bytes).expect("the story's folder can be written");
@@ -175,10 +176,10 @@ fn a_truncated_or_foreign_model_is_refused() {
 
 #[test]
 fn a_wrong_column_count_names_the_line() {
-    let Some(data) = scenery::shared("data/uottawa2005") else {
+    let Some(data) = test_rig::shared("data/uottawa2005") else {
         return;
     };
-    let Some(stage) = scenery::set(Needs::SIMULATED, scenery::QUIET) else {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::QUIET) else {
         return;
     };
     let text = std::fs::read_to_string(data.join("frames.csv")).expect("frames lie there");

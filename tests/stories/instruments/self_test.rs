@@ -6,7 +6,7 @@ use std::process::{Child, Stdio};
 use serde_json::Value;
 use tactus_tests::Stage;
 
-use crate::scenery::{self, Needs, ask, number};
+use crate::test_rig::{self, Needs, ask, number};
 
 /// A served bench; killed when dropped.
 struct Served {
@@ -124,8 +124,8 @@ fn tested(stage: &Stage) -> (Value, Option<i32>) {
 }
 
 #[test]
-fn over_tcp_a_sound_rig_passes_and_each_fault_is_named() {
-    let Some(stage) = scenery::set(Needs::SIMULATED, scenery::NOISY) else {
+fn self_test_over_tcp_passes_and_names_each_fault() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
         return;
     };
     let served = Served::start(&stage, "[slots]\n1 = \"34924A\"\n", &[]);
@@ -140,7 +140,7 @@ fn over_tcp_a_sound_rig_passes_and_each_fault_is_named() {
     stage
         .configure(&config)
         .expect("the configuration can be written");
-    let keeper = scenery::start(&stage);
+    let keeper = test_rig::start(&stage);
 
     let (report, code) = tested(&stage);
     assert_eq!(
@@ -217,8 +217,8 @@ fn over_tcp_a_sound_rig_passes_and_each_fault_is_named() {
 }
 
 #[test]
-fn a_source_on_rs232_and_a_board_on_usb_are_a_rig() {
-    let Some(stage) = scenery::set(Needs::SIMULATED, scenery::NOISY) else {
+fn source_on_rs232_and_board_on_usb_form_a_rig() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
         return;
     };
     let served = Served::start(&stage, "[board]\n", &["--serial-6221"]);
@@ -241,8 +241,8 @@ fn a_source_on_rs232_and_a_board_on_usb_are_a_rig() {
     stage
         .configure(&config)
         .expect("the configuration can be written");
-    let keeper = scenery::start(&stage);
-    let recorded = scenery::baseline(&stage, 1);
+    let keeper = test_rig::start(&stage);
+    let recorded = test_rig::baseline(&stage, 1);
     let ended = recorded.last().expect("it says how it ended");
     assert_eq!(number(ended, "frames"), 1.0, "{recorded:?}");
     let shown = ask(&stage, &["baseline", "show"]).remove(0);
@@ -267,8 +267,8 @@ fn a_source_on_rs232_and_a_board_on_usb_are_a_rig() {
 }
 
 #[test]
-fn a_simulated_source_beside_a_real_switch_is_said() {
-    let Some(stage) = scenery::set(Needs::SIMULATED, scenery::NOISY) else {
+fn simulated_source_beside_a_real_switch_is_reported() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
         return;
     };
     let served = Served::start(&stage, "[slots]\n1 = \"34924A\"\n", &[]);
@@ -280,7 +280,7 @@ fn a_simulated_source_beside_a_real_switch_is_said() {
     stage
         .configure(&config)
         .expect("the configuration can be written");
-    let _keeper = scenery::start(&stage);
+    let _keeper = test_rig::start(&stage);
     let instruments = ask(&stage, &["instruments"]);
     let simulated = |role: &str| {
         let found = instruments.iter().find(|found| found["role"] == role);

@@ -2,18 +2,18 @@
 
 use dbus::{Address, Simulation1Proxy};
 
-use crate::scenery::{self, Needs, ask, baseline, measure, number};
+use crate::test_rig::{self, Needs, ask, baseline, measure, number};
 
 const BOARD: &str = "time = \"instant\"\n[board]\n";
 
 /// A press of 30 mm is found on a rig with this change of its configuration; gives the number of readings of a frame.
 fn found_with(change: impl FnOnce(&str) -> String) -> Option<usize> {
-    let stage = scenery::set_with(Needs::SIMULATED, scenery::NOISY, change)?;
+    let stage = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, change)?;
     std::fs::write(stage.path().join("board.toml"), BOARD).expect("the story's folder");
-    let _keeper = scenery::start(&stage);
+    let _keeper = test_rig::start(&stage);
     baseline(&stage, 4);
     let truth = [0.0847, 0.1387];
-    scenery::runtime().block_on(async {
+    test_rig::runtime().block_on(async {
         let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
             .await
             .expect("the daemon listens");
@@ -71,7 +71,7 @@ fn a_model_trained_for_another_pattern_is_refused_naming_both() {
                 &format!("file = \"{model}\""),
             )
     };
-    let Some(stage) = scenery::set_with(Needs::SIMULATED, scenery::NOISY, change) else {
+    let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, change) else {
         return;
     };
     let path = stage.config_path().display().to_string();

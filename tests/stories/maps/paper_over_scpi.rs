@@ -9,7 +9,7 @@ use eit::Reconstructor;
 use phantom::{Load, Phantom, Scene, Shape, paper};
 use survey::{Protocol, Reading, Volts};
 
-use crate::scenery::{self, Needs, QUIET, runtime};
+use crate::test_rig::{self, Needs, QUIET, runtime};
 
 const CURRENT: f64 = 1e-3;
 /// So small that they learn next to nothing, which is enough to be run.
@@ -26,7 +26,7 @@ const TRAIN: [(&str, &str); 2] = [
 ];
 
 #[test]
-fn the_papers_tests_have_the_same_answers_in_the_daemon_and_offline() {
+fn paper_tests_agree_between_daemon_and_offline() {
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let shipped = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../models"));
     let mut files: Vec<PathBuf> = ["rbf-paper", "rbf-matched"]
@@ -56,14 +56,14 @@ fn the_papers_tests_have_the_same_answers_in_the_daemon_and_offline() {
         .collect();
     let (baseline, ideal) = ideal(&loads);
 
-    let Some(stage) = scenery::set_with(Needs::SIMULATED, QUIET, |config| {
+    let Some(stage) = test_rig::set_with(Needs::SIMULATED, QUIET, |config| {
         with_model(config, &files[0])
     }) else {
         return;
     };
     let template = std::fs::read_to_string(stage.config_path()).expect("the stage is there");
-    let _keeper = scenery::start(&stage);
-    scenery::baseline(&stage, 1);
+    let _keeper = test_rig::start(&stage);
+    test_rig::baseline(&stage, 1);
     runtime().block_on(async {
         let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
             .await

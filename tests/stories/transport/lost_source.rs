@@ -9,11 +9,11 @@ use rig::{CurrentSource, Link, Stop, SystemClock};
 use simulator::{Instrument, Wire};
 use survey::{Amps, Wiring};
 
-use crate::a_frame_travels_as_text::{METER, drivers, plan, simulated};
-use crate::scenery::runtime;
+use crate::test_rig::runtime;
+use crate::transport::frame_as_text::{METER, drivers, plan, simulated};
 
 #[test]
-fn a_lost_source_opens_the_relays_and_is_verified_off_on_return() {
+fn lost_source_opens_relays_and_is_verified_off_on_return() {
     runtime().block_on(async {
         let bench = simulated("pairs-34924a", Scene::quiet());
         let rig = drivers(&bench).await;

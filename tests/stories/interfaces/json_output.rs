@@ -1,13 +1,13 @@
 //! Every command that prints data prints one object a line, and says no with the exit code that design promises.
 
-use crate::scenery::{self, Needs, ask, baseline, measure, number};
+use crate::test_rig::{self, Needs, ask, baseline, measure, number};
 
 #[test]
-fn every_command_speaks_json() {
-    let Some(stage) = scenery::set(Needs::ANY, scenery::NOISY) else {
+fn every_command_prints_json_on_request() {
+    let Some(stage) = test_rig::set(Needs::ANY, test_rig::NOISY) else {
         return;
     };
-    let keeper = scenery::start(&stage);
+    let keeper = test_rig::start(&stage);
     baseline(&stage, 2);
     let id = measure(&stage, 2);
     let picture = stage.path().join("map.png").display().to_string();
@@ -127,8 +127,8 @@ fn every_command_speaks_json() {
 }
 
 #[test]
-fn exit_codes_tell_what_went_wrong() {
-    let Some(stage) = scenery::set(Needs::ANY, scenery::NOISY) else {
+fn exit_codes_distinguish_kinds_of_failure() {
+    let Some(stage) = test_rig::set(Needs::ANY, test_rig::NOISY) else {
         return;
     };
     let code = |args: &[&str]| stage.tactus(args).unwrap_or_else(|fault| panic!("{fault}"));
@@ -140,7 +140,7 @@ fn exit_codes_tell_what_went_wrong() {
         nobody.stderr
     );
     assert_eq!(code(&["frobnicate"]).code, Some(2));
-    let _keeper = scenery::start(&stage);
+    let _keeper = test_rig::start(&stage);
     assert_eq!(
         code(&["export", "nosuch", "--format", "csv", "--out", "x.csv"]).code,
         Some(3)

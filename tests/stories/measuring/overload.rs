@@ -1,15 +1,15 @@
 //! A reading over range is a gap: flagged, counted, masked, blank in the export, and never a number.
 
-use crate::scenery::{self, Needs, ask, baseline, measure, number};
+use crate::test_rig::{self, Needs, ask, baseline, measure, number};
 
 #[test]
-fn an_overload_is_never_a_number() {
+fn overload_is_never_recorded_as_a_number() {
     // the largest readings of the sheet are some 300 mV: on the 0.1 V range those beside the corners overload
     let narrow = |config: &str| config.replace("range_v = 1.0", "range_v = 0.1");
-    let Some(stage) = scenery::set_with(Needs::SIMULATED, scenery::NOISY, narrow) else {
+    let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, narrow) else {
         return;
     };
-    let _keeper = scenery::start(&stage);
+    let _keeper = test_rig::start(&stage);
     baseline(&stage, 2);
     let id = measure(&stage, 1);
     let shown = &ask(&stage, &["baseline", "show"])[0];
@@ -19,7 +19,7 @@ fn an_overload_is_never_a_number() {
         "{missing} readings are over the range"
     );
 
-    let text = scenery::export_csv(&stage, &id);
+    let text = test_rig::export_csv(&stage, &id);
     let mut lines = text.lines();
     let header: Vec<&str> = lines.next().expect("a header").split(',').collect();
     let row: Vec<&str> = lines.next().expect("a frame").split(',').collect();

@@ -2,17 +2,17 @@
 
 use dbus::{Address, Simulation1Proxy};
 
-use crate::scenery::{self, Needs, ask, baseline, measure};
+use crate::test_rig::{self, Needs, ask, baseline, measure};
 
 #[test]
-fn a_press_is_found_where_it_was() {
-    let Some(stage) = scenery::set(Needs::SIMULATED, scenery::NOISY) else {
+fn press_is_located_where_it_is() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
         return;
     };
-    let _keeper = scenery::start(&stage);
+    let _keeper = test_rig::start(&stage);
     baseline(&stage, 10);
     let truth = [0.0847, 0.1387];
-    scenery::runtime().block_on(async {
+    test_rig::runtime().block_on(async {
         let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
             .await
             .expect("the daemon listens");
@@ -37,11 +37,11 @@ fn a_press_is_found_where_it_was() {
 }
 
 #[test]
-fn without_a_baseline_nothing_is_measured_and_the_message_says_what_to_do() {
-    let Some(stage) = scenery::set(Needs::ANY, scenery::NOISY) else {
+fn start_without_a_baseline_is_refused_with_advice() {
+    let Some(stage) = test_rig::set(Needs::ANY, test_rig::NOISY) else {
         return;
     };
-    let _keeper = scenery::start(&stage);
+    let _keeper = test_rig::start(&stage);
     let refused = stage
         .tactus(&["start", "--count", "1"])
         .unwrap_or_else(|fault| panic!("{fault}"));

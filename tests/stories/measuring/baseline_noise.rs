@@ -1,6 +1,6 @@
 //! An untouched sheet reads the same again, within the voltmeter's own noise.
 
-use crate::scenery::{self, Needs, ask, baseline, number};
+use crate::test_rig::{self, Needs, ask, baseline, number};
 
 /// Noise of a reading at 1 PLC relative to its range (34970A integration table, same converter), taken as rms; a rig's
 /// own noise may be ten times that before something is wrong with its wiring.
@@ -8,11 +8,11 @@ const NOISE_OF_RANGE: f64 = 3e-6;
 const ALLOWANCE: f64 = 10.0;
 
 #[test]
-fn a_baseline_is_as_quiet_as_the_voltmeter() {
-    let Some(stage) = scenery::set(Needs::ANY, scenery::NOISY) else {
+fn baseline_noise_is_the_voltmeters_noise() {
+    let Some(stage) = test_rig::set(Needs::ANY, test_rig::NOISY) else {
         return;
     };
-    let _keeper = scenery::start(&stage);
+    let _keeper = test_rig::start(&stage);
     baseline(&stage, 10);
     let shown = &ask(&stage, &["baseline", "show"])[0];
     let noise = number(shown, "noise_v");
@@ -27,11 +27,11 @@ fn a_baseline_is_as_quiet_as_the_voltmeter() {
 }
 
 #[test]
-fn the_noise_of_a_scene_is_what_the_baseline_measures() {
-    let Some(stage) = scenery::set(Needs::SIMULATED, scenery::NOISY) else {
+fn baseline_measures_the_noise_of_the_scene() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
         return;
     };
-    let _keeper = scenery::start(&stage);
+    let _keeper = test_rig::start(&stage);
     baseline(&stage, 20);
     let noise = number(&ask(&stage, &["baseline", "show"])[0], "noise_v");
     // 598 readings, 19 degrees of freedom each: the estimate is good to 1 %

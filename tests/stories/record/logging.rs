@@ -1,13 +1,13 @@
 //! A night of logging: every frame is recorded, numbered without a gap, and the session closes itself.
 
-use crate::scenery::{self, Needs, ask, baseline, measure};
+use crate::test_rig::{self, Needs, ask, baseline, measure};
 
 #[test]
-fn every_frame_is_on_disk_and_none_is_missing() {
-    let Some(stage) = scenery::set(Needs::ANY, scenery::NOISY) else {
+fn every_frame_is_recorded_without_a_gap() {
+    let Some(stage) = test_rig::set(Needs::ANY, test_rig::NOISY) else {
         return;
     };
-    let keeper = scenery::start(&stage);
+    let keeper = test_rig::start(&stage);
     baseline(&stage, 3);
     let frames = if std::env::var_os("TACTUS_RIG").is_some() {
         20
@@ -28,7 +28,7 @@ fn every_frame_is_on_disk_and_none_is_missing() {
     assert_eq!(session["closed"], true);
     assert_eq!(session["readings"], 598);
 
-    let text = scenery::export_csv(&stage, &id);
+    let text = test_rig::export_csv(&stage, &id);
     let rows: Vec<&str> = text.lines().skip(1).collect();
     assert_eq!(rows.len(), frames);
     let mut last = f64::NEG_INFINITY;
@@ -42,11 +42,11 @@ fn every_frame_is_on_disk_and_none_is_missing() {
 }
 
 #[test]
-fn a_schedule_ends_by_itself_and_a_daemon_stops_cleanly_in_the_middle_of_one() {
-    let Some(stage) = scenery::set(Needs::ANY, scenery::NOISY) else {
+fn schedule_ends_by_itself_and_daemon_stops_within_one() {
+    let Some(stage) = test_rig::set(Needs::ANY, test_rig::NOISY) else {
         return;
     };
-    let keeper = scenery::start(&stage);
+    let keeper = test_rig::start(&stage);
     baseline(&stage, 2);
     ask(&stage, &["start", "--every", "50ms", "--for", "10h"]);
     // the session is running: let it take a few frames before the daemon is asked to end
@@ -54,10 +54,10 @@ fn a_schedule_ends_by_itself_and_a_daemon_stops_cleanly_in_the_middle_of_one() {
     keeper.stop().unwrap_or_else(|fault| panic!("{fault}"));
     let sessions = ask(&stage, &["sessions"]);
     let last = sessions.last().expect("a session is listed");
-    assert!(scenery::number(last, "frames") >= 3.0, "{last}");
+    assert!(test_rig::number(last, "frames") >= 3.0, "{last}");
     // the night is not over: it goes on with the next daemon, and ends where a person ends it
     assert_eq!(last["closed"], false, "{last}");
-    let keeper = scenery::start(&stage);
+    let keeper = test_rig::start(&stage);
     let status = &ask(&stage, &["status"])[0];
     assert_eq!(status["session"]["id"], last["id"], "{status}");
     ask(&stage, &["stop"]);

@@ -2,7 +2,7 @@
 
 use dbus::Address;
 
-use crate::scenery::{self, Needs, ask, baseline};
+use crate::test_rig::{self, Needs, ask, baseline};
 
 /// One `<interface>` of introspection data, its lines trimmed and in order of appearance.
 fn interface(xml: &str, name: &str) -> Option<String> {
@@ -23,17 +23,17 @@ fn interface(xml: &str, name: &str) -> Option<String> {
 }
 
 #[test]
-fn introspection_is_the_xml_in_the_repository() {
-    let Some(stage) = scenery::set(Needs::SIMULATED, scenery::NOISY) else {
+fn introspection_matches_the_kept_xml() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
         return;
     };
-    let _keeper = scenery::start(&stage);
+    let _keeper = test_rig::start(&stage);
     baseline(&stage, 2);
     let id = ask(&stage, &["start", "--step"])[0]["session"]
         .as_str()
         .expect("an id")
         .to_owned();
-    scenery::runtime().block_on(async {
+    test_rig::runtime().block_on(async {
         let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
             .await
             .expect("the daemon listens");

@@ -10,7 +10,7 @@ use rig::{BoxStream, Link, MeterSettings, Rig, Stop, SystemClock};
 use simulator::{Instrument, Pace, Profile, SimulatedRig};
 use survey::{Amps, Dipole, Frame, Plan, Protocol, Relay, Volts, Wiring};
 
-use crate::scenery::runtime;
+use crate::test_rig::runtime;
 
 const DEADLINE: Duration = Duration::from_secs(30);
 pub const METER: MeterSettings = MeterSettings::new(Volts(1.0), 1.0);
@@ -67,7 +67,7 @@ pub fn volts(frame: &Frame) -> Vec<f64> {
 }
 
 #[test]
-fn a_frame_is_26_questions_and_their_answers() {
+fn frame_is_26_messages_and_their_replies() {
     runtime().block_on(async {
         let bench = simulated("pairs-34924a", Scene::quiet());
         let rig = drivers(&bench).await;
@@ -108,7 +108,7 @@ fn a_frame_is_26_questions_and_their_answers() {
 }
 
 #[test]
-fn the_first_frame_is_the_forward_solution_in_the_instruments_digits() {
+fn first_frame_is_the_forward_solution_in_instrument_digits() {
     runtime().block_on(async {
         let bench = simulated("pairs-34924a", Scene::quiet());
         let rig = drivers(&bench).await;

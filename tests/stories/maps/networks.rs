@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::scenery::{self, Needs, ask, baseline, measure};
+use crate::test_rig::{self, Needs, ask, baseline, measure};
 
 /// So small that it learns next to nothing, which is enough to be run.
 const TRAIN: &str = "tactus-lab train dnn --profile matched --cases 400 --repeats 1 --epochs 2 --set width=24 \
@@ -17,12 +17,12 @@ fn a_deep_network_makes_the_daemons_maps() {
         .map(Into::into)
         .chain([file.clone().into_os_string()]);
     assert_eq!(lab::run(words), std::process::ExitCode::SUCCESS);
-    let Some(stage) = scenery::set_with(Needs::SIMULATED, scenery::NOISY, |config| {
+    let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, |config| {
         with_model(config, &file)
     }) else {
         return;
     };
-    let _keeper = scenery::start(&stage);
+    let _keeper = test_rig::start(&stage);
     baseline(&stage, 3);
     let id = measure(&stage, 1);
     let found = &ask(&stage, &["replay", &id, "--no-map"])[0];
@@ -43,9 +43,9 @@ fn with_model(config: &str, file: &Path) -> String {
 
 #[cfg(not(feature = "onnx"))]
 #[test]
-fn a_build_without_onnx_says_so() {
+fn build_without_onnx_refuses_an_onnx_model() {
     let file = Path::new("/no/such/network.onnx");
-    let Some(stage) = scenery::set_with(Needs::SIMULATED, scenery::NOISY, |config| {
+    let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, |config| {
         with_model(config, file)
     }) else {
         return;
@@ -114,12 +114,12 @@ fn a_network_trained_elsewhere_makes_the_daemons_maps() {
     );
     assert_eq!(lab(&reconstruct), done);
     // in the daemon, and again from its record
-    let Some(stage) = scenery::set_with(Needs::SIMULATED, scenery::NOISY, |config| {
+    let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, |config| {
         with_model(config, &file)
     }) else {
         return;
     };
-    let keeper = scenery::start(&stage);
+    let keeper = test_rig::start(&stage);
     baseline(&stage, 3);
     let id = measure(&stage, 1);
     let found = &ask(&stage, &["replay", &id, "--no-map"])[0];

@@ -5,7 +5,7 @@ use std::process::Command;
 
 use serde_json::Value;
 
-use crate::scenery::{self, Needs, ask};
+use crate::test_rig::{self, Needs, ask};
 
 /// A network of its own, so that nobody else's announcements are heard; `$0` is the program, `$1` the folder.
 const ALONE: &str = r#"
@@ -27,7 +27,7 @@ done
 
 #[test]
 fn two_announced_simulators_are_each_listed_once() {
-    let Some(stage) = scenery::set(Needs::SIMULATED, scenery::NOISY) else {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
         return;
     };
     let alone = Command::new("unshare")
@@ -98,11 +98,11 @@ fn two_announced_simulators_are_each_listed_once() {
 }
 
 #[test]
-fn a_running_daemon_lists_an_address_that_it_is_given_and_goes_on_without_it() {
-    let Some(stage) = scenery::set(Needs::SIMULATED, scenery::NOISY) else {
+fn running_daemon_lists_a_given_address_and_goes_on() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
         return;
     };
-    let _keeper = scenery::start(&stage);
+    let _keeper = test_rig::start(&stage);
     // somebody who counts what is said to it
     let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("a free port");
     let port = listener.local_addr().expect("it has one").port();

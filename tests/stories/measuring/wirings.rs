@@ -3,11 +3,11 @@
 use phantom::Scene;
 use survey::Wiring;
 
-use crate::a_frame_travels_as_text::{drivers, frame, plan, simulated, volts};
-use crate::scenery::runtime;
+use crate::test_rig::runtime;
+use crate::transport::frame_as_text::{drivers, frame, plan, simulated, volts};
 
 #[test]
-fn scan_and_matrix_give_the_same_voltages() {
+fn scan_and_matrix_measure_the_same_voltages() {
     runtime().block_on(async {
         let mut scene = Scene::quiet();
         scene.loads = Scene::paper_test1(5)

@@ -6,7 +6,7 @@ use std::process::{Child, Command, Stdio};
 
 use dbus::{Address, Options, Session1Proxy};
 
-use crate::scenery::{self, Needs, ask, baseline, has};
+use crate::test_rig::{self, Needs, ask, baseline, has};
 
 /// A private message bus, ended with the story.
 struct Broker {
@@ -54,12 +54,12 @@ impl Drop for Broker {
 }
 
 #[test]
-fn busctl_alone_reads_a_map() {
+fn busctl_reads_a_map() {
     if !(has("dbus-daemon", "TACTUS_REQUIRE_DBUS") && has("busctl", "TACTUS_REQUIRE_DBUS")) {
         return;
     }
     let on_the_bus = |config: &str| format!("{config}session = true\n");
-    let Some(stage) = scenery::set_with(Needs::SIMULATED, scenery::NOISY, on_the_bus) else {
+    let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, on_the_bus) else {
         return;
     };
     let broker = Broker::start(stage.path());
@@ -69,7 +69,7 @@ fn busctl_alone_reads_a_map() {
         })
         .unwrap_or_else(|fault| panic!("{fault}"));
     baseline(&stage, 2);
-    let id = scenery::measure(&stage, 1);
+    let id = test_rig::measure(&stage, 1);
     let busctl = |words: &[&str]| {
         let said = Command::new("busctl")
             .arg(format!("--address={}", broker.address))
@@ -126,16 +126,16 @@ fn twenty_lines_of_python_read_the_stream() {
     if !has("python3", "TACTUS_REQUIRE_PYTHON") {
         return;
     }
-    let Some(stage) = scenery::set(Needs::ANY, scenery::NOISY) else {
+    let Some(stage) = test_rig::set(Needs::ANY, test_rig::NOISY) else {
         return;
     };
-    let _keeper = scenery::start(&stage);
+    let _keeper = test_rig::start(&stage);
     baseline(&stage, 2);
     let id = ask(&stage, &["start", "--step"])[0]["session"]
         .as_str()
         .expect("an id")
         .to_owned();
-    let stream: OwnedFd = scenery::runtime().block_on(async {
+    let stream: OwnedFd = test_rig::runtime().block_on(async {
         let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
             .await
             .expect("the daemon listens");
