@@ -23,3 +23,7 @@ docs:
 # write the generated reference pages anew
 reference:
     TACTUS_WRITE_REFERENCE=1 cargo test -p tactus-tests --test stories manual::reference
+
+# lines of source of each crate, without tests
+lines:
+    .ci/lines
