@@ -1,7 +1,6 @@
 //! Why a command did not do what was asked, and the exit code that says so to a script.
 
 use std::error::Error;
-use std::fmt::Write as _;
 use std::process::ExitCode;
 
 use outfile::OutFileError;
@@ -77,19 +76,8 @@ impl From<OutFileError> for Failure {
     }
 }
 
-/// An error and all its causes, joined by colons; a cause already told by its parent is not repeated.
-pub(crate) fn chain(error: &dyn Error) -> String {
-    let mut text = error.to_string();
-    let mut cause = error.source();
-    while let Some(error) = cause {
-        let said = error.to_string();
-        if !text.contains(&said) {
-            let _infallible = write!(text, ": {said}");
-        }
-        cause = error.source();
-    }
-    survey::printable(&text).into_owned()
-}
+/// An error and its causes, on one line.
+pub(crate) use survey::error_chain as chain;
 
 #[cfg(test)]
 mod tests {

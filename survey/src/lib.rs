@@ -37,7 +37,7 @@ pub use plan::{
     Channel, Counts, Injection, Limits, Plan, PlanError, RangeRule, Resolution, Routed, Step,
     Timing, Transition,
 };
-pub use printable::{printable, printable_json, printable_lines, printable_within};
+pub use printable::{error_chain, printable, printable_json, printable_lines, printable_within};
 pub use quality::{Checks, Quality, QualityFlag};
 pub use ring::{Dipole, Electrode};
 pub use units::{Amps, Metres, Ohms, Volts};

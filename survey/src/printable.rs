@@ -33,6 +33,27 @@ pub fn printable_within(text: &str, most: usize) -> Cow<'_, str> {
     }
 }
 
+/// An error and its causes on one line, joined by colons; a cause that its parent's message contains is not repeated.
+///
+/// ```
+/// #[derive(Debug, thiserror::Error)]
+/// #[error("cannot read the scene")]
+/// struct Unread(#[source] std::num::ParseIntError);
+///
+/// let error = Unread("x".parse::<i32>().unwrap_err());
+/// assert_eq!(survey::error_chain(&error), "cannot read the scene: invalid digit found in string");
+/// ```
+pub fn error_chain(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    for cause in std::iter::successors(error.source(), |cause| cause.source()) {
+        let cause = cause.to_string();
+        if !text.contains(&cause) {
+            let _infallible = write!(text, ": {cause}");
+        }
+    }
+    printable(&text).into_owned()
+}
+
 /// JSON with the same characters as `\uXXXX`: the same values, and safe to show. The text must be JSON, in which such
 /// characters stand in strings only.
 ///

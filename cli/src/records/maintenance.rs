@@ -248,30 +248,8 @@ pub(crate) fn mark(session: &logbook::SessionReader, last: u64, to: &std::path::
 
 /// Reads a size in bytes: `500MB`, `20GB`, `1TB` (powers of ten), `1GiB` (of two), or a bare number.
 pub(crate) fn parse_size(text: &str) -> Result<u64, String> {
-    let text = text.trim();
-    let digits = text
-        .find(|c: char| !c.is_ascii_digit() && c != '.')
-        .unwrap_or(text.len());
-    let (number, unit) = text.split_at(digits);
-    let scale: f64 = match unit.trim() {
-        "" | "B" => 1.0,
-        "kB" => 1e3,
-        "MB" => 1e6,
-        "GB" => 1e9,
-        "TB" => 1e12,
-        "KiB" => 1024.0,
-        "MiB" => 1024.0 * 1024.0,
-        "GiB" => 1024.0 * 1024.0 * 1024.0,
-        other => {
-            return Err(format!(
-                "'{other}' is no unit of size; MB, GB, TB and GiB are"
-            ));
-        }
-    };
-    match number.parse::<f64>() {
-        Ok(size) if size.is_finite() => Ok((size * scale) as u64),
-        _ => Err(format!("'{text}' is no size; write for example 20GB")),
-    }
+    parse_size::parse_size(text)
+        .map_err(|cause| format!("'{text}' is no size ({cause}); write for example 20GB or 1GiB"))
 }
 
 #[cfg(test)]

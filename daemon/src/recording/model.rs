@@ -10,6 +10,9 @@ use eit::{
 };
 use survey::{Amps, Protocol, Reading};
 
+/// An error with its causes, for log, record and bus.
+pub(crate) use survey::error_chain as chain;
+
 use crate::config::{GeometrySection, MethodName, ModelSection, PresetName, PriorName};
 
 /// Noise of one reading where nobody says, uV: a 34980A on its 1 V range at 1 PLC.
@@ -373,20 +376,4 @@ fn total_variation(
 
 fn short(hash: &str) -> String {
     hash.chars().take(12).collect()
-}
-
-/// An error with its causes, once, for a person.
-pub(crate) fn chain(error: &dyn std::error::Error) -> String {
-    let mut text = error.to_string();
-    let mut cause = error.source();
-    while let Some(inner) = cause {
-        let inner_text = inner.to_string();
-        if !text.contains(&inner_text) {
-            text.push_str(": ");
-            text.push_str(&inner_text);
-        }
-        cause = inner.source();
-    }
-    // instruments and files are quoted in errors; an error is one line of log, record and bus
-    survey::printable(&text).into_owned()
 }

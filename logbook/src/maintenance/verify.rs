@@ -182,7 +182,7 @@ impl Look {
             Err(stranger @ LogbookError::NotASession { .. }) => {
                 return self.strangers.push((stem.to_owned(), stranger.to_string()));
             }
-            Err(refusal) => return self.found(stem, "unreadable", with_cause(&refusal)),
+            Err(refusal) => return self.found(stem, "unreadable", survey::error_chain(&refusal)),
         };
         let header = session.header().clone();
         let id = header.id.clone();
@@ -390,16 +390,4 @@ impl Look {
             })
             .collect()
     }
-}
-
-/// An error with what caused it, in one line.
-fn with_cause(error: &dyn std::error::Error) -> String {
-    let mut text = error.to_string();
-    let mut cause = error.source();
-    while let Some(deeper) = cause {
-        text.push_str(": ");
-        text.push_str(&deeper.to_string());
-        cause = deeper.source();
-    }
-    text
 }

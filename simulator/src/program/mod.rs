@@ -346,13 +346,7 @@ async fn serve_until_stopped(
 
 /// Prints the chain of causes once, at the edge.
 fn fail(fault: &dyn std::error::Error, code: u8) -> ExitCode {
-    let mut text = fault.to_string();
-    let mut cause = fault.source();
-    while let Some(below) = cause {
-        text.push_str(&format!(": {below}"));
-        cause = below.source();
-    }
-    eprintln!("tactus-sim: {}", survey::printable_lines(&text));
+    eprintln!("tactus-sim: {}", survey::error_chain(fault));
     ExitCode::from(code)
 }
 

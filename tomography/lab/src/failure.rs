@@ -24,14 +24,8 @@ impl Failure {
 
     /// What was attempted, and why it failed: exit code 1.
     pub(crate) fn of(attempt: &str, cause: &dyn std::error::Error) -> Self {
-        let mut message = format!("{attempt}: {cause}");
-        let mut source = cause.source();
-        while let Some(deeper) = source {
-            message = format!("{message}: {deeper}");
-            source = deeper.source();
-        }
         Self {
-            message,
+            message: format!("{attempt}: {}", survey::error_chain(cause)),
             usage: false,
         }
     }
