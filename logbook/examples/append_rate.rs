@@ -78,7 +78,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let bytes = |reference: &codec::Reference| -> usize {
             let blobs = frames
                 .iter()
-                .map(|frame| codec::encode(&frame.readings, reference));
+                .map(|frame| codec::encode(&[&frame.readings], reference));
             blobs
                 .map(|blob| blob.map_or(0, |blob| blob.len()))
                 .sum::<usize>()

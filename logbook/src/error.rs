@@ -132,6 +132,12 @@ pub enum LogbookError {
         /// What it has.
         has: usize,
     },
+    /// Readings that the record's coding refuses.
+    #[error("a frame cannot be kept: {source}")]
+    NotPacked {
+        /// Why.
+        source: crate::codec::EncodeError,
+    },
     /// A time that does not fit 64 bits of nanoseconds.
     #[error("{what} is out of range: wall times reach from 1677 to 2262, durations to 292 years")]
     TimeOutOfRange {
@@ -331,6 +337,7 @@ impl From<crate::codec::EncodeError> for LogbookError {
         match refusal {
             crate::codec::EncodeError::NotFinite(reading) => Self::NotFinite { reading },
             crate::codec::EncodeError::TooMany(has) => Self::TooManyReadings { has },
+            refused => Self::NotPacked { source: refused },
         }
     }
 }

@@ -103,7 +103,9 @@ pub(crate) struct FrameRow {
     pub(crate) loop_sum: Option<f64>,
     pub(crate) remarks: Option<String>,
     pub(crate) map_hash: Option<Value>,
-    pub(crate) blob: Vec<u8>,
+    /// How many rows before this one the row is whose blob holds its readings; 0 for its own.
+    pub(crate) place: i64,
+    pub(crate) blob: Option<Vec<u8>>,
 }
 
 impl FrameRow {
@@ -119,7 +121,8 @@ impl FrameRow {
             .real(self.loop_sum)
             .text(self.remarks.as_deref())
             .value(self.map_hash.as_ref())
-            .bytes(self.blob.as_slice())
+            .number(self.place)
+            .bytes(self.blob.as_deref())
             .finish4()
     }
 }
@@ -321,6 +324,7 @@ impl StoredFrame {
                 loop_sum: row.get("loop_sum")?,
                 remarks: row.get("remarks")?,
                 map_hash: row.get("map_hash")?,
+                place: row.get("place")?,
                 blob: row.get("readings")?,
             },
             checksum: row.get("checksum")?,

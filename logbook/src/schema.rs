@@ -14,10 +14,14 @@
 //! | `baseline` | the baseline in use: readings and deviations as [`crate::codec`] blobs |
 //! | `reference` | means of sixteen frames, as [`crate::codec`] blobs, that later frames are differences to |
 //! | `stretch` | one row for frames that were taken alike: settings, mapper, whether simulated; and a first frame with its times and the distance of frames |
-//! | `frame` | one row a frame: its times against its stretch's, readings as a blob of [`crate::codec`], quality flags (bits in the order of [`survey::QualityFlag`]), largest sum round the ring, what is rare as JSON (readings that no load explains, driving electrodes in compliance), the trace of its map, big-endian in a number: the first 4 bytes of its hash, the 4 bytes (little-endian, single precision) of its [`survey::Map::signed_sum`]; 8 bytes of a hash where there is no sum; a text where the hash is no SHA-256 |
+//! | `frame` | one row a frame: its times against its stretch's, where its readings are, readings of one or more frames as a blob of [`crate::codec`], quality flags (bits in the order of [`survey::QualityFlag`]), largest sum round the ring, what is rare as JSON (readings that no load explains, driving electrodes in compliance), the trace of its map, big-endian in a number: the first 4 bytes of its hash, the 4 bytes (little-endian, single precision) of its [`survey::Map::signed_sum`]; 8 bytes of a hash where there is no sum; a text where the hash is no SHA-256 |
 //! | `taken` | a view: monotonic and wall time of each frame |
 //! | `late_map` | the trace of a map that was made after its frame had been written; numbered in the order of writing |
 //! | `event` | time, one word, one sentence |
+//!
+//! Frames that were written with one sync share blobs, up to 32 each: the first one's row holds the blob, and the
+//! `place` of each row counts from there. With a `place` above 0 `readings` and `reference` are NULL, and the readings are
+//! frame `place` (from 0) of the blob in row `sequence - place`.
 //!
 //! `frame.reference` says what the blob's differences are taken against: NULL nothing, 0 the baseline, n the row n of
 //! `reference`, which itself refers to nothing or to the baseline. Times of a frame are kept to the microsecond:
@@ -41,7 +45,7 @@ use rusqlite::{Connection, Row};
 pub const APPLICATION_ID: i32 = 0x5461_6374;
 
 /// Version of the layout; a file with another one is refused.
-pub const VERSION: i64 = 5;
+pub const VERSION: i64 = 1;
 
 const TABLES: &str = "
 CREATE TABLE session (
@@ -128,7 +132,8 @@ CREATE TABLE frame (
     loop_sum REAL,
     remarks TEXT,
     map_hash ANY,
-    readings BLOB NOT NULL,
+    place INTEGER NOT NULL,
+    readings BLOB,
     checksum INTEGER NOT NULL
 ) STRICT;
 CREATE VIEW taken AS SELECT

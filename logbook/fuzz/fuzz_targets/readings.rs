@@ -4,7 +4,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use logbook::codec::{EncodeError, Reference, decode, encode};
+use logbook::codec::{EncodeError, MOST_FRAMES, Reference, decode, encode};
 use survey::{Reading, Volts};
 
 fuzz_target!(|bytes: &[u8]| {
@@ -16,32 +16,38 @@ fuzz_target!(|bytes: &[u8]| {
     let reference = Reference::new(&readings(first));
 
     if let Ok(unpacked) = decode(second, &reference, usize::from(count)) {
-        assert_eq!(unpacked.len(), usize::from(count));
+        assert!((1..=MOST_FRAMES).contains(&unpacked.len()));
+        assert!(unpacked.iter().all(|frame| frame.len() == usize::from(count)));
         comes_back(&unpacked, &reference);
     }
     let second = readings(second);
-    comes_back(&second, &reference);
-    comes_back(&second, &Reference::NONE);
+    comes_back(std::slice::from_ref(&second), &reference);
+    comes_back(std::slice::from_ref(&second), &Reference::NONE);
+    let half = second.len() / 2;
+    comes_back(&[second[..half].to_vec(), second[half..2 * half].to_vec()], &reference);
     // Of the same length, so that every reading has one to be taken against.
     let turned: Vec<Reading> = second.iter().rev().copied().collect();
-    comes_back(&second, &Reference::new(&turned));
+    comes_back(&[second], &Reference::new(&turned));
 });
 
-fn comes_back(readings: &[Reading], reference: &Reference) {
-    let packed = match encode(readings, reference) {
+fn comes_back(frames: &[Vec<Reading>], reference: &Reference) {
+    let slices: Vec<&[Reading]> = frames.iter().map(Vec::as_slice).collect();
+    let packed = match encode(&slices, reference) {
         Ok(packed) => packed,
         Err(EncodeError::NotFinite(at)) => {
-            assert!(
-                readings[at]
-                    .volts()
-                    .is_some_and(|volts| !volts.0.is_finite())
-            );
+            let infinite = |frame: &Vec<Reading>| {
+                frame[at].volts().is_some_and(|volts| !volts.0.is_finite())
+            };
+            assert!(frames.iter().any(infinite));
             return;
         }
         Err(refusal) => panic!("{refusal}"),
     };
-    let unpacked = decode(&packed, reference, readings.len()).expect("what was packed");
-    assert_eq!(bits(&unpacked), bits(readings));
+    let unpacked = decode(&packed, reference, frames[0].len()).expect("what was packed");
+    if !frames[0].is_empty() {
+        let bits = |frames: &[Vec<Reading>]| -> Vec<_> { frames.iter().map(|f| bits(f)).collect() };
+        assert_eq!(bits(&unpacked), bits(frames));
+    }
 }
 
 fn bits(readings: &[Reading]) -> Vec<(u8, u64)> {

@@ -1,112 +1,118 @@
-//! Voltages as the decimals of nine digits that a voltmeter sends.
+//! Voltages as the decimals of nine digits that a voltmeter sends: an integer over a power of ten.
 
-/// Nine digits, no more: `integer` has at most nine, the first not 0, so `power` is the coarsest that holds all nine.
-pub(super) struct Decimal {
-    integer: i64,
-    power: i16,
+/// Powers of ten up to this one are exact in an `f64`.
+pub(super) const MOST_PLACES: u8 = 22;
+/// Integers below this one are exact in an `f64`, so that a quotient of two exact numbers is rounded once.
+pub(super) const INTEGERS: f64 = (1_u64 << 53) as f64;
+
+const POWERS: [f64; MOST_PLACES as usize + 1] = [
+    1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16,
+    1e17, 1e18, 1e19, 1e20, 1e21, 1e22,
+];
+
+/// 10^places; places beyond [`MOST_PLACES`] count as that many.
+fn power(places: u8) -> f64 {
+    POWERS[usize::from(places.min(MOST_PLACES))]
 }
 
-impl Decimal {
-    /// `None` where nine digits do not give the same bits (and for -0, which an integer cannot hold).
-    pub(super) fn of(volts: f64) -> Option<Self> {
-        if volts == 0.0 {
-            return volts.is_sign_positive().then_some(Self {
-                integer: 0,
-                power: 0,
-            });
-        }
-        if let Some(quick) = Self::quickly(volts) {
-            return Some(quick);
-        }
-        let text = format!("{volts:.8e}");
-        let (mantissa, exponent) = text.split_once('e')?;
-        let integer: i64 = mantissa.replace('.', "").parse().ok()?;
-        let power = exponent.parse::<i16>().ok()? - 8;
-        (value(integer, power).to_bits() == volts.to_bits()).then_some(Self { integer, power })
-    }
+/// integer / 10^places.
+pub(super) fn value(integer: i64, places: u8) -> f64 {
+    integer as f64 / power(places)
+}
 
-    /// Where powers of ten are exact: nine digits that give the bits back are the digits, however they were found.
-    fn quickly(volts: f64) -> Option<Self> {
-        let size = volts.abs();
-        if !(1e-12..1e6).contains(&size) {
-            return None;
-        }
-        let power = size.log10().floor() as i16 - 8;
-        let scaled = if power >= 0 {
-            volts / power_of_ten(i32::from(power))
-        } else {
-            volts * power_of_ten(-i32::from(power))
-        };
-        let integer = scaled.round() as i64;
-        ((100_000_000..1_000_000_000).contains(&integer.abs())
-            && value(integer, power).to_bits() == volts.to_bits())
-        .then_some(Self { integer, power })
-    }
+/// The integer whose [`value`] has the same bits as the voltage; `None` where there is none below 2^53.
+pub(super) fn integer(volts: f64, places: u8) -> Option<i64> {
+    let scaled = (volts * power(places)).round_ties_even();
+    let integer = scaled as i64;
+    (scaled.abs() < INTEGERS && value(integer, places).to_bits() == volts.to_bits())
+        .then_some(integer)
+}
 
-    /// The power of ten of the last digit that is not 0; `None` for zero, which lies on any grid.
-    pub(super) fn finest(&self) -> Option<i16> {
-        let (mut integer, mut power) = (self.integer, self.power);
-        if integer == 0 {
-            return None;
-        }
-        while integer % 10 == 0 {
-            integer /= 10;
-            power += 1;
-        }
-        Some(power)
-    }
-
-    /// As an integer times the larger of the grid's power and its own; a zero takes the expected power.
-    pub(super) fn on(&self, grid: i16, expected: i16) -> Option<(i64, i16)> {
-        if self.integer == 0 {
-            return Some((0, expected));
-        }
-        let power = grid.max(self.power);
-        let places = u32::from(power.abs_diff(self.power));
-        // No digit is lost: the grid is no coarser than this value's last digit that is not 0.
-        Some((self.integer / 10_i64.checked_pow(places)?, power))
+/// What an integer of so many places is expected to be near to; 0 where the reference is too large to say.
+pub(super) fn predicted(reference: f64, places: u8) -> i64 {
+    let scaled = (reference * power(places)).round_ties_even();
+    if scaled.abs() < INTEGERS {
+        scaled as i64
+    } else {
+        0
     }
 }
 
-/// Of a voltage's ninth digit, whether or not it has more; `None` for zero.
-pub(super) fn finest_power(volts: f64) -> Option<i16> {
+/// Decimal places of a voltage's ninth digit, 0 to [`MOST_PLACES`], whether or not it has more digits; `None` for zero.
+pub(super) fn ninth_digit(volts: f64) -> Option<u8> {
     if volts == 0.0 {
         return None;
     }
+    // of the rounded digits: 9.9999999996 has the exponent of 10
     let text = format!("{volts:.8e}");
-    let (_, exponent) = text.split_once('e')?;
-    exponent.parse::<i16>().ok().map(|exponent| exponent - 8)
+    let exponent: i16 = text.split_once('e')?.1.parse().ok()?;
+    Some((8 - exponent).clamp(0, i16::from(MOST_PLACES)) as u8)
 }
 
-pub(super) fn predicted(reference: f64, power: i16) -> i64 {
-    let power = i32::from(power);
-    let counts = if power >= 0 {
-        reference / power_of_ten(power)
-    } else {
-        reference * power_of_ten(-power)
-    };
-    // `as` saturates, and gives 0 for NaN: the same on every machine, as the decoder needs.
-    counts.round() as i64
-}
-
-/// integer x 10^power, correctly rounded.
-pub(super) fn value(integer: i64, power: i16) -> f64 {
-    let power = i32::from(power);
-    let exact = integer.unsigned_abs() < 1 << 53 && power.unsigned_abs() <= 22;
-    match power {
-        _ if !exact => format!("{integer}e{power}").parse().unwrap_or(f64::NAN),
-        0.. => integer as f64 * power_of_ten(power),
-        _ => integer as f64 / power_of_ten(-power),
+/// The fewest decimal places that a decimal of nine digits needs; `None` for zero and for what is no such decimal.
+pub(super) fn places(volts: f64) -> Option<u8> {
+    let size = volts.abs();
+    if size == 0.0 {
+        return None;
     }
+    // a logarithm that is rounded up at a power of ten costs a digit: the next power finds it
+    let guess = (8.0 - size.log10().floor()).clamp(0.0, f64::from(MOST_PLACES)) as u8;
+    let (mut integer, mut places) = [guess, guess.saturating_add(1).min(MOST_PLACES)]
+        .into_iter()
+        .find_map(|places| Some((integer(volts, places)?, places)))?;
+    while places > 0 && integer % 10 == 0 {
+        integer /= 10;
+        places -= 1;
+    }
+    Some(places)
 }
 
-fn power_of_ten(power: i32) -> f64 {
-    const EXACT: [f64; 23] = [
-        1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16,
-        1e17, 1e18, 1e19, 1e20, 1e21, 1e22,
-    ];
-    match EXACT.get(power as usize) {
-        Some(exact) => *exact,
-        None => format!("1e{power}").parse().unwrap_or(f64::INFINITY),
+/// The most places with which integers of that size stay exact.
+pub(super) fn most_places(largest: f64) -> u8 {
+    let fits = |places: &u8| largest * power(*places) < INTEGERS;
+    (0..=MOST_PLACES).rev().find(fits).unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_decimal_is_found_with_the_fewest_places() {
+        for (volts, wanted) in [
+            (0.1234567, Some(7)),
+            (-0.25, Some(2)),
+            (0.001, Some(3)),
+            (1e-9, Some(9)),
+            (9.99999999e-5, Some(13)),
+            (300.0, Some(0)),
+            (1.23456789e12, Some(0)),
+            (0.0, None),
+            (0.1 + 0.2, None),
+            (f64::MIN_POSITIVE, None),
+        ] {
+            assert_eq!(places(volts), wanted, "{volts:e}");
+        }
+    }
+
+    #[test]
+    fn the_ninth_digit_is_that_of_the_rounded_decimal() {
+        assert_eq!(ninth_digit(0.1), Some(9));
+        assert_eq!(ninth_digit(9.999_999_999_6), Some(7));
+        assert_eq!(ninth_digit(1e300), Some(0));
+        assert_eq!(ninth_digit(-1e-300), Some(MOST_PLACES));
+        assert_eq!(ninth_digit(0.0), None);
+    }
+
+    #[test]
+    fn an_integer_is_exact_or_none() {
+        assert_eq!(integer(0.1234567, 7), Some(1_234_567));
+        assert_eq!(integer(0.1234567, 9), Some(123_456_700));
+        assert_eq!(integer(0.1234567, 6), None);
+        assert_eq!(integer(-0.0, 3), None);
+        assert_eq!(integer(1e300, 22), None);
+        assert_eq!(predicted(1e300, 22), 0);
+        assert_eq!(most_places(0.3), 16);
+        assert_eq!(most_places(f64::MAX), 0);
     }
 }

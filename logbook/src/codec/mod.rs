@@ -1,238 +1,247 @@
-//! A frame's readings as a few hundred bytes, and back to the last bit.
+//! Readings of a frame, or of frames that are written together, as a few hundred bytes each, and back to the last bit.
 //!
 //! A voltmeter sends decimals of nine digits, `+d.ddddddddE+dd`, most of them with zeros at the end (a step of 0.1 uV).
-//! Each reading becomes an integer times a power of ten; what is kept is its difference to a reference (the baseline,
-//! or an earlier frame) counted in the same power of ten. A voltage that is no such decimal is kept as its 64 bits.
-//! Every finite `f64` comes back bit by bit; proven by property tests.
+//! Each reading becomes an integer over a power of ten, and what is kept is its difference to what a reference (the
+//! baseline, or a mean of earlier frames) predicts. The crate `pco` packs the differences; its format is read by
+//! [pcodec](https://pypi.org/project/pcodec/) in Python as well. A voltage that is no such decimal is kept as its 64 bits.
+//! Every finite `f64` comes back bit by bit; property tests prove it.
 //!
-//! The blob, all little-endian; how many readings there are is for the caller to know (a session's protocol says it):
+//! A blob holds frames of equal length one after the other, reading by reading. How many readings a frame has is for the
+//! caller to know (a session's protocol says it); how many frames there are follows from the numbers.
 //!
 //! | bytes | what |
 //! |---|---|
-//! | 1 | parts: bit 0 some readings are not ok, bit 1 some decimals have another power than expected, bit 2 some voltages are raw, bit 3 the next two are of two bytes each |
-//! | 1 (2) | g, the grid: the smallest power of ten in the frame |
-//! | 1 (2) | mean size of the differences, in sixteenths of an octave of the grid's unit |
-//! | the rest | range coded (`range.rs`), reading by reading, what the parts say: whether it is ok, else its flag ([`survey::Reading::flag`]); whether it is raw, then its 64 bits; whether its power is another than expected, then by how much; the difference of its decimal (`difference.rs`) |
+//! | 1 | p: the most decimal places that the readings need, 0 to 22 |
+//! | 1 | 1 where notes follow, else 0 |
+//! | 4 | with notes: bytes of their stream, little-endian |
+//! | as many | with notes: a number for each reading, as a stream |
+//! | the rest | a number d for each reading, as a stream |
 //!
-//! The expected power of a reading whose reference is R: the larger of g and floor(log10 |R|) - 8; without a
-//! reference, or where R = 0: g. The predicted integer: R over that reading's power of ten, rounded half away from zero.
+//! A stream is of pco's standalone format: one chunk of 16, 32 or 64 bit integers, in its classic mode and without
+//! differences of its own.
+//!
+//! The decimal places q of a reading are p; with a reference of R volts (ok and not 0) the smaller of p and the places of
+//! the ninth digit of R (8 - floor(log10 |R|) of R rounded to nine digits, between 0 and 22). The prediction is R x 10^q,
+//! rounded to an integer, half to even; 0 where there is no R, or from 2^53 on. By its note a reading is
+//!
+//! | note | reading |
+//! |---|---|
+//! | 0, or no notes | (prediction + d) / 10^q volts |
+//! | 1, 2, 3 | not ok, by its flag ([`survey::Reading::flag`]) |
+//! | 4 | the `f64` whose bits are d |
+//! | 4 + n | as with note 0, with n decimal places more than q |
+//!
 //! Normal noise of 20 steps has an entropy of 6.37 bits a reading; `append_rate` prints what is reached.
 
 mod decimal;
-mod difference;
-mod extras;
-mod range;
+mod numbers;
 
+use pco::errors::PcoError;
 use survey::{Reading, Volts};
 
-use crate::codec::extras::Beside;
-use decimal::{Decimal, finest_power, predicted, value};
-use difference::{Model, Scale};
-use range::{Decoder, Encoder};
+use decimal::{MOST_PLACES, integer, most_places, ninth_digit, places, predicted, value};
+use numbers::{pack, unpack};
 
-const FLAGS: u8 = 1;
-const POWERS: u8 = 2;
-const RAW: u8 = 4;
-const WIDE: u8 = 8;
+/// The note of a voltage that is kept as its bits.
+const BITS: u8 = 4;
+
+/// Most frames of one blob: who reads one of them unpacks all.
+pub const MOST_FRAMES: usize = 32;
 
 /// Readings that [`encode`] does not pack.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum EncodeError {
-    /// The reading at this index is flagged ok and is not finite.
+    /// The reading at this index of its frame is flagged ok and is not finite.
     #[error("reading {0} is not finite")]
     NotFinite(usize),
     /// More than 65,535 readings.
     #[error("{0} readings; a frame holds 65,535 at most")]
     TooMany(usize),
+    /// The frames are none, more than [`MOST_FRAMES`], or of several lengths.
+    #[error("{0} frames cannot be packed together: hand over 1 to {most} of the same length", most = MOST_FRAMES)]
+    Frames(usize),
+    /// pco refuses.
+    #[error("the readings cannot be packed: {0}")]
+    Refused(PcoError),
 }
 
 /// A blob that is not what [`encode`] writes.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("the readings cannot be unpacked: {0}")]
-pub struct DecodeError(&'static str);
+pub struct DecodeError(String);
 
-/// Packs readings, as differences to `reference` where it has the same length (an empty one for none).
+impl DecodeError {
+    pub(crate) fn of(why: &str) -> Self {
+        Self(why.to_owned())
+    }
+}
+
+impl From<PcoError> for DecodeError {
+    fn from(refusal: PcoError) -> Self {
+        Self(refusal.to_string())
+    }
+}
+
+/// Packs frames of equal length, as differences to `reference` where it has that length, too ([`Reference::NONE`] for
+/// none). Frames together take less than each by itself.
 ///
 /// # Errors
-/// A reading that is flagged ok and is not finite; more readings than a frame can hold.
-pub fn encode(readings: &[Reading], reference: &Reference) -> Result<Vec<u8>, EncodeError> {
-    u16::try_from(readings.len()).map_err(|_| EncodeError::TooMany(readings.len()))?;
-    let reference = reference.serves(readings.len());
-    let mut ok = Vec::with_capacity(readings.len());
-    for (index, reading) in readings.iter().enumerate() {
-        if let Some(Volts(volts)) = reading.volts() {
+/// A reading that is flagged ok and is not finite; more readings than a frame can hold; no frames, too many, or frames of
+/// several lengths.
+pub fn encode(frames: &[&[Reading]], reference: &Reference) -> Result<Vec<u8>, EncodeError> {
+    let count = frames.first().map_or(0, |frame| frame.len());
+    u16::try_from(count).map_err(|_| EncodeError::TooMany(count))?;
+    if !(1..=MOST_FRAMES).contains(&frames.len()) || frames.iter().any(|f| f.len() != count) {
+        return Err(EncodeError::Frames(frames.len()));
+    }
+    let reference = reference.serves(count);
+    let grid = grid(frames)?;
+    let (mut notes, mut numbers) = (Vec::new(), Vec::new());
+    for frame in frames {
+        for (index, reading) in frame.iter().enumerate() {
+            let (note, number) = match reading.volts() {
+                Some(Volts(volts)) => coded(volts, reference.at(index), grid),
+                None => (reading.flag(), 0),
+            };
+            notes.push(i64::from(note));
+            numbers.push(number);
+        }
+    }
+    let mut blob = vec![grid, 0];
+    if notes.iter().any(|note| *note != 0) {
+        let notes = pack(&notes).map_err(EncodeError::Refused)?;
+        blob[1] = 1;
+        blob.extend((notes.len() as u32).to_le_bytes());
+        blob.extend(notes);
+    }
+    blob.extend(pack(&numbers).map_err(EncodeError::Refused)?);
+    Ok(blob)
+}
+
+/// The decimal places that all decimals of the frames do with, as far as the largest stays an exact integer.
+fn grid(frames: &[&[Reading]]) -> Result<u8, EncodeError> {
+    let (mut grid, mut largest) = (0, 0.0_f64);
+    for frame in frames {
+        for (index, reading) in frame.iter().enumerate() {
+            let Some(Volts(volts)) = reading.volts() else {
+                continue;
+            };
             if !volts.is_finite() {
                 return Err(EncodeError::NotFinite(index));
             }
-            ok.push((volts, Decimal::of(volts), reference.at(index)));
-        }
-    }
-    let grid = ok
-        .iter()
-        .filter_map(|(_, decimal, _)| decimal.as_ref()?.finest())
-        .min()
-        .unwrap_or(0);
-
-    let words: Vec<Word> = ok
-        .iter()
-        .map(|(volts, decimal, (reference, own))| {
-            let expected = expected_power(*own, grid);
-            decimal
-                .as_ref()
-                .and_then(|decimal| decimal.on(grid, expected))
-                .filter(|(integer, power)| value(*integer, *power).to_bits() == volts.to_bits())
-                .map_or(Word::Raw(volts.to_bits()), |(integer, power)| {
-                    Word::Decimal {
-                        difference: integer.wrapping_sub(predicted(*reference, power)),
-                        moved: power - expected,
-                        above_grid: power - grid,
-                    }
-                })
-        })
-        .collect();
-    let scale = Scale::of(words.iter().filter_map(|word| match word {
-        Word::Decimal {
-            difference,
-            above_grid,
-            ..
-        } => Some((*difference, *above_grid)),
-        Word::Raw(_) => None,
-    }));
-    let has = |part: u8, any: bool| if any { part } else { 0 };
-    let narrow = i8::try_from(grid).ok().zip(u8::try_from(scale.0).ok());
-    let parts = has(FLAGS, ok.len() < readings.len())
-        | has(
-            POWERS,
-            words
-                .iter()
-                .any(|word| matches!(word, Word::Decimal { moved, .. } if *moved != 0)),
-        )
-        | has(RAW, words.iter().any(|word| matches!(word, Word::Raw(_))))
-        | has(WIDE, narrow.is_none());
-
-    let mut blob = Vec::with_capacity(readings.len() * 2);
-    blob.push(parts);
-    match narrow {
-        Some((grid, scale)) => {
-            blob.extend(grid.to_le_bytes());
-            blob.push(scale);
-        }
-        None => {
-            blob.extend(grid.to_le_bytes());
-            blob.extend(scale.0.to_le_bytes());
-        }
-    }
-    let began = blob.len();
-    let mut encoder = Encoder::new(blob);
-    let mut beside = Beside::default();
-    let mut model = Model::new(scale);
-    let mut words = words.into_iter();
-    for reading in readings {
-        if parts & FLAGS != 0 {
-            beside.write_flag(&mut encoder, reading.flag());
-        }
-        if !reading.is_ok() {
-            continue;
-        }
-        let word = words.next().expect("a word for each reading that is ok");
-        if parts & RAW != 0 {
-            beside.write_raw(&mut encoder, matches!(word, Word::Raw(_)));
-        }
-        match word {
-            Word::Raw(bits) => encoder.plain(bits, 64),
-            Word::Decimal {
-                difference,
-                moved,
-                above_grid,
-            } => {
-                if parts & POWERS != 0 {
-                    beside.write_moved(&mut encoder, moved);
-                }
-                model.write(&mut encoder, difference, above_grid);
+            if let Some(places) = places(volts) {
+                grid = grid.max(places);
+                largest = largest.max(volts.abs());
             }
         }
     }
-    Ok(encoder.finish(began))
+    Ok(grid.min(most_places(largest)))
 }
 
-/// A reading that is ok.
-enum Word {
-    Raw(u64),
-    Decimal {
-        difference: i64,
-        /// Its power minus the expected one.
-        moved: i16,
-        above_grid: i16,
-    },
+/// The note and the number of a voltage.
+fn coded(volts: f64, reference: Expected, grid: u8) -> (u8, i64) {
+    let expected = reference.places(grid);
+    let difference = |places| {
+        let integer = integer(volts, places)?;
+        Some(integer - predicted(reference.volts, places))
+    };
+    if let Some(difference) = difference(expected) {
+        return (0, difference);
+    }
+    places(volts)
+        .filter(|places| *places > expected)
+        .and_then(|places| Some((BITS + places - expected, difference(places)?)))
+        .unwrap_or((BITS, volts.to_bits() as i64))
 }
 
-/// Unpacks so many readings against the same reference as they were packed with.
+/// Unpacks the frames of a blob, of so many readings each, against the same reference as they were packed with. At most
+/// [`MOST_FRAMES`] times that many readings come into memory.
 ///
 /// # Errors
-/// The blob is not what [`encode`] writes. One cut short or taken for another number of readings may be taken for other
-/// readings: the row's checksum is what tells damage from data.
+/// The blob is not what [`encode`] writes. A damaged one may be taken for other readings: the row's checksum is what tells
+/// damage from data.
 pub fn decode(
     blob: &[u8],
     reference: &Reference,
     count: usize,
-) -> Result<Vec<Reading>, DecodeError> {
-    let mut rest = blob;
-    let parts = take(&mut rest, 1)?[0];
-    if parts & !(FLAGS | POWERS | RAW | WIDE) != 0 || count > usize::from(u16::MAX) {
-        return Err(DecodeError("its head makes no sense"));
-    }
-    let (grid, scale) = if parts & WIDE == 0 {
-        let head = take(&mut rest, 2)?;
-        (i16::from(head[0] as i8), u16::from(head[1]))
-    } else {
-        let head = take(&mut rest, 4)?;
-        (
-            i16::from_le_bytes([head[0], head[1]]),
-            u16::from_le_bytes([head[2], head[3]]),
-        )
+) -> Result<Vec<Vec<Reading>>, DecodeError> {
+    let (grid, notes, rest) = match blob {
+        [grid @ 0..=MOST_PLACES, 0, rest @ ..] => (*grid, None, rest),
+        [grid @ 0..=MOST_PLACES, 1, rest @ ..] => {
+            let (length, rest) = rest
+                .split_first_chunk()
+                .ok_or_else(|| DecodeError::of("it ends early"))?;
+            let (notes, rest) = rest
+                .split_at_checked(u32::from_le_bytes(*length) as usize)
+                .ok_or_else(|| DecodeError::of("it ends early"))?;
+            (*grid, Some(notes), rest)
+        }
+        _ => return Err(DecodeError::of("its head makes no sense")),
     };
+    if count > usize::from(u16::MAX) {
+        return Err(DecodeError::of("no frame has so many readings"));
+    }
+    let most = MOST_FRAMES * count;
+    let numbers = unpack(rest, most)?;
+    let notes = match notes {
+        Some(notes) => unpack(notes, most)?,
+        None => vec![0; numbers.len()],
+    };
+    let whole = count == 0 || (!numbers.is_empty() && numbers.len() % count == 0);
+    if notes.len() != numbers.len() || !whole {
+        return Err(DecodeError::of("it holds another number of readings"));
+    }
     let reference = reference.serves(count);
-    let mut decoder = Decoder::new(rest);
-    let mut beside = Beside::default();
-    let mut model = Model::new(Scale(scale));
-    let mut readings = Vec::with_capacity(count);
-    for index in 0..count {
-        let flag = match parts & FLAGS {
-            0 => 0,
-            _ => beside.read_flag(&mut decoder),
-        };
-        let volts = if flag != 0 {
-            0.0
-        } else if parts & RAW != 0 && beside.read_raw(&mut decoder) {
-            f64::from_bits(decoder.plain(64))
-        } else {
-            let moved = match parts & POWERS {
-                0 => 0,
-                _ => beside
-                    .read_moved(&mut decoder)
-                    .ok_or(DecodeError("a power of ten is impossible"))?,
-            };
-            let (reference, own) = reference.at(index);
-            let power = expected_power(own, grid).wrapping_add(moved);
-            let difference = model
-                .read(&mut decoder, power.wrapping_sub(grid))
-                .ok_or(DecodeError("a difference is impossible"))?;
-            value(predicted(reference, power).wrapping_add(difference), power)
-        };
-        readings.push(
-            Reading::from_flag(flag, volts)
-                .ok_or(DecodeError("a flag or a voltage is impossible"))?,
-        );
+    if count == 0 {
+        return Ok(vec![Vec::new()]);
     }
-    if decoder.has_rest() {
-        return Err(DecodeError("it is longer than it says"));
-    }
-    Ok(readings)
+    let coded: Vec<(i64, i64)> = notes.into_iter().zip(numbers).collect();
+    let frame = |coded: &[(i64, i64)]| {
+        let readings = coded.iter().enumerate();
+        readings
+            .map(|(index, (note, number))| reading(*note, *number, reference.at(index), grid))
+            .collect()
+    };
+    coded.chunks(count).map(frame).collect()
+}
+
+fn reading(note: i64, number: i64, reference: Expected, grid: u8) -> Result<Reading, DecodeError> {
+    let expected = reference.places(grid);
+    let note = u8::try_from(note).unwrap_or(u8::MAX);
+    let (flag, volts) = match note {
+        1..BITS => (note, 0.0),
+        BITS => (0, f64::from_bits(number as u64)),
+        _ => {
+            let places = expected.saturating_add(note.saturating_sub(BITS));
+            if places > MOST_PLACES {
+                return Err(DecodeError::of("a decimal has too many places"));
+            }
+            let integer = predicted(reference.volts, places).wrapping_add(number);
+            (0, value(integer, places))
+        }
+    };
+    Reading::from_flag(flag, volts)
+        .filter(|reading| reading.volts().is_none_or(|volts| volts.0.is_finite()))
+        .ok_or_else(|| DecodeError::of("a flag or a voltage is impossible"))
 }
 
 /// Readings to take differences against, looked at once for many frames.
 #[derive(Debug, Clone, Default)]
-pub struct Reference(Vec<(f64, Option<i16>)>);
+pub struct Reference(Vec<Expected>);
+
+/// A reading of a reference.
+#[derive(Debug, Clone, Copy, Default)]
+struct Expected {
+    volts: f64,
+    /// Decimal places of its ninth digit.
+    ninth_digit: Option<u8>,
+}
+
+impl Expected {
+    fn places(self, grid: u8) -> u8 {
+        self.ninth_digit.map_or(grid, |own| own.min(grid))
+    }
+}
 
 impl Reference {
     /// Nothing to take differences against.
@@ -242,7 +251,10 @@ impl Reference {
     pub fn new(readings: &[Reading]) -> Self {
         let prepared = readings.iter().map(|reading| {
             let volts = reading.volts().map_or(0.0, |volts| volts.0);
-            (volts, finest_power(volts))
+            Expected {
+                volts,
+                ninth_digit: ninth_digit(volts),
+            }
         });
         Self(prepared.collect())
     }
@@ -256,22 +268,9 @@ impl Reference {
         }
     }
 
-    /// The voltage and the power of its ninth digit.
-    fn at(&self, index: usize) -> (f64, Option<i16>) {
-        self.0.get(index).copied().unwrap_or((0.0, None))
+    fn at(&self, index: usize) -> Expected {
+        self.0.get(index).copied().unwrap_or_default()
     }
-}
-
-fn expected_power(own: Option<i16>, grid: i16) -> i16 {
-    own.map_or(grid, |own| own.max(grid))
-}
-
-fn take<'a>(rest: &mut &'a [u8], count: usize) -> Result<&'a [u8], DecodeError> {
-    let (taken, left) = rest
-        .split_at_checked(count)
-        .ok_or(DecodeError("it ends early"))?;
-    *rest = left;
-    Ok(taken)
 }
 
 #[cfg(test)]
@@ -311,17 +310,24 @@ mod tests {
     proptest! {
         #[test]
         fn every_reading_comes_back_to_the_last_bit(readings in any_frame(), reference in any_frame()) {
-            let blob = encode(&readings, &Reference::new(&reference)).unwrap();
-            prop_assert!(same_bits(&decode(&blob, &Reference::new(&reference), readings.len()).unwrap(), &readings));
+            let blob = encode(&[&readings], &Reference::new(&reference)).unwrap();
+            let frames = decode(&blob, &Reference::new(&reference), readings.len()).unwrap();
+            prop_assert!(frames.len() == 1 && same_bits(&frames[0], &readings));
         }
 
         #[test]
-        fn a_reference_of_the_same_length_serves_whatever_it_holds(
-            pairs in prop::collection::vec((any_reading(), any_reading()), 1..80)
+        fn frames_together_come_back_to_the_last_bit(
+            (frames, reference) in (1_usize..20).prop_flat_map(|count| {
+                let frame = || prop::collection::vec(any_reading(), count);
+                (prop::collection::vec(frame(), 1..=MOST_FRAMES), frame())
+            })
         ) {
-            let (readings, reference): (Vec<_>, Vec<_>) = pairs.into_iter().unzip();
-            let blob = encode(&readings, &Reference::new(&reference)).unwrap();
-            prop_assert!(same_bits(&decode(&blob, &Reference::new(&reference), readings.len()).unwrap(), &readings));
+            let reference = Reference::new(&reference);
+            let slices: Vec<&[Reading]> = frames.iter().map(Vec::as_slice).collect();
+            let blob = encode(&slices, &reference).unwrap();
+            let back = decode(&blob, &reference, frames[0].len()).unwrap();
+            prop_assert_eq!(back.len(), frames.len());
+            prop_assert!(back.iter().zip(&frames).all(|(a, b)| same_bits(a, b)));
         }
 
         #[test]
@@ -332,40 +338,89 @@ mod tests {
             for count in [0, bytes.len(), reference.len(), 65_536] {
                 let _ = decode(&bytes, &Reference::new(&reference), count);
             }
-            for parts in 0..16 {
-                let mut blob = vec![parts];
+            for notes in 0..2 {
+                let mut blob = vec![7, notes];
                 blob.extend(&bytes);
                 let _ = decode(&blob, &Reference::new(&reference), reference.len());
             }
         }
+
+        #[test]
+        fn a_changed_blob_gives_no_more_frames_than_one_holds(
+            readings in prop::collection::vec(any_reading(), 1..80),
+            changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
+            cut in any::<prop::sample::Index>(),
+        ) {
+            let mut blob = encode(&[&readings], &Reference::NONE).unwrap();
+            for (at, byte) in changes {
+                let at = at.index(blob.len());
+                blob[at] = byte;
+            }
+            let cut = cut.index(2 * blob.len());
+            blob.truncate(cut.max(1));
+            if let Ok(frames) = decode(&blob, &Reference::NONE, readings.len()) {
+                prop_assert!((1..=MOST_FRAMES).contains(&frames.len()));
+                prop_assert!(frames.iter().all(|frame| frame.len() == readings.len()));
+            }
+        }
+    }
+
+    /// 0.1 uV steps, so many steps of noise about the same means.
+    fn steps(number: i64, noise: i64) -> Vec<Reading> {
+        let mut state = number as u64;
+        let mut counts = |k: i64| {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            (k * 7919) % 3_000_000 + (state >> 33) as i64 % (2 * noise + 1) - noise
+        };
+        (0..598)
+            .map(|k| Reading::Ok(Volts(counts(k) as f64 / 1e7)))
+            .collect()
     }
 
     #[test]
     fn the_instruments_own_digits_are_small() {
-        // 0.1 uV steps, noise of a few steps: a byte a reading at most.
-        let reference: Vec<Reading> = (0..598)
-            .map(|k| Reading::Ok(Volts(((k * 7919) % 3_000_000) as f64 / 1e7)))
-            .collect();
-        let readings: Vec<Reading> = (0..598)
-            .map(|k| {
-                let noise = (k * k * 31) % 61 - 30;
-                Reading::Ok(Volts(((k * 7919) % 3_000_000 + noise) as f64 / 1e7))
-            })
-            .collect();
-        let blob = encode(&readings, &Reference::new(&reference)).unwrap();
-        assert!(blob.len() < 598, "{} bytes", blob.len());
-        assert_eq!(
-            decode(&blob, &Reference::new(&reference), readings.len()).unwrap(),
-            readings
-        );
+        let reference = Reference::new(&steps(0, 0));
+        let frames: Vec<_> = (1..17).map(|number| steps(number, 30)).collect();
+        let frames: Vec<&[Reading]> = frames.iter().map(Vec::as_slice).collect();
+        // log2 61 bits a reading
+        let entropy = 443;
+        let alone = encode(&frames[..1], &reference).unwrap().len();
+        assert!((entropy..entropy + 60).contains(&alone), "{alone}");
+        let together = encode(&frames, &reference).unwrap().len() / frames.len();
+        assert!((entropy..entropy + 15).contains(&together), "{together}");
+    }
+
+    #[test]
+    fn a_decimal_of_more_places_than_its_reference_stays_one() {
+        let [above, below] = [0.100_000_001, 0.099_999_999_9];
+        let reference = Reference::new(&[Reading::Ok(Volts(above)); 598]);
+        let readings = [Reading::Ok(Volts(below)); 598];
+        let blob = encode(&[&readings], &reference).unwrap();
+        assert!(blob.len() < 100, "{}", blob.len());
+        assert_eq!(decode(&blob, &reference, 598).unwrap(), [readings]);
     }
 
     #[test]
     fn what_is_not_finite_is_refused_by_its_index() {
         let readings = [Reading::Overload, Reading::Ok(Volts(f64::NAN))];
+        let good = [Reading::Overload; 2];
         assert_eq!(
-            encode(&readings, &Reference::NONE),
+            encode(&[&good, &readings], &Reference::NONE),
             Err(EncodeError::NotFinite(1))
         );
+    }
+
+    #[test]
+    fn frames_that_do_not_fit_together_are_refused() {
+        let refused = |frames: &[&[Reading]]| encode(frames, &Reference::NONE).unwrap_err();
+        let frame = [Reading::Overload; 2];
+        assert_eq!(refused(&[]), EncodeError::Frames(0));
+        let many = [&frame[..]; MOST_FRAMES + 1];
+        assert_eq!(refused(&many), EncodeError::Frames(MOST_FRAMES + 1));
+        assert_eq!(refused(&[&frame, &frame[..1]]), EncodeError::Frames(2));
+        let long = vec![Reading::Overload; 65_536];
+        assert_eq!(refused(&[&long]), EncodeError::TooMany(65_536));
     }
 }

@@ -6,12 +6,9 @@ use rusqlite::types::Value;
 use rusqlite::{OptionalExtension, params};
 use survey::{Checks, Frame, Quality, QualityFlag, Settings};
 
+use super::readings::KnownReadings;
 use super::{SessionReader, microseconds, wall};
-use crate::codec::{self, Reference};
-use crate::row::{
-    Remarks, StoredFrame, Stretch, late_map_checksum, mapper_checksum, reference_checksum,
-    unpack_trace,
-};
+use crate::row::{Remarks, StoredFrame, Stretch, late_map_checksum, mapper_checksum, unpack_trace};
 use crate::{LogbookError, MapRecord, Record};
 
 /// How many frames are fetched at a time while iterating.
@@ -104,10 +101,10 @@ impl SessionReader {
             let (mut page, mut bytes) = (VecDeque::new(), 0);
             while let Some(row) = rows.next()? {
                 let stored = StoredFrame::read(row)?;
-                bytes += stored.row.blob.len() as u64;
+                let size = stored.row.blob.as_ref().map_or(0, Vec::len) as i64;
+                bytes += size as u64;
                 if bytes > room {
                     // pages that several rows claim: no more of it comes into memory
-                    let size = stored.row.blob.len() as i64;
                     return Err(rusqlite::Error::IntegralValueOutOfRange(10, size));
                 }
                 page.push_back(stored);
@@ -183,20 +180,7 @@ impl SessionReader {
         if checksum != row.checksum(self.seal) {
             return Err(self.damaged(place(), "its checksum does not agree"));
         }
-        if let Some(reference) = row.reference
-            && known
-                .reference
-                .as_ref()
-                .is_none_or(|(id, _)| *id != reference)
-        {
-            known.reference = Some((reference, self.reference(row.sequence, reference)?));
-        }
-        let reference = match (row.reference, &known.reference) {
-            (Some(_), Some((_, reference))) => reference,
-            _ => &Reference::NONE,
-        };
-        let readings = codec::decode(&row.blob, reference, self.header.protocol.len())
-            .map_err(|cause| self.damaged(place(), cause.to_string()))?;
+        let readings = self.readings(&row, &mut known.readings)?;
         let remarks: Remarks = match &row.remarks {
             Some(json) => serde_json::from_str(json)
                 .map_err(|cause| self.damaged(place(), cause.to_string()))?,
@@ -280,51 +264,6 @@ impl SessionReader {
         let settings = self.settings(stretch.settings)?;
         Ok((stretch, settings))
     }
-
-    /// What a frame's differences refer to.
-    pub(super) fn reference(&self, of: i64, reference: i64) -> Result<Reference, LogbookError> {
-        if reference == 0 {
-            return self.baseline_reference(&format!("frame {of}"));
-        }
-        let place = format!("reference {reference}, which frame {of} refers to");
-        let row = self
-            .connection
-            .prepare_cached(
-                "SELECT against_baseline, readings, checksum FROM reference WHERE id = ?1",
-            )
-            .and_then(|mut statement| {
-                let row = |row: &rusqlite::Row<'_>| {
-                    Ok((
-                        row.get::<_, bool>(0)?,
-                        row.get::<_, Vec<u8>>(1)?,
-                        row.get::<_, Vec<u8>>(2)?,
-                    ))
-                };
-                statement.query_row([reference], row).optional()
-            })
-            .map_err(|source| LogbookError::reading(&self.path, "read a reference of", source))?;
-        let Some((against_baseline, blob, checksum)) = row else {
-            return Err(self.damaged(place, "it is not there"));
-        };
-        if checksum != reference_checksum(self.seal, reference, against_baseline, &blob) {
-            return Err(self.damaged(place, "its checksum does not agree"));
-        }
-        let against = if against_baseline {
-            self.baseline_reference(&place)?
-        } else {
-            Reference::NONE
-        };
-        let readings = codec::decode(&blob, &against, self.header.protocol.len())
-            .map_err(|cause| self.damaged(place, cause.to_string()))?;
-        Ok(Reference::new(&readings))
-    }
-
-    fn baseline_reference(&self, of: &str) -> Result<Reference, LogbookError> {
-        let baseline = self.baseline()?.ok_or_else(|| {
-            self.damaged(of.to_owned(), "it refers to a baseline, and there is none")
-        })?;
-        Ok(Reference::new(&baseline.readings))
-    }
 }
 
 /// Frames of a session in order; made by [`SessionReader::frames`].
@@ -369,7 +308,7 @@ impl Iterator for Frames<'_> {
 /// What was looked up before, for the next frame mostly wants the same.
 #[derive(Debug, Default)]
 struct Known {
-    reference: Option<(i64, Reference)>,
+    readings: KnownReadings,
     stretches: BTreeMap<i64, (Stretch, Settings)>,
     /// Whether the trace of a map that cannot be read is as if there were none.
     without_maps: bool,

@@ -4,6 +4,7 @@ mod frames;
 mod guard;
 mod opening;
 mod order;
+mod readings;
 mod tables;
 
 use std::cell::OnceCell;
@@ -18,7 +19,7 @@ use crate::codec::Reference;
 use crate::row::{
     End, HeaderFault, Seal, baseline_checksum, event_checksum, header_row, settings_checksum,
 };
-use crate::{Closing, Event, LogbookError, SessionHeader, SessionSummary, Taken, codec, schema};
+use crate::{Closing, Event, LogbookError, SessionHeader, SessionSummary, Taken, schema};
 use guard::Guard;
 use opening::Mode;
 
@@ -281,7 +282,7 @@ impl SessionReader {
             return Err(self.damaged(place(), "its checksum does not agree"));
         }
         let unpack = |blob: &[u8]| {
-            codec::decode(blob, &Reference::NONE, self.header.protocol.len())
+            self.decode_one(blob, &Reference::NONE)
                 .map_err(|cause| self.damaged(place(), cause.to_string()))
         };
         baseline.readings = unpack(&readings)?;

@@ -4,7 +4,7 @@ use super::SessionReader;
 use crate::LogbookError;
 
 /// No row of a frame is smaller than so many bytes, so a file of some size has no more of them than that.
-pub(crate) const SMALLEST: i64 = 36;
+pub(crate) const SMALLEST: i64 = 20;
 
 /// Numbers that are told, of however many.
 const TOLD: usize = 5;

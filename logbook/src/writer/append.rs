@@ -1,9 +1,10 @@
 //! Frames: one transaction and one sync for each call.
 
-use survey::{Frame, Quality};
+use survey::{Frame, Quality, Reading};
 
 use super::rows::{self, Unwritten};
 use super::{SessionWriter, check_length, nanoseconds, span};
+use crate::codec::MOST_FRAMES;
 use crate::row::{FrameRow, pack_trace};
 use crate::writer::segments::Standing;
 use crate::{LogbookError, MapRecord, Record};
@@ -75,15 +76,28 @@ impl SessionWriter {
         let wants = self.header.protocol.len();
         let mut sequence = self.sequence;
         let seal = self.seal;
-        let store = || -> Result<(), Unwritten> {
+        let frames: Vec<Handed<'a>> = frames.collect();
+        let mut packed = None;
+        let mut store = || -> Result<(), Unwritten> {
             let transaction = self.connection.transaction()?;
-            for (frame, map, quality) in frames {
+            for (index, (frame, map, quality)) in frames.iter().enumerate() {
                 sequence += 1;
-                check_length(frame.readings.len(), wants)?;
-                let packed = self.references.pack(&frame.readings)?;
+                let place = index % MOST_FRAMES;
+                if place == 0 {
+                    let together = &frames[index..frames.len().min(index + MOST_FRAMES)];
+                    let readings = together.iter().map(|(frame, ..)| &*frame.readings);
+                    let readings: Vec<&[Reading]> = readings.collect();
+                    for readings in &readings {
+                        check_length(readings.len(), wants)?;
+                    }
+                    let new = self.references.pack(&readings)?;
+                    rows::write_reference(&transaction, seal, &new)?;
+                    packed = Some(new);
+                }
+                let packed = packed.take();
                 let settings =
                     rows::known_settings(&transaction, seal, &mut self.settings, &frame.settings)?;
-                let mapper = match map {
+                let mapper = match *map {
                     Some(map) => Some(rows::known_mapper(
                         &transaction,
                         seal,
@@ -100,27 +114,27 @@ impl SessionWriter {
                     mapper,
                     simulated: frame.simulated,
                 };
-                let place = self.stretches.place(&transaction, seal, &standing)?;
+                let stands = self.stretches.place(&transaction, seal, &standing)?;
                 let quality = match quality {
-                    Some(kept) => kept.clone(),
+                    Some(kept) => (*kept).clone(),
                     None => self.checks.of(frame),
                 };
-                rows::write_reference(&transaction, seal, &packed)?;
                 rows::write_frame(
                     &transaction,
                     seal,
                     &FrameRow {
                         sequence: sequence as i64,
-                        stretch: place.stretch,
-                        tick: place.tick,
-                        skew: place.skew,
+                        stretch: stands.stretch,
+                        tick: stands.tick,
+                        skew: stands.skew,
                         duration: span(frame.duration, "a frame's duration")? / 1000,
-                        reference: packed.reference,
+                        reference: packed.as_ref().and_then(|packed| packed.reference),
                         flags: rows::bits(&quality),
                         loop_sum: quality.loop_sum.filter(|worst| worst.is_finite()),
                         remarks: rows::remarks(&quality)?,
                         map_hash: map.map(pack_trace),
-                        blob: packed.blob,
+                        place: place as i64,
+                        blob: packed.map(|packed| packed.blob),
                     },
                 )?;
             }

@@ -22,12 +22,12 @@ pub(super) struct References {
     recent: Recent,
 }
 
-/// A frame as it goes to the file.
+/// Frames as they go to the file.
 pub(super) struct Packed {
     /// `None` for nothing, 0 for the baseline, else the number of a reference.
     pub(super) reference: Option<i64>,
     pub(super) blob: Vec<u8>,
-    /// A reference to be written with the frame.
+    /// A reference to be written with the frames.
     pub(super) written: Option<NewReference>,
 }
 
@@ -47,17 +47,17 @@ impl References {
         self.last_number = last_number;
     }
 
-    /// Packs the next frame, and remembers it.
-    pub(super) fn pack(&mut self, readings: &[Reading]) -> Result<Packed, EncodeError> {
+    /// Packs the next frames together, and remembers them.
+    pub(super) fn pack(&mut self, frames: &[&[Reading]]) -> Result<Packed, EncodeError> {
         if let Some((_, _, age)) = &mut self.kept {
-            *age += 1;
+            *age += frames.len() as u32;
         }
         self.kept = self.kept.take().filter(|(_, _, age)| *age < MOST_FRAMES);
         let baseline = self.baseline.as_ref().map(|baseline| (Some(0), baseline));
         let kept = self.kept.as_ref().map(|(id, kept, _)| (Some(*id), kept));
         let mut best: Option<(Option<i64>, Vec<u8>)> = None;
         for (number, against) in baseline.into_iter().chain(kept) {
-            let blob = encode(readings, against)?;
+            let blob = encode(frames, against)?;
             if best
                 .as_ref()
                 .is_none_or(|(_, least)| blob.len() < least.len())
@@ -67,15 +67,19 @@ impl References {
         }
         let (reference, blob) = match best {
             Some(best) => best,
-            None => (None, encode(readings, &Reference::NONE)?),
+            None => (None, encode(frames, &Reference::NONE)?),
         };
         let mut packed = Packed {
             reference,
             blob,
             written: None,
         };
-        if let Some(mean) = self.recent.add(readings) {
-            self.renew(&mean, readings, &mut packed)?;
+        let mut mean = None;
+        for readings in frames {
+            mean = self.recent.add(readings).or(mean);
+        }
+        if let Some(mean) = mean {
+            self.renew(&mean, frames, &mut packed)?;
         }
         Ok(packed)
     }
@@ -83,16 +87,16 @@ impl References {
     fn renew(
         &mut self,
         mean: &[Reading],
-        readings: &[Reading],
+        frames: &[&[Reading]],
         packed: &mut Packed,
     ) -> Result<(), EncodeError> {
         let reference = Reference::new(mean);
-        let blob = encode(readings, &reference)?;
+        let blob = encode(frames, &reference)?;
         let gain = packed.blob.len().saturating_sub(blob.len());
-        let alone = encode(mean, &Reference::NONE)?;
+        let alone = encode(&[mean], &Reference::NONE)?;
         let (against_baseline, price) = match &self.baseline {
             Some(baseline) => {
-                let near = encode(mean, baseline)?;
+                let near = encode(&[mean], baseline)?;
                 if near.len() < alone.len() {
                     (true, near)
                 } else {
@@ -101,7 +105,7 @@ impl References {
             }
             None => (false, alone),
         };
-        if gain * PAYS_WITHIN <= price.len() {
+        if gain * PAYS_WITHIN <= price.len() * frames.len() {
             return Ok(());
         }
         let id = self.last_number + 1;

@@ -60,13 +60,13 @@ pub(super) fn write_baseline(
     seal: Seal,
     baseline: &Baseline,
 ) -> Result<i64, Unwritten> {
-    let readings = encode(&baseline.readings, &Reference::NONE)?;
+    let readings = encode(&[&baseline.readings], &Reference::NONE)?;
     let deviation: Vec<Reading> = baseline
         .deviation
         .iter()
         .map(|deviation| deviation.map_or(Reading::NotMeasured, |v| Reading::Ok(Volts(v))))
         .collect();
-    let deviation = encode(&deviation, &Reference::NONE)?;
+    let deviation = encode(&[&deviation], &Reference::NONE)?;
     let wall = nanoseconds(baseline.wall, "the baseline's wall time")?;
     let settle = span(baseline.settings.settle, "the settling time")?;
     let settings = settings_id(transaction, seal, &baseline.settings, settle)?;
@@ -317,8 +317,8 @@ pub(super) fn write_frame(
     transaction
         .prepare_cached(
             "INSERT INTO frame (sequence, stretch, tick_us, skew_us, duration_us, reference, flags, loop_sum, remarks,
-                map_hash, readings, checksum)
-             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12)",
+                map_hash, place, readings, checksum)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13)",
         )?
         .execute(params![
             row.sequence,
@@ -331,6 +331,7 @@ pub(super) fn write_frame(
             row.loop_sum,
             row.remarks,
             row.map_hash,
+            row.place,
             row.blob,
             row.checksum(seal),
         ])?;

@@ -1,4 +1,4 @@
-//! Session files: content, damage, parts, references, order, listing, maintenance and size.
+//! Session files: content, damage, parts, references, order, listing, maintenance, size and reading from Python.
 //! Power cuts, kills and the bytes written to the disk are tested in `disk`, random damage in `mutations`.
 
 mod content;
@@ -10,6 +10,7 @@ mod hostile;
 mod maintenance;
 mod order;
 mod parts;
+mod python;
 mod references;
 mod size;
 mod untouched;
