@@ -6,5 +6,6 @@ mod example_frames;
 mod image;
 mod kills;
 mod power_cuts;
+mod read_only;
 mod vfs;
 mod writes;

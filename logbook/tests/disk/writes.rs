@@ -1,6 +1,8 @@
 //! What a frame costs the disk in writes, counted below SQLite: a frame a second for months wears a disk out.
 
 use std::collections::BTreeSet;
+use std::path::Path;
+use std::process::Command;
 
 use crate::example_frames::noisy::{Digits, Rig, at};
 use crate::vfs::{self, Act};
@@ -8,22 +10,21 @@ use logbook::{MapRecord, SessionHeader, SessionWriter};
 use survey::Baseline;
 
 const FRAMES: u64 = 2500;
+/// For real syncs, which take milliseconds each; the journal is folded in once and more.
+const FEWER: u64 = 1000;
 /// What a file system writes at least.
 const BLOCK: usize = 4096;
 
-/// Bytes that SQLite hands over for a frame, and bytes of the blocks that are changed between two syncs. Each frame is
-/// acknowledged by itself; folding the journal in and closing are counted.
-fn a_frame_writes(digits: Digits) -> (f64, f64) {
-    vfs::listen();
-    let dir = tempfile::tempdir().unwrap();
+/// Records so many frames, each acknowledged by itself; `begun` is called before the first.
+fn record<T>(dir: &Path, digits: Digits, frames: u64, begun: impl FnOnce() -> T) -> T {
     let mut rig = Rig::new(digits, 1);
     let header = SessionHeader::new("m1", at(0), rig.protocol().clone());
     let unloaded: Vec<_> = (0..16).map(|number| rig.frame(number)).collect();
-    let mut writer = SessionWriter::create(dir.path(), &header).unwrap();
+    let mut writer = SessionWriter::create(dir, &header).unwrap();
     writer
         .baseline(&Baseline::from_frames("b", &unloaded).unwrap())
         .unwrap();
-    let before = vfs::steps(dir.path()).len();
+    let before = begun();
     let map = MapRecord {
         hash: "0123456789abcdef".repeat(4),
         sum: Some(0.123),
@@ -32,11 +33,20 @@ fn a_frame_writes(digits: Digits) -> (f64, f64) {
         build: "0.1.0".into(),
         cpu: "avx2".into(),
     };
-    for number in 1..=FRAMES {
+    for number in 1..=frames {
         writer.append(&rig.frame(number), Some(&map)).unwrap();
     }
-    writer.close(at(FRAMES as i64), "done").unwrap();
-    let (mut bytes, mut blocks, mut syncs) = (0, 0, 0);
+    writer.close(at(frames as i64), "done").unwrap();
+    before
+}
+
+/// Bytes that SQLite hands over for a frame, and bytes of the blocks that are changed between two syncs. Folding the journal
+/// in and closing are counted.
+fn a_frame_writes(digits: Digits, frames: u64) -> (f64, f64) {
+    vfs::listen();
+    let dir = tempfile::tempdir().unwrap();
+    let before = record(dir.path(), digits, frames, || vfs::steps(dir.path()).len());
+    let (mut bytes, mut blocks, mut syncs) = (0, 0, 0_u64);
     let mut changed = BTreeSet::new();
     for step in vfs::steps(dir.path()).split_off(before) {
         match step.act {
@@ -58,16 +68,68 @@ fn a_frame_writes(digits: Digits) -> (f64, f64) {
         }
     }
     assert!(
-        syncs as u64 >= FRAMES,
+        syncs >= frames,
         "a frame is acknowledged when it is on disk"
     );
-    let each = |bytes: usize| bytes as f64 / FRAMES as f64;
+    let each = |bytes: usize| bytes as f64 / frames as f64;
     (each(bytes), each((blocks + changed.len()) * BLOCK))
+}
+
+/// Bytes that this process has had written to disks, as the kernel counts them: whole pages that became dirty.
+fn written_by_this_process() -> Option<u64> {
+    let counted = std::fs::read_to_string("/proc/self/io").ok()?;
+    let line = counted
+        .lines()
+        .find_map(|line| line.strip_prefix("write_bytes: "))?;
+    line.parse().ok()
+}
+
+/// Set in the run that has the process, and so the kernel's count, to itself.
+const ALONE: &str = "TACTUS_TEST_ALONE";
+
+#[test]
+fn the_kernel_counts_what_the_file_layer_counts() {
+    if std::env::var_os(ALONE).is_none() {
+        let test = "writes::the_kernel_counts_what_the_file_layer_counts";
+        let alone = Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", test, "--nocapture"])
+            .env(ALONE, "1")
+            .output()
+            .unwrap();
+        let printed = String::from_utf8_lossy(&alone.stdout);
+        println!("{printed}{}", String::from_utf8_lossy(&alone.stderr));
+        assert!(alone.status.success() && printed.contains("1 passed"));
+        return;
+    }
+    // before the file layer is exchanged for the one that counts, which does not wait for the disk
+    let kinds = [Digits::Tenths, Digits::Nine];
+    let counted = kinds.map(|digits| {
+        let dir = tempfile::tempdir().unwrap();
+        let before = record(dir.path(), digits, FEWER, written_by_this_process);
+        let written = written_by_this_process().zip(before);
+        written.map_or(0.0, |(after, before)| {
+            (after - before) as f64 / FEWER as f64
+        })
+    });
+    if counted == [0.0; 2] {
+        eprintln!("skipped: temporary files are on no disk here, or the kernel does not count");
+        return;
+    }
+    for (digits, counted) in kinds.into_iter().zip(counted) {
+        let (_, in_blocks) = a_frame_writes(digits, FEWER);
+        println!(
+            "{digits:?}: {counted:.0} bytes a frame by the kernel, {in_blocks:.0} in whole blocks"
+        );
+        assert!(
+            (0.9..1.1).contains(&(counted / in_blocks)),
+            "{counted:.0}, {in_blocks:.0}"
+        );
+    }
 }
 
 #[test]
 fn a_frame_of_half_a_kilobyte_writes_less_than_7_kb() {
-    let (bytes, in_blocks) = a_frame_writes(Digits::Tenths);
+    let (bytes, in_blocks) = a_frame_writes(Digits::Tenths, FRAMES);
     println!("{bytes:.0} bytes a frame, {in_blocks:.0} in whole blocks");
     assert!(
         bytes < 3_000.0 && in_blocks < 7_000.0,
@@ -77,7 +139,7 @@ fn a_frame_of_half_a_kilobyte_writes_less_than_7_kb() {
 
 #[test]
 fn a_frame_of_nine_live_digits_writes_less_than_9_kb() {
-    let (bytes, in_blocks) = a_frame_writes(Digits::Nine);
+    let (bytes, in_blocks) = a_frame_writes(Digits::Nine, FRAMES);
     println!("{bytes:.0} bytes a frame, {in_blocks:.0} in whole blocks");
     assert!(
         bytes < 5_000.0 && in_blocks < 9_000.0,

@@ -1,0 +1,159 @@
+//! A disk that is mounted read-only: what was recorded is read as ever, what would write is refused with the path.
+
+use std::path::Path;
+use std::process::Command;
+
+use logbook::{LogbookError, SessionHeader, SessionReader, SessionWriter, repair, verify};
+use survey::{Protocol, Reading, Volts};
+
+use crate::example_frames::taken::{at, taken};
+
+/// Set in the run that may mount.
+const INSIDE: &str = "TACTUS_TEST_INSIDE";
+const FRAMES: u64 = 20;
+
+/// Whether this process may mount. Where it may not, the test is run again by one that may, and is over.
+fn has_own_mounts(test: &str) -> bool {
+    if std::env::var_os(INSIDE).is_some() {
+        return true;
+    }
+    let rights: &[&str] = match rustix::process::geteuid().is_root() {
+        true => &["--mount"],
+        false => &["--user", "--map-root-user", "--mount"],
+    };
+    let tried = Command::new("unshare")
+        .args(rights)
+        .args(["sh", "-c", "mount -t tmpfs none /mnt"])
+        .output();
+    let refusal = match tried {
+        Ok(output) if output.status.success() => None,
+        Ok(output) => Some(String::from_utf8_lossy(&output.stderr).into_owned()),
+        Err(fault) => Some(format!("unshare: {fault}")),
+    };
+    if let Some(refusal) = refusal {
+        let required = std::env::var_os("TACTUS_REQUIRE_ROOT").is_some_and(|set| set == "1");
+        assert!(!required, "it is required here: {refusal}");
+        eprintln!("skipped: no disk can be mounted read-only here: {refusal}");
+        return false;
+    }
+    let output = Command::new("unshare")
+        .args(rights)
+        .arg(std::env::current_exe().unwrap())
+        .args(["--exact", test, "--nocapture"])
+        .env(INSIDE, "1")
+        .output()
+        .unwrap();
+    let printed = String::from_utf8_lossy(&output.stdout);
+    println!("{printed}{}", String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success() && printed.contains("1 passed"));
+    false
+}
+
+fn mount(arguments: &[&str], folder: &Path) {
+    let output = Command::new("mount")
+        .args(arguments)
+        .arg(folder)
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "mount {arguments:?}: {output:?}");
+}
+
+fn written(dir: &Path, id: &str) -> SessionWriter {
+    let protocol = Protocol::sheffield(8).unwrap();
+    let header = SessionHeader::new(id, at(0), protocol.clone());
+    let mut writer = SessionWriter::create(dir, &header).unwrap();
+    for number in 1..=FRAMES {
+        let readings = vec![Reading::Ok(Volts(number as f64)); protocol.len()];
+        let frame = taken(&protocol, number, number as i64, readings);
+        writer.append(&frame, None).unwrap();
+    }
+    writer
+}
+
+#[test]
+fn a_read_only_disk_is_read_and_every_write_is_refused() {
+    if !has_own_mounts("read_only::a_read_only_disk_is_read_and_every_write_is_refused") {
+        return;
+    }
+    let place = tempfile::tempdir().unwrap();
+    let disk = place.path().join("disk");
+    std::fs::create_dir(&disk).unwrap();
+    mount(&["-t", "tmpfs", "none"], &disk);
+    written(&disk, "closed").close(at(100), "done").unwrap();
+    // as a killed writer leaves it: with its journal
+    let running = written(&disk, "running");
+    let copy = place.path().join("copy");
+    std::fs::create_dir(&copy).unwrap();
+    for end in ["", "-wal", "-shm"] {
+        let name = format!("running.tactus{end}");
+        std::fs::copy(disk.join(&name), copy.join(&name)).unwrap();
+    }
+    drop(running);
+    for end in ["", "-wal", "-shm"] {
+        let name = format!("running.tactus{end}");
+        std::fs::copy(copy.join(&name), disk.join(&name)).unwrap();
+    }
+    let protocol = Protocol::sheffield(8).unwrap();
+    let readings = vec![Reading::Ok(Volts(0.5)); protocol.len()];
+    mount(&["-o", "remount,ro"], &disk);
+
+    // everything is read, and the index does without its file
+    let mut index = logbook::Index::load(&disk);
+    index.refresh().unwrap();
+    assert!(index.unreadable().is_empty(), "{:?}", index.unreadable());
+    let frames: Vec<u64> = index.sessions().iter().map(|one| one.frames).collect();
+    assert_eq!(frames, [FRAMES, FRAMES]);
+    assert_eq!(index.interrupted()[0].id, "running");
+    for id in ["closed", "running"] {
+        let path = disk.join(format!("{id}.tactus"));
+        assert_eq!(
+            SessionReader::open(&path).unwrap().frames().count() as u64,
+            FRAMES
+        );
+        let findings = verify(&path, |_| {}).unwrap().findings;
+        assert!(findings.is_empty(), "{findings:?}");
+    }
+    assert!(logbook::folder_bytes(&disk).unwrap() > 0);
+
+    // what would write says which file it cannot write, and that it is the disk
+    let refused = |what: &str, refusal: LogbookError| {
+        let mut text = refusal.to_string();
+        let mut cause = std::error::Error::source(&refusal);
+        while let Some(inner) = cause {
+            text = format!("{text}: {inner}");
+            cause = inner.source();
+        }
+        println!("{what}: {text}");
+        assert!(text.contains(disk.to_str().unwrap()), "{what}: {text}");
+        assert!(refusal.is_disk(), "{what}: {refusal:?}");
+    };
+    refused("save", index.save().unwrap_err());
+    let header = SessionHeader::new("another", at(200), protocol.clone());
+    refused("create", SessionWriter::create(&disk, &header).unwrap_err());
+    let path = disk.join("running.tactus");
+    match SessionWriter::resume(&path) {
+        Err(refusal) => refused("resume", refusal),
+        Ok((mut writer, _)) => {
+            let frame = taken(&protocol, FRAMES + 1, 200, readings);
+            refused("append", writer.append(&frame, None).unwrap_err());
+        }
+    }
+    let repaired = place.path().join("repaired.tactus");
+    repair(&path, Some(&repaired), at(300), |_| {}).unwrap();
+    assert_eq!(
+        SessionReader::open(&repaired).unwrap().len().unwrap(),
+        FRAMES
+    );
+    let names = || {
+        let mut names: Vec<_> = std::fs::read_dir(&disk)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name())
+            .collect();
+        names.sort();
+        names
+    };
+    let before = names();
+    let tidied = index.tidy().unwrap();
+    assert!(tidied.removed.is_empty() && tidied.folded.is_empty());
+    assert_eq!(names(), before);
+}
