@@ -52,6 +52,7 @@ use crate::instruments::identities::Known;
 use crate::preparation::{FramesFrom, Prepared, prepare};
 use crate::recording::model::chain;
 use crate::service::Offer;
+use crate::service::records::Records;
 use crate::session::controller::Keeper;
 
 /// `EX_CONFIG`: systemd does not start a broken configuration again.
@@ -157,7 +158,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     let panics = crate::instruments::panic_handler::listen();
     let tape = rig::Tape::new(prepared.setup.transcripts);
     let _lock = logbook::lock(&prepared.setup.record_directory).map_err(|error| chain(&error))?;
-    tidy(prepared.setup.record_directory.clone()).await;
+    let records = tidied(prepared.setup.record_directory.clone()).await?;
     let clock = SystemClock::new();
     let bench = bench_of(&prepared)?;
     let known = Known::recall(&prepared.setup.record_directory).map_err(|error| chain(&error))?;
@@ -174,7 +175,8 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
         FramesFrom::Rig(plan) => {
             match assemble(plan, &bench, &tape, Closed::Refuse, known.as_ref()).await {
                 Ok(assembled)
-                    if assembled.closed.is_some() && is_left_by_us(&prepared, &assembled) =>
+                    if assembled.closed.is_some()
+                        && is_left_by_us(&prepared, &assembled, &records) =>
                 {
                     // its links first: a source has one place
                     let was = assembled.closed.clone();
@@ -198,7 +200,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     let closed = assembled.as_ref().and_then(|rig| rig.closed.clone());
     let section = prepared.setup.config.bus.clone();
     let start = prepared.setup.config.schedule.start;
-    let keeper = Keeper::new(prepared, bench, assembled, tape, clock);
+    let keeper = Keeper::new(prepared, bench, assembled, records, tape, clock);
     keeper.hold(claims);
     tokio::spawn(crate::instruments::panic_handler::keep(
         std::sync::Arc::clone(&keeper),
@@ -270,14 +272,22 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     safe
 }
 
-/// What killed daemons have left in the record's directory.
-async fn tidy(directory: std::path::PathBuf) {
-    let Ok(outcome) = tokio::task::spawn_blocking(move || logbook::tidy(&directory)).await else {
-        return;
+/// What is known of the record's directory, without what killed daemons have left in it.
+async fn tidied(directory: std::path::PathBuf) -> Result<Records, String> {
+    let read = move || {
+        let records = Records::of(&directory);
+        let tidied = records.tidy();
+        (records, tidied)
     };
+    let (records, outcome) = tokio::task::spawn_blocking(read)
+        .await
+        .map_err(|failure| format!("the record's directory could not be read: {failure}"))?;
     let tidied = match outcome {
         Ok(tidied) => tidied,
-        Err(error) => return tracing::warn!("{}", chain(&error)),
+        Err(error) => {
+            tracing::warn!("{}", chain(&error));
+            return Ok(records);
+        }
     };
     let names = |paths: &[std::path::PathBuf]| -> String {
         let each: Vec<String> = paths
@@ -298,16 +308,21 @@ async fn tidy(directory: std::path::PathBuf) {
     for error in tidied.refused {
         tracing::warn!("{}", chain(&error));
     }
+    Ok(records)
 }
 
 /// Whether relays that are closed are explained: a daemon with this record was killed during a session with the same
 /// instruments, a short while ago.
-fn is_left_by_us(prepared: &Prepared, assembled: &Assembled) -> bool {
-    let Ok(interrupted) = logbook::interrupted(&prepared.setup.record_directory) else {
-        return false;
-    };
+fn is_left_by_us(prepared: &Prepared, assembled: &Assembled, records: &Records) -> bool {
     let within_h = prepared.setup.config.record.resume_within_h;
     let now = SystemClock::new().wall();
+    // a day more, should the file system's clock be another
+    let since = chrono::TimeDelta::try_milliseconds(((within_h + 24.0) * 3.6e6) as i64)
+        .and_then(|span| now.checked_sub_signed(span))
+        .unwrap_or(chrono::DateTime::<chrono::Utc>::MIN_UTC);
+    let Ok(interrupted) = records.interrupted_since(since) else {
+        return false;
+    };
     interrupted.into_iter().any(|session| {
         let last = session.last.unwrap_or(session.started);
         let age_s = now.signed_duration_since(last).num_seconds() as f64;

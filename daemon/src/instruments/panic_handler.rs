@@ -162,6 +162,7 @@ pub(crate) mod tests {
         std::fs::write(&path, CONFIG.replace("kind = \"simulated\"", scene)).unwrap();
         let prepared = prepare(&path).unwrap_or_else(|problems| panic!("{problems:?}"));
         let bench = crate::bench_of(&prepared).unwrap();
+        let records = crate::service::records::Records::of(&prepared.setup.record_directory);
         let tape = Tape::new(2);
         let FramesFrom::Rig(plan) = &prepared.frames else {
             panic!("it is a rig");
@@ -170,7 +171,14 @@ pub(crate) mod tests {
             .await
             .unwrap();
         let sheet = bench.clone().unwrap();
-        let keeper = Keeper::new(prepared, bench, Some(assembled), tape, SystemClock::new());
+        let keeper = Keeper::new(
+            prepared,
+            bench,
+            Some(assembled),
+            records,
+            tape,
+            SystemClock::new(),
+        );
         tokio::spawn(keep(Arc::clone(&keeper), listen()));
         let within = |future| tokio::time::timeout(DEADLINE, future);
 

@@ -44,6 +44,14 @@ impl Records {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// What killed daemons have left in the folder is removed or folded in. The caller holds the folder's lock.
+    ///
+    /// # Errors
+    /// The folder cannot be read.
+    pub(crate) fn tidy(&self) -> Result<logbook::Tidied, LogbookError> {
+        self.known().index.tidy()
+    }
+
     /// Whether so much is to be read first that nobody should wait for it.
     pub(crate) fn takes_long(&self) -> bool {
         let unknown = self.known().index.unknown();
@@ -75,6 +83,20 @@ impl Records {
     /// The folder cannot be read.
     pub(crate) fn interrupted(&self) -> Result<Vec<SessionSummary>, LogbookError> {
         Ok(self.now()?.index.interrupted())
+    }
+
+    /// What may be resumed of the sessions that were written at this time or later, the newest first; older sessions are not
+    /// opened.
+    ///
+    /// # Errors
+    /// The folder cannot be read.
+    pub(crate) fn interrupted_since(
+        &self,
+        time: DateTime<Utc>,
+    ) -> Result<Vec<SessionSummary>, LogbookError> {
+        let mut known = self.known();
+        known.index.refresh_since(time)?;
+        Ok(known.index.interrupted())
     }
 
     /// The baseline recorded last as seen `now`.

@@ -1,8 +1,10 @@
 //! The folder of sessions.
 
 pub(crate) mod index;
+mod index_file;
 pub(crate) mod lock;
 pub(crate) mod open_files;
+pub(crate) mod scan;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -41,7 +43,7 @@ pub fn list(dir: impl AsRef<Path>) -> Result<Listing, LogbookError> {
 }
 
 /// The sessions of a folder as they are now; what is remembered of them is not opened again.
-fn index(dir: impl AsRef<Path>) -> Result<Index, LogbookError> {
+pub(crate) fn index(dir: impl AsRef<Path>) -> Result<Index, LogbookError> {
     let mut index = Index::load(dir);
     index.refresh()?;
     Ok(index)

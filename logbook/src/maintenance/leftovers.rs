@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, OpenFlags};
 
+use crate::directory::continued_by;
 use crate::directory::open_files::InWriting;
-use crate::directory::{continued_by, files};
 use crate::writer::set_aside_journal;
-use crate::{LogbookError, SessionReader, schema};
+use crate::{Index, LogbookError, SessionReader, schema};
 
 /// Ending of a copy that was being made of a file; see [`crate::SessionWriter::rescue`].
 pub(crate) const COPY: &str = "rescue";
@@ -30,37 +30,45 @@ pub struct Tidied {
 /// # Errors
 /// The folder cannot be read.
 pub fn tidy(dir: impl AsRef<Path>) -> Result<Tidied, LogbookError> {
-    let dir = dir.as_ref();
-    let mut tidied = Tidied::default();
-    for path in files(dir)? {
-        let Ok(found) = std::fs::symlink_metadata(&path) else {
-            continue;
-        };
-        if !found.is_file() {
-            continue;
-        }
-        if found.len() <= u64::from(schema::PAGE) && is_stub(&path, found.len()) {
-            remove(&path);
-            tidied.removed.push(path);
-        } else if beside(&path, "-wal").exists() {
-            match fold(&path) {
-                Ok(true) => tidied.folded.push(path),
-                Ok(false) => {}
-                Err(error) => tidied.refused.push(error),
+    Index::load(dir).tidy()
+}
+
+impl Index {
+    /// Tidies the folder up; the caller holds its lock, so that no other writer is there. Only what is too small for a
+    /// session, or has a journal, is opened.
+    ///
+    /// # Errors
+    /// The folder cannot be read.
+    pub fn tidy(&mut self) -> Result<Tidied, LogbookError> {
+        let mut tidied = Tidied::default();
+        let names = self.names()?;
+        for file in names.candidates(self.dir())? {
+            let small = file.stamp.file.bytes <= u64::from(schema::PAGE);
+            let path = self.dir().join(file.name);
+            let is_file = || std::fs::symlink_metadata(&path).is_ok_and(|found| found.is_file());
+            if !(small || file.has_wal) || !is_file() {
+                continue;
+            }
+            if small && is_stub(&path, file.stamp.file.bytes) {
+                remove(&path);
+                tidied.removed.push(path);
+            } else if file.has_wal {
+                match fold(&path) {
+                    Ok(true) => tidied.folded.push(path),
+                    Ok(false) => {}
+                    Err(error) => tidied.refused.push(error),
+                }
             }
         }
-    }
-    if let Ok(entries) = std::fs::read_dir(dir) {
-        for path in entries.flatten().map(|entry| entry.path()) {
-            if path.extension().is_some_and(|end| end == COPY)
-                && std::fs::symlink_metadata(&path).is_ok_and(|found| found.is_file())
-            {
+        for copy in names.copies() {
+            let path = self.dir().join(copy);
+            if std::fs::symlink_metadata(&path).is_ok_and(|found| found.is_file()) {
                 remove(&path);
                 tidied.removed.push(path);
             }
         }
+        Ok(tidied)
     }
-    Ok(tidied)
 }
 
 /// Whether nothing was ever written to a file: neither a table nor, in its journal, the beginning of one.

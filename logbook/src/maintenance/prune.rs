@@ -1,6 +1,6 @@
 //! Retention: which sessions may go, by age, by size, and only what has been exported.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -9,7 +9,7 @@ use chrono::{DateTime, Utc};
 use outfile::Existing;
 use serde::{Deserialize, Serialize};
 
-use crate::directory::{files, list, part_of};
+use crate::directory::{EXTENSION, id_of, index, part_of, path_of};
 use crate::{LogbookError, SessionKind, SessionReader, SessionSummary};
 
 /// Name of the list of what has been pruned, a JSON object a line.
@@ -123,23 +123,32 @@ pub fn prune(
     dry_run: bool,
 ) -> Result<Pruned, LogbookError> {
     let dir = dir.as_ref();
-    let sessions = list(dir)?.sessions;
+    let index = index(dir)?;
+    let sessions = index.listing().sessions;
     let mut pruned = Pruned::default();
+    let files = by_session(dir)?;
+    let of = |session: &SessionSummary| {
+        files
+            .get(id_of(&session.path))
+            .map_or(&[][..], Vec::as_slice)
+    };
     let sizes: Vec<u64> = sessions
         .iter()
-        .map(|session| Ok(beside(&session.path)?.iter().map(|file| size(file)).sum()))
-        .collect::<Result<_, LogbookError>>()?;
+        .map(|session| of(session).iter().map(|file| size(file)).sum())
+        .collect();
     pruned.left = sizes.iter().sum();
     let open: BTreeSet<&str> = sessions
         .iter()
         .filter(|session| session.closed.is_none())
         .map(|session| part_of(&session.id).0)
         .collect();
-    let newest_baseline = crate::latest_baseline(dir, now)?.map(|(session, _)| session.id);
+    let newest_baseline = index.latest_baseline(now)?.map(|(session, _)| session.id);
     let mut going = vec![None; sessions.len()];
     // Measurements first: a baseline is small, and goes only when nobody who stays was measured against it.
     let (baselines, measurements): (Vec<usize>, Vec<usize>) =
         (0..sessions.len()).partition(|index| sessions[*index].kind == SessionKind::Baseline);
+    // made when the first baseline is due: by then it is known which measurements stay
+    let mut needed = None;
     for index in measurements.into_iter().chain(baselines) {
         let session = &sessions[index];
         let Some(reason) = due(session, retention, now, pruned.left) else {
@@ -153,7 +162,11 @@ pub fn prune(
             Some("it is the newest baseline")
         } else if retention.exported_only && exported(&session.path).is_none() {
             Some("it has not been exported")
-        } else if session.kind == SessionKind::Baseline && is_needed(session, &sessions, &going) {
+        } else if session.kind == SessionKind::Baseline
+            && needed
+                .get_or_insert_with(|| needed_baselines(&sessions, &going))
+                .contains(&session.id)
+        {
             Some("a session that stays was measured against it")
         } else {
             None
@@ -180,25 +193,22 @@ pub fn prune(
             why,
         };
         if !dry_run {
-            remove(dir, &removed, now)?;
+            remove(dir, &removed, of(session), now)?;
         }
         pruned.removed.push(removed);
     }
     Ok(pruned)
 }
 
-/// Whether a session that stays was measured against a baseline.
-fn is_needed(
-    baseline: &SessionSummary,
-    sessions: &[SessionSummary],
-    going: &[Option<String>],
-) -> bool {
+/// Ids of the baselines that the sessions which stay were measured against.
+fn needed_baselines(sessions: &[SessionSummary], going: &[Option<String>]) -> BTreeSet<String> {
     sessions
         .iter()
         .zip(going)
         .filter(|(session, going)| going.is_none() && session.kind == SessionKind::Measurement)
         .filter_map(|(session, _)| SessionReader::open(&session.path).ok()?.baseline().ok()?)
-        .any(|of| of.id == baseline.id)
+        .map(|baseline| baseline.id)
+        .collect()
 }
 
 fn due(
@@ -226,32 +236,62 @@ fn due(
         .then(|| "it has been exported".to_owned())
 }
 
-/// A session's file and all that belongs to it: journal, mark, transcripts of failed frames.
-fn beside(path: &Path) -> Result<Vec<PathBuf>, LogbookError> {
-    let dir = crate::directory::folder_of(path);
-    let id = crate::directory::id_of(path);
-    let listing = std::fs::read_dir(dir).map_err(|source| LogbookError::Io {
+/// The files of a folder by the session that they belong to: its own, journals, mark, transcripts of failed frames. One
+/// walk over the folder; files of no session are left out. The session's own file is the last of its files.
+fn by_session(dir: &Path) -> Result<BTreeMap<String, Vec<PathBuf>>, LogbookError> {
+    let failed = |source| LogbookError::Io {
         path: dir.to_owned(),
         attempt: "list",
         source,
-    })?;
-    let own = [format!("{id}."), format!("{id}-failed-")];
-    let mut files: Vec<PathBuf> = listing
-        .filter_map(|entry| Some(entry.ok()?.path()))
-        .filter(|file| {
-            let name = file.file_name().unwrap_or_default().to_string_lossy();
-            file != path && own.iter().any(|own| name.starts_with(own))
-        })
-        .collect();
-    files.push(path.to_owned());
-    Ok(files)
+    };
+    let mut sessions: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
+    let mut beside = Vec::new();
+    let entries = match std::fs::read_dir(dir) {
+        Ok(entries) => entries,
+        Err(absent) if absent.kind() == std::io::ErrorKind::NotFound => return Ok(sessions),
+        Err(source) => return Err(failed(source)),
+    };
+    for entry in entries {
+        let path = entry.map_err(failed)?.path();
+        match path.extension().is_some_and(|end| end == EXTENSION) {
+            true => drop(sessions.insert(id_of(&path).to_owned(), Vec::new())),
+            false => beside.push(path),
+        }
+    }
+    beside.sort();
+    for path in beside {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if let Some(files) = sessions.get_mut(owner(&name)) {
+            files.push(path);
+        }
+    }
+    for (id, files) in &mut sessions {
+        files.push(path_of(dir, id));
+    }
+    Ok(sessions)
+}
+
+/// The session that a file beside it belongs to, by its name.
+fn owner(name: &str) -> &str {
+    // a copy may have a dot in its name, an id has none
+    let journal = [".tactus-wal", ".tactus-shm", ".tactus-journal"];
+    if let Some(id) = journal.iter().find_map(|end| name.strip_suffix(end)) {
+        return id;
+    }
+    let id = name.split_once('.').map_or(name, |(id, _)| id);
+    id.split_once("-failed-").map_or(id, |(id, _)| id)
 }
 
 fn size(file: &Path) -> u64 {
     std::fs::metadata(file).map_or(0, |found| found.len())
 }
 
-fn remove(dir: &Path, removed: &Removed, now: DateTime<Utc>) -> Result<(), LogbookError> {
+fn remove(
+    dir: &Path,
+    removed: &Removed,
+    files: &[PathBuf],
+    now: DateTime<Utc>,
+) -> Result<(), LogbookError> {
     #[derive(Serialize)]
     struct Line<'a> {
         at: DateTime<Utc>,
@@ -273,8 +313,8 @@ fn remove(dir: &Path, removed: &Removed, now: DateTime<Utc>) -> Result<(), Logbo
         writeln!(file, "{}", serde_json::to_string(&line)?)
     };
     said().map_err(|source| LogbookError::disk(&list, "write what is removed to", source))?;
-    for file in beside(&removed.path)? {
-        std::fs::remove_file(&file).map_err(|source| LogbookError::Io {
+    for file in files {
+        std::fs::remove_file(file).map_err(|source| LogbookError::Io {
             path: file.clone(),
             attempt: "remove",
             source,
@@ -288,9 +328,6 @@ fn remove(dir: &Path, removed: &Removed, now: DateTime<Utc>) -> Result<(), Logbo
 /// # Errors
 /// The folder cannot be read.
 pub fn folder_bytes(dir: impl AsRef<Path>) -> Result<u64, LogbookError> {
-    let mut all = 0;
-    for path in files(dir.as_ref())? {
-        all += beside(&path)?.iter().map(|file| size(file)).sum::<u64>();
-    }
-    Ok(all)
+    let files = by_session(dir.as_ref())?;
+    Ok(files.values().flatten().map(|file| size(file)).sum())
 }

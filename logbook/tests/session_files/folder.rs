@@ -103,7 +103,7 @@ fn an_index_opens_only_what_has_changed() {
     let kept = |index: &logbook::Index| index.sessions().into_iter().cloned().collect::<Vec<_>>();
     assert_eq!(kept(&index).len(), 3);
     // another process finds it
-    let again = logbook::Index::load(dir.path());
+    let mut again = logbook::Index::load(dir.path());
     assert_eq!((again.unknown().unwrap(), kept(&again)), (0, kept(&index)));
 
     // a session that is written is read each time
@@ -166,4 +166,58 @@ fn a_damaged_index_costs_a_reading_and_nothing_else() {
     index.refresh().unwrap();
     index.save().unwrap();
     assert_eq!(logbook::Index::load(dir.path()).unknown().unwrap(), 0);
+}
+
+#[test]
+fn sessions_of_today_are_found_without_opening_older_ones() {
+    let (dir, _) = indexed();
+    std::fs::remove_file(dir.path().join("sessions-1.index")).unwrap();
+    let long_ago = std::time::UNIX_EPOCH + std::time::Duration::from_secs(1_000_000_000);
+    for id in ["a", "b", "c"] {
+        let file = std::fs::File::open(dir.path().join(format!("{id}.tactus"))).unwrap();
+        file.set_modified(long_ago).unwrap();
+    }
+    let mut writer = SessionWriter::create(dir.path(), &header("d")).unwrap();
+    writer.append(&frame(1), None).unwrap();
+    // only what was written last is in the journal
+    let path = dir.path().join("d.tactus");
+    std::fs::File::open(&path)
+        .unwrap()
+        .set_modified(long_ago)
+        .unwrap();
+    let mut index = logbook::Index::load(dir.path());
+    let ids = |index: &logbook::Index| -> Vec<String> {
+        let mut ids: Vec<_> = index.sessions().iter().map(|one| one.id.clone()).collect();
+        ids.sort();
+        ids
+    };
+    index
+        .refresh_since(chrono::DateTime::from_timestamp(1_500_000_000, 0).unwrap())
+        .unwrap();
+    assert_eq!(ids(&index), ["d"]);
+    assert_eq!(index.interrupted()[0].id, "d");
+    index.refresh().unwrap();
+    assert_eq!(ids(&index), ["a", "b", "c", "d"]);
+}
+
+#[test]
+fn a_folder_that_was_not_walked_again_is_still_seen_to_change() {
+    let (dir, mut index) = indexed();
+    let names = |index: &logbook::Index| index.sessions().len();
+    // until the folder's own time is old enough that no later change can have the same
+    let changed = std::fs::metadata(dir.path()).unwrap().modified().unwrap();
+    while changed.elapsed().is_ok_and(|since| since.as_millis() < 200) {
+        index.refresh().unwrap();
+    }
+    for count in [3, 2, 1] {
+        index.refresh().unwrap();
+        assert_eq!(names(&index), count);
+        let id = ["a", "b", "c"][count - 1];
+        std::fs::remove_file(dir.path().join(format!("{id}.tactus"))).unwrap();
+    }
+    index.refresh().unwrap();
+    assert_eq!(names(&index), 0);
+    SessionWriter::create(dir.path(), &header("e")).unwrap();
+    index.refresh().unwrap();
+    assert_eq!(names(&index), 1);
 }

@@ -320,6 +320,33 @@ fn retention_by_age_and_size_never_takes_what_is_needed() {
 }
 
 #[test]
+fn a_file_named_like_a_session_and_more_is_another_one() {
+    let dir = tempfile::tempdir().unwrap();
+    let paths = shelf(dir.path());
+    // a person's copy, and notes beside it: the second is no session at all
+    let copy = dir.path().join("m1.old.tactus");
+    let beside = dir.path().join("m1.old.tactus-wal");
+    let notes = dir.path().join("m1_notes.txt");
+    for path in [&copy, &beside, &notes] {
+        std::fs::write(path, "not a session").unwrap();
+    }
+    let sizes = |paths: &[&PathBuf]| -> u64 {
+        let size = |path: &&PathBuf| std::fs::metadata(path).unwrap().len();
+        paths.iter().map(size).sum()
+    };
+    let mut own: Vec<&PathBuf> = paths.iter().collect();
+    own.extend([&copy, &beside]);
+    assert_eq!(logbook::folder_bytes(dir.path()).unwrap(), sizes(&own));
+    let old = Retention {
+        older_than: Some(Duration::from_secs(60)),
+        ..Retention::default()
+    };
+    let pruned = prune(dir.path(), &old, at(3600 * 5), false).unwrap();
+    assert!(ids(&pruned).0.contains(&"m1"));
+    assert!(copy.exists() && beside.exists() && notes.exists());
+}
+
+#[test]
 fn only_what_was_exported_to_its_last_frame_goes() {
     let dir = tempfile::tempdir().unwrap();
     let paths = shelf(dir.path());

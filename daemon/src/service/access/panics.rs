@@ -122,6 +122,7 @@ async fn a_panic_while_answering_leaves_the_session_running() {
     std::fs::write(&path, config).unwrap();
     let prepared = prepare(&path).unwrap_or_else(|problems| panic!("{problems:?}"));
     let bench = crate::bench_of(&prepared).unwrap();
+    let records = crate::service::records::Records::of(&prepared.setup.record_directory);
     let tape = Tape::new(2);
     let FramesFrom::Rig(plan) = &prepared.frames else {
         panic!("it is a rig");
@@ -130,7 +131,14 @@ async fn a_panic_while_answering_leaves_the_session_running() {
         .await
         .unwrap();
     let sheet = bench.clone().unwrap();
-    let keeper = Keeper::new(prepared, bench, Some(assembled), tape, SystemClock::new());
+    let keeper = Keeper::new(
+        prepared,
+        bench,
+        Some(assembled),
+        records,
+        tape,
+        SystemClock::new(),
+    );
     let panics = panic_handler::listen();
     tokio::spawn(panic_handler::keep(
         std::sync::Arc::clone(&keeper),

@@ -121,6 +121,7 @@ impl Keeper {
         prepared: Prepared,
         bench: Bench,
         assembled: Option<Assembled>,
+        records: Records,
         tape: Tape,
         clock: SystemClock,
     ) -> Arc<Self> {
@@ -134,7 +135,6 @@ impl Keeper {
             frames,
             file,
         } = prepared;
-        let records = Records::of(&setup.record_directory);
         let slow = records.takes_long();
         let (source, settings, plan, baseline) = match frames {
             FramesFrom::Rig(plan) => {

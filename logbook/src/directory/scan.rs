@@ -1,0 +1,227 @@
+//! One walk over a folder: the files that look like sessions, the journals beside them, and by what each is known again.
+//! What the files hold is the index's affair.
+
+use std::collections::BTreeMap;
+use std::fs::Metadata;
+use std::io::{Error, ErrorKind};
+use std::os::fd::OwnedFd;
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use rustix::fs::{AtFlags, Mode, OFlags, Stat};
+use serde::{Deserialize, Serialize};
+
+use crate::LogbookError;
+use crate::directory::EXTENSION;
+use crate::maintenance::leftovers::COPY;
+
+/// A file that was changed this short a time before it was read may change again and look the same: file systems count
+/// time by the kernel's clock tick, 10 ms at most.
+const SETTLES: Duration = Duration::from_millis(100);
+
+/// Endings of the journals that change what a session's file means.
+const JOURNALS: [&str; 2] = ["-wal", "-journal"];
+
+/// By what a session is known to be the one that was read.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Stamp {
+    pub(crate) file: FileStamp,
+    /// Of the journals beside it, where there are any.
+    pub(crate) journals: Vec<FileStamp>,
+}
+
+/// By what a file is known to be the one that was read.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct FileStamp {
+    inode: u64,
+    pub(crate) bytes: u64,
+    /// Of the content, in ns.
+    modified: i64,
+    /// Of the content, the name, owner or mode, in ns; no program can set it.
+    changed: i64,
+}
+
+fn ns(seconds: i64, ns: i64) -> i64 {
+    seconds.saturating_mul(1_000_000_000).saturating_add(ns)
+}
+
+impl FileStamp {
+    fn of(found: &Metadata) -> Self {
+        Self {
+            inode: found.ino(),
+            bytes: found.len(),
+            modified: ns(found.mtime(), found.mtime_nsec()),
+            changed: ns(found.ctime(), found.ctime_nsec()),
+        }
+    }
+
+    // the types of these fields differ between architectures
+    #[allow(clippy::unnecessary_cast)]
+    fn of_stat(found: &Stat) -> Self {
+        Self {
+            inode: found.st_ino as u64,
+            bytes: found.st_size as u64,
+            modified: ns(found.st_mtime as i64, found.st_mtime_nsec as i64),
+            changed: ns(found.st_ctime as i64, found.st_ctime_nsec as i64),
+        }
+    }
+
+    /// Whether another change, from this time on, would give it other times.
+    fn is_settled(&self, now: i64) -> bool {
+        u128::from(now.abs_diff(self.changed)) > SETTLES.as_nanos()
+    }
+}
+
+impl Stamp {
+    /// Whether another write, from this time on, would give it other times.
+    pub(crate) fn is_settled(&self, now: i64) -> bool {
+        self.all().all(|file| file.is_settled(now))
+    }
+
+    /// Whether the file or a journal was written at this time or later, in ns.
+    pub(crate) fn is_written_since(&self, time: i64) -> bool {
+        self.all().any(|file| file.modified >= time)
+    }
+
+    fn all(&self) -> impl Iterator<Item = &FileStamp> {
+        std::iter::once(&self.file).chain(&self.journals)
+    }
+}
+
+/// The names in a folder that matter.
+#[derive(Debug)]
+pub(crate) struct Names {
+    /// Of the folder, where no later change of it can look the same.
+    folder: Option<FileStamp>,
+    /// Files that look like sessions, each with the names of its journals.
+    sessions: BTreeMap<String, Vec<String>>,
+    /// Copies of sessions that a killed writer was making.
+    copies: Vec<String>,
+}
+
+/// A file that looks like a session.
+pub(crate) struct Candidate<'a> {
+    pub(crate) name: &'a str,
+    pub(crate) stamp: Stamp,
+    /// Whether there is a write-ahead log beside it.
+    pub(crate) has_wal: bool,
+}
+
+impl Names {
+    /// The names in a folder: those of the last walk where the folder has not changed since. A folder that is not there
+    /// has none.
+    ///
+    /// # Errors
+    /// The folder cannot be read.
+    pub(crate) fn of(dir: &Path, last: Option<Arc<Self>>) -> Result<Arc<Self>, LogbookError> {
+        let failed = |source| LogbookError::Io {
+            path: dir.to_owned(),
+            attempt: "list",
+            source,
+        };
+        let folder = match std::fs::metadata(dir) {
+            Ok(found) => FileStamp::of(&found),
+            Err(absent) if absent.kind() == ErrorKind::NotFound => {
+                return Ok(Arc::new(Self {
+                    folder: None,
+                    sessions: BTreeMap::new(),
+                    copies: Vec::new(),
+                }));
+            }
+            Err(source) => return Err(failed(source)),
+        };
+        if let Some(last) = last
+            && last.folder.as_ref() == Some(&folder)
+        {
+            return Ok(last);
+        }
+        let settled = folder.is_settled(now());
+        let mut sessions = BTreeMap::new();
+        let (mut journals, mut copies) = (Vec::new(), Vec::new());
+        for entry in std::fs::read_dir(dir).map_err(failed)? {
+            let name = entry.map_err(failed)?.file_name();
+            let Ok(name) = name.into_string() else {
+                continue;
+            };
+            let ends = |end: &str| Path::new(&name).extension().is_some_and(|is| is == end);
+            if ends(COPY) {
+                copies.push(name);
+            } else if ends(EXTENSION) {
+                sessions.insert(name, Vec::new());
+            } else if JOURNALS.iter().any(|end| name.ends_with(end)) {
+                journals.push(name);
+            }
+        }
+        // in the order of their endings, so that two walks give the same stamp
+        for end in JOURNALS {
+            for journal in &journals {
+                if let Some(session) = journal.strip_suffix(end)
+                    && let Some(beside) = sessions.get_mut(session)
+                {
+                    beside.push(journal.clone());
+                }
+            }
+        }
+        copies.sort();
+        Ok(Arc::new(Self {
+            folder: settled.then_some(folder),
+            sessions,
+            copies,
+        }))
+    }
+
+    pub(crate) fn contains(&self, name: &str) -> bool {
+        self.sessions.contains_key(name)
+    }
+
+    /// Copies that a killed writer was making, by name.
+    pub(crate) fn copies(&self) -> &[String] {
+        &self.copies
+    }
+
+    /// The files that look like sessions as they are now, by name; those that have gone since are passed over.
+    ///
+    /// # Errors
+    /// The folder cannot be opened.
+    pub(crate) fn candidates(&self, dir: &Path) -> Result<Vec<Candidate<'_>>, LogbookError> {
+        if self.sessions.is_empty() {
+            return Ok(Vec::new());
+        }
+        // names are looked up from here: the path to the folder is not walked for each
+        let folder: OwnedFd = rustix::fs::open(
+            dir,
+            OFlags::PATH | OFlags::DIRECTORY | OFlags::CLOEXEC,
+            Mode::empty(),
+        )
+        .map_err(|cause| LogbookError::Io {
+            path: dir.to_owned(),
+            attempt: "list",
+            source: Error::from(cause),
+        })?;
+        let stamp = |name: &str| {
+            let found = rustix::fs::statat(&folder, name, AtFlags::empty()).ok()?;
+            Some(FileStamp::of_stat(&found))
+        };
+        let candidates = self.sessions.iter().filter_map(|(name, journals)| {
+            Some(Candidate {
+                name,
+                stamp: Stamp {
+                    file: stamp(name)?,
+                    journals: journals.iter().filter_map(|name| stamp(name)).collect(),
+                },
+                has_wal: journals.iter().any(|name| name.ends_with("-wal")),
+            })
+        });
+        Ok(candidates.collect())
+    }
+}
+
+/// As files are stamped; what is not settled is read again, so a wrong clock costs time and nothing else.
+pub(crate) fn now() -> i64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    since.map_or(0, |since| {
+        i64::try_from(since.as_nanos()).unwrap_or(i64::MAX)
+    })
+}
