@@ -5,57 +5,7 @@ use std::time::Duration;
 use chrono::{DateTime, Utc};
 use serde::{Deserialize, Serialize};
 
-use crate::{Amps, Electrode, Measurement, Volts};
-
-/// One answer: a voltage, or the reason why there is none. An overload never becomes a number.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Reading {
-    /// A valid voltage.
-    Ok(Volts),
-    /// The voltmeter was over its range, or answered something that is not a number.
-    Overload,
-    /// No answer in time.
-    Timeout,
-    /// The plan did not get here, or the source was in compliance.
-    NotMeasured,
-}
-
-impl Reading {
-    /// The voltage if the reading is valid.
-    pub fn volts(self) -> Option<Volts> {
-        match self {
-            Self::Ok(volts) => Some(volts),
-            Self::Overload | Self::Timeout | Self::NotMeasured => None,
-        }
-    }
-
-    /// Whether there is a voltage.
-    pub fn is_ok(self) -> bool {
-        matches!(self, Self::Ok(_))
-    }
-
-    /// The flag's stable number on the wire and on disk: 0 ok, 1 overload, 2 timeout, 3 not measured.
-    pub fn flag(self) -> u8 {
-        match self {
-            Self::Ok(_) => 0,
-            Self::Overload => 1,
-            Self::Timeout => 2,
-            Self::NotMeasured => 3,
-        }
-    }
-
-    /// From a flag and a voltage; `None` for an unknown flag, or for flag 0 with a voltage that is not finite.
-    pub fn from_flag(flag: u8, volts: f64) -> Option<Self> {
-        match flag {
-            0 if volts.is_finite() => Some(Self::Ok(Volts(volts))),
-            1 => Some(Self::Overload),
-            2 => Some(Self::Timeout),
-            3 => Some(Self::NotMeasured),
-            _ => None,
-        }
-    }
-}
+use crate::{Amps, Electrode, Measurement, Reading, Volts};
 
 /// Everything that must agree between a baseline and a frame for their difference to mean anything.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -24,21 +24,23 @@ mod pattern;
 mod plan;
 mod printable;
 mod quality;
+mod reading;
 mod ring;
 mod sketch;
 mod units;
 mod wiring;
 
 pub use bounds::{Bounds, LONGEST_S, OutOfBounds, duration};
-pub use frame::{Baseline, BaselineError, Extra, Frame, Precautions, Reading, Settings};
+pub use frame::{Baseline, BaselineError, Extra, Frame, Precautions, Settings};
 pub use map::{Map, MapUnit};
 pub use pattern::{Measurement, Protocol, ProtocolError, half, sheffield, skip};
 pub use plan::{
     Channel, Counts, Injection, Limits, Plan, PlanError, RangeRule, Resolution, Routed, Step,
-    Timing, Transition,
+    Timing,
 };
 pub use printable::{error_chain, printable, printable_json, printable_lines, printable_within};
 pub use quality::{Checks, Quality, QualityFlag};
+pub use reading::Reading;
 pub use ring::{Dipole, Electrode};
 pub use units::{Amps, Metres, Ohms, Volts};
-pub use wiring::{OwnWiring, Relay, Sensing, Wiring, WiringError};
+pub use wiring::{OwnWiring, Relay, Sensing, Transition, Wiring, WiringError};

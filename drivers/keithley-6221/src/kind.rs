@@ -2,8 +2,6 @@
 
 use scpi::{Argument, Numeric, ParseError, Unit, format_nr3};
 
-use crate::Ask;
-
 /// Decimals of a number read back: `1.000000E-06` (fact sheet, section 3).
 pub(crate) const DECIMALS: usize = 6;
 
@@ -118,17 +116,6 @@ impl Kind {
             } => def,
             Kind::Switch(on) => f64::from(u8::from(on)),
             Kind::Choice(_) => 0.0,
-        }
-    }
-
-    /// What a query with MIN, MAX or DEF is told; `now` without. Switches and words have only a value of now.
-    pub(crate) fn asked(self, ask: Ask, now: f64) -> f64 {
-        match (self, ask) {
-            (_, Ask::Now) => now,
-            (_, Ask::Def) => self.reset_value(),
-            (Kind::Real { limits, .. } | Kind::Whole { limits, .. }, Ask::Min) => limits[0],
-            (Kind::Real { limits, .. } | Kind::Whole { limits, .. }, Ask::Max) => limits[1],
-            (Kind::Switch(_) | Kind::Choice(_), Ask::Min | Ask::Max) => now,
         }
     }
 

@@ -3,7 +3,7 @@
 use survey::{Amps, Relay, Volts};
 
 use crate::LinkError;
-use crate::safe::{FoundRelay, name_relays};
+use crate::found_relay::{FoundRelay, name_relays};
 
 /// Bad news from an instrument or from the wire to it.
 #[derive(Debug, thiserror::Error)]

@@ -32,6 +32,7 @@ mod acquire;
 mod clock;
 mod connect;
 mod fault;
+mod found_relay;
 mod link;
 mod prepare;
 mod safe;
@@ -48,9 +49,8 @@ pub use acquire::{AcquireError, acquire, settings};
 pub use clock::{Clock, SystemClock};
 pub use connect::{connect_tcp, open_serial};
 pub use fault::RigError;
+pub use found_relay::{FoundRelay, name_relays};
 pub use link::{BoxStream, Link, LinkError, Stream};
 pub use prepare::prepare;
-pub use safe::{
-    CleanupError, FoundRelay, StartError, check_at_start, find_closed, name_relays, safe_off,
-};
+pub use safe::{CleanupError, StartError, check_at_start, find_closed, safe_off};
 pub use stop::{Stop, StopButton};

@@ -3,9 +3,10 @@
 use std::fmt;
 use std::time::Duration;
 
-use survey::{Dipole, Relay, Wiring};
+use survey::{Relay, Wiring};
 use tokio::time::Instant;
 
+use crate::found_relay::{FoundRelay, name_relays};
 use crate::traits::Instruments;
 use crate::{CurrentSource, Rig, RigError, Switch};
 
@@ -78,40 +79,6 @@ pub enum StartError {
         name_relays(.0)
     )]
     Closed(Vec<FoundRelay>),
-}
-
-/// A relay found in another state than it should be in, and the pairs of electrodes that it serves.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct FoundRelay {
-    /// The relay.
-    pub relay: Relay,
-    /// The pairs it joins to the source.
-    pub pairs: Vec<Dipole>,
-}
-
-impl fmt::Display for FoundRelay {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut electrodes: Vec<usize> = Vec::new();
-        for pair in &self.pairs {
-            electrodes.extend([pair.plus.number(), pair.minus.number()]);
-        }
-        electrodes.sort_unstable();
-        electrodes.dedup();
-        let numbers: Vec<String> = electrodes.iter().map(usize::to_string).collect();
-        let many = if numbers.len() == 1 { "" } else { "s" };
-        write!(
-            f,
-            "{} (electrode{many} {})",
-            self.relay,
-            numbers.join(" and ")
-        )
-    }
-}
-
-/// Relays with their electrodes, for people: `1036 (electrodes 1 and 2)`.
-pub fn name_relays(relays: &[FoundRelay]) -> String {
-    let each: Vec<String> = relays.iter().map(FoundRelay::to_string).collect();
-    each.join(", ")
 }
 
 /// Reads back every injecting relay before anything is moved.

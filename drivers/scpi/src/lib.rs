@@ -34,13 +34,15 @@ mod status;
 pub(crate) mod syntax;
 
 pub use crate::syntax::argument::{Argument, Numeric};
-pub use crate::syntax::header::{Pattern, short_form};
+pub use crate::syntax::call::Call;
+pub use crate::syntax::header::Pattern;
+pub use crate::syntax::keyword::short_form;
 pub use crate::syntax::unit::Unit;
 pub use channel_list::{ChannelEntry, ChannelList};
 pub use common_command::Common;
 pub use error_queue::{ErrorEntry, ErrorQueue};
 pub use framer::{Framer, FramingError};
-pub use message::{Call, parse_message};
+pub use message::parse_message;
 pub use reading::{
     Answer, INFINITY, NOT_A_NUMBER, ReplyError, format_block, format_nr3, format_nr3_signed,
     parse_block, parse_boolean, parse_integer, parse_reading, parse_readings, quote, unquote,

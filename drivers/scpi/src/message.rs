@@ -1,56 +1,7 @@
 //! A message to calls: units between semicolons, headers by the path rule, arguments between commas.
 
 use crate::syntax::reader::Reader;
-use crate::{Argument, ParseError, Pattern};
-
-/// One unit of a message.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Call {
-    /// The keywords of the whole header from the root, as written; of a common command the one keyword without `*`.
-    pub header: Vec<String>,
-    /// Whether this is a common command (`*...`).
-    pub common: bool,
-    /// Whether the header ends with `?`.
-    pub query: bool,
-    /// The arguments in order.
-    pub arguments: Vec<Argument>,
-}
-
-impl Call {
-    /// Whether the header is this one, in the notation of [`Pattern`].
-    ///
-    /// # Panics
-    /// When the notation is malformed.
-    pub fn is(&self, notation: &str) -> bool {
-        Pattern::new(notation).matches(self)
-    }
-
-    /// The arguments, when there are exactly `N`.
-    ///
-    /// # Errors
-    /// -109 for fewer, -108 for more.
-    pub fn exactly<const N: usize>(&self) -> Result<&[Argument; N], ParseError> {
-        if self.arguments.len() > N {
-            return Err(ParseError::ParameterNotAllowed);
-        }
-        self.arguments
-            .as_slice()
-            .try_into()
-            .map_err(|_| ParseError::MissingParameter)
-    }
-
-    /// The only argument, or `None` when there is none.
-    ///
-    /// # Errors
-    /// -108 for more than one.
-    pub fn at_most_one(&self) -> Result<Option<&Argument>, ParseError> {
-        match self.arguments.as_slice() {
-            [] => Ok(None),
-            [only] => Ok(Some(only)),
-            _ => Err(ParseError::ParameterNotAllowed),
-        }
-    }
-}
+use crate::{Call, ParseError};
 
 /// Reads one message (without its terminator) into its units. A unit that is not of the grammar is an error in its
 /// place, and the units after it are still read. Empty units (a trailing `;`, an empty line) count for nothing.
@@ -85,6 +36,7 @@ pub fn parse_message(message: impl AsRef<[u8]>) -> Vec<Result<Call, ParseError>>
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Argument;
 
     fn headers(message: &str) -> Vec<String> {
         parse_message(message)

@@ -10,11 +10,11 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Amps, Dipole, Protocol, Relay, Sensing, Volts, Wiring, WiringError};
+use crate::{Amps, Dipole, Protocol, Relay, Sensing, Transition, Volts, Wiring, WiringError};
 
 pub use limits::{Limits, PlanError};
 pub use ranges::{RangeRule, Resolution};
-pub use step::{Channel, Routed, Step, Transition};
+pub use step::{Channel, Routed, Step};
 pub use timing::{Counts, Timing};
 
 /// The steps of one frame.

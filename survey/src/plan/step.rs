@@ -7,16 +7,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Dipole, Relay, Volts};
 
-/// How the current gets to the next pair. The wiring chooses.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Transition {
-    /// Source to 0 A, open the last, close the next, source on.
-    Break,
-    /// Close the next pair, then open the last, source on all the while: it is never open-circuit, for a moment shorted.
-    Overlap,
-}
-
 /// One channel of a scan.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Channel {

@@ -9,9 +9,11 @@ use crate::{Dipole, Electrode};
 
 mod error;
 mod maps;
+mod transition;
 
 pub use error::WiringError;
 pub use maps::OwnWiring;
+pub use transition::Transition;
 
 /// The number of a switch as its instrument counts: slot x 1000 + channel on a mainframe (`1042`),
 /// pole x 100 + electrode number on a multiplexer board (poles 1 = I+, 2 = I-, 3 = V+, 4 = V-).
@@ -47,7 +49,7 @@ pub struct Wiring {
     /// How the voltmeter gets at the pairs.
     pub sensing: Sensing,
     /// How the current moves to the next pair.
-    pub transition: crate::Transition,
+    pub transition: Transition,
     /// Relays that join a pair to the source; all of a pair's relays carry its current.
     pub inject: Vec<(Dipole, Vec<Relay>)>,
     /// Relays that join a pair to the voltmeter.
@@ -78,7 +80,7 @@ impl Wiring {
         Ok(Self {
             electrodes,
             sensing: Sensing::Scan,
-            transition: crate::Transition::Overlap,
+            transition: Transition::Overlap,
             inject: pairs(36),
             measure: pairs(1),
             bus: Vec::new(),
@@ -110,7 +112,7 @@ impl Wiring {
         Ok(Self {
             electrodes,
             sensing: Sensing::Single,
-            transition: crate::Transition::Overlap,
+            transition: Transition::Overlap,
             inject: pairs(2, 6),
             measure: pairs(1, 5),
             bus: vec![Relay(slot * 1000 + 921)],
@@ -140,7 +142,7 @@ impl Wiring {
         Ok(Self {
             electrodes,
             sensing: Sensing::Single,
-            transition: crate::Transition::Break,
+            transition: Transition::Break,
             inject: pairs(1, 2),
             measure: pairs(3, 4),
             bus: Vec::new(),

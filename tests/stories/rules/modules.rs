@@ -36,23 +36,6 @@ const KNOWN_CYCLES: &[(&str, &str, &[&str])] = &[
     ),
     ("daemon", "service", &["access", "gate"]),
     ("eit", "", &["inverse", "model", "training"]),
-    (
-        "eit",
-        "inverse",
-        &[
-            "box_constrained",
-            "data_space",
-            "interior_point",
-            "learned",
-            "low_rank",
-            "one_step",
-            "prior",
-            "reconstructor",
-            "tv",
-        ],
-    ),
-    ("eit", "inverse::tv", &["pursuit", "regions"]),
-    ("keithley-6221", "", &["command", "kind", "parameter"]),
     ("keithley-6221", "simulator", &["level", "modes", "status"]),
     (
         "keysight-34980a",
@@ -81,8 +64,6 @@ const KNOWN_CYCLES: &[(&str, &str, &[&str])] = &[
             "effects", "history", "law", "press", "preview", "scan", "scene", "sheet",
         ],
     ),
-    ("rig", "", &["fault", "safe", "traits"]),
-    ("scpi", "", &["message", "syntax"]),
     (
         "simulator",
         "",
@@ -98,8 +79,6 @@ const KNOWN_CYCLES: &[(&str, &str, &[&str])] = &[
             "transport",
         ],
     ),
-    ("survey", "", &["frame", "pattern"]),
-    ("survey", "", &["plan", "wiring"]),
 ];
 
 /// Folders with more than twelve Rust files side by side. A catalogue of like things may stay.

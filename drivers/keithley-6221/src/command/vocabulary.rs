@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::kind::short;
+use crate::kind::{Kind, short};
 
 /// What a numeric query asks for: `?`, `? MIN`, `? MAX`, `? DEF`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -15,6 +15,19 @@ pub enum Ask {
     Max,
     /// The value after `*RST`.
     Def,
+}
+
+impl Kind {
+    /// The reply to a query with MIN, MAX or DEF; `now` without. Switches and words have only a value of now.
+    pub(crate) fn asked(self, ask: Ask, now: f64) -> f64 {
+        match (self, ask) {
+            (_, Ask::Now) => now,
+            (_, Ask::Def) => self.reset_value(),
+            (Kind::Real { limits, .. } | Kind::Whole { limits, .. }, Ask::Min) => limits[0],
+            (Kind::Real { limits, .. } | Kind::Whole { limits, .. }, Ask::Max) => limits[1],
+            (Kind::Switch(_) | Kind::Choice(_), Ask::Min | Ask::Max) => now,
+        }
+    }
 }
 
 /// What the inner shield of the triax output is joined to.

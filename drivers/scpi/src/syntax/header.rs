@@ -2,23 +2,6 @@
 
 use crate::Call;
 
-/// The short form of a keyword: up to four letters stay; of longer ones four, or three if the fourth is a vowel.
-///
-/// ```
-/// assert_eq!(scpi::short_form("current"), "CURR");
-/// assert_eq!(scpi::short_form("output"), "OUTP");
-/// assert_eq!(scpi::short_form("function"), "FUNC");
-/// assert_eq!(scpi::short_form("clear"), "CLE");
-/// ```
-pub fn short_form(keyword: &str) -> String {
-    let upper = keyword.to_ascii_uppercase();
-    if upper.chars().count() <= 4 {
-        return upper;
-    }
-    let vowel = upper.chars().nth(3).is_some_and(|c| "AEIOU".contains(c));
-    upper.chars().take(if vowel { 3 } else { 4 }).collect()
-}
-
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Node {
     short: String,
@@ -160,6 +143,16 @@ fn walk(nodes: &[Node], keywords: &[String], suffixes: &mut Vec<u32>) -> bool {
         suffixes.truncate(held);
     }
     node.optional && walk(later_nodes, keywords, suffixes)
+}
+
+impl Call {
+    /// Whether the header is this one, in the notation of [`Pattern`].
+    ///
+    /// # Panics
+    /// When the notation is malformed.
+    pub fn is(&self, notation: &str) -> bool {
+        Pattern::new(notation).matches(self)
+    }
 }
 
 #[cfg(test)]

@@ -2,6 +2,8 @@
 //! Messages of several units are put together in `message`.
 
 pub(crate) mod argument;
+pub(crate) mod call;
 pub(crate) mod header;
+pub(crate) mod keyword;
 pub(crate) mod reader;
 pub(crate) mod unit;

@@ -12,7 +12,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::inverse::one_step::OneStepError;
+use crate::inverse::error::OneStepError;
 use crate::inverse::prior::Penalty;
 use crate::inverse::reciprocity::Fold;
 use crate::linear_algebra::dense;

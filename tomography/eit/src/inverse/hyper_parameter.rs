@@ -6,8 +6,9 @@ use nalgebra::{DMatrix, DVector};
 use survey::{Protocol, Reading};
 
 use crate::Mesh;
+use crate::inverse::error::OneStepError;
 use crate::inverse::learned::linear::Linear;
-use crate::inverse::one_step::{OneStepError, OneStepOptions};
+use crate::inverse::options::OneStepOptions;
 use crate::inverse::prior::Penalty;
 use crate::linear_algebra::dense;
 

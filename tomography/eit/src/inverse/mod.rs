@@ -2,13 +2,17 @@
 //! Voltages from conductances are `forward`'s.
 
 pub(crate) mod box_constrained;
+pub(crate) mod cut;
 pub(crate) mod data_space;
+pub(crate) mod error;
+pub(crate) mod graph;
 pub(crate) mod hyper_parameter;
 pub(crate) mod interior_point;
 pub mod learned;
 pub(crate) mod loss_only;
 pub(crate) mod low_rank;
 pub(crate) mod one_step;
+pub(crate) mod options;
 pub(crate) mod prior;
 pub(crate) mod reciprocity;
 pub(crate) mod reconstructor;

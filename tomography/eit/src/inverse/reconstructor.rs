@@ -5,7 +5,9 @@ use std::sync::Arc;
 use survey::{Map, Protocol, Reading};
 
 use crate::Mesh;
-use crate::inverse::one_step::UNEXPLAINED;
+
+/// Beyond this factor from the uniform fit a distance is not scaled on its own.
+pub const UNEXPLAINED: f64 = 4.0;
 
 /// Share of the readings that may be missing before a map is refused.
 pub const MOST_MISSING: f64 = 0.25;

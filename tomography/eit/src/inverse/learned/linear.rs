@@ -5,7 +5,8 @@ use std::sync::Arc;
 use nalgebra::DMatrix;
 use survey::{Protocol, Reading};
 
-use crate::inverse::one_step::{OneStepError, OneStepOptions, Scale};
+use crate::inverse::error::OneStepError;
+use crate::inverse::options::{OneStepOptions, Scale};
 use crate::inverse::prior::{Penalty, Prior};
 use crate::inverse::reciprocity::Fold;
 use crate::inverse::reconstructor::Difference;

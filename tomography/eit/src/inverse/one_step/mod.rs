@@ -8,155 +8,20 @@ mod noise_figure;
 use std::sync::{Arc, OnceLock};
 
 use nalgebra::DMatrix;
-use serde::{Deserialize, Serialize};
 use survey::{Map, MapUnit, Protocol, Reading};
 
 use crate::inverse::box_constrained::Bounded;
 use crate::inverse::data_space::DataSpace;
+use crate::inverse::error::OneStepError;
 use crate::inverse::learned::linear::Linear;
 use crate::inverse::learned::novelty;
 use crate::inverse::low_rank::Quick;
-use crate::inverse::prior::Prior;
-use crate::{ForwardError, Mesh, Novelty, ReconstructError, Reconstructor};
-
-/// Where the hyper-parameter comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Hyper {
-    /// lambda of the formula, given.
-    Lambda(f64),
-    /// alpha of the paper's Eq. 4 with dv over v-hat, the largest magnitude of the model's readings, and dsigma over
-    /// sigma0: lambda = v-hat sqrt(alpha). The paper does not say how it scales either; this is our reading.
-    Paper(f64),
-    /// From the noise of a single reading, by [`EXPECTED_CHANGE`]'s rule.
-    Noise {
-        /// Standard deviation of one reading, V, the same on baseline and frame.
-        volts: f64,
-        /// Injected current, A, at which that noise is met.
-        current: f64,
-    },
-    /// The lambda at which the linear map has this noise figure, see [`Reconstructor::noise_figure`].
-    NoiseFigure(f64),
-}
-
-/// How the baseline's own scale enters.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub enum Scale {
-    /// A factor for each distance round the ring between driving and sensing pair, by least squares: besides what
-    /// [`Scale::Uniform`] takes up, the decay with distance of a sheet or tank that is not the model's plane one (depth,
-    /// coating, a conductive back). Many readings share each factor, so offsets and noise of single ones do not enter.
-    /// A distance that the model does not explain within a factor of [`UNEXPLAINED`] keeps the uniform one.
-    #[default]
-    ByDistance,
-    /// One factor for all readings, by least squares: a uniform fit of sigma0, or of an unknown current.
-    Uniform,
-    /// Conductance and currents are known: the formula as it stands, with these currents (A), one a reading.
-    Currents(Vec<f64>),
-}
-
-/// Beyond this factor from the uniform fit a distance is not scaled on its own.
-pub const UNEXPLAINED: f64 = 4.0;
+use crate::inverse::options::{Hyper, OneStepOptions, Scale};
+use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
 
 /// What the method of a map ends with where the bounded problem could not be solved, and the map is the unbounded one
 /// clipped to -1 <= x <= 0.
 pub const CLIPPED: &str = " (unbounded map, clipped)";
-
-/// Settings of a [`OneStep`].
-#[derive(Debug, Clone, PartialEq)]
-pub struct OneStepOptions {
-    /// The prior.
-    pub prior: Prior,
-    /// The hyper-parameter.
-    pub hyper: Hyper,
-    /// Bounds the map to -1 <= x <= 0: loads only take conductance away.
-    pub loss_only: bool,
-    /// The baseline's scale.
-    pub scale: Scale,
-    /// Relative standard deviation of each reading (any common factor), where they differ; readings are divided by it
-    /// after scaling it to a root mean square of 1.
-    pub deviations: Option<Vec<f64>>,
-    /// A quicker frame, by a factor of low rank in f32: the largest error of a map that it may cost, as a share of the
-    /// map's largest value (1e-3 is invisible). Frames that cannot be proved to keep it get the whole matrix. `None`: the
-    /// whole matrix always. Maps bounded to losses are not linear and do not use it.
-    pub map_error: Option<f64>,
-}
-
-impl Default for OneStepOptions {
-    /// NOSER with p = 0.25, which finds presses of 10 mm with the least bias (p = 0.5 draws them by 2 mm towards the
-    /// middle of the sheet), for 2 uV of noise at 1 mA.
-    fn default() -> Self {
-        Self {
-            prior: Prior::Noser { p: 0.25 },
-            hyper: Hyper::Noise {
-                volts: 2e-6,
-                current: 1e-3,
-            },
-            loss_only: false,
-            scale: Scale::default(),
-            deviations: None,
-            map_error: None,
-        }
-    }
-}
-
-/// Why a one-step reconstruction cannot be prepared.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum OneStepError {
-    /// The forward model refused.
-    #[error("the forward model of the reconstruction")]
-    Forward(#[from] ForwardError),
-    /// The hyper-parameter is not positive, or vanishes beside the sensitivities.
-    #[error(
-        "the hyper-parameter lambda is {lambda:e}; it must be a finite number above {floor:.1e} for this geometry"
-    )]
-    Lambda {
-        /// As given or chosen.
-        lambda: f64,
-        /// The smallest that double precision can tell from zero here.
-        floor: f64,
-    },
-    /// A noise or a current that is not a positive number.
-    #[error("the {what} is {value:e}; it must be a positive number")]
-    NotPositive {
-        /// Which setting.
-        what: &'static str,
-        /// Its value.
-        value: f64,
-    },
-    /// A list does not have one entry a reading.
-    #[error("{has} {what} for {wants} readings")]
-    Count {
-        /// Which list.
-        what: &'static str,
-        /// Entries it has.
-        has: usize,
-        /// Entries it needs.
-        wants: usize,
-    },
-    /// An error of maps that is no share of them.
-    #[error("the map error allowed is {error:e}; it must be above 0 and below 1, e.g. 1e-3")]
-    MapError {
-        /// As given.
-        error: f64,
-    },
-    /// The prior could not be inverted, or the readings do not determine its null space.
-    #[error(
-        "the prior cannot be inverted on this geometry: some part of the region is seen by no reading"
-    )]
-    Prior,
-    /// No lambda has the noise figure.
-    #[error(
-        "no lambda gives a noise figure of {wanted}; on this geometry it can be {least:.3} to {most:.3}"
-    )]
-    NoiseFigure {
-        /// As asked.
-        wanted: f64,
-        /// What can be had.
-        least: f64,
-        /// What can be had.
-        most: f64,
-    },
-}
 
 /// Root mean square over the region of the relative change that a map is expected to have: a disc of 10 mm with half its
 /// conductance lost, somewhere on the region of the paper's sheet (0.5 sqrt(78.5 mm^2 / 33,870 mm^2)). It is the one

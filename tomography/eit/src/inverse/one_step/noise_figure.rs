@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::Mesh;
-use crate::inverse::one_step::OneStepError;
+use crate::inverse::error::OneStepError;
 use crate::inverse::reciprocity::Fold;
 
 /// Diameter of the load that a noise figure is told for, as a share of the square root of the region's area.

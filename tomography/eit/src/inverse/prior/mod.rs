@@ -7,11 +7,11 @@ use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 use crate::Mesh;
-use crate::inverse::one_step::OneStepError;
+use crate::inverse::error::OneStepError;
+use crate::inverse::graph::Graph;
 pub(crate) use crate::inverse::prior::laplacian::{Half, Laplacian, block_of_columns};
 use crate::inverse::prior::laplacian::{block_of_rows, matrix_of};
 pub(crate) use crate::inverse::prior::smooth::Smooth;
-use crate::inverse::tv::Graph;
 use crate::linear_algebra::sparse::Block;
 
 /// The prior of a one-step reconstruction.
@@ -41,6 +41,9 @@ pub enum Prior {
 /// The length of [`Prior::Gaussian`] where nobody says another, m.
 pub const SMOOTH_LENGTH_M: f64 = 0.01;
 
+/// The prior of [`crate::OneStepOptions::default`].
+pub(crate) const ONE_STEP_NOSER: Prior = Prior::Noser { p: 0.25 };
+
 impl Default for Prior {
     fn default() -> Self {
         Self::Noser { p: 0.5 }
@@ -54,7 +57,7 @@ impl Prior {
         match exponent {
             Some(p) => Self::Noser { p },
             None if named => Self::default(),
-            None => crate::OneStepOptions::default().prior,
+            None => ONE_STEP_NOSER,
         }
     }
 

@@ -6,10 +6,9 @@
 //! |.| near zero and iterates some tens of times (A. Borsic, B. Graham, A. Adler, W. Lionheart, IEEE Trans. Med. Imaging
 //! 29 (2010) 44); here the absolute value is exact.
 
-mod cut;
-mod graph;
 mod mehrotra;
 mod options;
+mod problem;
 mod pursuit;
 mod regions;
 
@@ -20,12 +19,13 @@ use survey::{Map, MapUnit, Protocol, Reading};
 
 pub use crate::inverse::tv::options::{Strength, TV_STRENGTH, TvError, TvOptions};
 
+use crate::inverse::graph::Graph;
 use crate::inverse::learned::linear::Linear;
 use crate::inverse::learned::novelty;
 use crate::inverse::learned::novelty::UNSEEN;
 use crate::inverse::reciprocity::Seen;
-pub(crate) use crate::inverse::tv::graph::Graph;
-use crate::inverse::tv::pursuit::{Outcome, Problem};
+use crate::inverse::tv::problem::Problem;
+use crate::inverse::tv::pursuit::Outcome;
 use crate::linear_algebra::dense;
 use crate::{Mesh, Novelty, OneStepOptions, Prior, ReconstructError, Reconstructor, Scale};
 

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::inverse::tv::mehrotra::Quadratic;
-use crate::inverse::tv::pursuit::Problem;
+use crate::inverse::tv::problem::Problem;
 use crate::linear_algebra::dense;
 
 /// Steps of Newton's method on one partition.

@@ -9,10 +9,10 @@
 //! all such h, taken region by region, the least F'(x; h) is a minimum cut: (low - c) g(R) + (high - low) min_S [g(S) +
 //! W(border of S in R)]. The gap that is stated is F less the largest bound so found; it is computed, not estimated.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 
-use crate::inverse::tv::graph::Graph;
 use crate::inverse::tv::mehrotra::Quadratic;
+use crate::inverse::tv::problem::Problem;
 use crate::inverse::tv::regions::Regions;
 use crate::linear_algebra::dense;
 
@@ -25,19 +25,6 @@ const WORTHWHILE: f64 = 0.02;
 const INNER: f64 = 1e-13;
 /// Share of the objective at zero below which gaps are rounding.
 const ROUNDING: f64 = 1e-15;
-
-/// One problem of total variation.
-pub(crate) struct Problem<'a> {
-    /// J, a column an unknown.
-    pub(crate) sensitivity: &'a DMatrix<f64>,
-    pub(crate) data: DVector<f64>,
-    pub(crate) graph: &'a Graph,
-    /// W of each edge of the graph.
-    pub(crate) weights: &'a [f64],
-    pub(crate) bounds: [f64; 2],
-    /// What the objective has besides: |d|^2 / 2 of data that were cut off.
-    pub(crate) constant: f64,
-}
 
 /// A map and how good it is.
 pub(crate) struct Outcome {
@@ -62,21 +49,6 @@ struct Split {
 }
 
 impl Problem<'_> {
-    /// The objective of a map.
-    pub(crate) fn objective(&self, x: &[f64]) -> f64 {
-        let residual = self.sensitivity * DVector::from_column_slice(x) - &self.data;
-        0.5 * residual.norm_squared() + self.variation(x) + self.constant
-    }
-
-    fn variation(&self, x: &[f64]) -> f64 {
-        self.graph
-            .edges
-            .iter()
-            .zip(self.weights)
-            .map(|(&[a, b], weight)| weight * (x[a] - x[b]).abs())
-            .sum()
-    }
-
     /// The least objective by an interior method over all unknowns, with a gap of at most `share` of it.
     pub(crate) fn minimum_offline(&self, share: f64) -> Option<f64> {
         let exact = Quadratic {

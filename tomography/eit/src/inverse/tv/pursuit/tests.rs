@@ -1,3 +1,6 @@
+use nalgebra::DMatrix;
+
+use crate::inverse::graph::Graph;
 use crate::inverse::tv::pursuit::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -280,7 +280,7 @@ impl Flow<'_> {
 
 #[cfg(test)]
 mod tests {
-    use crate::inverse::tv::cut::*;
+    use crate::inverse::cut::*;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use crate::Mesh;
-use crate::inverse::tv::cut::CutGraph;
+use crate::inverse::cut::CutGraph;
 
 /// Neighbouring unknowns, and the length of the border between them.
 pub(crate) struct Graph {

@@ -1,0 +1,13 @@
+//! How the current gets from one pair of electrodes to the next.
+
+use serde::{Deserialize, Serialize};
+
+/// How the current gets to the next pair. The wiring chooses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Transition {
+    /// Source to 0 A, open the last, close the next, source on.
+    Break,
+    /// Close the next pair, then open the last, source on all the while: it is never open-circuit, for a moment shorted.
+    Overlap,
+}

@@ -1,0 +1,62 @@
+//! Why a linear reconstruction cannot be prepared: errors of priors, solvers and methods that share them.
+
+use crate::ForwardError;
+
+/// Why a one-step reconstruction cannot be prepared.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum OneStepError {
+    /// The forward model refused.
+    #[error("the forward model of the reconstruction")]
+    Forward(#[from] ForwardError),
+    /// The hyper-parameter is not positive, or vanishes beside the sensitivities.
+    #[error(
+        "the hyper-parameter lambda is {lambda:e}; it must be a finite number above {floor:.1e} for this geometry"
+    )]
+    Lambda {
+        /// As given or chosen.
+        lambda: f64,
+        /// The smallest that double precision can tell from zero here.
+        floor: f64,
+    },
+    /// A noise or a current that is not a positive number.
+    #[error("the {what} is {value:e}; it must be a positive number")]
+    NotPositive {
+        /// Which setting.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// A list does not have one entry a reading.
+    #[error("{has} {what} for {wants} readings")]
+    Count {
+        /// Which list.
+        what: &'static str,
+        /// Entries it has.
+        has: usize,
+        /// Entries it needs.
+        wants: usize,
+    },
+    /// An error of maps that is no share of them.
+    #[error("the map error allowed is {error:e}; it must be above 0 and below 1, e.g. 1e-3")]
+    MapError {
+        /// As given.
+        error: f64,
+    },
+    /// The prior could not be inverted, or the readings do not determine its null space.
+    #[error(
+        "the prior cannot be inverted on this geometry: some part of the region is seen by no reading"
+    )]
+    Prior,
+    /// No lambda has the noise figure.
+    #[error(
+        "no lambda gives a noise figure of {wanted}; on this geometry it can be {least:.3} to {most:.3}"
+    )]
+    NoiseFigure {
+        /// As asked.
+        wanted: f64,
+        /// What can be had.
+        least: f64,
+        /// What can be had.
+        most: f64,
+    },
+}
