@@ -101,7 +101,7 @@ mod tests {
             let stream = pack(numbers).unwrap();
             assert_eq!(unpack(&stream, numbers.len()).unwrap(), numbers);
         }
-        let lengths = [100, 100_000].map(|size| pack(&vec![size; 10]).unwrap().len());
+        let lengths = [100, 100_000].map(|size| pack(&[size; 10]).unwrap().len());
         assert!(lengths[0] < lengths[1], "{lengths:?}");
     }
 
