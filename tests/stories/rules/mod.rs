@@ -3,10 +3,12 @@
 //!
 //! - **dependencies**: the table of dependencies, and packages that no crate or no workspace member may name
 //! - **modules**: import cycles and folder sizes; `source_reader`, `module_tree` and `cycles` find them
+//! - **map**: the folders of ARCHITECTURE.md's map are those of the tree
 //! - **words**: model names, forbidden names, unfinished code, paths of a machine
 
 mod cycles;
 mod dependencies;
+mod map;
 mod module_tree;
 mod modules;
 mod source_reader;
