@@ -1,4 +1,4 @@
-"""Reads the full-rate stream of Tactus (layout: STREAM.md). As a program: one JSON object a record, from standard input."""
+"""Reads the full-rate stream of Tactus (layout: docs/reference/stream.md). As a program: one JSON object a record, from standard input."""
 import json, struct, sys
 
 

@@ -27,7 +27,7 @@ fn span(text: &str) -> Result<Duration, SpanError> {
                   recorded without one (sessions, export, replay). A research instrument, not a medical device.",
     after_help = "Exit codes: 0 done, 1 failed, 2 usage, 3 no daemon, no such session or baseline, 4 not authorised, \
                   5 instrument fault, 6 timeout, 75 busy (try again later), 78 configuration.\n\
-                  With --json every command that prints data prints one object a line; cli/JSON.md documents the fields.",
+                  With --json every command that prints data prints one object a line; docs/reference/json.md documents the fields.",
     propagate_version = true,
     infer_subcommands = false
 )]

@@ -13,7 +13,7 @@ use crate::control::session;
 use crate::failure::Failure;
 use crate::output::Printer;
 
-/// The line of `baseline show --json`; see `cli/JSON.md`.
+/// The line of `baseline show --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 struct Shown {
     id: String,

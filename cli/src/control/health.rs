@@ -7,7 +7,7 @@ use serde::Serialize;
 use crate::options::duration::display_long;
 use crate::records::sessions::{local, utc};
 
-/// `health` of `status --json`; see `cli/JSON.md`.
+/// `health` of `status --json`; see `docs/reference/json.md`.
 #[derive(Debug, Default, Serialize)]
 pub(crate) struct Health {
     well: bool,

@@ -8,7 +8,7 @@ use crate::control::connection::{Daemon, fault};
 use crate::failure::Failure;
 use crate::output::Printer;
 
-/// The line of `notify test --json`; see `cli/JSON.md`.
+/// The line of `notify test --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 struct Fared {
     event: &'static str,

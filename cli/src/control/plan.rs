@@ -13,7 +13,7 @@ use crate::failure::Failure;
 use crate::options::duration::display_span;
 use crate::output::Printer;
 
-/// The line of `plan --json`; see `cli/JSON.md`.
+/// The line of `plan --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 struct Plan {
     wiring: Option<String>,

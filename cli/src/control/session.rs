@@ -18,7 +18,7 @@ use crate::output::Printer;
 /// Where no bar can be drawn, a line says so often how far it is.
 const SAYS_EVERY: Duration = Duration::from_secs(10);
 
-/// A line of `start`, `stop`, `step` and `baseline record` with `--json`; see `cli/JSON.md`.
+/// A line of `start`, `stop`, `step` and `baseline record` with `--json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub(crate) enum Line {

@@ -12,7 +12,7 @@ use crate::control::viewer::burden;
 use crate::failure::Failure;
 use crate::output::Printer;
 
-/// The line of `status --json`; see `cli/JSON.md`.
+/// The line of `status --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 struct Status {
     state: String,

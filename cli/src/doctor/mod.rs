@@ -24,7 +24,7 @@ enum Verdict {
     Bad,
 }
 
-/// A line of `doctor --json`; see `cli/JSON.md`.
+/// A line of `doctor --json`; see `docs/reference/json.md`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 struct Finding {
     check: &'static str,

@@ -14,7 +14,7 @@ use crate::options::duration::display_span;
 use crate::output::Printer;
 use crate::output::table::columns;
 
-/// A line of `instruments discover --json`; see `cli/JSON.md`.
+/// A line of `instruments discover --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 enum Line {

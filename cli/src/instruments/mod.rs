@@ -13,7 +13,7 @@ use crate::failure::Failure;
 use crate::output::Printer;
 use crate::output::table::columns;
 
-/// A line of `instruments --json`; see `cli/JSON.md`.
+/// A line of `instruments --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 struct Instrument {
     id: String,

@@ -11,7 +11,7 @@ use crate::control::connection::Daemon;
 use crate::failure::Failure;
 use crate::output::Printer;
 
-/// The line of `instruments open-all`, `instruments accept` and `reload` with `--json`; see `cli/JSON.md`.
+/// The line of `instruments open-all`, `instruments accept` and `reload` with `--json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 struct Done {
     event: &'static str,

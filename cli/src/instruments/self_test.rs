@@ -13,7 +13,7 @@ use crate::options::duration::display_span;
 use crate::output::Printer;
 use crate::output::table::columns;
 
-/// A line of `instruments test --json`; see `cli/JSON.md`.
+/// A line of `instruments test --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 enum Tested {
@@ -43,7 +43,7 @@ enum Tested {
     },
 }
 
-/// A line of `instruments relays --json`; see `cli/JSON.md`.
+/// A line of `instruments relays --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 struct Worn {
     relay: u32,

@@ -16,7 +16,7 @@ use crate::maps::recording::{Recorded, Recording};
 use crate::output::Printer;
 use crate::records::sessions::utc;
 
-/// One line of `replay --json`; see `cli/JSON.md`.
+/// One line of `replay --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 struct Line<'a> {
     frame: u64,
@@ -134,7 +134,7 @@ pub(crate) fn run(
 /// last bits of the readings change (1e-13), a hundredth of what 2 uV do; the test of that name prints both.
 const TOLERANCE: f64 = 1e-4;
 
-/// What `replay --verify` says last; see `cli/JSON.md`.
+/// What `replay --verify` says last; see `docs/reference/json.md`.
 #[derive(Debug, Default, Serialize)]
 struct Verdict {
     /// Maps with the bits that were recorded.

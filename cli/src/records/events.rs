@@ -11,7 +11,7 @@ use crate::output::Printer;
 use crate::records::directory;
 use crate::records::sessions::{local, utc};
 
-/// A line of `events --json`; see `cli/JSON.md`.
+/// A line of `events --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 struct Event {
     session: String,

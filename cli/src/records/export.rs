@@ -21,7 +21,7 @@ use crate::records::directory;
 use crate::records::parts::{Parts, left_out};
 use crate::records::sessions::{local, utc};
 
-/// A line of `export --json`; see `cli/JSON.md`.
+/// A line of `export --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 struct Written {
     what: &'static str,

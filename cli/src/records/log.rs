@@ -18,7 +18,7 @@ use crate::output::{Printer, complain};
 use crate::records::directory;
 use crate::records::sessions::{local, utc};
 
-/// A line of `log --json`; see `cli/JSON.md`.
+/// A line of `log --json`; see `docs/reference/json.md`.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 struct Line {
     #[serde(serialize_with = "as_utc")]

@@ -25,7 +25,7 @@ pub(crate) fn run(
     }
 }
 
-/// A line of `sessions verify --json`; see `cli/JSON.md`.
+/// A line of `sessions verify --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 struct Checked {
     whole: bool,
@@ -166,7 +166,7 @@ fn repair(
     })
 }
 
-/// A line of `sessions prune --json`; see `cli/JSON.md`.
+/// A line of `sessions prune --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 struct Went<'a> {
     what: &'static str,

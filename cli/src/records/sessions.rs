@@ -14,7 +14,7 @@ use crate::output::table::columns;
 use crate::output::{Printer, complain};
 use crate::records::directory;
 
-/// A line of `sessions --json`; see `cli/JSON.md`.
+/// A line of `sessions --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 struct Session {
     id: String,

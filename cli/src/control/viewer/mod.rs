@@ -23,7 +23,7 @@ use crate::output::Printer;
 /// A map follows its frame at once where there is one; a frame without a map is not held back longer than this.
 const MAP_FOLLOWS: Duration = Duration::from_secs(2);
 
-/// A line of `watch --json`; see `cli/JSON.md`.
+/// A line of `watch --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 enum Line {
