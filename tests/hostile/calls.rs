@@ -10,7 +10,7 @@ use zbus::{Structure, Variant};
 type Body = Structure<'static>;
 
 /// One call.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Call {
     pub path: String,
     pub interface: String,

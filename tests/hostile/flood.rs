@@ -69,7 +69,7 @@ impl Flood {
         flood
     }
 
-    /// Sends one call as fast as the bus takes it, without asking for an answer.
+    /// Sends one call as fast as the bus takes it, `width.at_once` of them at a time, without asking for an answer.
     pub async fn begin_unanswered(
         bus: &SystemBus,
         users: &[User],
@@ -92,14 +92,15 @@ impl Flood {
                     .with_flags(Flags::NO_REPLY_EXPECTED)
                     .build(&())
                     .unwrap();
+                let messages = vec![message; width.at_once];
                 let (over, answers) = (Arc::clone(&flood.over), Arc::clone(&flood.answers));
                 flood.workers.spawn(async move {
                     while !over.load(Ordering::Relaxed) {
-                        let kind = match connection.send(&message).await {
+                        let kind = match connection.send_all(&messages).await {
                             Ok(()) => "sent".to_owned(),
                             Err(error) => kind(&error),
                         };
-                        *answers.lock().unwrap().entry(kind).or_default() += 1;
+                        *answers.lock().unwrap().entry(kind).or_default() += messages.len();
                     }
                 });
             }

@@ -10,13 +10,14 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use dbus::Fault;
 use tokio::runtime::{Builder, Handle, Runtime};
-use tokio::sync::{OnceCell, watch};
+use tokio::sync::{OnceCell, Semaphore, watch};
 use tokio::task::JoinSet;
 use zbus::message::{Header, Type};
 use zbus::names::UniqueName;
 use zbus::{Connection, MatchRule, MessageStream};
 
 use super::access::Door;
+use super::bus_socket::Queue;
 use super::caller::{self, Caller};
 use super::limit::User;
 
@@ -33,6 +34,10 @@ pub(crate) struct Gate {
     present: Mutex<BTreeMap<String, Present>>,
     /// Whether those who leave are heard of.
     follows: watch::Sender<bool>,
+    /// Where calls wait that were read from a bus ahead of being served.
+    waiting: Option<Arc<Queue>>,
+    /// Whose turn it is to send a large answer: everybody's answers stand behind it.
+    pub(super) large_answers: Semaphore,
 }
 
 /// Somebody who has called and has not left.
@@ -82,13 +87,16 @@ impl Client {
 }
 
 impl Gate {
-    /// The gate of a connection to a bus; `acting` is where sessions run. Nobody is answered before [`Gate::follow`].
-    pub(super) fn of_bus(door: Door, acting: Handle) -> Arc<Self> {
+    /// The gate of a connection to a bus; `acting` is where sessions run, and `waiting` has the calls that were read ahead. Nobody is
+    /// answered before [`Gate::follow`].
+    pub(super) fn of_bus(door: Door, acting: Handle, waiting: Option<Arc<Queue>>) -> Arc<Self> {
         Arc::new(Self {
             door,
             acting,
             present: Mutex::default(),
             follows: watch::Sender::new(false),
+            waiting,
+            large_answers: Semaphore::new(1),
         })
     }
 
@@ -100,6 +108,8 @@ impl Gate {
             acting,
             present: Mutex::new(BTreeMap::from([(String::new(), peer)])),
             follows: watch::Sender::new(true),
+            waiting: None,
+            large_answers: Semaphore::new(1),
         })
     }
 
@@ -132,6 +142,9 @@ impl Gate {
                     && owner.is_empty()
                 {
                     gate.present().remove(name);
+                    if let Some(waiting) = &gate.waiting {
+                        waiting.forget(name);
+                    }
                 }
             }
             if let Some(gate) = gate.upgrade() {
@@ -180,11 +193,20 @@ impl Gate {
             (Arc::clone(&known.caller), known.stays.subscribe())
         };
         match cell.get_or_try_init(|| ask(connection, sender)).await {
-            Ok(caller) => Ok(Some(Client {
-                user: caller.counted(),
-                caller: Arc::clone(caller),
-                stays,
-            })),
+            Ok(caller) => {
+                let user = caller.counted();
+                if let Some(waiting) = &self.waiting
+                    && user.trusted
+                    && stays.has_changed().is_ok()
+                {
+                    waiting.prefer(sender);
+                }
+                Ok(Some(Client {
+                    user,
+                    caller: Arc::clone(caller),
+                    stays,
+                }))
+            }
             Err(error) => {
                 self.present().remove(sender.as_str());
                 tracing::debug!("the bus does not say who {sender} is: {error}");

@@ -13,7 +13,8 @@ use zbus::fdo::{RequestNameFlags, RequestNameReply};
 
 use crate::config::BusSection;
 use crate::monitoring::heartbeat::Part;
-use crate::service::access::Door;
+use crate::service::access::{self, Door};
+use crate::service::bus_socket::{BusSocket, Queue};
 use crate::service::containment::{Ends, answer};
 use crate::service::gate::{Gate, Threads};
 use crate::service::peer;
@@ -130,11 +131,11 @@ async fn connect(
 ) -> Result<Connected, OfferError> {
     let which = word(door);
     let no_bus = |cause| OfferError::NoBus { which, cause };
-    let builder = match door {
-        Door::System => Builder::system(),
-        _ => Builder::session(),
+    let (builder, waiting) = match door {
+        Door::System => system_bus(keeper).await.map_err(no_bus)?,
+        _ => (Builder::session(), None),
     };
-    let gate = Gate::of_bus(door, acting.clone());
+    let gate = Gate::of_bus(door, acting.clone(), waiting);
     let connection = crate::service::furnish(builder, keeper, &gate)
         .build()
         .await
@@ -154,6 +155,24 @@ async fn connect(
         }
         Err(cause) => Err(no_bus(cause)),
     }
+}
+
+/// The system bus, on which anybody may send calls: they are read ahead of being served.
+async fn system_bus(keeper: &Arc<Keeper>) -> zbus::Result<(Builder<'static>, Option<Arc<Queue>>)> {
+    let address = zbus::Address::system()?;
+    let queue = Arc::new(Queue::new(access::changes_something));
+    let told = Arc::clone(keeper);
+    let report = move |lost: u64, sender: &str| {
+        let text = format!(
+            "{lost} calls that want no answer were discarded, the last of {sender}: too many wait already"
+        );
+        told.observed.aloud.say("calls-lost", None, &text);
+    };
+    let socket = BusSocket::connect(&address, Arc::clone(&queue), Box::new(report)).await?;
+    Ok(match socket {
+        Some(socket) => (Builder::socket(socket), Some(queue)),
+        None => (Builder::address(address), None),
+    })
 }
 
 /// Carries news to one bus, and comes back when the bus does.

@@ -1,6 +1,7 @@
 //! The daemon on D-Bus: one set of objects on every connection, and the news that goes out on it.
 
 mod access;
+mod bus_socket;
 mod caller;
 pub(crate) mod containment;
 mod gate;

@@ -53,6 +53,8 @@ impl Action {
 pub(super) enum Lane {
     /// Answered at once; ends with its caller.
     Look,
+    /// As a look, with an answer of some 100 kB: one at a time goes out on a connection.
+    Large,
     /// Waits for a frame or for the end of a session; ends with its caller.
     Wait,
     /// Changes something; runs to its end.
@@ -64,7 +66,7 @@ pub(super) enum Lane {
 impl Lane {
     fn places(self) -> &'static Limit {
         match self {
-            Self::Look => &LOOKS,
+            Self::Look | Self::Large => &LOOKS,
             Self::Wait => &WAITS,
             Self::Act => &ACTS,
             Self::Safe => &SAFETY,
@@ -73,7 +75,7 @@ impl Lane {
 
     /// Whether an answer that nobody waits for any more is given up.
     fn ends_with_its_caller(self) -> bool {
-        matches!(self, Self::Look | Self::Wait)
+        matches!(self, Self::Look | Self::Large | Self::Wait)
     }
 }
 
@@ -99,7 +101,7 @@ const METHODS: &[(&str, &str, Action, Lane)] = &[
     ),
     (MANAGER_INTERFACE, "Plan", Action::Observe, Lane::Look),
     (MANAGER_INTERFACE, "PlanWith", Action::Observe, Lane::Look),
-    (MANAGER_INTERFACE, "Geometry", Action::Observe, Lane::Look),
+    (MANAGER_INTERFACE, "Geometry", Action::Observe, Lane::Large),
     (MANAGER_INTERFACE, "Baseline", Action::Observe, Lane::Look),
     (MANAGER_INTERFACE, "Health", Action::Observe, Lane::Look),
     // runs a program that only the configuration names
@@ -150,7 +152,7 @@ const METHODS: &[(&str, &str, Action, Lane)] = &[
         Action::Observe,
         Lane::Look,
     ),
-    (SESSION_INTERFACE, "LatestMap", Action::Observe, Lane::Look),
+    (SESSION_INTERFACE, "LatestMap", Action::Observe, Lane::Large),
     (
         SESSION_INTERFACE,
         "LatestPressure",
@@ -180,6 +182,13 @@ fn method(interface: &InterfaceName<'_>, member: &str) -> Option<(Action, Lane)>
         .iter()
         .find(|(of, named, ..)| *of == interface.as_str() && *named == member)
         .map(|(_, _, action, lane)| (*action, *lane))
+}
+
+/// Whether a method does more than look.
+pub(super) fn changes_something(interface: &str, member: &str) -> bool {
+    METHODS.iter().any(|(of, named, action, _)| {
+        *of == interface && *named == member && *action != Action::Observe
+    })
 }
 
 fn setter(interface: &InterfaceName<'_>, member: &str) -> Option<Action> {
@@ -427,6 +436,13 @@ fn behind<'call, I: Interface>(
         admitted.map_err(boxed)?;
         let lane = row.map_or(Lane::Look, |(_, lane)| lane);
         let _place = lane.places().take(client.user).map_err(boxed)?;
+        let turn = match lane {
+            Lane::Large => client.while_present(gate.large_answers.acquire()).await,
+            _ => None,
+        };
+        if lane == Lane::Large && turn.is_none() {
+            return Ok(());
+        }
         let ends = match action {
             Some(Action::Observe) | None => Ends::Answer,
             Some(_) => Ends::Session,

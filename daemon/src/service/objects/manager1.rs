@@ -134,15 +134,17 @@ impl Manager1 {
         ),
         Fault,
     > {
-        let geometry = report::geometry(&self.0.house().setup.geometry);
+        let house = self.0.house();
+        let drawn = || report::geometry(&house.setup.geometry);
+        let geometry = house.drawn.get_or_init(drawn);
         Ok((
-            geometry.mesh_hash,
-            geometry.nodes,
-            geometry.triangles,
-            geometry.outline,
-            geometry.outline_lengths,
-            geometry.electrodes,
-            geometry.more,
+            geometry.mesh_hash.clone(),
+            geometry.nodes.clone(),
+            geometry.triangles.clone(),
+            geometry.outline.clone(),
+            geometry.outline_lengths.clone(),
+            geometry.electrodes.clone(),
+            report::geometry_name(&house.setup.geometry),
         ))
     }
 

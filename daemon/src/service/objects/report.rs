@@ -102,8 +102,13 @@ pub(crate) fn geometry(geometry: &Geometry) -> dbus::Geometry {
         outline: outline.iter().flat_map(|points| flat(points)).collect(),
         outline_lengths: outline.iter().map(|points| points.len() as u32).collect(),
         electrodes: flat(&mesh.electrode_centres()),
-        more: Options::new().with("name", geometry.name.as_str()),
+        more: geometry_name(geometry),
     }
+}
+
+/// What a person calls the geometry.
+pub(crate) fn geometry_name(geometry: &Geometry) -> Options {
+    Options::new().with("name", geometry.name.as_str())
 }
 
 /// A self-test.

@@ -16,7 +16,7 @@ pub(crate) use crate::session::controller::session_options::{no_baseline, no_pla
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, RwLock};
 
 use chrono::{DateTime, Utc};
 use dbus::Fault;
@@ -42,6 +42,8 @@ use crate::session::state::{Event, State};
 /// What a configuration means; another one takes its place at a reload.
 pub(crate) struct House {
     pub setup: Setup,
+    /// What clients draw maps on, made when the first of them asks.
+    pub drawn: OnceLock<dbus::Geometry>,
     /// `None` for a recording.
     pub plan: Option<Arc<RigPlan>>,
     pub settings: Option<Settings>,
@@ -168,6 +170,7 @@ impl Keeper {
             house: RwLock::new(Arc::new(House {
                 build: format!("tactusd {}", env!("CARGO_PKG_VERSION")),
                 setup,
+                drawn: OnceLock::new(),
                 plan,
                 settings,
                 bench,

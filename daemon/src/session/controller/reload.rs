@@ -1,6 +1,6 @@
 //! Another configuration while the daemon runs. One that is bad changes nothing.
 
-use std::sync::{Arc, PoisonError};
+use std::sync::{Arc, OnceLock, PoisonError};
 
 use dbus::Fault;
 
@@ -104,6 +104,7 @@ impl Keeper {
         }
         let house = Arc::new(House {
             setup,
+            drawn: OnceLock::new(),
             plan,
             settings,
             bench,

@@ -1,0 +1,418 @@
+//! Messages of a bus that were read and wait to be served: each sender's in their order, the senders by turns; and calls
+//! without an answer, until they have been served.
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::os::fd::OwnedFd;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+
+use tokio::sync::Notify;
+
+use super::header::{self, Header};
+
+/// Who writes the broker's own messages; nobody else can.
+const BROKER: &str = "org.freedesktop.DBus";
+
+/// Calls without an answer that one sender may have, waiting or under way. The bus counts none of them.
+const UNANSWERED_EACH: usize = 16;
+/// And all senders together who may not control the rig.
+const UNANSWERED_ALL: usize = 1024;
+/// A call without an answer is no longer, in bytes; none that the daemon serves comes near.
+const LONGEST_UNANSWERED: usize = 64 * 1024;
+
+/// Bytes that wait; more are left to the bus. Calls that want an answer are counted by the bus.
+const MOST_BYTES: usize = 64 << 20;
+
+/// A message, or a line of the authentication before the first.
+#[derive(Debug)]
+pub(super) struct Incoming {
+    pub(super) bytes: Vec<u8>,
+    pub(super) descriptors: Vec<OwnedFd>,
+}
+
+/// What becomes of a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Fate {
+    Waits,
+    /// It has no effect, so it is not kept.
+    Idle,
+    /// It may have had one, and its sender has too many.
+    Lost,
+}
+
+/// The messages that wait.
+#[derive(Debug)]
+pub(crate) struct Queue {
+    /// Whether a method changes something, by interface and member.
+    acts: fn(&str, &str) -> bool,
+    waiting: Mutex<Waiting>,
+    arrived: Notify,
+    room: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct Waiting {
+    /// Answers to the daemon's own calls, and the broker's signals.
+    first: VecDeque<Incoming>,
+    calls: BTreeMap<String, VecDeque<Incoming>>,
+    /// Whose turn is next: senders who may control the rig, and all others. Each that has calls is in one of them once.
+    turns: [VecDeque<String>; 2],
+    /// Senders who may control the rig, of those who have called.
+    trusted: BTreeSet<String>,
+    /// Whether the last turn was one of those.
+    trusted_had_turn: bool,
+    /// How many calls without an answer each sender has, waiting or under way, by the sender's number of the call. A sender
+    /// may use a number twice.
+    unanswered: BTreeMap<String, BTreeMap<u32, usize>>,
+    unanswered_all: usize,
+    bytes: usize,
+    ended: bool,
+}
+
+impl Queue {
+    /// An empty queue; `acts` says whether a method changes something, by interface and member.
+    pub(crate) fn new(acts: fn(&str, &str) -> bool) -> Self {
+        Self {
+            acts,
+            waiting: Mutex::default(),
+            arrived: Notify::new(),
+            room: Condvar::new(),
+        }
+    }
+
+    fn waiting(&self) -> MutexGuard<'_, Waiting> {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Calls of this sender are served before those of strangers, until [`Queue::forget`].
+    pub(crate) fn prefer(&self, sender: &str) {
+        let mut waiting = self.waiting();
+        if !waiting.trusted.insert(sender.to_owned()) {
+            return;
+        }
+        let [trusted, others] = &mut waiting.turns;
+        if let Some(at) = others.iter().position(|other| other == sender) {
+            trusted.extend(others.remove(at));
+        }
+    }
+
+    /// This sender has left the bus, and its name is never given again.
+    pub(crate) fn forget(&self, sender: &str) {
+        let mut waiting = self.waiting();
+        waiting.trusted.remove(sender);
+        if let Some(own) = waiting.unanswered.remove(sender) {
+            waiting.unanswered_all -= own.values().sum::<usize>();
+        }
+    }
+
+    /// A call has been served, and this is where its answer would go. Whether its sender wanted none.
+    pub(super) fn is_served(&self, sender: &str, serial: u32) -> bool {
+        self.waiting().is_served(sender, serial)
+    }
+
+    /// Puts a message behind those of its sender. Waits where too many bytes wait.
+    pub(super) fn push(&self, message: &[u8], descriptors: Vec<OwnedFd>) -> Fate {
+        let mut waiting = self.waiting();
+        while waiting.bytes >= MOST_BYTES && !waiting.ended {
+            waiting = self
+                .room
+                .wait(waiting)
+                .unwrap_or_else(PoisonError::into_inner);
+        }
+        let fate = waiting.put(message, descriptors, self.acts);
+        drop(waiting);
+        if fate == Fate::Waits {
+            self.arrived.notify_one();
+        }
+        fate
+    }
+
+    /// The next message; `None` after the last where the connection has ended.
+    pub(super) async fn next(&self) -> Option<Incoming> {
+        loop {
+            {
+                let mut waiting = self.waiting();
+                let full = waiting.bytes >= MOST_BYTES;
+                if let Some(next) = waiting.take() {
+                    if full {
+                        self.room.notify_all();
+                    }
+                    return Some(next);
+                }
+                if waiting.ended {
+                    return None;
+                }
+            }
+            self.arrived.notified().await;
+        }
+    }
+
+    /// Nothing comes any more.
+    pub(super) fn end(&self) {
+        self.waiting().ended = true;
+        self.arrived.notify_one();
+        self.room.notify_all();
+    }
+}
+
+impl Waiting {
+    fn put(
+        &mut self,
+        message: &[u8],
+        descriptors: Vec<OwnedFd>,
+        acts: fn(&str, &str) -> bool,
+    ) -> Fate {
+        let Some(header) = header::read(message).filter(Header::is_call) else {
+            // the daemon listens to no other's signals, and everybody may send them
+            let of_others = |header: Header<'_>| header.is_signal() && header.sender != BROKER;
+            if header::read(message).is_some_and(of_others) {
+                return Fate::Idle;
+            }
+            self.bytes += message.len();
+            self.first.push_back(Incoming {
+                bytes: message.to_vec(),
+                descriptors,
+            });
+            return Fate::Waits;
+        };
+        let sender = header.sender;
+        let trusted = self.trusted.contains(sender);
+        if !header.wants_answer() {
+            if !acts(header.interface, header.member) {
+                return Fate::Idle;
+            }
+            let own = self.unanswered.get(sender);
+            let own: usize = own.map_or(0, |own| own.values().sum());
+            let too_many =
+                own >= UNANSWERED_EACH || (!trusted && self.unanswered_all >= UNANSWERED_ALL);
+            if too_many || message.len() > LONGEST_UNANSWERED {
+                return Fate::Lost;
+            }
+            let own = self.unanswered.entry(sender.to_owned()).or_default();
+            *own.entry(header.serial).or_default() += 1;
+            self.unanswered_all += 1;
+        }
+        self.bytes += message.len();
+        let mut bytes = message.to_vec();
+        header::ask_for_answer(&mut bytes);
+        let calls = self.calls.entry(sender.to_owned()).or_default();
+        if calls.is_empty() {
+            self.turns[usize::from(!trusted)].push_back(sender.to_owned());
+        }
+        // no method takes descriptors, and those that wait would be the daemon's
+        calls.push_back(Incoming {
+            bytes,
+            descriptors: Vec::new(),
+        });
+        Fate::Waits
+    }
+
+    fn is_served(&mut self, sender: &str, serial: u32) -> bool {
+        let Some(own) = self.unanswered.get_mut(sender) else {
+            return false;
+        };
+        let Some(count) = own.get_mut(&serial) else {
+            return false;
+        };
+        *count -= 1;
+        if *count == 0 {
+            own.remove(&serial);
+        }
+        if own.is_empty() {
+            self.unanswered.remove(sender);
+        }
+        self.unanswered_all -= 1;
+        true
+    }
+
+    fn take(&mut self) -> Option<Incoming> {
+        let next = match self.first.pop_front() {
+            Some(first) => first,
+            None => self.take_call()?,
+        };
+        self.bytes -= next.bytes.len();
+        Some(next)
+    }
+
+    fn take_call(&mut self) -> Option<Incoming> {
+        // by turns, too: whoever may control the rig may not hold up everybody else
+        let order = match self.trusted_had_turn {
+            true => [1, 0],
+            false => [0, 1],
+        };
+        let from = order.into_iter().find(|of| !self.turns[*of].is_empty())?;
+        self.trusted_had_turn = from == 0;
+        let sender = self.turns[from].pop_front()?;
+        let calls = self.calls.get_mut(&sender)?;
+        let next = calls.pop_front()?;
+        if calls.is_empty() {
+            self.calls.remove(&sender);
+        } else {
+            let to = usize::from(!self.trusted.contains(&sender));
+            self.turns[to].push_back(sender);
+        }
+        Some(next)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use zbus::Message;
+    use zbus::message::Flags;
+
+    use super::*;
+
+    fn queue() -> Queue {
+        Queue::new(|_, member| member == "Stop")
+    }
+
+    fn call(sender: &str, member: &str, answered: bool, number: u32) -> Message {
+        let mut call = Message::method_call("/", member)
+            .interface("org.tactus.Tactus1.Session1")
+            .sender(sender);
+        if !answered {
+            call = call.with_flags(Flags::NO_REPLY_EXPECTED);
+        }
+        call.build(&number).unwrap()
+    }
+
+    fn push(queue: &Queue, message: &Message) -> Fate {
+        queue.push(message.data().bytes(), Vec::new())
+    }
+
+    /// Sender and number of each call that is taken now.
+    fn taken(queue: &Queue) -> Vec<(String, u32)> {
+        let mut taken = Vec::new();
+        while let Some(next) = queue.waiting().take() {
+            let sender = header::read(&next.bytes).unwrap().sender.to_owned();
+            let (_, body) = next.bytes.split_last_chunk::<4>().unwrap();
+            taken.push((sender, u32::from_ne_bytes(*body)));
+        }
+        let left = queue.waiting();
+        assert_eq!((left.bytes, left.calls.len()), (0, 0));
+        taken
+    }
+
+    fn pairs(taken: &[(String, u32)]) -> Vec<(&str, u32)> {
+        taken
+            .iter()
+            .map(|(sender, number)| (sender.as_str(), *number))
+            .collect()
+    }
+
+    #[test]
+    fn senders_are_served_by_turns_and_each_in_its_order() {
+        let queue = queue();
+        for number in 0..3 {
+            push(&queue, &call(":1.1", "Stop", number != 1, number));
+        }
+        push(&queue, &call(":1.2", "State", true, 9));
+        assert_eq!(
+            pairs(&taken(&queue)),
+            [(":1.1", 0), (":1.2", 9), (":1.1", 1), (":1.1", 2)]
+        );
+    }
+
+    #[test]
+    fn a_flood_without_answers_is_cut_and_others_are_kept() {
+        let queue = queue();
+        let fates: Vec<Fate> = (0..100)
+            .map(|number| push(&queue, &call(":1.1", "Stop", false, number)))
+            .collect();
+        let lost = fates.iter().filter(|fate| **fate == Fate::Lost).count();
+        assert_eq!(lost, 100 - UNANSWERED_EACH);
+        // who waits for an answer is counted by the bus, and nothing of theirs is lost
+        for number in 0..100 {
+            assert_eq!(
+                push(&queue, &call(":1.1", "Stop", true, number)),
+                Fate::Waits
+            );
+        }
+        assert_eq!(push(&queue, &call(":1.2", "Stop", false, 5)), Fate::Waits);
+        let taken = taken(&queue);
+        assert_eq!(taken.len(), UNANSWERED_EACH + 100 + 1);
+        assert_eq!(taken[1], (":1.2".to_owned(), 5));
+    }
+
+    #[test]
+    fn a_call_without_answer_counts_until_it_has_been_served() {
+        let queue = queue();
+        let stop = call(":1.1", "Stop", false, 0);
+        for _ in 0..UNANSWERED_EACH {
+            assert_eq!(push(&queue, &stop), Fate::Waits);
+        }
+        assert_eq!(taken(&queue).len(), UNANSWERED_EACH);
+        assert_eq!(push(&queue, &stop), Fate::Lost);
+        let serial = stop.primary_header().serial_num().get();
+        assert!(!queue.is_served(":1.2", serial));
+        assert!(queue.is_served(":1.1", serial));
+        assert_eq!(push(&queue, &stop), Fate::Waits);
+        // who leaves is not waited for
+        queue.forget(":1.1");
+        assert!(!queue.is_served(":1.1", serial));
+        assert_eq!(queue.waiting().unanswered_all, 0);
+        assert!(queue.waiting().unanswered.is_empty());
+    }
+
+    #[test]
+    fn many_senders_without_answers_leave_room_for_the_trusted() {
+        let queue = queue();
+        let mut lost = 0;
+        for sender in 0..2 * UNANSWERED_ALL {
+            let fate = push(&queue, &call(&format!(":1.{sender}"), "Stop", false, 0));
+            lost += usize::from(fate == Fate::Lost);
+        }
+        assert_eq!(lost, UNANSWERED_ALL);
+        queue.prefer(":2.1");
+        assert_eq!(push(&queue, &call(":2.1", "Stop", false, 7)), Fate::Waits);
+        assert_eq!(taken(&queue)[0], (":2.1".to_owned(), 7));
+    }
+
+    #[test]
+    fn the_trusted_have_every_second_turn() {
+        let queue = queue();
+        for number in 0..2 {
+            push(&queue, &call(":1.1", "State", true, number));
+            push(&queue, &call(":1.2", "State", true, number));
+            push(&queue, &call(":1.3", "State", true, number));
+        }
+        queue.prefer(":1.3");
+        assert_eq!(
+            pairs(&taken(&queue)),
+            [
+                (":1.3", 0),
+                (":1.1", 0),
+                (":1.3", 1),
+                (":1.2", 0),
+                (":1.1", 1),
+                (":1.2", 1)
+            ]
+        );
+        queue.forget(":1.3");
+        assert!(queue.waiting().trusted.is_empty());
+    }
+
+    #[test]
+    fn what_has_no_effect_is_not_kept() {
+        let queue = queue();
+        assert_eq!(push(&queue, &call(":1.1", "State", false, 0)), Fate::Idle);
+        let signal = |sender: &str| {
+            let signal = Message::signal("/", "org.example.A", "Happened");
+            signal.sender(sender).build(&()).unwrap()
+        };
+        assert_eq!(push(&queue, &signal(":1.1")), Fate::Idle);
+        push(&queue, &call(":1.1", "State", true, 1));
+        assert_eq!(push(&queue, &signal(BROKER)), Fate::Waits);
+        let first = queue.waiting().take().unwrap();
+        assert!(header::read(&first.bytes).unwrap().is_signal());
+        assert_eq!(pairs(&taken(&queue)), [(":1.1", 1)]);
+    }
+
+    #[tokio::test]
+    async fn what_came_before_the_end_is_still_taken() {
+        let queue = queue();
+        push(&queue, &call(":1.1", "State", true, 1));
+        queue.end();
+        assert!(queue.next().await.is_some());
+        assert!(queue.next().await.is_none());
+    }
+}
