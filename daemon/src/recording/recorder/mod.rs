@@ -38,8 +38,6 @@ const HURRY: usize = QUEUE / 2;
 const MOST_TOGETHER: usize = 64;
 /// Between looks for more of them.
 const LOOK: Duration = Duration::from_millis(1);
-/// How often the end of a session is tried on a locked file, each time for a quarter of a second.
-const LOCKED_AT_THE_END: u32 = 8;
 /// A disk that takes longer for a write is one that hangs.
 const FOR_A_WRITE: Duration = Duration::from_secs(60);
 
@@ -297,21 +295,18 @@ impl Recorder {
 
     /// A file that another process holds locked, or that is gone, is left: the next part says the end.
     fn end(&mut self, at: DateTime<Utc>, reason: &str) -> Result<(), LogbookError> {
-        let mut refused = 0;
-        loop {
-            match self.writer.end(at, reason) {
-                Ok(()) => {
-                    self.live.set_closed();
-                    return Ok(());
-                }
-                Err(error) if error.is_locked() && refused < LOCKED_AT_THE_END => refused += 1,
-                Err(error) if (error.is_locked() || error.is_gone()) && refused < u32::MAX => {
-                    self.renew(&error)?;
-                    refused = u32::MAX;
-                }
-                Err(error) => return Err(error),
+        let ended = match self.writer.end(at, reason) {
+            // the writer has waited a quarter of a second, and whoever stops a session does not wait longer
+            Err(error) if error.is_locked() || error.is_gone() => {
+                self.renew(&error)?;
+                self.writer.end(at, reason)
             }
+            ended => ended,
+        };
+        if ended.is_ok() {
+            self.live.set_closed();
         }
+        ended
     }
 
     /// The mean of the frames, where there are as many as were wanted.
