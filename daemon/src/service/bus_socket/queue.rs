@@ -53,19 +53,31 @@ pub(crate) struct Queue {
 struct Waiting {
     /// Answers to the daemon's own calls, and the broker's signals.
     first: VecDeque<Incoming>,
-    calls: BTreeMap<String, VecDeque<Incoming>>,
-    /// Whose turn is next: senders who may control the rig, and all others. Each that has calls is in one of them once.
+    /// Calls by sender, and whether each wants an answer.
+    calls: BTreeMap<String, VecDeque<(Incoming, bool)>>,
+    /// Whose turn is next: senders who may control the rig, and all others. Each that has calls is in one of them once, or
+    /// in `paused`.
     turns: [VecDeque<String>; 2],
+    /// Senders who have no turn before a call without an answer of theirs has been served.
+    paused: BTreeSet<String>,
     /// Senders who may control the rig, of those who have called.
     trusted: BTreeSet<String>,
     /// Whether the last turn was one of those.
     trusted_had_turn: bool,
-    /// How many calls without an answer each sender has, waiting or under way, by the sender's number of the call. A sender
-    /// may use a number twice.
-    unanswered: BTreeMap<String, BTreeMap<u32, usize>>,
+    /// Calls without an answer of each sender.
+    unanswered: BTreeMap<String, Unanswered>,
     unanswered_all: usize,
     bytes: usize,
     ended: bool,
+}
+
+/// Calls without an answer of one sender.
+#[derive(Debug, Default)]
+struct Unanswered {
+    /// Waiting or under way, by the sender's number of the call, which may be used twice.
+    numbers: BTreeMap<u32, usize>,
+    all: usize,
+    under_way: usize,
 }
 
 impl Queue {
@@ -89,10 +101,13 @@ impl Queue {
         if !waiting.trusted.insert(sender.to_owned()) {
             return;
         }
+        waiting.go_on(sender);
         let [trusted, others] = &mut waiting.turns;
         if let Some(at) = others.iter().position(|other| other == sender) {
             trusted.extend(others.remove(at));
         }
+        drop(waiting);
+        self.arrived.notify_one();
     }
 
     /// This sender has left the bus, and its name is never given again.
@@ -100,13 +115,20 @@ impl Queue {
         let mut waiting = self.waiting();
         waiting.trusted.remove(sender);
         if let Some(own) = waiting.unanswered.remove(sender) {
-            waiting.unanswered_all -= own.values().sum::<usize>();
+            waiting.unanswered_all -= own.all;
         }
+        waiting.go_on(sender);
+        drop(waiting);
+        self.arrived.notify_one();
     }
 
     /// A call has been served, and this is where its answer would go. Whether its sender wanted none.
     pub(super) fn is_served(&self, sender: &str, serial: u32) -> bool {
-        self.waiting().is_served(sender, serial)
+        let served = self.waiting().is_served(sender, serial);
+        if served {
+            self.arrived.notify_one();
+        }
+        served
     }
 
     /// Puts a message behind those of its sender. Waits where too many bytes wait.
@@ -180,15 +202,15 @@ impl Waiting {
             if !acts(header.interface, header.member) {
                 return Fate::Idle;
             }
-            let own = self.unanswered.get(sender);
-            let own: usize = own.map_or(0, |own| own.values().sum());
+            let own = self.unanswered.get(sender).map_or(0, |own| own.all);
             let too_many =
                 own >= UNANSWERED_EACH || (!trusted && self.unanswered_all >= UNANSWERED_ALL);
             if too_many || message.len() > LONGEST_UNANSWERED {
                 return Fate::Lost;
             }
             let own = self.unanswered.entry(sender.to_owned()).or_default();
-            *own.entry(header.serial).or_default() += 1;
+            *own.numbers.entry(header.serial).or_default() += 1;
+            own.all += 1;
             self.unanswered_all += 1;
         }
         self.bytes += message.len();
@@ -199,10 +221,8 @@ impl Waiting {
             self.turns[usize::from(!trusted)].push_back(sender.to_owned());
         }
         // no method takes descriptors, and those that wait would be the daemon's
-        calls.push_back(Incoming {
-            bytes,
-            descriptors: Vec::new(),
-        });
+        let descriptors = Vec::new();
+        calls.push_back((Incoming { bytes, descriptors }, header.wants_answer()));
         Fate::Waits
     }
 
@@ -210,18 +230,29 @@ impl Waiting {
         let Some(own) = self.unanswered.get_mut(sender) else {
             return false;
         };
-        let Some(count) = own.get_mut(&serial) else {
+        let Some(count) = own.numbers.get_mut(&serial) else {
             return false;
         };
         *count -= 1;
         if *count == 0 {
-            own.remove(&serial);
+            own.numbers.remove(&serial);
         }
-        if own.is_empty() {
+        own.all -= 1;
+        own.under_way = own.under_way.saturating_sub(1);
+        if own.all == 0 {
             self.unanswered.remove(sender);
         }
         self.unanswered_all -= 1;
+        self.go_on(sender);
         true
+    }
+
+    /// This sender has turns again.
+    fn go_on(&mut self, sender: &str) {
+        if let Some(sender) = self.paused.take(sender) {
+            let to = usize::from(!self.trusted.contains(&sender));
+            self.turns[to].push_back(sender);
+        }
     }
 
     fn take(&mut self) -> Option<Incoming> {
@@ -234,23 +265,34 @@ impl Waiting {
     }
 
     fn take_call(&mut self) -> Option<Incoming> {
-        // by turns, too: whoever may control the rig may not hold up everybody else
-        let order = match self.trusted_had_turn {
-            true => [1, 0],
-            false => [0, 1],
-        };
-        let from = order.into_iter().find(|of| !self.turns[*of].is_empty())?;
-        self.trusted_had_turn = from == 0;
-        let sender = self.turns[from].pop_front()?;
-        let calls = self.calls.get_mut(&sender)?;
-        let next = calls.pop_front()?;
-        if calls.is_empty() {
-            self.calls.remove(&sender);
-        } else {
-            let to = usize::from(!self.trusted.contains(&sender));
-            self.turns[to].push_back(sender);
+        loop {
+            // by turns, too: whoever may control the rig may not hold up everybody else
+            let order = match self.trusted_had_turn {
+                true => [1, 0],
+                false => [0, 1],
+            };
+            let from = order.into_iter().find(|of| !self.turns[*of].is_empty())?;
+            let sender = self.turns[from].pop_front()?;
+            let calls = self.calls.get_mut(&sender)?;
+            let (_, answered) = calls.front()?;
+            if !answered && let Some(own) = self.unanswered.get_mut(&sender) {
+                // each may ask polkit, which answers one question at a time
+                if from == 1 && own.under_way > 0 {
+                    self.paused.insert(sender);
+                    continue;
+                }
+                own.under_way += 1;
+            }
+            self.trusted_had_turn = from == 0;
+            let (next, _) = calls.pop_front()?;
+            if calls.is_empty() {
+                self.calls.remove(&sender);
+            } else {
+                let to = usize::from(!self.trusted.contains(&sender));
+                self.turns[to].push_back(sender);
+            }
+            return Some(next);
         }
-        Some(next)
     }
 }
 
@@ -282,14 +324,20 @@ mod tests {
     /// Sender and number of each call that is taken now.
     fn taken(queue: &Queue) -> Vec<(String, u32)> {
         let mut taken = Vec::new();
-        while let Some(next) = queue.waiting().take() {
-            let sender = header::read(&next.bytes).unwrap().sender.to_owned();
+        while let Some(next) = take(queue) {
+            let header = header::read(&next.bytes).unwrap();
+            let sender = header.sender.to_owned();
+            queue.is_served(&sender, header.serial);
             let (_, body) = next.bytes.split_last_chunk::<4>().unwrap();
             taken.push((sender, u32::from_ne_bytes(*body)));
         }
         let left = queue.waiting();
         assert_eq!((left.bytes, left.calls.len()), (0, 0));
         taken
+    }
+
+    fn take(queue: &Queue) -> Option<Incoming> {
+        queue.waiting().take()
     }
 
     fn pairs(taken: &[(String, u32)]) -> Vec<(&str, u32)> {
@@ -340,17 +388,23 @@ mod tests {
         for _ in 0..UNANSWERED_EACH {
             assert_eq!(push(&queue, &stop), Fate::Waits);
         }
-        assert_eq!(taken(&queue).len(), UNANSWERED_EACH);
+        assert_eq!(push(&queue, &stop), Fate::Lost);
+        // one at a time of a stranger
+        assert!(take(&queue).is_some());
+        assert!(take(&queue).is_none());
         assert_eq!(push(&queue, &stop), Fate::Lost);
         let serial = stop.primary_header().serial_num().get();
         assert!(!queue.is_served(":1.2", serial));
         assert!(queue.is_served(":1.1", serial));
         assert_eq!(push(&queue, &stop), Fate::Waits);
+        assert!(take(&queue).is_some());
+        assert!(take(&queue).is_none());
         // who leaves is not waited for
         queue.forget(":1.1");
         assert!(!queue.is_served(":1.1", serial));
         assert_eq!(queue.waiting().unanswered_all, 0);
         assert!(queue.waiting().unanswered.is_empty());
+        assert_eq!(taken(&queue).len(), UNANSWERED_EACH - 1);
     }
 
     #[test]
