@@ -10,7 +10,7 @@ use zbus::{Structure, Variant};
 type Body = Structure<'static>;
 
 /// One call.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Call {
     pub path: String,
     pub interface: String,

@@ -115,16 +115,16 @@ async fn eight_users_who_ask_for_the_geometry_delay_no_stop() {
     let mut daemon = site.start().await;
     daemon.baseline().await;
     let strangers = User::strangers(8, site.stage.path());
-    let call = calls::Call {
-        path: dbus::ROOT_PATH.to_owned(),
-        interface: dbus::MANAGER_INTERFACE.to_owned(),
-        member: "Geometry".to_owned(),
-        body: None,
-    };
     let mut shortest = SOON;
     for _ in 0..3 {
         let session = daemon.measure().await;
-        let flood = Flood::begin(&site.bus, &strangers, WIDTH, vec![call.clone()]).await;
+        let call = calls::Call {
+            path: dbus::ROOT_PATH.to_owned(),
+            interface: dbus::MANAGER_INTERFACE.to_owned(),
+            member: "Geometry".to_owned(),
+            body: None,
+        };
+        let flood = Flood::begin(&site.bus, &strangers, WIDTH, vec![call]).await;
         let held = session.frames_durable().await.unwrap();
         frames(&session, held + 1).await;
         let took = daemon.stop_by_command("system", &session).await;
