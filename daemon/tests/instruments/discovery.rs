@@ -2,7 +2,7 @@
 //!
 //! Each test runs itself once more in a network of its own, where nobody else announces anything and the port mapper's
 //! port is free; where none can be had it says so. Sharing a host with avahi and python-zeroconf, lxi-tools among them, is
-//! `simulator/tests/clients.rs`; that a running daemon uses nothing that it found is a story.
+//! `simulator/tests/clients/main.rs`; that a running daemon uses nothing that it found is a story.
 
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};

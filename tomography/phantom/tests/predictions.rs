@@ -19,7 +19,7 @@ enum Taken {
 
 use Taken::{Day, Hurried, Pressed};
 
-/// Those that are seen through the instruments only: `simulator/tests/relays.rs`.
+/// Those that are seen through the instruments only: `simulator/tests/simulated_rig/relays.rs`.
 const IN_WIRES: [&str; 3] = ["channel-resistance", "lead-resistance", "wear"];
 
 const LOAD: &str = "[[load]]

@@ -1,13 +1,10 @@
 //! Raw sockets: bytes as clients and networks really send them.
 
-#[allow(dead_code)]
-mod served;
-
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{Shutdown, TcpStream};
 use std::time::{Duration, Instant};
 
-use served::Served;
+use crate::program::Served;
 
 const DEADLINE: Duration = Duration::from_secs(20);
 

@@ -1,9 +1,6 @@
 //! What a scene makes of relays and wires, as the instruments feel it.
 
-#[allow(dead_code)]
-mod drivers;
-
-use drivers::{board_rig, frame, mainframe_rig, simulated};
+use crate::drivers::{board_rig, frame, mainframe_rig, simulated};
 use phantom::{Preview, Scan, Scene};
 use simulator::{Fault, Instrument, LoadNetwork, Pace, Profile, SimulatedRig};
 use survey::{Relay, Wiring};

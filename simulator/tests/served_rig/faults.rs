@@ -1,16 +1,11 @@
 //! Faults, live over the control socket and on the time line.
 
-#[allow(dead_code)]
-mod drivers;
-#[allow(dead_code)]
-mod served;
-
 use std::time::Duration;
 
+use crate::program::Served;
 use gpio_mux::GpioMux;
 use phantom::Scene;
 use rig::{Link, LinkError, connect_tcp, open_serial};
-use served::Served;
 use simulator::{Fault, Instrument, LoadNetwork, Pace, Profile, SimulatedRig};
 use survey::{Electrode, Relay};
 
@@ -89,7 +84,8 @@ async fn a_stuck_relay_reads_right_and_leads_wrong() {
 #[tokio::test]
 async fn a_stuck_pole_of_the_board_is_no_electrode() {
     let rig = simulated("gpio-board", "resistor 3 4 100".parse().unwrap());
-    let mut board = drivers::board(&rig).await;
+    let link = Link::new(rig.connect_gpio(), "board", DEADLINE);
+    let mut board = GpioMux::connect(link).await.unwrap();
     rig.fault(&Fault::StuckOpen(Relay(103))).unwrap();
     rig.receive(Instrument::Board, "PAIR I 3");
     rig.receive(Instrument::Source, "SOUR:CURR 1e-3;:OUTP ON");

@@ -1,11 +1,8 @@
 //! What the settings of a session do to the imperfections that they are for, through the drivers and their text.
 
-#[allow(dead_code)]
-mod drivers;
-
 use std::time::Duration;
 
-use drivers::{Frozen, METER, board_rig, mainframe_rig, simulated};
+use crate::drivers::{Frozen, METER, board_rig, mainframe_rig, simulated};
 use phantom::{Scene, ThermalEmfSettings, VoltmeterNoiseSettings};
 use rig::{MeterSettings, Stop, acquire};
 use survey::{Amps, Dipole, Electrode, Frame, Injection, Plan, Protocol, Volts, Wiring};

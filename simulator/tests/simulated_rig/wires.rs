@@ -1,11 +1,8 @@
 //! What the rig itself offers: wires that break, instruments that lose power, time, presses, any relay that is closed.
 
-#[allow(dead_code)]
-mod drivers;
-
 use std::time::Duration;
 
-use drivers::{frame, mainframe_rig, simulated};
+use crate::drivers::{frame, mainframe_rig, simulated};
 use phantom::{Load, Scene};
 use rig::{AcquireError, CurrentSource, Move, Switch, acquire};
 use simulator::{Instrument, Pace, Profile, SimulatedRig, Wire};
@@ -18,8 +15,8 @@ fn pairs() -> Wiring {
 #[tokio::test]
 async fn the_meter_sees_four_entries_of_z_times_the_current() {
     let sim = simulated("matrix-34932a", Scene::quiet());
-    let mut source = drivers::source(&sim).await;
-    let mut switch = drivers::mainframe(&sim).await;
+    let mut source = crate::drivers::source(&sim).await;
+    let mut switch = crate::drivers::mainframe(&sim).await;
     source.prepare(Amps(1e-3), Volts(4.0)).await.unwrap();
     source.set_output(true).await.unwrap();
     let wiring = Wiring::matrix_34932a(1, 26).unwrap();
@@ -73,7 +70,7 @@ async fn a_source_cut_off_in_mid_frame_opens_the_relays_and_is_told_unknown() {
     assert!(sim.source_output().0);
     assert_eq!(sim.flowing(), Amps(0.0));
     sim.set_wire(Instrument::Source, Wire::Sound);
-    let mut source = drivers::source(&sim).await;
+    let mut source = crate::drivers::source(&sim).await;
     source.off().await.unwrap();
     assert_eq!(sim.source_output(), (false, Amps(0.0)));
 }
@@ -101,7 +98,7 @@ async fn a_mainframe_that_loses_power_in_mid_frame_leaves_the_source_off() {
 #[tokio::test(start_paused = true)]
 async fn a_silent_wire_is_a_timeout_not_an_answer() {
     let sim = simulated("pairs-34924a", Scene::quiet());
-    let mut source = drivers::source(&sim).await;
+    let mut source = crate::drivers::source(&sim).await;
     sim.set_wire(Instrument::Source, Wire::Silent);
     let fault = source.off().await.unwrap_err();
     assert!(fault.to_string().contains("did not answer"), "{fault}");
@@ -158,12 +155,12 @@ async fn the_transcript_tells_what_went_over_the_wires() {
     let sim = simulated("pairs-34924a", Scene::quiet());
     let rig = mainframe_rig(&sim).await;
     sim.keep_transcript();
-    let plan = drivers::plan(&pairs());
+    let plan = crate::drivers::plan(&pairs());
     acquire(
         &rig,
         &plan,
-        drivers::METER,
-        drivers::Frozen,
+        crate::drivers::METER,
+        crate::drivers::Frozen,
         &rig::Stop::never(),
     )
     .await

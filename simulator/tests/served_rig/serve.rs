@@ -1,18 +1,15 @@
 //! The program: its ready line, its ports, its serial port, its clean end.
 
-#[allow(dead_code)]
-mod served;
-
 use std::process::Command;
 use std::time::Duration;
 
+use crate::program::Served;
 use gpio_mux::GpioMux;
 use keithley_6221::Keithley6221;
 use keysight_34980a::Keysight34980a;
 use mdns_sd::{IfKind, ServiceDaemon, ServiceEvent};
 use rig::{Link, Move, Switch, connect_tcp, open_serial};
 use serde_json::Value;
-use served::Served;
 use survey::{Electrode, Relay};
 
 const DEADLINE: Duration = Duration::from_secs(20);

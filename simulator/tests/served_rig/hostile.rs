@@ -1,14 +1,11 @@
 //! Clients that mean no good, and those that try everything: limits, overflow, garbage, and what is said about it.
 
-#[allow(dead_code)]
-mod served;
-
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use served::Served;
+use crate::program::Served;
 
 struct Client(BufReader<TcpStream>);
 

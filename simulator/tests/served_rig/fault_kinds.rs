@@ -1,14 +1,11 @@
 //! Every kind of fault, as a person says it while the program runs and as a scene says it beforehand: it is not there,
 //! it happens, it is seen by a client, and it is over.
 
-#[allow(dead_code)]
-mod served;
-
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use crate::program::Served;
 use rig::{BoxStream, connect_tcp, open_serial};
-use served::Served;
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
 
 /// Generous: whatever is waited for comes, or the test has failed.

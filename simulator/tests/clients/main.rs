@@ -4,7 +4,8 @@
 //! TACTUS_REQUIRE_CLIENTS=1 all of them; what then cannot be had fails the test.
 
 #[allow(dead_code)]
-mod served;
+#[path = "../served_rig/program.rs"]
+mod program;
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;
@@ -12,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use served::Served;
+use program::Served;
 
 const PYVISA: (&str, &[&str]) = ("pyvisa", &["pyvisa-py==0.8.1", "pyvisa==1.16.2"]);
 const ZEROCONF: (&str, &[&str]) = ("zeroconf", &["zeroconf==0.154.0"]);

@@ -1,10 +1,8 @@
 //! A frame through bytes against the bare forward solution.
 
-mod drivers;
-
 use std::time::Duration;
 
-use drivers::{board_rig, frame, mainframe_rig, plan, simulated};
+use crate::drivers::{board_rig, frame, mainframe_rig, plan, simulated};
 use phantom::Scene;
 use rig::{CurrentSource, Move, Switch, Voltmeter};
 use simulator::{Instrument, SimulatedRig};
@@ -125,7 +123,7 @@ async fn every_wiring_reads_the_bare_forward_solution_to_the_digits_sent() {
 #[tokio::test]
 async fn nothing_connected_is_compliance_and_no_current() {
     let rig = simulated("pairs-34924a", Scene::quiet());
-    let mut source = drivers::source(&rig).await;
+    let mut source = crate::drivers::source(&rig).await;
     source.prepare(Amps(1e-3), Volts(4.0)).await.unwrap();
     source.set_output(true).await.unwrap();
     assert!(!source.in_compliance().await.unwrap());
@@ -139,8 +137,8 @@ async fn nothing_connected_is_compliance_and_no_current() {
 #[tokio::test]
 async fn closing_the_pair_lets_the_current_flow_and_opening_it_stops_it() {
     let rig = simulated("pairs-34924a", Scene::quiet());
-    let mut source = drivers::source(&rig).await;
-    let mut switch = drivers::mainframe(&rig).await;
+    let mut source = crate::drivers::source(&rig).await;
+    let mut switch = crate::drivers::mainframe(&rig).await;
     source.prepare(Amps(1e-3), Volts(4.0)).await.unwrap();
     source.set_output(true).await.unwrap();
     source.set_current(Amps(1e-3)).await.unwrap();
@@ -179,8 +177,8 @@ async fn a_compliance_too_low_flags_every_reading_and_names_the_electrodes() {
     let frame = rig::acquire(
         &rig,
         &plan,
-        drivers::METER,
-        drivers::Frozen,
+        crate::drivers::METER,
+        crate::drivers::Frozen,
         &rig::Stop::never(),
     )
     .await
@@ -236,8 +234,8 @@ async fn one_wrong_relay_number_and_the_readings_go_wrong() {
 #[tokio::test]
 async fn a_voltmeter_joined_to_nothing_reads_zero() {
     let sim = simulated("matrix-34932a", Scene::quiet());
-    let mut meter = drivers::mainframe(&sim).await;
-    Voltmeter::prepare(&mut meter, drivers::METER, &[])
+    let mut meter = crate::drivers::mainframe(&sim).await;
+    Voltmeter::prepare(&mut meter, crate::drivers::METER, &[])
         .await
         .unwrap();
     assert_eq!(meter.read().await.unwrap(), Reading::Ok(Volts(0.0)));

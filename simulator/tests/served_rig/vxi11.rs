@@ -1,13 +1,10 @@
 //! The VXI-11 core channel, call by call.
 
-#[allow(dead_code)]
-mod served;
-
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
-use served::Served;
+use crate::program::Served;
 
 const CORE: u32 = 0x0006_07AF;
 const END: u32 = 8;

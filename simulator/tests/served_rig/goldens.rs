@@ -1,14 +1,11 @@
 //! Goldens are held, transcripts are played, and a difference is reported with its place.
 
-#[allow(dead_code)]
-mod served;
-
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use served::Served;
+use crate::program::Served;
 use simulator::{Golden, GoldenError};
 
 fn folder() -> &'static Path {
