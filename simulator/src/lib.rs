@@ -46,7 +46,6 @@ pub use crate::transcripts::golden::{Expected, Golden, GoldenError, GoldenLine, 
 pub use crate::transcripts::playback::{
     Comparison, Played, ReplayError, ReplayTarget, golden_of, replay,
 };
-pub use crate::transport::vxi11::CoreChannel;
 pub use fault::{Fault, FaultError, ReplyFault, TimedFault};
 pub use frame_times::{FrameTimeError, FrameTimes};
 pub use phantom::{Load, LoadError, PhantomError, Scene, SceneError, Shape};

@@ -14,7 +14,8 @@ use crate::program::control;
 use crate::transport::announce::{Announcement, HTTP, LXI, SCPI_RAW, SCPI_TELNET, VXI_11};
 use crate::transport::client::End;
 use crate::transport::pty::Pty;
-use crate::transport::{telnet, vxi11, web};
+use crate::transport::vxi11::Mainframe;
+use crate::transport::{telnet, web};
 use crate::{Instrument, SimulatedRig};
 
 /// Where to serve. Port 0 takes a free one.
@@ -185,7 +186,7 @@ pub async fn serve(rig: SimulatedRig, options: &ServeOptions) -> Result<Server, 
     tasks.spawn(control::serve(rig.clone(), socket));
     tasks.spawn(time_line(rig.clone()));
     if let Some((core, _)) = core {
-        tasks.spawn(vxi11::serve(rig.clone(), core));
+        tasks.spawn(vxi11::CoreChannel::serve(Mainframe(rig.clone()), core));
     }
     if let Some((port, _)) = telnet {
         tasks.spawn(telnet::serve(rig.clone(), port));

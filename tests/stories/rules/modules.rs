@@ -85,7 +85,6 @@ const KNOWN_CYCLES: &[(&str, &str, &[&str])] = &[
 const LARGE_FOLDERS: &[&str] = &[
     // the catalogue of effects, one file an effect
     "tomography/phantom/src/effects",
-    "simulator/tests",
     "tomography/eit/tests",
     "tomography/lab/src",
     "tomography/lab/src/stability",

@@ -1,4 +1,4 @@
-//! ONC RPC version 2 (RFC 5531) over TCP, as far as VXI-11 needs it: record marking, calls, replies, XDR.
+//! ONC RPC version 2 (RFC 5531) as far as VXI-11 needs it: record marking, calls, replies, XDR (RFC 4506).
 
 use std::io;
 
@@ -14,7 +14,7 @@ const RPC_VERSION: u32 = 2;
 ///
 /// # Errors
 /// A stream that breaks, or a record that is too long.
-pub(super) async fn read_record<S>(stream: &mut S, most: usize) -> io::Result<Option<Vec<u8>>>
+pub(crate) async fn read_record<S>(stream: &mut S, most: usize) -> io::Result<Option<Vec<u8>>>
 where
     S: AsyncRead + Unpin,
 {
@@ -42,7 +42,7 @@ where
 }
 
 /// Puts the mark before a record.
-pub(super) fn marked(record: &[u8]) -> Vec<u8> {
+pub(crate) fn marked(record: &[u8]) -> Vec<u8> {
     let length = u32::try_from(record.len()).expect("replies are bounded well below 2 GiB");
     let mut bytes = (length | LAST_FRAGMENT).to_be_bytes().to_vec();
     bytes.extend_from_slice(record);
@@ -51,28 +51,28 @@ pub(super) fn marked(record: &[u8]) -> Vec<u8> {
 
 /// Arguments that are not of the expected shape.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Garbage;
+pub(crate) struct Garbage;
 
 /// Reads XDR (RFC 4506).
 #[derive(Debug)]
-pub(super) struct Reader<'a>(&'a [u8]);
+pub(crate) struct Reader<'a>(&'a [u8]);
 
 impl<'a> Reader<'a> {
-    pub(super) fn new(bytes: &'a [u8]) -> Self {
+    pub(crate) fn new(bytes: &'a [u8]) -> Self {
         Self(bytes)
     }
 
-    pub(super) fn word(&mut self) -> Result<u32, Garbage> {
+    pub(crate) fn word(&mut self) -> Result<u32, Garbage> {
         let (word, rest) = self.0.split_first_chunk::<4>().ok_or(Garbage)?;
         self.0 = rest;
         Ok(u32::from_be_bytes(*word))
     }
 
-    pub(super) fn flag(&mut self) -> Result<bool, Garbage> {
+    pub(crate) fn flag(&mut self) -> Result<bool, Garbage> {
         self.word().map(|word| word != 0)
     }
 
-    pub(super) fn opaque(&mut self) -> Result<&'a [u8], Garbage> {
+    pub(crate) fn opaque(&mut self) -> Result<&'a [u8], Garbage> {
         let length = self.word()? as usize;
         let padded = length.checked_next_multiple_of(4).ok_or(Garbage)?;
         if padded > self.0.len() {
@@ -86,15 +86,15 @@ impl<'a> Reader<'a> {
 
 /// Writes XDR.
 #[derive(Debug, Default)]
-pub(super) struct Writer(Vec<u8>);
+pub(crate) struct Writer(Vec<u8>);
 
 impl Writer {
-    pub(super) fn word(mut self, word: u32) -> Self {
+    pub(crate) fn word(mut self, word: u32) -> Self {
         self.0.extend_from_slice(&word.to_be_bytes());
         self
     }
 
-    pub(super) fn opaque(self, bytes: &[u8]) -> Self {
+    pub(crate) fn opaque(self, bytes: &[u8]) -> Self {
         let length = u32::try_from(bytes.len()).expect("replies are bounded well below 4 GiB");
         let mut written = self.word(length);
         written.0.extend_from_slice(bytes);
@@ -103,24 +103,24 @@ impl Writer {
         written
     }
 
-    pub(super) fn bytes(self) -> Vec<u8> {
+    pub(crate) fn bytes(self) -> Vec<u8> {
         self.0
     }
 }
 
 /// A call without its arguments.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Call {
-    pub(super) xid: u32,
+pub(crate) struct Call {
+    pub(crate) xid: u32,
     version: u32,
-    pub(super) program: u32,
-    pub(super) program_version: u32,
-    pub(super) procedure: u32,
+    pub(crate) program: u32,
+    pub(crate) program_version: u32,
+    pub(crate) procedure: u32,
 }
 
 impl Call {
     /// Reads a call's head; its arguments are what the reader then holds.
-    pub(super) fn read(reader: &mut Reader<'_>) -> Result<Self, Garbage> {
+    pub(crate) fn read(reader: &mut Reader<'_>) -> Result<Self, Garbage> {
         let xid = reader.word()?;
         if reader.word()? != CALL {
             return Err(Garbage);
@@ -140,14 +140,30 @@ impl Call {
         Ok(call)
     }
 
-    pub(super) fn is_understood(&self) -> bool {
+    /// A call without credentials, its arguments behind it.
+    pub(crate) fn record(
+        xid: u32,
+        program: u32,
+        program_version: u32,
+        procedure: u32,
+        arguments: &[u8],
+    ) -> Vec<u8> {
+        let head = [xid, CALL, RPC_VERSION, program, program_version, procedure];
+        // Credential and verifier: both without flavour and empty.
+        let words = head.into_iter().chain([0; 4]);
+        let mut record: Vec<u8> = words.flat_map(u32::to_be_bytes).collect();
+        record.extend_from_slice(arguments);
+        record
+    }
+
+    pub(crate) fn is_understood(&self) -> bool {
         self.version == RPC_VERSION
     }
 }
 
 /// What becomes of a call.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Reply {
+pub(crate) enum Reply {
     Done(Vec<u8>),
     NoProgram,
     NoVersion(u32),
@@ -157,8 +173,22 @@ pub(super) enum Reply {
     Denied,
 }
 
+/// The results of an accepted and successful reply to the call of that number; `None` for any other record.
+pub(crate) fn results(record: &[u8], xid: u32) -> Option<Reader<'_>> {
+    let mut reader = Reader::new(record);
+    let head = [
+        reader.word().ok()?,
+        reader.word().ok()?,
+        reader.word().ok()?,
+    ];
+    let _flavour = reader.word().ok()?;
+    reader.opaque().ok()?;
+    let is_success = reader.word().ok()? == 0;
+    (head == [xid, REPLY, 0] && is_success).then_some(reader)
+}
+
 impl Reply {
-    pub(super) fn record(&self, xid: u32) -> Vec<u8> {
+    pub(crate) fn record(&self, xid: u32) -> Vec<u8> {
         let head = Writer::default().word(xid).word(REPLY);
         if *self == Self::Denied {
             // MSG_DENIED, RPC_MISMATCH, lowest and highest version.
@@ -183,7 +213,7 @@ impl Reply {
 
 #[cfg(test)]
 mod tests {
-    use crate::transport::vxi11::rpc::*;
+    use super::*;
 
     #[tokio::test]
     async fn fragments_are_joined_and_long_records_refused() {
@@ -209,5 +239,44 @@ mod tests {
         assert_eq!(reader.word(), Err(Garbage));
         let lie = [0xff, 0xff, 0xff, 0xff, 1, 2, 3, 4];
         assert_eq!(Reader::new(&lie).opaque(), Err(Garbage));
+    }
+
+    #[test]
+    fn results_of_a_success_are_read_and_of_nothing_else() {
+        let words = |words: &[u32]| -> Vec<u8> {
+            words.iter().flat_map(|word| word.to_be_bytes()).collect()
+        };
+        let success = Reply::Done(words(&[703])).record(7);
+        assert_eq!(results(&success, 7).unwrap().word(), Ok(703));
+        let wrong_number = results(&success, 8);
+        assert!(wrong_number.is_none());
+        let endless_verifier = words(&[7, 1, 0, 0, u32::MAX, 0, 703]);
+        let refused = Reply::Denied.record(7);
+        let unknown = Reply::NoProcedure.record(7);
+        for other in [
+            endless_verifier.as_slice(),
+            &refused,
+            &unknown,
+            &[],
+            b"GET /",
+        ] {
+            assert!(results(other, 7).is_none());
+        }
+        for length in 0..success.len() - 4 {
+            assert!(results(&success[..length], 7).is_none());
+        }
+    }
+
+    #[test]
+    fn a_call_reads_as_it_was_written() {
+        let record = Call::record(9, 100_000, 2, 3, b"argument");
+        let mut reader = Reader::new(&record);
+        let call = Call::read(&mut reader).unwrap();
+        assert!(call.is_understood());
+        assert_eq!(
+            [call.xid, call.program, call.program_version, call.procedure],
+            [9, 100_000, 2, 3]
+        );
+        assert_eq!(reader.0, b"argument");
     }
 }

@@ -7,13 +7,13 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use tokio::sync::Notify;
 use tokio::time::{Instant, timeout_at};
 
-use crate::SimulatedRig;
-use crate::transport::vxi11::link::{Aborter, Fault};
+use crate::server::device::Device;
+use crate::server::link::{Aborter, Fault};
 
 /// What all connections share.
 #[derive(Debug)]
-pub(super) struct Port {
-    pub(super) rig: SimulatedRig,
+pub(super) struct Port<D> {
+    pub(super) device: D,
     pub(super) number: u16,
     pub(super) next_link: AtomicU32,
     lock: Mutex<Option<u32>>,
@@ -21,10 +21,10 @@ pub(super) struct Port {
     aborters: Mutex<BTreeMap<u32, Aborter>>,
 }
 
-impl Port {
-    pub(super) fn new(rig: SimulatedRig, number: u16) -> Self {
+impl<D: Device> Port<D> {
+    pub(super) fn new(device: D, number: u16) -> Self {
         Self {
-            rig,
+            device,
             number,
             next_link: AtomicU32::new(1),
             lock: Mutex::default(),

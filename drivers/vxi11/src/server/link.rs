@@ -3,12 +3,11 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use scpi::ParseError;
 use tokio::sync::{Notify, mpsc};
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, timeout_at};
 
-use crate::transport::client::{ClientSession, Delivery, LONGEST_MESSAGE};
+use crate::server::device::{MessageFramer, Refusal, Session};
 
 /// Messages that wait to be received; a writer then waits too.
 const WAITING: usize = 16;
@@ -95,24 +94,25 @@ impl Aborter {
     }
 }
 
-#[derive(Debug)]
-pub(super) struct Link {
-    client: Arc<ClientSession>,
-    framer: scpi::Framer,
+/// A link with its buffers; it ends when it is dropped.
+pub(super) struct Link<S: Session> {
+    session: Arc<S>,
+    framer: S::Framer,
     inputs: mpsc::Sender<(Input, u64)>,
     shared: Arc<Shared>,
     listener: JoinHandle<()>,
 }
 
-impl Link {
-    pub(super) fn new(client: ClientSession) -> Self {
-        let client = Arc::new(client);
+impl<S: Session> Link<S> {
+    pub(super) fn new(session: S) -> Self {
+        let framer = session.framer();
+        let session = Arc::new(session);
         let shared = Arc::new(Shared::default());
         let (inputs, waiting) = mpsc::channel(WAITING);
-        let listener = tokio::spawn(listen(client.clone(), shared.clone(), waiting));
+        let listener = tokio::spawn(listen(session.clone(), shared.clone(), waiting));
         Self {
-            client,
-            framer: scpi::Framer::new(LONGEST_MESSAGE),
+            session,
+            framer,
             inputs,
             shared,
             listener,
@@ -123,8 +123,8 @@ impl Link {
         Aborter(self.shared.clone())
     }
 
-    pub(super) fn client(&self) -> &ClientSession {
-        &self.client
+    pub(super) fn session(&self) -> &S {
+        &self.session
     }
 
     /// Takes bytes in; `end` ends a message as a line feed does.
@@ -134,16 +134,16 @@ impl Link {
         end: bool,
         deadline: Instant,
     ) -> Result<(), Fault> {
-        if self.client.is_silent() {
+        if self.session.is_silent() {
             return self.wait_out(deadline).await;
         }
         self.framer.push(data);
         if end && self.framer.is_partial() {
             self.framer.push(b"\n");
         }
-        while let Some(message) = self.framer.next() {
+        while let Some(message) = self.framer.next_message() {
             let Ok(message) = message else {
-                self.client.refuse(ParseError::InputOverrun);
+                self.session.refuse(Refusal::InputOverrun);
                 continue;
             };
             if let Err(fault) = self.take_in(Input::Message(message), deadline).await {
@@ -179,7 +179,7 @@ impl Link {
 
     /// Gives the next bytes of the reply and why there are no more of them.
     pub(super) async fn read(&self, request: ReadRequest) -> Result<(u32, Vec<u8>), Fault> {
-        if self.client.is_silent() {
+        if self.session.is_silent() {
             self.wait_out(request.deadline).await?;
         }
         let mut waited = false;
@@ -196,7 +196,7 @@ impl Link {
                 if waited {
                     if queue.pending == 0 {
                         drop(queue);
-                        self.client.refuse(ParseError::QueryUnterminated);
+                        self.session.refuse(Refusal::QueryUnterminated);
                     }
                     return Err(Fault::TimedOut);
                 }
@@ -223,7 +223,7 @@ impl Link {
             queue.empty();
         }
         self.shared.interrupted.notify_waiters();
-        self.client.clear().await;
+        self.session.clear().await;
     }
 
     async fn wait_out(&self, deadline: Instant) -> Result<(), Fault> {
@@ -234,7 +234,7 @@ impl Link {
     }
 }
 
-impl Drop for Link {
+impl<S: Session> Drop for Link<S> {
     fn drop(&mut self) {
         self.listener.abort();
     }
@@ -267,8 +267,8 @@ fn take(queue: &mut Queue, request: ReadRequest) -> (u32, Vec<u8>) {
 }
 
 /// Hears a link's messages and triggers one after the other.
-async fn listen(
-    client: Arc<ClientSession>,
+async fn listen<S: Session>(
+    session: Arc<S>,
     shared: Arc<Shared>,
     mut inputs: mpsc::Receiver<(Input, u64)>,
 ) {
@@ -293,26 +293,26 @@ async fn listen(
             }
         };
         if interrupted {
-            client.refuse(ParseError::QueryInterrupted);
+            session.refuse(Refusal::QueryInterrupted);
         }
         // A message that has begun is carried out to its end, so that a clear comes before it or behind it.
-        let delivery = match client.begin(message).await {
+        let reply = match session.begin(message).await {
             Err(fault) => Err(fault),
             Ok(received) => tokio::select! {
                 biased;
                 () = clear => {
-                    client.clear().await;
-                    Ok(Delivery::default())
+                    session.clear().await;
+                    Ok(Vec::new())
                 }
-                delivery = client.finish(received) => Ok(delivery),
+                reply = session.finish(received) => Ok(reply),
             },
         };
         let mut queue = shared.queue();
         queue.pending -= 1;
-        match delivery {
+        match reply {
             // A trigger has no reply, and leaves one that waits.
-            Ok(delivery) if queue.cleared == cleared && !delivery.bytes.is_empty() => {
-                queue.reply = delivery.bytes;
+            Ok(reply) if queue.cleared == cleared && !reply.is_empty() => {
+                queue.reply = reply;
                 queue.given = 0;
             }
             Ok(_) => {}

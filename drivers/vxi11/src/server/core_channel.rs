@@ -5,21 +5,16 @@ use std::io;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use rig::{BoxStream, Stream};
-use tokio::io::AsyncWriteExt;
+use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt, DuplexStream};
 use tokio::net::TcpListener;
 use tokio::task::JoinSet;
 use tokio::time::Instant;
 
-use crate::transport::client::ClientSession;
-use crate::transport::vxi11::link::{Fault, Link, ReadRequest, within};
-use crate::transport::vxi11::port::Port;
-use crate::transport::vxi11::rpc::{Call, Garbage, Reader, Reply, Writer, marked, read_record};
-use crate::{Instrument, SimulatedRig};
-
-const CORE: u32 = 0x0006_07AF;
-const ABORT: u32 = 0x0006_07B0;
-const VERSION: u32 = 1;
+use crate::procedure::*;
+use crate::rpc::{Call, Garbage, Reader, Reply, Writer, marked, read_record};
+use crate::server::device::{Device, Session};
+use crate::server::link::{Fault, Link, ReadRequest, within};
+use crate::server::port::Port;
 
 /// Most data in one device_write, bytes; what is longer comes in several.
 const LARGEST_WRITE: usize = 16 * 1024;
@@ -34,56 +29,58 @@ const NAME: &[u8] = b"inst0";
 /// Room of a connection in memory, bytes.
 const PIPE: usize = 64 * 1024;
 
-const WAIT_FOR_LOCK: u32 = 1;
-const END: u32 = 8;
-const UNTIL_CHARACTER: u32 = 128;
-
 const MESSAGE_AVAILABLE: u32 = 1 << 4;
 
-/// The mainframe's VXI-11 core channel, in memory; [`crate::serve`] gives it a port.
-#[derive(Debug, Clone)]
-pub struct CoreChannel(Arc<Port>);
+/// The core channel of an instrument: in memory, or on a port.
+#[derive(Debug)]
+pub struct CoreChannel<D>(Arc<Port<D>>);
 
-impl CoreChannel {
-    /// The channel of a rig; links of all its connections share one lock.
-    pub fn new(rig: &SimulatedRig) -> Self {
-        Self::on_port(rig.clone(), 0)
+impl<D> Clone for CoreChannel<D> {
+    fn clone(&self) -> Self {
+        Self(self.0.clone())
+    }
+}
+
+impl<D: Device> CoreChannel<D> {
+    /// The channel of a device; links of all its connections share one lock.
+    pub fn new(device: D) -> Self {
+        Self(Arc::new(Port::new(device, 0)))
     }
 
-    fn on_port(rig: SimulatedRig, number: u16) -> Self {
-        Self(Arc::new(Port::new(rig, number)))
-    }
-
-    /// A connection that RPC records (RFC 5531) go over. Inside a tokio runtime.
-    pub fn connect(&self) -> BoxStream {
+    /// A connection that RPC records go over, in memory. Inside a tokio runtime.
+    pub fn connect(&self) -> DuplexStream {
         let (here, there) = tokio::io::duplex(PIPE);
         tokio::spawn(connection(self.0.clone(), there, "memory".to_owned()));
-        Box::new(here)
+        here
     }
-}
 
-/// Serves the mainframe's core channel.
-pub(crate) async fn serve(rig: SimulatedRig, listener: TcpListener) {
-    let number = listener.local_addr().map_or(0, |address| address.port());
-    let CoreChannel(port) = CoreChannel::on_port(rig, number);
-    let mut clients = JoinSet::new();
-    loop {
-        match listener.accept().await {
-            Ok((stream, address)) => {
-                stream.set_nodelay(true).ok();
-                clients.spawn(connection(port.clone(), stream, address.to_string()));
+    /// Serves the channel of a device on a port, for ever.
+    pub async fn serve(device: D, listener: TcpListener) {
+        let number = listener.local_addr().map_or(0, |address| address.port());
+        let port = Arc::new(Port::new(device, number));
+        let mut clients = JoinSet::new();
+        loop {
+            match listener.accept().await {
+                Ok((stream, address)) => {
+                    stream.set_nodelay(true).ok();
+                    clients.spawn(connection(port.clone(), stream, address.to_string()));
+                }
+                Err(fault) => {
+                    tracing::warn!("a VXI-11 client could not be accepted: {fault}");
+                    tokio::task::yield_now().await;
+                }
             }
-            Err(fault) => {
-                tracing::warn!("a VXI-11 client could not be accepted: {fault}");
-                tokio::task::yield_now().await;
-            }
+            while clients.try_join_next().is_some() {}
         }
-        while clients.try_join_next().is_some() {}
     }
 }
 
-async fn connection(port: Arc<Port>, mut stream: impl Stream, address: String) {
-    let cut = port.rig.until_cut(Instrument::Mainframe);
+async fn connection<D: Device>(
+    port: Arc<Port<D>>,
+    mut stream: impl AsyncRead + AsyncWrite + Unpin + Send,
+    address: String,
+) {
+    let cut = port.device.until_cut();
     let mut links = Links {
         port,
         address,
@@ -99,13 +96,13 @@ async fn connection(port: Arc<Port>, mut stream: impl Stream, address: String) {
 }
 
 /// The links of one connection; they end with it.
-struct Links {
-    port: Arc<Port>,
+struct Links<D: Device> {
+    port: Arc<Port<D>>,
     address: String,
-    links: BTreeMap<u32, Link>,
+    links: BTreeMap<u32, Link<D::Session>>,
 }
 
-impl Drop for Links {
+impl<D: Device> Drop for Links<D> {
     fn drop(&mut self) {
         for link in self.links.keys() {
             self.port.release(*link);
@@ -114,8 +111,11 @@ impl Drop for Links {
     }
 }
 
-impl Links {
-    async fn answer(&mut self, stream: &mut impl Stream) -> io::Result<()> {
+impl<D: Device> Links<D> {
+    async fn answer(
+        &mut self,
+        stream: &mut (impl AsyncRead + AsyncWrite + Unpin + Send),
+    ) -> io::Result<()> {
         while let Some(record) = read_record(stream, LARGEST_RECORD).await? {
             let mut reader = Reader::new(&record);
             let Ok(call) = Call::read(&mut reader) else {
@@ -156,7 +156,7 @@ impl Links {
         procedure: u32,
         arguments: &mut Reader<'_>,
     ) -> Result<Option<Vec<u8>>, Garbage> {
-        if procedure != 1 {
+        if procedure != DEVICE_ABORT {
             return Ok(None);
         }
         let link = arguments.word()?;
@@ -176,8 +176,8 @@ impl Links {
         arguments: &mut Reader<'_>,
     ) -> Result<Option<Vec<u8>>, Garbage> {
         Ok(Some(match procedure {
-            10 => self.create(arguments).await?,
-            11 => {
+            CREATE_LINK => self.create(arguments).await?,
+            DEVICE_WRITE => {
                 let link = arguments.word()?;
                 let deadline = within(arguments.word()?);
                 let lock = within(arguments.word()?);
@@ -188,7 +188,7 @@ impl Links {
                 let taken = done.map_or(0, |()| u32::try_from(data.len()).unwrap_or(u32::MAX));
                 Writer::default().word(status(done)).word(taken).bytes()
             }
-            12 => {
+            DEVICE_READ => {
                 let link = arguments.word()?;
                 let most = (arguments.word()? as usize).min(LARGEST_READ);
                 let deadline = within(arguments.word()?);
@@ -211,7 +211,7 @@ impl Links {
                     .opaque(&data)
                     .bytes()
             }
-            13 => {
+            DEVICE_READSTB => {
                 let request = self.generic(arguments).await?;
                 let byte = match &request {
                     Ok((link, _)) => self.status_byte(*link).await,
@@ -222,14 +222,14 @@ impl Links {
                     .word(byte)
                     .bytes()
             }
-            14 => {
+            DEVICE_TRIGGER => {
                 let done = match self.generic(arguments).await? {
                     Ok((link, deadline)) => self.trigger(link, deadline).await,
                     Err(fault) => Err(fault),
                 };
                 code(done)
             }
-            15 => {
+            DEVICE_CLEAR => {
                 let request = self.generic(arguments).await?;
                 if let Ok((link, _)) = request
                     && let Some(link) = self.links.get_mut(&link)
@@ -239,8 +239,8 @@ impl Links {
                 code(request.map(|_| ()))
             }
             // There is no front panel to lock.
-            16 | 17 => code(self.generic(arguments).await?.map(|_| ())),
-            18 => {
+            DEVICE_REMOTE | DEVICE_LOCAL => code(self.generic(arguments).await?.map(|_| ())),
+            DEVICE_LOCK => {
                 let link = arguments.word()?;
                 let flags = arguments.word()?;
                 let deadline = within(arguments.word()?);
@@ -250,7 +250,7 @@ impl Links {
                     Err(fault) => Err(fault),
                 })
             }
-            19 => {
+            DEVICE_UNLOCK => {
                 let link = arguments.word()?;
                 code(self.known(link).and_then(|()| {
                     let held = self.port.release(link);
@@ -258,17 +258,17 @@ impl Links {
                 }))
             }
             // Service requests need the interrupt channel; enabling them without one does nothing.
-            20 => {
+            DEVICE_ENABLE_SRQ => {
                 let link = arguments.word()?;
                 arguments.flag()?;
                 arguments.opaque()?;
                 code(self.known(link))
             }
-            22 => Writer::default()
+            DEVICE_DOCMD => Writer::default()
                 .word(Fault::NotSupported as u32)
                 .opaque(&[])
                 .bytes(),
-            23 => {
+            DESTROY_LINK => {
                 let link = arguments.word()?;
                 code(match self.links.remove(&link) {
                     Some(_) => {
@@ -279,7 +279,7 @@ impl Links {
                     None => Err(Fault::InvalidLink),
                 })
             }
-            25 | 26 => code(Err(Fault::NotSupported)),
+            CREATE_INTERRUPT_CHANNEL | DESTROY_INTERRUPT_CHANNEL => code(Err(Fault::NotSupported)),
             _ => return Ok(None),
         }))
     }
@@ -305,11 +305,7 @@ impl Links {
         let number = made.unwrap_or(0);
         if made.is_ok() {
             let address = format!("VXI11 {}", self.address);
-            let link = Link::new(ClientSession::enter(
-                &self.port.rig,
-                Instrument::Mainframe,
-                &address,
-            ));
+            let link = Link::new(self.port.device.open_session(&address));
             self.port.aborters().insert(number, link.aborter());
             self.links.insert(number, link);
         }
@@ -373,7 +369,7 @@ impl Links {
         let Some(link) = self.links.get(&link) else {
             return 0;
         };
-        let byte = u32::from(link.client().status_byte().await);
+        let byte = u32::from(link.session().status_byte().await);
         match link.has_reply() {
             true => byte | MESSAGE_AVAILABLE,
             false => byte & !MESSAGE_AVAILABLE,
