@@ -49,6 +49,7 @@ use crate::instruments::assembly::{
     Assembled, AssemblyError, Bench, Closed, assemble, make_safe_each,
 };
 use crate::instruments::identities::Known;
+use crate::instruments::simulation::SimulatedRig;
 use crate::preparation::{FramesFrom, Prepared, prepare};
 use crate::recording::model::chain;
 use crate::service::Offer;
@@ -387,7 +388,7 @@ fn bench_of(prepared: &Prepared) -> Result<Bench, String> {
         FramesFrom::Rig(plan) => plan
             .bench
             .as_ref()
-            .map(|(profile, scene)| simulator::SimulatedRig::new(profile, scene.clone()))
+            .map(|(profile, scene)| SimulatedRig::new(profile, scene.clone()))
             .transpose()
             .map_err(|error| chain(&error)),
         FramesFrom::Recording { .. } => Ok(None),

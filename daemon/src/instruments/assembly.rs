@@ -15,6 +15,7 @@ use survey::{Frame, Plan, Relay, Sensing, Wiring};
 use crate::instruments::address::Place;
 use crate::instruments::identities::Known;
 use crate::instruments::multiplexer::Multiplexer;
+use crate::instruments::simulation::SimulatedRig;
 use crate::preparation::RigPlan;
 use crate::self_test::{Asked, ProbeError, Raw, probe};
 use survey::printable_within;
@@ -183,7 +184,7 @@ impl AnyRig {
 }
 
 /// What the simulated instruments of a rig are connected to.
-pub(crate) type Bench = Option<simulator::SimulatedRig>;
+pub(crate) type Bench = Option<SimulatedRig>;
 
 /// Connects to every instrument, compares them with the `known` ones, checks the wiring against the modules, makes the
 /// rig safe, and applies the settings, verified. The source is off, verified, before anybody else is asked anything.
@@ -370,7 +371,7 @@ async fn connect_source(
     let stream = open(
         "source",
         place,
-        bench.as_ref().map(simulator::SimulatedRig::connect_6221),
+        bench.as_ref().map(SimulatedRig::connect_6221),
     )
     .await?;
     let link = Link::new(stream, format!("6221 ({place})"), *deadline);
@@ -393,7 +394,7 @@ async fn connect_mainframe(
     let stream = open(
         "voltmeter",
         place,
-        bench.as_ref().map(simulator::SimulatedRig::connect_34980a),
+        bench.as_ref().map(SimulatedRig::connect_34980a),
     )
     .await?;
     let link = Link::new(stream, format!("34980A ({place})"), *deadline);
@@ -426,7 +427,7 @@ async fn connect_board(
     let mut stream = open(
         "switch",
         place,
-        bench.as_ref().map(simulator::SimulatedRig::connect_gpio),
+        bench.as_ref().map(SimulatedRig::connect_gpio),
     )
     .await?;
     if matches!(place, Place::Serial { .. }) {

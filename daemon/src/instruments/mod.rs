@@ -9,5 +9,9 @@ pub(crate) mod lock;
 pub(crate) mod multiplexer;
 pub(crate) mod panic_handler;
 pub(crate) mod relay_wear;
+#[cfg(feature = "simulator")]
+pub(crate) mod simulation;
+#[cfg(not(feature = "simulator"))]
+#[path = "without_simulator.rs"]
 pub(crate) mod simulation;
 pub(crate) mod transcripts;

@@ -1,10 +1,20 @@
-//! The simulated rig as the daemon has it: its scene, and a hand on its sheet.
+//! The simulated rig as the daemon uses it: its profile, its scene, loads on its sheet. `without_simulator` takes the
+//! place of this module in a program that is built without feature `simulator`.
 
-use simulator::{Load, Scene, Shape, SimulatedRig};
+use simulator::{Load, Shape};
+pub(crate) use simulator::{Profile, Scene, SimulatedRig};
 
-/// A scene that ships with the bench, by name, or a file, by path.
-pub(crate) fn load_scene(name_or_path: &str) -> Result<Scene, String> {
-    Scene::open(name_or_path).map_err(|error| error.to_string())
+/// Whether this program can simulate instruments; the error says which feature it lacks.
+pub(crate) fn check_built() -> Result<(), String> {
+    Ok(())
+}
+
+/// A scene that ships with the program, by name, or a file, by path; an unloaded sheet without effects where none is named.
+pub(crate) fn load_scene(name_or_path: Option<&str>) -> Result<Scene, String> {
+    match name_or_path {
+        Some(name_or_path) => Scene::open(name_or_path).map_err(|error| error.to_string()),
+        None => Ok(Scene::quiet()),
+    }
 }
 
 /// The seed of its scene.

@@ -19,6 +19,7 @@ use survey::{
     Amps, Limits, Plan, Protocol, ProtocolError, RangeRule, Relay, Settings, Step, Timing, duration,
 };
 
+use crate::instruments::simulation::{Profile, Scene};
 pub(crate) use crate::preparation::costs::{costs, resolution};
 
 use crate::acquisition::playback::Recording;
@@ -80,7 +81,7 @@ pub(crate) struct RigPlan {
     /// What the slots must hold; none where a multiplexer board switches.
     pub modules: BTreeMap<u32, keysight_34980a::Module>,
     pub instruments: Places,
-    pub bench: Option<(simulator::Profile, simulator::Scene)>,
+    pub bench: Option<(Profile, Scene)>,
 }
 
 impl RigPlan {

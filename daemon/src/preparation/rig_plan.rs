@@ -13,6 +13,7 @@ use survey::{
 
 use crate::config::{Config, EnableName, InstrumentSection, RangesName, RigKind, WiringKind};
 use crate::instruments::address::Place;
+use crate::instruments::simulation::{self, Profile, Scene};
 use crate::preparation::wired;
 use crate::preparation::wired::Wired;
 use crate::preparation::{Findings, Places, RigPlan};
@@ -172,20 +173,15 @@ fn expected(plan: &Plan, geometry: &Geometry) -> Result<BTreeMap<Measurement, Vo
         .collect())
 }
 
-fn simulated(
-    config: &Config,
-    findings: &mut Findings<'_>,
-) -> Option<(simulator::Profile, simulator::Scene)> {
+fn simulated(config: &Config, findings: &mut Findings<'_>) -> Option<(Profile, Scene)> {
+    findings.taken("rig.kind", simulation::check_built())?;
     let profile = findings.taken(
         "rig.profile",
-        simulator::Profile::load(profile_name(config)).map_err(|cause| chain(&cause)),
+        Profile::load(profile_name(config)).map_err(|cause| chain(&cause)),
     );
     let scene = findings.taken(
         "rig.scene",
-        match config.rig.scene.as_deref() {
-            Some(scene) => crate::instruments::simulation::load_scene(scene),
-            None => Ok(simulator::Scene::quiet()),
-        },
+        simulation::load_scene(config.rig.scene.as_deref()),
     );
     Some((profile?, scene?))
 }
@@ -201,7 +197,7 @@ fn profile_name(config: &Config) -> &str {
 /// Whether the simulated instruments have what the wiring switches; what a real one has is asked when it is connected.
 fn fits(
     config: &Config,
-    profile: &simulator::Profile,
+    profile: &Profile,
     wired: &Wired,
     places: &Places,
     findings: &mut Findings<'_>,

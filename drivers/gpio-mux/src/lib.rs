@@ -32,6 +32,7 @@ mod chip;
 mod command;
 mod driver;
 mod lines;
+#[cfg(feature = "simulator")]
 mod simulator;
 
 pub use board::GpioBoard;
@@ -41,6 +42,7 @@ pub use chip::{GpioChip, GpioFault, LineEdge, MemoryChip};
 pub use command::{Command, NotAState, Pair, Pole, Refusal, Reply, State, error_entry, refusal};
 pub use driver::{GpioMux, Options, await_banner};
 pub use lines::{Chip, LINES, Levels, Line, Step, steps};
+#[cfg(feature = "simulator")]
 pub use simulator::{Edge, EdgeRecord, Poles, Response, Settings, SimulatorGpioMux};
 
 /// The model field of `*IDN?`.

@@ -43,9 +43,11 @@
 mod command;
 mod driver;
 mod kind;
+#[cfg(feature = "simulator")]
 mod load;
 mod parameter;
 mod range;
+#[cfg(feature = "simulator")]
 mod simulator;
 
 pub use command::{
@@ -53,7 +55,9 @@ pub use command::{
 };
 pub use driver::Keithley6221;
 pub use kind::Kind;
+#[cfg(feature = "simulator")]
 pub use load::{Load, Resistor};
 pub use parameter::Parameter;
 pub use range::{LARGEST_CURRENT, LARGEST_LIMIT, LIMIT_STEP, RANGES, Range, SMALLEST_LIMIT};
+#[cfg(feature = "simulator")]
 pub use simulator::{Response, Settings6221, Simulator6221, Trigger};

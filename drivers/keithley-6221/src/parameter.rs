@@ -8,6 +8,7 @@ use scpi::Unit;
 use crate::Kind;
 
 /// What a parameter belongs to; a running sweep or wave does not let its own be changed.
+#[cfg(feature = "simulator")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Subject {
     Sweep,
@@ -40,6 +41,7 @@ macro_rules! parameters {
                 match self { $(Parameter::$name => $kind,)* }
             }
 
+            #[cfg(feature = "simulator")]
             pub(crate) fn subject(self) -> Subject {
                 match self { $(Parameter::$name => Subject::$subject,)* }
             }

@@ -32,6 +32,7 @@
 mod command;
 mod driver;
 mod modules;
+#[cfg(feature = "simulator")]
 mod simulator;
 
 pub use command::{
@@ -41,6 +42,7 @@ pub use command::{
 };
 pub use driver::Keysight34980a;
 pub use modules::{Contact, Model, Module, ModuleError, Terminal, join, split};
+#[cfg(feature = "simulator")]
 pub use simulator::{
     Alternating, MeterRequest, Output, Response, Session, Settings34980a, Simulator34980a, Wires,
 };

@@ -47,7 +47,7 @@ impl Simulation1 {
 }
 
 impl Simulation1 {
-    fn bench(&self) -> Result<simulator::SimulatedRig, Fault> {
+    fn bench(&self) -> Result<simulation::SimulatedRig, Fault> {
         self.0
             .house()
             .bench

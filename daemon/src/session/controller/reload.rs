@@ -9,6 +9,7 @@ use crate::config::Config;
 use crate::events::broadcast::Notice;
 use crate::instruments::assembly::{Closed, assemble};
 use crate::instruments::identities::Known;
+use crate::instruments::simulation::SimulatedRig;
 use crate::preparation::{FramesFrom, Prepared, prepare};
 use crate::recording::model::chain;
 use crate::session::controller::{House, Keeper};
@@ -86,7 +87,7 @@ impl Keeper {
                 let bench = match (kept, &plan.bench) {
                     (Some(bench), _) => Some(bench),
                     (None, Some((profile, scene))) => Some(
-                        simulator::SimulatedRig::new(profile, scene.clone())
+                        SimulatedRig::new(profile, scene.clone())
                             .map_err(|error| Fault::Configuration(chain(&error)))?,
                     ),
                     (None, None) => None,

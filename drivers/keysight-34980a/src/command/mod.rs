@@ -19,11 +19,15 @@ use std::str::FromStr;
 use scpi::{Call, ChannelList, Common, ParseError};
 
 pub use function::{Detail, Function, Functions, Given, Wanted};
+#[cfg(feature = "simulator")]
 pub(crate) use function::{FREQUENCIES, Takes, takes};
+pub(crate) use measure::MOST_SWEEPS;
 pub use measure::{Field, Measure, TriggerSource};
-pub(crate) use measure::{LONGEST_TIMER, MOST_SWEEPS, time_word};
+#[cfg(feature = "simulator")]
+pub(crate) use measure::{LONGEST_TIMER, time_word};
 pub use route::Route;
 pub use sense::{INTEGRATION, Quantity, RANGES, Range, Sense, Setting};
+#[cfg(feature = "simulator")]
 pub(crate) use system::MEMORIES;
 pub use system::{Protection, StatusGroup, System};
 

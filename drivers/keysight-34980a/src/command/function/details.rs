@@ -99,6 +99,7 @@ pub(super) fn row_of(function: Function, detail: Detail) -> Option<&'static Row>
 }
 
 /// What a function's setting takes; `None` where the function has no such setting.
+#[cfg(feature = "simulator")]
 pub(crate) fn takes(function: Function, detail: Detail) -> Option<Takes> {
     row_of(function, detail).map(|(.., takes)| *takes)
 }

@@ -10,10 +10,12 @@ use std::fmt;
 use scpi::{Call, Numeric, ParseError, Unit};
 
 use super::grammar::{Table, before_channels, limit, only_channels, value_and_channels};
+pub(crate) use details::Takes;
 #[cfg(test)]
 pub(super) use details::details;
+#[cfg(feature = "simulator")]
+pub(crate) use details::takes;
 use details::{PROBES, ROWS, given, kind_of, range, row_of};
-pub(crate) use details::{Takes, takes};
 
 use super::{Asked, Behind, Channels, On, Range};
 

@@ -1,0 +1,87 @@
+//! Takes the place of `simulation` in a program that is built without feature `simulator`: no simulated rig can exist, and
+//! a configuration that asks for one is an error that names the feature.
+
+use std::convert::Infallible;
+
+use keysight_34980a::Module;
+use rig::BoxStream;
+
+/// Why there is no simulated rig.
+#[derive(Debug, Clone, Copy, thiserror::Error)]
+#[error(
+    "this tactusd is built without simulated instruments; build it with `--features simulator` (a default feature), or use \
+     kind = \"instruments\" or \"recording\""
+)]
+pub(crate) struct NotBuilt;
+
+/// A simulated rig, of which there is none.
+#[derive(Debug, Clone)]
+pub(crate) struct SimulatedRig(Infallible);
+
+/// A scene, of which there is none.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Scene(Infallible);
+
+/// A profile, of which there is none.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Profile {
+    none: Infallible,
+    pub(crate) board: Option<()>,
+    pub(crate) slots: [Option<Module>; 8],
+}
+
+impl Profile {
+    /// Gives no profile.
+    ///
+    /// # Errors
+    /// Always [`NotBuilt`].
+    pub(crate) fn load(_name_or_path: &str) -> Result<Self, NotBuilt> {
+        Err(NotBuilt)
+    }
+}
+
+impl SimulatedRig {
+    pub(crate) fn new(profile: &Profile, _scene: Scene) -> Result<Self, NotBuilt> {
+        match profile.none {}
+    }
+
+    pub(crate) fn connect_6221(&self) -> BoxStream {
+        match self.0 {}
+    }
+
+    pub(crate) fn connect_34980a(&self) -> BoxStream {
+        match self.0 {}
+    }
+
+    pub(crate) fn connect_gpio(&self) -> BoxStream {
+        match self.0 {}
+    }
+}
+
+/// Whether this program can simulate instruments; the error says which feature it lacks.
+pub(crate) fn check_built() -> Result<(), String> {
+    Err(NotBuilt.to_string())
+}
+
+/// Gives no scene.
+pub(crate) fn load_scene(_name_or_path: Option<&str>) -> Result<Scene, String> {
+    Err(NotBuilt.to_string())
+}
+
+pub(crate) fn seed(rig: &SimulatedRig) -> u64 {
+    match rig.0 {}
+}
+
+pub(crate) fn press(
+    rig: &SimulatedRig,
+    _shape: &str,
+    _centre_m: [f64; 2],
+    _size_m: f64,
+    _loss: f64,
+) -> Result<(), String> {
+    match rig.0 {}
+}
+
+pub(crate) fn release(rig: &SimulatedRig) {
+    match rig.0 {}
+}
