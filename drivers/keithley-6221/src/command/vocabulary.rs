@@ -2,7 +2,9 @@
 
 use std::fmt;
 
-use crate::kind::{Kind, short};
+#[cfg(feature = "simulator")]
+use crate::kind::Kind;
+use crate::kind::short;
 
 /// What a numeric query asks for: `?`, `? MIN`, `? MAX`, `? DEF`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -17,6 +19,7 @@ pub enum Ask {
     Def,
 }
 
+#[cfg(feature = "simulator")]
 impl Kind {
     /// The reply to a query with MIN, MAX or DEF; `now` without. Switches and words have only a value of now.
     pub(crate) fn asked(self, ask: Ask, now: f64) -> f64 {
