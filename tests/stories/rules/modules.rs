@@ -36,12 +36,6 @@ const KNOWN_CYCLES: &[(&str, &str, &[&str])] = &[
     ),
     ("daemon", "service", &["access", "gate"]),
     ("eit", "", &["inverse", "model", "training"]),
-    ("keithley-6221", "simulator", &["level", "modes", "status"]),
-    (
-        "keysight-34980a",
-        "command",
-        &["function", "grammar", "measure", "route", "sense", "system"],
-    ),
     ("lab", "", &["choice", "deep", "linear", "train"]),
     ("lab", "evaluate", &["figures", "maps"]),
     ("lab", "tradeoff", &["precision", "reconstruction"]),

@@ -1,75 +1,13 @@
 //! Level, range, voltage limit, output: what flows.
 
-use scpi::{ParseError, format_nr3};
-use survey::{Amps, Ohms, Volts};
+use scpi::ParseError;
+use survey::{Amps, Volts};
 
 use super::Simulator6221;
-use super::modes::{Mode, Outcome};
-use crate::command::{Ask, COMPLIANCE_BIT, Shield, Speed};
-use crate::kind::DECIMALS;
-use crate::range::{LARGEST_CURRENT, LARGEST_LIMIT, LIMIT_STEP, RANGES, SMALLEST_LIMIT};
+use super::state::{Mode, Outcome, is_limited};
+use crate::command::COMPLIANCE_BIT;
+use crate::range::{LIMIT_STEP, RANGES};
 use crate::{Load, Range};
-
-/// What `*RST` sets (fact sheet, section 4; range and autorange assumed).
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Panel {
-    pub(super) level: Amps,
-    pub(super) range: Range,
-    pub(super) autorange: bool,
-    pub(super) compliance: Volts,
-    pub(super) filter: bool,
-    pub(super) output: bool,
-    pub(super) shield: Shield,
-    pub(super) low_to_earth: bool,
-    pub(super) speed: Speed,
-}
-
-pub(super) const RESET: Panel = Panel {
-    level: Amps(0.0),
-    range: RANGES[RANGES.len() - 1],
-    autorange: false,
-    compliance: Volts(10.0),
-    filter: false,
-    output: false,
-    shield: Shield::OutputLow,
-    low_to_earth: false,
-    speed: Speed::Fast,
-};
-
-/// Whether the voltage limit holds a current back. What is no number does.
-pub(super) fn is_limited(level: Amps, resistance: Ohms, limit: Volts) -> bool {
-    let drop = level.abs() * resistance;
-    level != Amps(0.0) && (drop.0.is_nan() || drop > limit)
-}
-
-impl Panel {
-    pub(super) fn read_level(&self, ask: Ask) -> String {
-        let most = LARGEST_CURRENT.0;
-        told(ask, [self.level.0, -most, most, RESET.level.0])
-    }
-
-    pub(super) fn read_range(&self, ask: Ask) -> String {
-        let [least, .., most] = RANGES.map(|range| range.full_scale.0);
-        let now = self.range.full_scale.0;
-        told(ask, [now, least, most, RESET.range.full_scale.0])
-    }
-
-    pub(super) fn read_compliance(&self, ask: Ask) -> String {
-        let limits = [SMALLEST_LIMIT.0, LARGEST_LIMIT.0];
-        let [least, most] = limits;
-        told(ask, [self.compliance.0, least, most, RESET.compliance.0])
-    }
-}
-
-fn told(ask: Ask, [now, min, max, def]: [f64; 4]) -> String {
-    let value = match ask {
-        Ask::Now => now,
-        Ask::Min => min,
-        Ask::Max => max,
-        Ask::Def => def,
-    };
-    format_nr3(value, DECIMALS)
-}
 
 impl Simulator6221 {
     pub(super) fn set_level(&mut self, level: Amps) -> Result<(), ParseError> {

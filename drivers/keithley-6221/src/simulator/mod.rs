@@ -12,6 +12,7 @@ mod modes;
 mod plan;
 mod readings;
 mod settings;
+mod state;
 mod status;
 mod sweep;
 mod values;
@@ -28,9 +29,8 @@ pub use sweep::Trigger;
 
 use crate::command::{COMPLIANCE_BIT, Command, Element};
 use crate::{Load, Range};
-use level::Panel;
 use lists::Lists;
-use modes::{Mode, Outcome};
+use state::{Mode, Outcome, Panel};
 use values::Values;
 
 /// A 6221 that receives lines and gives replies. It knows nothing of connections: output and settings outlive them.
@@ -71,7 +71,7 @@ impl Simulator6221 {
             errors: ErrorQueue::new(settings.queue_depth),
             settings,
             now: Duration::ZERO,
-            panel: level::RESET,
+            panel: state::RESET,
             values: Values::reset(),
             lists: Lists::reset(),
             elements: Element::DEFAULT.to_vec(),
@@ -87,7 +87,7 @@ impl Simulator6221 {
             completion_awaited: false,
             answer_awaited: false,
             flowing: Amps(0.0),
-            told_range: level::RESET.range,
+            told_range: state::RESET.range,
             interlock_closed: true,
             trips_at: None,
             pulses: [0; 6],

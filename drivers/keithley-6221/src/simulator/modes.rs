@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use super::level::is_limited;
 use super::plan::{plan_sweep, plan_wave};
+use super::state::{Mode, Outcome, is_limited};
 use super::sweep::{Sweep, Trigger};
 use super::wave::Wave;
 use super::{Simulator6221, status};
@@ -11,26 +11,6 @@ use crate::command::COMPLIANCE_BIT;
 use crate::parameter::Subject;
 use crate::{List, Load, Parameter};
 use scpi::ParseError;
-
-/// What the source makes.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) enum Mode {
-    /// The level.
-    Source,
-    /// A sweep, armed, running, or done and resting on its last point.
-    Sweep(Box<Sweep>),
-    /// A wave, armed, running or at its end.
-    Wave(Box<Wave>),
-}
-
-/// How the last sweep or wave ended; the operation register shows it until the next is armed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Outcome {
-    None,
-    SweepDone,
-    SweepAborted,
-    WaveStopped,
-}
 
 const BAUD_RATES: [f64; 10] = [
     300.0, 600.0, 1_200.0, 2_400.0, 4_800.0, 9_600.0, 19_200.0, 38_400.0, 57_600.0, 115_200.0,

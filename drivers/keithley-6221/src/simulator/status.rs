@@ -3,9 +3,8 @@
 use scpi::{Common, ParseError, StandardEvent, StatusRegister};
 
 use super::Simulator6221;
-use super::level::{Panel, RESET};
 use super::lists::Lists;
-use super::modes::Outcome;
+use super::state::{Outcome, Panel, RESET};
 use super::sweep::Trigger;
 use super::values::Values;
 use crate::Parameter;

@@ -1,10 +1,8 @@
-//! The table of headers, and the readings of arguments that several chapters share.
-
-use std::sync::LazyLock;
+//! Rows of the table of headers, and the readings of arguments that several chapters share.
 
 use scpi::{Argument, Call, ChannelList, Numeric, ParseError, Pattern, Unit};
 
-use super::{Channels, Command, function, measure, route, sense, system};
+use super::{Channels, Command};
 
 /// Makes a command of a call whose header is known.
 pub(super) type Hearer = Box<dyn Fn(&Call) -> Result<Command, ParseError> + Send + Sync>;
@@ -24,26 +22,17 @@ impl Table {
         self.0
             .push((notation.ends_with('?'), Pattern::new(notation), hearer));
     }
-}
 
-static GRAMMAR: LazyLock<Table> = LazyLock::new(|| {
-    let mut table = Table::default();
-    // The most frequent come first.
-    route::rows(&mut table);
-    measure::rows(&mut table);
-    sense::rows(&mut table);
-    system::rows(&mut table);
-    function::rows(&mut table);
-    table
-});
-
-/// Reads a call that is no common command.
-pub(super) fn read(call: &Call) -> Result<Command, ParseError> {
-    GRAMMAR
-        .0
-        .iter()
-        .find(|(query, pattern, _)| *query == call.query && pattern.matches(call))
-        .map_or(Err(ParseError::UndefinedHeader), |(_, _, hear)| hear(call))
+    /// Reads a call by the first row that matches its header.
+    ///
+    /// # Errors
+    /// -113 where no row matches, and what the arguments of the row's command deserve.
+    pub(super) fn read(&self, call: &Call) -> Result<Command, ParseError> {
+        self.0
+            .iter()
+            .find(|(query, pattern, _)| *query == call.query && pattern.matches(call))
+            .map_or(Err(ParseError::UndefinedHeader), |(_, _, read)| read(call))
+    }
 }
 
 /// A command without arguments.

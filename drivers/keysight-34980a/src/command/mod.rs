@@ -6,6 +6,7 @@
 
 mod function;
 mod grammar;
+mod headers;
 mod measure;
 mod route;
 mod sense;
@@ -59,7 +60,7 @@ impl Command {
     pub fn of(call: &Call) -> Result<Self, ParseError> {
         match Common::of(call) {
             Some(common) => common.map(Self::Common),
-            None => grammar::read(call),
+            None => headers::read(call),
         }
     }
 }

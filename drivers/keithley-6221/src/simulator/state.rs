@@ -1,0 +1,92 @@
+//! The state of the simulated source: its settings at the panel, what it makes, and how the last sweep or wave ended.
+
+use scpi::format_nr3;
+use survey::{Amps, Ohms, Volts};
+
+use super::sweep::Sweep;
+use super::wave::Wave;
+use crate::Range;
+use crate::command::{Ask, Shield, Speed};
+use crate::kind::DECIMALS;
+use crate::range::{LARGEST_CURRENT, LARGEST_LIMIT, RANGES, SMALLEST_LIMIT};
+
+/// What `*RST` sets (fact sheet, section 4; range and autorange assumed).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Panel {
+    pub(super) level: Amps,
+    pub(super) range: Range,
+    pub(super) autorange: bool,
+    pub(super) compliance: Volts,
+    pub(super) filter: bool,
+    pub(super) output: bool,
+    pub(super) shield: Shield,
+    pub(super) low_to_earth: bool,
+    pub(super) speed: Speed,
+}
+
+pub(super) const RESET: Panel = Panel {
+    level: Amps(0.0),
+    range: RANGES[RANGES.len() - 1],
+    autorange: false,
+    compliance: Volts(10.0),
+    filter: false,
+    output: false,
+    shield: Shield::OutputLow,
+    low_to_earth: false,
+    speed: Speed::Fast,
+};
+
+/// Whether the voltage limit holds a current back. What is no number does.
+pub(super) fn is_limited(level: Amps, resistance: Ohms, limit: Volts) -> bool {
+    let drop = level.abs() * resistance;
+    level != Amps(0.0) && (drop.0.is_nan() || drop > limit)
+}
+
+impl Panel {
+    pub(super) fn read_level(&self, ask: Ask) -> String {
+        let most = LARGEST_CURRENT.0;
+        told(ask, [self.level.0, -most, most, RESET.level.0])
+    }
+
+    pub(super) fn read_range(&self, ask: Ask) -> String {
+        let [least, .., most] = RANGES.map(|range| range.full_scale.0);
+        let now = self.range.full_scale.0;
+        told(ask, [now, least, most, RESET.range.full_scale.0])
+    }
+
+    pub(super) fn read_compliance(&self, ask: Ask) -> String {
+        let limits = [SMALLEST_LIMIT.0, LARGEST_LIMIT.0];
+        let [least, most] = limits;
+        told(ask, [self.compliance.0, least, most, RESET.compliance.0])
+    }
+}
+
+fn told(ask: Ask, [now, min, max, def]: [f64; 4]) -> String {
+    let value = match ask {
+        Ask::Now => now,
+        Ask::Min => min,
+        Ask::Max => max,
+        Ask::Def => def,
+    };
+    format_nr3(value, DECIMALS)
+}
+
+/// What the source makes.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Mode {
+    /// The level.
+    Source,
+    /// A sweep, armed, running, or done and resting on its last point.
+    Sweep(Box<Sweep>),
+    /// A wave, armed, running or at its end.
+    Wave(Box<Wave>),
+}
+
+/// How the last sweep or wave ended; the operation register shows it until the next is armed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Outcome {
+    None,
+    SweepDone,
+    SweepAborted,
+    WaveStopped,
+}

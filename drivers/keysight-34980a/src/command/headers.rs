@@ -1,0 +1,24 @@
+//! The table of all headers: the rows of each chapter of commands, in the order in which they are searched.
+
+use std::sync::LazyLock;
+
+use scpi::{Call, ParseError};
+
+use super::grammar::Table;
+use super::{Command, function, measure, route, sense, system};
+
+static GRAMMAR: LazyLock<Table> = LazyLock::new(|| {
+    let mut table = Table::default();
+    // The most frequent come first.
+    route::rows(&mut table);
+    measure::rows(&mut table);
+    sense::rows(&mut table);
+    system::rows(&mut table);
+    function::rows(&mut table);
+    table
+});
+
+/// Reads a call that is no common command.
+pub(super) fn read(call: &Call) -> Result<Command, ParseError> {
+    GRAMMAR.read(call)
+}
