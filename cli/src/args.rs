@@ -7,7 +7,7 @@ use clap::{Args, Parser, Subcommand};
 use outfile::{Existing, GrowingFolder, OutFolder, OutPath};
 
 use crate::options::about::About;
-use crate::options::choices::{BaselineChoice, Format, Geometry, MethodChoice, Scale};
+use crate::options::choices::{BaselineChoice, Format, GeometryChoice, MethodChoice, Scale};
 use crate::options::duration::{SpanError, parse_span};
 use crate::options::measuring::Measuring;
 use crate::options::numbers::speed;
@@ -428,7 +428,7 @@ pub struct Export {
     #[command(flatten)]
     pub method: MethodChoice,
     #[command(flatten)]
-    pub geometry: Geometry,
+    pub geometry: GeometryChoice,
 }
 
 /// Options of `replay`.
@@ -474,7 +474,7 @@ pub struct Replay {
     #[command(flatten)]
     pub method: MethodChoice,
     #[command(flatten)]
-    pub geometry: Geometry,
+    pub geometry: GeometryChoice,
 }
 
 /// Options of `plan`.

@@ -3,6 +3,7 @@
 use std::error::Error;
 use std::process::ExitCode;
 
+use imaging::GeometryError;
 use outfile::OutFileError;
 
 /// The kinds of failure, each with its exit code. The message says what to do next.
@@ -67,6 +68,17 @@ impl Failure {
     /// A file or model that does not fit, with the whole chain of causes in one line.
     pub(crate) fn configuration(what: &str, cause: &dyn Error) -> Self {
         Self::Configuration(format!("{what}: {}", chain(cause)))
+    }
+}
+
+impl From<GeometryError> for Failure {
+    fn from(error: GeometryError) -> Self {
+        match &error {
+            GeometryError::Case { .. } => Self::Failed(chain(&error)),
+            GeometryError::Preset(_) | GeometryError::PresetAndCase => {
+                Self::Configuration(chain(&error))
+            }
+        }
     }
 }
 

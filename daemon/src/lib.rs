@@ -51,10 +51,10 @@ use crate::instruments::assembly::{
 use crate::instruments::identities::Known;
 use crate::instruments::simulation::SimulatedRig;
 use crate::preparation::{FramesFrom, Prepared, prepare};
-use crate::recording::model::chain;
 use crate::service::Offer;
 use crate::service::records::Records;
 use crate::session::controller::Keeper;
+use survey::error_chain as chain;
 
 /// `EX_CONFIG`: systemd does not start a broken configuration again.
 const CONFIGURATION: u8 = 78;

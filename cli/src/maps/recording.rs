@@ -26,7 +26,7 @@ pub(crate) struct Recorded {
 }
 
 /// Where a recording's mesh can be found without being told.
-pub(crate) enum Home {
+pub(crate) enum Origin {
     /// A case folder: it may hold a mesh.
     Folder(PathBuf),
     /// A session: its configuration names the geometry.
@@ -57,7 +57,7 @@ pub(crate) struct Recording {
     pub(crate) current: Amps,
     /// `None` where the record does not say.
     pub(crate) simulated: Option<bool>,
-    pub(crate) home: Home,
+    pub(crate) origin: Origin,
 }
 
 /// Opens what `replay` names: a folder, a session file, or a session's id in the state directory.
@@ -165,7 +165,7 @@ fn from_folder(folder: &Path, replay: &Replay) -> Result<Recording, Failure> {
         noise,
         current,
         simulated: None,
-        home: Home::Folder(folder.to_owned()),
+        origin: Origin::Folder(folder.to_owned()),
     })
 }
 
@@ -225,7 +225,7 @@ fn from_session(path: &Path, replay: &Replay) -> Result<Recording, Failure> {
         noise,
         current,
         simulated: Some(header.simulated),
-        home: Home::Session(Box::new(header)),
+        origin: Origin::Session(Box::new(header)),
     })
 }
 

@@ -10,7 +10,7 @@ use survey::Map;
 use crate::args::{Global, Replay};
 use crate::failure::Failure;
 use crate::maps::drawing;
-use crate::maps::reconstruction::{Eye, Scene};
+use crate::maps::reconstruction::{Reconstruction, Unloaded};
 use crate::maps::recording;
 use crate::maps::recording::{Recorded, Recording};
 use crate::output::Printer;
@@ -40,11 +40,11 @@ pub(crate) fn run(
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
     let recording = recording::open(global, replay)?;
-    let eye = Eye::open(
+    let reconstruction = Reconstruction::new(
         &replay.method,
         &replay.geometry,
-        &recording.home,
-        &Scene {
+        &recording.origin,
+        &Unloaded {
             protocol: &recording.protocol,
             baseline: &recording.baseline,
             noise: recording.noise,
@@ -52,7 +52,7 @@ pub(crate) fn run(
         },
     )?;
     let count = recording.len()?;
-    introduce(&recording, count, &eye, printer)?;
+    introduce(&recording, count, &reconstruction, printer)?;
     let existing = replay.replacing.existing();
     if let Some(directory) = &replay.png {
         outfile::make_folder(directory, existing)?;
@@ -65,15 +65,15 @@ pub(crate) fn run(
     let draw = printer.is_terminal() && !replay.no_map;
     let mut verdict = Verdict::default();
     for recorded in recording.frames() {
-        let map =
-            eye.look(&recording.baseline, &recorded.readings)
-                .map_err(|failure| match failure {
-                    Failure::Failed(text) => {
-                        Failure::Failed(format!("frame {}: {text}", recorded.sequence))
-                    }
-                    other => other,
-                })?;
-        let found = eye.field.found(&map);
+        let map = reconstruction
+            .map(&recording.baseline, &recorded.readings)
+            .map_err(|failure| match failure {
+                Failure::Failed(text) => {
+                    Failure::Failed(format!("frame {}: {text}", recorded.sequence))
+                }
+                other => other,
+            })?;
+        let found = reconstruction.field.found(&map);
         verdict.take(&recorded, &map);
         if let Some(file) = &mut maps {
             file.put(&row(&map))?;
@@ -90,7 +90,7 @@ pub(crate) fn run(
             None => None,
             Some(directory) => {
                 let path = directory.join(format!("frame-{:06}.png", recorded.sequence));
-                let png = drawing::png(&eye.field, &map, &style())?;
+                let png = drawing::png(&reconstruction.field, &map, &style())?;
                 outfile::write(&path, existing, &png)?;
                 Some(path.display().to_string())
             }
@@ -99,7 +99,7 @@ pub(crate) fn run(
             frame: recorded.sequence,
             label: &recorded.label,
             wall: recorded.wall.map(utc),
-            method: eye.method(),
+            method: reconstruction.method(),
             found_mm: drawing::millimetres(found),
             largest_loss: map.largest_loss().map_or(0.0, |(_, loss)| loss),
             masked: map.masked,
@@ -112,7 +112,7 @@ pub(crate) fn run(
             printer.record(&line, sentence)?;
             if draw {
                 let style = drawing::terminal_style(printer, style());
-                printer.drawn(&drawing::terminal(&eye.field, &map, &style)?)?;
+                printer.drawn(&drawing::terminal(&reconstruction.field, &map, &style)?)?;
             }
             Ok(())
         })?;
@@ -238,7 +238,7 @@ impl Verdict {
 fn introduce(
     recording: &Recording,
     count: usize,
-    eye: &Eye,
+    reconstruction: &Reconstruction,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
     printer.text(&format!(
@@ -246,15 +246,15 @@ fn introduce(
         recording.protocol.len(),
         recording.protocol.electrodes(),
         recording.baseline_name,
-        eye.method(),
-        eye.field.sheet.triangles.len(),
+        reconstruction.method(),
+        reconstruction.field.sheet.triangles.len(),
         if recording.simulated == Some(true) {
             "; SIMULATED"
         } else {
             ""
         },
     ))?;
-    for remark in &eye.remarks {
+    for remark in &reconstruction.remarks {
         printer.text(remark)?;
     }
     Ok(())

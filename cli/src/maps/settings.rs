@@ -1,170 +1,128 @@
 //! How maps are to be made: what the options say, else what the session had, else the defaults.
 
-use std::path::{Path, PathBuf};
-
-use eit::inverse::learned::network::is_onnx;
+use imaging::{Method, ReconstructionSettings, find_model, find_model_in, short_hash};
 
 use crate::failure::Failure;
-use crate::maps::reconstruction::short;
-use crate::maps::recording::Home;
-use crate::options::choices::{Method, MethodChoice, Prior};
+use crate::maps::recording::Origin;
+use crate::options::choices::MethodChoice;
+use crate::records::directory;
 
-/// What was asked of the reconstruction; what was not asked is as the session had it, else the default.
-pub(crate) struct Recipe {
-    pub(crate) model: Option<PathBuf>,
-    pub(crate) method: Method,
-    /// Where total variation stops, as a share of the objective.
-    pub(crate) gap: Option<f64>,
-    /// Whether the options name a prior or its exponent.
-    pub(crate) prior_asked: bool,
-    pub(crate) prior: Option<Prior>,
-    pub(crate) exponent: Option<f64>,
-    /// Correlation length of the gaussian prior, mm.
-    pub(crate) length_mm: Option<f64>,
-    pub(crate) noise_figure: Option<f64>,
-    /// Error that a quicker frame may have.
-    pub(crate) map_error: Option<f64>,
-    pub(crate) lambda: Option<f64>,
+/// Settings of a reconstruction, with what only these programs know about them.
+pub(crate) struct Chosen {
+    pub(crate) settings: ReconstructionSettings,
+    /// Noise of one reading that the options name, V.
     pub(crate) noise_v: Option<f64>,
-    /// Whether the session kept how its daemon made the maps: noise is then told at the current of its frames.
-    pub(crate) as_the_daemon: bool,
-    pub(crate) loss_only: bool,
+    /// Whether the session keeps how its daemon made the maps: noise then counts at the current of its frames.
+    pub(crate) as_recorded: bool,
+    /// What a person should know about the choice, a sentence each.
     pub(crate) remarks: Vec<String>,
 }
 
-impl Recipe {
+impl Chosen {
     /// Looks at the options first, then at the configuration that the session kept.
     ///
     /// # Errors
-    /// A session whose configuration cannot be read.
-    pub(crate) fn choose(asked: &MethodChoice, home: &Home) -> Result<Self, Failure> {
+    /// A session whose configuration cannot be read, or options that do not fit the method.
+    pub(crate) fn new(asked: &MethodChoice, origin: &Origin) -> Result<Self, Failure> {
         let mut remarks = Vec::new();
         // A session made without a daemon keeps no configuration.
-        let kept = match home {
-            Home::Session(header) if asked.model.is_none() && !header.config_toml.is_empty() => {
-                Some(crate::records::directory::kept(header)?)
-            }
-            Home::Session(_) | Home::Folder(_) => None,
+        let header = match origin {
+            Origin::Session(header) if !header.config_toml.is_empty() => Some(header),
+            Origin::Session(_) | Origin::Folder(_) => None,
         };
-        // maps of a model that is named are cut as the session's were
-        let cut = match home {
-            Home::Session(header) if !header.config_toml.is_empty() => {
-                crate::records::directory::kept(header)
-                    .ok()
-                    .and_then(|kept| kept.model.loss_only)
-            }
-            Home::Session(_) | Home::Folder(_) => None,
+        let kept = match header.filter(|_| asked.model.is_none()) {
+            Some(header) => Some(directory::kept(header)?.model),
+            None => None,
         };
-        let as_the_daemon = kept.is_some();
-        let session_noise = kept
-            .as_ref()
-            .map(|kept| kept.model.noise_uv.unwrap_or(DAEMON_NOISE_UV) * 1e-6);
-        let kept = kept.map(|kept| kept.model).unwrap_or_default();
-        let one_step = asked.method.is_some()
-            || asked.prior.is_some()
-            || asked.exponent.is_some()
-            || asked.lambda.is_some()
-            || asked.noise_v.is_some();
-        let model_hash = match home {
-            Home::Session(header) => header.model_hash.as_deref(),
-            Home::Folder(_) => None,
-        };
-        let model = match (&asked.model, model_hash) {
-            (Some(folder), Some(hash)) if folder.is_dir() => {
-                Some(in_folder(folder, hash).ok_or_else(|| {
-                    Failure::Failed(format!(
-                        "no file in {} is the session's model {}",
-                        folder.display(),
-                        short(hash)
-                    ))
-                })?)
-            }
-            (Some(model), _) => Some(model.clone()),
-            (None, Some(hash)) if !one_step => {
-                let here = recorded_model(kept.file.as_deref(), hash);
-                if here.is_none() {
-                    remarks.push(format!(
-                        "the session's maps were made with model {}, which is not here; the one-step method is used \
-                         instead, --model FILE says where it is",
-                        short(hash)
-                    ));
-                }
-                here
-            }
-            (None, _) => None,
-        };
-        let told = asked.lambda.is_some() || asked.noise_v.is_some();
-        Ok(Self {
-            model,
-            // a prior or a lambda is of the one-step method, whatever the session used
-            method: asked
-                .method
-                .or(kept.method.filter(|_| {
-                    asked.prior.is_none() && asked.exponent.is_none() && asked.lambda.is_none()
-                }))
-                .unwrap_or(Method::OneStep),
-            gap: kept.gap,
-            prior_asked: asked.prior.is_some() || asked.exponent.is_some(),
+        // maps of a model that is named are bounded as the session's were
+        let loss_only = asked.loss_only
+            || header
+                .and_then(|header| directory::kept(header).ok())
+                .and_then(|kept| kept.model.loss_only)
+                .unwrap_or(false);
+        let as_recorded = kept.is_some();
+        let kept = kept.unwrap_or_default();
+        let file = model_file(asked, origin, &kept, &mut remarks)?;
+        let (lambda, noise_v) = (asked.lambda, asked.noise_v);
+        let strength_asked = lambda.is_some() || noise_v.is_some();
+        // a prior or a lambda is of the one-step method, whatever the session used
+        let one_step_asked =
+            asked.prior.is_some() || asked.exponent.is_some() || asked.lambda.is_some();
+        let method = asked
+            .method
+            .or(kept.method.filter(|_| !one_step_asked))
+            .unwrap_or_default();
+        let settings = ReconstructionSettings {
+            file,
+            method: Some(method),
             prior: asked.prior.or(kept.prior),
             exponent: asked.exponent.or(kept.exponent),
-            length_mm: kept.length_mm,
-            noise_figure: kept.noise_figure.filter(|_| !told),
-            map_error: kept.map_error,
-            lambda: asked.lambda.or(kept.lambda.filter(|_| !told)),
-            noise_v: asked.noise_v.or(session_noise.filter(|_| !told)),
-            as_the_daemon,
-            loss_only: asked.loss_only || cut.unwrap_or(false),
+            lambda: lambda.or(kept.lambda.filter(|_| !strength_asked)),
+            noise_figure: kept.noise_figure.filter(|_| !strength_asked),
+            noise_uv: kept.noise_uv.filter(|_| !strength_asked),
+            loss_only: Some(loss_only),
+            calibration: None,
+            ..kept
+        };
+        if settings.file.is_none() && method == Method::Tv {
+            if settings.lambda.is_some() {
+                return Err(Failure::Usage(
+                    "--lambda belongs to the one-step method; total variation takes --noise-v"
+                        .to_owned(),
+                ));
+            }
+            if asked.prior.is_some() || asked.exponent.is_some() {
+                return Err(Failure::Usage(
+                    "--prior and --exponent belong to the one-step method".to_owned(),
+                ));
+            }
+        }
+        Ok(Self {
+            settings,
+            noise_v,
+            as_recorded,
             remarks,
         })
     }
 }
 
-/// The file whose hash the session kept: the configured one, or any beside it, here, or in `models` here.
-fn recorded_model(configured: Option<&Path>, hash: &str) -> Option<PathBuf> {
-    let beside = configured.and_then(Path::parent);
-    configured
-        .filter(|file| is_model(file, hash))
-        .map(Path::to_owned)
-        .or_else(|| {
-            beside
-                .into_iter()
-                .chain([Path::new("models"), Path::new(".")])
-                .find_map(|folder| in_folder(folder, hash))
-        })
-}
-
-fn in_folder(folder: &Path, hash: &str) -> Option<PathBuf> {
-    let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
-        .ok()?
-        .filter_map(|entry| Some(entry.ok()?.path()))
-        .filter(|path| is_onnx(path) || path.extension().is_some_and(|name| name == "safetensors"))
-        .collect();
-    files.sort();
-    files.into_iter().find(|file| is_model(file, hash))
-}
-
-fn is_model(file: &Path, hash: &str) -> bool {
-    std::fs::read(file).is_ok_and(|bytes| eit::model::fingerprint(&bytes) == hash)
-}
-
-/// The daemon's own default, uV: a map can only be verified when it is made as the daemon made it.
-const DAEMON_NOISE_UV: f64 = 2.0;
-
-#[cfg(test)]
-mod tests {
-    use crate::maps::settings::*;
-
-    #[test]
-    fn a_model_is_known_by_its_hash_and_not_by_its_name() {
-        let folder = tempfile::tempdir().unwrap();
-        let [configured, other] =
-            ["a.safetensors", "b.safetensors"].map(|name| folder.path().join(name));
-        std::fs::write(&configured, "one").unwrap();
-        std::fs::write(&other, "two").unwrap();
-        let of = |text: &str| eit::model::fingerprint(text.as_bytes());
-        let found = |text: &str| recorded_model(Some(&configured), &of(text));
-        assert_eq!(found("one"), Some(configured.clone()));
-        assert_eq!(found("two"), Some(other));
-        assert_eq!(found("three"), None);
+/// The trained model to use: the one that is named, else the session's where it is here.
+fn model_file(
+    asked: &MethodChoice,
+    origin: &Origin,
+    kept: &ReconstructionSettings,
+    remarks: &mut Vec<String>,
+) -> Result<Option<std::path::PathBuf>, Failure> {
+    let method_asked = asked.method.is_some()
+        || asked.prior.is_some()
+        || asked.exponent.is_some()
+        || asked.lambda.is_some()
+        || asked.noise_v.is_some();
+    let hash = match origin {
+        Origin::Session(header) => header.model_hash.as_deref(),
+        Origin::Folder(_) => None,
+    };
+    match (&asked.model, hash) {
+        (Some(folder), Some(hash)) if folder.is_dir() => match find_model_in(folder, hash) {
+            Some(file) => Ok(Some(file)),
+            None => Err(Failure::Failed(format!(
+                "no file in {} is the session's model {}",
+                folder.display(),
+                short_hash(hash)
+            ))),
+        },
+        (Some(model), _) => Ok(Some(model.clone())),
+        (None, Some(hash)) if !method_asked => {
+            let here = find_model(kept.file.as_deref(), hash);
+            if here.is_none() {
+                remarks.push(format!(
+                    "the session's maps were made with model {}, which is not here; the one-step method is used \
+                     instead, --model FILE says where it is",
+                    short_hash(hash)
+                ));
+            }
+            Ok(here)
+        }
+        (None, _) => Ok(None),
     }
 }

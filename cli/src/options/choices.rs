@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use serde::Deserialize;
+pub use imaging::{Method, PresetName, PriorName};
 
 use crate::options::numbers::{above_zero, degrees, electrodes, exponent, millimetres};
 
@@ -19,7 +19,7 @@ pub struct MethodChoice {
     pub model: Option<PathBuf>,
     /// Prior of the one-step method (default: what the session used, else noser)
     #[arg(long, value_enum, value_name = "PRIOR", conflicts_with = "model")]
-    pub prior: Option<Prior>,
+    pub prior: Option<PriorName>,
     /// Exponent of the NOSER prior (default: what the session used, else 0.5 with --prior noser, 0.25 without)
     #[arg(long, value_name = "P", conflicts_with = "model", value_parser = exponent, allow_hyphen_values = true)]
     pub exponent: Option<f64>,
@@ -37,7 +37,7 @@ pub struct MethodChoice {
 /// The sheet or tank, where neither the record nor a model file says it.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Geometry")]
-pub struct Geometry {
+pub struct GeometryChoice {
     /// Built-in geometry (default: what the session or the folder says)
     #[arg(long, value_enum, value_name = "NAME")]
     pub preset: Option<PresetName>,
@@ -73,40 +73,6 @@ pub enum Format {
     Png,
     /// A drawing of one map.
     Svg,
-}
-
-/// Reconstruction without a trained model.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Method {
-    /// One-step difference reconstruction.
-    OneStep,
-    /// Total variation, to a gap of 1e-3 unless the session used another.
-    Tv,
-}
-
-/// Prior of the one-step method.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Prior {
-    /// Small changes.
-    Tikhonov,
-    /// Small changes, weighed by sensitivity.
-    Noser,
-    /// Smooth changes.
-    Laplace,
-    /// Smooth changes of a stated correlation length: 10 mm unless the session used another.
-    Gaussian,
-}
-
-/// Built-in geometries.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum PresetName {
-    /// The paper's sheet of 214 mm x 230 mm with 26 void electrodes.
-    PaperSheet,
-    /// A round tank with electrodes on arcs, electrode 1 on +x, counter-clockwise.
-    DiscTank,
 }
 
 /// What is subtracted in a replay.

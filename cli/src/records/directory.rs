@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use eit::{DiscTank, PaperSheet, Preset};
+use eit::DiscTank;
+use imaging::{Geometry, GeometrySettings, ReconstructionSettings, short_hash};
 use logbook::{LogbookError, SessionHeader, SessionReader};
-use serde::Deserialize;
+use serde::de::value::MapDeserializer;
+use serde::de::{Deserializer, Visitor};
 
 use crate::args::Global;
 use crate::failure::Failure;
-use crate::maps::reconstruction::{Ground, case_ground, preset_ground, short};
-use crate::options::choices::{Method, PresetName, Prior};
 
 /// A running daemon that has not said within this where it records is passed over.
 const DAEMON_SAYS_WITHIN: Duration = Duration::from_secs(2);
@@ -134,47 +134,27 @@ pub(crate) fn refused(error: &LogbookError) -> Failure {
     }
 }
 
-/// The part of a daemon's configuration that says how maps are made; the daemon has checked it, so unknown keys are
-/// none of our business.
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
+/// The part of a daemon's configuration that says how maps are made.
+#[derive(Debug, Default)]
 pub(crate) struct Kept {
-    geometry: KeptGeometry,
-    pub(crate) model: KeptModel,
+    geometry: GeometrySettings,
+    pub(crate) model: ReconstructionSettings,
 }
 
-#[derive(Debug, Default, Deserialize)]
-#[serde(default, rename_all = "kebab-case")]
-struct KeptGeometry {
-    preset: Option<PresetName>,
-    case: Option<PathBuf>,
-    paper_sheet: Option<PaperSheet>,
-    disc_tank: Option<DiscTank>,
-}
-
-/// How the daemon made the session's maps.
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-pub(crate) struct KeptModel {
-    pub(crate) file: Option<PathBuf>,
-    pub(crate) method: Option<Method>,
-    pub(crate) gap: Option<f64>,
-    pub(crate) prior: Option<Prior>,
-    pub(crate) exponent: Option<f64>,
-    pub(crate) length_mm: Option<f64>,
-    pub(crate) noise_figure: Option<f64>,
-    pub(crate) map_error: Option<f64>,
-    pub(crate) noise_uv: Option<f64>,
-    pub(crate) lambda: Option<f64>,
-    pub(crate) loss_only: Option<bool>,
-}
-
-/// The effective configuration kept in a session.
+/// The effective configuration kept in a session. The daemon has checked it, so keys that this program does not know are
+/// passed over.
 ///
 /// # Errors
 /// Text that is no configuration of a daemon.
 pub(crate) fn kept(header: &SessionHeader) -> Result<Kept, Failure> {
-    toml::from_str(&header.config_toml).map_err(|error| {
+    let read = || -> Result<Kept, toml::de::Error> {
+        let mut tables: toml::Table = toml::from_str(&header.config_toml)?;
+        Ok(Kept {
+            geometry: known_keys(tables.remove("geometry"))?,
+            model: known_keys(tables.remove("model"))?,
+        })
+    };
+    read().map_err(|error| {
         Failure::configuration(
             &format!(
                 "the configuration kept in session {} cannot be read; {NAME_IT}",
@@ -185,6 +165,43 @@ pub(crate) fn kept(header: &SessionHeader) -> Result<Kept, Failure> {
     })
 }
 
+/// A section without the keys that its type does not have.
+fn known_keys<T: serde::de::DeserializeOwned + Default>(
+    section: Option<toml::Value>,
+) -> Result<T, toml::de::Error> {
+    match section {
+        None => Ok(T::default()),
+        Some(toml::Value::Table(table)) => T::deserialize(KnownKeys(table)),
+        Some(other) => other.try_into(),
+    }
+}
+
+/// A table that gives a struct the keys that the struct has.
+struct KnownKeys(toml::Table);
+
+impl<'de> Deserializer<'de> for KnownKeys {
+    type Error = toml::de::Error;
+
+    fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Self::Error> {
+        visitor.visit_map(MapDeserializer::new(self.0.into_iter()))
+    }
+
+    fn deserialize_struct<V: Visitor<'de>>(
+        mut self,
+        _name: &'static str,
+        fields: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, Self::Error> {
+        self.0.retain(|key, _| fields.contains(&key));
+        self.deserialize_any(visitor)
+    }
+
+    serde::forward_to_deserialize_any! {
+        bool i8 i16 i32 i64 i128 u8 u16 u32 u64 u128 f32 f64 char str string bytes byte_buf option unit unit_struct
+        newtype_struct seq tuple tuple_struct map enum identifier ignored_any
+    }
+}
+
 const NAME_IT: &str =
     "say --preset paper-sheet or disc-tank, --case DIR with a mesh, or --model FILE";
 
@@ -192,32 +209,53 @@ const NAME_IT: &str =
 ///
 /// # Errors
 /// The geometry that is named is not the one that was used.
-pub(crate) fn ground(header: &SessionHeader) -> Result<Ground, Failure> {
-    let named = kept(header)?.geometry;
-    let mut ground = match (named.case, named.preset) {
-        (Some(case), _) => case_ground(&case)?,
-        (None, Some(PresetName::DiscTank)) => {
-            preset_ground(&Preset::DiscTank(named.disc_tank.unwrap_or_else(|| {
-                DiscTank {
-                    electrodes: header.protocol.electrodes(),
-                    ..DiscTank::default()
-                }
-            })))?
-        }
-        (None, Some(PresetName::PaperSheet) | None) => {
-            preset_ground(&Preset::PaperSheet(named.paper_sheet.unwrap_or_default()))?
-        }
-    };
-    // As the daemon takes it where a case folder does not say.
-    let triangles = ground.mesh.triangles().len();
-    ground.sigma.get_or_insert_with(|| vec![1e-3; triangles]);
+pub(crate) fn geometry(header: &SessionHeader) -> Result<Geometry, Failure> {
+    let mut named = kept(header)?.geometry;
+    if named.case.is_some() {
+        named.preset = None;
+    }
+    named.disc_tank.get_or_insert_with(|| DiscTank {
+        electrodes: header.protocol.electrodes(),
+        ..DiscTank::default()
+    });
+    let mut geometry = named.geometry(None)?;
+    // the daemon takes it as it is where a case folder does not say it
+    geometry.sigma0_known = true;
     match &header.geometry_hash {
-        Some(hash) if hash != ground.mesh.hash() => Err(Failure::Configuration(format!(
+        Some(hash) if hash != geometry.mesh.hash() => Err(Failure::Configuration(format!(
             "session {} was recorded on geometry {}, its configuration gives {} here; {NAME_IT}",
             header.id,
-            short(hash),
-            short(ground.mesh.hash()),
+            short_hash(hash),
+            short_hash(geometry.mesh.hash()),
         ))),
-        _ => Ok(ground),
+        _ => Ok(geometry),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unknown_keys_of_a_kept_section_are_passed_over() {
+        let section = |text: &str| Some(toml::Value::Table(toml::from_str(text).unwrap()));
+        let read: ReconstructionSettings = known_keys(section(
+            "method = \"tv\"\ngap = 1e-4\nof_a_later_version = 3\nloss_only = true",
+        ))
+        .unwrap();
+        let asked = ReconstructionSettings {
+            method: Some(imaging::Method::Tv),
+            gap: Some(1e-4),
+            loss_only: Some(true),
+            ..ReconstructionSettings::default()
+        };
+        assert_eq!(read, asked);
+        let tank: GeometrySettings = known_keys(section(
+            "preset = \"disc-tank\"\nlater = 1\n[disc-tank]\nradius_mm = 50.0",
+        ))
+        .unwrap();
+        assert_eq!(tank.disc_tank.unwrap().radius_mm, 50.0);
+        let wrong: Result<ReconstructionSettings, _> = known_keys(section("gap = \"small\""));
+        assert!(wrong.is_err());
     }
 }

@@ -12,8 +12,8 @@ use survey::{Amps, Baseline, Protocol, Reading};
 use crate::args::{Export, Global};
 use crate::failure::Failure;
 use crate::maps::drawing;
-use crate::maps::reconstruction::{Eye, Scene};
-use crate::maps::recording::Home;
+use crate::maps::reconstruction::{Reconstruction, Unloaded};
+use crate::maps::recording::Origin;
 use crate::maps::replay::progress;
 use crate::options::choices::Format;
 use crate::output::Printer;
@@ -301,30 +301,20 @@ fn picture(
         None => session.last_sequence()?,
     };
     let record = session.frame(sequence)?;
-    let noise: Vec<f64> = baseline.deviation.iter().flatten().copied().collect();
-    let noise = (!noise.is_empty())
-        .then(|| {
-            (noise
-                .iter()
-                .map(|deviation| deviation * deviation)
-                .sum::<f64>()
-                / noise.len() as f64)
-                .sqrt()
-        })
-        .filter(|noise| *noise > 0.0);
-    let eye = Eye::open(
+    let noise = imaging::noise::rms(baseline.deviation.iter().flatten().copied());
+    let reconstruction = Reconstruction::new(
         &export.method,
         &export.geometry,
-        &Home::Session(Box::new(header.clone())),
-        &Scene {
+        &Origin::Session(Box::new(header.clone())),
+        &Unloaded {
             protocol: &header.protocol,
             baseline: &baseline.readings,
             noise,
             current: record.frame.settings.current,
         },
     )?;
-    let map = eye.look(&baseline.readings, &record.frame.readings)?;
-    let found = eye.field.found(&map);
+    let map = reconstruction.map(&baseline.readings, &record.frame.readings)?;
+    let found = reconstruction.field.found(&map);
     let title = format!(
         "{}, frame {sequence}, {}",
         header.id,
@@ -332,11 +322,14 @@ fn picture(
     );
     let style = drawing::style(title, export.scale, header.simulated, found);
     let (what, bytes) = match export.format {
-        Format::Svg => ("svg", drawing::svg(&eye.field, &map, &style)?.into_bytes()),
-        Format::Png | Format::Csv => ("png", drawing::png(&eye.field, &map, &style)?),
+        Format::Svg => (
+            "svg",
+            drawing::svg(&reconstruction.field, &map, &style)?.into_bytes(),
+        ),
+        Format::Png | Format::Csv => ("png", drawing::png(&reconstruction.field, &map, &style)?),
     };
     outfile::write(&export.out, export.replacing.existing(), &bytes)?;
-    for remark in &eye.remarks {
+    for remark in &reconstruction.remarks {
         printer.text(remark)?;
     }
     let written = Written {

@@ -5,7 +5,7 @@ use rig::{AcquireError, LinkError, RigError};
 /// The first sentence names the instrument and says whether the source is verified off; the rest says where and why.
 pub(crate) fn tell(error: &AcquireError) -> String {
     let Some(cause) = error.cause() else {
-        return crate::recording::model::chain(error);
+        return survey::error_chain(error);
     };
     let mut text = format!("{}; {}", what(cause), safety(error));
     let at = match error {

@@ -13,11 +13,11 @@ use crate::acquisition::playback::{Recording, RecordingError};
 use crate::instruments::assembly::AnyRig;
 use crate::monitoring::heartbeat::{Part, Pulse, Rests};
 use crate::preparation::RigPlan;
-use crate::recording::model::chain;
 use crate::recording::recorder::Order;
 use crate::recording::session_status::Live;
 use crate::session::controller::Happening;
 use crate::session::schedule::{Next, Schedule};
+use survey::error_chain as chain;
 
 /// Nothing that waits is late by less.
 const BEYOND_ITS_TIME: Duration = Duration::from_secs(120);

@@ -8,7 +8,7 @@ pub(crate) mod problems;
 
 use std::path::{Path, PathBuf};
 
-use eit::{DiscTank, PaperSheet};
+use imaging::{GeometrySettings, ReconstructionSettings};
 use serde::{Deserialize, Serialize};
 
 pub(crate) use observing::{MetricsSection, NotifySection};
@@ -28,8 +28,8 @@ pub(crate) struct Config {
     pub recording: Option<RecordingSection>,
     pub wiring: WiringSection,
     pub survey: SurveySection,
-    pub geometry: GeometrySection,
-    pub model: ModelSection,
+    pub geometry: GeometrySettings,
+    pub model: ReconstructionSettings,
     pub record: RecordSection,
     pub about: AboutSection,
     pub bus: BusSection,
@@ -209,74 +209,6 @@ impl Default for SurveySection {
             zero_every: None,
         }
     }
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum PresetName {
-    #[default]
-    PaperSheet,
-    DiscTank,
-}
-
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(crate) struct GeometrySection {
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub preset: Option<PresetName>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub case: Option<PathBuf>,
-    #[serde(rename = "paper-sheet", skip_serializing_if = "Option::is_none")]
-    pub paper_sheet: Option<PaperSheet>,
-    #[serde(rename = "disc-tank", skip_serializing_if = "Option::is_none")]
-    pub disc_tank: Option<DiscTank>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum MethodName {
-    #[default]
-    OneStep,
-    Tv,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum PriorName {
-    Tikhonov,
-    #[default]
-    Noser,
-    Laplace,
-    Gaussian,
-}
-
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(crate) struct ModelSection {
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub file: Option<PathBuf>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub method: Option<MethodName>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub prior: Option<PriorName>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub exponent: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub length_mm: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub noise_uv: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub lambda: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub noise_figure: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub map_error: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub loss_only: Option<bool>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub gap: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub calibration: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -9,7 +9,7 @@ use std::time::Duration;
 use chrono::{DateTime, Utc};
 use logbook::Event;
 
-use crate::recording::model::chain;
+use survey::error_chain as chain;
 
 /// Events that may wait for the disk; beyond it they are counted.
 const QUEUE: usize = 256;

@@ -14,9 +14,9 @@ use tokio::sync::watch;
 
 use crate::instruments::assembly::make_safe_each;
 use crate::preparation::RigPlan;
-use crate::recording::model::chain;
 use crate::service::containment;
 use crate::session::controller::Keeper;
+use survey::error_chain as chain;
 
 /// The last resort is tried again after so long, then after twice that, up to the second.
 const AGAIN: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(2));

@@ -61,7 +61,7 @@ pub(crate) fn press(
         phantom.release();
         phantom
             .press(load)
-            .map_err(|error| crate::recording::model::chain(&error))
+            .map_err(|error| survey::error_chain(&error))
     })
 }
 

@@ -26,8 +26,9 @@ use crate::acquisition::playback::Recording;
 use crate::config::problems::{Problem, Source};
 use crate::config::{Config, EnableName, RigKind, SurveySection};
 use crate::instruments::address::Place;
-use crate::recording::model::{Geometry, Model, chain, geometry, model};
 use crate::session::schedule::Schedule;
+use imaging::{Conditions, Geometry, Model};
+use survey::error_chain as chain;
 
 /// A configuration understood.
 pub(crate) struct Prepared {
@@ -242,7 +243,13 @@ fn understand(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepare
         .as_ref()
         .filter(|_| config.rig.kind == RigKind::Recording)
         .and_then(|recording| recording.case.as_deref());
-    let geometry = findings.taken("geometry", geometry(&config.geometry, case));
+    let geometry = findings.taken(
+        "geometry",
+        config
+            .geometry
+            .geometry(case)
+            .map_err(|error| chain(&error)),
+    );
     let (protocol, frames) = match config.rig.kind {
         RigKind::Recording => {
             let (protocol, recording, baseline) = played::recorded(&config, findings)?;
@@ -288,10 +295,15 @@ fn understand(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepare
     } else {
         "model"
     };
-    let model = findings.taken(
-        key,
-        model(&config.model, current, &geometry, &protocol).map_err(|fault| chain(&fault)),
-    );
+    let conditions = Conditions {
+        geometry: &geometry,
+        protocol: &protocol,
+        current,
+        noise_v: None,
+    };
+    let built = imaging::check_live(&config.model)
+        .and_then(|()| imaging::build(&config.model, &conditions));
+    let model = findings.taken(key, built.map_err(|error| chain(&error)));
     let config_toml = findings.taken(
         "rig",
         toml::to_string(&config).map_err(|cause| cause.to_string()),

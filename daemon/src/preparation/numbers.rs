@@ -2,7 +2,9 @@
 //! when the file was read ([`crate::config::numbers`]).
 
 use crate::config::numbers::too_long;
-use crate::config::{Config, MethodName};
+use imaging::Method;
+
+use crate::config::Config;
 use crate::preparation::Findings;
 
 /// Adds a problem for each.
@@ -78,7 +80,7 @@ fn of_the_method(config: &Config, findings: &mut Findings<'_>) {
 /// Settings of one method that the other would ignore.
 fn of_total_variation(config: &Config, findings: &mut Findings<'_>) {
     let model = &config.model;
-    let tv = model.method == Some(MethodName::Tv);
+    let tv = model.method == Some(Method::Tv);
     for (key, given, other) in [
         ("prior", tv && model.prior.is_some(), "one-step"),
         ("exponent", tv && model.exponent.is_some(), "one-step"),

@@ -8,7 +8,10 @@ use survey::{Amps, Baseline, Protocol};
 use crate::acquisition::playback::{Playing, Recording};
 use crate::config::{Config, RecordingSection};
 use crate::preparation::Findings;
-use crate::recording::model::{DEFAULT_NOISE_UV, Geometry, chain};
+
+use imaging::Geometry;
+use imaging::noise::{self, DEFAULT_NOISE_UV, Noise};
+use survey::error_chain as chain;
 
 /// Opens what was measured before.
 pub(super) fn recorded(
@@ -63,11 +66,6 @@ pub(super) fn recorded(
     Some((protocol, recording, baseline))
 }
 
-/// Noise assumed of a baseline that does not show any, as a share of its readings' rms; `tactus replay` assumes the same.
-const ASSUMED_NOISE: f64 = 1e-3;
-/// What rounding alone leaves of a mean, as a share of the readings' rms; below it there is no noise to speak of.
-const SMALLEST_NOISE: f64 = 1e-12;
-
 /// Fills in what the recording itself says of current and noise, so that the configuration kept in a session is enough
 /// to make its maps again, to the bit.
 ///
@@ -105,7 +103,7 @@ pub(super) fn complete(
     }
     match gain(baseline, geometry, protocol) {
         Some(gain) => {
-            let noise = noise(baseline);
+            let noise = noise_of(baseline);
             tracing::info!("noise of one reading: {noise:.2e} in the recording's unit");
             config.model.noise_uv = Some(noise / gain * current_ua);
         }
@@ -117,39 +115,14 @@ pub(super) fn complete(
 }
 
 /// In the baseline's own unit.
-fn noise(baseline: &Baseline) -> f64 {
-    let size = rms(baseline
-        .readings
-        .iter()
-        .filter_map(|reading| reading.volts())
-        .map(|volts| volts.0));
-    rms(baseline.deviation.iter().flatten().copied())
-        .zip(size)
-        .and_then(|(noise, size)| (noise > SMALLEST_NOISE * size).then_some(noise))
-        .or(size.map(|size| ASSUMED_NOISE * size))
-        .unwrap_or(DEFAULT_NOISE_UV * 1e-6)
+fn noise_of(baseline: &Baseline) -> f64 {
+    let deviation = noise::rms(baseline.deviation.iter().flatten().copied());
+    Noise::of_baseline(deviation, &baseline.readings)
+        .map_or(DEFAULT_NOISE_UV * 1e-6, Noise::deviation)
 }
 
-fn rms(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let (count, squares) = values.fold((0_usize, 0.0), |(count, squares), value| {
-        (count + 1, squares + value * value)
-    });
-    (count > 0 && squares > 0.0).then(|| (squares / count as f64).sqrt())
-}
-
-/// By how much the baseline exceeds the geometry's own readings at 1 A, in the least squares; `None` where they do not
-/// agree in sign.
+/// By how much the baseline exceeds the geometry's own readings at 1 A; `None` where they do not agree.
 fn gain(baseline: &Baseline, geometry: &Geometry, protocol: &Protocol) -> Option<f64> {
-    let model = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m)
-        .ok()?
-        .readings(&geometry.sigma0, protocol)
-        .ok()?;
-    let (mut both, mut own) = (0.0, 0.0);
-    for (reading, &ohms) in baseline.readings.iter().zip(model.iter()) {
-        if let Some(volts) = reading.volts() {
-            both += ohms * volts.0;
-            own += ohms * ohms;
-        }
-    }
-    Some(both / own).filter(|gain| *gain > 0.0 && gain.is_finite())
+    let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m).ok()?;
+    noise::gain(&forward, &geometry.sigma0, protocol, &baseline.readings).ok()?
 }

@@ -17,7 +17,8 @@ use crate::instruments::simulation::{self, Profile, Scene};
 use crate::preparation::wired;
 use crate::preparation::wired::Wired;
 use crate::preparation::{Findings, Places, RigPlan};
-use crate::recording::model::{Geometry, chain};
+use imaging::Geometry;
+use survey::error_chain as chain;
 
 /// What the rig is to do; checked against its limits.
 pub(super) fn rig_plan(

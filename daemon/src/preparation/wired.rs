@@ -12,7 +12,7 @@ use survey::{
 
 use crate::config::{Config, WiringKind};
 use crate::preparation::Findings;
-use crate::recording::model::chain;
+use survey::error_chain as chain;
 
 /// A wiring with the modules that it is made for.
 #[derive(Debug, Clone)]

@@ -9,9 +9,10 @@ use logbook::MapRecord;
 use survey::{Baseline, Map, Reading};
 use tokio::sync::mpsc::WeakSender;
 
-use crate::recording::model::{Model, chain};
 use crate::recording::recorder::Order;
 use crate::service::containment;
+use imaging::Model;
+use survey::error_chain as chain;
 
 /// A frame's record waits so long for its map, and no longer.
 const PATIENCE: Duration = Duration::from_secs(2);

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use eit::{Forward, ForwardError};
 
-use crate::recording::model::Geometry;
+use imaging::Geometry;
 
 /// A uniform sheet on the configured geometry.
 pub(super) struct Uniform {

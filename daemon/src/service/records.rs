@@ -9,9 +9,9 @@ use dbus::Fault;
 use logbook::{Index, LogbookError, SessionSummary};
 use survey::Baseline;
 
-use crate::recording::model::chain;
 use crate::service::objects::report;
 use crate::session::controller::disk_fault;
+use survey::error_chain as chain;
 
 /// So many files are read while the daemon starts; more are read beside it.
 const WHILE_STARTING: usize = 200;

@@ -12,7 +12,6 @@ use super::{crates, folder, from_root, metadata, only_exceptions, rust_files};
 const KNOWN_CYCLES: &[(&str, &str, &[&str])] = &[
     ("cli", "", &["control", "maps", "records"]),
     ("cli", "control", &["session", "status", "viewer"]),
-    ("cli", "maps", &["reconstruction", "settings"]),
     (
         "daemon",
         "",

@@ -206,10 +206,10 @@ async fn identify(place: &Place) -> Result<String, String> {
             return Err("nobody there can be asked for a name".to_owned());
         }
     };
-    let stream = stream.map_err(|cause| crate::recording::model::chain(&cause))?;
+    let stream = stream.map_err(|cause| survey::error_chain(&cause))?;
     let mut link = Link::new(stream, place.to_string(), PATIENCE);
     let said = link.ask("*IDN?").await;
-    said.map_err(|cause| crate::recording::model::chain(&cause))
+    said.map_err(|cause| survey::error_chain(&cause))
 }
 
 /// One line a thing: the same identity at the same place, or the same serial number, is one instrument.

@@ -12,9 +12,9 @@ use rig::Clock;
 
 use crate::config::{FullName, RecordSection};
 use crate::monitoring::heartbeat::Part;
-use crate::recording::model::chain;
 use crate::recording::recorder::events::Unwritten;
 use crate::recording::recorder::{FOR_A_WRITE, Recorder, Row};
+use survey::error_chain as chain;
 
 /// Between two looks whether there is room again.
 const LOOK_AGAIN: Duration = Duration::from_millis(200);

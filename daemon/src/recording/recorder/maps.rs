@@ -3,9 +3,9 @@
 use logbook::LogbookError;
 use survey::Frame;
 
-use crate::recording::model::chain;
 use crate::recording::reconstruction_worker::{Attempt, Failure, Made};
 use crate::recording::recorder::{Recorder, Row, Task};
+use survey::error_chain as chain;
 
 impl Recorder {
     pub(super) fn ask_for_map(

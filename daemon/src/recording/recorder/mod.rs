@@ -24,10 +24,10 @@ use survey::{Baseline, Checks, Frame, Map, Quality};
 use tokio::sync::mpsc::{self, error::TryRecvError};
 
 use crate::monitoring::heartbeat::{Part, Pulse, Rests};
-use crate::recording::model::chain;
 use crate::recording::reconstruction_worker::{Attempt, Mapped, Mapper};
 use crate::recording::session_status::{Live, Published};
 use crate::session::controller::SHUT_DOWN;
+use survey::error_chain as chain;
 
 /// Frames that may wait for the disk before acquisition does.
 pub(crate) const QUEUE: usize = 16;

@@ -12,10 +12,10 @@ mod readings;
 
 use survey::Wiring;
 
-use crate::recording::model::Geometry;
 use crate::self_test::probe::Raw;
 use crate::self_test::report::{Line, Report, Verdict};
 use crate::self_test::uniform_sheet::Uniform;
+use imaging::Geometry;
 
 /// A row or column that differs from the uniform sheet by more is at fault; loads and uneven sheets stay below.
 const GAIN_OFF: f64 = 0.4;

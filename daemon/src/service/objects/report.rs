@@ -10,10 +10,10 @@ use survey::{Baseline, printable, printable_json};
 
 use crate::instruments::discovery::{Found, Seen};
 use crate::preparation::{RigPlan, costs, resolution};
-use crate::recording::model::Geometry;
 use crate::recording::recorder::{nanoseconds, volts};
 use crate::self_test::{Line, Report, Wear};
 use crate::session::controller::Recovery;
+use imaging::Geometry;
 
 /// The plan of a frame.
 pub(crate) fn plan(rig: &RigPlan) -> PlanReport {

@@ -33,11 +33,11 @@ use crate::instruments::lock::Claims;
 use crate::monitoring::Observed;
 use crate::monitoring::heartbeat::Pulse;
 use crate::preparation::{FramesFrom, Prepared, RigPlan, Setup};
-use crate::recording::model::chain;
 use crate::recording::session_status::Live;
 use crate::service::records::Records;
 use crate::session::end_marks::EndMarks;
 use crate::session::state::{Event, State};
+use survey::error_chain as chain;
 
 /// What a configuration means; another one takes its place at a reload.
 pub(crate) struct House {

@@ -56,8 +56,7 @@ impl Keeper {
         let kept =
             tokio::task::spawn_blocking(move || known.keep(&house.setup.record_directory)).await;
         if let Ok(Err(error)) = kept {
-            self.tell(None, "fault", &crate::recording::model::chain(&error))
-                .await;
+            self.tell(None, "fault", &survey::error_chain(&error)).await;
         }
     }
 
@@ -124,7 +123,7 @@ impl Keeper {
         let (bench, known) = (self.house().bench.clone(), self.known());
         let assembled = assemble(plan, &bench, &self.tape, Closed::Open, Some(&known))
             .await
-            .map_err(|error| Fault::InstrumentFault(crate::recording::model::chain(&error)))?;
+            .map_err(|error| Fault::InstrumentFault(survey::error_chain(&error)))?;
         *rig = Some(assembled.rig);
         drop(source);
         let was = {

@@ -13,10 +13,10 @@ use crate::events::broadcast::Notice;
 use crate::instruments::assembly::{Assembled, AssemblyError, Closed, assemble, open_relays};
 use crate::instruments::identities::UNTIL_AGREED;
 use crate::preparation::RigPlan;
-use crate::recording::model::chain;
 use crate::session::controller::rig_events::Concerned;
 use crate::session::controller::{Keeper, Recovery};
 use crate::session::state::Event;
+use survey::error_chain as chain;
 
 /// A lost rig is looked for again after so long, and then ever less often up to the second value.
 pub(super) const LOOK_AGAIN: (Duration, Duration) =

@@ -11,9 +11,9 @@ use crate::instruments::assembly::{Closed, assemble};
 use crate::instruments::identities::Known;
 use crate::instruments::simulation::SimulatedRig;
 use crate::preparation::{FramesFrom, Prepared, prepare};
-use crate::recording::model::chain;
 use crate::session::controller::{House, Keeper};
 use crate::session::state::Event;
+use survey::error_chain as chain;
 
 impl Keeper {
     /// Reads the configuration again. During a session it waits for that session's end.

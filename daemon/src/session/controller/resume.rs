@@ -13,10 +13,10 @@ use logbook::{
 };
 use rig::Clock;
 
-use crate::recording::model::chain;
 use crate::recording::recorder::free_bytes;
 use crate::session::controller::Keeper;
 use crate::session::end_marks::EndMarks;
+use survey::error_chain as chain;
 
 /// Between looks for a rig that a session waits for.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);

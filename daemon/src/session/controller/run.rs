@@ -15,7 +15,6 @@ use crate::acquisition::measuring::Measuring;
 use crate::acquisition::task::{Course, Ended, FrameSource, Watch};
 use crate::events::broadcast::Notice;
 use crate::preparation::Setup;
-use crate::recording::model::chain;
 use crate::recording::reconstruction_worker::{Mapper, Means};
 use crate::recording::recorder::{Disk, Order, QUEUE, Recorder, Task, free_bytes};
 use crate::recording::session_status::{Ending, Facts, Live};
@@ -24,6 +23,7 @@ use crate::session::controller::rig_events::{Concerned, Happening};
 use crate::session::controller::session_options::Assignment;
 use crate::session::controller::{Keeper, disk_fault};
 use crate::session::state::{Event, Work};
+use survey::error_chain as chain;
 
 /// Ended sessions that stay on the bus, so that who started one can still ask how it went.
 const REMEMBERED: usize = 16;

@@ -18,10 +18,11 @@ use crate::instruments::address::Place;
 use crate::instruments::discovery::{Found, Search, discover};
 use crate::instruments::relay_wear::wear;
 use crate::preparation::RigPlan;
-use crate::recording::model::{DEFAULT_NOISE_UV, chain};
 use crate::self_test::{Asked, ProbeError, Report, Wear, judge};
 use crate::session::controller::Keeper;
 use crate::session::state::{Event, Work};
+use imaging::noise::DEFAULT_NOISE_UV;
+use survey::error_chain as chain;
 
 /// In the record's directory: a line of JSON for every self-test.
 const REPORTS: &str = "tests.jsonl";

@@ -13,14 +13,14 @@ use crate::config::numbers::{number, whole, words};
 use crate::config::{AboutSection, RangesName, SurveySection};
 use crate::preparation;
 use crate::preparation::{RigPlan, Setup};
-use crate::recording::model;
-use crate::recording::model::{Model, ModelFault, chain};
 use crate::recording::session_status::Live;
 use crate::service::containment;
 use crate::session::controller::Keeper;
 use crate::session::controller::resume::{Interrupted, to_json};
 use crate::session::schedule::Schedule;
 use crate::session::state::Work;
+use imaging::{BuildError, Conditions, Method, Model, ReconstructionSettings};
+use survey::error_chain as chain;
 
 /// Frames of a baseline where nobody says.
 const BASELINE_FRAMES: u64 = 10;
@@ -340,21 +340,34 @@ impl Keeper {
                 current,
                 ..
             } = &house.setup;
-            if asked == "one-step" {
-                let section = crate::config::ModelSection {
+            let asked = match asked.as_str() {
+                "one-step" => ReconstructionSettings {
                     file: None,
+                    method: Some(Method::OneStep),
+                    calibration: None,
                     ..config.model.clone()
-                };
-                model::one_step(&section, *current, geometry, protocol)
-            } else {
-                let loss_only = config.model.loss_only.unwrap_or(false);
-                model::from_file(Path::new(&asked), loss_only, geometry, protocol)
-            }
+                },
+                _ => ReconstructionSettings {
+                    file: Some(asked.into()),
+                    loss_only: config.model.loss_only,
+                    ..ReconstructionSettings::default()
+                },
+            };
+            imaging::check_live(&asked)?;
+            imaging::build(
+                &asked,
+                &Conditions {
+                    geometry,
+                    protocol,
+                    current: *current,
+                    noise_v: None,
+                },
+            )
         });
         match loaded.await {
             Ok(Ok(model)) => Ok(model),
             Ok(Err(fault)) if fault.is_mismatch() => Err(Fault::ModelMismatch(chain(&fault))),
-            Ok(Err(fault @ (ModelFault::File { .. } | ModelFault::Onnx(_)))) => {
+            Ok(Err(fault @ (BuildError::File { .. } | BuildError::Onnx(_)))) => {
                 Err(Fault::ModelFile(chain(&fault)))
             }
             Ok(Err(fault)) => Err(Fault::Failed(chain(&fault))),

@@ -10,10 +10,10 @@ use survey::{Baseline, Protocol, Reading, Volts};
 
 use crate::config::{FullName, RecordSection};
 use crate::preparation::{Prepared, prepare};
-use crate::recording::model::Model;
 use crate::recording::reconstruction_worker::Means;
 use crate::recording::recorder::*;
 use crate::recording::session_status::Facts;
+use imaging::Model;
 
 const CONFIG: &str = "[rig]\nkind = \"simulated\"\n[geometry]\npreset = \"disc-tank\"\n[geometry.disc-tank]\n\
                       electrodes = 16\n[survey]\nelectrodes = 16\n[record]\ndirectory = \"state\"\n[bus]\n\

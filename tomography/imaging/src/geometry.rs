@@ -1,0 +1,208 @@
+//! The sheet or tank as the reconstruction sees it.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use eit::{Case, CaseError, DiscTank, Mesh, MeshError, PaperSheet, Preset};
+use serde::{Deserialize, Serialize};
+
+/// Conductance assumed where a case folder gives none, S per square.
+const ASSUMED_CONDUCTANCE: f64 = 1e-3;
+
+/// Built-in geometries.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "arguments", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum PresetName {
+    /// The paper's sheet of 214 mm x 230 mm with 26 void electrodes.
+    #[default]
+    PaperSheet,
+    /// A round tank with electrodes on arcs, electrode 1 on +x, counter-clockwise.
+    DiscTank,
+}
+
+/// The section `[geometry]` of a configuration: a preset or a case folder.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct GeometrySettings {
+    /// Default: the paper's sheet.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub preset: Option<PresetName>,
+    /// A case folder with a mesh.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub case: Option<PathBuf>,
+    /// Measures of the paper's sheet.
+    #[serde(rename = "paper-sheet", skip_serializing_if = "Option::is_none")]
+    pub paper_sheet: Option<PaperSheet>,
+    /// Measures of the disc tank.
+    #[serde(rename = "disc-tank", skip_serializing_if = "Option::is_none")]
+    pub disc_tank: Option<DiscTank>,
+}
+
+/// Why there is no geometry.
+#[derive(Debug, thiserror::Error)]
+pub enum GeometryError {
+    /// A preset and a case folder at once.
+    #[error("give a preset or a case folder, not both")]
+    PresetAndCase,
+    /// The case folder cannot be read.
+    #[error("{}", .folder.display())]
+    Case {
+        /// The folder.
+        folder: PathBuf,
+        /// What is wrong with it.
+        #[source]
+        cause: CaseError,
+    },
+    /// The measures of the preset contradict each other.
+    #[error("the preset makes no mesh")]
+    Preset(#[source] MeshError),
+}
+
+impl GeometrySettings {
+    /// Reads or makes the geometry. `recorded` is a case folder that a recording brings along: it is used where the
+    /// settings name no other folder and it holds a mesh.
+    ///
+    /// # Errors
+    /// Settings that contradict each other, or a case folder or preset that makes no mesh.
+    pub fn geometry(&self, recorded: Option<&Path>) -> Result<Geometry, GeometryError> {
+        if self.preset.is_some() && self.case.is_some() {
+            return Err(GeometryError::PresetAndCase);
+        }
+        let recorded = recorded.filter(|folder| self.preset.is_none() && has_mesh(folder));
+        if let Some(folder) = self.case.as_deref().or(recorded) {
+            return Geometry::from_case(folder);
+        }
+        Geometry::from_preset(&match self.preset.unwrap_or_default() {
+            PresetName::PaperSheet => {
+                Preset::PaperSheet(self.paper_sheet.clone().unwrap_or_default())
+            }
+            PresetName::DiscTank => Preset::DiscTank(self.disc_tank.clone().unwrap_or_default()),
+        })
+    }
+}
+
+/// Whether a case folder holds a mesh.
+pub fn has_mesh(folder: &Path) -> bool {
+    folder.join("nodes.csv").exists()
+}
+
+/// A mesh with its contacts and its unloaded conductance.
+#[derive(Debug, Clone)]
+pub struct Geometry {
+    /// What a person calls it: `preset disc-tank`, `case FOLDER`.
+    pub name: String,
+    /// The mesh with its electrodes and region.
+    pub mesh: Arc<Mesh>,
+    /// Contact impedance of each electrode, ohm m.
+    pub contact_ohm_m: Vec<f64>,
+    /// Unloaded conductance of each triangle, S per square.
+    pub sigma0: Vec<f64>,
+    /// Whether `sigma0` was given; else it is 1 mS throughout.
+    pub sigma0_known: bool,
+}
+
+impl Geometry {
+    /// Reads the mesh of a case folder.
+    ///
+    /// # Errors
+    /// [`GeometryError::Case`].
+    pub fn from_case(folder: &Path) -> Result<Self, GeometryError> {
+        let case = Case::read(folder).map_err(|cause| GeometryError::Case {
+            folder: folder.to_owned(),
+            cause,
+        })?;
+        let known = case.sigma.get("homog").cloned();
+        Ok(Self {
+            name: format!("case {}", folder.display()),
+            sigma0_known: known.is_some(),
+            sigma0: known.unwrap_or_else(|| vec![ASSUMED_CONDUCTANCE; case.mesh.triangles().len()]),
+            mesh: case.mesh,
+            contact_ohm_m: case.contact_ohm_m,
+        })
+    }
+
+    /// Makes the mesh of a preset.
+    ///
+    /// # Errors
+    /// [`GeometryError::Preset`].
+    pub fn from_preset(preset: &Preset) -> Result<Self, GeometryError> {
+        let mesh = preset.mesh().map_err(GeometryError::Preset)?;
+        let name = match preset {
+            Preset::PaperSheet(_) => "preset paper-sheet",
+            Preset::DiscTank(_) => "preset disc-tank",
+        };
+        Ok(Self {
+            name: name.to_owned(),
+            sigma0: vec![preset.conductance(); mesh.triangles().len()],
+            sigma0_known: true,
+            contact_ohm_m: preset.contact_ohm_m(),
+            mesh: Arc::new(mesh),
+        })
+    }
+
+    /// Number of electrodes of the mesh.
+    pub fn electrodes(&self) -> usize {
+        self.mesh.electrodes()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn coarse_tank() -> DiscTank {
+        DiscTank {
+            fineness: 0.25,
+            ..DiscTank::default()
+        }
+    }
+
+    #[test]
+    fn preset_and_case_together_are_refused() {
+        let both = GeometrySettings {
+            preset: Some(PresetName::DiscTank),
+            case: Some("here".into()),
+            ..GeometrySettings::default()
+        };
+        assert!(matches!(
+            both.geometry(None),
+            Err(GeometryError::PresetAndCase)
+        ));
+    }
+
+    #[test]
+    fn a_recorded_folder_gives_the_mesh_unless_a_preset_is_named() {
+        let preset = Geometry::from_preset(&Preset::DiscTank(coarse_tank())).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let protocol = survey::Protocol::sheffield(16).unwrap();
+        let case = Case {
+            contact_ohm_m: preset.contact_ohm_m.clone(),
+            currents: vec![1e-3; protocol.len()],
+            has_region: false,
+            protocol,
+            sigma: Default::default(),
+            mesh: Arc::clone(&preset.mesh),
+        };
+        let path = folder.path().join("case");
+        case.write(&path, eit::Existing::Refuse).unwrap();
+        let read = GeometrySettings::default().geometry(Some(&path)).unwrap();
+        assert_eq!(read.name, format!("case {}", path.display()));
+        assert!(!read.sigma0_known);
+        assert!(read.sigma0.iter().all(|sigma| *sigma == 1e-3));
+        let named = GeometrySettings {
+            preset: Some(PresetName::DiscTank),
+            disc_tank: Some(coarse_tank()),
+            ..GeometrySettings::default()
+        };
+        let named = named.geometry(Some(&path)).unwrap();
+        assert_eq!(named.name, "preset disc-tank");
+        assert!(named.sigma0_known);
+    }
+
+    #[test]
+    fn an_unreadable_case_folder_is_named() {
+        let error = Geometry::from_case(Path::new("no-such-folder")).unwrap_err();
+        assert_eq!(error.to_string(), "no-such-folder");
+    }
+}
