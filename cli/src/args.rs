@@ -7,7 +7,7 @@ use clap::{Args, Parser, Subcommand};
 use outfile::{Existing, GrowingFolder, OutFolder, OutPath};
 
 use crate::options::about::About;
-use crate::options::choices::{BaselineChoice, Format, GeometryChoice, MethodChoice, Scale};
+use crate::options::choices::{BaselineRule, Format, GeometryChoice, MethodChoice, Scale};
 use crate::options::duration::{SpanError, parse_span};
 use crate::options::measuring::Measuring;
 use crate::options::numbers::speed;
@@ -441,7 +441,7 @@ pub struct Replay {
     pub frames: Option<PathBuf>,
     /// What to subtract: FILE (its frames' mean) or first:N (mean of the first N frames); a session uses its own unless said
     #[arg(long, value_name = "FILE|first:N")]
-    pub baseline: Option<BaselineChoice>,
+    pub baseline: Option<BaselineRule>,
     /// Compare each map with the trace of the one that was recorded (1 where the same build and processor make another)
     #[arg(long, conflicts_with_all = ["baseline", "negate", "frames"])]
     pub verify: bool,
@@ -550,7 +550,7 @@ mod tests {
         let Command::Replay(replay) = arguments.command else {
             panic!()
         };
-        assert_eq!(replay.baseline, Some(BaselineChoice::First(16)));
+        assert_eq!(replay.baseline, Some(BaselineRule::First(16)));
         assert_eq!(replay.geometry.preset, Some(PresetName::DiscTank));
         assert!(replay.negate);
         assert_eq!(replay.method.prior, None);

@@ -5,12 +5,12 @@ use std::sync::Arc;
 use eit::inverse::learned::network::is_onnx;
 use eit::{DiscTank, Forward, PaperSheet, Preset};
 use imaging::noise::{self, Noise};
+use imaging::recorded::{Origin, Unloaded};
 use imaging::{BuildError, Conditions, Geometry, Method, Model, has_mesh, short_hash};
 use survey::{Amps, Map, Protocol, Reading};
 
 use crate::failure::Failure;
 use crate::maps::drawing::Field;
-use crate::maps::recording::Origin;
 use crate::maps::settings::Chosen;
 use crate::options::choices::{GeometryChoice, MethodChoice, PresetName};
 
@@ -24,11 +24,9 @@ pub(crate) struct Reconstruction {
 }
 
 /// What is known of the record before anything is reconstructed.
-pub(crate) struct Unloaded<'a> {
+pub(crate) struct Known<'a> {
     pub(crate) protocol: &'a Protocol,
-    pub(crate) baseline: &'a [Reading],
-    /// Standard deviation of one reading, V, measured on the baseline's frames.
-    pub(crate) noise: Option<f64>,
+    pub(crate) unloaded: &'a Unloaded,
     pub(crate) current: Amps,
 }
 
@@ -41,24 +39,24 @@ impl Reconstruction {
         method: &MethodChoice,
         geometry: &GeometryChoice,
         origin: &Origin,
-        unloaded: &Unloaded<'_>,
+        known: &Known<'_>,
     ) -> Result<Self, Failure> {
         let mut chosen = Chosen::new(method, origin)?;
         let model = match &chosen.settings.file {
             Some(file) => {
                 // an ONNX file brings no mesh
                 let geometry = match is_onnx(file) {
-                    true => Some(choose_geometry(geometry, origin, unloaded.protocol)?.0),
+                    true => Some(choose_geometry(geometry, origin, known.protocol)?.0),
                     false => None,
                 };
                 let loss_only = chosen.settings.loss_only.unwrap_or(false);
-                imaging::load(file, loss_only, unloaded.protocol, geometry.as_ref())
+                imaging::load(file, loss_only, known.protocol, geometry.as_ref())
                     .map_err(not_built)?
             }
             None => {
-                let (geometry, remarks) = choose_geometry(geometry, origin, unloaded.protocol)?;
+                let (geometry, remarks) = choose_geometry(geometry, origin, known.protocol)?;
                 chosen.remarks.extend(remarks);
-                prepare(&mut chosen, geometry, unloaded)?
+                prepare(&mut chosen, geometry, known)?
             }
         };
         Ok(Self {
@@ -88,14 +86,14 @@ impl Reconstruction {
 fn prepare(
     chosen: &mut Chosen,
     mut geometry: Geometry,
-    unloaded: &Unloaded<'_>,
+    known: &Known<'_>,
 ) -> Result<Model, Failure> {
     let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m)
         .map_err(|error| unsolvable(&error))?;
-    let (protocol, baseline) = (unloaded.protocol, unloaded.baseline);
+    let (protocol, baseline) = (known.protocol, known.unloaded.readings.as_slice());
     if !geometry.sigma0_known {
         let triangles = geometry.mesh.triangles().len();
-        let current = unloaded.current.0;
+        let current = known.current.0;
         let conductance =
             noise::fitted_conductance(&forward, triangles, current, protocol, baseline)
                 .map_err(|error| unsolvable(&error))?
@@ -108,7 +106,7 @@ fn prepare(
     // The method scales its model to the baseline; noise counts at that scale, so that the unit does not matter.
     // The daemon takes it at the frames' own current, and a map can only be verified as it was made.
     let current = if chosen.as_recorded {
-        unloaded.current
+        known.current
     } else {
         Amps(
             noise::gain(&forward, &geometry.sigma0, protocol, baseline)
@@ -121,7 +119,7 @@ fn prepare(
         && (settings.noise_figure.is_none() || settings.method != Some(Method::OneStep));
     let mut noise_v = chosen.noise_v;
     if noise_needed && noise_v.is_none() && !chosen.as_recorded {
-        let noise = Noise::of_baseline(unloaded.noise, baseline).ok_or_else(unlike)?;
+        let noise = Noise::of_baseline(known.unloaded.noise, baseline).ok_or_else(unlike)?;
         chosen.remarks.push(match noise {
             Noise::Measured(volts) => format!(
                 "noise of one reading, measured on the baseline's frames: {volts:.2e} in the readings' unit"

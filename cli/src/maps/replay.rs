@@ -2,6 +2,7 @@
 
 use std::io::{IsTerminal, Write};
 
+use imaging::recorded::{RecordedFrame, Recording};
 use indicatif::{ProgressBar, ProgressStyle};
 use outfile::OutFile;
 use serde::Serialize;
@@ -10,9 +11,8 @@ use survey::Map;
 use crate::args::{Global, Replay};
 use crate::failure::Failure;
 use crate::maps::drawing;
-use crate::maps::reconstruction::{Reconstruction, Unloaded};
+use crate::maps::reconstruction::{Known, Reconstruction};
 use crate::maps::recording;
-use crate::maps::recording::{Recorded, Recording};
 use crate::output::Printer;
 use crate::records::sessions::utc;
 
@@ -44,14 +44,13 @@ pub(crate) fn run(
         &replay.method,
         &replay.geometry,
         &recording.origin,
-        &Unloaded {
+        &Known {
             protocol: &recording.protocol,
-            baseline: &recording.baseline,
-            noise: recording.noise,
+            unloaded: &recording.unloaded,
             current: recording.current,
         },
     )?;
-    let count = recording.len()?;
+    let count = recording::count(&recording, replay)?;
     introduce(&recording, count, &reconstruction, printer)?;
     let existing = replay.replacing.existing();
     if let Some(directory) = &replay.png {
@@ -64,9 +63,9 @@ pub(crate) fn run(
     let progress = progress(count, printer.is_terminal());
     let draw = printer.is_terminal() && !replay.no_map;
     let mut verdict = Verdict::default();
-    for recorded in recording.frames() {
+    for recorded in recording::frames(&recording, replay) {
         let map = reconstruction
-            .map(&recording.baseline, &recorded.readings)
+            .map(&recording.unloaded.readings, &recorded.readings)
             .map_err(|failure| match failure {
                 Failure::Failed(text) => {
                     Failure::Failed(format!("frame {}: {text}", recorded.sequence))
@@ -155,7 +154,7 @@ struct Verdict {
 }
 
 impl Verdict {
-    fn take(&mut self, recorded: &Recorded, map: &Map) {
+    fn take(&mut self, recorded: &RecordedFrame, map: &Map) {
         let Some(kept) = &recorded.map else {
             self.without += 1;
             return;

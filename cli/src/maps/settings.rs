@@ -1,9 +1,9 @@
 //! How maps are to be made: what the options say, else what the session had, else the defaults.
 
+use imaging::recorded::Origin;
 use imaging::{Method, ReconstructionSettings, find_model, find_model_in, short_hash};
 
 use crate::failure::Failure;
-use crate::maps::recording::Origin;
 use crate::options::choices::MethodChoice;
 use crate::records::directory;
 

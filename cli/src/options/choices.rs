@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+pub use imaging::recorded::BaselineRule;
 pub use imaging::{Method, PresetName, PriorName};
 
 use crate::options::numbers::{above_zero, degrees, electrodes, exponent, millimetres};
@@ -73,31 +74,6 @@ pub enum Format {
     Png,
     /// A drawing of one map.
     Svg,
-}
-
-/// What is subtracted in a replay.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum BaselineChoice {
-    /// The mean of the recording's first frames.
-    First(usize),
-    /// The mean of a file's frames.
-    File(PathBuf),
-}
-
-impl std::str::FromStr for BaselineChoice {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text.strip_prefix("first:") {
-            None => Ok(Self::File(PathBuf::from(text))),
-            Some(count) => match count.parse() {
-                Ok(count) if count > 0 => Ok(Self::First(count)),
-                _ => Err(format!(
-                    "'{count}' is not a number of frames; write for example first:16"
-                )),
-            },
-        }
-    }
 }
 
 /// Scale of a map.

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use imaging::recorded::{Origin, SessionParts, Unloaded};
 use logbook::{Record, SessionHeader, SessionKind};
 use outfile::{Existing, OutFile};
 use serde::Serialize;
@@ -12,13 +13,12 @@ use survey::{Amps, Baseline, Protocol, Reading};
 use crate::args::{Export, Global};
 use crate::failure::Failure;
 use crate::maps::drawing;
-use crate::maps::reconstruction::{Reconstruction, Unloaded};
-use crate::maps::recording::Origin;
+use crate::maps::reconstruction::{Known, Reconstruction};
+use crate::maps::recording::left_out;
 use crate::maps::replay::progress;
 use crate::options::choices::Format;
 use crate::output::Printer;
 use crate::records::directory;
-use crate::records::parts::{Parts, left_out};
 use crate::records::sessions::{local, utc};
 
 /// A line of `export --json`; see `docs/reference/json.md`.
@@ -42,7 +42,7 @@ pub(crate) fn run(
     export: &Export,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let session = Parts::open(&directory::session_file(global, &export.session)?)?;
+    let session = SessionParts::open(&directory::session_file(global, &export.session)?)?;
     match export.format {
         Format::Csv => tables(&session, export, printer),
         Format::Png | Format::Svg if session.header().kind == SessionKind::Baseline => {
@@ -57,7 +57,7 @@ pub(crate) fn run(
 }
 
 fn tables(
-    session: &Parts,
+    session: &SessionParts,
     export: &Export,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
@@ -136,9 +136,7 @@ fn tables(
     }
     // what went into a device or a pipe may be nowhere, and `sessions prune --exported-only` believes the mark
     for part in session.each().iter().filter(|_| beside.is_some()) {
-        let own = part
-            .last_sequence()
-            .map_err(|error| directory::refused(&error))?;
+        let own = part.last_sequence()?;
         // what a session that still runs has got since was not written
         crate::records::maintenance::mark(part, own.min(last), &export.out);
     }
@@ -285,7 +283,7 @@ fn reason(reading: Reading) -> Option<&'static str> {
 }
 
 fn picture(
-    session: &Parts,
+    session: &SessionParts,
     export: &Export,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
@@ -301,19 +299,21 @@ fn picture(
         None => session.last_sequence()?,
     };
     let record = session.frame(sequence)?;
-    let noise = imaging::noise::rms(baseline.deviation.iter().flatten().copied());
+    let unloaded = Unloaded {
+        noise: imaging::noise::rms(baseline.deviation.iter().flatten().copied()),
+        readings: baseline.readings,
+    };
     let reconstruction = Reconstruction::new(
         &export.method,
         &export.geometry,
         &Origin::Session(Box::new(header.clone())),
-        &Unloaded {
+        &Known {
             protocol: &header.protocol,
-            baseline: &baseline.readings,
-            noise,
+            unloaded: &unloaded,
             current: record.frame.settings.current,
         },
     )?;
-    let map = reconstruction.map(&baseline.readings, &record.frame.readings)?;
+    let map = reconstruction.map(&unloaded.readings, &record.frame.readings)?;
     let found = reconstruction.field.found(&map);
     let title = format!(
         "{}, frame {sequence}, {}",

@@ -6,5 +6,4 @@ pub(crate) mod events;
 pub(crate) mod export;
 pub(crate) mod log;
 pub(crate) mod maintenance;
-pub(crate) mod parts;
 pub(crate) mod sessions;

@@ -4,12 +4,13 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use imaging::recorded::RecordedError;
 use rig::{AcquireError, Clock, Stop, SystemClock, Tape};
 use survey::Frame;
 use tokio::sync::{mpsc, watch};
 
 use crate::acquisition::measuring::Measuring;
-use crate::acquisition::playback::{Recording, RecordingError};
+use crate::acquisition::playback::Recording;
 use crate::instruments::assembly::AnyRig;
 use crate::monitoring::heartbeat::{Part, Pulse, Rests};
 use crate::preparation::RigPlan;
@@ -40,7 +41,7 @@ pub(crate) enum Ended {
     /// The rig failed; it is safe unless the text says otherwise.
     Rig(Box<AcquireError>),
     /// The recording failed.
-    Recording(Box<RecordingError>),
+    Recording(Box<RecordedError>),
 }
 
 impl Ended {

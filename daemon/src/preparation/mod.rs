@@ -287,7 +287,13 @@ fn understand(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepare
         baseline,
     }) = &frames
     {
-        played::complete(&mut config, recording, baseline, &geometry, &protocol);
+        played::complete(
+            &mut config,
+            recording.frames(),
+            baseline,
+            &geometry,
+            &protocol,
+        );
     }
     let current = Amps(config.survey.current_ua * 1e-6);
     let key = if config.model.file.is_some() {
@@ -366,7 +372,7 @@ impl Prepared {
     pub(crate) fn is_simulated(&self) -> bool {
         match &self.frames {
             FramesFrom::Rig(rig) => rig.bench.is_some(),
-            FramesFrom::Recording { recording, .. } => recording.is_simulated(),
+            FramesFrom::Recording { recording, .. } => recording.frames().is_simulated(),
         }
     }
 }

@@ -3,15 +3,14 @@
 use std::sync::Arc;
 
 use eit::Forward;
-use survey::{Amps, Baseline, Protocol};
+use imaging::Geometry;
+use imaging::noise::{self, DEFAULT_NOISE_UV, Noise};
+use imaging::recorded::IndexedFrames;
+use survey::{Amps, Baseline, Protocol, error_chain as chain};
 
 use crate::acquisition::playback::{Playing, Recording};
 use crate::config::{Config, RecordingSection};
 use crate::preparation::Findings;
-
-use imaging::Geometry;
-use imaging::noise::{self, DEFAULT_NOISE_UV, Noise};
-use survey::error_chain as chain;
 
 /// Opens what was measured before.
 pub(super) fn recorded(
@@ -23,19 +22,19 @@ pub(super) fn recorded(
         return None;
     };
     let playing = Playing {
-        negate: section.negate,
         frames_per_s: section.frames_per_s,
         speed: section.speed.unwrap_or(1.0),
     };
-    let (protocol, recording) = match section {
+    let (protocol, frames) = match section {
         RecordingSection {
             session: Some(session),
             case: None,
             ..
         } => {
-            let opened = Recording::session(session, playing).map_err(|cause| chain(&cause));
-            let (recording, protocol) = findings.taken("recording.session", opened)?;
-            (protocol, recording)
+            let opened =
+                IndexedFrames::session(session, section.negate).map_err(|cause| chain(&cause));
+            let (frames, protocol) = findings.taken("recording.session", opened)?;
+            (protocol, frames)
         }
         RecordingSection {
             session: None,
@@ -47,8 +46,8 @@ pub(super) fn recorded(
                 eit::read_protocol(&case.join("protocol.csv"), None).map_err(|cause| chain(&cause));
             let (protocol, currents) = findings.taken("recording.case", read)?;
             let current = Amps(currents.first().copied().unwrap_or(1.0));
-            let opened =
-                Recording::csv(frames, &protocol, current, playing).map_err(|cause| chain(&cause));
+            let opened = IndexedFrames::table(frames, &protocol, current, section.negate)
+                .map_err(|cause| chain(&cause));
             (protocol, findings.taken("recording.frames", opened)?)
         }
         _ => {
@@ -59,11 +58,11 @@ pub(super) fn recorded(
             return None;
         }
     };
-    let baseline = recording
+    let baseline = frames
         .baseline(section.baseline.as_deref(), &protocol, chrono::Utc::now())
         .map_err(|cause| chain(&cause));
     let baseline = findings.taken("recording.baseline", baseline)?;
-    Some((protocol, recording, baseline))
+    Some((protocol, Recording::new(frames, playing), baseline))
 }
 
 /// Fills in what the recording itself says of current and noise, so that the configuration kept in a session is enough
@@ -74,7 +73,7 @@ pub(super) fn recorded(
 /// the geometry's scale as the one-step method brings the readings.
 pub(super) fn complete(
     config: &mut Config,
-    recording: &Recording,
+    recording: &IndexedFrames,
     baseline: &Baseline,
     geometry: &Geometry,
     protocol: &Protocol,

@@ -18,6 +18,7 @@
 mod geometry;
 pub mod noise;
 mod reconstruction;
+pub mod recorded;
 mod settings;
 mod stored_models;
 

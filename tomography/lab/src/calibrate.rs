@@ -8,7 +8,6 @@ use phantom::GRAVITY;
 
 use crate::args::CalibrateOptions;
 use crate::failure::{Failure, write};
-use crate::recording::Recording;
 use crate::{choice, geometry};
 
 const HEADER: [&str; 5] = ["frame", "x_m", "y_m", "diameter_m", "mass_kg"];
@@ -25,7 +24,7 @@ pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
         .clone()
         .unwrap_or_else(|| options.case.join("presses.csv"));
     let presses = read_presses(&presses)?;
-    let recording = Recording::read(&frames, &options.baseline, case.protocol.len(), false)?;
+    let recording = crate::recording::read(&frames, &options.baseline, case.protocol.len(), false)?;
     let chosen = choice::asked(&options.method, &words(options), &options.case, &frames)?;
     let choice = choice::prepare(&chosen, &case, &recording)?;
     for note in &choice.notes {
@@ -45,7 +44,7 @@ pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
             })?;
             let map = choice
                 .reconstructor
-                .reconstruct(&recording.baseline, frame)
+                .reconstruct(&recording.unloaded.readings, frame)
                 .map_err(|fault| Failure::of(&format!("frame '{name}'"), &fault))?;
             Ok(KnownPress {
                 name: format!("line {}, frame {}", press.line, press.frame),

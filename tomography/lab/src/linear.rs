@@ -19,7 +19,6 @@ use crate::args::{LinearOptions, Profile};
 use crate::dataset::DataSet;
 use crate::failure::Failure;
 use crate::noise_figure::with_noise_figure;
-use crate::recording::Recording;
 use crate::symmetry::Symmetric;
 use crate::{choice, geometry, progress, train};
 
@@ -136,7 +135,7 @@ fn matched(levels: &[f64], current_a: f64) -> Jitter {
 
 /// Repeats of the baseline, V: whole frames only.
 fn repeats(path: &Path, readings: usize) -> Result<Vec<Vec<f64>>, Failure> {
-    let recording = Recording::read(path, "first:1", readings, false)?;
+    let recording = crate::recording::read(path, "first:1", readings, false)?;
     recording
         .frames
         .iter()

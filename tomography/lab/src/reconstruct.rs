@@ -9,14 +9,13 @@ use survey::{Map, Reading};
 
 use crate::args::ReconstructOptions;
 use crate::failure::{Failure, write};
-use crate::recording::Recording;
 use crate::solve::median;
 use crate::{calibrate, choice, geometry, progress};
 
 /// A row for each frame of the file. A frame that is refused makes the command fail, naming it.
 pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     let case = geometry::read(&options.case)?;
-    let recording = Recording::read(
+    let recording = crate::recording::read(
         &options.frames,
         &options.baseline,
         case.protocol.len(),
@@ -37,7 +36,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
         let start = Instant::now();
         let map = choice
             .reconstructor
-            .reconstruct(&recording.baseline, frame)
+            .reconstruct(&recording.unloaded.readings, frame)
             .map_err(|fault| Failure::of(&format!("frame '{name}'"), &fault))?;
         bar.inc(1);
         Ok((map, start.elapsed().as_secs_f64() * 1e3))

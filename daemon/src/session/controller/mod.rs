@@ -155,7 +155,7 @@ impl Keeper {
                 recording,
                 baseline,
             } => {
-                let settings = recording.settings();
+                let settings = recording.frames().settings();
                 (
                     FrameSource::Recording(recording),
                     settings,

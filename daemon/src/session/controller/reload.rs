@@ -95,7 +95,7 @@ impl Keeper {
                 let settings = plan.settings();
                 (bench, Some(Arc::clone(plan)), Some(settings))
             }
-            FramesFrom::Recording { recording, .. } => (None, None, recording.settings()),
+            FramesFrom::Recording { recording, .. } => (None, None, recording.frames().settings()),
         };
         if let Some(plan) = &plan {
             let mut claims = self.claims.lock().unwrap_or_else(PoisonError::into_inner);

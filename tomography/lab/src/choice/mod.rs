@@ -15,9 +15,9 @@ use eit::{
 
 use crate::args::{Arguments, Command, Method, ReconstructOptions};
 use crate::failure::Failure;
-use crate::recording::Recording;
 use crate::shapes::Shapes;
 use crate::{linear, train};
+use imaging::recorded::FrameTable;
 use start::Start;
 
 /// Maps of which more than this share (of their square, by area) is gain are not made of losses alone.
@@ -81,7 +81,7 @@ pub(crate) fn asked(
 pub(crate) fn prepare(
     options: &ReconstructOptions,
     case: &Case,
-    recording: &Recording,
+    recording: &FrameTable,
 ) -> Result<Choice, Failure> {
     if let Some(path) = &options.model {
         only_for_one_step(options, "--model")?;
@@ -205,7 +205,7 @@ fn no_gap(options: &ReconstructOptions) -> Result<(), Failure> {
 fn one_step(
     options: &ReconstructOptions,
     case: &Case,
-    recording: &Recording,
+    recording: &FrameTable,
 ) -> Result<Choice, Failure> {
     no_gap(options)?;
     let prior = match &options.prior {
@@ -240,7 +240,7 @@ fn one_step(
 fn best(
     options: &ReconstructOptions,
     case: &Case,
-    recording: &Recording,
+    recording: &FrameTable,
 ) -> Result<Choice, Failure> {
     let prior = match &options.prior {
         Some(text) => prior(text)?,
@@ -253,7 +253,7 @@ fn best(
     let (mut gain, mut all) = (0.0, 0.0);
     let step = recording.frames.len().div_ceil(LOOKED_AT).max(1);
     for (_, frame) in recording.frames.iter().step_by(step) {
-        let Ok(map) = linear.reconstruct(&recording.baseline, frame) else {
+        let Ok(map) = linear.reconstruct(&recording.unloaded.readings, frame) else {
             continue; // the frame is refused again, by name, when its turn comes
         };
         for (value, area) in map.values.iter().zip(&areas) {

@@ -11,7 +11,7 @@ use survey::{Protocol, Reading};
 use super::LOOKED_AT;
 use crate::args::{Choose, ReconstructOptions};
 use crate::failure::Failure;
-use crate::recording::Recording;
+use imaging::recorded::FrameTable;
 
 /// A known conductance is believed, and the formula taken as it stands, while the baseline is within this factor of it.
 const BELIEVED: f64 = 1.25;
@@ -34,7 +34,7 @@ impl<'a> Start<'a> {
         options: &ReconstructOptions,
         prior: Prior,
         case: &'a Case,
-        recording: &Recording,
+        recording: &FrameTable,
     ) -> Result<Self, Failure> {
         let mut notes = Vec::new();
         let failed = |fault| Failure::of("the forward model", &fault);
@@ -48,8 +48,8 @@ impl<'a> Start<'a> {
                 .map(|(volts, current)| volts * current)
                 .collect();
             Ok((
-                factor(&recording.baseline, &at_current)?,
-                factor(&recording.baseline, model.as_slice())?,
+                factor(&recording.unloaded.readings, &at_current)?,
+                factor(&recording.unloaded.readings, model.as_slice())?,
             ))
         };
         let named = match &options.sigma0 {
@@ -190,7 +190,7 @@ fn from_frames(
     sigma0: &[f64],
     prior: Prior,
     scale: &Scale,
-    recording: &Recording,
+    recording: &FrameTable,
 ) -> Result<Option<f64>, Failure> {
     let step = recording.frames.len().div_ceil(LOOKED_AT).max(1);
     let frames: Vec<&[Reading]> = recording
@@ -210,7 +210,7 @@ fn from_frames(
         sigma0,
         &case.protocol,
         &options,
-        &recording.baseline,
+        &recording.unloaded.readings,
         &frames,
     )
     .map_err(|fault| Failure::of("the one-step method", &fault))

@@ -10,7 +10,7 @@ use super::start::Start;
 use super::{Choice, positive};
 use crate::args::ReconstructOptions;
 use crate::failure::Failure;
-use crate::recording::Recording;
+use imaging::recorded::FrameTable;
 
 /// The paper's alpha, and its one iteration.
 const PAPER_ALPHA: f64 = 1e-6;
@@ -20,7 +20,7 @@ const PAPER_ALPHA: f64 = 1e-6;
 pub(super) fn prepare(
     options: &ReconstructOptions,
     case: &Case,
-    recording: &Recording,
+    recording: &FrameTable,
 ) -> Result<Choice, Failure> {
     positive("--gap", options.gap, "a share of the objective, e.g. 1e-3")?;
     if options.prior.is_some() {
@@ -76,7 +76,7 @@ pub(super) fn prepare(
 pub(super) fn paper(
     options: &ReconstructOptions,
     case: &Case,
-    recording: &Recording,
+    recording: &FrameTable,
 ) -> Result<Choice, Failure> {
     for (name, given) in [
         ("--prior", options.prior.is_some()),

@@ -11,8 +11,8 @@ use super::figures::average;
 use crate::choice::{self, Choice};
 use crate::failure::Failure;
 use crate::noise_figure::by_draws;
-use crate::recording::Recording;
 use crate::{geometry, judge, progress};
+use imaging::recorded::FrameTable;
 
 /// What is assumed of noise-free frames, V: a method that is told of no noise at all believes its model instead.
 const LEAST_NOISE: f64 = 2e-6;
@@ -36,7 +36,7 @@ pub(crate) struct Judged {
     reconstructor: Box<dyn Reconstructor>,
     noise_v: f64,
     slow: bool,
-    recording: Recording,
+    recording: FrameTable,
 }
 
 impl Judged {
@@ -52,7 +52,9 @@ impl Judged {
     /// Share of the frames that the method says lie outside of what it knows.
     pub(crate) fn novel_share(&self) -> Option<f64> {
         let outside = |(_, frame): &(String, Vec<Reading>)| {
-            let novelty = self.reconstructor.novelty(&self.recording.baseline, frame);
+            let novelty = self
+                .reconstructor
+                .novelty(&self.recording.unloaded.readings, frame);
             Some(f64::from(u8::from(novelty.ok()??.outside())))
         };
         let frames = self.recording.frames.iter().skip(1);
@@ -87,14 +89,16 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
         told.extend(["--noise-v".to_owned(), noise_v.to_string()]);
     }
     let options = choice::asked(name, &told, folder, &frames)?;
-    let recording = Recording::read(&frames, "first:1", case.protocol.len(), false)?;
+    let recording = crate::recording::read(&frames, "first:1", case.protocol.len(), false)?;
     let choice: Choice = choice::prepare(&options, &case, &recording)?;
     let truths = rows(&folder.join("truth.csv"))?;
     let bar = progress::bar(truths.len(), "frames");
     let one = |k: usize| -> Result<Option<(Map, f64)>, Failure> {
         let (frame_name, frame) = &recording.frames[k + 1];
         let start = Instant::now();
-        let made = choice.reconstructor.reconstruct(&recording.baseline, frame);
+        let made = choice
+            .reconstructor
+            .reconstruct(&recording.unloaded.readings, frame);
         bar.inc(1);
         match made {
             Ok(map) => Ok(Some((map, start.elapsed().as_secs_f64() * 1e3))),

@@ -5,27 +5,25 @@ use std::path::Path;
 use logbook::{LogbookError, Record, SessionHeader, SessionReader};
 use survey::Baseline;
 
-use crate::failure::Failure;
-use crate::records::directory::{open, refused};
+/// The parts of a session in their order, at least one.
+#[derive(Debug)]
+pub struct SessionParts(Vec<SessionReader>);
 
-/// Parts in their order, one at least.
-pub(crate) struct Parts(Vec<SessionReader>);
-
-impl Parts {
-    /// What a person named: a session by its first part with all that follow, or a later part by itself.
+impl SessionParts {
+    /// Opens a session by its first part with all that follow, or a later part by itself.
     ///
     /// # Errors
     /// A part that cannot be read.
-    pub(crate) fn open(path: &Path) -> Result<Self, Failure> {
-        let mut parts = vec![open(path)?];
+    pub fn open(path: &Path) -> Result<Self, LogbookError> {
+        let mut parts = vec![SessionReader::open(path)?];
         if parts[0].header().continues.is_none() {
-            let all = logbook::parts(path).map_err(|error| refused(&error))?;
+            let all = logbook::parts(path)?;
             let named = path.file_name();
             for other in all.iter().filter(|other| other.file_name() != named) {
                 match SessionReader::open(other) {
                     // the making of a part that was cut short: it never held anything
                     Err(LogbookError::NotASession { .. }) => {}
-                    part => parts.push(part.map_err(|error| refused(&error))?),
+                    part => parts.push(part?),
                 }
             }
         }
@@ -33,50 +31,65 @@ impl Parts {
     }
 
     /// Of the part that was named.
-    pub(crate) fn header(&self) -> &SessionHeader {
+    pub fn header(&self) -> &SessionHeader {
         self.0[0].header()
     }
 
-    pub(crate) fn each(&self) -> &[SessionReader] {
+    /// The reader of each part.
+    pub fn each(&self) -> &[SessionReader] {
         &self.0
     }
 
     /// Every part has the same one.
-    pub(crate) fn baseline(&self) -> Result<Option<Baseline>, Failure> {
-        self.0[0].baseline().map_err(|error| refused(&error))
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn baseline(&self) -> Result<Option<Baseline>, LogbookError> {
+        self.0[0].baseline()
     }
 
     /// How many frames there are.
-    pub(crate) fn len(&self) -> Result<u64, Failure> {
+    ///
+    /// # Errors
+    /// A part that cannot be read.
+    pub fn len(&self) -> Result<u64, LogbookError> {
         let mut frames = 0;
         for (part, next) in self.with_next() {
-            let last = part.last_sequence().map_err(|error| refused(&error))?;
+            let last = part.last_sequence()?;
             let begun_again = next.map_or(0, |next| (last + 1).saturating_sub(next));
-            let own = part.len().map_err(|error| refused(&error))?;
-            frames += own.saturating_sub(begun_again);
+            frames += part.len()?.saturating_sub(begun_again);
         }
         Ok(frames)
     }
 
-    /// Sequence of the last frame; one less than the first's where there is none.
-    pub(crate) fn last_sequence(&self) -> Result<u64, Failure> {
-        self.0
-            .last()
-            .unwrap_or(&self.0[0])
-            .last_sequence()
-            .map_err(|error| refused(&error))
+    /// Whether there is no frame.
+    ///
+    /// # Errors
+    /// As [`SessionParts::len`].
+    pub fn is_empty(&self) -> Result<bool, LogbookError> {
+        Ok(self.len()? == 0)
     }
 
-    pub(crate) fn frame(&self, sequence: u64) -> Result<Record, Failure> {
+    /// Sequence of the last frame; one less than the first's where there is none.
+    ///
+    /// # Errors
+    /// The last part cannot be read.
+    pub fn last_sequence(&self) -> Result<u64, LogbookError> {
+        self.0.last().unwrap_or(&self.0[0]).last_sequence()
+    }
+
+    /// The frame of this sequence.
+    ///
+    /// # Errors
+    /// There is none, or it is damaged.
+    pub fn frame(&self, sequence: u64) -> Result<Record, LogbookError> {
         let mut before = self.0.iter().rev();
         let part = before.find(|part| part.header().first_sequence <= sequence);
-        part.unwrap_or(&self.0[0])
-            .frame(sequence)
-            .map_err(|error| refused(&error))
+        part.unwrap_or(&self.0[0]).frame(sequence)
     }
 
-    /// All frames in order, one after the other as they are asked for.
-    pub(crate) fn frames(&self) -> impl Iterator<Item = Result<Record, LogbookError>> {
+    /// All frames in order, each read when it is taken.
+    pub fn frames(&self) -> impl Iterator<Item = Result<Record, LogbookError>> {
         self.with_next().flat_map(|(part, next)| {
             // what a part has from where the next one begins was written again there
             let own = move |record: &Result<Record, LogbookError>| match (record, next) {
@@ -93,12 +106,4 @@ impl Parts {
         let begins = next.map(|part| Some(part.header().first_sequence));
         self.0.iter().zip(begins.chain([None]))
     }
-}
-
-/// Says that a frame cannot be read.
-pub(crate) fn left_out(error: &LogbookError) {
-    eprintln!(
-        "tactus: a frame is left out: {}",
-        crate::failure::chain(error)
-    );
 }

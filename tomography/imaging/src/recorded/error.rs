@@ -1,0 +1,57 @@
+//! Why recorded frames cannot be used.
+
+use std::path::PathBuf;
+
+use eit::CaseError;
+use logbook::LogbookError;
+use survey::BaselineError;
+
+/// Why recorded frames cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordedError {
+    /// The session file.
+    #[error("the recorded session cannot be read")]
+    Session(#[from] LogbookError),
+    /// The protocol of a case folder.
+    #[error("the protocol of the recording")]
+    Protocol(#[source] CaseError),
+    /// The table of frames.
+    #[error("the frames")]
+    Frames(#[source] CaseError),
+    /// A table of frames that were not taken at one current.
+    #[error(
+        "{} injects different currents; divide the readings by their current and leave the column current_A out",
+        .0.display()
+    )]
+    Currents(PathBuf),
+    /// A file that is neither in the folder nor here.
+    #[error("there is no {} in {} nor in the current directory", .file.display(), .folder.display())]
+    Missing {
+        /// The file as it was named.
+        file: PathBuf,
+        /// The case folder.
+        folder: PathBuf,
+    },
+    /// `first:N` that is no number, or more frames than there are.
+    #[error(
+        "baseline '{asked}' asks for the first frames of a recording that has {frames}; write first:1 to first:{frames}"
+    )]
+    First {
+        /// The rule as it was written.
+        asked: String,
+        /// Frames that there are.
+        frames: usize,
+    },
+    /// The frames do not make a baseline.
+    #[error("the frames of '{asked}' do not make a baseline")]
+    Baseline {
+        /// The rule as it was written.
+        asked: String,
+        /// What contradicts.
+        #[source]
+        cause: BaselineError,
+    },
+    /// A session without a baseline, and no rule that names its frames.
+    #[error("session {0} has no baseline; say which frames are it: baseline = \"first:N\"")]
+    NoBaseline(String),
+}

@@ -1,0 +1,280 @@
+//! Recorded frames by their index, each as if it had been acquired: what a rig that plays a recording reads.
+
+use std::path::Path;
+use std::time::Duration;
+
+use chrono::{DateTime, Utc};
+use logbook::SessionReader;
+use survey::{Amps, Baseline, Frame, Precautions, Protocol, Settings, Volts};
+
+use super::readings::change_signs;
+use super::{BaselineRule, RecordedError, read_frames};
+
+/// Where the voltages are.
+#[derive(Debug)]
+enum Source {
+    Table {
+        frames: Vec<Vec<survey::Reading>>,
+        settings: Settings,
+    },
+    Session {
+        reader: Box<SessionReader>,
+        frames: u64,
+        first: Duration,
+    },
+}
+
+/// Recorded frames with random access: a table, or one file of a session.
+#[derive(Debug)]
+pub struct IndexedFrames {
+    source: Source,
+    negate: bool,
+    simulated: bool,
+}
+
+impl IndexedFrames {
+    /// Opens a table of frames measured with this protocol and current. `negate` changes every sign.
+    ///
+    /// # Errors
+    /// [`RecordedError::Frames`].
+    pub fn table(
+        frames: &Path,
+        protocol: &Protocol,
+        current: Amps,
+        negate: bool,
+    ) -> Result<Self, RecordedError> {
+        let name = frames.file_name().unwrap_or(frames.as_os_str());
+        Ok(Self {
+            source: Source::Table {
+                frames: read_frames(frames, protocol.len(), negate)?
+                    .into_iter()
+                    .map(|(_, readings)| readings)
+                    .collect(),
+                settings: Settings {
+                    protocol_hash: protocol.hash(),
+                    current,
+                    // a table does not say how its voltages were taken
+                    range: Volts(0.0),
+                    nplc: 0.0,
+                    settle: Duration::ZERO,
+                    wiring: format!("recording {}", name.to_string_lossy()),
+                    precautions: Precautions::default(),
+                },
+            },
+            negate,
+            simulated: false,
+        })
+    }
+
+    /// Opens a session file, and gives its protocol. `negate` changes every sign.
+    ///
+    /// # Errors
+    /// [`RecordedError::Session`].
+    pub fn session(path: &Path, negate: bool) -> Result<(Self, Protocol), RecordedError> {
+        let reader = SessionReader::open(path)?;
+        let protocol = reader.header().protocol.clone();
+        let frames = reader.len()?;
+        let first = match frames {
+            0 => Duration::ZERO,
+            _ => {
+                reader
+                    .frame(reader.header().first_sequence)?
+                    .frame
+                    .monotonic
+            }
+        };
+        let opened = Self {
+            simulated: reader.header().simulated,
+            negate,
+            source: Source::Session {
+                reader: Box::new(reader),
+                frames,
+                first,
+            },
+        };
+        Ok((opened, protocol))
+    }
+
+    /// Whether the voltages are simulated.
+    pub fn is_simulated(&self) -> bool {
+        self.simulated
+    }
+
+    /// The configuration under which a session was recorded; `None` for files without one.
+    pub fn kept_config(&self) -> Option<&str> {
+        match &self.source {
+            Source::Table { .. } => None,
+            Source::Session { reader, .. } => {
+                Some(reader.header().config_toml.as_str()).filter(|text| !text.is_empty())
+            }
+        }
+    }
+
+    /// How many frames there are.
+    pub fn len(&self) -> u64 {
+        match &self.source {
+            Source::Table { frames, .. } => frames.len() as u64,
+            Source::Session { frames, .. } => *frames,
+        }
+    }
+
+    /// Whether there is no frame.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The settings of the frames; `None` for a session without any.
+    pub fn settings(&self) -> Option<Settings> {
+        match &self.source {
+            Source::Table { settings, .. } => Some(settings.clone()),
+            Source::Session { reader, .. } => {
+                let first = reader.header().first_sequence;
+                Some(reader.frame(first).ok()?.frame.settings)
+            }
+        }
+    }
+
+    /// Time from the first frame to this one as they were taken; `None` for a table, which does not say it.
+    ///
+    /// # Errors
+    /// The frame cannot be read.
+    pub fn taken_after(&self, index: u64) -> Result<Option<Duration>, RecordedError> {
+        match &self.source {
+            Source::Table { .. } => Ok(None),
+            Source::Session { reader, first, .. } => {
+                let sequence = reader.header().first_sequence + index;
+                let frame = reader.frame(sequence)?.frame;
+                Ok(Some(frame.monotonic.saturating_sub(*first)))
+            }
+        }
+    }
+
+    /// The frame at this index, counted from 0 and below [`IndexedFrames::len`]; one of a table is dated `wall`.
+    ///
+    /// # Errors
+    /// The frame cannot be read.
+    pub fn frame(&self, index: u64, wall: DateTime<Utc>) -> Result<Frame, RecordedError> {
+        match &self.source {
+            Source::Table { frames, settings } => Ok(Frame {
+                sequence: 0,
+                readings: frames[index as usize].clone(),
+                monotonic: Duration::ZERO,
+                wall,
+                duration: Duration::ZERO,
+                settings: settings.clone(),
+                extra: Vec::new(),
+                compliance: Vec::new(),
+                simulated: false,
+            }),
+            Source::Session { reader, .. } => {
+                // a later part of a session goes on with its numbers
+                let sequence = reader.header().first_sequence + index;
+                let mut frame = reader.frame(sequence)?.frame;
+                if self.negate {
+                    change_signs(&mut frame.readings);
+                }
+                Ok(frame)
+            }
+        }
+    }
+
+    /// The baseline: `first:N` frames of the recording, a table (the mean of its frames), or without a rule a session's
+    /// own and a table's first frame.
+    ///
+    /// # Errors
+    /// A rule or a file that gives no frames, or frames that contradict each other.
+    pub fn baseline(
+        &self,
+        rule: Option<&str>,
+        protocol: &Protocol,
+        wall: DateTime<Utc>,
+    ) -> Result<Baseline, RecordedError> {
+        let asked = match (rule, &self.source) {
+            (Some(asked), _) => asked,
+            (None, Source::Table { .. }) => "first:1",
+            (None, Source::Session { reader, .. }) => {
+                let mut own = reader.baseline()?.ok_or_else(|| {
+                    RecordedError::NoBaseline(reader.path().display().to_string())
+                })?;
+                if self.negate {
+                    change_signs(&mut own.readings);
+                }
+                return Ok(own);
+            }
+        };
+        let refused = || RecordedError::First {
+            asked: asked.to_owned(),
+            frames: self.len() as usize,
+        };
+        let frames: Vec<Frame> = match asked.parse().map_err(|_| refused())? {
+            BaselineRule::First(count) if count as u64 > self.len() => return Err(refused()),
+            BaselineRule::First(count) => (0..count as u64)
+                .map(|index| self.frame(index, wall))
+                .collect::<Result<_, _>>()?,
+            BaselineRule::File(file) => {
+                let settings = self.settings();
+                let current = settings
+                    .as_ref()
+                    .map_or(Amps(1.0), |settings| settings.current);
+                let file = Self::table(&file, protocol, current, self.negate)?;
+                (0..file.len())
+                    .map(|index| {
+                        let mut frame = file.frame(index, wall)?;
+                        if let Some(settings) = &settings {
+                            frame.settings = settings.clone();
+                        }
+                        Ok(frame)
+                    })
+                    .collect::<Result<_, RecordedError>>()?
+            }
+        };
+        let mut baseline = Baseline::from_frames("recording", &frames).map_err(|cause| {
+            RecordedError::Baseline {
+                asked: asked.to_owned(),
+                cause,
+            }
+        })?;
+        baseline.simulated = self.simulated;
+        Ok(baseline)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use survey::Reading;
+
+    const NOW: DateTime<Utc> = DateTime::UNIX_EPOCH;
+
+    fn table(negate: bool) -> (tempfile::TempDir, Protocol, IndexedFrames) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("frames.csv");
+        std::fs::write(&path, "1,1,1,1\n3,3,nan,3\n5,5,5,5\n").unwrap();
+        let protocol = Protocol::sheffield(4).unwrap();
+        let frames = IndexedFrames::table(&path, &protocol, Amps(1.0), negate).unwrap();
+        (folder, protocol, frames)
+    }
+
+    #[test]
+    fn signs_change_in_frames_and_baseline_alike() {
+        let (_folder, protocol, frames) = table(true);
+        let baseline = frames.baseline(Some("first:2"), &protocol, NOW).unwrap();
+        assert_eq!(baseline.readings[0], Reading::Ok(Volts(-2.0)));
+        assert_eq!(baseline.readings[2], Reading::Ok(Volts(-1.0)));
+        let frame = frames.frame(1, NOW).unwrap();
+        assert_eq!(frame.readings[2], Reading::NotMeasured);
+        assert!(baseline.check(&frame.settings, 4, false).is_ok());
+    }
+
+    #[test]
+    fn a_baseline_of_more_frames_than_there_are_is_refused() {
+        let (_folder, protocol, frames) = table(false);
+        for asked in ["first:0", "first:4", "first:x"] {
+            let error = frames
+                .baseline(Some(asked), &protocol, NOW)
+                .unwrap_err()
+                .to_string();
+            assert!(error.contains(asked) && error.contains("has 3"), "{error}");
+        }
+    }
+}

@@ -1,0 +1,15 @@
+//! Frames that were measured before, as a source: a session of the logbook, or a table of frames in a case folder, with
+//! their baseline (`first:N`, a file, or the session's own), signs and noise. How fast they are played is the daemon's
+//! own matter.
+
+mod error;
+mod indexed;
+mod readings;
+mod recording;
+mod session;
+
+pub use error::RecordedError;
+pub use indexed::IndexedFrames;
+pub use readings::{BaselineRule, FrameTable, LabelledReadings, Unloaded, read_frames};
+pub use recording::{FolderOptions, Origin, RecordedFrame, Recording};
+pub use session::SessionParts;

@@ -1,0 +1,238 @@
+//! Tables of frames, and the mean that stands for the unloaded state.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use survey::{Reading, Volts};
+
+use super::RecordedError;
+use crate::noise::rms;
+
+/// A frame's label and its readings.
+pub type LabelledReadings = (String, Vec<Reading>);
+
+/// Reads a table of frames of so many readings each. `negate` changes every sign: the instrument gave magnitudes. What is
+/// blank, not finite or an overload is not measured.
+///
+/// # Errors
+/// [`RecordedError::Frames`], which names the line.
+pub fn read_frames(
+    path: &Path,
+    readings: usize,
+    negate: bool,
+) -> Result<Vec<LabelledReadings>, RecordedError> {
+    let rows = eit::read_named_frames(path, readings).map_err(RecordedError::Frames)?;
+    Ok(rows
+        .into_iter()
+        .map(|(label, row)| {
+            let mut readings: Vec<Reading> = row.into_iter().map(reading).collect();
+            if negate {
+                change_signs(&mut readings);
+            }
+            (label, readings)
+        })
+        .collect())
+}
+
+fn reading(volts: Option<f64>) -> Reading {
+    match volts {
+        Some(volts) if volts.is_finite() => Reading::Ok(Volts(volts)),
+        _ => Reading::NotMeasured,
+    }
+}
+
+/// Changes the sign of every valid reading.
+pub(super) fn change_signs(readings: &mut [Reading]) {
+    for reading in readings {
+        if let Reading::Ok(Volts(volts)) = reading {
+            *volts = -*volts;
+        }
+    }
+}
+
+/// Which frames are the unloaded state.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum BaselineRule {
+    /// The mean of the recording's first frames.
+    First(usize),
+    /// The mean of a file's frames.
+    File(PathBuf),
+}
+
+impl FromStr for BaselineRule {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.strip_prefix("first:") {
+            None => Ok(Self::File(PathBuf::from(text))),
+            Some(count) => match count.parse() {
+                Ok(count) if count > 0 => Ok(Self::First(count)),
+                _ => Err(format!(
+                    "'{count}' is not a number of frames; write for example first:16"
+                )),
+            },
+        }
+    }
+}
+
+impl fmt::Display for BaselineRule {
+    /// In words: what the baseline is the mean of.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::First(1) => f.write_str("the first frame"),
+            Self::First(count) => write!(f, "mean of the first {count} frames"),
+            Self::File(file) => write!(f, "mean of {}", file.display()),
+        }
+    }
+}
+
+/// The unloaded state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unloaded {
+    /// The mean of each reading over the frames where it is valid.
+    pub readings: Vec<Reading>,
+    /// Standard deviation of one reading over the frames, V (rms over the readings); `None` where they show none.
+    pub noise: Option<f64>,
+}
+
+impl Unloaded {
+    /// The mean of these frames; what is valid in none keeps the flag of the last.
+    pub fn mean(frames: &[&[Reading]]) -> Self {
+        let last = frames.last().copied().unwrap_or_default();
+        let mut readings = Vec::with_capacity(last.len());
+        let mut deviations = Vec::new();
+        for (index, flag) in last.iter().enumerate() {
+            let valid: Vec<f64> = frames
+                .iter()
+                .filter_map(|frame| frame[index].volts())
+                .map(|volts| volts.0)
+                .collect();
+            if valid.is_empty() {
+                readings.push(*flag);
+                continue;
+            }
+            let mean = valid.iter().sum::<f64>() / valid.len() as f64;
+            readings.push(Reading::Ok(Volts(mean)));
+            if valid.len() > 1 {
+                let squares: f64 = valid.iter().map(|volts| (volts - mean).powi(2)).sum();
+                deviations.push((squares / (valid.len() - 1) as f64).sqrt());
+            }
+        }
+        Self {
+            readings,
+            noise: rms(deviations.into_iter()),
+        }
+    }
+}
+
+/// A table of frames with its unloaded state.
+#[derive(Debug, Clone)]
+pub struct FrameTable {
+    /// Every frame of the table, those of the baseline included.
+    pub frames: Vec<LabelledReadings>,
+    /// What the frames are compared with.
+    pub unloaded: Unloaded,
+}
+
+impl FrameTable {
+    /// Reads a table of frames of so many readings each, and its baseline.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or more baseline frames than there are.
+    pub fn read(
+        frames: &Path,
+        baseline: &BaselineRule,
+        readings: usize,
+        negate: bool,
+    ) -> Result<Self, RecordedError> {
+        let all = read_frames(frames, readings, negate)?;
+        let unloaded = match baseline {
+            BaselineRule::First(count) => first(&all, *count)?,
+            BaselineRule::File(file) => mean(&read_frames(file, readings, negate)?),
+        };
+        Ok(Self {
+            frames: all,
+            unloaded,
+        })
+    }
+}
+
+/// The mean of labelled frames.
+pub(super) fn mean(frames: &[LabelledReadings]) -> Unloaded {
+    let frames: Vec<&[Reading]> = frames.iter().map(|(_, frame)| frame.as_slice()).collect();
+    Unloaded::mean(&frames)
+}
+
+/// The mean of the first frames.
+pub(super) fn first(frames: &[LabelledReadings], count: usize) -> Result<Unloaded, RecordedError> {
+    let first = frames.get(..count).ok_or_else(|| RecordedError::First {
+        asked: format!("first:{count}"),
+        frames: frames.len(),
+    })?;
+    Ok(mean(first))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mean_leaves_out_what_is_not_valid() {
+        let frames = [
+            vec![
+                Reading::Ok(Volts(1.0)),
+                Reading::Overload,
+                Reading::Ok(Volts(2.0)),
+            ],
+            vec![Reading::Ok(Volts(3.0)), Reading::Overload, Reading::Timeout],
+        ];
+        let unloaded = Unloaded::mean(&[&frames[0], &frames[1]]);
+        assert_eq!(
+            unloaded.readings,
+            [
+                Reading::Ok(Volts(2.0)),
+                Reading::Overload,
+                Reading::Ok(Volts(2.0))
+            ]
+        );
+        assert_eq!(unloaded.noise, Some(2.0_f64.sqrt()));
+        assert_eq!(Unloaded::mean(&[&frames[0]]).noise, None);
+    }
+
+    #[test]
+    fn blanks_and_overloads_of_a_table_are_not_measured() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("frames.csv");
+        std::fs::write(&path, "0.5,9.9e37,nan,-1\n").unwrap();
+        let read = read_frames(&path, 4, true).unwrap();
+        assert_eq!(
+            read[0].1,
+            [
+                Reading::Ok(Volts(-0.5)),
+                Reading::NotMeasured,
+                Reading::NotMeasured,
+                Reading::Ok(Volts(1.0))
+            ]
+        );
+    }
+
+    #[test]
+    fn more_baseline_frames_than_there_are_is_refused() {
+        let frames = [("a".to_owned(), vec![Reading::Overload])];
+        let error = first(&frames, 2).unwrap_err().to_string();
+        assert!(
+            error.contains("first:2") && error.contains("has 1"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn a_rule_is_a_number_of_frames_or_a_file() {
+        assert_eq!("first:3".parse(), Ok(BaselineRule::First(3)));
+        assert_eq!("b.csv".parse(), Ok(BaselineRule::File("b.csv".into())));
+        for wrong in ["first:0", "first:x", "first:"] {
+            assert!(wrong.parse::<BaselineRule>().is_err(), "{wrong}");
+        }
+    }
+}
