@@ -46,6 +46,7 @@ pub use crate::inverse::prior::{Prior, SMOOTH_LENGTH_M};
 pub use crate::inverse::reconstructor::{
     MOST_MISSING, Novelty, ReconstructError, Reconstructor, UNEXPLAINED,
 };
+pub use crate::inverse::shapes::Shapes;
 pub use crate::inverse::tv::{Strength, TV_STRENGTH, Tv, TvError, TvOptions, TvSolution};
 pub use crate::linear_algebra::processor::cpu_features;
 pub use calibration::{

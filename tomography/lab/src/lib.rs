@@ -35,7 +35,6 @@ mod progress;
 mod reconstruct;
 mod recording;
 mod scene;
-mod shapes;
 mod solve;
 mod stability;
 mod symmetry;

@@ -16,4 +16,5 @@ pub(crate) mod options;
 pub(crate) mod prior;
 pub(crate) mod reciprocity;
 pub(crate) mod reconstructor;
+pub(crate) mod shapes;
 pub(crate) mod tv;

@@ -9,13 +9,12 @@ use std::sync::Arc;
 use clap::Parser;
 use eit::inverse::learned::network::{is_onnx, load_onnx};
 use eit::{
-    Case, Jitter, LossOnly, OneStep, OneStepOptions, Prior, Reconstructor, SMOOTH_LENGTH_M,
+    Case, Jitter, LossOnly, OneStep, OneStepOptions, Prior, Reconstructor, SMOOTH_LENGTH_M, Shapes,
     TrainingSettings, model,
 };
 
 use crate::args::{Arguments, Command, Method, ReconstructOptions};
 use crate::failure::Failure;
-use crate::shapes::Shapes;
 use crate::{linear, train};
 use imaging::recorded::FrameTable;
 use start::Start;

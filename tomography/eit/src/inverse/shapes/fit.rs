@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use eit::ForwardError;
+use crate::ForwardError;
 use nalgebra::{DMatrix, DVector};
 
 use super::coverage::Cover;

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use eit::{Forward, ForwardError, Mesh, Workspace};
+use crate::{Forward, ForwardError, Mesh, Workspace};
 use nalgebra::DMatrix;
 use survey::{Dipole, Protocol};
 

@@ -17,7 +17,7 @@ mod shape;
 
 use std::sync::Arc;
 
-use eit::{Case, ForwardError, Mesh, ReconstructError, Reconstructor};
+use crate::{Case, ForwardError, Mesh, ReconstructError, Reconstructor};
 use nalgebra::DVector;
 use survey::{Map, MapUnit, Protocol, Reading};
 
@@ -40,7 +40,7 @@ const DRAWS: usize = 100;
 const SEED: u64 = 5;
 
 /// Maps of few shapes, and another method for frames that they do not explain.
-pub(crate) struct Shapes {
+pub struct Shapes {
     model: SheetModel,
     cover: Cover,
     library: Library,
@@ -51,8 +51,12 @@ pub(crate) struct Shapes {
 }
 
 impl Shapes {
-    /// `sigma0`: S per square, one a triangle of the mesh; `otherwise` makes the map where shapes do not explain a frame.
-    pub(crate) fn new(
+    /// `sigma0`: S per square, one a triangle of the mesh; `noise_v`: standard deviation of one reading, V; `otherwise` makes
+    /// the map where shapes do not explain a frame.
+    ///
+    /// # Errors
+    /// The forward model cannot be solved.
+    pub fn new(
         case: &Case,
         sigma0: &[f64],
         noise_v: f64,
@@ -197,7 +201,7 @@ impl Reconstructor for Shapes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use eit::DiscTank;
+    use crate::DiscTank;
     use nalgebra::DMatrix;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
@@ -292,7 +296,7 @@ mod tests {
 
     fn readings(case: &Case, map: &[f64], noise: f64, seed: u64) -> Vec<Reading> {
         use rand_distr::{Distribution, Normal};
-        let forward = eit::Forward::new(Arc::clone(&case.mesh), &case.contact_ohm_m).unwrap();
+        let forward = crate::Forward::new(Arc::clone(&case.mesh), &case.contact_ohm_m).unwrap();
         let sigma: Vec<f64> = map.iter().map(|x| 1e-3 * (1.0 + x)).collect();
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let noise = Normal::new(0.0, noise).unwrap();
@@ -310,12 +314,12 @@ mod tests {
         let case = tank();
         let sigma0 = &case.sigma["homog"];
         let general = || {
-            eit::OneStep::new(
+            crate::OneStep::new(
                 Arc::clone(&case.mesh),
                 &case.contact_ohm_m,
                 sigma0,
                 &case.protocol,
-                eit::OneStepOptions::default(),
+                crate::OneStepOptions::default(),
             )
             .unwrap()
         };

@@ -1,6 +1,6 @@
 //! Which shapes a frame may come from: a beam of joint fits, one more shape each round.
 
-use eit::ForwardError;
+use crate::ForwardError;
 use nalgebra::DVector;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

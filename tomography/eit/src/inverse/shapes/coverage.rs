@@ -1,6 +1,6 @@
 //! How much of each triangle of the region a convex outline covers.
 
-use eit::Mesh;
+use crate::Mesh;
 
 /// The region's triangles, found by place.
 pub(crate) struct Cover {
