@@ -48,12 +48,12 @@ use crate::config::problems::Problem;
 use crate::instruments::assembly::{
     Assembled, AssemblyError, Bench, Closed, assemble, make_safe_each,
 };
-use crate::instruments::identities::Known;
+use crate::instruments::identities::ExpectedIdentities;
 use crate::instruments::simulation::SimulatedRig;
 use crate::preparation::{FramesFrom, Prepared, prepare};
-use crate::service::Offer;
+use crate::service::Listener;
 use crate::service::records::Records;
-use crate::session::controller::Keeper;
+use crate::session::controller::Controller;
 use survey::error_chain as chain;
 
 /// `EX_CONFIG`: systemd does not start a broken configuration again.
@@ -80,9 +80,9 @@ pub fn command() -> clap::Command {
 pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
     let args = match Args::try_parse_from(args) {
         Ok(args) => args,
-        Err(refusal) => {
-            let _ = refusal.print();
-            return match refusal.use_stderr() {
+        Err(error) => {
+            let _ = error.print();
+            return match error.use_stderr() {
                 true => ExitCode::from(USAGE),
                 false => ExitCode::SUCCESS,
             };
@@ -157,16 +157,17 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     let _file_size =
         signal(SignalKind::from_raw(libc::SIGXFSZ)).map_err(|cause| cause.to_string())?;
     let panics = crate::instruments::panic_handler::listen();
-    let tape = rig::Tape::new(prepared.setup.transcripts);
+    let transcript = rig::RingTranscript::new(prepared.setup.transcripts);
     let _lock = logbook::lock(&prepared.setup.record_directory).map_err(|error| chain(&error))?;
     let records = tidied(prepared.setup.record_directory.clone()).await?;
     let clock = SystemClock::new();
     let bench = bench_of(&prepared)?;
-    let known = Known::recall(&prepared.setup.record_directory).map_err(|error| chain(&error))?;
-    let mut claims = crate::instruments::lock::Claims::default();
+    let identities = ExpectedIdentities::recall(&prepared.setup.record_directory)
+        .map_err(|error| chain(&error))?;
+    let mut locks = crate::instruments::lock::InstrumentLocks::default();
     if let FramesFrom::Rig(plan) = &prepared.frames {
         // before anything is said to an instrument
-        claims
+        locks
             .take(&plan.instruments)
             .map_err(|error| error.to_string())?;
     }
@@ -174,7 +175,15 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     let mut opened = None;
     let assembled = match &prepared.frames {
         FramesFrom::Rig(plan) => {
-            match assemble(plan, &bench, &tape, Closed::Refuse, known.as_ref()).await {
+            match assemble(
+                plan,
+                &bench,
+                &transcript,
+                Closed::Refuse,
+                identities.as_ref(),
+            )
+            .await
+            {
                 Ok(assembled)
                     if assembled.closed.is_some()
                         && is_left_by_us(&prepared, &assembled, &records) =>
@@ -183,7 +192,9 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
                     let was = assembled.closed.clone();
                     drop(assembled);
                     opened = was;
-                    let again = assemble(plan, &bench, &tape, Closed::Open, known.as_ref()).await;
+                    let again =
+                        assemble(plan, &bench, &transcript, Closed::Open, identities.as_ref())
+                            .await;
                     Some(again.map_err(|error| chain(&error))?)
                 }
                 Ok(assembled) => Some(assembled),
@@ -201,45 +212,49 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     let closed = assembled.as_ref().and_then(|rig| rig.closed.clone());
     let section = prepared.setup.config.bus.clone();
     let start = prepared.setup.config.schedule.start;
-    let keeper = Keeper::new(prepared, bench, assembled, records, tape, clock);
-    keeper.hold(claims);
+    let controller = Controller::new(prepared, bench, assembled, records, transcript, clock);
+    controller.hold(locks);
     tokio::spawn(crate::instruments::panic_handler::keep(
-        std::sync::Arc::clone(&keeper),
+        std::sync::Arc::clone(&controller),
         panics,
     ));
     tokio::spawn(crate::monitoring::heartbeat::tell_systemd(
-        std::sync::Arc::downgrade(&keeper),
+        std::sync::Arc::downgrade(&controller),
     ));
-    tokio::spawn(crate::monitoring::observe(std::sync::Arc::clone(&keeper)));
-    let offer = Offer::open(&section, &keeper)
+    tokio::spawn(crate::monitoring::observe(std::sync::Arc::clone(
+        &controller,
+    )));
+    let listener = Listener::open(&section, &controller)
         .await
         .map_err(|error| chain(&error))?;
-    match (others, known) {
-        (Some((found, source_off)), Some(known)) => {
-            keeper.wait_for_the_known(known, &found, source_off).await;
+    match (others, identities) {
+        (Some((found, source_off)), Some(identities)) => {
+            controller
+                .wait_for_the_expected(identities, &found, source_off)
+                .await;
         }
-        _ => keeper.keep_known().await,
+        _ => controller.keep_identities().await,
     }
     if let Some(was) = opened {
         let text = format!(
             "a session of this daemon was interrupted with these instruments; the source is off and the relays are open, \
              verified; before: {was}"
         );
-        keeper.tell(None, "opened", &text).await;
+        controller.tell(None, "opened", &text).await;
     }
     // a record that takes long to read holds up neither the readiness nor a stop
-    let reads = keeper.has_much_to_read();
-    let goes_on = !reads && keeper.resume_interrupted().await;
-    tracing::info!("ready on {}", offer.ways.join(", "));
+    let reads = controller.has_much_to_read();
+    let goes_on = !reads && controller.resume_interrupted().await;
+    tracing::info!("ready on {}", listener.ways.join(", "));
     if let Some(closed) = closed {
         let text = format!("the source is off, verified; nothing is measured: {closed}");
-        keeper.tell(None, "relays-closed", &text).await;
+        controller.tell(None, "relays-closed", &text).await;
     }
     let _ = sd_notify::notify(&[
         sd_notify::NotifyState::Ready,
         sd_notify::NotifyState::Status("idle"),
     ]);
-    let begins = begin(std::sync::Arc::clone(&keeper), start && !goes_on, reads);
+    let begins = begin(std::sync::Arc::clone(&controller), start && !goes_on, reads);
     let beginning = match reads {
         true => Some(tokio::spawn(begins)),
         false => {
@@ -252,7 +267,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
             _ = terminate.recv() => break ("the daemon was stopped (SIGTERM)", false),
             // a person at the terminal
             _ = interrupt.recv() => break ("the daemon was stopped (SIGINT)", true),
-            _ = hangup.recv() => reload(&keeper).await,
+            _ = hangup.recv() => reload(&controller).await,
         }
     };
     let _ = sd_notify::notify(&[
@@ -265,11 +280,11 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
         beginning.abort();
         let _ = beginning.await;
     }
-    let safe = keeper.shut_down(why, for_good).await;
-    keeper.tell(None, "stopped", why).await;
-    keeper.herald.farewell().await;
-    keeper.observed.chronicle.close().await;
-    offer.close().await;
+    let safe = controller.shut_down(why, for_good).await;
+    controller.tell(None, "stopped", why).await;
+    controller.broadcast.farewell().await;
+    controller.observed.daemon_log.close().await;
+    listener.close().await;
     safe
 }
 
@@ -330,35 +345,38 @@ fn is_left_by_us(prepared: &Prepared, assembled: &Assembled, records: &Records) 
         age_s <= within_h * 3600.0
             && logbook::SessionReader::open(&session.path).is_ok_and(|session| {
                 let then = &session.header().instruments;
-                !then.is_empty() && then.iter().all(|one| assembled.known.has_recorded(one))
+                !then.is_empty()
+                    && then
+                        .iter()
+                        .all(|one| assembled.identities.has_recorded(one))
             })
     })
 }
 
 /// Starts what is scheduled; where the record `reads` long, that comes first, and what was interrupted goes on.
-async fn begin(keeper: std::sync::Arc<Keeper>, start: bool, reads: bool) {
+async fn begin(controller: std::sync::Arc<Controller>, start: bool, reads: bool) {
     let mut goes_on = false;
     if reads {
-        keeper.read_the_record().await;
-        goes_on = keeper.resume_interrupted().await;
-        keeper.begin_to_start();
+        controller.read_the_record().await;
+        goes_on = controller.resume_interrupted().await;
+        controller.begin_to_start();
     }
     if start
         && !goes_on
-        && let Err(fault) = keeper.start_session(&dbus::Options::new()).await
+        && let Err(fault) = controller.start_session(&dbus::Options::new()).await
     {
         tracing::error!("the scheduled session could not be started: {fault}");
     }
 }
 
 /// SIGHUP: says so to systemd, too, whose notify-reload waits for it.
-async fn reload(keeper: &std::sync::Arc<Keeper>) {
+async fn reload(controller: &std::sync::Arc<Controller>) {
     use sd_notify::NotifyState;
     let mut begins = vec![NotifyState::Reloading];
     begins.extend(NotifyState::monotonic_usec_now().ok());
     let _ = sd_notify::notify(&begins);
     // the outcome is told by the keeper, to everybody
-    let _ = keeper.reload().await;
+    let _ = controller.reload().await;
     let _ = sd_notify::notify(&[NotifyState::Ready]);
 }
 
@@ -411,13 +429,13 @@ fn print_config(args: &Args) -> ExitCode {
 /// `--discover`: before there is a configuration.
 fn print_found(addresses: &[String], json: bool) -> ExitCode {
     let places: Result<
-        Vec<crate::instruments::address::Place>,
-        crate::instruments::address::NoPlace,
+        Vec<crate::instruments::address::InstrumentAddress>,
+        crate::instruments::address::BadAddress,
     > = addresses.iter().map(|address| address.parse()).collect();
     let addresses = match places {
         Ok(addresses) => addresses,
-        Err(refusal) => {
-            let _ = fail(&refusal.to_string());
+        Err(error) => {
+            let _ = fail(&error.to_string());
             return ExitCode::from(USAGE);
         }
     };

@@ -5,7 +5,7 @@
 //! these two programs.
 //!
 //! - [`Stage`]: a temporary folder with a configuration, a state directory and a peer socket
-//! - [`Keeper`]: the daemon as a child process, ready once it has reported so on its notify socket
+//! - [`DaemonProcess`]: the daemon as a child process, ready once it has reported so on its notify socket
 //!
 //! ```no_run
 //! let stage = demo::Stage::new(demo::SIMULATED)?;
@@ -20,7 +20,7 @@ mod programs;
 mod stage;
 
 pub use programs::act_as;
-pub use stage::{DEADLINE, Keeper, SIMULATED, Spoken, Stage, StageError};
+pub use stage::{DEADLINE, DaemonProcess, SIMULATED, Spoken, Stage, StageError};
 
 /// A scene with 2 uV of voltmeter noise and no other effect.
 pub const TWO_MICROVOLTS: &str = include_str!("../rigs/two-microvolts.toml");

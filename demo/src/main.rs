@@ -73,7 +73,7 @@ fn demo() -> Result<(), Failure> {
     );
     let stage = Stage::new(demo::SIMULATED)?;
     std::fs::write(stage.path().join("scene.toml"), SCENE)?;
-    let keeper = stage.start_daemon()?;
+    let daemon = stage.start_daemon()?;
 
     say(begun, "tactus plan");
     let plan = stage.tactus(&["plan"])?.succeeded()?;
@@ -123,7 +123,7 @@ fn demo() -> Result<(), Failure> {
         begun,
         "stopping tactusd: the source is off and verified, the record closed",
     );
-    keeper.stop()?;
+    daemon.stop()?;
 
     let record = logbook::SessionReader::open(&logbook::find(stage.state_path(), &session)?)?;
     let frames: Vec<Frame> = record

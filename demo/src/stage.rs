@@ -177,7 +177,7 @@ impl Stage {
     ///
     /// # Errors
     /// It ends, or says nothing, before the deadline; its standard error is in the message.
-    pub fn start_daemon(&self) -> Result<Keeper, StageError> {
+    pub fn start_daemon(&self) -> Result<DaemonProcess, StageError> {
         self.start_daemon_with(|_| {})
     }
 
@@ -188,7 +188,7 @@ impl Stage {
     pub fn start_daemon_with(
         &self,
         adjust: impl FnOnce(&mut Command),
-    ) -> Result<Keeper, StageError> {
+    ) -> Result<DaemonProcess, StageError> {
         let notify_path = self.folder.path().join("notify");
         let _ = std::fs::remove_file(&notify_path);
         let notify = UnixDatagram::bind(&notify_path)
@@ -210,7 +210,7 @@ impl Stage {
         let child = command
             .spawn()
             .map_err(|cause| system("cannot start tactusd", cause))?;
-        let mut keeper = Keeper { child, log_path };
+        let mut daemon = DaemonProcess { child, log_path };
         let (tell, told) = mpsc::channel();
         let ears = notify
             .try_clone()
@@ -231,16 +231,16 @@ impl Stage {
         let begun = Instant::now();
         loop {
             match told.recv_timeout(Duration::from_millis(50)) {
-                Ok(_) => return Ok(keeper),
+                Ok(_) => return Ok(daemon),
                 Err(_) => {
-                    let ended = keeper.child.try_wait().ok().flatten().is_some();
+                    let ended = daemon.child.try_wait().ok().flatten().is_some();
                     if ended || begun.elapsed() > DEADLINE {
                         // lets the listening thread go
                         let _ = UnixDatagram::unbound()
                             .and_then(|socket| socket.send_to(b"ENDED", &notify_path));
                         return Err(StageError::NotReady {
                             deadline: DEADLINE,
-                            stderr: keeper.log(),
+                            stderr: daemon.log(),
                         });
                     }
                 }
@@ -389,12 +389,12 @@ impl Spoken {
 
 /// A running daemon; killed when dropped, unless it was stopped.
 #[derive(Debug)]
-pub struct Keeper {
+pub struct DaemonProcess {
     child: Child,
     log_path: PathBuf,
 }
 
-impl Keeper {
+impl DaemonProcess {
     /// Its process id.
     pub fn id(&self) -> u32 {
         self.child.id()
@@ -452,7 +452,7 @@ impl Keeper {
     }
 }
 
-impl Drop for Keeper {
+impl Drop for DaemonProcess {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();

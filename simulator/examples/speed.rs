@@ -19,7 +19,9 @@ use std::time::{Duration, Instant};
 use keithley_6221::Keithley6221;
 use keysight_34980a::Keysight34980a;
 use phantom::Scene;
-use rig::{BoxStream, Link, MeterSettings, Rig, Stop, SystemClock, Tape, acquire, connect_tcp};
+use rig::{
+    BoxStream, Link, MeterSettings, Rig, RingTranscript, Stop, SystemClock, acquire, connect_tcp,
+};
 use simulator::{Instrument, Pace, Profile, SimulatedRig, TranscriptLine};
 use survey::{Amps, Plan, Protocol, Timing, Volts, Wiring};
 
@@ -156,19 +158,22 @@ fn pyvisa(python: &str) -> Result<(f64, f64), AnyError> {
 /// Prints a frame in real time message by message: when it was sent, how long its answer took, which instrument.
 async fn messages() -> Result<(), AnyError> {
     let simulated = SimulatedRig::new(&Profile::load("pairs-34924a")?, Scene::quiet())?;
-    let tape = Tape::new(1);
-    let link = |stream, name: &str| Link::new(stream, name, DEADLINE).with_tape(tape.clone());
+    let transcript = RingTranscript::new(1);
+    let link =
+        |stream, name: &str| Link::new(stream, name, DEADLINE).with_transcript(transcript.clone());
     let source = Keithley6221::connect(link(simulated.connect_6221(), "6221")).await?;
     let mainframe = Keysight34980a::connect(link(simulated.connect_34980a(), "34980a")).await?;
     let rig = Rig::simulated(source, mainframe.clone(), mainframe);
     let plan = plan(&Wiring::pairs_34924a(1, 26)?, SETTLE)?;
     let meter = MeterSettings::new(Volts(1.0), 0.02);
     for _ in 0..3 {
-        tape.next_reel();
+        transcript.next_transcript();
         acquire(&rig, &plan, meter, SystemClock::new(), &Stop::never()).await?;
     }
-    let reels = tape.reels();
-    let entries = reels.last().map_or(&[][..], |reel| &reel.entries);
+    let transcripts = transcript.transcripts();
+    let entries = transcripts
+        .last()
+        .map_or(&[][..], |transcript| &transcript.entries);
     let begun = entries.first().map_or(0.0, |entry| entry.t_s);
     let mut sent: HashMap<&str, (f64, &str)> = HashMap::new();
     println!("sent at ms | answered after ms | instrument | message");

@@ -94,7 +94,7 @@ fn measure() -> Result<(), Failure> {
         stage.path().join("scene.toml"),
         tactus_tests::TWO_MICROVOLTS,
     )?;
-    let keeper = stage.start_daemon()?;
+    let daemon = stage.start_daemon()?;
     stage
         .tactus(&["baseline", "record", "--frames", "10"])?
         .succeeded()?;
@@ -121,7 +121,7 @@ fn measure() -> Result<(), Failure> {
             at(&disk, 0.99)
         );
     }
-    keeper.stop()?;
+    daemon.stop()?;
     Ok(())
 }
 

@@ -17,7 +17,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use logbook::{SessionReader, Verified};
 use rustix::process::{Pid, Signal, kill_process};
 use simulator::{Fault, Pace, Profile, Scene, ServeOptions, SimulatedRig};
-use tactus_tests::{DEADLINE, Keeper, SIMULATED, Stage, act_as};
+use tactus_tests::{DEADLINE, DaemonProcess, SIMULATED, Stage, act_as};
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -113,7 +113,7 @@ fn month() -> Result<(), Failure> {
         std::env::current_exe()?,
     )?;
     let mut month = Month {
-        keeper: Some(stage.start_daemon()?),
+        daemon: Some(stage.start_daemon()?),
         stage,
         rig,
         bar: ProgressBar::new(frames).with_style(ProgressStyle::with_template(
@@ -134,7 +134,11 @@ fn month() -> Result<(), Failure> {
         month.frames(next)?;
         month.bar.set_message(format!("{blow:?}"));
         month.strike(blow).map_err(|failure| {
-            let log = month.keeper.as_ref().map(Keeper::log).unwrap_or_default();
+            let log = month
+                .daemon
+                .as_ref()
+                .map(DaemonProcess::log)
+                .unwrap_or_default();
             format!("{blow:?} at frame {next}: {failure}\n{log}")
         })?;
         *struck.entry(format!("{blow:?}")).or_default() += 1;
@@ -143,8 +147,8 @@ fn month() -> Result<(), Failure> {
     month.frames(frames)?;
     month.tell(&["stop"])?;
     month.bar.finish_and_clear();
-    if let Some(keeper) = month.keeper.take() {
-        keeper.stop()?;
+    if let Some(daemon) = month.daemon.take() {
+        daemon.stop()?;
     }
     let blows: u64 = struck.values().sum();
     println!(
@@ -190,7 +194,7 @@ fn shuffled(seed: u64) -> Vec<Blow> {
 struct Month {
     stage: Stage,
     rig: SimulatedRig,
-    keeper: Option<Keeper>,
+    daemon: Option<DaemonProcess>,
     bar: ProgressBar,
 }
 
@@ -257,12 +261,12 @@ impl Month {
             }
             PowerCut => self.kill()?,
             Updated => {
-                if let Some(keeper) = self.keeper.take() {
-                    keeper.stop()?;
+                if let Some(daemon) = self.daemon.take() {
+                    daemon.stop()?;
                 }
             }
             Frozen => {
-                let id = self.keeper.as_ref().map_or(0, Keeper::id);
+                let id = self.daemon.as_ref().map_or(0, DaemonProcess::id);
                 let daemon = Pid::from_raw(id.try_into()?).ok_or("no daemon runs")?;
                 kill_process(daemon, Signal::STOP)?;
                 std::thread::sleep(survey::duration(20.0 * EVERY_S));
@@ -273,14 +277,14 @@ impl Month {
             self.fault("reset 6221")?;
             self.fault("reset 34980a")?;
         }
-        if self.keeper.is_none() {
-            self.keeper = Some(self.stage.start_daemon()?);
+        if self.daemon.is_none() {
+            self.daemon = Some(self.stage.start_daemon()?);
         }
         self.frames(durable + 3)
     }
 
     fn kill(&mut self) -> Result<(), Failure> {
-        self.keeper.take().ok_or("no daemon runs")?.kill();
+        self.daemon.take().ok_or("no daemon runs")?.kill();
         Ok(())
     }
 

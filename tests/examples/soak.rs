@@ -15,7 +15,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use tactus_tests::{Keeper, SIMULATED, Stage, act_as};
+use tactus_tests::{DaemonProcess, SIMULATED, Stage, act_as};
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -61,7 +61,7 @@ fn soak() -> Result<(), Failure> {
         );
     let stage = Stage::with_program(&config, std::env::current_exe()?)?;
     std::fs::write(stage.path().join("scene.toml"), SCENE)?;
-    let keeper = stage.start_daemon()?;
+    let daemon = stage.start_daemon()?;
     let ask = |args: &[&str]| -> Result<Vec<serde_json::Value>, Failure> {
         Ok(stage.tactus(args)?.succeeded()?.json())
     };
@@ -75,7 +75,7 @@ fn soak() -> Result<(), Failure> {
         let durable = durable.as_u64().ok_or("the session has ended")?;
         if durable >= due {
             due = durable + frames / LOOKS;
-            let look = look(&keeper, durable)?;
+            let look = look(&daemon, durable)?;
             println!(
                 "{} frames, {} kB resident, {} descriptors, {} threads, {:.0} s",
                 look.frames,
@@ -88,7 +88,7 @@ fn soak() -> Result<(), Failure> {
         }
     }
     ask(&["stop", "--json"])?;
-    keeper.stop()?;
+    daemon.stop()?;
     stage
         .tactus(&["sessions", "verify", "--all"])?
         .succeeded()?;
@@ -116,8 +116,8 @@ fn soak() -> Result<(), Failure> {
     }
 }
 
-fn look(keeper: &Keeper, frames: u64) -> Result<Look, Failure> {
-    let process = PathBuf::from(format!("/proc/{}", keeper.id()));
+fn look(daemon: &DaemonProcess, frames: u64) -> Result<Look, Failure> {
+    let process = PathBuf::from(format!("/proc/{}", daemon.id()));
     let status = std::fs::read_to_string(process.join("status"))?;
     let resident = status
         .lines()

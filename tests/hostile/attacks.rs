@@ -42,7 +42,7 @@ async fn absurd_numbers_in_a_plan_end_no_session() {
                 "{option} = {number}: {answer:?}\nthe session is {}: {}\n{}",
                 session.state().await.unwrap(),
                 session.last_error().await.unwrap(),
-                daemon.keeper.log()
+                daemon.daemon.log()
             );
         }
     }

@@ -102,7 +102,7 @@ async fn a_session_stopped_on_a_full_disk_stays_stopped() {
         assert!(
             begun.elapsed() < DEADLINE,
             "the session does not pause: {}",
-            daemon.keeper.log()
+            daemon.daemon.log()
         );
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
@@ -114,7 +114,7 @@ async fn a_session_stopped_on_a_full_disk_stays_stopped() {
     );
     assert_eq!(daemon.manager.source_state().await.unwrap(), "off");
     // as at a power cut, with the disk still full
-    daemon.keeper.kill();
+    daemon.daemon.kill();
     disk.free();
     assert_does_not_go_on(&site, &id).await;
 }

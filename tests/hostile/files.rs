@@ -86,7 +86,7 @@ async fn a_session_stopped_under_a_lock_ends_with_the_source_off() {
     );
     lock.rollback().unwrap();
     drop(browser);
-    daemon.keeper.stop().unwrap();
+    daemon.daemon.stop().unwrap();
     assert_does_not_go_on(&site, &id).await;
 }
 
@@ -146,7 +146,7 @@ async fn another_file(daemon: &Daemon<'_>, session: &Session1Proxy<'_>, file: &P
             assert!(now.exists(), "{} is not there", now.display());
             assert!(is_alive(&state), "the session is {state}");
             assert!(
-                daemon.keeper.log().contains(&file.display().to_string()),
+                daemon.daemon.log().contains(&file.display().to_string()),
                 "nothing is said"
             );
             return now;
@@ -201,10 +201,10 @@ pub async fn assert_does_not_go_on(site: &Site, id: &str) {
         active.as_str(),
         "/",
         "session {id} goes on\n{}",
-        daemon.keeper.log()
+        daemon.daemon.log()
     );
     assert_eq!(daemon.manager.source_state().await.unwrap(), "off");
-    daemon.keeper.stop().unwrap();
+    daemon.daemon.stop().unwrap();
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -27,7 +27,7 @@ async fn malformed_greetings_end_only_their_own_connection() {
             state == "running",
             "{what}: the session is {state}: {}\n{}",
             session.last_error().await.unwrap(),
-            daemon.keeper.log()
+            daemon.daemon.log()
         );
     }
     let held = session.frames_durable().await.unwrap();

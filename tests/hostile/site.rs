@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use dbus::{Address, Manager1Proxy, Options, Session1Proxy};
-use tactus_tests::{DEADLINE, Keeper, Spoken, Stage};
+use tactus_tests::{DEADLINE, DaemonProcess, Spoken, Stage};
 use tokio::sync::{Mutex, MutexGuard};
 use zbus::Connection;
 use zbus::proxy::CacheProperties;
@@ -82,7 +82,7 @@ impl Site {
     /// Starts the daemon and connects to it as root.
     pub async fn start(&self) -> Daemon<'_> {
         let address = self.bus.address();
-        let keeper = tokio::task::block_in_place(|| {
+        let daemon = tokio::task::block_in_place(|| {
             self.stage.start_daemon_with(|command| {
                 command.env("DBUS_SYSTEM_BUS_ADDRESS", address);
             })
@@ -96,7 +96,7 @@ impl Site {
             .unwrap();
         Daemon {
             site: self,
-            keeper,
+            daemon,
             connection,
             manager,
         }
@@ -163,7 +163,7 @@ fn has(program: &str) -> bool {
 /// A daemon that runs, and root's connection to its peer socket.
 pub struct Daemon<'a> {
     pub site: &'a Site,
-    pub keeper: Keeper,
+    pub daemon: DaemonProcess,
     pub connection: Connection,
     pub manager: Manager1Proxy<'static>,
 }
@@ -204,7 +204,7 @@ impl Daemon<'_> {
 
     /// What its process has now.
     pub fn size(&self) -> Size {
-        let process = PathBuf::from(format!("/proc/{}", self.keeper.id()));
+        let process = PathBuf::from(format!("/proc/{}", self.daemon.id()));
         let count = |what: &str| std::fs::read_dir(process.join(what)).unwrap().count();
         Size {
             descriptors: count("fd"),
@@ -235,7 +235,7 @@ impl Daemon<'_> {
             stopped.code,
             Some(0),
             "after {took:?}: {stopped:?}\n{}",
-            self.keeper.log()
+            self.daemon.log()
         );
         assert_eq!(self.manager.source_state().await.unwrap(), "off");
         assert_eq!(session.state().await.unwrap(), "ended");
@@ -270,9 +270,9 @@ impl Daemon<'_> {
 
     /// The same process runs, and no thread of it has panicked.
     pub fn assert_unharmed(&mut self) {
-        let log = self.keeper.log();
+        let log = self.daemon.log();
         assert!(
-            self.keeper.is_running(),
+            self.daemon.is_running(),
             "the daemon ended; it said:\n{log}"
         );
         assert!(!log.contains("panicked"), "{log}");

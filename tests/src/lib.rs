@@ -3,7 +3,7 @@
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-pub use demo::{DEADLINE, Keeper, SIMULATED, Spoken, Stage, StageError, TWO_MICROVOLTS};
+pub use demo::{DEADLINE, DaemonProcess, SIMULATED, Spoken, Stage, StageError, TWO_MICROVOLTS};
 
 /// Runs one of the four programs when the first argument names it; `None` when it names none.
 ///

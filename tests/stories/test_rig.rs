@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use survey::Amps;
-use tactus_tests::{Keeper, SIMULATED, Stage};
+use tactus_tests::{DaemonProcess, SIMULATED, Stage};
 
 /// What a story needs of a rig.
 #[derive(Debug, Clone, Copy)]
@@ -87,7 +87,7 @@ fn real_rig(path: &Path, needs: Needs) -> Option<String> {
 }
 
 /// The daemon, ready.
-pub fn start(stage: &Stage) -> Keeper {
+pub fn start(stage: &Stage) -> DaemonProcess {
     stage
         .start_daemon()
         .unwrap_or_else(|fault| panic!("{fault}"))

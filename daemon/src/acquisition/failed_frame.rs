@@ -15,7 +15,7 @@ pub(crate) fn tell(error: &AcquireError) -> String {
         _ => "while the survey was being prepared".to_owned(),
     };
     text.push_str(&format!(". It happened {at}"));
-    let mut told = vec![what(cause)];
+    let mut reported = vec![what(cause)];
     let mut reasons: Vec<String> = why(cause).into_iter().collect();
     if let Some(cleanup) = error.cleanup() {
         // an instrument that is gone is gone for the cleanup, too: it is said once
@@ -24,9 +24,9 @@ pub(crate) fn tell(error: &AcquireError) -> String {
         reasons.extend(failed.filter(same_wire).map(what));
     }
     for reason in reasons {
-        if !told.contains(&reason) {
+        if !reported.contains(&reason) {
             text.push_str(&format!("; {reason}"));
-            told.push(reason);
+            reported.push(reason);
         }
     }
     text
@@ -51,10 +51,10 @@ fn what(cause: &RigError) -> String {
 fn why(cause: &RigError) -> Option<String> {
     match cause {
         RigError::Link(LinkError::Lost { message, cause, .. }) => {
-            let asked = (!message.is_empty()).then(|| format!("the message was '{message}'"));
+            let requested = (!message.is_empty()).then(|| format!("the message was '{message}'"));
             let said = cause.as_ref().map(ToString::to_string);
-            let known: Vec<String> = asked.into_iter().chain(said).collect();
-            (!known.is_empty()).then(|| known.join(", "))
+            let identities: Vec<String> = requested.into_iter().chain(said).collect();
+            (!identities.is_empty()).then(|| identities.join(", "))
         }
         RigError::Link(LinkError::Timeout { message, .. }) if !message.is_empty() => {
             Some(format!("the message was '{message}'"))

@@ -13,7 +13,7 @@ use crate::preparation::RigPlan;
 #[derive(Default)]
 pub(crate) struct Measuring {
     /// What was asked for, its ranges from the session's baseline; `None` for a recording.
-    asked: Option<Arc<RigPlan>>,
+    requested: Option<Arc<RigPlan>>,
     /// The last zero-current frame, and how many frames it has served.
     zero: Option<(Frame, u64)>,
     /// What a person should find in the record, a kind and a sentence each.
@@ -22,23 +22,23 @@ pub(crate) struct Measuring {
 
 impl Measuring {
     /// Ranges from the baseline that the session measures against, where the rig plans them.
-    pub(crate) fn of(asked: Option<Arc<RigPlan>>, baseline: Option<&Baseline>) -> Self {
-        let asked = asked.map(|mut asked| {
-            if let Some((rule, baseline)) = asked.ranges.clone().zip(baseline) {
-                let own = Arc::make_mut(&mut asked);
+    pub(crate) fn of(requested: Option<Arc<RigPlan>>, baseline: Option<&Baseline>) -> Self {
+        let requested = requested.map(|mut requested| {
+            if let Some((rule, baseline)) = requested.ranges.clone().zip(baseline) {
+                let own = Arc::make_mut(&mut requested);
                 own.plan = from_baseline(own.plan.clone(), &rule, baseline);
             }
-            asked
+            requested
         });
         Self {
-            asked,
+            requested,
             ..Self::default()
         }
     }
 
     /// How the session measures now.
     pub(crate) fn now(&self) -> Option<Arc<RigPlan>> {
-        self.asked.clone()
+        self.requested.clone()
     }
 
     /// Takes one frame; before it, where it is time, one at zero current, which is subtracted from those that follow.
@@ -49,9 +49,9 @@ impl Measuring {
         clock: impl Clock + Copy,
         stop: &Stop,
     ) -> Result<Frame, AcquireError> {
-        let asked = self.asked.get_or_insert_with(|| Arc::clone(configured));
-        let (plan, meter) = (&asked.plan, asked.meter);
-        if let Some(every) = asked.zero_every
+        let requested = self.requested.get_or_insert_with(|| Arc::clone(configured));
+        let (plan, meter) = (&requested.plan, requested.meter);
+        if let Some(every) = requested.zero_every
             && self
                 .zero
                 .as_ref()
@@ -59,11 +59,11 @@ impl Measuring {
         {
             let at_zero = plan.at_zero_current();
             let zero = rig.acquire(&at_zero, meter, clock, stop).await?;
-            self.said.push(("zero", told(&zero)));
+            self.said.push(("zero", reported(&zero)));
             self.zero = Some((zero, 0));
         }
         let mut frame = rig.acquire(plan, meter, clock, stop).await?;
-        if let Some(rule) = asked.ranges.clone() {
+        if let Some(rule) = requested.ranges.clone() {
             let overloaded: Vec<usize> = frame
                 .readings
                 .iter()
@@ -73,7 +73,7 @@ impl Measuring {
                 .collect();
             let widened = match overloaded.is_empty() {
                 true => Vec::new(),
-                false => Arc::make_mut(asked).plan.widen(&rule, &overloaded),
+                false => Arc::make_mut(requested).plan.widen(&rule, &overloaded),
             };
             if let Some(most) = widened.iter().map(|(_, range)| range.0).reduce(f64::max) {
                 let text = format!(
@@ -88,9 +88,9 @@ impl Measuring {
         }
         if let Some((zero, served)) = &mut self.zero {
             *served += 1;
-            if let Err(refusal) = frame.subtract(zero) {
+            if let Err(error) = frame.subtract(zero) {
                 // both come of one plan
-                tracing::error!("{refusal}");
+                tracing::error!("{error}");
             }
         }
         Ok(frame)
@@ -104,7 +104,7 @@ impl Measuring {
 
 /// The plan with ranges from a baseline; what the baseline does not know keeps its range.
 pub(crate) fn from_baseline(plan: Plan, rule: &RangeRule, baseline: &Baseline) -> Plan {
-    let known: std::collections::BTreeMap<_, _> = plan
+    let identities: std::collections::BTreeMap<_, _> = plan
         .protocol
         .measurements()
         .iter()
@@ -112,10 +112,10 @@ pub(crate) fn from_baseline(plan: Plan, rule: &RangeRule, baseline: &Baseline) -
         .zip(&baseline.readings)
         .filter_map(|(question, reading)| Some((question, reading.volts()?)))
         .collect();
-    plan.with_ranges(rule, |question| known.get(&question).copied())
+    plan.with_ranges(rule, |question| identities.get(&question).copied())
 }
 
-fn told(zero: &Frame) -> String {
+fn reported(zero: &Frame) -> String {
     let volts: Vec<f64> = zero
         .readings
         .iter()

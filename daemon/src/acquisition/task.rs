@@ -5,17 +5,17 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use imaging::recorded::RecordedError;
-use rig::{AcquireError, Clock, Stop, SystemClock, Tape};
+use rig::{AcquireError, Clock, RingTranscript, Stop, SystemClock};
 use survey::Frame;
 use tokio::sync::{mpsc, watch};
 
 use crate::acquisition::measuring::Measuring;
 use crate::acquisition::playback::Recording;
 use crate::instruments::assembly::AnyRig;
-use crate::monitoring::heartbeat::{Part, Pulse, Rests};
+use crate::monitoring::heartbeat::{Heartbeats, Part, Rests};
 use crate::preparation::RigPlan;
 use crate::recording::recorder::Order;
-use crate::recording::session_status::Live;
+use crate::recording::session_status::SessionStatus;
 use crate::session::controller::Happening;
 use crate::session::schedule::{Next, Schedule};
 use survey::error_chain as chain;
@@ -35,7 +35,7 @@ pub(crate) enum FrameSource {
 
 /// How acquisition ended.
 #[derive(Debug)]
-pub(crate) enum Ended {
+pub(crate) enum AcquisitionEnd {
     /// As asked or scheduled.
     Done(String),
     /// The rig failed; it is safe unless the text says otherwise.
@@ -44,7 +44,7 @@ pub(crate) enum Ended {
     Recording(Box<RecordedError>),
 }
 
-impl Ended {
+impl AcquisitionEnd {
     /// For a person.
     pub(crate) fn text(&self) -> String {
         match self {
@@ -56,8 +56,8 @@ impl Ended {
 }
 
 /// What the loop needs beside the source.
-pub(crate) struct Watch {
-    pub live: Arc<Live>,
+pub(crate) struct Acquisition {
+    pub status: Arc<SessionStatus>,
     pub schedule: Schedule,
     /// Of a recording; `None` is the configured one.
     pub speed: Option<f64>,
@@ -66,9 +66,9 @@ pub(crate) struct Watch {
     /// Told when acquisition pauses and goes on.
     pub paused: Arc<dyn Fn(bool) + Send + Sync>,
     /// What is said over the wires.
-    pub tape: Tape,
-    pub pulse: Arc<Pulse>,
-    pub course: Course,
+    pub transcript: RingTranscript,
+    pub heartbeats: Arc<Heartbeats>,
+    pub progress: AcquisitionProgress,
     pub measuring: Measuring,
     /// Tells everybody what has been done about ranges and offsets, and how the session measures from then on.
     pub said: Box<dyn Fn(Happening, Option<Arc<RigPlan>>) + Send + Sync>,
@@ -76,7 +76,7 @@ pub(crate) struct Watch {
 
 /// How far a session has come; it survives the loss of the rig.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Course {
+pub(crate) struct AcquisitionProgress {
     began: Option<Duration>,
     taken: u64,
     last: Option<Duration>,
@@ -84,7 +84,7 @@ pub(crate) struct Course {
     shift: Duration,
 }
 
-impl Course {
+impl AcquisitionProgress {
     /// Of a session that goes on where so many frames have been taken.
     pub(crate) fn after(taken: u64) -> Self {
         Self {
@@ -100,93 +100,93 @@ enum Waited {
     Stopped,
 }
 
-impl Watch {
+impl Acquisition {
     /// Takes frames until the schedule, somebody, or a fault ends it.
     /// After a fault of the rig it goes on where it was.
-    pub(crate) async fn run(&mut self, source: &mut FrameSource) -> Ended {
-        if let (FrameSource::Recording(recording), None) = (&mut *source, self.course.began) {
+    pub(crate) async fn run(&mut self, source: &mut FrameSource) -> AcquisitionEnd {
+        if let (FrameSource::Recording(recording), None) = (&mut *source, self.progress.began) {
             recording.rewind(self.speed);
         }
-        let _rests = Rests(Arc::clone(&self.pulse), Part::Acquisition);
-        let mut stop = self.live.stop_wish();
-        let mut suspend = self.live.suspend_wish();
-        let mut held = self.live.held();
-        let mut grants = self.live.grants();
+        let _rests = Rests(Arc::clone(&self.heartbeats), Part::Acquisition);
+        let mut stop = self.status.stop_wish();
+        let mut suspend = self.status.suspend_wish();
+        let mut held = self.status.held();
+        let mut grants = self.status.grants();
         let now = self.clock.monotonic();
-        let began = *self.course.began.get_or_insert(now);
+        let began = *self.progress.began.get_or_insert(now);
         loop {
             // one may begin while the other lasts
             while *suspend.borrow() || *held.borrow() {
-                let asked = self.sit_out(&mut suspend, &mut stop).await;
-                self.course.shift += asked + self.sit_out(&mut held, &mut stop).await;
+                let requested = self.sit_out(&mut suspend, &mut stop).await;
+                self.progress.shift += requested + self.sit_out(&mut held, &mut stop).await;
                 if stop.is_asked() {
                     break;
                 }
-                if !asked.is_zero() {
-                    let text = format!("suspended on request for {:.0} s", asked.as_secs_f64());
+                if !requested.is_zero() {
+                    let text = format!("suspended on request for {:.0} s", requested.as_secs_f64());
                     self.note("paused", text).await;
                 }
             }
-            let Course {
+            let AcquisitionProgress {
                 taken, last, shift, ..
-            } = self.course;
+            } = self.progress;
             if stop.is_asked() {
-                return Ended::Done(self.live.stop_reason());
+                return AcquisitionEnd::Done(self.status.stop_reason());
             }
             let now = self.clock.monotonic();
             let (mut due, missed) = match self.schedule.next(began, taken, last, now) {
-                Next::End(reason) => return Ended::Done(reason.to_owned()),
+                Next::End(reason) => return AcquisitionEnd::Done(reason.to_owned()),
                 Next::Frame { due, missed } => (due, missed),
             };
             if let FrameSource::Recording(recording) = source {
                 match recording.due() {
                     Ok(Some(offset)) => due = began + shift + offset,
-                    Ok(None) => return Ended::Done("the recording is over".to_owned()),
-                    Err(error) => return Ended::Recording(Box::new(error)),
+                    Ok(None) => return AcquisitionEnd::Done("the recording is over".to_owned()),
+                    Err(error) => return AcquisitionEnd::Recording(Box::new(error)),
                 }
             } else if missed > 0 {
-                self.live.count_dropped(missed);
+                self.status.count_dropped(missed);
                 let text = format!("{missed} frames were due and could not be taken in time");
                 self.note("frames-missed", text).await;
             }
             let waited = match &mut grants {
                 Some(grants) => {
-                    self.pulse.rest(Part::Acquisition);
+                    self.heartbeats.rest(Part::Acquisition);
                     granted(grants, taken, &mut stop).await
                 }
                 None => self.until(due, &mut stop, &mut suspend, &mut held).await,
             };
             match waited {
-                Waited::Stopped => return Ended::Done(self.live.stop_reason()),
+                Waited::Stopped => return AcquisitionEnd::Done(self.status.stop_reason()),
                 Waited::Due if *suspend.borrow() || *held.borrow() => continue,
                 Waited::Due => {}
             }
             self.promise(self.longest(source));
             let frame = match self.take(source, &stop).await {
                 Ok(Some(frame)) => frame,
-                Ok(None) => return Ended::Done("the recording is over".to_owned()),
-                Err(Ended::Rig(error))
+                Ok(None) => return AcquisitionEnd::Done("the recording is over".to_owned()),
+                Err(AcquisitionEnd::Rig(error))
                     if stop.is_asked() && matches!(*error, AcquireError::Stopped { .. }) =>
                 {
-                    return Ended::Done(self.live.stop_reason());
+                    return AcquisitionEnd::Done(self.status.stop_reason());
                 }
                 Err(ended) => return ended,
             };
-            self.course.taken += 1;
-            self.course.last = Some(due);
-            self.live.count_acquired();
+            self.progress.taken += 1;
+            self.progress.last = Some(due);
+            self.status.count_acquired();
             if !self
                 .hand_over(frame, matches!(source, FrameSource::Recording(_)))
                 .await
             {
-                return Ended::Done(self.live.stop_reason());
+                return AcquisitionEnd::Done(self.status.stop_reason());
             }
         }
     }
 
     fn promise(&self, within: Duration) {
         let now = self.clock.monotonic();
-        self.pulse.promise(Part::Acquisition, now, within);
+        self.heartbeats.promise(Part::Acquisition, now, within);
     }
 
     /// What a frame may take before something hangs that no deadline of a wire has ended.
@@ -206,13 +206,13 @@ impl Watch {
         &mut self,
         source: &mut FrameSource,
         stop: &Stop,
-    ) -> Result<Option<Frame>, Ended> {
+    ) -> Result<Option<Frame>, AcquisitionEnd> {
         match source {
             FrameSource::Rig {
                 rig: Some(rig),
                 plan,
             } => {
-                self.tape.next_reel();
+                self.transcript.next_transcript();
                 let frame = self.measuring.frame(rig, plan, self.clock, stop).await;
                 for (kind, text) in self.measuring.said() {
                     let at = self.clock.wall();
@@ -227,12 +227,14 @@ impl Watch {
                     // a recorder that has gone is noticed at the frame
                     let _ = self.recorder.send(order).await;
                 }
-                frame.map(Some).map_err(|error| Ended::Rig(Box::new(error)))
+                frame
+                    .map(Some)
+                    .map_err(|error| AcquisitionEnd::Rig(Box::new(error)))
             }
             FrameSource::Rig { rig: None, .. } => Ok(None),
             FrameSource::Recording(recording) => recording
                 .next(self.clock.monotonic(), self.clock.wall())
-                .map_err(|error| Ended::Recording(Box::new(error))),
+                .map_err(|error| AcquisitionEnd::Recording(Box::new(error))),
         }
     }
 
@@ -247,9 +249,9 @@ impl Watch {
             return self.recorder.send(frame).await.is_ok();
         }
         // the record has promised
-        self.pulse.rest(Part::Acquisition);
-        self.live.set_suspended(true);
-        self.live
+        self.heartbeats.rest(Part::Acquisition);
+        self.status.set_suspended(true);
+        self.status
             .set_last_error("the logbook cannot keep up; acquisition waits, the source is off");
         (self.paused)(true);
         let since = self.clock.monotonic();
@@ -263,8 +265,8 @@ impl Watch {
             self.note("paused", text).await;
         }
         (self.paused)(false);
-        self.live.set_suspended(false);
-        self.live.set_last_error("");
+        self.status.set_suspended(false);
+        self.status.set_last_error("");
         sent
     }
 
@@ -281,15 +283,15 @@ impl Watch {
             return Duration::ZERO;
         }
         let from = self.clock.monotonic();
-        self.pulse.rest(Part::Acquisition);
-        self.live.set_suspended(true);
+        self.heartbeats.rest(Part::Acquisition);
+        self.status.set_suspended(true);
         (self.paused)(true);
         tokio::select! {
             () = stop.asked() => {}
             _ = suspend.wait_for(|suspended| !*suspended) => {}
         }
         (self.paused)(false);
-        self.live.set_suspended(false);
+        self.status.set_suspended(false);
         self.clock.monotonic() - from
     }
 

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use tokio::sync::mpsc;
 
-use crate::recording::session_status::{Live, Published};
+use crate::recording::session_status::{Published, SessionStatus};
 use crate::session::controller::Happening;
 
 /// News that may wait for one connection; beyond it news is lost for that one, which will soon be found frozen.
@@ -13,21 +13,21 @@ const QUEUE: usize = 256;
 
 /// Something to be said aloud.
 #[derive(Debug, Clone)]
-pub(crate) enum Notice {
-    SessionAdded(Arc<Live>),
-    SessionChanged(Arc<Live>),
+pub(crate) enum BusEvent {
+    SessionAdded(Arc<SessionStatus>),
+    SessionChanged(Arc<SessionStatus>),
     SessionRemoved(String),
-    FrameDone(Arc<Live>, Arc<Published>),
+    FrameDone(Arc<SessionStatus>, Arc<Published>),
     /// State, active session, baseline or error of the daemon.
     Daemon,
     /// State of the instruments.
     Instruments,
     /// Which instruments there are, and whether there is a simulated sheet, may have changed.
-    Furniture,
+    ObjectsChanged,
     /// Something happened to the rig, or to a session by it.
     Happened(Happening),
     /// Whether the bus is still there is asked of each.
-    Pulse,
+    Heartbeats,
     /// How far a self-test is.
     TestProgress {
         done: u64,
@@ -38,23 +38,23 @@ pub(crate) enum Notice {
 
 /// Everybody who carries news on.
 #[derive(Debug, Default)]
-pub(crate) struct Herald {
-    ears: Mutex<Vec<mpsc::Sender<Notice>>>,
+pub(crate) struct Broadcast {
+    receivers: Mutex<Vec<mpsc::Sender<BusEvent>>>,
 }
 
-impl Herald {
+impl Broadcast {
     /// Somebody who wants to hear; dropped when the receiver is.
-    pub(crate) fn listen(&self) -> mpsc::Receiver<Notice> {
-        let (ear, news) = mpsc::channel(QUEUE);
-        self.lock().push(ear);
+    pub(crate) fn listen(&self) -> mpsc::Receiver<BusEvent> {
+        let (receiver, news) = mpsc::channel(QUEUE);
+        self.lock().push(receiver);
         news
     }
 
     /// Tells everybody; never waits.
-    pub(crate) fn say(&self, notice: &Notice) {
-        self.lock().retain(|ear| {
+    pub(crate) fn say(&self, event: &BusEvent) {
+        self.lock().retain(|receiver| {
             !matches!(
-                ear.try_send(notice.clone()),
+                receiver.try_send(event.clone()),
                 Err(mpsc::error::TrySendError::Closed(_))
             )
         });
@@ -66,7 +66,7 @@ impl Herald {
             if self
                 .lock()
                 .iter()
-                .all(|ear| ear.capacity() == QUEUE || ear.is_closed())
+                .all(|receiver| receiver.capacity() == QUEUE || receiver.is_closed())
             {
                 return;
             }
@@ -74,7 +74,9 @@ impl Herald {
         }
     }
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, Vec<mpsc::Sender<Notice>>> {
-        self.ears.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock(&self) -> std::sync::MutexGuard<'_, Vec<mpsc::Sender<BusEvent>>> {
+        self.receivers
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
     }
 }

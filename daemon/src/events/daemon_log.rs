@@ -18,7 +18,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 
 /// The way to the chronicle.
 #[derive(Debug)]
-pub(crate) struct Chronicle {
+pub(crate) struct DaemonLogWriter {
     directory: PathBuf,
     /// `None` before the first event and after the last.
     writer: Mutex<Option<Writer>>,
@@ -31,7 +31,7 @@ struct Writer {
     done: tokio::sync::oneshot::Receiver<()>,
 }
 
-impl Chronicle {
+impl DaemonLogWriter {
     pub(crate) fn new(directory: PathBuf) -> Self {
         Self {
             directory,
@@ -94,14 +94,14 @@ fn start(directory: PathBuf) -> Option<Writer> {
 
 /// Until nobody sends any more. What the disk refuses is in the journal and on the bus all the same.
 fn write(directory: &std::path::Path, events: &Receiver<Event>) {
-    let mut chronicle = None;
+    let mut daemon_log = None;
     let mut refused = false;
     while let Ok(event) = events.recv() {
-        let written = match &mut chronicle {
-            Some(chronicle) => logbook::Chronicle::note(chronicle, &event),
+        let written = match &mut daemon_log {
+            Some(daemon_log) => logbook::Chronicle::note(daemon_log, &event),
             None => logbook::Chronicle::open(directory).and_then(|mut opened| {
                 opened.note(&event)?;
-                chronicle = Some(opened);
+                daemon_log = Some(opened);
                 Ok(())
             }),
         };
@@ -109,7 +109,7 @@ fn write(directory: &std::path::Path, events: &Receiver<Event>) {
             Ok(()) => refused = false,
             Err(error) => {
                 // opened again for the next one
-                chronicle = None;
+                daemon_log = None;
                 if !std::mem::replace(&mut refused, true) {
                     tracing::warn!("an event cannot be kept: {}", chain(&error));
                 }
@@ -125,18 +125,18 @@ mod tests {
     #[tokio::test]
     async fn what_is_noted_is_on_disk_when_it_is_closed() {
         let folder = tempfile::tempdir().unwrap();
-        let chronicle = Chronicle::new(folder.path().to_owned());
-        chronicle.close().await;
+        let daemon_log = DaemonLogWriter::new(folder.path().to_owned());
+        daemon_log.close().await;
         assert!(logbook::chronicle(folder.path()).unwrap().is_empty());
         for number in 0..QUEUE as i64 {
             let at = DateTime::from_timestamp_nanos(number);
-            chronicle.note(at, "daily", "a day");
+            daemon_log.note(at, "daily", "a day");
         }
-        chronicle.close().await;
+        daemon_log.close().await;
         assert_eq!(logbook::chronicle(folder.path()).unwrap().len(), QUEUE);
         // and it goes on
-        chronicle.note(Utc::now(), "stopped", "SIGTERM");
-        chronicle.close().await;
+        daemon_log.note(Utc::now(), "stopped", "SIGTERM");
+        daemon_log.close().await;
         let last = logbook::chronicle(folder.path()).unwrap().pop().unwrap();
         assert_eq!(last.kind, "stopped");
     }

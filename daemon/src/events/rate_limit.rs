@@ -12,7 +12,7 @@ pub(crate) const AGAIN: Duration = Duration::from_secs(600);
 
 /// Whether something is said.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Voice {
+enum Decision {
     Say,
     /// And that there were so many more since it was said last.
     SayWith(u64),
@@ -21,14 +21,14 @@ enum Voice {
 
 /// How news is told.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Tone {
+enum Severity {
     /// All is as it should be.
     Info,
     Warn,
     Error,
 }
 
-impl Tone {
+impl Severity {
     fn of(kind: &str) -> Self {
         match kind {
             "alarm" | "source-unknown" | "frame-failed" | "others-found" | "relays-closed"
@@ -41,7 +41,7 @@ impl Tone {
 
 /// What has been said, by kind. Kinds are words of this program, so there are only so many.
 #[derive(Debug, Default)]
-pub(crate) struct Aloud(Mutex<BTreeMap<&'static str, Said>>);
+pub(crate) struct RateLimit(Mutex<BTreeMap<&'static str, Said>>);
 
 #[derive(Debug, Clone, Copy)]
 struct Said {
@@ -49,20 +49,20 @@ struct Said {
     more: u64,
 }
 
-impl Aloud {
+impl RateLimit {
     pub(crate) const fn new() -> Self {
         Self(Mutex::new(BTreeMap::new()))
     }
 
     /// Says something in the journal, or counts it.
     pub(crate) fn say(&self, kind: &'static str, session: Option<&str>, text: &str) {
-        match self.voice(kind) {
-            Voice::Say => journal(kind, session, text),
-            Voice::SayWith(more) => {
+        match self.decide(kind) {
+            Decision::Say => journal(kind, session, text),
+            Decision::SayWith(more) => {
                 let text = format!("{text} (and {})", left_out(more));
                 journal(kind, session, &text);
             }
-            Voice::Silent => {}
+            Decision::Silent => {}
         }
     }
 
@@ -86,23 +86,23 @@ impl Aloud {
         }
     }
 
-    fn voice(&self, kind: &'static str) -> Voice {
+    fn decide(&self, kind: &'static str) -> Decision {
         let now = Instant::now();
         let mut kinds = self.kinds();
         let Some(said) = kinds.get_mut(kind) else {
             kinds.insert(kind, Said { at: now, more: 0 });
-            return Voice::Say;
+            return Decision::Say;
         };
         if now.duration_since(said.at) < AGAIN {
             said.more += 1;
-            return Voice::Silent;
+            return Decision::Silent;
         }
         let more = std::mem::take(&mut said.more);
         said.at = now;
         if more > 0 {
-            Voice::SayWith(more)
+            Decision::SayWith(more)
         } else {
-            Voice::Say
+            Decision::Say
         }
     }
 
@@ -116,10 +116,10 @@ fn left_out(more: u64) -> String {
 }
 
 fn journal(kind: &str, session: Option<&str>, text: &str) {
-    match Tone::of(kind) {
-        Tone::Error => tracing::error!(kind, session, "{text}"),
-        Tone::Warn => tracing::warn!(kind, session, "{text}"),
-        Tone::Info => tracing::info!(kind, session, "{text}"),
+    match Severity::of(kind) {
+        Severity::Error => tracing::error!(kind, session, "{text}"),
+        Severity::Warn => tracing::warn!(kind, session, "{text}"),
+        Severity::Info => tracing::info!(kind, session, "{text}"),
     }
 }
 
@@ -163,30 +163,30 @@ mod tests {
             .with_ansi(false)
             .finish();
         let _guard = tracing::subscriber::set_default(subscriber);
-        let aloud = Aloud::default();
+        let rate_limit = RateLimit::default();
         for frame in 0..215 {
-            aloud.say("frame-failed", Some("m1"), &format!("frame {frame} failed"));
+            rate_limit.say("frame-failed", Some("m1"), &format!("frame {frame} failed"));
         }
-        aloud.say("suspended", Some("m1"), "the session is suspended");
+        rate_limit.say("suspended", Some("m1"), "the session is suspended");
         let said = journal.lines();
         assert_eq!(said.len(), 2, "{said:#?}");
         assert!(said[0].contains("frame 0 failed") && said[0].contains("ERROR"));
         // before its time nothing is caught up with
         tokio::time::advance(AGAIN - Duration::from_secs(1)).await;
-        aloud.catch_up();
+        rate_limit.catch_up();
         assert!(journal.lines().is_empty());
         tokio::time::advance(Duration::from_secs(1)).await;
-        aloud.say("frame-failed", Some("m1"), "frame 300 failed");
+        rate_limit.say("frame-failed", Some("m1"), "frame 300 failed");
         let said = journal.lines();
         assert!(
             said[0].contains("frame 300 failed (and 214 more in the last 10 minutes)"),
             "{said:?}"
         );
         // the last of a burst is counted, though nothing comes after it
-        aloud.say("frame-failed", Some("m1"), "frame 301 failed");
+        rate_limit.say("frame-failed", Some("m1"), "frame 301 failed");
         assert!(journal.lines().is_empty());
         tokio::time::advance(AGAIN).await;
-        aloud.catch_up();
+        rate_limit.catch_up();
         let said = journal.lines();
         assert_eq!(said.len(), 1, "{said:?}");
         assert!(
@@ -194,10 +194,10 @@ mod tests {
             "{said:?}"
         );
         tokio::time::advance(AGAIN).await;
-        aloud.catch_up();
+        rate_limit.catch_up();
         assert!(journal.lines().is_empty(), "silence is not told again");
         // and after silence it is news again
-        aloud.say("frame-failed", Some("m1"), "frame 900 failed");
+        rate_limit.say("frame-failed", Some("m1"), "frame 900 failed");
         assert_eq!(journal.lines().len(), 1);
     }
 }

@@ -10,7 +10,7 @@ pub(crate) const SOURCE_BAUD: u32 = 9600;
 
 /// An instrument's address.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum Place {
+pub(crate) enum InstrumentAddress {
     /// Simulated, inside the daemon.
     Simulated,
     /// `tcp:HOST:PORT`.
@@ -21,7 +21,7 @@ pub(crate) enum Place {
     Gpiochip { path: String, first: Option<u32> },
 }
 
-impl Place {
+impl InstrumentAddress {
     /// The rate of a serial line where the address names none.
     pub(crate) fn baud(role: &str) -> u32 {
         match role {
@@ -37,12 +37,12 @@ impl Place {
     "'{0}' is no address; write tcp:HOST:PORT, serial:PATH, serial:PATH@BAUD, gpiochip:PATH, gpiochip:PATH@OFFSET or \
      simulated"
 )]
-pub(crate) struct NoPlace(String);
+pub(crate) struct BadAddress(String);
 
-impl FromStr for Place {
-    type Err = NoPlace;
-    fn from_str(text: &str) -> Result<Self, NoPlace> {
-        let refused = || NoPlace(text.to_owned());
+impl FromStr for InstrumentAddress {
+    type Err = BadAddress;
+    fn from_str(text: &str) -> Result<Self, BadAddress> {
+        let refused = || BadAddress(text.to_owned());
         if text == "simulated" {
             return Ok(Self::Simulated);
         }
@@ -72,7 +72,7 @@ impl FromStr for Place {
     }
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for InstrumentAddress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Simulated => f.write_str("memory"),
@@ -91,23 +91,23 @@ mod tests {
     fn addresses_are_read_and_others_refused() {
         assert_eq!(
             "tcp:10.0.0.7:1394".parse(),
-            Ok(Place::Tcp("10.0.0.7:1394".into()))
+            Ok(InstrumentAddress::Tcp("10.0.0.7:1394".into()))
         );
         assert_eq!(
             "serial:/dev/ttyUSB0@9600".parse(),
-            Ok(Place::Serial {
+            Ok(InstrumentAddress::Serial {
                 path: "/dev/ttyUSB0".into(),
                 baud: Some(9600)
             })
         );
         assert_eq!(
             "gpiochip:/dev/gpiochip0@8".parse(),
-            Ok(Place::Gpiochip {
+            Ok(InstrumentAddress::Gpiochip {
                 path: "/dev/gpiochip0".into(),
                 first: Some(8)
             })
         );
-        assert_eq!("simulated".parse(), Ok(Place::Simulated));
+        assert_eq!("simulated".parse(), Ok(InstrumentAddress::Simulated));
         for text in [
             "",
             "10.0.0.7:1394",
@@ -121,7 +121,7 @@ mod tests {
             "gpiochip:/dev/gpiochip0@-1",
             "usb:/dev/x",
         ] {
-            assert!(text.parse::<Place>().is_err(), "{text}");
+            assert!(text.parse::<InstrumentAddress>().is_err(), "{text}");
         }
     }
 }

@@ -7,13 +7,13 @@ use keithley_6221::Keithley6221;
 use keysight_34980a::Keysight34980a;
 use rig::{
     AcquireError, BoxStream, CleanupError, Clock, CurrentSource, Link, LinkError, MeterSettings,
-    Rig, RigError, StartError, Stop, Switch, Tape, acquire, check_at_start, find_closed,
+    Rig, RigError, RingTranscript, StartError, Stop, Switch, acquire, check_at_start, find_closed,
     name_relays, safe_off,
 };
 use survey::{Frame, Plan, Relay, Sensing, Wiring};
 
-use crate::instruments::address::Place;
-use crate::instruments::identities::Known;
+use crate::instruments::address::InstrumentAddress;
+use crate::instruments::identities::ExpectedIdentities;
 use crate::instruments::multiplexer::Multiplexer;
 use crate::instruments::simulation::SimulatedRig;
 use crate::preparation::RigPlan;
@@ -36,14 +36,14 @@ pub(crate) enum AnyRig {
 
 /// One instrument as found.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Found {
+pub(crate) struct Connected {
     pub role: &'static str,
     pub identity: String,
     pub address: String,
     pub simulated: bool,
 }
 
-impl Found {
+impl Connected {
     /// Whether it is the same instrument: vendor, model and serial number; the firmware may be another.
     pub(crate) fn is_same(&self, other: &Self) -> bool {
         let fields = |found: &Self| -> Vec<String> {
@@ -60,7 +60,7 @@ impl Found {
 pub(crate) struct Assembled {
     pub rig: AnyRig,
     /// The instruments and modules that were found.
-    pub known: Known,
+    pub identities: ExpectedIdentities,
     /// Why nobody may measure yet: what was found closed, with [`Closed::Refuse`].
     pub closed: Option<String>,
 }
@@ -80,14 +80,14 @@ pub(crate) enum AssemblyError {
     #[error("the {role} at {place} cannot be reached; is it switched on, and the address right?")]
     Unreachable {
         role: &'static str,
-        place: Place,
+        place: InstrumentAddress,
         #[source]
         cause: LinkError,
     },
     #[error("the {role} at {place}")]
     Instrument {
         role: &'static str,
-        place: Place,
+        place: InstrumentAddress,
         #[source]
         cause: RigError,
     },
@@ -101,7 +101,7 @@ pub(crate) enum AssemblyError {
     Others {
         /// What differs.
         text: String,
-        found: Box<Known>,
+        found: Box<ExpectedIdentities>,
         /// Whether the source is the known one, and verified off.
         source_off: bool,
     },
@@ -150,17 +150,18 @@ impl AnyRig {
     }
 
     /// Reads everything that a self-test judges. Whoever calls makes the rig safe afterwards.
-    pub(crate) async fn probe(&self, mut asked: Asked<'_>) -> Result<Raw, ProbeError> {
+    pub(crate) async fn probe(&self, mut requested: Asked<'_>) -> Result<Raw, ProbeError> {
         match self {
             Self::Mainframe(rig) => {
                 let mut held = rig.lock().await;
-                let wiring = &asked.plan.wiring;
+                let wiring = &requested.plan.wiring;
                 if wiring.sensing == Sensing::Scan {
-                    asked.meter_relays = held.voltmeter.meter_relays(&wiring.measuring_relays());
+                    requested.meter_relays =
+                        held.voltmeter.meter_relays(&wiring.measuring_relays());
                 }
-                probe(&mut held, &asked).await
+                probe(&mut held, &requested).await
             }
-            Self::Board(rig) => probe(&mut *rig.lock().await, &asked).await,
+            Self::Board(rig) => probe(&mut *rig.lock().await, &requested).await,
         }
     }
 
@@ -186,32 +187,32 @@ impl AnyRig {
 /// What the simulated instruments of a rig are connected to.
 pub(crate) type Bench = Option<SimulatedRig>;
 
-/// Connects to every instrument, compares them with the `known` ones, checks the wiring against the modules, makes the
+/// Connects to every instrument, compares them with the `identities` ones, checks the wiring against the modules, makes the
 /// rig safe, and applies the settings, verified. The source is off, verified, before anybody else is asked anything.
 /// Another instrument than the known one is told nothing.
 pub(crate) async fn assemble(
     plan: &RigPlan,
     bench: &Bench,
-    tape: &Tape,
+    transcript: &RingTranscript,
     when_closed: Closed,
-    known: Option<&Known>,
+    identities: Option<&ExpectedIdentities>,
 ) -> Result<Assembled, AssemblyError> {
-    tape.open();
+    transcript.open();
     let places = &plan.instruments;
     let simulated = [&places.source, &places.switch, &places.voltmeter]
         .iter()
-        .any(|(place, _)| *place == Place::Simulated);
+        .any(|(place, _)| *place == InstrumentAddress::Simulated);
     let wiring = &plan.plan.wiring;
-    let mut source = connect_source(plan, bench, Some(tape)).await?;
+    let mut source = connect_source(plan, bench, Some(transcript)).await?;
     // whatever the others turn out to be, the source is off before they are asked
-    let found = |role, identity: &str, place: &Place| Found {
+    let found = |role, identity: &str, place: &InstrumentAddress| Connected {
         role,
         identity: printable_within(identity, 200).into_owned(),
         address: place.to_string(),
-        simulated: *place == Place::Simulated,
+        simulated: *place == InstrumentAddress::Simulated,
     };
     let mut instruments = vec![found("source", source.identity(), &places.source.0)];
-    let source_off = known.is_none_or(|known| known.has(&instruments[0]));
+    let source_off = identities.is_none_or(|identities| identities.has(&instruments[0]));
     if source_off {
         source
             .off()
@@ -222,7 +223,7 @@ pub(crate) async fn assemble(
                 cause,
             })?;
     }
-    let mainframe = connect_mainframe(plan, bench, Some(tape)).await?;
+    let mainframe = connect_mainframe(plan, bench, Some(transcript)).await?;
     let modules = (1..)
         .zip(mainframe.cards())
         .filter_map(|(slot, card)| Some(format!("{slot}: {}", card.as_deref()?)))
@@ -239,7 +240,7 @@ pub(crate) async fn assemble(
         .map(|card| card.trim_end().to_owned())
         .collect();
     let board = match plan.has_board() {
-        true => Some(connect_board(plan, bench, Some(tape)).await?),
+        true => Some(connect_board(plan, bench, Some(transcript)).await?),
         false => None,
     };
     let mainframe_is = |role| found(role, mainframe.identity(), &places.voltmeter.0);
@@ -250,12 +251,12 @@ pub(crate) async fn assemble(
         }
         None => instruments.push(mainframe_is("switch+voltmeter")),
     }
-    let here = Known {
+    let here = ExpectedIdentities {
         instruments,
         modules,
         cards,
     };
-    if let Some(text) = known.and_then(|known| known.differs(&here)) {
+    if let Some(text) = identities.and_then(|identities| identities.differs(&here)) {
         return Err(AssemblyError::Others {
             text,
             found: Box::new(here),
@@ -299,7 +300,7 @@ pub(crate) async fn assemble(
     }
     Ok(Assembled {
         rig,
-        known: here,
+        identities: here,
         closed,
     })
 }
@@ -365,7 +366,7 @@ pub(crate) async fn open_relays(plan: &RigPlan, bench: &Bench) -> Result<(), Ass
 async fn connect_source(
     plan: &RigPlan,
     bench: &Bench,
-    tape: Option<&Tape>,
+    transcript: Option<&RingTranscript>,
 ) -> Result<Source, AssemblyError> {
     let (place, deadline) = &plan.instruments.source;
     let stream = open(
@@ -375,7 +376,7 @@ async fn connect_source(
     )
     .await?;
     let link = Link::new(stream, format!("6221 ({place})"), *deadline);
-    let link = taped(link, tape);
+    let link = transcribed(link, transcript);
     Keithley6221::connect(link)
         .await
         .map_err(|cause| AssemblyError::Instrument {
@@ -388,7 +389,7 @@ async fn connect_source(
 async fn connect_mainframe(
     plan: &RigPlan,
     bench: &Bench,
-    tape: Option<&Tape>,
+    transcript: Option<&RingTranscript>,
 ) -> Result<Mainframe, AssemblyError> {
     let (place, deadline) = &plan.instruments.voltmeter;
     let stream = open(
@@ -398,7 +399,7 @@ async fn connect_mainframe(
     )
     .await?;
     let link = Link::new(stream, format!("34980A ({place})"), *deadline);
-    let link = taped(link, tape);
+    let link = transcribed(link, transcript);
     Keysight34980a::connect(link)
         .await
         .map_err(|cause| AssemblyError::Instrument {
@@ -411,7 +412,7 @@ async fn connect_mainframe(
 async fn connect_board(
     plan: &RigPlan,
     bench: &Bench,
-    tape: Option<&Tape>,
+    transcript: Option<&RingTranscript>,
 ) -> Result<Multiplexer, AssemblyError> {
     let (place, deadline) = &plan.instruments.switch;
     let fault = |cause| AssemblyError::Instrument {
@@ -419,7 +420,7 @@ async fn connect_board(
         place: place.clone(),
         cause,
     };
-    if let Place::Gpiochip { path, first } = place {
+    if let InstrumentAddress::Gpiochip { path, first } = place {
         let electrodes = plan.plan.wiring.electrodes;
         let enable = plan.instruments.enable;
         return Multiplexer::on_gpiochip(path, *first, enable, electrodes).map_err(fault);
@@ -430,19 +431,19 @@ async fn connect_board(
         bench.as_ref().map(SimulatedRig::connect_gpio),
     )
     .await?;
-    if matches!(place, Place::Serial { .. }) {
+    if matches!(place, InstrumentAddress::Serial { .. }) {
         let banner = gpio_mux::await_banner(&mut stream, TO_WAKE_UP).await;
         tracing::debug!(?banner, "multiplexer board");
     }
     let link = Link::new(stream, format!("gpio board ({place})"), *deadline);
-    let link = taped(link, tape);
+    let link = transcribed(link, transcript);
     let board = GpioMux::connect(link).await.map_err(fault)?;
     Ok(Multiplexer::Serial(board))
 }
 
-fn taped(link: Link<BoxStream>, tape: Option<&Tape>) -> Link<BoxStream> {
-    match tape {
-        Some(tape) => link.with_tape(tape.clone()),
+fn transcribed(link: Link<BoxStream>, transcript: Option<&RingTranscript>) -> Link<BoxStream> {
+    match transcript {
+        Some(transcript) => link.with_transcript(transcript.clone()),
         None => link,
     }
 }
@@ -450,19 +451,19 @@ fn taped(link: Link<BoxStream>, tape: Option<&Tape>) -> Link<BoxStream> {
 /// A stream to the place; `simulated` is the one to use where the place is in memory.
 async fn open(
     role: &'static str,
-    place: &Place,
+    place: &InstrumentAddress,
     simulated: Option<BoxStream>,
 ) -> Result<BoxStream, AssemblyError> {
     let opened = match place {
-        Place::Simulated => {
+        InstrumentAddress::Simulated => {
             return Ok(simulated.expect("a plan with a simulated place has a bench"));
         }
-        Place::Tcp(address) => rig::connect_tcp(address, TO_CONNECT).await,
-        Place::Serial { path, baud } => {
-            rig::open_serial(path, baud.unwrap_or_else(|| Place::baud(role)))
+        InstrumentAddress::Tcp(address) => rig::connect_tcp(address, TO_CONNECT).await,
+        InstrumentAddress::Serial { path, baud } => {
+            rig::open_serial(path, baud.unwrap_or_else(|| InstrumentAddress::baud(role)))
         }
         // a gpiochip is no stream; the configuration allows it for a board only, which does not come here
-        Place::Gpiochip { path, .. } => Err(LinkError::Unreachable {
+        InstrumentAddress::Gpiochip { path, .. } => Err(LinkError::Unreachable {
             address: path.clone(),
             cause: std::io::ErrorKind::Unsupported.into(),
         }),

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use logbook::InstrumentRecord;
 use serde::{Deserialize, Serialize};
 
-use crate::instruments::assembly::Found;
+use crate::instruments::assembly::Connected;
 
 /// In the directory of the record.
 const FILE: &str = "known-instruments.json";
@@ -23,8 +23,8 @@ pub(crate) const UNTIL_AGREED: &str =
 
 /// The instruments and modules that are known.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub(crate) struct Known {
-    pub instruments: Vec<Found>,
+pub(crate) struct ExpectedIdentities {
+    pub instruments: Vec<Connected>,
     pub modules: Vec<String>,
     /// Modules with their serial numbers.
     pub cards: Vec<String>,
@@ -32,7 +32,7 @@ pub(crate) struct Known {
 
 /// Why nobody knows which instruments were known.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum KnownError {
+pub(crate) enum IdentitiesError {
     #[error("{} cannot be {attempt}; it says which instruments this rig has", .path.display())]
     Io {
         path: PathBuf,
@@ -67,39 +67,39 @@ struct KeptInstrument {
     address: String,
 }
 
-impl Known {
+impl ExpectedIdentities {
     /// What differs in `other`, for a person; `None` for the same instruments. Firmware may change.
     pub(crate) fn differs(&self, other: &Self) -> Option<String> {
-        let mut told = Vec::new();
-        for known in &self.instruments {
-            let Some(found) = known.successor(&other.instruments) else {
+        let mut reported = Vec::new();
+        for expected in &self.instruments {
+            let Some(found) = expected.successor(&other.instruments) else {
                 continue;
             };
-            if !known.is_same(found) {
-                told.push(format!(
+            if !expected.is_same(found) {
+                reported.push(format!(
                     "the {} at {} is another: {} was known, {} is there",
-                    found.role, found.address, known.identity, found.identity
+                    found.role, found.address, expected.identity, found.identity
                 ));
             }
         }
         let mainframe = self.mainframe();
         if mainframe.is_some_and(|mainframe| mainframe.successor(&other.instruments).is_some()) {
-            for (known, found) in self.cards.iter().zip(&other.cards) {
-                if known != found {
-                    told.push(format!("{known} was known, {found} is there"));
+            for (expected, found) in self.cards.iter().zip(&other.cards) {
+                if expected != found {
+                    reported.push(format!("{expected} was known, {found} is there"));
                 }
             }
         }
-        (!told.is_empty()).then(|| told.join("; "))
+        (!reported.is_empty()).then(|| reported.join("; "))
     }
 
     /// Whether `found` is no stranger.
-    pub(crate) fn has(&self, found: &Found) -> bool {
+    pub(crate) fn has(&self, found: &Connected) -> bool {
         let there = std::slice::from_ref(found);
         self.instruments
             .iter()
-            .filter(|known| known.successor(there).is_some())
-            .all(|known| known.is_same(found))
+            .filter(|expected| expected.successor(there).is_some())
+            .all(|expected| expected.is_same(found))
     }
 
     /// Whether an instrument of a session's record is here in the same role, wherever it is reached.
@@ -107,7 +107,7 @@ impl Known {
         let mut here = self.instruments.iter();
         here.find(|found| found.role == then.role)
             .is_some_and(|now| {
-                now.is_same(&Found {
+                now.is_same(&Connected {
                     role: now.role,
                     identity: then.identity.clone(),
                     address: then.address.clone(),
@@ -116,7 +116,7 @@ impl Known {
             })
     }
 
-    fn mainframe(&self) -> Option<&Found> {
+    fn mainframe(&self) -> Option<&Connected> {
         self.instruments
             .iter()
             .find(|found| found.role.ends_with("voltmeter"))
@@ -126,24 +126,24 @@ impl Known {
     ///
     /// # Errors
     /// A file that cannot be read, or that says something else.
-    pub(crate) fn recall(directory: &Path) -> Result<Option<Self>, KnownError> {
+    pub(crate) fn recall(directory: &Path) -> Result<Option<Self>, IdentitiesError> {
         let path = directory.join(FILE);
         let text = match std::fs::read_to_string(&path) {
             Ok(text) => text,
             Err(source) if source.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(source) => {
                 let attempt = "read";
-                return Err(KnownError::Io {
+                return Err(IdentitiesError::Io {
                     path,
                     attempt,
                     source,
                 });
             }
         };
-        let kept: Kept =
-            serde_json::from_str(&text).map_err(|source| KnownError::Damaged { path, source })?;
+        let kept: Kept = serde_json::from_str(&text)
+            .map_err(|source| IdentitiesError::Damaged { path, source })?;
         let instruments = kept.instruments.into_iter().filter_map(|kept| {
-            Some(Found {
+            Some(Connected {
                 role: ROLES.into_iter().find(|role| *role == kept.role)?,
                 identity: kept.identity,
                 address: kept.address,
@@ -161,7 +161,7 @@ impl Known {
     ///
     /// # Errors
     /// A disk that refuses.
-    pub(crate) fn keep(&self, directory: &Path) -> Result<(), KnownError> {
+    pub(crate) fn keep(&self, directory: &Path) -> Result<(), IdentitiesError> {
         let real = self.instruments.iter().filter(|found| !found.simulated);
         let kept = Kept {
             instruments: real
@@ -180,7 +180,7 @@ impl Known {
             return Ok(());
         }
         let path = directory.join(FILE);
-        let fault = |source| KnownError::Io {
+        let fault = |source| IdentitiesError::Io {
             path: path.clone(),
             attempt: "written",
             source,
@@ -194,7 +194,7 @@ impl Known {
     }
 }
 
-impl Found {
+impl Connected {
     /// Who is there now in this one's place.
     fn successor<'a>(&self, others: &'a [Self]) -> Option<&'a Self> {
         others
@@ -207,14 +207,14 @@ impl Found {
 mod tests {
     use crate::instruments::identities::*;
 
-    fn known(serial: &str, address: &str, card: &str) -> Known {
-        let found = |role, identity: String| Found {
+    fn expected(serial: &str, address: &str, card: &str) -> ExpectedIdentities {
+        let found = |role, identity: String| Connected {
             role,
             identity,
             address: address.to_owned(),
             simulated: false,
         };
-        Known {
+        ExpectedIdentities {
             instruments: vec![
                 found("source", format!("KEITHLEY,MODEL 6221,{serial},D04")),
                 found("switch+voltmeter", "Agilent,34980A,MY1,2.43".to_owned()),
@@ -227,44 +227,47 @@ mod tests {
     #[test]
     fn what_is_kept_is_recalled_and_compared_by_serial_number_and_module() {
         let folder = tempfile::tempdir().unwrap();
-        assert_eq!(Known::recall(folder.path()).unwrap(), None);
-        let first = known("1", "tcp:h:1", "34924A MY7");
+        assert_eq!(ExpectedIdentities::recall(folder.path()).unwrap(), None);
+        let first = expected("1", "tcp:h:1", "34924A MY7");
         first.keep(folder.path()).unwrap();
-        let recalled = Known::recall(folder.path()).unwrap().unwrap();
+        let recalled = ExpectedIdentities::recall(folder.path()).unwrap().unwrap();
         assert_eq!(recalled, first);
         assert_eq!(recalled.differs(&first), None);
-        let firmware = |mut known: Known| {
-            known.instruments[0].identity = "KEITHLEY,MODEL 6221,1,D05".to_owned();
-            known
+        let firmware = |mut expected: ExpectedIdentities| {
+            expected.instruments[0].identity = "KEITHLEY,MODEL 6221,1,D05".to_owned();
+            expected
         };
         assert_eq!(recalled.differs(&firmware(first.clone())), None);
 
-        let other = known("2", "tcp:h:1", "34924A MY7");
-        let told = recalled.differs(&other).unwrap();
+        let other = expected("2", "tcp:h:1", "34924A MY7");
+        let reported = recalled.differs(&other).unwrap();
         assert!(
-            told.contains("6221,2,") && told.contains("6221,1,"),
-            "{told}"
+            reported.contains("6221,2,") && reported.contains("6221,1,"),
+            "{reported}"
         );
         assert!(!recalled.has(&other.instruments[0]) && recalled.has(&other.instruments[1]));
-        let module = recalled.differs(&known("1", "tcp:h:1", "34924A MY8"));
-        assert!(module.is_some_and(|told| told.contains("34924A MY8")));
+        let module = recalled.differs(&expected("1", "tcp:h:1", "34924A MY8"));
+        assert!(module.is_some_and(|reported| reported.contains("34924A MY8")));
         // another address is a person's word
-        assert_eq!(recalled.differs(&known("2", "tcp:h:9", "34931A")), None);
+        assert_eq!(recalled.differs(&expected("2", "tcp:h:9", "34931A")), None);
     }
 
     #[test]
     fn a_damaged_file_is_no_agreement_and_the_simulated_is_not_kept() {
         let folder = tempfile::tempdir().unwrap();
-        let mut simulated = known("1", "simulated", "34924A");
+        let mut simulated = expected("1", "simulated", "34924A");
         for found in &mut simulated.instruments {
             found.simulated = true;
         }
         simulated.keep(folder.path()).unwrap();
-        assert_eq!(Known::recall(folder.path()).unwrap(), None);
+        assert_eq!(ExpectedIdentities::recall(folder.path()).unwrap(), None);
         for text in ["", "{", "[]", r#"{"instruments":[{"role":1}],"cards":[]}"#] {
             std::fs::write(folder.path().join(FILE), text).unwrap();
-            let refused = Known::recall(folder.path()).unwrap_err();
-            assert!(matches!(refused, KnownError::Damaged { .. }), "{refused:?}");
+            let refused = ExpectedIdentities::recall(folder.path()).unwrap_err();
+            assert!(
+                matches!(refused, IdentitiesError::Damaged { .. }),
+                "{refused:?}"
+            );
             assert!(refused.to_string().contains(FILE), "{refused}");
         }
     }

@@ -10,7 +10,7 @@ use std::net::ToSocketAddrs;
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixListener, UnixStream};
 
-use crate::instruments::address::Place;
+use crate::instruments::address::InstrumentAddress;
 use crate::preparation::Places;
 
 /// Somebody else works with an instrument.
@@ -27,9 +27,9 @@ pub(crate) struct InUse {
 
 /// What this daemon holds; let go of when dropped.
 #[derive(Debug, Default)]
-pub(crate) struct Claims(BTreeMap<String, UnixListener>);
+pub(crate) struct InstrumentLocks(BTreeMap<String, UnixListener>);
 
-impl Claims {
+impl InstrumentLocks {
     /// Holds every instrument of a rig, and those that were held before no more.
     ///
     /// # Errors
@@ -64,7 +64,7 @@ impl Claims {
 }
 
 /// The same instrument under whichever of its names; `None` for a simulated one, which nobody else can have.
-fn name(place: &Place) -> Option<String> {
+fn name(place: &InstrumentAddress) -> Option<String> {
     let real = |path: &str| {
         std::fs::canonicalize(path).map_or_else(
             |_| path.to_owned(),
@@ -72,15 +72,17 @@ fn name(place: &Place) -> Option<String> {
         )
     };
     match place {
-        Place::Simulated => None,
-        Place::Tcp(address) => {
+        InstrumentAddress::Simulated => None,
+        InstrumentAddress::Tcp(address) => {
             let found = address
                 .to_socket_addrs()
                 .ok()
                 .and_then(|mut all| all.next());
             Some(found.map_or_else(|| address.clone(), |found| found.to_string()))
         }
-        Place::Serial { path, .. } | Place::Gpiochip { path, .. } => Some(real(path)),
+        InstrumentAddress::Serial { path, .. } | InstrumentAddress::Gpiochip { path, .. } => {
+            Some(real(path))
+        }
     }
 }
 
@@ -115,11 +117,11 @@ mod tests {
     #[test]
     fn an_instrument_has_one_daemon_under_whichever_name() {
         // ports that no other test uses, and nobody listens on
-        let mut first = Claims::default();
+        let mut first = InstrumentLocks::default();
         first
             .take(&places("tcp:127.0.0.1:61", "tcp:127.0.0.1:62"))
             .unwrap();
-        let mut second = Claims::default();
+        let mut second = InstrumentLocks::default();
         let refused = second
             .take(&places("tcp:127.0.0.1:63", "tcp:localhost:62"))
             .unwrap_err();

@@ -15,13 +15,13 @@ use tokio::sync::watch;
 use crate::instruments::assembly::make_safe_each;
 use crate::preparation::RigPlan;
 use crate::service::containment;
-use crate::session::controller::Keeper;
+use crate::session::controller::Controller;
 use survey::error_chain as chain;
 
 /// The last resort is tried again after so long, then after twice that, up to the second.
 const AGAIN: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(2));
 
-static HEARD: LazyLock<watch::Sender<String>> = LazyLock::new(watch::Sender::default);
+static RECEIVED: LazyLock<watch::Sender<String>> = LazyLock::new(watch::Sender::default);
 static INSTALLED: Once = Once::new();
 
 /// Installs the hook, before the one that prints.
@@ -35,7 +35,7 @@ pub(crate) fn install() {
             let place = panic
                 .location()
                 .map_or_else(|| "nowhere".to_owned(), ToString::to_string);
-            HEARD.send_replace(place);
+            RECEIVED.send_replace(place);
             prints(panic);
         }));
     });
@@ -43,27 +43,27 @@ pub(crate) fn install() {
 
 /// Hears of panics from now on.
 pub(crate) fn listen() -> watch::Receiver<String> {
-    HEARD.subscribe()
+    RECEIVED.subscribe()
 }
 
 /// Answers every panic, as long as the daemon lives.
-pub(crate) async fn keep(keeper: Arc<Keeper>, mut heard: watch::Receiver<String>) {
-    while heard.changed().await.is_ok() {
-        let place = heard.borrow_and_update().clone();
+pub(crate) async fn keep(controller: Arc<Controller>, mut received: watch::Receiver<String>) {
+    while received.changed().await.is_ok() {
+        let place = received.borrow_and_update().clone();
         let why = format!("a fault of the daemon's own code ({place}); please report it");
-        if let Some(live) = keeper.active() {
-            live.fail(&why);
-            live.ended().await;
+        if let Some(status) = controller.active() {
+            status.fail(&why);
+            status.ended().await;
         }
-        match keeper.make_safe().await {
+        match controller.make_safe().await {
             Ok(()) => {
                 let text =
                     format!("the source is off and the relays are open, verified, after {why}");
-                keeper.tell(None, "fault", &text).await;
+                controller.tell(None, "fault", &text).await;
             }
             Err(error) => {
                 let text = format!("after {why}: {error}");
-                keeper.tell(None, "alarm", &text).await;
+                controller.tell(None, "alarm", &text).await;
             }
         }
     }
@@ -115,7 +115,7 @@ pub(crate) mod tests {
     use std::time::Instant;
 
     use dbus::Options;
-    use rig::{Stop, SystemClock, Tape};
+    use rig::{RingTranscript, Stop, SystemClock};
     use simulator::{Instrument, Pace, Profile, Scene, ServeOptions, SimulatedRig};
 
     use crate::instruments::assembly::{Closed, assemble};
@@ -163,38 +163,35 @@ pub(crate) mod tests {
         let prepared = prepare(&path).unwrap_or_else(|problems| panic!("{problems:?}"));
         let bench = crate::bench_of(&prepared).unwrap();
         let records = crate::service::records::Records::of(&prepared.setup.record_directory);
-        let tape = Tape::new(2);
+        let transcript = RingTranscript::new(2);
         let FramesFrom::Rig(plan) = &prepared.frames else {
             panic!("it is a rig");
         };
-        let assembled = assemble(plan, &bench, &tape, Closed::Refuse, None)
+        let assembled = assemble(plan, &bench, &transcript, Closed::Refuse, None)
             .await
             .unwrap();
         let sheet = bench.clone().unwrap();
-        let keeper = Keeper::new(
+        let controller = Controller::new(
             prepared,
             bench,
             Some(assembled),
             records,
-            tape,
+            transcript,
             SystemClock::new(),
         );
-        tokio::spawn(keep(Arc::clone(&keeper), listen()));
+        tokio::spawn(keep(Arc::clone(&controller), listen()));
         let within = |future| tokio::time::timeout(DEADLINE, future);
 
         let options = Options::new().with("frames", 100_u64);
-        let live = keeper.record_baseline(&options).await.unwrap();
+        let status = controller.record_baseline(&options).await.unwrap();
         current_flows(&sheet).await;
         std::thread::spawn(|| panic!("a test of the panic handler"))
             .join()
             .unwrap_err();
-        let ending = within(live.ended()).await.unwrap();
-        assert!(
-            ending.faulted && ending.reason.contains(file!()),
-            "{ending:?}"
-        );
+        let end = within(status.ended()).await.unwrap();
+        assert!(end.faulted && end.reason.contains(file!()), "{end:?}");
         assert!(!sheet.source_output().0);
-        assert_eq!(keeper.state().word(), "faulted");
+        assert_eq!(controller.state().word(), "faulted");
     }
 
     /// A frame is under way on instruments behind TCP, and the task that has everything in its hands panics.
@@ -232,7 +229,7 @@ pub(crate) mod tests {
         let mut failed_at = None;
         let runtime = Builder::new_multi_thread().enable_all().build().unwrap();
         let ended: Option<()> = lived(runtime, Some(plan), async {
-            let assembled = assemble(plan, &None, &Tape::new(2), Closed::Refuse, None)
+            let assembled = assemble(plan, &None, &RingTranscript::new(2), Closed::Refuse, None)
                 .await
                 .unwrap();
             let own = Arc::clone(plan);
@@ -254,8 +251,8 @@ pub(crate) mod tests {
         assert!(!sheet.source_output().0 && sheet.closed().is_empty());
         let said = sheet.transcript();
         let last = |instrument: Instrument| {
-            let mut heard = said.iter().filter(|said| said.instrument == instrument);
-            heard.next_back().unwrap_or_else(|| panic!("{said:#?}"))
+            let mut received = said.iter().filter(|said| said.instrument == instrument);
+            received.next_back().unwrap_or_else(|| panic!("{said:#?}"))
         };
         // what it was told last it was asked in the same message, and said itself
         let off = last(Instrument::Source);

@@ -2,23 +2,27 @@
 
 use std::path::Path;
 
-use rig::Tape;
+use rig::RingTranscript;
 use rig::transcript::{Entry, TranscriptError, TranscriptWriter};
 
 /// The last frames, oldest first, behind the opening of the first of them: a whole conversation. Empty before anything
 /// was said. Frames of another opening (the rig was lost between) are left out with what precedes them.
-pub(crate) fn last(tape: &Tape, frames: usize) -> Vec<Entry> {
-    let reels = tape.reels();
-    let Some(newest) = reels.last() else {
-        return tape.opening();
+pub(crate) fn last(transcript: &RingTranscript, frames: usize) -> Vec<Entry> {
+    let transcripts = transcript.transcripts();
+    let Some(newest) = transcripts.last() else {
+        return transcript.opening();
     };
-    let from = reels.len().saturating_sub(frames.max(1));
-    let together: Vec<_> = reels[from..]
+    let from = transcripts.len().saturating_sub(frames.max(1));
+    let together: Vec<_> = transcripts[from..]
         .iter()
-        .filter(|reel| reel.opening == newest.opening)
+        .filter(|transcript| transcript.opening == newest.opening)
         .collect();
     let mut entries = newest.opening.to_vec();
-    entries.extend(together.iter().flat_map(|reel| reel.entries.clone()));
+    entries.extend(
+        together
+            .iter()
+            .flat_map(|transcript| transcript.entries.clone()),
+    );
     entries
 }
 
@@ -26,9 +30,9 @@ pub(crate) fn last(tape: &Tape, frames: usize) -> Vec<Entry> {
 ///
 /// # Errors
 /// A file that is there already, or a disk that refuses.
-pub(crate) fn write_last(tape: &Tape, path: &Path) -> Result<(), TranscriptError> {
+pub(crate) fn write_last(transcript: &RingTranscript, path: &Path) -> Result<(), TranscriptError> {
     let mut writer = TranscriptWriter::create(path)?;
-    last(tape, 1)
+    last(transcript, 1)
         .iter()
         .try_for_each(|entry| writer.write(entry))
 }

@@ -6,10 +6,10 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-use crate::monitoring::health::Trouble;
+use crate::monitoring::health::ActiveAlarm;
 
 /// Troubles that somebody who is away wants to know of.
-pub(crate) const TOLD: [&str; 6] = [
+pub(crate) const REPORTED: [&str; 6] = [
     "faulted",
     "source-unverified",
     "disk-days",
@@ -51,72 +51,72 @@ pub(crate) struct Message {
 
 /// The course of every trouble.
 #[derive(Debug, Default)]
-pub(crate) struct Alarm(BTreeMap<&'static str, Course>);
+pub(crate) struct Alarm(BTreeMap<&'static str, AlarmState>);
 
 #[derive(Debug, Clone)]
-struct Course {
+struct AlarmState {
     /// Last time that it was there; `None` when it has ended.
     seen: Option<Instant>,
     /// Whether its beginning was told, so that its end will be.
-    told: bool,
+    reported: bool,
     /// When a beginning was told last.
     last: Option<Instant>,
     /// Beginnings that were not told.
-    untold: u64,
+    unreported: u64,
     text: String,
 }
 
 impl Alarm {
-    /// What is to be told now. `troubles` are there; `lingering` are there by wider limits, too: what is among them has not
+    /// What is to be told now. `alarms` are there; `lingering` are there by wider limits, too: what is among them has not
     /// ended; of what is `unsure` nothing is known at present. A kind begins at most every `again`.
     pub(crate) fn judge(
         &mut self,
         now: Instant,
-        troubles: &[Trouble],
-        lingering: &[Trouble],
+        alarms: &[ActiveAlarm],
+        lingering: &[ActiveAlarm],
         unsure: &[&str],
         again: Duration,
     ) -> Vec<Message> {
         let mut messages = Vec::new();
-        for kind in TOLD {
-            let there = troubles.iter().find(|trouble| trouble.kind == kind);
+        for kind in REPORTED {
+            let there = alarms.iter().find(|alarm| alarm.kind == kind);
             let stays = unsure.contains(&kind) || lingering.iter().any(|one| one.kind == kind);
-            let course = self.0.entry(kind).or_insert(Course {
+            let state = self.0.entry(kind).or_insert(AlarmState {
                 seen: None,
-                told: false,
+                reported: false,
                 last: None,
-                untold: 0,
+                unreported: 0,
                 text: String::new(),
             });
-            messages.extend(course.step(kind, now, there, stays, again));
+            messages.extend(state.step(kind, now, there, stays, again));
         }
         messages
     }
 }
 
-impl Course {
+impl AlarmState {
     fn step(
         &mut self,
         kind: &'static str,
         now: Instant,
-        there: Option<&Trouble>,
+        there: Option<&ActiveAlarm>,
         stays: bool,
         again: Duration,
     ) -> Option<Message> {
-        if let Some(trouble) = there {
+        if let Some(alarm) = there {
             if self.seen.is_none() {
-                self.untold += 1;
+                self.unreported += 1;
             }
             self.seen = Some(now);
-            self.text.clone_from(&trouble.text);
+            self.text.clone_from(&alarm.text);
         } else if stays && self.seen.is_some() {
             self.seen = Some(now);
         }
         let seen = self.seen?;
         if now.duration_since(seen) >= HOLD {
             self.seen = None;
-            let told = std::mem::take(&mut self.told);
-            return told.then(|| Message {
+            let reported = std::mem::take(&mut self.reported);
+            return reported.then(|| Message {
                 kind,
                 phase: Phase::Ended,
                 text: format!("over: {}", self.text),
@@ -125,12 +125,12 @@ impl Course {
         let may = self
             .last
             .is_none_or(|last| now.duration_since(last) >= again);
-        if self.told || !may || there.is_none() {
+        if self.reported || !may || there.is_none() {
             return None;
         }
-        self.told = true;
+        self.reported = true;
         self.last = Some(now);
-        let before = std::mem::take(&mut self.untold).saturating_sub(1);
+        let before = std::mem::take(&mut self.unreported).saturating_sub(1);
         let text = match before {
             0 => self.text.clone(),
             before => format!("{} (and {before} times before this)", self.text),
@@ -149,8 +149,8 @@ mod tests {
 
     const AGAIN: Duration = Duration::from_secs(3600);
 
-    fn disk(text: &str) -> Vec<Trouble> {
-        vec![Trouble {
+    fn disk(text: &str) -> Vec<ActiveAlarm> {
+        vec![ActiveAlarm {
             kind: "disk-days",
             text: text.to_owned(),
         }]
@@ -159,16 +159,16 @@ mod tests {
     /// A second a step: what is there at each, and what is told.
     fn play(alarm: &mut Alarm, seconds: u64, there: bool, stays: bool) -> Vec<(Phase, String)> {
         let begin = Instant::now();
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         for second in 0..seconds {
             let now = begin + Duration::from_secs(second);
-            let troubles = if there { disk("3 days") } else { Vec::new() };
+            let alarms = if there { disk("3 days") } else { Vec::new() };
             let wider = if stays { disk("3 days") } else { Vec::new() };
-            for message in alarm.judge(now, &troubles, &wider, &[], AGAIN) {
-                told.push((message.phase, message.text));
+            for message in alarm.judge(now, &alarms, &wider, &[], AGAIN) {
+                reported.push((message.phase, message.text));
             }
         }
-        told
+        reported
     }
 
     #[tokio::test(start_paused = true)]
@@ -194,8 +194,12 @@ mod tests {
         // five hours of two minutes of trouble and two minutes without
         for _ in 0..75 {
             for there in [true, false] {
-                let told = play(&mut alarm, 120, there, there);
-                begun.extend(told.into_iter().filter(|(phase, _)| *phase == Phase::Begun));
+                let reported = play(&mut alarm, 120, there, there);
+                begun.extend(
+                    reported
+                        .into_iter()
+                        .filter(|(phase, _)| *phase == Phase::Begun),
+                );
                 tokio::time::advance(Duration::from_secs(120)).await;
             }
         }

@@ -14,7 +14,7 @@ pub(crate) const RECONSTRUCTION_S: [f64; 8] = [0.001, 0.003, 0.01, 0.03, 0.1, 0.
 
 /// Counters that only grow, and what came last.
 #[derive(Debug)]
-pub(crate) struct Tally {
+pub(crate) struct Counters {
     clock: SystemClock,
     pub acquired: AtomicU64,
     pub durable: AtomicU64,
@@ -58,7 +58,7 @@ pub(crate) struct Reconstruction {
     pub sum_s: f64,
 }
 
-impl Tally {
+impl Counters {
     pub(crate) fn new(clock: SystemClock) -> Self {
         Self {
             clock,

@@ -11,7 +11,7 @@ use crate::recording::recorder::relative_changes;
 use crate::recording::session_status::Published;
 
 /// What is compared from day to day.
-pub(crate) struct Daily {
+pub(crate) struct DailySummary {
     day: NaiveDate,
     counts: Counts,
     /// Readings of the last frame of the day before.
@@ -19,7 +19,7 @@ pub(crate) struct Daily {
 }
 
 /// What a day ends with.
-pub(crate) struct Evening {
+pub(crate) struct DayEnd {
     pub counts: Counts,
     /// The last frame of the running session.
     pub frame: Option<Arc<Published>>,
@@ -28,7 +28,7 @@ pub(crate) struct Evening {
     pub worst_contact: Option<String>,
 }
 
-impl Daily {
+impl DailySummary {
     pub(crate) fn new(now: DateTime<Utc>, counts: Counts) -> Self {
         Self {
             day: now.date_naive(),
@@ -43,8 +43,8 @@ impl Daily {
     }
 
     /// The line of the day that is over; the next one begins.
-    pub(crate) fn summary(&mut self, now: DateTime<Utc>, evening: &Evening) -> String {
-        let counts = evening.counts;
+    pub(crate) fn summary(&mut self, now: DateTime<Utc>, day_end: &DayEnd) -> String {
+        let counts = day_end.counts;
         let mut text = format!(
             "{} UTC: {} frames, {} failed, {} missed their time",
             self.day,
@@ -52,11 +52,11 @@ impl Daily {
             counts.failed.saturating_sub(self.counts.failed),
             counts.dropped.saturating_sub(self.counts.dropped),
         );
-        let readings = evening.frame.as_ref().map(|frame| &frame.frame.readings);
+        let readings = day_end.frame.as_ref().map(|frame| &frame.frame.readings);
         let drifts = [
             (
                 "baseline",
-                evening.baseline.as_ref().map(|baseline| &baseline.readings),
+                day_end.baseline.as_ref().map(|baseline| &baseline.readings),
             ),
             ("the day before", self.yesterday.as_ref()),
         ];
@@ -67,7 +67,7 @@ impl Daily {
                 let _ = write!(text, "; drift since {whence} {:+.3} %", 100.0 * drift);
             }
         }
-        if let Some(contact) = &evening.worst_contact {
+        if let Some(contact) = &day_end.worst_contact {
             let _ = write!(text, "; worst contact {contact}");
         }
         self.day = now.date_naive();
@@ -137,7 +137,7 @@ mod tests {
     #[test]
     fn each_day_ends_once_at_midnight_utc() {
         let begin: DateTime<Utc> = "2026-11-22T10:00:00Z".parse().unwrap();
-        let mut daily = Daily::new(begin, Counts::default());
+        let mut daily = DailySummary::new(begin, Counts::default());
         let mut lines = Vec::new();
         let baseline = Baseline::from_frames("b", &[frame(&[1.0, 2.0, -4.0, 8.0]).frame.clone()]);
         let baseline = Arc::new(baseline.unwrap());
@@ -155,7 +155,7 @@ mod tests {
             // three of four readings grow by a part in a thousand a day, one is pressed upon
             let grown = 1.0 + 1e-3 * (lines.len() + 1) as f64;
             let volts = [grown, 2.0 * grown, -4.0 * grown, 20.0];
-            let evening = Evening {
+            let day_end = DayEnd {
                 counts: Counts {
                     durable: tick / 2,
                     failed: 3 * lines.len() as u64 + 1,
@@ -165,7 +165,7 @@ mod tests {
                 baseline: Some(Arc::clone(&baseline)),
                 worst_contact: (lines.len() == 2).then(|| "electrode 3".to_owned()),
             };
-            lines.push(daily.summary(now, &evening));
+            lines.push(daily.summary(now, &day_end));
         }
         assert_eq!(lines.len(), 3, "{lines:#?}");
         assert_eq!(

@@ -168,10 +168,10 @@ mod tests {
     async fn free_bytes_are_those_of_the_file_system() {
         let folder = tempfile::tempdir().unwrap();
         let disk = Arc::new(Disk::default());
-        let told = rustix::fs::statvfs(folder.path()).unwrap();
+        let reported = rustix::fs::statvfs(folder.path()).unwrap();
         let room = disk.room(folder.path(), None, Duration::ZERO).await;
         let free = room.free.unwrap() as f64;
-        let all = (told.f_blocks * told.f_frsize) as f64;
+        let all = (reported.f_blocks * reported.f_frsize) as f64;
         assert!(free > 0.0 && free <= all, "{free} of {all}");
         // a directory that is not there has no room, and a look is not taken again at once
         let nowhere = folder.path().join("gone");

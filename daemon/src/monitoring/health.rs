@@ -11,10 +11,10 @@ use survey::duration;
 use crate::config::NotifySection;
 use crate::monitoring::counters::{Gap, LastFrame, read};
 use crate::monitoring::disk::Room;
-use crate::monitoring::{RelayLife, Tally};
+use crate::monitoring::{Counters, RelayLife};
 use crate::recording::recorder::{QUEUE, nanoseconds};
-use crate::recording::session_status::Live;
-use crate::session::controller::Keeper;
+use crate::recording::session_status::SessionStatus;
+use crate::session::controller::Controller;
 use crate::session::state::State;
 
 /// How the daemon is.
@@ -55,13 +55,13 @@ pub(crate) struct Counts {
 }
 
 impl Counts {
-    pub(crate) fn of(tally: &Tally) -> Self {
+    pub(crate) fn of(counters: &Counters) -> Self {
         Self {
-            acquired: read(&tally.acquired),
-            durable: read(&tally.durable),
-            failed: read(&tally.failed),
-            dropped: read(&tally.dropped),
-            overloads: read(&tally.overloads),
+            acquired: read(&counters.acquired),
+            durable: read(&counters.durable),
+            failed: read(&counters.failed),
+            dropped: read(&counters.dropped),
+            overloads: read(&counters.overloads),
         }
     }
 }
@@ -89,12 +89,12 @@ impl Running {
         self.acquired.saturating_sub(self.durable)
     }
 
-    fn of(live: &Live, plan: Option<Duration>, now: Duration) -> Self {
-        let frame = live.latest_frame();
+    fn of(status: &SessionStatus, plan: Option<Duration>, now: Duration) -> Self {
+        let frame = status.latest_frame();
         let taken = frame.map(|frame| (frame.frame.monotonic, frame.frame.duration));
         let length = taken.map(|(_, duration)| duration);
-        let (from, first, last) = live.pace();
-        let durable = live.durable();
+        let (from, first, last) = status.pace();
+        let durable = status.durable();
         let between = match (first, last) {
             (Some(first), Some(last)) if durable > 1 => {
                 let steps = u32::try_from(durable - 1).unwrap_or(u32::MAX);
@@ -103,61 +103,61 @@ impl Running {
             _ => None,
         };
         let period = [length, plan, between].into_iter().flatten();
-        let period = period.fold(live.facts.every, Duration::max);
+        let period = period.fold(status.facts.every, Duration::max);
         let since = taken.map_or(from, |(at, duration)| from.max(at + duration));
         Self {
-            id: live.facts.id.clone(),
-            kind: live.facts.kind.as_str(),
-            acquired: live.acquired(),
+            id: status.facts.id.clone(),
+            kind: status.facts.kind.as_str(),
+            acquired: status.acquired(),
             durable,
-            failed: live.failures(),
-            dropped: live.dropped(),
+            failed: status.failures(),
+            dropped: status.dropped(),
             period: period.max(Duration::from_millis(1)),
-            quiet: live.awaits_frames().then(|| now.saturating_sub(since)),
-            last_error: live.progress().last_error,
+            quiet: status.awaits_frames().then(|| now.saturating_sub(since)),
+            last_error: status.progress().last_error,
         }
     }
 }
 
 /// Something that is not as it should be.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Trouble {
+pub(crate) struct ActiveAlarm {
     /// A word for programs.
     pub kind: &'static str,
     /// A sentence for people.
     pub text: String,
 }
 
-impl Keeper {
+impl Controller {
     /// How the daemon is. Asks the disk, and waits for it two seconds at most; asks no instrument.
     pub(crate) async fn health(self: &Arc<Self>) -> Health {
-        let (house, tally) = (self.house(), &self.observed.tally);
-        let now = tally.now();
-        let live = self.active();
+        let (runtime, counters) = (self.runtime(), &self.observed.counters);
+        let now = counters.now();
+        let status = self.active();
         let plan = self.plan();
         let plan = plan.map(|rig| rig.plan.duration(&rig.timing));
-        let file = live.as_ref().map(|live| live.path());
-        let directory = &house.setup.record_directory;
+        let file = status.as_ref().map(|status| status.path());
+        let directory = &runtime.setup.record_directory;
         let room = self.observed.disk.room(directory, file, now).await;
-        let last_frame = tally.last_frame();
-        let counts = Counts::of(tally);
-        let wall = house.clock.wall();
+        let last_frame = counters.last_frame();
+        let counts = Counts::of(counters);
+        let wall = runtime.clock.wall();
         let relays = self.observed.relays();
         Health {
             at: wall,
             state: self.state(),
             source: self.source_state(),
-            simulated: house.simulated,
-            session: live.map(|live| Running::of(&live, plan, now)),
+            simulated: runtime.simulated,
+            session: status.map(|status| Running::of(&status, plan, now)),
             age: last_frame
                 .as_ref()
                 .map(|frame| now.saturating_sub(frame.taken)),
             last_frame,
-            last_gap: tally.last_gap(),
+            last_gap: counters.last_gap(),
             relays: relays.map(|life| life.after(counts.acquired)),
             counts,
             instruments: self
-                .known()
+                .identities()
                 .instruments
                 .into_iter()
                 .map(|found| (found.role, found.address))
@@ -168,7 +168,7 @@ impl Keeper {
                 (baseline.id.clone(), age.to_std().unwrap_or_default())
             }),
             room,
-            warn_below: house.setup.config.record.warn_below_mb * 1_000_000,
+            warn_below: runtime.setup.config.record.warn_below_mb * 1_000_000,
             metrics: self.observed.metrics(),
         }
     }
@@ -176,9 +176,9 @@ impl Keeper {
 
 impl Health {
     /// What is not as it should be, most grave first; empty when all is well.
-    pub(crate) fn troubles(&self, limits: &NotifySection) -> Vec<Trouble> {
-        let mut troubles = Vec::new();
-        let mut add = |kind, text| troubles.push(Trouble { kind, text });
+    pub(crate) fn alarms(&self, limits: &NotifySection) -> Vec<ActiveAlarm> {
+        let mut alarms = Vec::new();
+        let mut add = |kind, text| alarms.push(ActiveAlarm { kind, text });
         if self.source == "unknown" {
             let text = "the state of the source is unknown: treat the sheet as live";
             add("source-unverified", text.to_owned());
@@ -217,7 +217,7 @@ impl Health {
                 add("baseline-stale", text);
             }
         }
-        troubles
+        alarms
     }
 
     fn of_the_session(
@@ -251,10 +251,10 @@ impl Health {
 
     /// In the plain types of the bus; what is not known is left out.
     pub(crate) fn options(&self, limits: &NotifySection) -> Options {
-        let troubles = self.troubles(limits);
-        let told: Vec<String> = troubles
+        let alarms = self.alarms(limits);
+        let reported: Vec<String> = alarms
             .iter()
-            .map(|trouble| format!("{}: {}", trouble.kind, trouble.text))
+            .map(|alarm| format!("{}: {}", alarm.kind, alarm.text))
             .collect();
         let answers = |role: &str| match &self.rig_fault {
             None => format!("{role}: ready"),
@@ -268,8 +268,8 @@ impl Health {
         let seconds = |time: Duration| time.as_secs_f64();
         let mut options = Options::new()
             .with("at_ns", nanoseconds(self.at))
-            .with("well", troubles.is_empty())
-            .with_texts("troubles", &told)
+            .with("well", alarms.is_empty())
+            .with_texts("troubles", &reported)
             .with("state", self.state.word())
             .with("source_state", self.source)
             .with("simulated", self.simulated)
@@ -367,8 +367,8 @@ mod tests {
     }
 
     fn kinds(health: &Health) -> Vec<&'static str> {
-        let troubles = health.troubles(&NotifySection::default());
-        troubles.iter().map(|trouble| trouble.kind).collect()
+        let alarms = health.alarms(&NotifySection::default());
+        alarms.iter().map(|alarm| alarm.kind).collect()
     }
 
     /// Each limit is met on one side and not on the other.
@@ -428,21 +428,21 @@ mod tests {
     fn what_is_not_known_is_left_out() {
         let limits = NotifySection::default();
         let mut health = well();
-        let told = health.options(&limits);
-        assert_eq!(told.number("disk_days").unwrap(), Some(100.0));
-        assert_eq!(told.flag("well").unwrap(), Some(true));
+        let reported = health.options(&limits);
+        assert_eq!(reported.number("disk_days").unwrap(), Some(100.0));
+        assert_eq!(reported.flag("well").unwrap(), Some(true));
         assert_eq!(
-            told.texts("instruments").unwrap().unwrap(),
+            reported.texts("instruments").unwrap().unwrap(),
             ["source: ready"]
         );
-        assert_eq!(told.whole("backlog").unwrap(), Some(1));
+        assert_eq!(reported.whole("backlog").unwrap(), Some(1));
         health.room.per_day = None;
         health.relays = None;
         health.session = None;
         health.baseline = None;
-        let told = health.options(&limits);
+        let reported = health.options(&limits);
         for key in ["disk_days", "relay_used", "backlog", "baseline", "last_gap"] {
-            assert!(!told.0.contains_key(key), "{key}");
+            assert!(!reported.0.contains_key(key), "{key}");
         }
     }
 }

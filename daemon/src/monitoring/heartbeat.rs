@@ -8,8 +8,8 @@ use std::time::Duration;
 use rig::Clock;
 use sd_notify::NotifyState;
 
-use crate::events::broadcast::Notice;
-use crate::session::controller::Keeper;
+use crate::events::broadcast::BusEvent;
+use crate::session::controller::Controller;
 
 /// Who promises.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,15 +45,15 @@ const RESTS: u64 = u64::MAX;
 
 /// What has been promised, in milliseconds of the daemon's monotonic clock.
 #[derive(Debug)]
-pub(crate) struct Pulse([AtomicU64; 4]);
+pub(crate) struct Heartbeats([AtomicU64; 4]);
 
-impl Default for Pulse {
+impl Default for Heartbeats {
     fn default() -> Self {
         Self(std::array::from_fn(|_| AtomicU64::new(RESTS)))
     }
 }
 
-impl Pulse {
+impl Heartbeats {
     /// The next sign of life comes within this time.
     pub(crate) fn promise(&self, part: Part, now: Duration, within: Duration) {
         let due = now.saturating_add(within).as_millis();
@@ -61,7 +61,7 @@ impl Pulse {
         self.0[part as usize].store(due, Ordering::Relaxed);
     }
 
-    /// As [`Pulse::promise`], on behalf of somebody who has to answer: an earlier promise stands.
+    /// As [`Heartbeats::promise`], on behalf of somebody who has to answer: an earlier promise stands.
     pub(crate) fn ask(&self, part: Part, now: Duration, within: Duration) {
         if self.0[part as usize].load(Ordering::Relaxed) == RESTS {
             self.promise(part, now, within);
@@ -85,7 +85,7 @@ impl Pulse {
 }
 
 /// At its end, nothing is under way any more.
-pub(crate) struct Rests(pub Arc<Pulse>, pub Part);
+pub(crate) struct Rests(pub Arc<Heartbeats>, pub Part);
 
 impl Drop for Rests {
     fn drop(&mut self) {
@@ -95,7 +95,7 @@ impl Drop for Rests {
 
 /// Tells systemd that all is well, a third of its patience apart, for as long as it is. Ends at once where systemd did not
 /// ask for it.
-pub(crate) async fn tell_systemd(keeper: Weak<Keeper>) {
+pub(crate) async fn tell_systemd(controller: Weak<Controller>) {
     let Some(patience) = sd_notify::watchdog_enabled() else {
         return;
     };
@@ -104,11 +104,11 @@ pub(crate) async fn tell_systemd(keeper: Weak<Keeper>) {
     let mut silent = false;
     loop {
         ticks.tick().await;
-        let Some(keeper) = keeper.upgrade() else {
+        let Some(controller) = controller.upgrade() else {
             return;
         };
-        let now = keeper.house().clock.monotonic();
-        match keeper.pulse.overdue(now) {
+        let now = controller.runtime().clock.monotonic();
+        match controller.heartbeats.overdue(now) {
             None => {
                 silent = false;
                 let _ = sd_notify::notify(&[NotifyState::Watchdog]);
@@ -121,26 +121,26 @@ pub(crate) async fn tell_systemd(keeper: Weak<Keeper>) {
                     part.name(),
                     late.as_secs_f64()
                 );
-                keeper.tell(None, "alarm", &text).await;
+                controller.tell(None, "alarm", &text).await;
             }
             Some(_) => {}
         }
-        ask_the_buses(&keeper, now, patience);
+        ask_the_buses(&controller, now, patience);
     }
 }
 
 /// Each bus that there is has to answer a question, or be found gone, before systemd's patience ends.
-fn ask_the_buses(keeper: &Arc<Keeper>, now: Duration, patience: Duration) {
-    let bus = &keeper.house().setup.config.bus;
+fn ask_the_buses(controller: &Arc<Controller>, now: Duration, patience: Duration) {
+    let bus = &controller.runtime().setup.config.bus;
     for (wanted, part) in [
         (bus.session, Part::SessionBus),
         (bus.system, Part::SystemBus),
     ] {
         if wanted {
-            keeper.pulse.ask(part, now, patience);
+            controller.heartbeats.ask(part, now, patience);
         }
     }
-    keeper.herald.say(&Notice::Pulse);
+    controller.broadcast.say(&BusEvent::Heartbeats);
 }
 
 #[cfg(test)]
@@ -151,34 +151,38 @@ mod tests {
 
     #[test]
     fn a_word_that_is_not_kept_is_found_and_one_that_is_kept_is_not() {
-        let pulse = Pulse::default();
-        assert_eq!(pulse.overdue(S(1_000_000)), None, "nothing is under way");
-        pulse.promise(Part::Acquisition, S(10), S(5));
-        pulse.promise(Part::Record, S(10), S(60));
-        assert_eq!(pulse.overdue(S(15)), None);
-        assert_eq!(pulse.overdue(S(17)), Some((Part::Acquisition, S(2))));
-        pulse.promise(Part::Acquisition, S(17), S(5));
-        assert_eq!(pulse.overdue(S(17)), None);
-        pulse.rest(Part::Acquisition);
-        assert_eq!(pulse.overdue(S(69)), None);
-        assert_eq!(pulse.overdue(S(71)), Some((Part::Record, S(1))));
+        let heartbeats = Heartbeats::default();
+        assert_eq!(
+            heartbeats.overdue(S(1_000_000)),
+            None,
+            "nothing is under way"
+        );
+        heartbeats.promise(Part::Acquisition, S(10), S(5));
+        heartbeats.promise(Part::Record, S(10), S(60));
+        assert_eq!(heartbeats.overdue(S(15)), None);
+        assert_eq!(heartbeats.overdue(S(17)), Some((Part::Acquisition, S(2))));
+        heartbeats.promise(Part::Acquisition, S(17), S(5));
+        assert_eq!(heartbeats.overdue(S(17)), None);
+        heartbeats.rest(Part::Acquisition);
+        assert_eq!(heartbeats.overdue(S(69)), None);
+        assert_eq!(heartbeats.overdue(S(71)), Some((Part::Record, S(1))));
     }
 
     #[test]
     fn who_is_asked_again_does_not_gain_time() {
-        let pulse = Pulse::default();
-        pulse.ask(Part::SystemBus, S(0), S(30));
-        pulse.ask(Part::SystemBus, S(20), S(30));
-        assert_eq!(pulse.overdue(S(31)), Some((Part::SystemBus, S(1))));
-        pulse.rest(Part::SystemBus);
-        pulse.ask(Part::SystemBus, S(31), S(30));
-        assert_eq!(pulse.overdue(S(31)), None);
+        let heartbeats = Heartbeats::default();
+        heartbeats.ask(Part::SystemBus, S(0), S(30));
+        heartbeats.ask(Part::SystemBus, S(20), S(30));
+        assert_eq!(heartbeats.overdue(S(31)), Some((Part::SystemBus, S(1))));
+        heartbeats.rest(Part::SystemBus);
+        heartbeats.ask(Part::SystemBus, S(31), S(30));
+        assert_eq!(heartbeats.overdue(S(31)), None);
     }
 
     #[test]
     fn a_promise_beyond_all_time_is_no_rest_and_no_overflow() {
-        let pulse = Pulse::default();
-        pulse.promise(Part::Record, Duration::MAX, Duration::MAX);
-        assert_eq!(pulse.overdue(S(u64::MAX / 1000)), None);
+        let heartbeats = Heartbeats::default();
+        heartbeats.promise(Part::Record, Duration::MAX, Duration::MAX);
+        assert_eq!(heartbeats.overdue(S(u64::MAX / 1000)), None);
     }
 }

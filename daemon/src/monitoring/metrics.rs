@@ -10,7 +10,7 @@ use prometheus_client::metrics::gauge::ConstGauge;
 use prometheus_client::registry::{Registry, Unit};
 
 use crate::config::NotifySection;
-use crate::monitoring::alarm::TOLD;
+use crate::monitoring::alarm::REPORTED;
 use crate::monitoring::counters::{RECONSTRUCTION_S, Reconstruction};
 use crate::monitoring::health::Health;
 
@@ -29,11 +29,11 @@ const STATES: [&str; 6] = [
 
 /// The page of one moment.
 pub(crate) fn page(health: &Health, maps: Reconstruction, limits: &NotifySection) -> String {
-    let troubles = health.troubles(limits);
+    let alarms = health.alarms(limits);
     let snapshot = Snapshot {
         health: health.clone(),
-        well: troubles.is_empty(),
-        troubles: troubles.into_iter().map(|trouble| trouble.kind).collect(),
+        well: alarms.is_empty(),
+        alarms: alarms.into_iter().map(|alarm| alarm.kind).collect(),
         maps,
         resident: resident(),
     };
@@ -57,7 +57,7 @@ fn resident() -> Option<u64> {
 struct Snapshot {
     health: Health,
     well: bool,
-    troubles: Vec<&'static str>,
+    alarms: Vec<&'static str>,
     maps: Reconstruction,
     resident: Option<u64>,
 }
@@ -204,8 +204,8 @@ impl Snapshot {
         }
         let help = "What people are notified of";
         let mut family = encoder.encode_descriptor("tactus_trouble", help, None, gauge)?;
-        for kind in TOLD {
-            one(&mut family, [("kind", kind)], self.troubles.contains(&kind))?;
+        for kind in REPORTED {
+            one(&mut family, [("kind", kind)], self.alarms.contains(&kind))?;
         }
         let help = "Version of the daemon";
         let mut build = encoder.encode_descriptor("tactus_build", help, None, MetricType::Info)?;

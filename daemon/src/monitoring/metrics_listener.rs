@@ -27,7 +27,7 @@ struct Answer {
 }
 
 impl Answer {
-    fn refusal(status: &'static str) -> Self {
+    fn error(status: &'static str) -> Self {
         Self {
             status,
             content: "text/plain; charset=utf-8",
@@ -38,18 +38,18 @@ impl Answer {
 
 /// A door that is open until it is dropped.
 #[derive(Debug)]
-pub(crate) struct Door {
+pub(crate) struct MetricsListener {
     pub address: SocketAddr,
     task: tokio::task::JoinHandle<()>,
 }
 
-impl Drop for Door {
+impl Drop for MetricsListener {
     fn drop(&mut self) {
         self.task.abort();
     }
 }
 
-impl Door {
+impl MetricsListener {
     /// Opens it for callers who know this machine by its address or one of these names; `page` makes what is at
     /// `/metrics`.
     ///
@@ -123,7 +123,7 @@ async fn attend<F: Future<Output = String>>(
     content: &'static str,
     page: &(impl Fn() -> F + Sync),
 ) -> std::io::Result<()> {
-    let known = Known {
+    let known = OwnNames {
         own: stream.local_addr()?.ip(),
         names,
     };
@@ -133,7 +133,7 @@ async fn attend<F: Future<Output = String>>(
 /// One question, one answer.
 async fn talk<S, F>(
     mut stream: S,
-    known: &Known<'_>,
+    known: &OwnNames<'_>,
     content: &'static str,
     page: &(impl Fn() -> F + Sync),
 ) -> std::io::Result<()>
@@ -143,11 +143,8 @@ where
 {
     let head = head(&mut stream).await?;
     let (bodiless, answer) = match head.as_deref().map(|head| question(head, known)) {
-        None => (
-            false,
-            Answer::refusal("431 Request Header Fields Too Large"),
-        ),
-        Some(Err(status)) => (false, Answer::refusal(status)),
+        None => (false, Answer::error("431 Request Header Fields Too Large")),
+        Some(Err(status)) => (false, Answer::error(status)),
         Some(Ok(method)) => {
             let body = page().await;
             let answer = Answer {
@@ -202,7 +199,7 @@ enum Method {
 }
 
 /// What is asked, and of whom; the other headers say nothing that matters here.
-fn question(head: &[u8], known: &Known<'_>) -> Result<Method, &'static str> {
+fn question(head: &[u8], known: &OwnNames<'_>) -> Result<Method, &'static str> {
     const BAD: &str = "400 Bad Request";
     let head = std::str::from_utf8(head).map_err(|_| BAD)?;
     let mut lines = head.split("\r\n");
@@ -237,14 +234,14 @@ fn question(head: &[u8], known: &Known<'_>) -> Result<Method, &'static str> {
 
 /// By what a caller may know this machine. Any other name may be a stranger's.
 #[derive(Debug)]
-struct Known<'a> {
+struct OwnNames<'a> {
     /// The address at which the caller came.
     own: IpAddr,
     /// As configured.
     names: &'a [String],
 }
 
-impl Known<'_> {
+impl OwnNames<'_> {
     /// Whether a host, with or without a port, is this machine: `localhost`, a loopback address, the address at which the
     /// caller came, or a configured name.
     fn is(&self, host: &str) -> bool {
@@ -275,7 +272,7 @@ mod tests {
         let (mut caller, stream): (DuplexStream, _) = tokio::io::duplex(64 * 1024);
         caller.write_all(request).await.unwrap();
         let page = || async { "tactus_well 1\n# EOF\n".to_owned() };
-        let known = Known {
+        let known = OwnNames {
             own: IpAddr::from([192, 0, 2, 7]),
             names: &["rig.example".to_owned()],
         };
@@ -352,9 +349,11 @@ mod tests {
     async fn silent_callers_make_way_and_are_hung_up_on() {
         let local = SocketAddr::from(([127, 0, 0, 1], 0));
         let page = || async { "page".to_owned() };
-        let door = Door::open(local, Vec::new(), "text/x", page).await.unwrap();
+        let listener = MetricsListener::open(local, Vec::new(), "text/x", page)
+            .await
+            .unwrap();
         let silent = async |said: &[u8]| {
-            let mut caller = TcpStream::connect(door.address).await.unwrap();
+            let mut caller = TcpStream::connect(listener.address).await.unwrap();
             caller.write_all(said).await.unwrap();
             caller
         };

@@ -26,9 +26,9 @@ use std::time::Duration;
 
 use crate::self_test::Wear;
 
-pub(crate) use crate::events::daemon_log::Chronicle;
-pub(crate) use crate::events::rate_limit::Aloud;
-pub(crate) use crate::monitoring::counters::Tally;
+pub(crate) use crate::events::daemon_log::DaemonLogWriter;
+pub(crate) use crate::events::rate_limit::RateLimit;
+pub(crate) use crate::monitoring::counters::Counters;
 pub(crate) use crate::monitoring::disk::Disk;
 pub(crate) use crate::monitoring::observer::observe;
 pub(crate) use crate::monitoring::relay_life::RelayLife;
@@ -36,10 +36,10 @@ pub(crate) use crate::monitoring::relay_life::RelayLife;
 /// What the keeper holds for its observers.
 #[derive(Debug)]
 pub(crate) struct Observed {
-    pub tally: Arc<Tally>,
+    pub counters: Arc<Counters>,
     pub disk: Arc<Disk>,
-    pub aloud: Aloud,
-    pub chronicle: Chronicle,
+    pub rate_limit: RateLimit,
+    pub daemon_log: DaemonLogWriter,
     /// What was read last; `None` before the first time.
     relays: Mutex<Option<RelayLife>>,
     /// Where metrics are served.
@@ -49,10 +49,10 @@ pub(crate) struct Observed {
 impl Observed {
     pub(crate) fn new(clock: rig::SystemClock, directory: PathBuf) -> Self {
         Self {
-            tally: Arc::new(Tally::new(clock)),
+            counters: Arc::new(Counters::new(clock)),
             disk: Arc::default(),
-            aloud: Aloud::default(),
-            chronicle: Chronicle::new(directory),
+            rate_limit: RateLimit::default(),
+            daemon_log: DaemonLogWriter::new(directory),
             relays: Mutex::new(None),
             metrics: Mutex::new(None),
         }
@@ -60,13 +60,13 @@ impl Observed {
 
     /// The relay that will be worn out first, as it was when the counters were read.
     pub(crate) fn relays(&self) -> Option<RelayLife> {
-        let known = self.relays.lock().unwrap_or_else(PoisonError::into_inner);
-        known.clone()
+        let identities = self.relays.lock().unwrap_or_else(PoisonError::into_inner);
+        identities.clone()
     }
 
     /// The counters of the relays have been read.
     pub(crate) fn set_relays(&self, wear: &[Wear], period: Duration) {
-        let frames = crate::monitoring::counters::read(&self.tally.acquired);
+        let frames = crate::monitoring::counters::read(&self.counters.acquired);
         let worst = RelayLife::worst(wear, period, frames);
         *self.relays.lock().unwrap_or_else(PoisonError::into_inner) = worst;
     }

@@ -19,26 +19,26 @@ const AFTER_IT: Duration = Duration::from_millis(500);
 
 /// How the command fared.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Delivered {
+pub(crate) struct HookResult {
     /// `None` where it was ended by a signal, killed after its deadline, or never began.
     pub code: Option<i32>,
     /// Why there is no code.
-    pub trouble: Option<String>,
+    pub alarm: Option<String>,
     /// The beginning of what it said.
     pub stderr: String,
     pub took: Duration,
 }
 
-impl Delivered {
+impl HookResult {
     pub(crate) fn is_done(&self) -> bool {
         self.code == Some(0)
     }
 
     /// For a person.
     pub(crate) fn text(&self) -> String {
-        let how = match (self.code, &self.trouble) {
+        let how = match (self.code, &self.alarm) {
             (Some(code), _) => format!("exit code {code}"),
-            (None, Some(trouble)) => trouble.clone(),
+            (None, Some(alarm)) => alarm.clone(),
             (None, None) => "ended by a signal".to_owned(),
         };
         match self.stderr.trim() {
@@ -51,21 +51,21 @@ impl Delivered {
         Options::new()
             .with("done", self.is_done())
             .with_some("code", self.code.map(i64::from))
-            .with_some("trouble", self.trouble.as_deref())
+            .with_some("trouble", self.alarm.as_deref())
             .with("stderr", self.stderr.as_str())
             .with("took_s", self.took.as_secs_f64())
     }
 }
 
 /// What the command reads: one object, one line.
-pub(crate) fn letter(message: &Message, health: &Health, limits: &NotifySection) -> String {
-    let troubles: Vec<_> = health
-        .troubles(limits)
+pub(crate) fn payload(message: &Message, health: &Health, limits: &NotifySection) -> String {
+    let alarms: Vec<_> = health
+        .alarms(limits)
         .into_iter()
-        .map(|trouble| serde_json::json!({"kind": trouble.kind, "text": trouble.text}))
+        .map(|alarm| serde_json::json!({"kind": alarm.kind, "text": alarm.text}))
         .collect();
     let session = health.session.as_ref();
-    let letter = serde_json::json!({
+    let payload = serde_json::json!({
         "kind": message.kind,
         "phase": message.phase.word(),
         "text": message.text,
@@ -77,17 +77,17 @@ pub(crate) fn letter(message: &Message, health: &Health, limits: &NotifySection)
         "frames_durable": session.map(|session| session.durable),
         "last_frame_age_s": health.age.map(|age| age.as_secs_f64()),
         "disk_days": health.room.days(),
-        "troubles": troubles,
+        "troubles": alarms,
     });
-    format!("{letter}\n")
+    format!("{payload}\n")
 }
 
 /// Runs the command with this on its standard input; after `deadline` it is killed, and all that it has begun.
-pub(crate) async fn deliver(command: &[String], letter: &str, deadline: Duration) -> Delivered {
+pub(crate) async fn run_hook(command: &[String], payload: &str, deadline: Duration) -> HookResult {
     let begun = Instant::now();
-    let failed = |trouble: String| Delivered {
+    let failed = |alarm: String| HookResult {
         code: None,
-        trouble: Some(trouble),
+        alarm: Some(alarm),
         stderr: String::new(),
         took: begun.elapsed(),
     };
@@ -108,16 +108,16 @@ pub(crate) async fn deliver(command: &[String], letter: &str, deadline: Duration
     };
     let group = child.id().and_then(|id| Pid::from_raw(id.cast_signed()));
     let (stdin, stderr) = (child.stdin.take(), child.stderr.take());
-    let mut heard = tokio::spawn(beginning(stderr));
+    let mut received = tokio::spawn(beginning(stderr));
     let run = async {
         if let Some(mut stdin) = stdin {
             // a command may end without having read everything
-            let _ = stdin.write_all(letter.as_bytes()).await;
+            let _ = stdin.write_all(payload.as_bytes()).await;
         }
         child.wait().await
     };
     let ended = tokio::time::timeout(deadline, run).await;
-    let (code, trouble) = match ended {
+    let (code, alarm) = match ended {
         Ok(Ok(status)) => (status.code(), None),
         Ok(Err(cause)) => (None, Some(cause.to_string())),
         Err(_) => {
@@ -125,22 +125,22 @@ pub(crate) async fn deliver(command: &[String], letter: &str, deadline: Duration
             (None, Some(text))
         }
     };
-    if trouble.is_some()
+    if alarm.is_some()
         && let Some(group) = group
     {
         let _ = kill_process_group(group, Signal::KILL);
         let _ = child.wait().await;
     }
-    let stderr = match tokio::time::timeout(AFTER_IT, &mut heard).await {
+    let stderr = match tokio::time::timeout(AFTER_IT, &mut received).await {
         Ok(text) => text.unwrap_or_default(),
         Err(_) => {
-            heard.abort();
+            received.abort();
             String::new()
         }
     };
-    Delivered {
+    HookResult {
         code,
-        trouble,
+        alarm,
         stderr,
         took: begun.elapsed(),
     }
@@ -173,13 +173,13 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("letter");
         let script = format!("cat > {}; echo no route >&2; exit 3", file.display());
-        let done = deliver(&shell(&script), "{\"kind\":\"test\"}\n", LONG).await;
+        let done = run_hook(&shell(&script), "{\"kind\":\"test\"}\n", LONG).await;
         assert_eq!((done.code, done.is_done()), (Some(3), false));
         assert_eq!(done.text(), "exit code 3: no route");
         let read = std::fs::read_to_string(file).unwrap();
         assert_eq!(read, "{\"kind\":\"test\"}\n");
         assert!(
-            deliver(&shell("cat > /dev/null"), "x", LONG)
+            run_hook(&shell("cat > /dev/null"), "x", LONG)
                 .await
                 .is_done()
         );
@@ -194,8 +194,8 @@ mod tests {
             "sleep 3600 & echo $! > {}.new; mv {0}.new {0}; wait",
             file.display()
         );
-        let done = deliver(&shell(&script), "x", Duration::from_secs(2)).await;
-        assert_eq!(done.trouble.as_deref(), Some("killed after 2.0 s"));
+        let done = run_hook(&shell(&script), "x", Duration::from_secs(2)).await;
+        assert_eq!(done.alarm.as_deref(), Some("killed after 2.0 s"));
         if let Ok(pid) = std::fs::read_to_string(&file) {
             let stat = format!("/proc/{}/stat", pid.trim());
             let gone = async {
@@ -212,14 +212,14 @@ mod tests {
     async fn floods_and_deaf_commands_end_all_the_same() {
         // far more than a pipe holds, in both directions
         let script = "head -c 1000000 /dev/zero | tr '\\0' x >&2; exec 0<&-; exit 0";
-        let letter = "y".repeat(1_000_000);
-        let done = deliver(&shell(script), &letter, LONG).await;
+        let payload = "y".repeat(1_000_000);
+        let done = run_hook(&shell(script), &payload, LONG).await;
         assert_eq!(done.code, Some(0), "{}", done.text());
         assert_eq!(done.stderr.len() as u64, MOST_SAID);
-        let absent = deliver(&["/nonexistent/mail".to_owned()], "x", LONG).await;
+        let absent = run_hook(&["/nonexistent/mail".to_owned()], "x", LONG).await;
         assert!(absent.text().contains("cannot be run"), "{}", absent.text());
         assert!(
-            deliver(&[], "x", LONG)
+            run_hook(&[], "x", LONG)
                 .await
                 .text()
                 .contains("[notify] command")

@@ -12,12 +12,12 @@ use tokio::sync::mpsc;
 use tokio::time::Instant;
 
 use crate::monitoring::alarm::{Alarm, Message, Phase};
-use crate::monitoring::daily_summary::{Daily, Evening};
+use crate::monitoring::daily_summary::{DailySummary, DayEnd};
 use crate::monitoring::health::{Counts, Health};
 use crate::monitoring::metrics;
-use crate::monitoring::metrics_listener::Door;
-use crate::monitoring::notification::{Delivered, deliver, letter};
-use crate::session::controller::Keeper;
+use crate::monitoring::metrics_listener::MetricsListener;
+use crate::monitoring::notification::{HookResult, payload, run_hook};
+use crate::session::controller::Controller;
 
 /// Between two looks.
 const EVERY: Duration = Duration::from_secs(5);
@@ -27,47 +27,50 @@ const MESSAGES: usize = 16;
 const LAST_TEST: u64 = 1 << 20;
 
 /// Looks after the daemon until it ends.
-pub(crate) async fn observe(keeper: Arc<Keeper>) {
-    let (messages, letters) = mpsc::channel(MESSAGES);
-    tokio::spawn(post(Arc::downgrade(&keeper), letters));
-    let house = keeper.house();
-    let mut daily = Daily::new(house.clock.wall(), Counts::of(&keeper.observed.tally));
+pub(crate) async fn observe(controller: Arc<Controller>) {
+    let (messages, payloads) = mpsc::channel(MESSAGES);
+    tokio::spawn(post(Arc::downgrade(&controller), payloads));
+    let runtime = controller.runtime();
+    let mut daily = DailySummary::new(
+        runtime.clock.wall(),
+        Counts::of(&controller.observed.counters),
+    );
     let mut alarm = Alarm::default();
-    let mut door = Listening::default();
+    let mut listener = Listening::default();
     let text = format!(
         "tactusd {} on {}",
         env!("CARGO_PKG_VERSION"),
-        house.config.display()
+        runtime.config.display()
     );
-    drop(house);
-    keeper.tell(None, "started", &text).await;
+    drop(runtime);
+    controller.tell(None, "started", &text).await;
     let mut ticks = tokio::time::interval(EVERY);
     ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     loop {
         ticks.tick().await;
-        keeper.observed.aloud.catch_up();
+        controller.observed.rate_limit.catch_up();
         crate::service::containment::catch_up();
-        door.keep_open(&keeper).await;
-        let health = keeper.health().await;
-        judge(&keeper, &mut alarm, &health, &messages).await;
+        listener.keep_open(&controller).await;
+        let health = controller.health().await;
+        judge(&controller, &mut alarm, &health, &messages).await;
         if daily.is_over(health.at) {
-            let text = daily.summary(health.at, &evening(&keeper).await);
-            keeper.tell(None, "daily", &text).await;
+            let text = daily.summary(health.at, &day_end(&controller).await);
+            controller.tell(None, "daily", &text).await;
         }
     }
 }
 
 /// Notices what has begun and what has ended, and puts it on its way to people.
 async fn judge(
-    keeper: &Arc<Keeper>,
+    controller: &Arc<Controller>,
     alarm: &mut Alarm,
     health: &Health,
     messages: &mpsc::Sender<(Message, Health)>,
 ) {
-    let house = keeper.house();
-    let limits = &house.setup.config.notify;
-    let troubles = health.troubles(limits);
-    let lingering = health.troubles(&limits.wider());
+    let runtime = controller.runtime();
+    let limits = &runtime.setup.config.notify;
+    let alarms = health.alarms(limits);
+    let lingering = health.alarms(&limits.wider());
     let mut unsure = Vec::new();
     if health.session.is_some() && health.room.per_day.is_none() {
         unsure.push("disk-days");
@@ -76,45 +79,52 @@ async fn judge(
         unsure.push("relay-life");
     }
     let again = survey::duration(limits.again_s);
-    for message in alarm.judge(Instant::now(), &troubles, &lingering, &unsure, again) {
+    for message in alarm.judge(Instant::now(), &alarms, &lingering, &unsure, again) {
         let kind = match message.phase {
             Phase::Ended => "trouble-over",
             _ => "trouble",
         };
         let text = format!("{}: {}", message.kind, message.text);
-        keeper.tell(None, kind, &text).await;
+        controller.tell(None, kind, &text).await;
         if !limits.command.is_empty() && messages.try_send((message, health.clone())).is_err() {
             let text = "too many notifications wait for their command; one is lost";
-            keeper.tell(None, "notify-failed", text).await;
+            controller.tell(None, "notify-failed", text).await;
         }
     }
 }
 
 /// Runs the command for one message after the other.
-async fn post(keeper: std::sync::Weak<Keeper>, mut letters: mpsc::Receiver<(Message, Health)>) {
-    while let Some((message, health)) = letters.recv().await {
-        let Some(keeper) = keeper.upgrade() else {
+async fn post(
+    controller: std::sync::Weak<Controller>,
+    mut payloads: mpsc::Receiver<(Message, Health)>,
+) {
+    while let Some((message, health)) = payloads.recv().await {
+        let Some(controller) = controller.upgrade() else {
             return;
         };
-        let done = run_command(&keeper, &message, &health).await;
+        let done = run_command(&controller, &message, &health).await;
         if !done.is_done() {
             let text = format!("{} could not be told: {}", message.kind, done.text());
-            keeper.tell(None, "notify-failed", &text).await;
+            controller.tell(None, "notify-failed", &text).await;
         }
     }
 }
 
-async fn run_command(keeper: &Arc<Keeper>, message: &Message, health: &Health) -> Delivered {
-    let house = keeper.house();
-    let limits = &house.setup.config.notify;
-    let letter = letter(message, health, limits);
+async fn run_command(
+    controller: &Arc<Controller>,
+    message: &Message,
+    health: &Health,
+) -> HookResult {
+    let runtime = controller.runtime();
+    let limits = &runtime.setup.config.notify;
+    let payload = payload(message, health, limits);
     let deadline = survey::duration(limits.deadline_s);
-    deliver(&limits.command, &letter, deadline).await
+    run_hook(&limits.command, &payload, deadline).await
 }
 
-impl Keeper {
+impl Controller {
     /// Runs the command of `[notify]` once and says how it fared.
-    pub(crate) async fn notify_test(self: &Arc<Self>) -> Delivered {
+    pub(crate) async fn notify_test(self: &Arc<Self>) -> HookResult {
         let message = Message {
             kind: "test",
             phase: Phase::Test,
@@ -126,13 +136,13 @@ impl Keeper {
 }
 
 /// What is known at the end of a day.
-async fn evening(keeper: &Arc<Keeper>) -> Evening {
-    let directory = keeper.house().setup.record_directory.clone();
+async fn day_end(controller: &Arc<Controller>) -> DayEnd {
+    let directory = controller.runtime().setup.record_directory.clone();
     let contact = tokio::task::spawn_blocking(move || worst_contact(&directory));
-    Evening {
-        counts: Counts::of(&keeper.observed.tally),
-        frame: keeper.active().and_then(|live| live.latest_frame()),
-        baseline: keeper.baseline(),
+    DayEnd {
+        counts: Counts::of(&controller.observed.counters),
+        frame: controller.active().and_then(|status| status.latest_frame()),
+        baseline: controller.baseline(),
         worst_contact: contact.await.ok().flatten(),
     }
 }
@@ -169,45 +179,46 @@ fn worst_contact(directory: &Path) -> Option<String> {
 struct Listening {
     wanted: Option<SocketAddr>,
     names: Vec<String>,
-    door: Option<Door>,
+    listener: Option<MetricsListener>,
 }
 
 impl Listening {
     /// Opens, moves or closes it. An address that cannot be had is tried again, and said.
-    async fn keep_open(&mut self, keeper: &Arc<Keeper>) {
-        let section = keeper.house().setup.config.metrics.clone();
+    async fn keep_open(&mut self, controller: &Arc<Controller>) {
+        let section = controller.runtime().setup.config.metrics.clone();
         let wanted = section.address();
         if wanted != self.wanted || section.names != self.names {
-            (self.wanted, self.door) = (wanted, None);
+            (self.wanted, self.listener) = (wanted, None);
             self.names = section.names;
         }
-        let (Some(address), None) = (wanted, &self.door) else {
-            keeper
+        let (Some(address), None) = (wanted, &self.listener) else {
+            controller
                 .observed
-                .set_metrics(self.door.as_ref().map(|door| door.address));
+                .set_metrics(self.listener.as_ref().map(|listener| listener.address));
             return;
         };
-        let asked = Arc::downgrade(keeper);
+        let requested = Arc::downgrade(controller);
         let page = move || {
-            let asked = asked.clone();
+            let requested = requested.clone();
             async move {
-                let Some(keeper) = asked.upgrade() else {
+                let Some(controller) = requested.upgrade() else {
                     return String::new();
                 };
-                let health = keeper.health().await;
-                let maps = keeper.observed.tally.reconstruction();
-                metrics::page(&health, maps, &keeper.house().setup.config.notify)
+                let health = controller.health().await;
+                let maps = controller.observed.counters.reconstruction();
+                metrics::page(&health, maps, &controller.runtime().setup.config.notify)
             }
         };
-        match Door::open(address, self.names.clone(), metrics::CONTENT_TYPE, page).await {
-            Ok(door) => {
-                tracing::info!("metrics at http://{}/metrics", door.address);
-                keeper.observed.set_metrics(Some(door.address));
-                self.door = Some(door);
+        match MetricsListener::open(address, self.names.clone(), metrics::CONTENT_TYPE, page).await
+        {
+            Ok(listener) => {
+                tracing::info!("metrics at http://{}/metrics", listener.address);
+                controller.observed.set_metrics(Some(listener.address));
+                self.listener = Some(listener);
             }
             Err(cause) => {
                 let text = format!("nobody can scrape {address}: {cause}");
-                keeper.observed.aloud.say("metrics", None, &text);
+                controller.observed.rate_limit.say("metrics", None, &text);
             }
         }
     }

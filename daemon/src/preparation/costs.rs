@@ -20,9 +20,9 @@ pub(crate) struct Cost {
 /// The voltmeter's resolution as a part of its range, taken as the noise of one reading; 0 where its integration is none
 /// that it has.
 pub(crate) fn resolution(nplc: f64) -> f64 {
-    let known = keysight_34980a::INTEGRATION.iter();
-    let mut known = known.filter(|(integration, _)| *integration == nplc);
-    known.next().map_or(0.0, |(_, fraction)| *fraction)
+    let identities = keysight_34980a::INTEGRATION.iter();
+    let mut identities = identities.filter(|(integration, _)| *integration == nplc);
+    identities.next().map_or(0.0, |(_, fraction)| *fraction)
 }
 
 /// Every setting that is not as if left out: shortest integration, one reading, one way, one range, a whole frame.

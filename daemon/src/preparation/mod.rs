@@ -25,7 +25,7 @@ pub(crate) use crate::preparation::costs::{costs, resolution};
 use crate::acquisition::playback::Recording;
 use crate::config::problems::{Problem, Source};
 use crate::config::{Config, EnableName, RigKind, SurveySection};
-use crate::instruments::address::Place;
+use crate::instruments::address::InstrumentAddress;
 use crate::session::schedule::Schedule;
 use imaging::{Conditions, Geometry, Model};
 use survey::error_chain as chain;
@@ -132,9 +132,9 @@ impl RigPlan {
 /// Where the instruments are, and how long each may take to answer.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Places {
-    pub source: (Place, Duration),
-    pub switch: (Place, Duration),
-    pub voltmeter: (Place, Duration),
+    pub source: (InstrumentAddress, Duration),
+    pub switch: (InstrumentAddress, Duration),
+    pub voltmeter: (InstrumentAddress, Duration),
     /// Of a board on a gpiochip.
     pub enable: EnableName,
 }
@@ -260,7 +260,7 @@ fn understand(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepare
             (protocol, Some(frames))
         }
         _ => {
-            let protocol = asked(&config, geometry.as_ref(), findings)?;
+            let protocol = requested(&config, geometry.as_ref(), findings)?;
             let plan = rig_plan::rig_plan(&config, &protocol, geometry.as_ref(), findings);
             (protocol, plan.map(|plan| FramesFrom::Rig(Arc::new(plan))))
         }
@@ -339,7 +339,7 @@ fn understand(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepare
 }
 
 /// The questions asked of a rig.
-fn asked(
+fn requested(
     config: &Config,
     geometry: Option<&Geometry>,
     findings: &mut Findings<'_>,

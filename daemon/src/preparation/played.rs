@@ -81,13 +81,13 @@ pub(super) fn complete(
     let current_ua = recording
         .settings()
         .map_or(1e6, |settings| settings.current.0 * 1e6);
-    let told = config.model.lambda.is_some() || config.model.noise_uv.is_some();
+    let reported = config.model.lambda.is_some() || config.model.noise_uv.is_some();
     let kept = recording
         .kept_config()
         .and_then(|text| toml::from_str::<Config>(text).ok());
     if let Some(kept) = kept {
         config.survey.current_ua = kept.survey.current_ua;
-        if !told {
+        if !reported {
             config.model.lambda = kept.model.lambda;
             config.model.noise_uv = match kept.model.lambda {
                 Some(_) => None,
@@ -97,7 +97,7 @@ pub(super) fn complete(
         return;
     }
     config.survey.current_ua = current_ua;
-    if told {
+    if reported {
         return;
     }
     match gain(baseline, geometry, protocol) {

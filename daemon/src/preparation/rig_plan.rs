@@ -12,7 +12,7 @@ use survey::{
 };
 
 use crate::config::{Config, EnableName, InstrumentSection, RangesName, RigKind, WiringKind};
-use crate::instruments::address::Place;
+use crate::instruments::address::InstrumentAddress;
 use crate::instruments::simulation::{self, Profile, Scene};
 use crate::preparation::wired;
 use crate::preparation::wired::Wired;
@@ -203,7 +203,7 @@ fn fits(
     places: &Places,
     findings: &mut Findings<'_>,
 ) {
-    if places.switch.0 != Place::Simulated {
+    if places.switch.0 != InstrumentAddress::Simulated {
         return;
     }
     let key = if config.rig.profile.is_some() {
@@ -288,7 +288,7 @@ fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
                 );
             }
         }
-        let memory = (Place::Simulated, deadline(None));
+        let memory = (InstrumentAddress::Simulated, deadline(None));
         return Some(Places {
             source: memory.clone(),
             switch: memory.clone(),
@@ -306,15 +306,15 @@ fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
             findings.add(name, format!("the rig has no [{name}]; give its address"));
             return None;
         };
-        match section.address.parse::<Place>() {
-            Ok(Place::Simulated) if config.rig.kind == RigKind::Instruments => {
+        match section.address.parse::<InstrumentAddress>() {
+            Ok(InstrumentAddress::Simulated) if config.rig.kind == RigKind::Instruments => {
                 findings.add(
                     &format!("{name}.address"),
                     "a simulated instrument in a rig of instruments; set rig.kind = \"mixed\" if that is meant",
                 );
                 None
             }
-            Ok(Place::Gpiochip { .. })
+            Ok(InstrumentAddress::Gpiochip { .. })
                 if name != "switch" || config.wiring.kind != WiringKind::GpioBoard =>
             {
                 findings.add(
@@ -323,7 +323,7 @@ fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
                 );
                 None
             }
-            Ok(Place::Gpiochip { .. }) if section.deadline_ms.is_some() => {
+            Ok(InstrumentAddress::Gpiochip { .. }) if section.deadline_ms.is_some() => {
                 findings.add(
                     &format!("{name}.deadline_ms"),
                     "the lines of a gpiochip are set at once, nothing is waited for; delete this key",
@@ -335,8 +335,8 @@ fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
                 let given = if name == "source" { own } else { shared.or(own) };
                 Some((place, deadline(given)))
             }
-            Err(refusal) => {
-                findings.add(&format!("{name}.address"), refusal.to_string());
+            Err(error) => {
+                findings.add(&format!("{name}.address"), error.to_string());
                 None
             }
         }

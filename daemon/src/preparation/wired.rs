@@ -101,7 +101,7 @@ pub(super) fn name(kind: WiringKind) -> &'static str {
 }
 
 fn modules(kind: WiringKind, slot: u32, inject_slot: u32) -> BTreeMap<u32, Module> {
-    let told: &[(u32, &str)] = match kind {
+    let reported: &[(u32, &str)] = match kind {
         WiringKind::Pairs34924a => &[(slot, "34924A")],
         WiringKind::Pairs34922a => &[(slot, "34922A")],
         WiringKind::Fast34925a => &[(slot, "34925A"), (inject_slot, "34924A")],
@@ -109,7 +109,8 @@ fn modules(kind: WiringKind, slot: u32, inject_slot: u32) -> BTreeMap<u32, Modul
         WiringKind::Matrix34934a => &[(slot, "34934A,4x128")],
         WiringKind::GpioBoard | WiringKind::File => &[],
     };
-    told.iter()
+    reported
+        .iter()
         .filter_map(|(slot, module)| Some((*slot, module.parse().ok()?)))
         .collect()
 }

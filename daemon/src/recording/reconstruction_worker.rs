@@ -22,7 +22,7 @@ const GRACE: Duration = Duration::from_millis(250);
 const LOOK: Duration = Duration::from_millis(2);
 
 /// What maps are made with.
-pub(crate) struct Means {
+pub(crate) struct ReconstructionContext {
     pub baseline: Baseline,
     pub model: Model,
     pub centroids: Vec<[f64; 2]>,
@@ -60,9 +60,9 @@ pub(crate) enum Failure {
 }
 
 /// What was got of an attempt.
-pub(crate) enum Attempt {
+pub(crate) enum MapOutcome {
     Made(Box<Made>),
-    /// It is not ready; [`Mapper::late`] has it later.
+    /// It is not ready; [`ReconstructionWorker::late`] has it later.
     Late,
     /// An earlier one is still under way: this frame has no map.
     Busy,
@@ -71,27 +71,30 @@ pub(crate) enum Attempt {
 }
 
 /// Makes one map at a time.
-pub(crate) struct Mapper {
+pub(crate) struct ReconstructionWorker {
     ask: Option<SyncSender<Vec<Reading>>>,
     answers: Receiver<Made>,
     under_way: bool,
 }
 
-impl Mapper {
+impl ReconstructionWorker {
     /// `recorder` is nudged whenever a map is ready.
     ///
     /// # Errors
     /// No thread can be had.
-    pub(crate) fn start(means: Means, recorder: WeakSender<Order>) -> std::io::Result<Self> {
-        let (ask, asked) = sync_channel::<Vec<Reading>>(1);
+    pub(crate) fn start(
+        context: ReconstructionContext,
+        recorder: WeakSender<Order>,
+    ) -> std::io::Result<Self> {
+        let (ask, requested) = sync_channel::<Vec<Reading>>(1);
         let (answer, answers) = sync_channel(1);
         std::thread::Builder::new()
             .name("maps".to_owned())
             .spawn(move || {
-                while let Ok(readings) = asked.recv() {
+                while let Ok(readings) = requested.recv() {
                     let begun = Instant::now();
                     // it costs maps, not the session
-                    let outcome = containment::run(|| means.make(&readings))
+                    let outcome = containment::run(|| context.make(&readings))
                         .unwrap_or_else(|panicked| Err(Failure::Broken(panicked.message)));
                     let broken = matches!(outcome, Err(Failure::Broken(_)));
                     let made = Made {
@@ -118,24 +121,24 @@ impl Mapper {
     }
 
     /// Asks for a map and waits for it, two seconds at most; a quarter of one where others are waiting (`hurry`).
-    pub(crate) fn make(&mut self, readings: &[Reading], hurry: impl Fn() -> bool) -> Attempt {
+    pub(crate) fn make(&mut self, readings: &[Reading], hurry: impl Fn() -> bool) -> MapOutcome {
         if self.under_way {
-            return Attempt::Busy;
+            return MapOutcome::Busy;
         }
         let Some(ask) = &self.ask else {
-            return Attempt::Suspended;
+            return MapOutcome::Suspended;
         };
         if ask.send(readings.to_vec()).is_err() {
             self.ask = None;
-            return Attempt::Suspended;
+            return MapOutcome::Suspended;
         }
         self.under_way = true;
         let begun = Instant::now();
         loop {
             match self.answers.recv_timeout(LOOK) {
-                Ok(made) => return Attempt::Made(Box::new(self.arrived(made))),
+                Ok(made) => return MapOutcome::Made(Box::new(self.arrived(made))),
                 Err(RecvTimeoutError::Timeout) if begun.elapsed() > patience(hurry()) => {
-                    return Attempt::Late;
+                    return MapOutcome::Late;
                 }
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return self.gone(),
@@ -175,9 +178,9 @@ impl Mapper {
         made
     }
 
-    fn gone(&mut self) -> Attempt {
+    fn gone(&mut self) -> MapOutcome {
         (self.under_way, self.ask) = (false, None);
-        Attempt::Suspended
+        MapOutcome::Suspended
     }
 }
 
@@ -185,7 +188,7 @@ fn patience(hurry: bool) -> Duration {
     if hurry { GRACE } else { PATIENCE }
 }
 
-impl Means {
+impl ReconstructionContext {
     fn make(&self, readings: &[Reading]) -> Result<Mapped, Failure> {
         let reconstructor = &self.model.reconstructor;
         let map = reconstructor

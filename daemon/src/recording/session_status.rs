@@ -11,7 +11,7 @@ use rig::{Stop, StopButton};
 use survey::{Frame, Map, Quality};
 use tokio::sync::{OnceCell, watch};
 
-use crate::monitoring::Tally;
+use crate::monitoring::Counters;
 use crate::recording::stream::Readers;
 use crate::session::end_marks::Marked;
 
@@ -35,12 +35,12 @@ pub(crate) struct Progress {
     pub suspended: bool,
     pub last_error: String,
     /// Why it ended; `None` while it runs.
-    pub ended: Option<Ending>,
+    pub ended: Option<SessionEnd>,
 }
 
 /// How it ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Ending {
+pub(crate) struct SessionEnd {
     pub reason: String,
     pub faulted: bool,
 }
@@ -70,7 +70,7 @@ struct Latest {
 
 /// One session, shared by all who have to do with it.
 #[derive(Debug)]
-pub(crate) struct Live {
+pub(crate) struct SessionStatus {
     pub facts: Facts,
     /// The file that frames go to now; a session that rolls over has several.
     path: Mutex<PathBuf>,
@@ -100,7 +100,7 @@ pub(crate) struct Live {
     /// Frames that failed.
     failures: AtomicU64,
     /// What the daemon counts over all its sessions.
-    tally: Arc<Tally>,
+    counters: Arc<Counters>,
     pace: Mutex<Pace>,
 }
 
@@ -113,9 +113,9 @@ struct Pace {
     last: Option<Duration>,
 }
 
-impl Live {
+impl SessionStatus {
     /// A session about to begin; with `step` it waits to be asked for each frame.
-    pub(crate) fn new(facts: Facts, path: PathBuf, step: bool, tally: Arc<Tally>) -> Self {
+    pub(crate) fn new(facts: Facts, path: PathBuf, step: bool, counters: Arc<Counters>) -> Self {
         let (button, stop) = Stop::button();
         tracing::info!(
             session = facts.id,
@@ -125,11 +125,11 @@ impl Live {
             path.display()
         );
         let pace = Pace {
-            from: tally.now(),
+            from: counters.now(),
             ..Pace::default()
         };
         Self {
-            tally,
+            counters,
             pace: Mutex::new(pace),
             facts,
             path: Mutex::new(path),
@@ -174,7 +174,7 @@ impl Live {
         self.left_open.load(Ordering::SeqCst) && !self.ended_for_good.load(Ordering::SeqCst)
     }
 
-    /// As [`Live::stop`], and it does not go on with the next daemon even where this one is being stopped.
+    /// As [`SessionStatus::stop`], and it does not go on with the next daemon even where this one is being stopped.
     pub(crate) fn end_for_good(&self, why: &str) {
         self.ended_for_good.store(true, Ordering::SeqCst);
         self.stop(why);
@@ -216,7 +216,7 @@ impl Live {
 
     pub(crate) fn count_acquired(&self) {
         self.acquired.fetch_add(1, Ordering::Relaxed);
-        self.tally.count_acquired();
+        self.counters.count_acquired();
     }
 
     pub(crate) fn durable(&self) -> u64 {
@@ -234,7 +234,7 @@ impl Live {
 
     pub(crate) fn count_dropped(&self, frames: u64) {
         self.dropped.fetch_add(frames, Ordering::Relaxed);
-        self.tally.count_dropped(frames);
+        self.counters.count_dropped(frames);
     }
 
     pub(crate) fn progress(&self) -> Progress {
@@ -263,32 +263,32 @@ impl Live {
     }
 
     /// The last word: nothing follows.
-    pub(crate) fn end(&self, ending: Ending) {
+    pub(crate) fn end(&self, end: SessionEnd) {
         // with its beginning all that the journal hears of a session in which nothing went wrong
         tracing::info!(
             session = self.facts.id,
             "{} has ended: {}; {} frames on disk, {} failed, {} missed their time",
             self.facts.id,
-            ending.reason,
+            end.reason,
             self.durable(),
             self.failures(),
             self.dropped()
         );
         self.progress.send_modify(|progress| {
-            if ending.faulted {
-                progress.last_error.clone_from(&ending.reason);
+            if end.faulted {
+                progress.last_error.clone_from(&end.reason);
             }
             progress.suspended = false;
-            progress.ended = Some(ending);
+            progress.ended = Some(end);
         });
     }
 
     /// Waits for the end.
-    pub(crate) async fn ended(&self) -> Ending {
+    pub(crate) async fn ended(&self) -> SessionEnd {
         let mut follow = self.follow();
         loop {
-            if let Some(ending) = follow.borrow_and_update().ended.clone() {
-                return ending;
+            if let Some(end) = follow.borrow_and_update().ended.clone() {
+                return end;
             }
             if follow.changed().await.is_err() {
                 // the sender lives in self
@@ -301,7 +301,7 @@ impl Live {
     pub(crate) fn publish(&self, published: Published) {
         let published = Arc::new(published);
         let sequence = published.frame.sequence;
-        self.tally.count_durable(&self.facts.id, &published);
+        self.counters.count_durable(&self.facts.id, &published);
         {
             let mut pace = self.pace.lock().unwrap_or_else(PoisonError::into_inner);
             let at = published.frame.monotonic;
@@ -320,7 +320,7 @@ impl Live {
 
     /// The map of a frame that was published without it.
     pub(crate) fn publish_map(&self, published: Published) {
-        self.tally.count_map(&published);
+        self.counters.count_map(&published);
         let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
         latest.with_map = Some(Arc::new(published));
     }
@@ -352,7 +352,7 @@ impl Live {
         self.button.press();
     }
 
-    /// As [`Live::stop`], and it is faulted then.
+    /// As [`SessionStatus::stop`], and it is faulted then.
     pub(crate) fn fail(&self, why: &str) {
         self.failed.store(true, Ordering::Relaxed);
         self.stop(why);
@@ -370,7 +370,7 @@ impl Live {
 
     pub(crate) fn count_failure(&self) {
         self.failures.fetch_add(1, Ordering::Relaxed);
-        self.tally.count_failed();
+        self.counters.count_failed();
     }
 
     /// Why it was asked to end.
@@ -389,7 +389,7 @@ impl Live {
     pub(crate) fn suspend(&self, suspend: bool) {
         if self.suspend.send_replace(suspend) && !suspend {
             let mut pace = self.pace.lock().unwrap_or_else(PoisonError::into_inner);
-            pace.from = self.tally.now();
+            pace.from = self.counters.now();
         }
     }
 

@@ -168,12 +168,12 @@ async fn write(reader: &Reader, socket: &mut UnixStream) {
 
 /// Waits until the other end is closed. One that says it has no more to say still reads.
 async fn gone(socket: &UnixStream) {
-    let mut unasked = [0; 64];
+    let mut unrequested = [0; 64];
     loop {
         if socket.readable().await.is_err() {
             return;
         }
-        match socket.try_read(&mut unasked) {
+        match socket.try_read(&mut unrequested) {
             Ok(0) => break,
             Ok(_) => {}
             Err(error) if error.kind() == ErrorKind::WouldBlock => {}

@@ -14,7 +14,7 @@ use std::task::Poll;
 use dbus::Fault;
 use tokio::task::JoinHandle;
 
-use crate::monitoring::Aloud;
+use crate::monitoring::RateLimit;
 
 thread_local! {
     static CONTAINED: Cell<bool> = const { Cell::new(false) };
@@ -23,7 +23,7 @@ thread_local! {
 }
 
 /// What is said of contained panics in the log.
-static LOG: Aloud = Aloud::new();
+static LOG: RateLimit = RateLimit::new();
 
 /// Whether a panic on this thread ends no more than an answer. A panic on a thread of rayon comes back to whoever waits
 /// for the computation.

@@ -16,7 +16,7 @@ use zbus::message::{Header, Type};
 use zbus::names::UniqueName;
 use zbus::{Connection, MatchRule, MessageStream};
 
-use super::access::Door;
+use super::access::Authorizer;
 use super::bus_socket::Queue;
 use super::caller::{self, Caller};
 use super::limit::User;
@@ -27,7 +27,7 @@ const THREADS: usize = 2;
 /// The gate of one connection.
 #[derive(Debug)]
 pub(crate) struct Gate {
-    pub(super) door: Door,
+    pub(super) authorizer: Authorizer,
     /// Where sessions run.
     acting: Handle,
     /// Who has called and has not left, by unique name.
@@ -89,9 +89,13 @@ impl Client {
 impl Gate {
     /// The gate of a connection to a bus; `acting` is where sessions run, and `waiting` has the calls that were read ahead. Nobody is
     /// answered before [`Gate::follow`].
-    pub(super) fn of_bus(door: Door, acting: Handle, waiting: Option<Arc<Queue>>) -> Arc<Self> {
+    pub(super) fn of_bus(
+        authorizer: Authorizer,
+        acting: Handle,
+        waiting: Option<Arc<Queue>>,
+    ) -> Arc<Self> {
         Arc::new(Self {
-            door,
+            authorizer,
             acting,
             present: Mutex::default(),
             follows: watch::Sender::new(false),
@@ -104,7 +108,7 @@ impl Gate {
     pub(super) fn of_peer(caller: Caller, acting: Handle) -> Arc<Self> {
         let peer = Present::new(OnceCell::new_with(Some(Arc::new(caller))));
         Arc::new(Self {
-            door: Door::Peer,
+            authorizer: Authorizer::Peer,
             acting,
             present: Mutex::new(BTreeMap::from([(String::new(), peer)])),
             follows: watch::Sender::new(true),
@@ -169,7 +173,7 @@ impl Gate {
         connection: &Connection,
         header: &Header<'_>,
     ) -> Result<Option<Client>, Fault> {
-        if self.door == Door::Peer {
+        if self.authorizer == Authorizer::Peer {
             let present = self.present();
             let Some(peer) = present.get("") else {
                 return Ok(None);

@@ -13,12 +13,12 @@ use zbus::fdo::{RequestNameFlags, RequestNameReply};
 
 use crate::config::BusSection;
 use crate::monitoring::heartbeat::Part;
-use crate::service::access::{self, Door};
+use crate::service::access::{self, Authorizer};
 use crate::service::bus_socket::{BusSocket, Queue};
 use crate::service::containment::{Ends, answer};
 use crate::service::gate::{Gate, Threads};
 use crate::service::peer;
-use crate::session::controller::Keeper;
+use crate::session::controller::Controller;
 
 /// A bus that went away is looked for again after so long, and then ever less often up to the second value.
 const LOOK_AGAIN: (Duration, Duration) = (Duration::from_millis(200), Duration::from_secs(5));
@@ -28,7 +28,7 @@ const TO_CONNECT: Duration = Duration::from_secs(5);
 
 /// The ways on which the daemon is offered, until dropped.
 #[derive(Debug)]
-pub(crate) struct Offer {
+pub(crate) struct Listener {
     tasks: JoinSet<()>,
     _threads: [Threads; 2],
     /// For a person.
@@ -37,7 +37,7 @@ pub(crate) struct Offer {
 
 /// Why it cannot be offered.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum OfferError {
+pub(crate) enum ListenerError {
     #[error("the peer socket {} cannot be opened: {cause}", .path.display())]
     Peer {
         path: PathBuf,
@@ -54,45 +54,50 @@ pub(crate) enum OfferError {
     Owned { which: &'static str },
 }
 
-impl Offer {
+impl Listener {
     /// Opens every way that is configured; one that cannot be opened is an error.
     pub(crate) async fn open(
         section: &BusSection,
-        keeper: &Arc<Keeper>,
-    ) -> Result<Self, OfferError> {
+        controller: &Arc<Controller>,
+    ) -> Result<Self, ListenerError> {
         let mut tasks = JoinSet::new();
         let mut ways = Vec::new();
         // sessions run here; clients are served on threads of their own, those of the peer socket apart from the buses'
         let acting = Handle::current();
         let threads = [
-            Threads::start("peer").map_err(OfferError::Threads)?,
-            Threads::start("bus").map_err(OfferError::Threads)?,
+            Threads::start("peer").map_err(ListenerError::Threads)?,
+            Threads::start("bus").map_err(ListenerError::Threads)?,
         ];
         let [peers, buses] = [threads[0].handle(), threads[1].handle()];
         if section.peer
             && let Some(path) = &section.peer_path
         {
             let _entered = peers.enter();
-            let listener = peer::bind(path).map_err(|cause| OfferError::Peer {
+            let listener = peer::bind(path).map_err(|cause| ListenerError::Peer {
                 path: path.clone(),
                 cause,
             })?;
-            let served = peer::serve(listener, Arc::clone(keeper), acting.clone());
+            let served = peer::serve(listener, Arc::clone(controller), acting.clone());
             tasks.spawn_on(served, peers);
             ways.push(format!("unix:{}", path.display()));
         }
-        for (door, wanted) in [
-            (Door::Session, section.session),
-            (Door::System, section.system),
+        for (authorizer, wanted) in [
+            (Authorizer::Session, section.session),
+            (Authorizer::System, section.system),
         ] {
             if wanted {
-                let (held, home) = (Arc::clone(keeper), acting.clone());
-                let connected = buses.spawn(async move { connect(door, &held, &home).await });
-                let no_bus = |_| OfferError::Threads(std::io::ErrorKind::Interrupted.into());
+                let (held, home) = (Arc::clone(controller), acting.clone());
+                let connected = buses.spawn(async move { connect(authorizer, &held, &home).await });
+                let no_bus = |_| ListenerError::Threads(std::io::ErrorKind::Interrupted.into());
                 let connection = connected.await.map_err(no_bus)??;
-                let stays = stay(door, connection, Arc::clone(keeper), acting.clone());
+                let stays = stay(
+                    authorizer,
+                    connection,
+                    Arc::clone(controller),
+                    acting.clone(),
+                );
                 tasks.spawn_on(stays, buses);
-                ways.push(word(door).to_owned());
+                ways.push(word(authorizer).to_owned());
             }
         }
         Ok(Self {
@@ -108,11 +113,11 @@ impl Offer {
     }
 }
 
-fn word(door: Door) -> &'static str {
-    match door {
-        Door::Peer => "peer",
-        Door::Session => "session",
-        Door::System => "system",
+fn word(authorizer: Authorizer) -> &'static str {
+    match authorizer {
+        Authorizer::Peer => "peer",
+        Authorizer::Session => "session",
+        Authorizer::System => "system",
     }
 }
 
@@ -125,18 +130,18 @@ struct Connected {
 
 /// Connects, puts everything there, and only then asks for the name.
 async fn connect(
-    door: Door,
-    keeper: &Arc<Keeper>,
+    authorizer: Authorizer,
+    controller: &Arc<Controller>,
     acting: &Handle,
-) -> Result<Connected, OfferError> {
-    let which = word(door);
-    let no_bus = |cause| OfferError::NoBus { which, cause };
-    let (builder, waiting) = match door {
-        Door::System => system_bus(keeper).await.map_err(no_bus)?,
+) -> Result<Connected, ListenerError> {
+    let which = word(authorizer);
+    let no_bus = |cause| ListenerError::NoBus { which, cause };
+    let (builder, waiting) = match authorizer {
+        Authorizer::System => system_bus(controller).await.map_err(no_bus)?,
         _ => (Builder::session(), None),
     };
-    let gate = Gate::of_bus(door, acting.clone(), waiting);
-    let connection = crate::service::furnish(builder, keeper, &gate)
+    let gate = Gate::of_bus(authorizer, acting.clone(), waiting);
+    let connection = crate::service::register_objects(builder, controller, &gate)
         .build()
         .await
         .map_err(no_bus)?;
@@ -151,22 +156,24 @@ async fn connect(
     match connection.request_name_with_flags(BUS_NAME, flags).await {
         Ok(RequestNameReply::PrimaryOwner | RequestNameReply::AlreadyOwner) => Ok(connected),
         Ok(RequestNameReply::Exists | RequestNameReply::InQueue) | Err(zbus::Error::NameTaken) => {
-            Err(OfferError::Owned { which })
+            Err(ListenerError::Owned { which })
         }
         Err(cause) => Err(no_bus(cause)),
     }
 }
 
 /// The system bus, on which anybody may send calls: they are read ahead of being served.
-async fn system_bus(keeper: &Arc<Keeper>) -> zbus::Result<(Builder<'static>, Option<Arc<Queue>>)> {
+async fn system_bus(
+    controller: &Arc<Controller>,
+) -> zbus::Result<(Builder<'static>, Option<Arc<Queue>>)> {
     let address = zbus::Address::system()?;
     let queue = Arc::new(Queue::new(access::changes_something));
-    let told = Arc::clone(keeper);
+    let reported = Arc::clone(controller);
     let report = move |lost: u64, sender: &str| {
         let text = format!(
             "{lost} calls that want no answer were discarded, the last of {sender}: too many wait already"
         );
-        told.observed.aloud.say("calls-lost", None, &text);
+        reported.observed.rate_limit.say("calls-lost", None, &text);
     };
     let socket = BusSocket::connect(&address, Arc::clone(&queue), Box::new(report)).await?;
     Ok(match socket {
@@ -176,9 +183,14 @@ async fn system_bus(keeper: &Arc<Keeper>) -> zbus::Result<(Builder<'static>, Opt
 }
 
 /// Carries news to one bus, and comes back when the bus does.
-async fn stay(door: Door, mut connected: Connected, keeper: Arc<Keeper>, acting: Handle) {
-    let which = word(door);
-    let mut news = keeper.herald.listen();
+async fn stay(
+    authorizer: Authorizer,
+    mut connected: Connected,
+    controller: Arc<Controller>,
+    acting: Handle,
+) {
+    let which = word(authorizer);
+    let mut news = controller.broadcast.listen();
     let part = match which {
         "system" => Part::SystemBus,
         _ => Part::SessionBus,
@@ -190,13 +202,13 @@ async fn stay(door: Door, mut connected: Connected, keeper: Arc<Keeper>, acting:
         loop {
             tokio::select! {
                 () = connection.closed() => break,
-                notice = news.recv() => {
-                    let Some(notice) = notice else { return };
-                    let said = crate::service::say(connection, &keeper, gate, notice);
+                event = news.recv() => {
+                    let Some(event) = event else { return };
+                    let said = crate::service::say(connection, &controller, gate, event);
                     if !matches!(answer(Ends::Answer, said).await, Ok(true)) {
                         break;
                     }
-                    keeper.pulse.rest(part);
+                    controller.heartbeats.rest(part);
                 }
             }
         }
@@ -206,11 +218,11 @@ async fn stay(door: Door, mut connected: Connected, keeper: Arc<Keeper>, acting:
         let mut pause = LOOK_AGAIN.0;
         connected = loop {
             tokio::time::sleep(pause).await;
-            keeper.pulse.rest(part);
+            controller.heartbeats.rest(part);
             pause = (pause * 2).min(LOOK_AGAIN.1);
-            news = keeper.herald.listen();
+            news = controller.broadcast.listen();
             // a bus that is there and frozen does not answer at all
-            let again = tokio::time::timeout(TO_CONNECT, connect(door, &keeper, &acting));
+            let again = tokio::time::timeout(TO_CONNECT, connect(authorizer, &controller, &acting));
             let again = match answer(Ends::Answer, again).await {
                 Ok(again) => again,
                 // it has been logged

@@ -22,17 +22,17 @@ use zbus::connection::Builder;
 use zbus::object_server::{InterfaceRef, ObjectServer};
 use zbus::{Connection, fdo::ObjectManager};
 
-use crate::events::broadcast::Notice;
-use crate::recording::session_status::{Live, Published};
+use crate::events::broadcast::BusEvent;
+use crate::recording::session_status::{Published, SessionStatus};
 use crate::service::objects::instrument1::Instrument1;
 use crate::service::objects::manager1::{Manager1, Manager1Signals};
 use crate::service::objects::session1::{Session1, Session1Signals};
 use crate::service::objects::simulation1::Simulation1;
-use crate::session::controller::Keeper;
-use access::{Door, Guarded};
+use crate::session::controller::Controller;
+use access::{Authorizer, Guarded};
 use gate::Gate;
 
-pub(crate) use crate::service::listener::Offer;
+pub(crate) use crate::service::listener::Listener;
 
 /// Every role that an instrument may have.
 const ROLES: [&str; 4] = ["source", "switch", "voltmeter", "switch+voltmeter"];
@@ -46,31 +46,39 @@ const TO_SAY: Duration = Duration::from_millis(500);
 const TO_SAY_ON_A_BUS: Duration = Duration::from_secs(5);
 
 /// Puts the manager, the instruments and the sessions on a connection before it hears anything.
-fn furnish<'a>(mut builder: Builder<'a>, keeper: &Arc<Keeper>, gate: &Arc<Gate>) -> Builder<'a> {
-    let manager = Guarded::new(Manager1(Arc::clone(keeper), Arc::clone(gate)), gate);
+fn register_objects<'a>(
+    mut builder: Builder<'a>,
+    controller: &Arc<Controller>,
+    gate: &Arc<Gate>,
+) -> Builder<'a> {
+    let manager = Guarded::new(Manager1(Arc::clone(controller), Arc::clone(gate)), gate);
     builder = builder
         .serve_at(ROOT_PATH, ObjectManager)
         .serve_at(ROOT_PATH, manager);
-    if keeper.house().bench.is_some() {
-        let simulation = Guarded::new(Simulation1(Arc::clone(keeper)), gate);
+    if controller.runtime().bench.is_some() {
+        let simulation = Guarded::new(Simulation1(Arc::clone(controller)), gate);
         builder = builder.serve_at(ROOT_PATH, simulation);
     }
-    for found in keeper.known().instruments {
-        let instrument = Instrument1::new(Arc::clone(keeper), found.role);
+    for found in controller.identities().instruments {
+        let instrument = Instrument1::new(Arc::clone(controller), found.role);
         builder = builder.serve_at(instrument.path(), Guarded::new(instrument, gate));
     }
-    for live in keeper.sessions() {
-        if let Ok(path) = dbus::session_path(&live.facts.id) {
-            builder = builder.serve_at(path, Guarded::new(Session1(live), gate));
+    for status in controller.sessions() {
+        if let Ok(path) = dbus::session_path(&status.facts.id) {
+            builder = builder.serve_at(path, Guarded::new(Session1(status), gate));
         }
     }
     builder
 }
 
 /// Puts a session on a connection, if it is not there yet.
-async fn show(server: &ObjectServer, live: &Arc<Live>, gate: &Arc<Gate>) -> zbus::Result<()> {
-    if let Ok(path) = dbus::session_path(&live.facts.id) {
-        let session = Guarded::new(Session1(Arc::clone(live)), gate);
+async fn show(
+    server: &ObjectServer,
+    status: &Arc<SessionStatus>,
+    gate: &Arc<Gate>,
+) -> zbus::Result<()> {
+    if let Ok(path) = dbus::session_path(&status.facts.id) {
+        let session = Guarded::new(Session1(Arc::clone(status)), gate);
         server.at(path, session).await?;
     }
     Ok(())
@@ -79,15 +87,15 @@ async fn show(server: &ObjectServer, live: &Arc<Live>, gate: &Arc<Gate>) -> zbus
 /// Says one piece of news; `false` when the connection is of no use any more.
 async fn say(
     connection: &Connection,
-    keeper: &Arc<Keeper>,
+    controller: &Arc<Controller>,
     gate: &Arc<Gate>,
-    notice: Notice,
+    event: BusEvent,
 ) -> bool {
-    let patience = match gate.door {
-        Door::Peer => TO_SAY,
-        Door::Session | Door::System => TO_SAY_ON_A_BUS,
+    let patience = match gate.authorizer {
+        Authorizer::Peer => TO_SAY,
+        Authorizer::Session | Authorizer::System => TO_SAY_ON_A_BUS,
     };
-    match tokio::time::timeout(patience, speak(connection, keeper, gate, notice)).await {
+    match tokio::time::timeout(patience, speak(connection, controller, gate, event)).await {
         Ok(Ok(())) => true,
         Ok(Err(error)) => {
             tracing::debug!("a connection failed: {error}");
@@ -102,14 +110,14 @@ async fn say(
 
 async fn speak(
     connection: &Connection,
-    keeper: &Arc<Keeper>,
+    controller: &Arc<Controller>,
     gate: &Arc<Gate>,
-    notice: Notice,
+    event: BusEvent,
 ) -> zbus::Result<()> {
     let server = connection.object_server();
-    match notice {
-        Notice::SessionAdded(live) => show(server, &live, gate).await,
-        Notice::SessionRemoved(id) => {
+    match event {
+        BusEvent::SessionAdded(status) => show(server, &status, gate).await,
+        BusEvent::SessionRemoved(id) => {
             if let Ok(path) = dbus::session_path(&id) {
                 match server.remove::<Guarded<Session1>, _>(path).await {
                     Ok(_) | Err(zbus::Error::InterfaceNotFound) => {}
@@ -118,8 +126,8 @@ async fn speak(
             }
             Ok(())
         }
-        Notice::SessionChanged(live) => {
-            let Some(session) = session(server, &live, gate).await? else {
+        BusEvent::SessionChanged(status) => {
+            let Some(session) = session(server, &status, gate).await? else {
                 return Ok(());
             };
             let emitter = session.signal_emitter();
@@ -128,8 +136,8 @@ async fn speak(
             object.last_error_changed(emitter).await?;
             object.end_reason_changed(emitter).await
         }
-        Notice::FrameDone(live, published) => {
-            let Some(session) = session(server, &live, gate).await? else {
+        BusEvent::FrameDone(status, published) => {
+            let Some(session) = session(server, &status, gate).await? else {
                 return Ok(());
             };
             let wall_ns = crate::recording::recorder::nanoseconds(published.frame.wall);
@@ -138,11 +146,11 @@ async fn speak(
                 .frame_done(
                     published.frame.sequence,
                     wall_ns,
-                    summary(&live, &published),
+                    summary(&status, &published),
                 )
                 .await
         }
-        Notice::Daemon => {
+        BusEvent::Daemon => {
             let manager = server.interface::<_, Guarded<Manager1>>(ROOT_PATH).await?;
             let emitter = manager.signal_emitter();
             let object = manager.get().await;
@@ -153,13 +161,13 @@ async fn speak(
             object.source_state_changed(emitter).await?;
             object.recovery_changed(emitter).await
         }
-        Notice::TestProgress { done, total, what } => {
+        BusEvent::TestProgress { done, total, what } => {
             let manager = server.interface::<_, Guarded<Manager1>>(ROOT_PATH).await?;
             Manager1::test_progress(manager.signal_emitter(), done, total, &what).await
         }
-        Notice::Instruments => {
-            for found in keeper.known().instruments {
-                let path = Instrument1::new(Arc::clone(keeper), found.role).path();
+        BusEvent::Instruments => {
+            for found in controller.identities().instruments {
+                let path = Instrument1::new(Arc::clone(controller), found.role).path();
                 let instrument = server.interface::<_, Guarded<Instrument1>>(path).await?;
                 let emitter = instrument.signal_emitter();
                 let object = instrument.get().await;
@@ -169,7 +177,7 @@ async fn speak(
             Ok(())
         }
         // a broker answers this itself; a peer that has gone is noticed without
-        Notice::Pulse if connection.is_bus() => {
+        BusEvent::Heartbeats if connection.is_bus() => {
             let broker = Some("org.freedesktop.DBus");
             let peer = Some("org.freedesktop.DBus.Peer");
             let path = "/org/freedesktop/DBus";
@@ -178,9 +186,9 @@ async fn speak(
                 .await?;
             Ok(())
         }
-        Notice::Pulse => Ok(()),
-        Notice::Furniture => refurnish(server, keeper, gate).await,
-        Notice::Happened(happening) => {
+        BusEvent::Heartbeats => Ok(()),
+        BusEvent::ObjectsChanged => register_again(server, controller, gate).await,
+        BusEvent::Happened(happening) => {
             let manager = server.interface::<_, Guarded<Manager1>>(ROOT_PATH).await?;
             let details = Options::new().with_some("session", happening.session.as_deref());
             let wall_ns = crate::recording::recorder::nanoseconds(happening.at);
@@ -193,23 +201,23 @@ async fn speak(
 }
 
 /// After a reload: the instruments that there are now, and a hand on the sheet where it is simulated.
-async fn refurnish(
+async fn register_again(
     server: &ObjectServer,
-    keeper: &Arc<Keeper>,
+    controller: &Arc<Controller>,
     gate: &Arc<Gate>,
 ) -> zbus::Result<()> {
-    let known = keeper.known().instruments;
+    let identities = controller.identities().instruments;
     for role in ROLES {
-        let instrument = Instrument1::new(Arc::clone(keeper), role);
+        let instrument = Instrument1::new(Arc::clone(controller), role);
         let path = instrument.path();
-        if known.iter().any(|found| found.role == role) {
+        if identities.iter().any(|found| found.role == role) {
             server.at(path, Guarded::new(instrument, gate)).await?;
         } else {
             gone(server.remove::<Guarded<Instrument1>, _>(path).await)?;
         }
     }
-    if keeper.house().bench.is_some() {
-        let simulation = Guarded::new(Simulation1(Arc::clone(keeper)), gate);
+    if controller.runtime().bench.is_some() {
+        let simulation = Guarded::new(Simulation1(Arc::clone(controller)), gate);
         server.at(ROOT_PATH, simulation).await?;
     } else {
         gone(server.remove::<Guarded<Simulation1>, _>(ROOT_PATH).await)?;
@@ -233,13 +241,13 @@ fn gone<T>(removed: zbus::Result<T>) -> zbus::Result<()> {
 
 async fn session(
     server: &ObjectServer,
-    live: &Arc<Live>,
+    status: &Arc<SessionStatus>,
     gate: &Arc<Gate>,
 ) -> zbus::Result<Option<InterfaceRef<Guarded<Session1>>>> {
-    let Ok(path) = dbus::session_path(&live.facts.id) else {
+    let Ok(path) = dbus::session_path(&status.facts.id) else {
         return Ok(None);
     };
-    show(server, live, gate).await?;
+    show(server, status, gate).await?;
     server
         .interface::<_, Guarded<Session1>>(path)
         .await
@@ -247,10 +255,10 @@ async fn session(
 }
 
 /// What the signal of a frame says about it.
-fn summary(live: &Live, published: &Published) -> Options {
+fn summary(status: &SessionStatus, published: &Published) -> Options {
     let options = Options::new()
-        .with("frames_acquired", live.acquired())
-        .with("frames_dropped", live.dropped())
+        .with("frames_acquired", status.acquired())
+        .with("frames_dropped", status.dropped())
         .with("simulated", published.frame.simulated);
     more_of_map(quality(options, published), published)
 }

@@ -17,7 +17,7 @@ use super::caller::{Caller, GROUP};
 use super::gate::Gate;
 use super::limit::CONNECTIONS;
 use crate::service::containment::{Ends, answer};
-use crate::session::controller::Keeper;
+use crate::session::controller::Controller;
 
 /// How long a client may take to introduce itself.
 const TO_GREET: Duration = Duration::from_secs(5);
@@ -26,17 +26,17 @@ const TO_GREET: Duration = Duration::from_secs(5);
 const FIRST_LINE: usize = 256;
 
 /// Clients that are told at once that there is no place for them, and how long each may take to listen.
-const MOST_TOLD: usize = 16;
+const MOST_REPORTED: usize = 16;
 const TO_READ: Duration = Duration::from_secs(1);
 
 /// A socket that is removed again.
 #[derive(Debug)]
-pub(super) struct Listener {
+pub(super) struct PeerListener {
     socket: UnixListener,
     path: PathBuf,
 }
 
-impl Drop for Listener {
+impl Drop for PeerListener {
     fn drop(&mut self) {
         let _ = std::fs::remove_file(&self.path);
     }
@@ -44,7 +44,7 @@ impl Drop for Listener {
 
 /// Binds the socket, in a folder made for it if need be; a socket left over by a dead daemon is replaced, a living one
 /// is not.
-pub(super) fn bind(path: &Path) -> io::Result<Listener> {
+pub(super) fn bind(path: &Path) -> io::Result<PeerListener> {
     if let Some(folder) = path.parent()
         && !folder.as_os_str().is_empty()
         && !folder.exists()
@@ -74,23 +74,26 @@ pub(super) fn bind(path: &Path) -> io::Result<Listener> {
     }
     let socket = UnixListener::bind(path)?;
     std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o660))?;
-    Ok(Listener {
+    Ok(PeerListener {
         socket,
         path: path.to_owned(),
     })
 }
 
 /// Serves everybody who may be served, for ever; `acting` is where sessions run.
-pub(super) async fn serve(listener: Listener, keeper: Arc<Keeper>, acting: Handle) {
+pub(super) async fn serve(listener: PeerListener, controller: Arc<Controller>, acting: Handle) {
     loop {
         match listener.socket.accept().await {
             Ok((stream, _)) => {
-                let attended = attend(stream, Arc::clone(&keeper), acting.clone());
+                let attended = attend(stream, Arc::clone(&controller), acting.clone());
                 tokio::spawn(answer(Ends::Answer, attended));
             }
             Err(error) => {
                 let text = format!("the peer socket: {error}");
-                keeper.observed.aloud.say("peer-socket", None, &text);
+                controller
+                    .observed
+                    .rate_limit
+                    .say("peer-socket", None, &text);
                 tokio::time::sleep(Duration::from_millis(100)).await;
             }
         }
@@ -98,24 +101,27 @@ pub(super) async fn serve(listener: Listener, keeper: Arc<Keeper>, acting: Handl
 }
 
 /// One client, until it goes.
-async fn attend(stream: UnixStream, keeper: Arc<Keeper>, acting: Handle) {
+async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle) {
     let caller = Caller::at(&stream).ok();
     let Some(caller) = caller.filter(|caller| caller.is_ours() || caller.is_member()) else {
         let text =
             format!("a user who is neither ours, root, nor of group {GROUP} was turned away");
-        keeper.observed.aloud.say("strangers", None, &text);
+        controller.observed.rate_limit.say("strangers", None, &text);
         return;
     };
     let _place = match CONNECTIONS.take(caller.counted()) {
         Ok(place) => place,
-        Err(refusal) => {
+        Err(error) => {
             let text = format!(
                 "a connection of user {} to the peer socket was closed: {}",
                 caller.user(),
-                refusal.text()
+                error.text()
             );
-            keeper.observed.aloud.say("peers-refused", None, &text);
-            say_busy(stream, &refusal).await;
+            controller
+                .observed
+                .rate_limit
+                .say("peers-refused", None, &text);
+            say_busy(stream, &error).await;
             return;
         }
     };
@@ -125,7 +131,7 @@ async fn attend(stream: UnixStream, keeper: Arc<Keeper>, acting: Handle) {
         Ok(Err(why)) => {
             let user = caller.user();
             let text = format!("a connection of user {user} to the peer socket was closed: {why}");
-            return keeper.observed.aloud.say("greetings", None, &text);
+            return controller.observed.rate_limit.say("greetings", None, &text);
         }
         Err(_) => return tracing::debug!("a client has connected and said nothing"),
     };
@@ -140,7 +146,7 @@ async fn attend(stream: UnixStream, keeper: Arc<Keeper>, acting: Handle) {
         return;
     };
     // listened to before it can speak: nothing is missed between
-    let mut news = keeper.herald.listen();
+    let mut news = controller.broadcast.listen();
     let mut builder = Builder::unix_stream(stream)
         .server(zbus::Guid::generate())
         .p2p();
@@ -148,7 +154,7 @@ async fn attend(stream: UnixStream, keeper: Arc<Keeper>, acting: Handle) {
         builder = builder.user_id(claimed);
     }
     let gate = Gate::of_peer(caller, acting);
-    let greeted = super::furnish(builder, &keeper, &gate).build();
+    let greeted = super::register_objects(builder, &controller, &gate).build();
     let connection = match tokio::time::timeout_at(greeted_by, greeted).await {
         Ok(Ok(connection)) => connection,
         Ok(Err(error)) => {
@@ -160,9 +166,9 @@ async fn attend(stream: UnixStream, keeper: Arc<Keeper>, acting: Handle) {
     loop {
         tokio::select! {
             () = connection.closed() => break,
-            notice = news.recv() => {
-                let Some(notice) = notice else { break };
-                if !super::say(&connection, &keeper, &gate, notice).await {
+            event = news.recv() => {
+                let Some(event) = event else { break };
+                if !super::say(&connection, &controller, &gate, event).await {
                     // answers that wait for a reader who never reads end with the socket
                     let _ = hang_up.shutdown(std::net::Shutdown::Both);
                     break;
@@ -175,12 +181,12 @@ async fn attend(stream: UnixStream, keeper: Arc<Keeper>, acting: Handle) {
 
 /// Says that there is no place, so that the client can tell it from a refusal, and closes; to a few at a time, for each
 /// takes a descriptor.
-async fn say_busy(mut stream: UnixStream, refusal: &dbus::Fault) {
-    static SAID: Semaphore = Semaphore::const_new(MOST_TOLD);
+async fn say_busy(mut stream: UnixStream, error: &dbus::Fault) {
+    static SAID: Semaphore = Semaphore::const_new(MOST_REPORTED);
     let Ok(_place) = SAID.try_acquire() else {
         return;
     };
-    let line = format!("ERROR {}{}\r\n", dbus::BUSY, refusal.text());
+    let line = format!("ERROR {}{}\r\n", dbus::BUSY, error.text());
     let said = async {
         stream.write_all(line.as_bytes()).await?;
         // a client that is hung up on before it has written its first line sees an error of the socket, and not this

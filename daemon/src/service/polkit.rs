@@ -46,14 +46,14 @@ pub(super) async fn ask(
         false => (0, TO_ANSWER),
     };
     let question = (subject, action, details, flags, "");
-    let asked = connection.call_method(
+    let requested = connection.call_method(
         Some(SERVICE),
         PATH,
         Some(INTERFACE),
         "CheckAuthorization",
         &question,
     );
-    match tokio::time::timeout(wait, asked).await {
+    match tokio::time::timeout(wait, requested).await {
         Ok(Ok(reply)) => {
             let body = reply.body();
             match body.deserialize::<(bool, bool, HashMap<String, String>)>() {

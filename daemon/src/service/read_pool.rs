@@ -187,10 +187,13 @@ mod tests {
             let work = move || wait.lock().unwrap().recv().is_ok();
             tokio::spawn(user(id).calls(read(work)))
         };
-        let mut asked: Vec<_> = (0..9).map(|_| ask(7)).collect();
+        let mut requested: Vec<_> = (0..9).map(|_| ask(7)).collect();
         let refused = loop {
-            if let Some(which) = asked.iter().position(|asked| asked.is_finished()) {
-                break asked.swap_remove(which).await.unwrap();
+            if let Some(which) = requested
+                .iter()
+                .position(|requested| requested.is_finished())
+            {
+                break requested.swap_remove(which).await.unwrap();
             }
             tokio::task::yield_now().await;
         };
@@ -198,12 +201,12 @@ mod tests {
             matches!(&refused, Err(Fault::LimitsExceeded(why)) if why.starts_with("you have 8")),
             "{refused:?}"
         );
-        asked.push(ask(8));
+        requested.push(ask(8));
         for _ in 0..9 {
             go.send(()).unwrap();
         }
-        for asked in asked {
-            assert!(asked.await.unwrap().unwrap());
+        for requested in requested {
+            assert!(requested.await.unwrap().unwrap());
         }
     }
 }

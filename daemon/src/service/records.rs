@@ -19,28 +19,28 @@ const WHILE_STARTING: usize = 200;
 /// The index of the record's folder.
 #[derive(Debug)]
 pub(crate) struct Records {
-    known: Mutex<Known>,
+    known: Mutex<Cached>,
 }
 
 #[derive(Debug)]
-struct Known {
+struct Cached {
     index: Index,
     /// Files of which the journal has been told that they cannot be read.
-    told: BTreeSet<PathBuf>,
+    reported: BTreeSet<PathBuf>,
 }
 
 impl Records {
     /// What was kept of the folder; no session is opened.
     pub(crate) fn of(directory: &Path) -> Self {
         Self {
-            known: Mutex::new(Known {
+            known: Mutex::new(Cached {
                 index: Index::load(directory),
-                told: BTreeSet::new(),
+                reported: BTreeSet::new(),
             }),
         }
     }
 
-    fn known(&self) -> MutexGuard<'_, Known> {
+    fn known(&self) -> MutexGuard<'_, Cached> {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -59,7 +59,7 @@ impl Records {
     }
 
     /// The sessions as they are now. Blocks while files are read.
-    fn now(&self) -> Result<MutexGuard<'_, Known>, LogbookError> {
+    fn now(&self) -> Result<MutexGuard<'_, Cached>, LogbookError> {
         let mut known = self.known();
         known.index.refresh()?;
         if let Err(error) = known.index.save() {
@@ -68,12 +68,12 @@ impl Records {
         let mut unreadable = BTreeSet::new();
         for file in known.index.unreadable() {
             // once: whoever asks for the list must not fill the journal
-            if !known.told.contains(&file.path) {
+            if !known.reported.contains(&file.path) {
                 tracing::warn!("{}: {}", file.path.display(), chain(&file.why));
             }
             unreadable.insert(file.path);
         }
-        known.told = unreadable;
+        known.reported = unreadable;
         Ok(known)
     }
 

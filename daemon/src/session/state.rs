@@ -169,9 +169,9 @@ mod tests {
                 .into_iter()
                 .map(|event| match state.clone().after(event) {
                     Ok(next) => name(&next),
-                    Err((kept, refusal)) => {
+                    Err((kept, error)) => {
                         assert_eq!(kept, state, "a refusal changes nothing");
-                        match refusal {
+                        match error {
                             Refusal::SessionActive => "!".to_owned(),
                             Refusal::Testing => "t".to_owned(),
                             Refusal::NoSession => "?".to_owned(),

@@ -64,27 +64,27 @@ fn listening() -> (SimulatedRig, ServeOptions) {
 }
 
 fn assert_only_asked_who_it_is(rig: &SimulatedRig) {
-    let heard: Vec<String> = rig
+    let received: Vec<String> = rig
         .transcript()
         .into_iter()
         .map(|said| said.received)
         .collect();
     assert!(
-        !heard.is_empty() && heard.iter().all(|heard| heard == "*IDN?"),
-        "{heard:?}"
+        !received.is_empty() && received.iter().all(|received| received == "*IDN?"),
+        "{received:?}"
     );
 }
 
 /// What `tactusd --discover` lists: instruments, notes.
 async fn discovered(addresses: Vec<String>) -> (Vec<Value>, Vec<String>) {
-    let asked = tokio::task::spawn_blocking(move || {
+    let requested = tokio::task::spawn_blocking(move || {
         Command::new(env!("CARGO_BIN_EXE_tactusd"))
             .args(["--json", "--discover"])
             .args(addresses)
             .output()
             .unwrap()
     });
-    let said = within(asked).await.unwrap();
+    let said = within(requested).await.unwrap();
     assert!(said.status.success(), "{said:?}");
     let text = String::from_utf8(said.stdout).unwrap();
     let lines = text
@@ -237,12 +237,12 @@ async fn without_multicast_given_addresses_are_still_queried() {
     let server = simulator::serve(rig.clone(), &options).await.unwrap();
     let address = format!("tcp:{}", server.ready().source);
     // the same twice, and one where nobody is
-    let asked = vec![
+    let requested = vec![
         address.clone(),
         address.clone(),
         "tcp:127.0.0.1:9".to_owned(),
     ];
-    let (found, notes) = discovered(asked).await;
+    let (found, notes) = discovered(requested).await;
     assert!(
         notes
             .iter()
@@ -315,8 +315,8 @@ async fn an_answer_to_a_vxi_11_broadcast_is_one_instrument() {
     let server = simulator::serve(rig.clone(), &options).await.unwrap();
     let core = server.ready().vxi11.clone().unwrap();
     let core: u16 = core.rsplit(':').next().unwrap().parse().unwrap();
-    let mapper = UdpSocket::bind("0.0.0.0:111").await.unwrap();
-    let mapper = tokio::spawn(map_ports(mapper, core));
+    let worker = UdpSocket::bind("0.0.0.0:111").await.unwrap();
+    let worker = tokio::spawn(map_ports(worker, core));
     let (found, notes) = discovered(Vec::new()).await;
     println!("{found:#?}, {notes:?}");
     let mainframe = one(&found, "34980A").expect("it answered");
@@ -356,5 +356,5 @@ async fn an_answer_to_a_vxi_11_broadcast_is_one_instrument() {
     );
     assert_only_asked_who_it_is(&rig);
     server.stop().await;
-    mapper.abort();
+    worker.abort();
 }

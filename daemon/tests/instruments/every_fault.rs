@@ -188,7 +188,7 @@ impl Play {
             .expect("a stream");
         self.rig.keep_transcript();
         self.fault(words);
-        let mut told: Vec<(String, String)> = Vec::new();
+        let mut reported: Vec<(String, String)> = Vec::new();
         match course {
             Recovers(mend) => {
                 let mut mended = mend.is_none();
@@ -200,13 +200,13 @@ impl Play {
                             signal = dbus::next(&mut happened) => signal.expect("the daemon runs"),
                             // what passes by itself may have passed while the source was switched off, which is said
                             // twice where need be, or between two frames: once more
-                            _ = self.next_frame(), if told.is_empty() && mend.is_none() => {
+                            _ = self.next_frame(), if reported.is_empty() && mend.is_none() => {
                                 self.fault(words);
                                 continue;
                             }
                         };
                         let signal = signal.args().expect("arguments");
-                        told.push((signal.kind.to_string(), signal.text.to_string()));
+                        reported.push((signal.kind.to_string(), signal.text.to_string()));
                         match signal.kind {
                             "frame-failed" if !source_is_gone => {
                                 let verified = "the source is off, verified";
@@ -247,9 +247,9 @@ impl Play {
                 if gone_through.is_err() {
                     let state = self.session.state().await;
                     let why = self.session.last_error().await;
-                    panic!("{words}: {state:?}, {why:?}: {told:#?}");
+                    panic!("{words}: {state:?}, {why:?}: {reported:#?}");
                 }
-                let kinds: Vec<&str> = told.iter().map(|(kind, _)| kind.as_str()).collect();
+                let kinds: Vec<&str> = reported.iter().map(|(kind, _)| kind.as_str()).collect();
                 for step in [
                     "frame-failed",
                     "suspended",
@@ -257,7 +257,7 @@ impl Play {
                     "settings-verified",
                     "resumed",
                 ] {
-                    assert!(kinds.contains(&step), "{words}: no {step} in {told:#?}");
+                    assert!(kinds.contains(&step), "{words}: no {step} in {reported:#?}");
                 }
                 self.next_frame().await;
                 self.came_back_off(words);
@@ -272,7 +272,7 @@ impl Play {
                 }
                 self.fault(mend);
                 self.next_frame().await;
-                told.push((
+                reported.push((
                     "marked".to_owned(),
                     format!("{marked} readings of {}", frame.flags.len()),
                 ));
@@ -288,7 +288,9 @@ impl Play {
             println!("{words}: and then {:?}", self.session.last_error().await);
             self.next_frame().await;
         }
-        let first = told.first().map(|(kind, text)| format!("{kind}: {text}"));
+        let first = reported
+            .first()
+            .map(|(kind, text)| format!("{kind}: {text}"));
         format!(
             "{words:24} {}",
             first.unwrap_or_else(|| "not seen by reading back".to_owned())
@@ -328,12 +330,12 @@ impl Play {
     }
 }
 
-fn moves_relays(heard: &str) -> bool {
-    heard.contains("CLOS (") || heard.contains("OPEN (")
+fn moves_relays(received: &str) -> bool {
+    received.contains("CLOS (") || received.contains("OPEN (")
 }
 
-fn opens_relays(heard: &str) -> bool {
-    heard.contains("OPEN (") && !heard.contains("CLOS (")
+fn opens_relays(received: &str) -> bool {
+    received.contains("OPEN (") && !received.contains("CLOS (")
 }
 
 async fn within<T>(what: &str, future: impl Future<Output = T>) -> T {

@@ -1,7 +1,7 @@
 //! What happens when an instrument, a wire or the disk fails.
 
 use crate::stage::{
-    Measuring, SMALL, Stage, assert_off_before_anything_else, on_tcp, on_tcp_with, told, within,
+    Measuring, SMALL, Stage, assert_off_before_anything_else, on_tcp, on_tcp_with, reported, within,
 };
 use dbus::{Fault, Options};
 use logbook::SessionReader;
@@ -47,7 +47,7 @@ async fn a_file_that_cannot_be_written_is_followed_by_the_next_part() {
     let mut happened = daemon.manager.receive_happened().await.unwrap();
     let session = daemon.start(Options::new()).await;
     let first = session.path().await.unwrap();
-    let alarm = told(&mut happened, "alarm").await;
+    let alarm = reported(&mut happened, "alarm").await;
     // who does not listen any more must not look like one who is frozen
     drop(happened);
     assert!(
@@ -101,23 +101,23 @@ async fn a_lost_source_is_verified_off_before_the_session_goes_on() {
     let mut kinds: Vec<String> = Vec::new();
     loop {
         let signal = within(dbus::next(&mut happened)).await.unwrap();
-        let told = signal.args().unwrap();
-        let again = kinds.last().is_some_and(|last| last == told.kind);
+        let reported = signal.args().unwrap();
+        let again = kinds.last().is_some_and(|last| last == reported.kind);
         // how many tries it takes until this test has mended the wire is the machine's affair
-        if !(again && told.kind == "reconnecting") {
-            kinds.push(told.kind.to_string());
+        if !(again && reported.kind == "reconnecting") {
+            kinds.push(reported.kind.to_string());
         }
-        match told.kind {
+        match reported.kind {
             "frame-failed" => {
-                let first = told.text.split(". ").next().unwrap();
+                let first = reported.text.split(". ").next().unwrap();
                 assert!(
                     first.contains("6221") && first.contains("NOT verified off"),
                     "{first}"
                 );
                 assert!(
-                    !told.text.contains("''") && told.text.len() < 400,
+                    !reported.text.contains("''") && reported.text.len() < 400,
                     "{}",
-                    told.text
+                    reported.text
                 );
                 assert!(
                     rig.closed().is_empty(),
@@ -194,10 +194,10 @@ async fn both_links_lost_is_an_alarm_and_the_first_back_is_made_safe() {
     let mut kinds = Vec::new();
     loop {
         let signal = within(dbus::next(&mut happened)).await.unwrap();
-        let told = signal.args().unwrap();
-        kinds.push(told.kind.to_string());
-        match told.kind {
-            "alarm" => assert!(told.text.contains("may be live"), "{}", told.text),
+        let reported = signal.args().unwrap();
+        kinds.push(reported.kind.to_string());
+        match reported.kind {
+            "alarm" => assert!(reported.text.contains("may be live"), "{}", reported.text),
             // the switch first: its relays are opened although the source is still away
             "reconnecting" => rig.set_wire(Instrument::Mainframe, Wire::Sound),
             "relays-open" => {
@@ -315,7 +315,7 @@ async fn sigterm_during_a_scan_switches_off_at_once_and_verifies() {
     })
     .await;
     rig.keep_transcript();
-    let asked = std::time::Instant::now();
+    let requested = std::time::Instant::now();
     let ended = tokio::spawn(daemon.terminate());
     within(async {
         while rig.source_output().0 {
@@ -323,7 +323,7 @@ async fn sigterm_during_a_scan_switches_off_at_once_and_verifies() {
         }
     })
     .await;
-    println!("source off {:?} after SIGTERM", asked.elapsed());
+    println!("source off {:?} after SIGTERM", requested.elapsed());
     let (status, log) = within(ended).await.unwrap();
     assert!(status.success(), "{log}");
     assert!(!rig.source_output().0 && rig.closed().is_empty(), "{log}");

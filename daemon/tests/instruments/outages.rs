@@ -8,7 +8,7 @@ use std::process::Command;
 
 use crate::stage::{
     Running, SMALL, Stage, assert_off_before_anything_else, assert_whole, config_for, instant,
-    on_tcp, told, within,
+    on_tcp, reported, within,
 };
 use dbus::{FrameDoneStream, Options, Session1Proxy};
 use logbook::{Record, SessionReader};
@@ -56,13 +56,13 @@ fn has_own_network(test: &str) -> bool {
         .args(OWN_NETWORK)
         .args(["sh", "-c", needed])
         .output();
-    let refusal = match tried {
+    let error = match tried {
         Ok(output) if output.status.success() => None,
         Ok(output) => Some(String::from_utf8_lossy(&output.stderr).into_owned()),
         Err(fault) => Some(format!("unshare: {fault}")),
     };
-    if let Some(refusal) = refusal {
-        let why = format!("no network namespace with a link of its own: {refusal}");
+    if let Some(error) = error {
+        let why = format!("no network namespace with a link of its own: {error}");
         lacks("TACTUS_REQUIRE_NETNS", &why);
         return false;
     }
@@ -198,16 +198,16 @@ async fn a_session_goes_on_after_a_pulled_cable_is_back() {
         let mut back = false;
         loop {
             let signal = within(dbus::next(&mut happened)).await.unwrap();
-            let told = signal.args().unwrap();
-            println!("{cut:?}: {}: {}", told.kind, told.text);
-            kinds.push(told.kind.to_string());
-            match told.kind {
+            let reported = signal.args().unwrap();
+            println!("{cut:?}: {}: {}", reported.kind, reported.text);
+            kinds.push(reported.kind.to_string());
+            match reported.kind {
                 "source-unknown" if !back => {
                     let state = daemon.manager.source_state().await.unwrap();
                     assert_eq!(state, "unknown");
                     assert!(rig.closed().is_empty(), "{:?}", rig.closed());
                 }
-                "alarm" => assert!(told.text.contains("may be live"), "{}", told.text),
+                "alarm" => assert!(reported.text.contains("may be live"), "{}", reported.text),
                 "reconnecting" if !back => {
                     assert_eq!(session.state().await.unwrap(), "suspended");
                     back = true;
@@ -273,14 +273,14 @@ async fn a_source_that_keeps_its_place_for_a_lost_client_is_had_back() {
     rig.keep_transcript();
     // Between two frames: what the source would answer to is lost, and it has nothing of its own to repeat.
     ip("addr del 10.77.1.2/24 dev rig1");
-    let asked = session.step(1);
+    let requested = session.step(1);
     let had_back = async {
         let mut back = false;
         loop {
             let signal = within(dbus::next(&mut happened)).await.unwrap();
-            let told = signal.args().unwrap();
-            println!("{}: {}", told.kind, told.text);
-            match told.kind {
+            let reported = signal.args().unwrap();
+            println!("{}: {}", reported.kind, reported.text);
+            match reported.kind {
                 "reconnecting" if !back && !lingers(daemon.id()) => {
                     back = true;
                     ip("addr add 10.77.1.2/24 dev rig1");
@@ -290,7 +290,7 @@ async fn a_source_that_keeps_its_place_for_a_lost_client_is_had_back() {
             }
         }
     };
-    let (_, ()) = tokio::join!(asked, had_back);
+    let (_, ()) = tokio::join!(requested, had_back);
     assert_off_before_anything_else(&rig.transcript());
     within(session.step(2)).await.unwrap();
     within(session.stop()).await.unwrap();
@@ -343,7 +343,7 @@ async fn a_wall_clock_that_is_set_moves_no_frame_and_is_said() {
     for (off_s, step) in [(HOUR_S, "by +36"), (-HOUR_S, "by -7")] {
         set_clock(&clock, off_s);
         // a busy machine may read the two clocks a second apart, which is said too
-        while !told(&mut happened, "clock-moved").await.contains(step) {}
+        while !reported(&mut happened, "clock-moved").await.contains(step) {}
         frames_go_on(&session, &mut frames, 5).await;
     }
     let missed = session.frames_dropped().await.unwrap();

@@ -1,6 +1,6 @@
 //! Another instrument or module than the known one waits for a person, also where it was exchanged while no daemon ran.
 
-use crate::stage::{Measuring, Stage, instant, on_tcp, serve, told, within};
+use crate::stage::{Measuring, Stage, instant, on_tcp, reported, serve, within};
 use dbus::{Fault, Options};
 use simulator::{Instrument, Profile, SimulatedRig};
 
@@ -28,11 +28,11 @@ fn other(module: bool) -> SimulatedRig {
 /// A stranger is asked who it is, and told nothing.
 fn assert_untouched(rig: &SimulatedRig) {
     let said = rig.transcript().into_iter();
-    let told: Vec<String> = said
+    let reported: Vec<String> = said
         .filter(|said| said.instrument == Instrument::Source && said.received.contains("OUTP"))
         .map(|said| said.received)
         .collect();
-    assert!(told.is_empty(), "{told:?}");
+    assert!(reported.is_empty(), "{reported:?}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -50,7 +50,7 @@ async fn another_serial_number_waits_for_a_person() {
     server.stop().await;
     let stranger = other(false);
     let _other = serve(&stranger, ports).await;
-    let text = told(&mut happened, "others-found").await;
+    let text = reported(&mut happened, "others-found").await;
     assert!(text.contains("7654321"), "{text}");
     assert_eq!(session.state().await.unwrap(), "suspended");
     assert_untouched(&stranger);
@@ -63,7 +63,7 @@ async fn another_serial_number_waits_for_a_person() {
     }
     let agreed = daemon.manager.accept_instruments().await.unwrap();
     assert!(agreed.contains("7654321"), "{agreed}");
-    told(&mut happened, "resumed").await;
+    reported(&mut happened, "resumed").await;
     let instruments = daemon.manager.instruments().await.unwrap();
     let source = daemon.instrument(&instruments[0]).await;
     assert!(source.identity().await.unwrap().contains("7654321"));
@@ -87,13 +87,13 @@ async fn what_was_exchanged_while_no_daemon_ran_waits_for_a_person() {
     let daemon = stage.start().await;
     assert_eq!(daemon.manager.state().await.unwrap(), "faulted");
     let why = daemon.manager.last_error().await.unwrap();
-    for told in [
+    for reported in [
         "7654321",
         "slot 5: empty was known",
         "34931A",
         "tactus instruments accept",
     ] {
-        assert!(why.contains(told), "no {told} in {why}");
+        assert!(why.contains(reported), "no {reported} in {why}");
     }
     assert_eq!(daemon.manager.source_state().await.unwrap(), "unknown");
     let refused = daemon.manager.record_baseline(&Options::new()).await;
@@ -106,7 +106,7 @@ async fn what_was_exchanged_while_no_daemon_ran_waits_for_a_person() {
     while daemon.manager.accept_instruments().await.is_err() {
         within(dbus::next(&mut happened)).await.unwrap();
     }
-    told(&mut happened, "reconnected").await;
+    reported(&mut happened, "reconnected").await;
     daemon.baseline(1).await;
     assert_eq!(daemon.manager.source_state().await.unwrap(), "off");
     daemon.terminate().await;

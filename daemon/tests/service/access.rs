@@ -34,7 +34,7 @@ type Asked = Arc<watch::Sender<Vec<(String, String, u32)>>>;
 
 struct Authority {
     says: Says,
-    asked: Asked,
+    requested: Asked,
 }
 
 #[zbus::interface(name = "org.freedesktop.PolicyKit1.Authority")]
@@ -49,8 +49,8 @@ impl Authority {
     ) -> (bool, bool, HashMap<String, String>) {
         assert_eq!(subject.0, "system-bus-name");
         let name = String::try_from(subject.1["name"].try_clone().unwrap()).unwrap();
-        self.asked
-            .send_modify(|asked| asked.push((name, action, flags)));
+        self.requested
+            .send_modify(|requested| requested.push((name, action, flags)));
         match &self.says {
             Says::Yes => (true, false, HashMap::new()),
             Says::YesWhen(said) => {
@@ -68,7 +68,7 @@ struct Scene {
     daemon: Running,
     client: Connection,
     manager: Manager1Proxy<'static>,
-    asked: Asked,
+    requested: Asked,
     _authority: Option<Connection>,
     broker: Broker,
     stage: Stage,
@@ -78,14 +78,14 @@ impl Scene {
     async fn set(bus: &str, says: Option<Says>) -> Option<Self> {
         let stage = Stage::new(&SMALL.replace("[bus]", &format!("[bus]\n{bus} = true")));
         let broker = Broker::start(stage.path())?;
-        let asked = Asked::default();
+        let requested = Asked::default();
         let authority = match says {
             None => None,
             Some(says) => {
                 let connection = broker.connect().await;
                 let authority = Authority {
                     says,
-                    asked: Arc::clone(&asked),
+                    requested: Arc::clone(&requested),
                 };
                 let path = "/org/freedesktop/PolicyKit1/Authority";
                 connection
@@ -105,7 +105,7 @@ impl Scene {
             daemon,
             client,
             manager,
-            asked,
+            requested,
             _authority: authority,
             broker,
             stage,
@@ -113,8 +113,11 @@ impl Scene {
     }
 
     fn actions(&self) -> Vec<String> {
-        let asked = self.asked.borrow();
-        asked.iter().map(|(_, action, _)| action.clone()).collect()
+        let requested = self.requested.borrow();
+        requested
+            .iter()
+            .map(|(_, action, _)| action.clone())
+            .collect()
     }
 
     /// `busctl call` of a method of the manager by another user; `None`, said, where this cannot be tried.
@@ -206,10 +209,13 @@ async fn polkit_decides_each_action_of_a_sender_but_not_queries() {
     let inner = scene.manager.inner();
     let done: Option<String> = inner.call_with_flags("Reload", flags, &()).await.unwrap();
     assert!(done.is_some());
-    let asked = scene.asked.borrow().clone();
+    let requested = scene.requested.borrow().clone();
     let own = scene.client.unique_name().unwrap().as_str();
-    assert!(asked.iter().all(|(name, _, _)| name == own), "{asked:?}");
-    let flags: Vec<u32> = asked.iter().map(|(_, _, flags)| *flags).collect();
+    assert!(
+        requested.iter().all(|(name, _, _)| name == own),
+        "{requested:?}"
+    );
+    let flags: Vec<u32> = requested.iter().map(|(_, _, flags)| *flags).collect();
     assert_eq!(flags, [0, 0, 0, 0, 0, 0, 0, 1]);
 }
 
@@ -311,12 +317,15 @@ async fn one_user_has_eight_questions_open_on_all_connections() {
             .await
     };
     let refused = async |manager: &Manager1Proxy<'static>, whose: &str| {
-        let refusal = within(ask(manager.clone())).await.unwrap_err();
-        let told = format!("{refusal:?}");
+        let error = within(ask(manager.clone())).await.unwrap_err();
+        let reported = format!("{error:?}");
         let name = "org.tactus.Tactus1.Error.LimitsExceeded";
-        assert!(told.contains(name) && told.contains(whose), "{told}");
+        assert!(
+            reported.contains(name) && reported.contains(whose),
+            "{reported}"
+        );
     };
-    let mut asked = scene.asked.subscribe();
+    let mut requested = scene.requested.subscribe();
     let mut questions = JoinSet::new();
     for client in 1..=2 {
         let manager = Manager1Proxy::new(&scene.broker.connect().await)
@@ -325,12 +334,12 @@ async fn one_user_has_eight_questions_open_on_all_connections() {
         for _ in 0..4 {
             questions.spawn(ask(manager.clone()));
         }
-        within(asked.wait_for(|asked| asked.len() == client * 4))
+        within(requested.wait_for(|requested| requested.len() == client * 4))
             .await
             .unwrap();
     }
     refused(&scene.manager, "you have 8 questions to polkit").await;
-    assert_eq!(scene.asked.borrow().len(), 8, "polkit is not asked");
+    assert_eq!(scene.requested.borrow().len(), 8, "polkit is not asked");
     // looking needs no question
     assert_eq!(scene.manager.state().await.unwrap(), "idle");
 

@@ -24,7 +24,7 @@ async fn busctl_alone_suffices_and_the_name_cannot_be_stolen() {
     let map = session.latest_map().await.unwrap();
 
     let path = session.inner().path().to_string();
-    let asked = Command::new("busctl")
+    let requested = Command::new("busctl")
         .args([
             &format!("--address={}", broker.address),
             "call",
@@ -34,7 +34,7 @@ async fn busctl_alone_suffices_and_the_name_cannot_be_stolen() {
             "LatestMap",
         ])
         .output();
-    match asked {
+    match requested {
         Ok(output) => {
             let text = String::from_utf8_lossy(&output.stdout);
             assert!(

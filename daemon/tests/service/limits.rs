@@ -50,10 +50,10 @@ async fn one_user_has_32_peer_connections_and_more_are_closed() {
         connections.push(come(&stage).await.unwrap());
     }
     for _ in 0..3 {
-        let refusal = come(&stage).await.unwrap_err();
+        let error = come(&stage).await.unwrap_err();
         assert!(
-            matches!(&refusal, ConnectError::Busy { cause, .. } if cause.starts_with("you have 32")),
-            "{refusal:?}"
+            matches!(&error, ConnectError::Busy { cause, .. } if cause.starts_with("you have 32")),
+            "{error:?}"
         );
     }
     // who is there is not disturbed
@@ -243,9 +243,9 @@ async fn a_flood_of_looks_does_not_hold_up_a_stop() {
                 });
             }
         }
-        let asked = std::time::Instant::now();
+        let requested = std::time::Instant::now();
         let stopped = within(own.stop()).await;
-        let took = asked.elapsed();
+        let took = requested.elapsed();
         println!("stopped after {:.1} ms", 1e3 * took.as_secs_f64());
         stopped.unwrap();
         // a second on a machine that does nothing else

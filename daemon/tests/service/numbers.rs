@@ -3,7 +3,7 @@
 
 use std::collections::HashMap;
 
-use crate::stage::{Measuring, SMALL, Stage, told, within};
+use crate::stage::{Measuring, SMALL, Stage, reported, within};
 use dbus::{Fault, MANAGER_INTERFACE, Options, ROOT_PATH, SESSION_INTERFACE};
 use zbus::{Connection, OwnedVariant};
 
@@ -28,7 +28,7 @@ fn extremes() -> Vec<(OwnedVariant, &'static str)> {
 }
 
 /// Name and text of the error that a call is answered with; `None` where it succeeds.
-async fn refusal<B>(
+async fn error<B>(
     client: &Connection,
     path: &str,
     interface: &str,
@@ -50,13 +50,13 @@ where
 
 /// The options that a method knows, as it says itself.
 async fn options_of(client: &Connection, path: &str, interface: &str, method: &str) -> Vec<String> {
-    let asked = Options::new().with("no-such-option", 1.0);
+    let requested = Options::new().with("no-such-option", 1.0);
     let answer = match method {
         "Discover" => {
             let nowhere: Vec<String> = Vec::new();
-            refusal(client, path, interface, method, &(nowhere, asked)).await
+            error(client, path, interface, method, &(nowhere, requested)).await
         }
-        _ => refusal(client, path, interface, method, &(asked,)).await,
+        _ => error(client, path, interface, method, &(requested,)).await,
     };
     let (_, text) = answer.expect("an unknown option is refused");
     let (_, known) = text
@@ -74,7 +74,7 @@ async fn an_option_with_any_number_is_refused_by_name_or_taken() {
     let measuring = Measuring::begin().await;
     let client = &measuring.daemon.connection;
     let session = measuring.session.inner().path().to_string();
-    let (mut asked, mut names) = (0, 0);
+    let (mut requested, mut names) = (0, 0);
     for (path, interface, method) in [
         (ROOT_PATH, MANAGER_INTERFACE, "StartSession"),
         (ROOT_PATH, MANAGER_INTERFACE, "RecordBaseline"),
@@ -98,7 +98,7 @@ async fn an_option_with_any_number_is_refused_by_name_or_taken() {
                             .or_insert(OwnedVariant::from(false));
                     }
                     let nowhere: Vec<String> = Vec::new();
-                    refusal(
+                    error(
                         client,
                         path,
                         interface,
@@ -107,9 +107,9 @@ async fn an_option_with_any_number_is_refused_by_name_or_taken() {
                     )
                     .await
                 } else {
-                    refusal(client, path, interface, method, &(Options(options),)).await
+                    error(client, path, interface, method, &(Options(options),)).await
                 };
-                asked += 1;
+                requested += 1;
                 let Some((fault, text)) = answer else {
                     continue;
                 };
@@ -135,11 +135,14 @@ async fn an_option_with_any_number_is_refused_by_name_or_taken() {
             }
         }
     }
-    assert!(names > 25 && asked > 300, "{names} options, {asked} calls");
+    assert!(
+        names > 25 && requested > 300,
+        "{names} options, {requested} calls"
+    );
 
     let step = "Step";
     for frames in [0, u64::MAX] {
-        let (fault, text) = refusal(client, &session, SESSION_INTERFACE, step, &(frames,))
+        let (fault, text) = error(client, &session, SESSION_INTERFACE, step, &(frames,))
             .await
             .expect("it has a schedule");
         assert!(
@@ -223,7 +226,7 @@ async fn a_reload_with_any_number_leaves_the_session_running() {
         assert_ne!(bad, sound);
         measuring.stage.configure(&bad);
         measuring.daemon.hang_up();
-        let text = told(&mut measuring.happened, "reload-refused").await;
+        let text = reported(&mut measuring.happened, "reload-refused").await;
         assert!(
             text.contains("survey.nplc") && text.contains("none of 0.02"),
             "{text}"

@@ -7,7 +7,7 @@ use dbus::Options;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 
-use crate::stage::{Measuring, SMALL, Stage, told, within};
+use crate::stage::{Measuring, SMALL, Stage, reported, within};
 
 /// The daemon's own answer.
 async fn health(daemon: &crate::stage::Running) -> Options {
@@ -28,9 +28,9 @@ async fn a_daemon_says_that_it_is_well_and_what_it_has() {
     within(session.step(3)).await.unwrap();
     let now = health(&daemon).await;
     // on a busy machine a map may be late, and only that
-    let troubles = now.texts("troubles").unwrap().unwrap();
+    let alarms = now.texts("troubles").unwrap().unwrap();
     assert!(
-        troubles.iter().all(|text| text.starts_with("session: ")),
+        alarms.iter().all(|text| text.starts_with("session: ")),
         "{now:?}"
     );
     assert_eq!(now.whole("frames_durable").unwrap(), Some(3));
@@ -67,13 +67,13 @@ async fn a_lost_rig_and_its_failed_frame_are_trouble_until_it_is_back() {
         port(&server.ready().mainframe),
     );
     server.stop().await;
-    told(&mut happened, "suspended").await;
+    reported(&mut happened, "suspended").await;
     let lost = health(&daemon).await;
     assert_eq!(lost.flag("well").unwrap(), Some(false));
-    let troubles = lost.texts("troubles").unwrap().unwrap();
+    let alarms = lost.texts("troubles").unwrap().unwrap();
     assert!(
-        troubles.iter().any(|text| text.starts_with("instrument: ")),
-        "{troubles:?}"
+        alarms.iter().any(|text| text.starts_with("instrument: ")),
+        "{alarms:?}"
     );
     assert_eq!(lost.whole("total_failed").unwrap(), Some(1));
     let why = lost.text("last_gap").unwrap().unwrap();
@@ -85,12 +85,12 @@ async fn a_lost_rig_and_its_failed_frame_are_trouble_until_it_is_back() {
     );
 
     let _server = crate::stage::serve(&rig, ports).await;
-    told(&mut happened, "resumed").await;
+    reported(&mut happened, "resumed").await;
     let back = health(&daemon).await;
-    let troubles = back.texts("troubles").unwrap().unwrap();
+    let alarms = back.texts("troubles").unwrap().unwrap();
     assert!(
-        !troubles.iter().any(|text| text.starts_with("instrument")),
-        "{troubles:?}"
+        !alarms.iter().any(|text| text.starts_with("instrument")),
+        "{alarms:?}"
     );
     assert_eq!(
         back.texts("instruments").unwrap().unwrap(),
@@ -245,8 +245,8 @@ async fn the_daemons_own_events_are_on_disk() {
 #[tokio::test(flavor = "multi_thread")]
 async fn the_notify_command_runs_and_its_test_reports_the_outcome() {
     let stage = Stage::new(SMALL);
-    let letter = stage.path().join("letter.json");
-    let script = format!("cat >> {}; echo to the wind >&2; exit 4", letter.display());
+    let payload = stage.path().join("letter.json");
+    let script = format!("cat >> {}; echo to the wind >&2; exit 4", payload.display());
     // a baseline is stale at once
     let with = format!(
         "{SMALL}[notify]\ncommand = [\"/bin/sh\", \"-c\", \"{script}\"]\nbaseline_days = 1e-9\n"
@@ -259,7 +259,7 @@ async fn the_notify_command_runs_and_its_test_reports_the_outcome() {
     assert_eq!(fared.number("code").unwrap(), Some(4.0));
     assert_eq!(fared.text("stderr").unwrap(), Some("to the wind\n"));
     let read = |text: &str| -> serde_json::Value { serde_json::from_str(text).unwrap() };
-    let text = std::fs::read_to_string(&letter).unwrap();
+    let text = std::fs::read_to_string(&payload).unwrap();
     let test = read(text.trim());
     assert_eq!(
         (&test["kind"], &test["phase"]),
@@ -268,12 +268,12 @@ async fn the_notify_command_runs_and_its_test_reports_the_outcome() {
     assert_eq!(test["simulated"], true);
 
     daemon.baseline(1).await;
-    let why = told(&mut happened, "trouble").await;
+    let why = reported(&mut happened, "trouble").await;
     assert!(why.starts_with("baseline-stale: "), "{why}");
     // the command says no, which is an event too
-    let failed = told(&mut happened, "notify-failed").await;
+    let failed = reported(&mut happened, "notify-failed").await;
     assert!(failed.contains("exit code 4: to the wind"), "{failed}");
-    let text = std::fs::read_to_string(&letter).unwrap();
+    let text = std::fs::read_to_string(&payload).unwrap();
     let stale = read(text.lines().nth(1).unwrap());
     assert_eq!(stale["kind"], "baseline-stale");
     assert_eq!(stale["phase"], "begun");
@@ -291,7 +291,7 @@ async fn a_command_that_hangs_holds_no_frame_back() {
     let daemon = stage.start().await;
     let mut happened = daemon.manager.receive_happened().await.unwrap();
     daemon.baseline(1).await;
-    told(&mut happened, "trouble").await;
+    reported(&mut happened, "trouble").await;
     let session = daemon.start(Options::new().with("count", 200_u64)).await;
     within(session.wait()).await.unwrap();
     assert_eq!(session.frames_durable().await.unwrap(), 200);

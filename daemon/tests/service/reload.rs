@@ -1,6 +1,6 @@
 //! Another configuration while the daemon runs, and what was said over the wires.
 
-use crate::stage::{Running, SMALL, Stage, told, within};
+use crate::stage::{Running, SMALL, Stage, reported, within};
 use dbus::{Fault, Options};
 use rig::transcript::{parse_transcript, read_transcript};
 use simulator::{Comparison, Pace, Profile, ReplayTarget, Scene, SimulatedRig, replay};
@@ -17,14 +17,14 @@ async fn a_bad_configuration_changes_nothing_and_says_where_it_is_bad() {
         matches!(&refused, Fault::Configuration(text) if text.contains("config.toml:12:14:")),
         "{refused:?}"
     );
-    let text = told(&mut happened, "reload-refused").await;
+    let text = reported(&mut happened, "reload-refused").await;
     assert!(
         text.contains("stays") && text.contains("config.toml:12:14:"),
         "{text}"
     );
     stage.configure("[rig\n");
     daemon.hang_up();
-    let text = told(&mut happened, "reload-refused").await;
+    let text = reported(&mut happened, "reload-refused").await;
     assert!(text.contains("config.toml:1:"), "{text}");
     let after = daemon.manager.plan().await.unwrap();
     assert_eq!(before.current_a, after.current_a);
@@ -41,7 +41,7 @@ async fn a_valid_reload_applies_at_once_or_at_the_sessions_end() {
         |current: &str| SMALL.replace("[record]", &format!("current_ua = {current}\n[record]"));
     stage.configure(&with("500.0"));
     daemon.hang_up();
-    let text = told(&mut happened, "reloaded").await;
+    let text = reported(&mut happened, "reloaded").await;
     assert!(text.contains("in force"), "{text}");
     assert!((current(&daemon).await - 5e-4).abs() < 1e-12);
     daemon.baseline(1).await;
@@ -54,9 +54,9 @@ async fn a_valid_reload_applies_at_once_or_at_the_sessions_end() {
         (current(&daemon).await - 5e-4).abs() < 1e-12,
         "the session goes on as it began"
     );
-    told(&mut happened, "reloaded").await;
+    reported(&mut happened, "reloaded").await;
     within(session.stop()).await.unwrap();
-    told(&mut happened, "reloaded").await;
+    reported(&mut happened, "reloaded").await;
     assert!((current(&daemon).await - 2.5e-4).abs() < 1e-12);
     let refused = daemon
         .manager
@@ -138,12 +138,12 @@ async fn a_frame_that_fails_leaves_its_transcript_on_disk() {
         .await
         .unwrap();
     let session = daemon.session(&path).await;
-    let text = told(&mut happened, "transcript").await;
+    let text = reported(&mut happened, "transcript").await;
     let path = text.split(" is in ").nth(1).unwrap();
     let entries = read_transcript(std::path::Path::new(path)).unwrap();
     let last = format!("{:?}", entries.iter().rev().take(30).collect::<Vec<_>>());
     assert!(last.contains("no answer within"), "{last}");
     assert!(last.contains("CLE"), "switched off afterwards: {last}");
-    told(&mut happened, "resumed").await;
+    reported(&mut happened, "resumed").await;
     within(session.stop()).await.unwrap();
 }

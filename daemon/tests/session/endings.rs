@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::stage::{Running, SMALL, Stage, told, within};
+use crate::stage::{Running, SMALL, Stage, reported, within};
 use dbus::{Fault, Options, Session1Proxy};
 use logbook::{SessionKind, SessionReader};
 use rustix::fs::FlockOperation;
@@ -75,15 +75,15 @@ fn has_own_mounts(test: &str) -> bool {
         .args(OWN_MOUNTS)
         .args(["sh", "-c", "mount -t tmpfs none /mnt"])
         .output();
-    let refusal = match tried {
+    let error = match tried {
         Ok(output) if output.status.success() => None,
         Ok(output) => Some(String::from_utf8_lossy(&output.stderr).into_owned()),
         Err(fault) => Some(format!("unshare: {fault}")),
     };
-    if let Some(refusal) = refusal {
+    if let Some(error) = error {
         let required = std::env::var_os("TACTUS_REQUIRE_NETNS").is_some_and(|set| set == "1");
-        assert!(!required, "it is required here: {refusal}");
-        eprintln!("skipped: no mount namespace of its own: {refusal}");
+        assert!(!required, "it is required here: {error}");
+        eprintln!("skipped: no mount namespace of its own: {error}");
         return false;
     }
     let output = Command::new("unshare")
@@ -136,7 +136,7 @@ async fn paused_on_a_full_disk(daemon: &Running, state: &Path) -> Session1Proxy<
     let session = daemon.start(Options::new().with("every_s", 0.001)).await;
     durable(&session, 3).await;
     fill(state);
-    told(&mut happened, "disk-full").await;
+    reported(&mut happened, "disk-full").await;
     session
 }
 
@@ -190,7 +190,7 @@ async fn an_end_that_cannot_be_recorded_is_said() {
         drop(held);
         if runtime_too {
             assert!(text.contains("could not be written anywhere"), "{text}");
-            let alarm = told(&mut happened, "alarm").await;
+            let alarm = reported(&mut happened, "alarm").await;
             assert!(alarm.contains("with current"), "{alarm}");
             daemon.kill().await;
             continue;
@@ -274,7 +274,7 @@ async fn a_locked_record_pauses_the_session_and_loses_no_frame() {
     for of_index in [false, true] {
         durable(&session, session.frames_durable().await.unwrap() + 2).await;
         let held = lock(&path, of_index);
-        let text = told(&mut happened, "record-locked").await;
+        let text = reported(&mut happened, "record-locked").await;
         assert!(
             text.contains("another program") && text.contains(&path),
             "{text}"
@@ -287,7 +287,7 @@ async fn a_locked_record_pauses_the_session_and_loses_no_frame() {
         .await;
         assert_eq!(session.last_error().await.unwrap(), text);
         drop(held);
-        told(&mut happened, "record-unlocked").await;
+        reported(&mut happened, "record-unlocked").await;
     }
     durable(&session, session.frames_durable().await.unwrap() + 2).await;
     within(session.stop()).await.unwrap();
@@ -310,7 +310,7 @@ async fn a_session_stopped_while_its_file_is_locked_stays_ended() {
     let session = daemon.start(Options::new().with("every_s", 0.02)).await;
     durable(&session, 2).await;
     let held = lock(&session.path().await.unwrap(), false);
-    told(&mut happened, "record-locked").await;
+    reported(&mut happened, "record-locked").await;
     within(session.stop()).await.unwrap();
     let frames = session.frames_durable().await.unwrap();
     daemon.kill().await;
@@ -355,7 +355,7 @@ async fn a_file_that_is_deleted_or_replaced_loses_no_frame() {
         let path = session.path().await.unwrap();
         act(&path);
         // within a second, with no frame to come
-        let alarm = told(&mut happened, "alarm").await;
+        let alarm = reported(&mut happened, "alarm").await;
         println!("{attack}: {alarm}");
         assert!(
             alarm.contains(&path) && alarm.contains("its frames are in"),

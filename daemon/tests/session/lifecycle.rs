@@ -145,25 +145,25 @@ async fn a_schedule_ends_by_itself_and_summaries_reach_the_last_frame() {
         .unwrap();
     let session = daemon.session(&path).await;
     let mut summaries = session.receive_frame_done().await.unwrap();
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     // the first frame waits until somebody listens
     let begun = std::time::Instant::now();
     assert_eq!(within(session.step(40)).await.unwrap(), 40);
     loop {
         let signal = within(dbus::next(&mut summaries)).await.unwrap();
         let arguments = signal.args().unwrap();
-        told.push(arguments.sequence);
+        reported.push(arguments.sequence);
         if arguments.sequence == 40 {
             break;
         }
     }
     let most = 2 + begun.elapsed().as_millis() as usize / 200 + 1;
     assert!(
-        told.len() <= most,
+        reported.len() <= most,
         "{} summaries, at most {most}",
-        told.len()
+        reported.len()
     );
-    assert!(told.is_sorted());
+    assert!(reported.is_sorted());
     let reason = within(session.wait()).await.unwrap();
     assert!(reason.contains("number of frames"), "{reason}");
     assert_eq!(session.frames_durable().await.unwrap(), 40);

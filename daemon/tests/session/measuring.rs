@@ -166,9 +166,13 @@ async fn a_zero_current_frame_is_reported_and_its_baseline_kept() {
     // one before the first frame of each session, one after the second
     for _ in 0..3 {
         let signal = within(dbus::next(&mut happened)).await.unwrap();
-        let told = signal.args().unwrap();
-        assert_eq!(told.kind, "zero", "{}", told.text);
-        assert!(told.text.contains("208 of 208 readings"), "{}", told.text);
+        let reported = signal.args().unwrap();
+        assert_eq!(reported.kind, "zero", "{}", reported.text);
+        assert!(
+            reported.text.contains("208 of 208 readings"),
+            "{}",
+            reported.text
+        );
     }
 }
 
@@ -205,11 +209,11 @@ async fn an_overload_selects_the_next_larger_range_and_is_reported() {
     let overloads = frame.quality.whole("overloads").unwrap().unwrap();
     assert!((1..104).contains(&overloads), "{overloads} overloads");
     let signal = within(dbus::next(&mut happened)).await.unwrap();
-    let told = signal.args().unwrap();
-    assert_eq!(told.kind, "ranges");
+    let reported = signal.args().unwrap();
+    assert_eq!(reported.kind, "ranges");
     let says = format!("{overloads} of {overloads} overloaded readings have the next larger range");
-    assert!(told.text.contains(&says), "{}", told.text);
-    let session_id = told.details.text("session").unwrap();
+    assert!(reported.text.contains(&says), "{}", reported.text);
+    let session_id = reported.details.text("session").unwrap();
     assert_eq!(session_id, Some(session.id().await.unwrap().as_str()));
     let after = manager.plan().await.unwrap();
     assert!(noise(&after, "noise_v") > noise(&before, "noise_v"));
@@ -267,11 +271,11 @@ async fn a_wiring_file_is_compared_with_the_modules_found() {
     std::fs::write(stage.path().join("wiring.toml"), wired("34922A")).unwrap();
     let refused = tokio::task::spawn_blocking(move || (stage.run(&[]), stage));
     let (refused, stage) = within(refused).await.unwrap();
-    let told = String::from_utf8_lossy(&refused.stderr);
+    let reported = String::from_utf8_lossy(&refused.stderr);
     assert!(!refused.status.success());
     assert!(
-        told.contains("slot 1 holds a 34924A, the wiring needs a 34922A"),
-        "{told}"
+        reported.contains("slot 1 holds a 34924A, the wiring needs a 34922A"),
+        "{reported}"
     );
 
     std::fs::write(stage.path().join("wiring.toml"), wired("34924A")).unwrap();

@@ -80,10 +80,10 @@ async fn a_calibrated_method_says_newtons() {
     assert!(0.0 < took && took < whole, "{took} of {whole} s");
     within(session.stop()).await.unwrap();
     // the stream has it just before its map, for who asked
-    let told = within(kinds(&mut stream)).await;
-    assert_eq!(told, ["frame", "pressure", "map", "end"]);
-    let told = within(kinds(&mut plain)).await;
-    assert_eq!(told, ["frame", "map", "end"]);
+    let reported = within(kinds(&mut stream)).await;
+    assert_eq!(reported, ["frame", "pressure", "map", "end"]);
+    let reported = within(kinds(&mut plain)).await;
+    assert_eq!(reported, ["frame", "map", "end"]);
 }
 
 async fn opened(session: &Session1Proxy<'_>, options: Options) -> tokio::net::UnixStream {

@@ -24,10 +24,13 @@ async fn active(daemon: &Running) -> Session1Proxy<'static> {
 
 /// The kinds of a session's events, but for what a busy machine has missed.
 fn kinds(reader: &SessionReader) -> Vec<String> {
-    told(reader).into_iter().map(|event| event.kind).collect()
+    reported(reader)
+        .into_iter()
+        .map(|event| event.kind)
+        .collect()
 }
 
-fn told(reader: &SessionReader) -> Vec<Event> {
+fn reported(reader: &SessionReader) -> Vec<Event> {
     let mut events = reader.events().unwrap();
     events.retain(|event| event.kind != "frames-missed");
     events
@@ -65,10 +68,10 @@ async fn a_killed_session_resumes_with_its_id_schedule_and_a_gap() {
     assert_eq!(reader.header().about.operator, "Ada");
     assert_eq!(reader.frame(60).unwrap().frame.settings.nplc, 1.0);
     assert_eq!(kinds(&reader), [RESUMED, "plausible"]);
-    let told = &told(&reader)[0].text;
+    let reported = &reported(&reader)[0].text;
     assert!(
-        told.contains("killed") && told.contains(&format!("was {kept} at")),
-        "{told}"
+        reported.contains("killed") && reported.contains(&format!("was {kept} at")),
+        "{reported}"
     );
     daemon.terminate().await;
 }
@@ -91,8 +94,8 @@ async fn a_stopped_daemons_session_resumes_a_stopped_session_does_not() {
     let reader = SessionReader::open(&file).unwrap();
     assert!(reader.closed().is_some());
     assert_eq!(kinds(&reader)[..2], ["shut-down", RESUMED]);
-    let told = &told(&reader)[1].text;
-    assert!(told.contains("stopped and started again"), "{told}");
+    let reported = &reported(&reader)[1].text;
+    assert!(reported.contains("stopped and started again"), "{reported}");
 
     let daemon = stage.start().await;
     assert_eq!(daemon.manager.state().await.unwrap(), "idle");
@@ -198,7 +201,9 @@ async fn a_session_killed_in_a_frame_goes_on_by_hand_too() {
     let health = daemon.manager.health().await.unwrap();
     let instruments = health.texts("instruments").unwrap().unwrap();
     assert!(
-        instruments.iter().all(|told| told.ends_with(": ready")),
+        instruments
+            .iter()
+            .all(|reported| reported.ends_with(": ready")),
         "{instruments:?}"
     );
     within(session.stop()).await.unwrap();

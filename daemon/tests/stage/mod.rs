@@ -299,9 +299,9 @@ pub fn assert_off_before_anything_else(said: &[TranscriptLine]) {
     };
     let back = place(0, &|said| of_source(said, "*IDN?"));
     let off = place(back, &|said| of_source(said, "CLE"));
-    let asked = place(off, &|said| of_source(said, "OUTP?"));
+    let requested = place(off, &|said| of_source(said, "OUTP?"));
     let other = place(back, &|said| said.instrument != Instrument::Source);
-    assert!(asked < other, "{off}, {asked}, {other}: {said:#?}");
+    assert!(requested < other, "{off}, {requested}, {other}: {said:#?}");
 }
 
 /// A record is whole, and says why frames are missing. (A machine that stands still for some seconds between two frames
@@ -363,12 +363,12 @@ impl Measuring {
 }
 
 /// Waits for something that is told, and gives its text.
-pub async fn told(happened: &mut dbus::HappenedStream, kind: &str) -> String {
+pub async fn reported(happened: &mut dbus::HappenedStream, kind: &str) -> String {
     loop {
         let signal = within(dbus::next(happened)).await.unwrap();
-        let told = signal.args().unwrap();
-        if told.kind == kind {
-            return told.text.to_string();
+        let reported = signal.args().unwrap();
+        if reported.kind == kind {
+            return reported.text.to_string();
         }
     }
 }

@@ -44,7 +44,7 @@ pub use crate::traits::{
     Compliance, CurrentSource, Hop, Instruments, MeterSettings, Move, Rig, Sample, Switch,
     Voltmeter, mean,
 };
-pub use crate::transcript::ring::{Reel, Tape};
+pub use crate::transcript::ring::{RingTranscript, Transcript};
 pub use acquire::{AcquireError, acquire, settings};
 pub use clock::{Clock, SystemClock};
 pub use connect::{connect_tcp, open_serial};

@@ -140,7 +140,7 @@ fn self_test_over_tcp_passes_and_names_each_fault() {
     stage
         .configure(&config)
         .expect("the configuration can be written");
-    let keeper = test_rig::start(&stage);
+    let daemon = test_rig::start(&stage);
 
     let (report, code) = tested(&stage);
     assert_eq!(
@@ -213,7 +213,7 @@ fn self_test_over_tcp_passes_and_names_each_fault() {
         worn.iter().all(|relay| number(relay, "cycles") > 0.0),
         "{worn:?}"
     );
-    keeper.stop().unwrap_or_else(|fault| panic!("{fault}"));
+    daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
 }
 
 #[test]
@@ -241,7 +241,7 @@ fn source_on_rs232_and_board_on_usb_form_a_rig() {
     stage
         .configure(&config)
         .expect("the configuration can be written");
-    let keeper = test_rig::start(&stage);
+    let daemon = test_rig::start(&stage);
     let recorded = test_rig::baseline(&stage, 1);
     let ended = recorded.last().expect("it says how it ended");
     assert_eq!(number(ended, "frames"), 1.0, "{recorded:?}");
@@ -263,7 +263,7 @@ fn source_on_rs232_and_board_on_usb_form_a_rig() {
         spoken.stderr
     );
     served.assert_off(&stage);
-    keeper.stop().unwrap_or_else(|fault| panic!("{fault}"));
+    daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
 }
 
 #[test]

@@ -95,7 +95,7 @@ fn a_second_daemon_on_the_same_record_is_refused() {
     let Some(stage) = test_rig::set(Needs::ANY, test_rig::NOISY) else {
         return;
     };
-    let keeper = test_rig::start(&stage);
+    let daemon = test_rig::start(&stage);
     let second = stage
         .run(
             "tactusd",
@@ -104,7 +104,7 @@ fn a_second_daemon_on_the_same_record_is_refused() {
         .unwrap_or_else(|fault| panic!("{fault}"));
     assert_ne!(second.code, Some(0));
     assert!(
-        second.stderr.contains(&keeper.id().to_string()),
+        second.stderr.contains(&daemon.id().to_string()),
         "names the other's process: {}",
         second.stderr
     );
@@ -117,12 +117,12 @@ fn a_baseline_taken_with_other_settings_is_refused() {
     let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
         return;
     };
-    let keeper = test_rig::start(&stage);
+    let daemon = test_rig::start(&stage);
     let id = baseline(&stage, 2)[0]["session"]
         .as_str()
         .expect("an id")
         .to_owned();
-    keeper.stop().unwrap_or_else(|fault| panic!("{fault}"));
+    daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
     let other = tactus_tests::SIMULATED.replace("current_ua = 1000.0", "current_ua = 500.0");
     stage
         .configure(&other)

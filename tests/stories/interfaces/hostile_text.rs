@@ -25,7 +25,7 @@ fn hostile_identity_and_note_are_shown_escaped() {
     let text = std::fs::read_to_string(&profile).expect("the stage wrote it");
     let serial = "[source]\nserial = \"7\\u001b[2J\\u202e\\u009b2J\\u0000\\r\\\"\\\"\\\"\"\n";
     std::fs::write(&profile, format!("{text}\n{serial}")).expect("the folder is there");
-    let keeper = test_rig::start(&stage);
+    let daemon = test_rig::start(&stage);
     baseline(&stage, 2);
     ask(&stage, &["start", "--count", "2", "--note", NOTE, "--wait"]);
     for words in [
@@ -57,7 +57,7 @@ fn hostile_identity_and_note_are_shown_escaped() {
         sessions.iter().any(|session| session["note"] == NOTE),
         "{sessions:?}"
     );
-    drop(keeper);
+    drop(daemon);
     let log = std::fs::read_to_string(stage.path().join("tactusd.log")).expect("its log");
     assert_shown("the daemon's log", &log);
 }

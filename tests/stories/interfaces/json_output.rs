@@ -7,7 +7,7 @@ fn every_command_prints_json_on_request() {
     let Some(stage) = test_rig::set(Needs::ANY, test_rig::NOISY) else {
         return;
     };
-    let keeper = test_rig::start(&stage);
+    let daemon = test_rig::start(&stage);
     baseline(&stage, 2);
     let id = measure(&stage, 2);
     let picture = stage.path().join("map.png").display().to_string();
@@ -123,7 +123,7 @@ fn every_command_prints_json_on_request() {
             .as_str()
             .is_some_and(|id| id.contains("6221"))
     }));
-    keeper.stop().unwrap_or_else(|fault| panic!("{fault}"));
+    daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
 }
 
 #[test]

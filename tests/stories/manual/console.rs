@@ -5,7 +5,7 @@
 //! the last measured session; where a page has measured none, one of three frames is measured for it.
 //! A block with `norun` in its info string needs real instruments, hours, or another program; it is counted.
 
-use tactus_tests::{Keeper, Spoken, Stage};
+use tactus_tests::{DaemonProcess, Spoken, Stage};
 
 use super::pages::{self, CommandLine, Page};
 use crate::test_rig::{self, Needs, ask};
@@ -67,7 +67,7 @@ fn play(page: &Page) -> Option<usize> {
     }
     let mut player = Player {
         stage: test_rig::set(Needs::SIMULATED, test_rig::NOISY)?,
-        keeper: None,
+        daemon: None,
     };
     for line in &lines {
         player.play(line);
@@ -77,7 +77,7 @@ fn play(page: &Page) -> Option<usize> {
 
 struct Player {
     stage: Stage,
-    keeper: Option<Keeper>,
+    daemon: Option<DaemonProcess>,
 }
 
 impl Player {
@@ -89,7 +89,7 @@ impl Player {
             "{place}: `{program}` cannot be run here: mark the block `console,norun`"
         );
         if program == "tactusd" && line.words[1..] == ["--config", "config.toml"] {
-            assert!(self.keeper.is_none(), "{place}: the daemon runs already");
+            assert!(self.daemon.is_none(), "{place}: the daemon runs already");
             self.start_daemon();
             return;
         }
@@ -120,8 +120,8 @@ impl Player {
     }
 
     fn start_daemon(&mut self) {
-        if self.keeper.is_none() {
-            self.keeper = Some(test_rig::start(&self.stage));
+        if self.daemon.is_none() {
+            self.daemon = Some(test_rig::start(&self.stage));
         }
     }
 

@@ -119,13 +119,13 @@ fn a_network_trained_elsewhere_makes_the_daemons_maps() {
     }) else {
         return;
     };
-    let keeper = test_rig::start(&stage);
+    let daemon = test_rig::start(&stage);
     baseline(&stage, 3);
     let id = measure(&stage, 1);
     let found = &ask(&stage, &["replay", &id, "--no-map"])[0];
     assert_eq!(found["verified"], true, "{found}");
     assert_eq!(found["method"], "onnx elsewhere", "{found}");
-    drop(keeper);
+    drop(daemon);
     // of another sheet: refused before anything moves, both named
     let config = std::fs::read_to_string(stage.config_path()).expect("the stage is there");
     let other = config.replace(

@@ -12,7 +12,7 @@ fn killed_daemon_keeps_every_acknowledged_frame() {
     let mut id = String::new();
     let mut before = 0;
     for round in 1..=3_u64 {
-        let keeper = test_rig::start(&stage);
+        let daemon = test_rig::start(&stage);
         if round == 1 {
             baseline(&stage, 2);
             id = ask(&stage, &["start", "--step"])[0]["session"]
@@ -31,7 +31,7 @@ fn killed_daemon_keeps_every_acknowledged_frame() {
                 .expect("the session is there");
             session.step(5 * round).await.expect("frames are taken")
         });
-        keeper.kill();
+        daemon.kill();
         assert!(
             acknowledged >= before + 5 * round,
             "{before}, then {acknowledged}"

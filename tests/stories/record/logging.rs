@@ -7,7 +7,7 @@ fn every_frame_is_recorded_without_a_gap() {
     let Some(stage) = test_rig::set(Needs::ANY, test_rig::NOISY) else {
         return;
     };
-    let keeper = test_rig::start(&stage);
+    let daemon = test_rig::start(&stage);
     baseline(&stage, 3);
     let frames = if std::env::var_os("TACTUS_RIG").is_some() {
         20
@@ -17,7 +17,7 @@ fn every_frame_is_recorded_without_a_gap() {
     let id = measure(&stage, frames);
     let status = &ask(&stage, &["status"])[0];
     assert_eq!(status["state"], "idle", "{status}");
-    keeper.stop().unwrap_or_else(|fault| panic!("{fault}"));
+    daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
 
     let sessions = ask(&stage, &["sessions"]);
     let session = sessions
@@ -46,22 +46,22 @@ fn schedule_ends_by_itself_and_daemon_stops_within_one() {
     let Some(stage) = test_rig::set(Needs::ANY, test_rig::NOISY) else {
         return;
     };
-    let keeper = test_rig::start(&stage);
+    let daemon = test_rig::start(&stage);
     baseline(&stage, 2);
     ask(&stage, &["start", "--every", "50ms", "--for", "10h"]);
     // the session is running: let it take a few frames before the daemon is asked to end
     ask(&stage, &["watch", "--count", "3", "--no-map"]);
-    keeper.stop().unwrap_or_else(|fault| panic!("{fault}"));
+    daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
     let sessions = ask(&stage, &["sessions"]);
     let last = sessions.last().expect("a session is listed");
     assert!(test_rig::number(last, "frames") >= 3.0, "{last}");
     // the night is not over: it goes on with the next daemon, and ends where a person ends it
     assert_eq!(last["closed"], false, "{last}");
-    let keeper = test_rig::start(&stage);
+    let daemon = test_rig::start(&stage);
     let status = &ask(&stage, &["status"])[0];
     assert_eq!(status["session"]["id"], last["id"], "{status}");
     ask(&stage, &["stop"]);
-    keeper.stop().unwrap_or_else(|fault| panic!("{fault}"));
+    daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
     let sessions = ask(&stage, &["sessions"]);
     assert_eq!(
         sessions.last().map(|last| &last["closed"]),

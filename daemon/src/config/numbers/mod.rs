@@ -166,8 +166,8 @@ fn take_out_below(
             _ => continue,
         };
         let bounds = KEYS.iter().find(|(known, _)| *known == key);
-        if let Some(Err(refusal)) = bounds.map(|(_, bounds)| bounds.check(number)) {
-            found.push((span, format!("{key}: {refusal}")));
+        if let Some(Err(error)) = bounds.map(|(_, bounds)| bounds.check(number)) {
+            found.push((span, format!("{key}: {error}")));
             bad.push(name.clone());
         }
     }
@@ -184,7 +184,7 @@ pub(crate) fn number(options: &Options, key: &str, bounds: Bounds) -> Result<Opt
     match options.number(key) {
         Ok(None) => Ok(None),
         Ok(Some(value)) => checked(&format!("option '{key}'"), value, bounds).map(Some),
-        Err(refusal) => Err(allowed(refusal, bounds)),
+        Err(error) => Err(allowed(error, bounds)),
     }
 }
 
@@ -198,7 +198,7 @@ pub(crate) fn whole(options: &Options, key: &str, bounds: Bounds) -> Result<Opti
         Ok(Some(value)) => {
             checked(&format!("option '{key}'"), value as f64, bounds).map(|_| Some(value))
         }
-        Err(refusal) => Err(allowed(refusal, bounds)),
+        Err(error) => Err(allowed(error, bounds)),
     }
 }
 
@@ -209,11 +209,11 @@ pub(crate) fn whole(options: &Options, key: &str, bounds: Bounds) -> Result<Opti
 pub(crate) fn checked(what: &str, value: f64, bounds: Bounds) -> Result<f64, Fault> {
     bounds
         .check(value)
-        .map_err(|refusal| Fault::InvalidOption(format!("{what}: {refusal}")))
+        .map_err(|error| Fault::InvalidOption(format!("{what}: {error}")))
 }
 
-fn allowed(refusal: Fault, bounds: Bounds) -> Fault {
-    match refusal {
+fn allowed(error: Fault, bounds: Bounds) -> Fault {
+    match error {
         Fault::InvalidOption(text) => Fault::InvalidOption(format!("{text}, {bounds}")),
         other => other,
     }

@@ -7,7 +7,7 @@ use std::time::Duration;
 use mdns_sd::{IfKind, ServiceDaemon, ServiceEvent};
 use tokio::time::Instant;
 
-use crate::instruments::address::Place;
+use crate::instruments::address::InstrumentAddress;
 use crate::instruments::discovery::{Candidate, SCPI_RAW};
 
 /// The one whose port is a SCPI socket comes first; the others only tell that there is something.
@@ -47,7 +47,7 @@ pub(super) async fn browse(within: Duration) -> (Vec<Candidate>, Option<String>)
     daemon.enable_interface(IfKind::LoopbackV4).ok();
     daemon.enable_interface(IfKind::LoopbackV6).ok();
     let until = Instant::now() + within;
-    let heard = TYPES.map(|kind| {
+    let received = TYPES.map(|kind| {
         let events = daemon.browse(kind);
         async move {
             let mut resolved = Vec::new();
@@ -60,7 +60,7 @@ pub(super) async fn browse(within: Duration) -> (Vec<Candidate>, Option<String>)
             resolved
         }
     });
-    let [raw, lxi, vxi, hislip, telnet] = heard;
+    let [raw, lxi, vxi, hislip, telnet] = received;
     let (raw, lxi, vxi, hislip, telnet) = tokio::join!(raw, lxi, vxi, hislip, telnet);
     daemon.shutdown().ok();
     let mut instances: BTreeMap<String, Instance> = BTreeMap::new();
@@ -88,8 +88,8 @@ pub(super) async fn browse(within: Duration) -> (Vec<Candidate>, Option<String>)
             .sort_by_key(|host| (host.is_loopback(), host.is_ipv6(), *host));
         let port = instance.port.unwrap_or(SCPI_RAW);
         let place = |host: IpAddr| match host {
-            IpAddr::V4(host) => Place::Tcp(format!("{host}:{port}")),
-            IpAddr::V6(host) => Place::Tcp(format!("[{host}]:{port}")),
+            IpAddr::V4(host) => InstrumentAddress::Tcp(format!("{host}:{port}")),
+            IpAddr::V6(host) => InstrumentAddress::Tcp(format!("[{host}]:{port}")),
         };
         Candidate {
             places: instance.hosts.into_iter().map(place).collect(),

@@ -13,7 +13,7 @@ use std::time::Duration;
 use rig::Link;
 use survey::{printable, printable_within};
 
-use crate::instruments::address::Place;
+use crate::instruments::address::InstrumentAddress;
 
 /// Opening a connection, and an answer to `*IDN?`, may each take so long.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -33,7 +33,7 @@ pub(crate) struct Search {
     /// Port of the port mapper, 111 but in tests.
     pub port_mapper: u16,
     /// Addresses to ask beside what is found.
-    pub addresses: Vec<Place>,
+    pub addresses: Vec<InstrumentAddress>,
     /// Instruments in use, with what they answered when they were connected: they are not asked again, some serve one
     /// client only.
     pub in_use: Vec<(String, String)>,
@@ -73,7 +73,7 @@ pub(crate) struct Seen {
 
 /// Everything found, and what could not be looked for.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub(crate) struct Found {
+pub(crate) struct Discovered {
     pub seen: Vec<Seen>,
     pub notes: Vec<String>,
 }
@@ -81,7 +81,7 @@ pub(crate) struct Found {
 /// Somewhere an instrument may listen.
 #[derive(Debug, Clone)]
 struct Candidate {
-    places: Vec<Place>,
+    places: Vec<InstrumentAddress>,
     found_by: &'static str,
     name: String,
     /// What it said on another way than those places.
@@ -89,8 +89,8 @@ struct Candidate {
 }
 
 /// Looks everywhere and asks each who it is.
-pub(crate) async fn discover(search: &Search) -> Found {
-    let mut found = Found::default();
+pub(crate) async fn discover(search: &Search) -> Discovered {
+    let mut found = Discovered::default();
     let announced = async {
         match search.mdns {
             true => mdns::browse(search.within).await,
@@ -113,17 +113,17 @@ pub(crate) async fn discover(search: &Search) -> Found {
         identity: None,
     });
     for (address, identity) in &search.in_use {
-        let known = seen(address.clone(), identity.clone(), "configuration", "", true);
-        found.seen.push(known);
+        let identities = seen(address.clone(), identity.clone(), "configuration", "", true);
+        found.seen.push(identities);
     }
     let used = used_sockets(&search.in_use).await;
     let candidates: Vec<Candidate> = given.chain(announced).chain(answered).collect();
-    let asked = candidates.into_iter().map(|candidate| {
+    let requested = candidates.into_iter().map(|candidate| {
         let used = used.clone();
         tokio::spawn(async move { ask(candidate, &used).await })
     });
     // all at once: one that is dead must not hold the others up
-    for task in asked.collect::<Vec<_>>() {
+    for task in requested.collect::<Vec<_>>() {
         if let Ok(seen) = task.await {
             add(&mut found.seen, seen);
         }
@@ -158,7 +158,7 @@ async fn ask(candidate: Candidate, used: &[Used]) -> Seen {
     } = candidate;
     let mut remark = String::new();
     for place in &places {
-        if let Place::Tcp(address) = place
+        if let InstrumentAddress::Tcp(address) = place
             && let Ok(resolved) = tokio::net::lookup_host(address).await
         {
             let resolved: BTreeSet<SocketAddr> = resolved.collect();
@@ -173,13 +173,13 @@ async fn ask(candidate: Candidate, used: &[Used]) -> Seen {
             Err(why) => remark = why,
         }
     }
-    let known = identity.is_some();
-    let address = match (known, places.first()) {
+    let identities = identity.is_some();
+    let address = match (identities, places.first()) {
         (false, Some(place)) => place.to_string(),
         _ => String::new(),
     };
     Seen {
-        remark: match known {
+        remark: match identities {
             true => "it answers on VXI-11 only; the daemon speaks on raw sockets and serial lines"
                 .to_owned(),
             false => remark,
@@ -196,13 +196,14 @@ async fn ask(candidate: Candidate, used: &[Used]) -> Seen {
 }
 
 /// `*IDN?` and nothing else, then the connection is closed.
-async fn identify(place: &Place) -> Result<String, String> {
+async fn identify(place: &InstrumentAddress) -> Result<String, String> {
     let stream = match place {
-        Place::Tcp(address) => rig::connect_tcp(address, PATIENCE).await,
-        Place::Serial { path, baud } => {
-            rig::open_serial(path, baud.unwrap_or_else(|| Place::baud("source")))
-        }
-        Place::Simulated | Place::Gpiochip { .. } => {
+        InstrumentAddress::Tcp(address) => rig::connect_tcp(address, PATIENCE).await,
+        InstrumentAddress::Serial { path, baud } => rig::open_serial(
+            path,
+            baud.unwrap_or_else(|| InstrumentAddress::baud("source")),
+        ),
+        InstrumentAddress::Simulated | InstrumentAddress::Gpiochip { .. } => {
             return Err("nobody there can be asked for a name".to_owned());
         }
     };
@@ -214,29 +215,30 @@ async fn identify(place: &Place) -> Result<String, String> {
 
 /// One line a thing: the same identity at the same place, or the same serial number, is one instrument.
 fn add(all: &mut Vec<Seen>, one: Seen) {
-    let same = all.iter_mut().find(|known| {
-        let identity = !one.identity.is_empty() && known.identity == one.identity;
-        let address = !one.address.is_empty() && known.address == one.address;
-        let name = !one.name.is_empty() && known.name == one.name;
+    let same = all.iter_mut().find(|identities| {
+        let identity = !one.identity.is_empty() && identities.identity == one.identity;
+        let address = !one.address.is_empty() && identities.address == one.address;
+        let name = !one.name.is_empty() && identities.name == one.name;
         identity || address || name
     });
-    let Some(known) = same else {
+    let Some(identities) = same else {
         all.push(one);
         return;
     };
-    if !known.found_by.contains(&one.found_by) {
-        known.found_by = format!("{}, {}", known.found_by, one.found_by);
+    if !identities.found_by.contains(&one.found_by) {
+        identities.found_by = format!("{}, {}", identities.found_by, one.found_by);
     }
-    if known.name.is_empty() {
-        known.name = one.name;
+    if identities.name.is_empty() {
+        identities.name = one.name;
     }
-    if (known.identity.is_empty() && !one.identity.is_empty()) || known.address.is_empty() {
-        known.address = one.address;
-        known.identity = one.identity;
-        known.proposal = one.proposal;
-        known.remark = one.remark;
+    if (identities.identity.is_empty() && !one.identity.is_empty()) || identities.address.is_empty()
+    {
+        identities.address = one.address;
+        identities.identity = one.identity;
+        identities.proposal = one.proposal;
+        identities.remark = one.remark;
     }
-    known.in_use |= one.in_use;
+    identities.in_use |= one.in_use;
 }
 
 fn seen(address: String, identity: String, found_by: &str, name: &str, in_use: bool) -> Seen {
@@ -342,7 +344,7 @@ mod tests {
                 ..seen(hostile.clone(), String::new(), "mdns", "", false)
             },
         ];
-        let found = Found {
+        let found = Discovered {
             seen: all.to_vec(),
             notes: vec![hostile.clone()],
         };
@@ -357,10 +359,10 @@ mod tests {
             assert!(value.is_object());
             assert!(
                 line.chars()
-                    .all(|letter| letter.is_ascii_graphic() || letter == ' ')
+                    .all(|payload| payload.is_ascii_graphic() || payload == ' ')
             );
         }
-        assert!(!text.contains(|letter: char| letter.is_control() && letter != '\n'));
+        assert!(!text.contains(|payload: char| payload.is_control() && payload != '\n'));
         assert!(!text.contains('\u{202e}'));
         // what is proposed is read as what was seen
         let proposed: toml::Table = toml::from_str(&all[1].proposal).unwrap();

@@ -8,7 +8,7 @@ use tokio::net::TcpStream;
 use tokio::time::Instant;
 use vxi11::Client;
 
-use crate::instruments::address::Place;
+use crate::instruments::address::InstrumentAddress;
 use crate::instruments::discovery::{Candidate, PATIENCE, SCPI_RAW};
 
 /// A longer reply is no answer to `*IDN?`, bytes.
@@ -27,7 +27,7 @@ pub(super) async fn broadcast(within: Duration, port: u16) -> (Vec<Candidate>, V
         }
     };
     let until = Instant::now() + within;
-    let mut asked = Vec::new();
+    let mut requested = Vec::new();
     for interface in interfaces {
         let if_addrs::IfAddr::V4(address) = interface.addr else {
             continue;
@@ -38,13 +38,13 @@ pub(super) async fn broadcast(within: Duration, port: u16) -> (Vec<Candidate>, V
             None => continue,
         };
         let name = interface.name;
-        asked.push(tokio::spawn(async move {
+        requested.push(tokio::spawn(async move {
             let answers = vxi11::find_core_channels(address.ip, everybody, port, until).await;
             answers.map_err(|fault| format!("no VXI-11 broadcast on {name} ({fault})"))
         }));
     }
     let mut found: Vec<SocketAddr> = Vec::new();
-    for task in asked {
+    for task in requested {
         match task.await {
             Ok(Ok(answers)) => found.extend(answers),
             Ok(Err(note)) => notes.push(note),
@@ -61,7 +61,7 @@ pub(super) async fn broadcast(within: Duration, port: u16) -> (Vec<Candidate>, V
                 .and_then(Result::ok);
             Candidate {
                 // the daemon's own way to the same instrument
-                places: vec![Place::Tcp(format!("{}:{SCPI_RAW}", core.ip()))],
+                places: vec![InstrumentAddress::Tcp(format!("{}:{SCPI_RAW}", core.ip()))],
                 found_by: "vxi-11",
                 name: String::new(),
                 identity,

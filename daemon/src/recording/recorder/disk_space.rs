@@ -90,10 +90,10 @@ impl Recorder {
         loop {
             // the reserve is for the end of a session
             if let Some(full) = self.lacks_room(free)
-                && !self.live.stop_wish().is_asked()
+                && !self.status.stop_wish().is_asked()
             {
                 let waited = self.pause(full);
-                if !self.live.stop_wish().is_asked() {
+                if !self.status.stop_wish().is_asked() {
                     waited?;
                 }
                 free = self.free();
@@ -150,7 +150,7 @@ impl Recorder {
             Some(pause) if pause.locked => now.saturating_sub(pause.since),
             _ => Duration::ZERO,
         };
-        waited >= self.disk.lock_patience || self.live.stop_wish().is_asked()
+        waited >= self.disk.lock_patience || self.status.stop_wish().is_asked()
     }
 
     /// Writes something else, under the same rules.
@@ -182,7 +182,7 @@ impl Recorder {
         }
         match self.writer.roll(at) {
             Ok(_) => {
-                self.live.set_path(self.writer.path());
+                self.status.set_path(self.writer.path());
                 Ok(())
             }
             Err(error) if error.is_broken() || error.is_gone() => self.renew(&error),
@@ -209,7 +209,7 @@ impl Recorder {
             ),
         };
         let left = self.writer.successor(at, &format!("{why}{kept}"))?;
-        self.live.set_path(self.writer.path());
+        self.status.set_path(self.writer.path());
         let todo = match error {
             LogbookError::Gone { .. } => "do not touch the files of a session that runs",
             LogbookError::Locked { .. } => {
@@ -294,19 +294,19 @@ impl Recorder {
                 why,
                 locked,
             });
-            self.live.set_last_error(&text);
-            self.live.hold(true);
+            self.status.set_last_error(&text);
+            self.status.hold(true);
             // it cannot be written to the record now, which has it afterwards
             let kind = if locked { "record-locked" } else { "disk-full" };
             (self.tell)(self.clock.wall(), kind, &text);
         }
-        if self.live.stop_wish().is_asked() {
-            self.live.hold(false);
+        if self.status.stop_wish().is_asked() {
+            self.status.hold(false);
             return Err(full);
         }
         std::thread::sleep(LOOK_AGAIN);
         let now = self.clock.monotonic();
-        self.pulse.promise(Part::Record, now, FOR_A_WRITE);
+        self.heartbeats.promise(Part::Record, now, FOR_A_WRITE);
         Ok(())
     }
 
@@ -316,8 +316,8 @@ impl Recorder {
             return;
         };
         let waited = self.clock.monotonic().saturating_sub(since);
-        self.live.set_last_error("");
-        self.live.hold(false);
+        self.status.set_last_error("");
+        self.status.hold(false);
         let (kind, now) = match locked {
             true => ("record-unlocked", "it can be written again"),
             false => ("disk-room", "there is room again"),

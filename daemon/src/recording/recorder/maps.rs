@@ -3,7 +3,7 @@
 use logbook::LogbookError;
 use survey::Frame;
 
-use crate::recording::reconstruction_worker::{Attempt, Failure, Made};
+use crate::recording::reconstruction_worker::{Failure, Made, MapOutcome};
 use crate::recording::recorder::{Recorder, Row, Task};
 use survey::error_chain as chain;
 
@@ -12,10 +12,10 @@ impl Recorder {
         &mut self,
         frame: &Frame,
         hurry: impl Fn() -> bool,
-    ) -> Option<Attempt> {
+    ) -> Option<MapOutcome> {
         match &mut self.task {
             Task::Baseline { .. } => None,
-            Task::Maps { mapper, .. } => Some(mapper.make(&frame.readings, hurry)),
+            Task::Maps { worker, .. } => Some(worker.make(&frame.readings, hurry)),
         }
     }
 
@@ -25,17 +25,17 @@ impl Recorder {
         match made.outcome {
             Ok(mapped) => {
                 let refused = mapped.refused.as_deref().unwrap_or_default();
-                self.live.set_last_error(refused);
+                self.status.set_last_error(refused);
                 row.mapped = Some(mapped);
             }
-            Err(Failure::Refused(why)) => self.live.set_last_error(&why),
+            Err(Failure::Refused(why)) => self.status.set_last_error(&why),
             Err(Failure::Broken(why)) => {
                 let text = format!(
                     "the code of method {} failed ({why}); frames are recorded, and have no maps until the next session; \
                      please report it",
-                    self.live.facts.method
+                    self.status.facts.method
                 );
-                self.live.set_last_error(&text);
+                self.status.set_last_error(&text);
                 self.say("method-suspended", &text)?;
             }
         }
@@ -45,7 +45,7 @@ impl Recorder {
     /// A map that was late, if it is ready.
     pub(super) fn late_map(&mut self) -> Result<(), LogbookError> {
         match &mut self.task {
-            Task::Maps { mapper, .. } => match mapper.late() {
+            Task::Maps { worker, .. } => match worker.late() {
                 Some(made) => self.arrived(made),
                 None => Ok(()),
             },
@@ -79,7 +79,7 @@ impl Recorder {
     /// At the end nobody waits for it again.
     pub(super) fn last_map(&mut self) -> Result<(), LogbookError> {
         match &mut self.task {
-            Task::Maps { mapper, .. } => match mapper.last() {
+            Task::Maps { worker, .. } => match worker.last() {
                 Some(made) => self.arrived(made),
                 None => Ok(()),
             },
@@ -98,7 +98,7 @@ impl Recorder {
         }
         let text = format!(
             "method {} is slower than frames come: {missed} recorded without a map so far (`tactus replay` makes them)",
-            self.live.facts.method
+            self.status.facts.method
         );
         self.say("maps-missed", &text)
     }

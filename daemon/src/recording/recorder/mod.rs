@@ -1,5 +1,5 @@
 //! The way of a frame after acquisition, on a thread of its own: quality, then the sinks in order: logbook (durable), then
-//! everybody who listens. Maps come from the [`Mapper`]: the record waits for one a little, and is written without it.
+//! everybody who listens. Maps come from the [`ReconstructionWorker`]: the record waits for one a little, and is written without it.
 
 mod continuity;
 mod disk_space;
@@ -23,9 +23,9 @@ use rig::{Clock, SystemClock};
 use survey::{Baseline, Checks, Frame, Map, Quality};
 use tokio::sync::mpsc::{self, error::TryRecvError};
 
-use crate::monitoring::heartbeat::{Part, Pulse, Rests};
-use crate::recording::reconstruction_worker::{Attempt, Mapped, Mapper};
-use crate::recording::session_status::{Live, Published};
+use crate::monitoring::heartbeat::{Heartbeats, Part, Rests};
+use crate::recording::reconstruction_worker::{MapOutcome, Mapped, ReconstructionWorker};
+use crate::recording::session_status::{Published, SessionStatus};
 use crate::session::controller::SHUT_DOWN;
 use survey::error_chain as chain;
 
@@ -70,13 +70,13 @@ pub(crate) type Tell = Box<dyn Fn(DateTime<Utc>, &'static str, &str) + Send>;
 
 /// Writes one session.
 pub(crate) struct Recorder {
-    pub live: Arc<Live>,
+    pub status: Arc<SessionStatus>,
     pub writer: SessionWriter,
     pub clock: SystemClock,
     pub checks: Checks,
     pub task: Task,
     pub tell: Tell,
-    pub pulse: Arc<Pulse>,
+    pub heartbeats: Arc<Heartbeats>,
     pub disk: Disk,
     /// The last frame before a gap that the session goes on after; its next frame is compared with it.
     pub before: Option<logbook::Record>,
@@ -92,7 +92,7 @@ pub(crate) enum Task {
     Baseline { frames: Vec<Frame>, wanted: u64 },
     /// A map of each.
     Maps {
-        mapper: Mapper,
+        worker: ReconstructionWorker,
         /// The frame whose map is late.
         late: Option<Box<Row>>,
         /// Frames without a map, because the method was still busy.
@@ -101,9 +101,9 @@ pub(crate) enum Task {
 }
 
 impl Task {
-    pub(crate) fn maps(mapper: Mapper) -> Self {
+    pub(crate) fn maps(worker: ReconstructionWorker) -> Self {
         Self::Maps {
-            mapper,
+            worker,
             late: None,
             missed: 0,
         }
@@ -132,8 +132,8 @@ impl Recorder {
         let mut waiting = VecDeque::new();
         while let Some(order) = waiting.pop_front().or_else(|| orders.blocking_recv()) {
             let now = self.clock.monotonic();
-            self.pulse.promise(Part::Record, now, FOR_A_WRITE);
-            let _rests = Rests(Arc::clone(&self.pulse), Part::Record);
+            self.heartbeats.promise(Part::Record, now, FOR_A_WRITE);
+            let _rests = Rests(Arc::clone(&self.heartbeats), Part::Record);
             let outcome = match order {
                 Order::Frame(first) => {
                     let frames = gather(*first, &mut orders, &mut waiting, self.disk.gathers());
@@ -151,15 +151,15 @@ impl Recorder {
             };
             // what was said of the disk meanwhile
             if let Err(error) = outcome.and_then(|()| self.settle()) {
-                self.live.stop(&chain(&error));
+                self.status.stop(&chain(&error));
                 // what is still on its way has nowhere to go
                 orders.close();
                 while let Some(order) = waiting.pop_front().or_else(|| orders.blocking_recv()) {
                     if let Order::Frame(_) = order {
-                        self.live.count_dropped(1);
+                        self.status.count_dropped(1);
                     }
                 }
-                if !self.live.is_left_open() {
+                if !self.status.is_left_open() {
                     self.close_if_possible();
                 }
                 return Err(error);
@@ -190,10 +190,10 @@ impl Recorder {
                 durable: Duration::ZERO,
             };
             match self.ask_for_map(&row.frame, || !patient && orders.len() + left >= HURRY) {
-                Some(Attempt::Made(made)) => self.made(*made, &mut row)?,
-                Some(Attempt::Late) => late = Some(rows.len()),
-                Some(Attempt::Busy) => self.missed_a_map()?,
-                Some(Attempt::Suspended) | None => {}
+                Some(MapOutcome::Made(made)) => self.made(*made, &mut row)?,
+                Some(MapOutcome::Late) => late = Some(rows.len()),
+                Some(MapOutcome::Busy) => self.missed_a_map()?,
+                Some(MapOutcome::Suspended) | None => {}
             }
             rows.push(row);
         }
@@ -208,7 +208,7 @@ impl Recorder {
         let last = match self.store(&rows) {
             Ok(last) => last,
             Err(error) => {
-                self.live.count_dropped(count);
+                self.status.count_dropped(count);
                 return Err(error);
             }
         };
@@ -217,7 +217,7 @@ impl Recorder {
             row.frame.sequence = last + 1 + index as u64 - count;
             row.durable = now.saturating_sub(row.frame.monotonic + row.frame.duration);
             tracing::debug!(
-                session = self.live.facts.id,
+                session = self.status.facts.id,
                 frame = row.frame.sequence,
                 us = row.durable.as_micros() as u64,
                 "durable"
@@ -233,21 +233,21 @@ impl Recorder {
     }
 
     fn publish(&mut self, row: Row) {
-        if !self.live.readers.is_empty() {
+        if !self.status.readers.is_empty() {
             self.stream(&row.frame, frame_body(&row.frame));
             self.stream_map(&row);
         }
         if let Task::Baseline { frames, .. } = &mut self.task {
             frames.push(row.frame.clone());
         }
-        self.live.publish(row.published());
+        self.status.publish(row.published());
     }
 
     fn publish_map(&self, row: Row) {
-        if !self.live.readers.is_empty() {
+        if !self.status.readers.is_empty() {
             self.stream_map(&row);
         }
-        self.live.publish_map(row.published());
+        self.status.publish_map(row.published());
     }
 
     fn stream_map(&self, row: &Row) {
@@ -261,7 +261,7 @@ impl Recorder {
     }
 
     fn stream(&self, frame: &Frame, body: Body) {
-        self.live.readers.publish(&Record {
+        self.status.readers.publish(&Record {
             sequence: frame.sequence,
             wall_ns: nanoseconds(frame.wall),
             gap: 0,
@@ -287,7 +287,7 @@ impl Recorder {
     /// Writes the end of the session, after a write that failed: what could not be written is lost, and the end may be
     /// written all the same. Where it is not, its mark says it.
     fn close_if_possible(&mut self) {
-        let (at, reason) = (self.clock.wall(), self.live.stop_reason());
+        let (at, reason) = (self.clock.wall(), self.status.stop_reason());
         if let Err(error) = self.end(at, &reason) {
             tracing::debug!("{}", chain(&error));
         }
@@ -304,7 +304,7 @@ impl Recorder {
             ended => ended,
         };
         if ended.is_ok() {
-            self.live.set_closed();
+            self.status.set_closed();
         }
         ended
     }
@@ -313,7 +313,7 @@ impl Recorder {
     fn keep_baseline(&mut self, at: DateTime<Utc>) -> Result<Option<Baseline>, LogbookError> {
         let made = match &self.task {
             Task::Baseline { frames, wanted } if frames.len() as u64 >= *wanted => {
-                Baseline::from_frames(self.live.facts.id.clone(), frames)
+                Baseline::from_frames(self.status.facts.id.clone(), frames)
             }
             _ => return Ok(None),
         };

@@ -200,7 +200,7 @@ fn setter(interface: &InterfaceName<'_>, member: &str) -> Option<Action> {
 
 /// The way on which a caller came, and with it who decides.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Door {
+pub(super) enum Authorizer {
     /// The peer socket: whoever is not root, the daemon's own user or of the group was turned away before a word.
     Peer,
     /// The session bus: root and the daemon's own user.
@@ -209,7 +209,7 @@ pub(super) enum Door {
     System,
 }
 
-impl Door {
+impl Authorizer {
     /// Lets the sender of a message do this, or says why not. Nothing is remembered from one question to the next.
     async fn admit(
         self,
@@ -360,8 +360,8 @@ impl<I: Interface> Interface for Guarded<I> {
     ) -> Option<Result<(), BoxDBusError>> {
         let action = setter(&I::name(), property_name);
         let admitted = admit_setter(&self.gate, connection, header, action, property_name).await;
-        if let Err(refusal) = admitted {
-            return Some(Err(boxed(refusal)));
+        if let Err(error) = admitted {
+            return Some(Err(boxed(error)));
         }
         let set = self
             .object
@@ -427,7 +427,7 @@ fn behind<'call, I: Interface>(
         };
         let action = row.map(|(action, _)| action);
         let admitted = gate
-            .door
+            .authorizer
             .admit(connection, &header, &client, action, name.as_str());
         // nobody waits for the answer to a question whose asker has left
         let Some(admitted) = client.while_present(admitted).await else {
@@ -471,13 +471,13 @@ async fn admit_setter(
     let left = || Fault::NotAuthorized(format!("{what}: its sender has left"));
     let header = header.ok_or_else(left)?;
     let client = gate.client(connection, header).await?.ok_or_else(left)?;
-    gate.door
+    gate.authorizer
         .admit(connection, header, &client, action, what)
         .await
 }
 
-fn boxed(refusal: Fault) -> BoxDBusError {
-    Box::new(refusal)
+fn boxed(error: Fault) -> BoxDBusError {
+    Box::new(error)
 }
 
 #[cfg(test)]

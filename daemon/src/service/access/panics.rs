@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use dbus::ROOT_PATH;
-use rig::{SystemClock, Tape};
+use rig::{RingTranscript, SystemClock};
 use zbus::connection::Builder;
 
 use super::super::caller::Caller;
@@ -14,7 +14,7 @@ use crate::instruments::panic_handler;
 use crate::instruments::panic_handler::tests as guarded;
 use crate::preparation::{FramesFrom, prepare};
 use crate::service::containment::blocking;
-use crate::session::controller::Keeper;
+use crate::session::controller::Controller;
 
 /// It answers under the manager's name: the table of actions knows its methods.
 struct Panics;
@@ -96,7 +96,7 @@ impl Interface for Panics {
 }
 
 /// The text of the error that a call is answered with.
-async fn refusal<B>(client: &Connection, interface: &str, method: &str, body: &B) -> String
+async fn error<B>(client: &Connection, interface: &str, method: &str, body: &B) -> String
 where
     B: serde::Serialize + zbus::DynamicType + Sync,
 {
@@ -123,29 +123,29 @@ async fn a_panic_while_answering_leaves_the_session_running() {
     let prepared = prepare(&path).unwrap_or_else(|problems| panic!("{problems:?}"));
     let bench = crate::bench_of(&prepared).unwrap();
     let records = crate::service::records::Records::of(&prepared.setup.record_directory);
-    let tape = Tape::new(2);
+    let transcript = RingTranscript::new(2);
     let FramesFrom::Rig(plan) = &prepared.frames else {
         panic!("it is a rig");
     };
-    let assembled = assemble(plan, &bench, &tape, Closed::Refuse, None)
+    let assembled = assemble(plan, &bench, &transcript, Closed::Refuse, None)
         .await
         .unwrap();
     let sheet = bench.clone().unwrap();
-    let keeper = Keeper::new(
+    let controller = Controller::new(
         prepared,
         bench,
         Some(assembled),
         records,
-        tape,
+        transcript,
         SystemClock::new(),
     );
     let panics = panic_handler::listen();
     tokio::spawn(panic_handler::keep(
-        std::sync::Arc::clone(&keeper),
+        std::sync::Arc::clone(&controller),
         panic_handler::listen(),
     ));
     let options = dbus::Options::new().with("frames", 1000_u64);
-    let live = keeper.record_baseline(&options).await.unwrap();
+    let status = controller.record_baseline(&options).await.unwrap();
     guarded::current_flows(&sheet).await;
 
     let threads = Threads::start("clients").unwrap();
@@ -170,16 +170,16 @@ async fn a_panic_while_answering_leaves_the_session_running() {
             (MANAGER_INTERFACE, "Geometry", "during the call"),
             (MANAGER_INTERFACE, "ListSessions", "not read"),
         ] {
-            let answer = refusal(&client, interface, method, &()).await;
+            let answer = error(&client, interface, method, &()).await;
             assert!(answer.contains(said), "{method}: {answer}");
             assert!(
                 method == "ListSessions" || answer.contains("please report it"),
                 "{answer}"
             );
         }
-        let one = refusal(&client, properties, "Get", &(MANAGER_INTERFACE, "State")).await;
+        let one = error(&client, properties, "Get", &(MANAGER_INTERFACE, "State")).await;
         assert!(one.contains("one property"), "{one}");
-        let all = refusal(&client, properties, "GetAll", &(MANAGER_INTERFACE,)).await;
+        let all = error(&client, properties, "GetAll", &(MANAGER_INTERFACE,)).await;
         assert!(all.contains("all properties"), "{all}");
         let introspect = "org.freedesktop.DBus.Introspectable";
         let shown =
@@ -190,14 +190,14 @@ async fn a_panic_while_answering_leaves_the_session_running() {
             .unwrap();
     }
     assert!(!panics.has_changed().unwrap(), "none was the daemon's own");
-    assert!(live.progress().ended.is_none());
-    assert_eq!(keeper.source_state(), "in use");
+    assert!(status.progress().ended.is_none());
+    assert_eq!(controller.source_state(), "in use");
     guarded::current_flows(&sheet).await;
 
     // what has instruments in its hands ends the session as well, and the source is off
-    let acting = refusal(&client, MANAGER_INTERFACE, "OpenAll", &()).await;
+    let acting = error(&client, MANAGER_INTERFACE, "OpenAll", &()).await;
     assert!(acting.contains("while acting"), "{acting}");
-    let ended = tokio::time::timeout(guarded::DEADLINE, live.ended()).await;
+    let ended = tokio::time::timeout(guarded::DEADLINE, status.ended()).await;
     assert!(ended.unwrap().faulted);
     assert!(!sheet.source_output().0);
 }

@@ -59,13 +59,13 @@ fn every_action_that_is_asked_about_is_declared_to_polkit() {
         .skip(1)
         .filter_map(|rest| rest.split('"').next())
         .collect();
-    let asked: BTreeSet<&str> = METHODS
+    let requested: BTreeSet<&str> = METHODS
         .iter()
         .map(|(_, _, action, _)| action)
         .chain(SETTERS.iter().map(|(_, _, action)| action))
         .filter_map(|action| action.id())
         .collect();
-    assert_eq!(declared, asked);
+    assert_eq!(declared, requested);
     // the daemon is not root: polkit tells it about others only as the owner of the action
     let owners = policy
         .matches("<annotate key=\"org.freedesktop.policykit.owner\">")

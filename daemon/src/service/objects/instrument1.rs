@@ -5,18 +5,18 @@ use std::sync::Arc;
 use dbus::ROOT_PATH;
 use zbus::{ObjectPath, interface};
 
-use crate::instruments::assembly::Found;
-use crate::session::controller::Keeper;
+use crate::instruments::assembly::Connected;
+use crate::session::controller::Controller;
 
 /// The object of one instrument.
 pub(crate) struct Instrument1 {
-    keeper: Arc<Keeper>,
+    controller: Arc<Controller>,
     role: &'static str,
 }
 
 impl Instrument1 {
-    pub(crate) fn new(keeper: Arc<Keeper>, role: &'static str) -> Self {
-        Self { keeper, role }
+    pub(crate) fn new(controller: Arc<Controller>, role: &'static str) -> Self {
+        Self { controller, role }
     }
 
     pub(crate) fn path(&self) -> ObjectPath<'static> {
@@ -24,9 +24,9 @@ impl Instrument1 {
     }
 
     /// What is known of it; `None` when a reload has taken it away.
-    fn found(&self) -> Option<Found> {
-        let known = self.keeper.known();
-        known
+    fn found(&self) -> Option<Connected> {
+        let identities = self.controller.identities();
+        identities
             .instruments
             .into_iter()
             .find(|found| found.role == self.role)
@@ -69,7 +69,7 @@ impl Instrument1 {
     /// `ready` or `fault: ...`.
     #[zbus(property)]
     fn state(&self) -> String {
-        match self.keeper.rig_fault() {
+        match self.controller.rig_fault() {
             None => "ready".to_owned(),
             Some(why) => format!("fault: {why}"),
         }

@@ -8,16 +8,16 @@ use zbus::{ObjectPath, OwnedVariant, interface};
 
 use crate::config::numbers;
 use crate::config::numbers::whole;
-use crate::recording::session_status::Live;
+use crate::recording::session_status::SessionStatus;
 use crate::service::gate::Gate;
 use crate::service::objects::report;
-use crate::session::controller::{Keeper, no_baseline, no_plan};
+use crate::session::controller::{Controller, no_baseline, no_plan};
 
 /// Sessions in one answer: some 300 kB. Who wants more asks for those before the last one.
 const MOST_LISTED: u64 = 1000;
 
 /// The manager on one connection, and the gate through which its callers come.
-pub(crate) struct Manager1(pub(crate) Arc<Keeper>, pub(crate) Arc<Gate>);
+pub(crate) struct Manager1(pub(crate) Arc<Controller>, pub(crate) Arc<Gate>);
 
 /// The daemon itself.
 #[interface(name = "org.tactus.Tactus1.Manager1")]
@@ -34,8 +34,8 @@ impl Manager1 {
         options: Options,
         #[zbus(object_server)] server: &ObjectServer,
     ) -> Result<ObjectPath<'static>, Fault> {
-        let live = self.0.start_session(&options).await?;
-        shown(server, &live, &self.1).await
+        let status = self.0.start_session(&options).await?;
+        shown(server, &status, &self.1).await
     }
 
     /// Records a baseline and returns its session at once; when it has ended it is the current baseline. Options:
@@ -46,8 +46,8 @@ impl Manager1 {
         options: Options,
         #[zbus(object_server)] server: &ObjectServer,
     ) -> Result<ObjectPath<'static>, Fault> {
-        let live = self.0.record_baseline(&options).await?;
-        shown(server, &live, &self.1).await
+        let status = self.0.record_baseline(&options).await?;
+        shown(server, &status, &self.1).await
     }
 
     /// What the logbook holds, newest first: id, kind, state (`open`, `closed`, `interrupted`), start in ns since 1970
@@ -59,8 +59,8 @@ impl Manager1 {
         let count = whole(&options, "count", numbers::LISTED)?.unwrap_or(MOST_LISTED);
         let count = usize::try_from(count.min(MOST_LISTED)).unwrap_or(usize::MAX);
         let before = options.text("before")?.map(str::to_owned);
-        let keeper = Arc::clone(&self.0);
-        crate::service::read_pool::read(move || keeper.listed(count, before.as_deref())).await?
+        let controller = Arc::clone(&self.0);
+        crate::service::read_pool::read(move || controller.listed(count, before.as_deref())).await?
     }
 
     /// The plan of a frame, without moving anything.
@@ -134,9 +134,9 @@ impl Manager1 {
         ),
         Fault,
     > {
-        let house = self.0.house();
-        let drawn = || report::geometry(&house.setup.geometry);
-        let geometry = house.drawn.get_or_init(drawn);
+        let runtime = self.0.runtime();
+        let drawn = || report::geometry(&runtime.setup.geometry);
+        let geometry = runtime.drawn.get_or_init(drawn);
         Ok((
             geometry.mesh_hash.clone(),
             geometry.nodes.clone(),
@@ -144,7 +144,7 @@ impl Manager1 {
             geometry.outline.clone(),
             geometry.outline_lengths.clone(),
             geometry.electrodes.clone(),
-            report::geometry_name(&house.setup.geometry),
+            report::geometry_name(&runtime.setup.geometry),
         ))
     }
 
@@ -254,7 +254,7 @@ impl Manager1 {
         options.only(&["frames"])?;
         let frames = whole(&options, "frames", numbers::TRANSCRIPT_FRAMES)?.unwrap_or(1);
         let frames = usize::try_from(frames).unwrap_or(usize::MAX);
-        let entries = crate::instruments::transcripts::last(&self.0.tape, frames);
+        let entries = crate::instruments::transcripts::last(&self.0.transcript, frames);
         crate::instruments::transcripts::text(&entries)
             .map_err(|error| Fault::Failed(error.to_string()))
     }
@@ -265,11 +265,11 @@ impl Manager1 {
     #[zbus(out_args("health"))]
     async fn health(&self) -> Result<Options, Fault> {
         let health = self.0.health().await;
-        Ok(health.options(&self.0.house().setup.config.notify))
+        Ok(health.options(&self.0.runtime().setup.config.notify))
     }
 
     /// Runs the command that tells people of troubles once, and says how it fared: `done` (b), `stderr` (s), `took_s` (d),
-    /// and `code` (x) or `trouble` (s, why there is none).
+    /// and `code` (x) or `alarm` (s, why there is none).
     #[zbus(out_args("fared"))]
     async fn notify_test(&self) -> Result<Options, Fault> {
         Ok(self.0.notify_test().await.options())
@@ -279,7 +279,7 @@ impl Manager1 {
     /// `frame-failed`, `source-unknown`, `alarm` (neither source nor switch can be made safe), `suspended`,
     /// `reconnecting`, `source-off`, `relays-open`, `others-found`, `accepted`, `reconnected`, `settings-verified`,
     /// `resumed`, `transcript`, `relays-closed`, `opened`, `fault`, `reloaded`, `reload-refused`; of the daemon `started`,
-    /// `stopped`, `daily`, `trouble`, `trouble-over`, `notify-failed`. Details: `session` (s).
+    /// `stopped`, `daily`, `alarm`, `alarm-over`, `notify-failed`. Details: `session` (s).
     #[zbus(signal)]
     async fn happened(
         emitter: &SignalEmitter<'_>,
@@ -317,7 +317,7 @@ impl Manager1 {
     /// Whether voltages come from a simulated sheet.
     #[zbus(property)]
     fn simulated(&self) -> bool {
-        self.0.house().simulated
+        self.0.runtime().simulated
     }
 
     /// `rig` or `recording`.
@@ -333,7 +333,7 @@ impl Manager1 {
     /// Their objects.
     #[zbus(property)]
     fn instruments(&self) -> Vec<ObjectPath<'static>> {
-        let instruments = self.0.known().instruments;
+        let instruments = self.0.identities().instruments;
         instruments
             .iter()
             .map(|found| crate::service::objects::instrument1::path(found.role))
@@ -345,7 +345,7 @@ impl Manager1 {
     fn active_session(&self) -> ObjectPath<'static> {
         self.0
             .active()
-            .and_then(|live| dbus::session_path(&live.facts.id).ok())
+            .and_then(|status| dbus::session_path(&status.facts.id).ok())
             .unwrap_or_else(|| ObjectPath::from_static_str_unchecked("/"))
     }
 
@@ -361,14 +361,19 @@ impl Manager1 {
     /// The configured method as a person would name it.
     #[zbus(property)]
     fn method(&self) -> String {
-        let house = self.0.house();
-        house.setup.model.reconstructor.method().to_owned()
+        let runtime = self.0.runtime();
+        runtime.setup.model.reconstructor.method().to_owned()
     }
 
     /// Where session files are written.
     #[zbus(property(emits_changed_signal = "const"))]
     fn record_directory(&self) -> String {
-        self.0.house().setup.record_directory.display().to_string()
+        self.0
+            .runtime()
+            .setup
+            .record_directory
+            .display()
+            .to_string()
     }
 
     /// Why the daemon is faulted, empty when it is not.
@@ -384,13 +389,13 @@ impl Manager1 {
 /// The session's object, there on the caller's own connection before the caller hears of it.
 async fn shown(
     server: &ObjectServer,
-    live: &Arc<Live>,
+    status: &Arc<SessionStatus>,
     gate: &Arc<Gate>,
 ) -> Result<ObjectPath<'static>, Fault> {
-    crate::service::show(server, live, gate)
+    crate::service::show(server, status, gate)
         .await
         .map_err(Fault::Connection)?;
-    dbus::session_path(&live.facts.id)
+    dbus::session_path(&status.facts.id)
         .or_else(|_| ObjectPath::try_from(ROOT_PATH))
         .map_err(|error| Fault::Failed(error.to_string()))
 }

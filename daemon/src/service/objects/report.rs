@@ -8,7 +8,7 @@ use dbus::{
 };
 use survey::{Baseline, printable, printable_json};
 
-use crate::instruments::discovery::{Found, Seen};
+use crate::instruments::discovery::{Discovered, Seen};
 use crate::preparation::{RigPlan, costs, resolution};
 use crate::recording::recorder::{nanoseconds, volts};
 use crate::self_test::{Line, Report, Wear};
@@ -156,7 +156,7 @@ pub(crate) fn seen(seen: Seen) -> SeenInstrument {
 }
 
 /// What was found, for a person or as JSON, as `tactus instruments discover` prints it.
-pub(crate) fn found_lines(found: &Found, json: bool) -> Vec<String> {
+pub(crate) fn found_lines(found: &Discovered, json: bool) -> Vec<String> {
     let some = |text: &str| Some(text.to_owned()).filter(|text| !text.is_empty());
     let mut lines = Vec::new();
     for seen in &found.seen {

@@ -9,7 +9,7 @@ use zbus::{OwnedFd, interface};
 use crate::config::numbers;
 use crate::config::numbers::{checked, whole};
 use crate::recording::recorder::{nanoseconds, volts};
-use crate::recording::session_status::Live;
+use crate::recording::session_status::SessionStatus;
 use crate::recording::stream::Wanted;
 use crate::service::limit::{STREAMS, User};
 
@@ -17,7 +17,7 @@ use crate::service::limit::{STREAMS, User};
 const RING: u64 = 64;
 
 /// The object of one session.
-pub(crate) struct Session1(pub(crate) Arc<Live>);
+pub(crate) struct Session1(pub(crate) Arc<SessionStatus>);
 
 /// A session: a baseline being recorded, or a measurement. The object outlives its session for a while.
 #[interface(name = "org.tactus.Tactus1.Session1")]
@@ -25,9 +25,9 @@ impl Session1 {
     /// Ends the session and returns when its record is closed and the source is off.
     async fn stop(&self) -> Result<(), Fault> {
         self.0.end_for_good("stopped on request");
-        let ending = self.0.ended().await;
-        if ending.faulted {
-            return Err(Fault::Failed(ending.reason));
+        let end = self.0.ended().await;
+        if end.faulted {
+            return Err(Fault::Failed(end.reason));
         }
         if self.0.goes_on_with_the_next_daemon() {
             return Err(Fault::Failed(
@@ -64,9 +64,9 @@ impl Session1 {
         let mut durable = self.0.follow_durable();
         tokio::select! {
             _ = durable.wait_for(|durable| *durable >= upto) => {}
-            ending = self.0.ended() => {
-                if ending.faulted {
-                    return Err(Fault::Failed(ending.reason));
+            end = self.0.ended() => {
+                if end.faulted {
+                    return Err(Fault::Failed(end.reason));
                 }
             }
         }
@@ -75,11 +75,11 @@ impl Session1 {
 
     /// Waits until the session has ended and returns why.
     async fn wait(&self) -> Result<String, Fault> {
-        let ending = self.0.ended().await;
-        if ending.faulted {
-            return Err(Fault::Failed(ending.reason));
+        let end = self.0.ended().await;
+        if end.faulted {
+            return Err(Fault::Failed(end.reason));
         }
-        Ok(ending.reason)
+        Ok(end.reason)
     }
 
     /// The last durable frame. Voltages are NaN where the flag is not 0: 0 ok, 1 overload, 2 timeout, 3 not measured.
@@ -215,7 +215,7 @@ impl Session1 {
     fn state(&self) -> &str {
         let progress = self.0.progress();
         match progress.ended {
-            Some(ending) if ending.faulted => "faulted",
+            Some(end) if end.faulted => "faulted",
             Some(_) => "ended",
             None if progress.suspended => "suspended",
             None => "running",
@@ -258,7 +258,7 @@ impl Session1 {
         self.0
             .progress()
             .ended
-            .map(|ending| ending.reason)
+            .map(|end| end.reason)
             .unwrap_or_default()
     }
 
@@ -291,9 +291,9 @@ impl Session1 {
     fn running(&self) -> Result<(), Fault> {
         match self.0.progress().ended {
             None => Ok(()),
-            Some(ending) => Err(Fault::NoSession(format!(
+            Some(end) => Err(Fault::NoSession(format!(
                 "session {} has ended: {}",
-                self.0.facts.id, ending.reason
+                self.0.facts.id, end.reason
             ))),
         }
     }

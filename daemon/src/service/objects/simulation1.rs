@@ -8,10 +8,10 @@ use zbus::interface;
 use crate::config::numbers;
 use crate::config::numbers::checked;
 use crate::instruments::simulation;
-use crate::session::controller::Keeper;
+use crate::session::controller::Controller;
 
 /// Only on the root object of a simulated rig.
-pub(crate) struct Simulation1(pub(crate) Arc<Keeper>);
+pub(crate) struct Simulation1(pub(crate) Arc<Controller>);
 
 /// A hand on the simulated sheet. There only when the rig is simulated: a real sheet is pressed by hand.
 #[interface(name = "org.tactus.Tactus1.Simulation1")]
@@ -49,7 +49,7 @@ impl Simulation1 {
 impl Simulation1 {
     fn bench(&self) -> Result<simulation::SimulatedRig, Fault> {
         self.0
-            .house()
+            .runtime()
             .bench
             .clone()
             .ok_or_else(|| Fault::Unsupported("the rig is not simulated".into()))

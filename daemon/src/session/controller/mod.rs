@@ -21,26 +21,26 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, RwLock};
 use chrono::{DateTime, Utc};
 use dbus::Fault;
 use logbook::LogbookError;
-use rig::{Clock, SystemClock, Tape};
+use rig::{Clock, RingTranscript, SystemClock};
 use survey::{Baseline, Settings};
 use tokio::sync::{Notify, watch};
 
 use crate::acquisition::task::FrameSource;
-use crate::events::broadcast::{Herald, Notice};
+use crate::events::broadcast::{Broadcast, BusEvent};
 use crate::instruments::assembly::{Assembled, Bench};
-use crate::instruments::identities::Known;
-use crate::instruments::lock::Claims;
+use crate::instruments::identities::ExpectedIdentities;
+use crate::instruments::lock::InstrumentLocks;
 use crate::monitoring::Observed;
-use crate::monitoring::heartbeat::Pulse;
+use crate::monitoring::heartbeat::Heartbeats;
 use crate::preparation::{FramesFrom, Prepared, RigPlan, Setup};
-use crate::recording::session_status::Live;
+use crate::recording::session_status::SessionStatus;
 use crate::service::records::Records;
 use crate::session::end_marks::EndMarks;
 use crate::session::state::{Event, State};
 use survey::error_chain as chain;
 
 /// What a configuration means; another one takes its place at a reload.
-pub(crate) struct House {
+pub(crate) struct Runtime {
     pub setup: Setup,
     /// What clients draw maps on, made when the first of them asks.
     pub drawn: OnceLock<dbus::Geometry>,
@@ -56,9 +56,9 @@ pub(crate) struct House {
 }
 
 /// The daemon's one head.
-pub(crate) struct Keeper {
-    house: RwLock<Arc<House>>,
-    pub herald: Herald,
+pub(crate) struct Controller {
+    runtime: RwLock<Arc<Runtime>>,
+    pub broadcast: Broadcast,
     /// What its observers go by.
     pub observed: Observed,
     /// The sessions on disk.
@@ -66,13 +66,13 @@ pub(crate) struct Keeper {
     /// Whether the record has been read; no session is started before.
     begun: watch::Sender<bool>,
     /// What was said lately over the wires.
-    pub tape: Tape,
-    pub pulse: Arc<Pulse>,
+    pub transcript: RingTranscript,
+    pub heartbeats: Arc<Heartbeats>,
     /// Which sessions have ended, whatever their files say.
     ends: Arc<EndMarks>,
     source: tokio::sync::Mutex<FrameSource>,
     /// The instruments that no other daemon may use.
-    claims: Mutex<Claims>,
+    locks: Mutex<InstrumentLocks>,
     /// Somebody has agreed to other instruments.
     agreed: Notify,
     inner: Mutex<Inner>,
@@ -81,19 +81,19 @@ pub(crate) struct Keeper {
 struct Inner {
     state: State,
     baseline: Option<Arc<Baseline>>,
-    active: Option<Arc<Live>>,
+    active: Option<Arc<SessionStatus>>,
     /// How the running session measures.
     session_plan: Option<Arc<RigPlan>>,
-    recent: VecDeque<Arc<Live>>,
+    recent: VecDeque<Arc<SessionStatus>>,
     /// Why the rig cannot be used, until it is found again.
     rig_fault: Option<String>,
     /// Stops the self-test that runs.
     test: Option<rig::StopButton>,
     /// Why a person must look first: relays found closed at the start.
     closed: Option<String>,
-    known: Known,
+    identities: ExpectedIdentities,
     /// Others than the known ones were found; nobody has agreed yet.
-    others: Option<Known>,
+    others: Option<ExpectedIdentities>,
     /// The source could not be verified off.
     source_unknown: bool,
     /// The relays could not be verified open.
@@ -117,20 +117,20 @@ pub(crate) struct Recovery {
     pub person: bool,
 }
 
-impl Keeper {
+impl Controller {
     /// Takes over a rig or a recording that has been prepared; nothing runs yet.
     pub(crate) fn new(
         prepared: Prepared,
         bench: Bench,
         assembled: Option<Assembled>,
         records: Records,
-        tape: Tape,
+        transcript: RingTranscript,
         clock: SystemClock,
     ) -> Arc<Self> {
         let simulated = prepared.is_simulated();
-        let (rig, known, closed) = match assembled {
-            Some(assembled) => (Some(assembled.rig), assembled.known, assembled.closed),
-            None => (None, Known::default(), None),
+        let (rig, identities, closed) = match assembled {
+            Some(assembled) => (Some(assembled.rig), assembled.identities, assembled.closed),
+            None => (None, ExpectedIdentities::default(), None),
         };
         let Prepared {
             setup,
@@ -167,7 +167,7 @@ impl Keeper {
         let observed = Observed::new(clock, setup.record_directory.clone());
         let ends = EndMarks::open(&setup.record_directory, &setup.config.runtime_directory());
         Arc::new(Self {
-            house: RwLock::new(Arc::new(House {
+            runtime: RwLock::new(Arc::new(Runtime {
                 build: format!("tactusd {}", env!("CARGO_PKG_VERSION")),
                 setup,
                 drawn: OnceLock::new(),
@@ -178,15 +178,15 @@ impl Keeper {
                 clock,
                 config: file,
             })),
-            herald: Herald::default(),
+            broadcast: Broadcast::default(),
             observed,
             records,
             begun: watch::Sender::new(!slow),
-            tape,
-            pulse: Arc::default(),
+            transcript,
+            heartbeats: Arc::default(),
             ends: Arc::new(ends),
             source: tokio::sync::Mutex::new(source),
-            claims: Mutex::default(),
+            locks: Mutex::default(),
             agreed: Notify::new(),
             inner: Mutex::new(Inner {
                 state: match &closed {
@@ -199,7 +199,7 @@ impl Keeper {
                 recent: VecDeque::new(),
                 rig_fault: closed.clone(),
                 closed,
-                known,
+                identities,
                 others: None,
                 source_unknown: false,
                 relays_unknown: false,
@@ -210,22 +210,22 @@ impl Keeper {
         })
     }
 
-    /// Whether so many sessions are to be read that it is done beside the start, by [`Keeper::read_the_record`].
+    /// Whether so many sessions are to be read that it is done beside the start, by [`Controller::read_the_record`].
     pub(crate) fn has_much_to_read(&self) -> bool {
         !*self.begun.borrow()
     }
 
     /// Reads the record, however long that takes, and takes the last baseline from it.
     pub(crate) async fn read_the_record(self: &Arc<Self>) {
-        let keeper = Arc::clone(self);
-        let now = self.house().clock.wall();
+        let controller = Arc::clone(self);
+        let now = self.runtime().clock.wall();
         let found =
-            tokio::task::spawn_blocking(move || latest_baseline(&keeper.records, now)).await;
+            tokio::task::spawn_blocking(move || latest_baseline(&controller.records, now)).await;
         if !self.is_recording()
             && let Ok(Some(baseline)) = found
         {
             self.inner().baseline = Some(Arc::new(baseline));
-            self.herald.say(&Notice::Daemon);
+            self.broadcast.say(&BusEvent::Daemon);
         }
     }
 
@@ -249,13 +249,13 @@ impl Keeper {
         count: usize,
         before: Option<&str>,
     ) -> Result<Vec<dbus::SessionSummary>, Fault> {
-        let active = self.active().map(|live| live.facts.id.clone());
+        let active = self.active().map(|status| status.facts.id.clone());
         self.records.listed(count, before, active.as_deref())
     }
 
     /// Holds what was claimed as long as it lives.
-    pub(crate) fn hold(&self, claims: Claims) {
-        *self.claims.lock().unwrap_or_else(PoisonError::into_inner) = claims;
+    pub(crate) fn hold(&self, locks: InstrumentLocks) {
+        *self.locks.lock().unwrap_or_else(PoisonError::into_inner) = locks;
     }
 
     fn inner(&self) -> MutexGuard<'_, Inner> {
@@ -263,14 +263,14 @@ impl Keeper {
     }
 
     /// What the configuration in force means.
-    pub(crate) fn house(&self) -> Arc<House> {
-        let house = self.house.read().unwrap_or_else(PoisonError::into_inner);
-        Arc::clone(&house)
+    pub(crate) fn runtime(&self) -> Arc<Runtime> {
+        let runtime = self.runtime.read().unwrap_or_else(PoisonError::into_inner);
+        Arc::clone(&runtime)
     }
 
     /// The instruments that are known.
-    pub(crate) fn known(&self) -> Known {
-        self.inner().known.clone()
+    pub(crate) fn identities(&self) -> ExpectedIdentities {
+        self.inner().identities.clone()
     }
 
     /// What is known of the source: `off` (verified), `in use`, `unknown`.
@@ -296,12 +296,12 @@ impl Keeper {
         self.inner().baseline.clone()
     }
 
-    pub(crate) fn active(&self) -> Option<Arc<Live>> {
+    pub(crate) fn active(&self) -> Option<Arc<SessionStatus>> {
         self.inner().active.clone()
     }
 
     /// The running session and those that ended a short while ago.
-    pub(crate) fn sessions(&self) -> Vec<Arc<Live>> {
+    pub(crate) fn sessions(&self) -> Vec<Arc<SessionStatus>> {
         let inner = self.inner();
         inner.recent.iter().chain(&inner.active).cloned().collect()
     }
@@ -309,12 +309,12 @@ impl Keeper {
     /// How the running session measures, else how one would; `None` for a recording.
     pub(crate) fn plan(&self) -> Option<Arc<RigPlan>> {
         let of_session = self.inner().session_plan.clone();
-        of_session.or_else(|| self.house().plan.clone())
+        of_session.or_else(|| self.runtime().plan.clone())
     }
 
     /// Whether frames come from a recording.
     pub(crate) fn is_recording(&self) -> bool {
-        self.house().plan.is_none()
+        self.runtime().plan.is_none()
     }
 
     /// Why an instrument cannot be used; `None` when all can.
@@ -332,16 +332,16 @@ impl Keeper {
                     inner.state = next;
                     Ok(())
                 }
-                Err((kept, refusal)) => {
+                Err((kept, error)) => {
                     inner.state = kept;
-                    Err(refusal)
+                    Err(error)
                 }
             }
         };
         if outcome.is_ok() {
             let status = self.state().to_string();
             let _ = sd_notify::notify(&[sd_notify::NotifyState::Status(&status)]);
-            self.herald.say(&Notice::Daemon);
+            self.broadcast.say(&BusEvent::Daemon);
         }
         outcome
     }
@@ -353,16 +353,16 @@ impl Keeper {
     /// What could not be made safe.
     pub(crate) async fn shut_down(&self, why: &str, for_good: bool) -> Result<(), String> {
         self.stop_test();
-        if let Some(live) = self.active() {
+        if let Some(status) = self.active() {
             let goes_on = !for_good
-                && live.facts.kind == logbook::SessionKind::Measurement
-                && self.house().setup.config.record.resume
+                && status.facts.kind == logbook::SessionKind::Measurement
+                && self.runtime().setup.config.record.resume
                 && !self.is_recording();
             match goes_on {
-                true => live.leave(why),
-                false => live.stop(why),
+                true => status.leave(why),
+                false => status.stop(why),
             }
-            live.ended().await;
+            status.ended().await;
         }
         if self.rig_fault().is_some() {
             self.find_rig_again().await?;

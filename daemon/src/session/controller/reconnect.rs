@@ -7,14 +7,14 @@ use dbus::Fault;
 use rig::Clock;
 
 use crate::acquisition::task::FrameSource;
-use crate::events::broadcast::Notice;
+use crate::events::broadcast::BusEvent;
 use crate::instruments::assembly::{Closed, assemble};
-use crate::instruments::identities::{Known, UNTIL_AGREED};
+use crate::instruments::identities::{ExpectedIdentities, UNTIL_AGREED};
 use crate::session::controller::recovery::LOOK_AGAIN;
-use crate::session::controller::{Keeper, Recovery};
+use crate::session::controller::{Controller, Recovery};
 use crate::session::state::Event;
 
-impl Keeper {
+impl Controller {
     /// After a fault of the rig: until every instrument is back and verified off, or a session has found it first.
     pub(super) async fn look_for_rig(self: Arc<Self>) {
         let what = self.rig_fault().unwrap_or_default();
@@ -22,7 +22,7 @@ impl Keeper {
             what,
             tries: 0,
             next: None,
-            since: self.house().clock.wall(),
+            since: self.runtime().clock.wall(),
             person: false,
         });
         let mut pause = LOOK_AGAIN.0;
@@ -51,10 +51,11 @@ impl Keeper {
     }
 
     /// The instruments that are known wait for the next daemon, too.
-    pub(crate) async fn keep_known(&self) {
-        let (known, house) = (self.known(), self.house());
+    pub(crate) async fn keep_identities(&self) {
+        let (identities, runtime) = (self.identities(), self.runtime());
         let kept =
-            tokio::task::spawn_blocking(move || known.keep(&house.setup.record_directory)).await;
+            tokio::task::spawn_blocking(move || identities.keep(&runtime.setup.record_directory))
+                .await;
         if let Ok(Err(error)) = kept {
             self.tell(None, "fault", &survey::error_chain(&error)).await;
         }
@@ -62,21 +63,21 @@ impl Keeper {
 
     /// Other instruments than those of the last daemon were found at the start: nothing is measured until a person
     /// agrees, or the known ones are back.
-    pub(crate) async fn wait_for_the_known(
+    pub(crate) async fn wait_for_the_expected(
         self: &Arc<Self>,
-        known: Known,
+        identities: ExpectedIdentities,
         found: &str,
         source_off: bool,
     ) {
         let text = format!("{found}; {UNTIL_AGREED}");
         {
             let mut inner = self.inner();
-            inner.known = known;
+            inner.identities = identities;
             inner.rig_fault = Some(text.clone());
             inner.source_unknown = !source_off;
         }
         let _ = self.happened(Event::Fault(text));
-        self.herald.say(&Notice::Instruments);
+        self.broadcast.say(&BusEvent::Instruments);
         tokio::spawn(Arc::clone(self).look_for_rig());
     }
 
@@ -100,7 +101,7 @@ impl Keeper {
             inner.rig_fault = None;
             inner.recovery = None;
         }
-        self.herald.say(&Notice::Instruments);
+        self.broadcast.say(&BusEvent::Instruments);
         Ok(())
     }
 
@@ -120,10 +121,16 @@ impl Keeper {
         };
         // put together anew: settings are applied only now that the relays are known
         *rig = None;
-        let (bench, known) = (self.house().bench.clone(), self.known());
-        let assembled = assemble(plan, &bench, &self.tape, Closed::Open, Some(&known))
-            .await
-            .map_err(|error| Fault::InstrumentFault(survey::error_chain(&error)))?;
+        let (bench, identities) = (self.runtime().bench.clone(), self.identities());
+        let assembled = assemble(
+            plan,
+            &bench,
+            &self.transcript,
+            Closed::Open,
+            Some(&identities),
+        )
+        .await
+        .map_err(|error| Fault::InstrumentFault(survey::error_chain(&error)))?;
         *rig = Some(assembled.rig);
         drop(source);
         let was = {
@@ -135,7 +142,7 @@ impl Keeper {
             inner.closed.take()
         };
         let _ = self.happened(Event::Recovered);
-        self.herald.say(&Notice::Instruments);
+        self.broadcast.say(&BusEvent::Instruments);
         let text = match was {
             Some(was) => format!("the source is off and every relay open, verified; before: {was}"),
             None => "the source is off and every relay open, verified".to_owned(),
@@ -153,8 +160,8 @@ impl Keeper {
             let mut inner = self.inner();
             let others = inner.others.take();
             others.map(|others| {
-                let text = inner.known.differs(&others).unwrap_or_default();
-                inner.known = others;
+                let text = inner.identities.differs(&others).unwrap_or_default();
+                inner.identities = others;
                 text
             })
         };
@@ -163,10 +170,10 @@ impl Keeper {
                 "no other instruments wait to be accepted; `tactus instruments` shows those that are known".into(),
             ));
         };
-        self.keep_known().await;
+        self.keep_identities().await;
         let text = format!("a person agreed: {text}");
         self.tell(None, "accepted", &text).await;
-        self.herald.say(&Notice::Instruments);
+        self.broadcast.say(&BusEvent::Instruments);
         self.agreed.notify_one();
         Ok(text)
     }

@@ -9,12 +9,12 @@ use tokio::time::Instant;
 
 use crate::acquisition::failed_frame;
 use crate::acquisition::task::FrameSource;
-use crate::events::broadcast::Notice;
+use crate::events::broadcast::BusEvent;
 use crate::instruments::assembly::{Assembled, AssemblyError, Closed, assemble, open_relays};
 use crate::instruments::identities::UNTIL_AGREED;
 use crate::preparation::RigPlan;
 use crate::session::controller::rig_events::Concerned;
-use crate::session::controller::{Keeper, Recovery};
+use crate::session::controller::{Controller, Recovery};
 use crate::session::state::Event;
 use survey::error_chain as chain;
 
@@ -38,7 +38,7 @@ pub(super) fn may_pass(error: &AcquireError) -> bool {
     }
 }
 
-impl Keeper {
+impl Controller {
     /// What is known of the rig's safety after a failed frame.
     pub(super) async fn take_down(&self, whom: Option<Concerned<'_>>, error: &AcquireError) {
         let cleanup = error.cleanup();
@@ -83,24 +83,24 @@ impl Keeper {
                 what: text.clone(),
                 tries: 0,
                 next: Some(Instant::now() + LOOK_AGAIN.0),
-                since: self.house().clock.wall(),
+                since: self.runtime().clock.wall(),
                 person: false,
             });
         }
-        whom.live.set_last_error(&text);
-        whom.live.set_suspended(true);
+        whom.status.set_last_error(&text);
+        whom.status.set_suspended(true);
         let _ = self.happened(Event::Suspend);
-        self.herald.say(&Notice::Instruments);
+        self.broadcast.say(&BusEvent::Instruments);
         let suspended = "the session is suspended; the rig is looked for";
         self.tell(Some(whom), "suspended", suspended).await;
 
-        let mut stop = whom.live.stop_wish();
+        let mut stop = whom.status.stop_wish();
         let mut pause = LOOK_AGAIN.0;
         let assembled = loop {
             tokio::select! {
                 () = stop.asked() => {
                     self.inner().recovery = None;
-                    self.herald.say(&Notice::Daemon);
+                    self.broadcast.say(&BusEvent::Daemon);
                     return false;
                 }
                 () = self.agreed.notified() => {}
@@ -115,7 +115,7 @@ impl Keeper {
             }
         };
         let names: Vec<String> = assembled
-            .known
+            .identities
             .instruments
             .iter()
             .map(|found| format!("{} {}", found.role, found.identity))
@@ -130,10 +130,10 @@ impl Keeper {
             inner.rig_fault = None;
             inner.recovery = None;
         }
-        whom.live.set_last_error("");
-        whom.live.set_suspended(false);
+        whom.status.set_last_error("");
+        whom.status.set_suspended(false);
         let _ = self.happened(Event::Resume);
-        self.herald.say(&Notice::Instruments);
+        self.broadcast.say(&BusEvent::Instruments);
         self.tell(Some(whom), "resumed", "the session goes on")
             .await;
         true
@@ -153,7 +153,7 @@ impl Keeper {
             text.clone_into(&mut recovery.what);
             (recovery.tries, person)
         };
-        self.herald.say(&Notice::Daemon);
+        self.broadcast.say(&BusEvent::Daemon);
         if tries.is_power_of_two() {
             let next = match person {
                 true => "waiting for `tactus instruments accept`".to_owned(),
@@ -172,11 +172,18 @@ impl Keeper {
         whom: Option<Concerned<'_>>,
         plan: &RigPlan,
     ) -> Result<Assembled, String> {
-        let (bench, known) = (self.house().bench.clone(), self.known());
+        let (bench, identities) = (self.runtime().bench.clone(), self.identities());
         if let Some(recovery) = &mut self.inner().recovery {
             recovery.next = None;
         }
-        let outcome = assemble(plan, &bench, &self.tape, Closed::Open, Some(&known)).await;
+        let outcome = assemble(
+            plan,
+            &bench,
+            &self.transcript,
+            Closed::Open,
+            Some(&identities),
+        )
+        .await;
         let source_is_off = match &outcome {
             Ok(_) => true,
             Err(error) => error.source_is_off(),
@@ -190,7 +197,7 @@ impl Keeper {
                 let mut inner = self.inner();
                 inner.relays_unknown = false;
                 inner.others = None;
-                inner.known.modules = assembled.known.modules.clone();
+                inner.identities.modules = assembled.identities.modules.clone();
                 Ok(assembled)
             }
             Err(AssemblyError::Others { text, found, .. }) => {

@@ -6,16 +6,16 @@ use dbus::Fault;
 
 use crate::acquisition::task::FrameSource;
 use crate::config::Config;
-use crate::events::broadcast::Notice;
+use crate::events::broadcast::BusEvent;
 use crate::instruments::assembly::{Closed, assemble};
-use crate::instruments::identities::Known;
+use crate::instruments::identities::ExpectedIdentities;
 use crate::instruments::simulation::SimulatedRig;
 use crate::preparation::{FramesFrom, Prepared, prepare};
-use crate::session::controller::{House, Keeper};
+use crate::session::controller::{Controller, Runtime};
 use crate::session::state::Event;
 use survey::error_chain as chain;
 
-impl Keeper {
+impl Controller {
     /// Reads the configuration again. During a session it waits for that session's end.
     ///
     /// # Errors
@@ -33,7 +33,7 @@ impl Keeper {
     }
 
     async fn reload_now(self: &Arc<Self>) -> Result<String, Fault> {
-        let path = self.house().config.clone();
+        let path = self.runtime().config.clone();
         let read = path.clone();
         let prepared = tokio::task::spawn_blocking(move || prepare(&read))
             .await
@@ -42,13 +42,13 @@ impl Keeper {
                 let lines: Vec<String> = problems.iter().map(ToString::to_string).collect();
                 Fault::Configuration(lines.join("\n"))
             })?;
-        restart_needed(&self.house().setup.config, &prepared.setup.config)?;
-        if let Some(live) = self.active() {
+        restart_needed(&self.runtime().setup.config, &prepared.setup.config)?;
+        if let Some(status) = self.active() {
             self.inner().waiting = Some(Box::new(prepared));
             return Ok(format!(
                 "{} is sound; it is taken when session {} ends",
                 path.display(),
-                live.facts.id
+                status.facts.id
             ));
         }
         self.take(prepared).await
@@ -57,11 +57,11 @@ impl Keeper {
     /// A session has ended: what waited for it is taken.
     pub(super) fn take_waiting(self: &Arc<Self>) {
         if let Some(prepared) = self.inner().waiting.take() {
-            let keeper = Arc::clone(self);
+            let controller = Arc::clone(self);
             tokio::spawn(async move {
-                match keeper.take(*prepared).await {
-                    Ok(text) => keeper.tell(None, "reloaded", &text).await,
-                    Err(fault) => keeper.tell(None, "reload-refused", &fault.text()).await,
+                match controller.take(*prepared).await {
+                    Ok(text) => controller.tell(None, "reloaded", &text).await,
+                    Err(fault) => controller.tell(None, "reload-refused", &fault.text()).await,
                 }
             });
         }
@@ -69,7 +69,7 @@ impl Keeper {
 
     async fn take(self: &Arc<Self>, prepared: Prepared) -> Result<String, Fault> {
         let mut source = self.source.lock().await;
-        let old = self.house();
+        let old = self.runtime();
         let file = prepared.file.display().to_string();
         let simulated = prepared.is_simulated();
         let Prepared {
@@ -98,12 +98,12 @@ impl Keeper {
             FramesFrom::Recording { recording, .. } => (None, None, recording.frames().settings()),
         };
         if let Some(plan) = &plan {
-            let mut claims = self.claims.lock().unwrap_or_else(PoisonError::into_inner);
-            claims
+            let mut locks = self.locks.lock().unwrap_or_else(PoisonError::into_inner);
+            locks
                 .take(&plan.instruments)
                 .map_err(|error| Fault::InstrumentFault(error.to_string()))?;
         }
-        let house = Arc::new(House {
+        let runtime = Arc::new(Runtime {
             setup,
             drawn: OnceLock::new(),
             plan,
@@ -120,7 +120,7 @@ impl Keeper {
         {
             return Err(Fault::InstrumentFault(error.to_string()));
         }
-        self.tape.keep(house.setup.transcripts);
+        self.transcript.keep(runtime.setup.transcripts);
         let outcome = match frames {
             FramesFrom::Recording {
                 recording,
@@ -128,33 +128,40 @@ impl Keeper {
             } => {
                 *source = FrameSource::Recording(recording);
                 self.inner().baseline = Some(Arc::new(*baseline));
-                Ok(Known::default())
+                Ok(ExpectedIdentities::default())
             }
             FramesFrom::Rig(plan) => {
-                let known = self.known();
-                let known = (same_rig && !known.instruments.is_empty()).then_some(&known);
-                let assembled =
-                    assemble(&plan, &house.bench, &self.tape, Closed::Open, known).await;
+                let identities = self.identities();
+                let identities =
+                    (same_rig && !identities.instruments.is_empty()).then_some(&identities);
+                let assembled = assemble(
+                    &plan,
+                    &runtime.bench,
+                    &self.transcript,
+                    Closed::Open,
+                    identities,
+                )
+                .await;
                 let (rig, outcome) = match assembled {
-                    Ok(assembled) => (Some(assembled.rig), Ok(assembled.known)),
+                    Ok(assembled) => (Some(assembled.rig), Ok(assembled.identities)),
                     Err(error) => (None, Err(chain(&error))),
                 };
                 *source = FrameSource::Rig { rig, plan };
                 outcome
             }
         };
-        *self.house.write().unwrap_or_else(PoisonError::into_inner) = house;
+        *self.runtime.write().unwrap_or_else(PoisonError::into_inner) = runtime;
         drop(source);
         let text = match outcome {
-            Ok(known) => {
+            Ok(identities) => {
                 {
                     let mut inner = self.inner();
-                    inner.known = known;
+                    inner.identities = identities;
                     inner.rig_fault = None;
                     inner.recovery = None;
                     inner.closed = None;
                 }
-                self.keep_known().await;
+                self.keep_identities().await;
                 let _ = self.happened(Event::Recovered);
                 format!("{file} is in force")
             }
@@ -165,8 +172,8 @@ impl Keeper {
                 format!("{file} is in force, but its rig is not there: {text}")
             }
         };
-        self.herald.say(&Notice::Furniture);
-        self.herald.say(&Notice::Daemon);
+        self.broadcast.say(&BusEvent::ObjectsChanged);
+        self.broadcast.say(&BusEvent::Daemon);
         Ok(text)
     }
 }
@@ -191,7 +198,7 @@ fn same_rig(old: &Config, new: &Config) -> bool {
 }
 
 /// Whether profile and scene say the same; the simulated sheet then stays as it is.
-fn same_bench(old: &House, plan: &crate::preparation::RigPlan) -> bool {
+fn same_bench(old: &Runtime, plan: &crate::preparation::RigPlan) -> bool {
     old.plan
         .as_deref()
         .is_some_and(|old| old.bench == plan.bench)

@@ -14,7 +14,7 @@ use logbook::{
 use rig::Clock;
 
 use crate::recording::recorder::free_bytes;
-use crate::session::controller::Keeper;
+use crate::session::controller::Controller;
 use crate::session::end_marks::EndMarks;
 use survey::error_chain as chain;
 
@@ -67,16 +67,16 @@ impl From<Fault> for Never {
     }
 }
 
-impl Keeper {
+impl Controller {
     /// Goes on with the session that was interrupted last, as soon as the rig is there, and closes the others. Whether
     /// there is one.
     pub(crate) async fn resume_interrupted(self: &Arc<Self>) -> bool {
-        let house = self.house();
-        if !house.setup.config.record.resume || self.is_recording() {
+        let runtime = self.runtime();
+        if !runtime.setup.config.record.resume || self.is_recording() {
             return false;
         }
-        let keeper = Arc::clone(self);
-        let found = tokio::task::spawn_blocking(move || keeper.records.interrupted()).await;
+        let controller = Arc::clone(self);
+        let found = tokio::task::spawn_blocking(move || controller.records.interrupted()).await;
         let found = match found {
             Ok(Ok(found)) => found,
             Ok(Err(error)) => {
@@ -131,12 +131,12 @@ impl Keeper {
             path.display()
         );
         self.tell(None, "resume-waits", &text).await;
-        let keeper = Arc::clone(self);
+        let controller = Arc::clone(self);
         tokio::spawn(async move {
-            while keeper.rig_fault().is_some() {
+            while controller.rig_fault().is_some() {
                 tokio::time::sleep(LOOK_AGAIN).await;
             }
-            keeper.go_on_with(&path).await;
+            controller.go_on_with(&path).await;
         });
         true
     }
@@ -148,8 +148,8 @@ impl Keeper {
             Err(Never::Later(why)) => {
                 let text = format!("{} goes on as soon as that is over: {why}", path.display());
                 self.tell(None, "resume-waits", &text).await;
-                let (keeper, path) = (Arc::clone(self), path.to_owned());
-                tokio::spawn(async move { keeper.go_on_later_with(&path).await });
+                let (controller, path) = (Arc::clone(self), path.to_owned());
+                tokio::spawn(async move { controller.go_on_later_with(&path).await });
                 true
             }
             Err(never) => {
@@ -188,8 +188,8 @@ impl Keeper {
     }
 
     async fn resume(self: &Arc<Self>, path: PathBuf) -> Result<(), Never> {
-        let house = self.house();
-        let folder = house.setup.record_directory.clone();
+        let runtime = self.runtime();
+        let folder = runtime.setup.record_directory.clone();
         let opened = tokio::task::spawn_blocking(move || {
             open(&path).map_err(|error| match free_bytes(&folder) {
                 // where there is no room for what SQLite puts beside a journal, it speaks of other faults
@@ -200,11 +200,11 @@ impl Keeper {
         .await;
         let (found, baseline) =
             opened.map_err(|_| Never::Left("it could not be read".to_owned()))??;
-        let now = house.clock.wall();
+        let now = runtime.clock.wall();
         let header = &found.resumed.header;
         let last = found.resumed.last.map_or(header.started, |last| last.wall);
         let gap = now.signed_duration_since(last);
-        let record = &house.setup.config.record;
+        let record = &runtime.setup.config.record;
         if gap.num_seconds() as f64 > record.resume_within_h * 3600.0 {
             return Err(Never::Closed(format!(
                 "its last frame is older than record.resume_within_h ({} h)",
@@ -254,21 +254,21 @@ impl Keeper {
 
     /// The session's questions and instruments are those of the daemon that is to go on with it.
     fn same_rig(&self, header: &SessionHeader) -> Result<(), Never> {
-        let house = self.house();
-        if header.protocol != house.setup.protocol {
+        let runtime = self.runtime();
+        if header.protocol != runtime.setup.protocol {
             return Err(Never::Closed(
                 "the configuration asks other questions of the sheet now".to_owned(),
             ));
         }
-        if header.simulated != house.simulated {
+        if header.simulated != runtime.simulated {
             return Err(Never::Closed(
                 "its voltages were simulated and the rig's are not, or the other way round"
                     .to_owned(),
             ));
         }
-        let known = self.known();
+        let identities = self.identities();
         for then in &header.instruments {
-            if !known.has_recorded(then) {
+            if !identities.has_recorded(then) {
                 return Err(Never::Closed(format!(
                     "its {} was {}, and is another now",
                     then.role, then.identity
@@ -279,7 +279,7 @@ impl Keeper {
     }
 
     async fn close_interrupted(&self, path: &Path, reason: &str) -> bool {
-        let (at, reason) = (self.house().clock.wall(), reason.to_owned());
+        let (at, reason) = (self.runtime().clock.wall(), reason.to_owned());
         let file = path.to_owned();
         let closed = tokio::task::spawn_blocking(move || {
             let (writer, _) = SessionWriter::resume(&file)?;

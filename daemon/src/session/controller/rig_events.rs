@@ -5,10 +5,10 @@ use chrono::{DateTime, Utc};
 use rig::Clock;
 use tokio::sync::mpsc;
 
-use crate::events::broadcast::Notice;
+use crate::events::broadcast::BusEvent;
 use crate::recording::recorder::Order;
-use crate::recording::session_status::Live;
-use crate::session::controller::Keeper;
+use crate::recording::session_status::SessionStatus;
+use crate::session::controller::Controller;
 
 /// One thing that happened.
 #[derive(Debug, Clone)]
@@ -25,15 +25,20 @@ pub(crate) struct Happening {
 /// The session that something happens to, and the way to its record.
 #[derive(Clone, Copy)]
 pub(crate) struct Concerned<'a> {
-    pub live: &'a Live,
+    pub status: &'a SessionStatus,
     pub record: &'a mpsc::Sender<Order>,
 }
 
-impl Keeper {
+impl Controller {
     /// Tells everybody. The record is waited for: what is told as having happened is on its way to the disk.
     pub(crate) async fn tell(&self, whom: Option<Concerned<'_>>, kind: &'static str, text: &str) {
-        let at = self.house().clock.wall();
-        self.tell_of(at, kind, text, whom.map(|whom| whom.live.facts.id.as_str()));
+        let at = self.runtime().clock.wall();
+        self.tell_of(
+            at,
+            kind,
+            text,
+            whom.map(|whom| whom.status.facts.id.as_str()),
+        );
         if let Some(whom) = whom {
             let order = Order::Event {
                 at,
@@ -55,13 +60,13 @@ impl Keeper {
     ) {
         let text = &*survey::printable(text);
         if kind == "frame-failed" {
-            self.observed.tally.gap(at, text);
+            self.observed.counters.gap(at, text);
         }
-        self.observed.aloud.say(kind, session, text);
+        self.observed.rate_limit.say(kind, session, text);
         if session.is_none() {
-            self.observed.chronicle.note(at, kind, text);
+            self.observed.daemon_log.note(at, kind, text);
         }
-        self.herald.say(&Notice::Happened(Happening {
+        self.broadcast.say(&BusEvent::Happened(Happening {
             at,
             kind,
             text: text.to_owned(),

@@ -12,16 +12,16 @@ use tokio::sync::mpsc;
 use tracing::Instrument;
 
 use crate::acquisition::measuring::Measuring;
-use crate::acquisition::task::{Course, Ended, FrameSource, Watch};
-use crate::events::broadcast::Notice;
+use crate::acquisition::task::{Acquisition, AcquisitionEnd, AcquisitionProgress, FrameSource};
+use crate::events::broadcast::BusEvent;
 use crate::preparation::Setup;
-use crate::recording::reconstruction_worker::{Mapper, Means};
+use crate::recording::reconstruction_worker::{ReconstructionContext, ReconstructionWorker};
 use crate::recording::recorder::{Disk, Order, QUEUE, Recorder, Task, free_bytes};
-use crate::recording::session_status::{Ending, Facts, Live};
+use crate::recording::session_status::{Facts, SessionEnd, SessionStatus};
 use crate::session::controller::recovery::{MOST_FAILED, may_pass};
 use crate::session::controller::rig_events::{Concerned, Happening};
 use crate::session::controller::session_options::Assignment;
-use crate::session::controller::{Keeper, disk_fault};
+use crate::session::controller::{Controller, disk_fault};
 use crate::session::state::{Event, Work};
 use survey::error_chain as chain;
 
@@ -34,20 +34,23 @@ const TRANSCRIPTS: u64 = 100;
 /// Summaries are at most five a second.
 const BETWEEN_SUMMARIES: Duration = Duration::from_millis(200);
 
-impl Keeper {
-    pub(super) async fn begin(self: &Arc<Self>, order: Assignment) -> Result<Arc<Live>, Fault> {
+impl Controller {
+    pub(super) async fn begin(
+        self: &Arc<Self>,
+        order: Assignment,
+    ) -> Result<Arc<SessionStatus>, Fault> {
         self.happened(Event::Start(order.work))
-            .map_err(|refusal| Fault::SessionActive(refusal.to_string()))?;
+            .map_err(|error| Fault::SessionActive(error.to_string()))?;
         // whoever loses interest in the answer does not leave the state behind
-        let keeper = Arc::clone(self);
+        let controller = Arc::clone(self);
         let begun = tokio::spawn(async move {
-            let begun = keeper.begin_now(order).await;
+            let begun = controller.begin_now(order).await;
             if let Err(fault) = &begun {
                 let _ = match fault {
                     Fault::DiskRefused(text) | Fault::InstrumentFault(text) => {
-                        keeper.happened(Event::Fault(text.clone()))
+                        controller.happened(Event::Fault(text.clone()))
                     }
-                    _ => keeper.happened(Event::Ended),
+                    _ => controller.happened(Event::Ended),
                 };
             }
             begun
@@ -60,25 +63,25 @@ impl Keeper {
     pub(super) async fn begin_now(
         self: &Arc<Self>,
         mut order: Assignment,
-    ) -> Result<Arc<Live>, Fault> {
-        let house = self.house();
+    ) -> Result<Arc<SessionStatus>, Fault> {
+        let runtime = self.runtime();
         if self.rig_fault().is_some() {
             self.find_rig_again()
                 .await
                 .map_err(Fault::InstrumentFault)?;
         }
         self.know_wear().await;
-        let started = house.clock.wall();
-        let (kind, letter) = match order.work {
+        let started = runtime.clock.wall();
+        let (kind, payload) = match order.work {
             Work::Baseline => (SessionKind::Baseline, 'b'),
             Work::Measurement | Work::Test => (SessionKind::Measurement, 'm'),
         };
         let resumed = order.resumed.take();
         let header = match &resumed {
             Some((found, _)) => found.resumed.header.clone(),
-            None => self.header(kind, started, letter, &order),
+            None => self.header(kind, started, payload, &order),
         };
-        let directory = house.setup.record_directory.clone();
+        let directory = runtime.setup.record_directory.clone();
         let copy = order.baseline.clone();
         let id = header.session().to_owned();
         order.before = resumed.as_ref().and_then(|(found, _)| found.last.clone());
@@ -115,64 +118,65 @@ impl Keeper {
             .as_ref()
             .map(|m| m.reconstructor.method().to_owned())
             .unwrap_or_default();
-        let live = Arc::new(Live::new(
+        let status = Arc::new(SessionStatus::new(
             Facts {
                 id,
                 kind,
-                simulated: house.simulated,
+                simulated: runtime.simulated,
                 baseline_id,
                 method,
                 every: order.schedule.every,
             },
             writer.path().to_owned(),
             order.step,
-            Arc::clone(&self.observed.tally),
+            Arc::clone(&self.observed.counters),
         ));
-        live.goes_on_after(writer.acknowledged());
+        status.goes_on_after(writer.acknowledged());
         if let Some((text, waits)) = gone_on {
             order.first_event = waits.then(|| text.clone());
-            self.tell_of(started, logbook::RESUMED, &text, Some(&live.facts.id));
+            self.tell_of(started, logbook::RESUMED, &text, Some(&status.facts.id));
         }
-        self.inner().active = Some(Arc::clone(&live));
-        self.herald.say(&Notice::SessionAdded(Arc::clone(&live)));
-        self.herald.say(&Notice::Daemon);
-        tokio::spawn(Arc::clone(self).tell_progress(Arc::clone(&live)));
-        tokio::spawn(Arc::clone(self).mark_when_asked_to_end(Arc::clone(&live)));
-        let task = tokio::spawn(Arc::clone(self).keep(Arc::clone(&live), writer, order));
-        let (keeper, kept) = (Arc::clone(self), Arc::clone(&live));
+        self.inner().active = Some(Arc::clone(&status));
+        self.broadcast
+            .say(&BusEvent::SessionAdded(Arc::clone(&status)));
+        self.broadcast.say(&BusEvent::Daemon);
+        tokio::spawn(Arc::clone(self).tell_progress(Arc::clone(&status)));
+        tokio::spawn(Arc::clone(self).mark_when_asked_to_end(Arc::clone(&status)));
+        let task = tokio::spawn(Arc::clone(self).keep(Arc::clone(&status), writer, order));
+        let (controller, kept) = (Arc::clone(self), Arc::clone(&status));
         tokio::spawn(async move {
             // a frame ends with the source off, and acquisition sees to its own panics: here only the session is lost
             if task.await.is_err() {
                 let text = "the daemon's own code failed; its log says where, please report it";
-                keeper.finish(
+                controller.finish(
                     &kept,
-                    &Ended::Done("a fault of the daemon".to_owned()),
+                    &AcquisitionEnd::Done("a fault of the daemon".to_owned()),
                     Err(text.to_owned()),
                 );
             }
         });
-        Ok(live)
+        Ok(status)
     }
 
     fn header(
         &self,
         kind: SessionKind,
         started: DateTime<Utc>,
-        letter: char,
+        payload: char,
         order: &Assignment,
     ) -> SessionHeader {
-        let (house, known) = (self.house(), self.known());
+        let (runtime, identities) = (self.runtime(), self.identities());
         let Setup {
             config_toml,
             config_hash,
             protocol,
             geometry,
             ..
-        } = &house.setup;
-        let id = format!("{letter}{}", started.format("%Y%m%dt%H%M%S_%3f"));
+        } = &runtime.setup;
+        let id = format!("{payload}{}", started.format("%Y%m%dt%H%M%S_%3f"));
         SessionHeader {
             kind,
-            instruments: known
+            instruments: identities
                 .instruments
                 .iter()
                 .map(|found| InstrumentRecord {
@@ -181,20 +185,20 @@ impl Keeper {
                     address: found.address.clone(),
                 })
                 .collect(),
-            modules: known.modules,
+            modules: identities.modules,
             config_toml: config_toml.clone(),
             config_hash: config_hash.clone(),
             model_hash: order.model.as_ref().and_then(|model| model.hash.clone()),
             geometry_hash: Some(geometry.mesh.hash().to_owned()),
-            build: house.build.clone(),
-            simulated: house.simulated,
-            seed: house
+            build: runtime.build.clone(),
+            simulated: runtime.simulated,
+            seed: runtime
                 .bench
                 .as_ref()
                 .map(crate::instruments::simulation::seed),
             note: order.note.clone(),
             about: order.about.clone(),
-            asked: order.asked.clone(),
+            asked: order.requested.clone(),
             ..SessionHeader::new(id, started, protocol.clone())
         }
     }
@@ -202,36 +206,37 @@ impl Keeper {
     /// A session from its first frame to its closed record.
     pub(super) async fn keep(
         self: Arc<Self>,
-        live: Arc<Live>,
+        status: Arc<SessionStatus>,
         writer: SessionWriter,
         order: Assignment,
     ) {
         let (orders, queue) = mpsc::channel(QUEUE);
-        let house = self.house();
-        let mesh = &house.setup.geometry.mesh;
-        let checks = Checks::new(&house.setup.protocol);
+        let runtime = self.runtime();
+        let mesh = &runtime.setup.geometry.mesh;
+        let checks = Checks::new(&runtime.setup.protocol);
         let checks = match &order.baseline {
             Some(baseline) => checks.against(&baseline.readings),
             None => checks,
         };
-        let asked = order.plan.clone().or_else(|| house.plan.clone());
-        let measuring = Measuring::of(asked, order.baseline.as_deref());
+        let requested = order.plan.clone().or_else(|| runtime.plan.clone());
+        let measuring = Measuring::of(requested, order.baseline.as_deref());
         self.inner().session_plan = measuring.now();
         let task = match (order.baseline, order.model) {
             (Some(baseline), Some(model)) => {
-                let means = Means {
+                let context = ReconstructionContext {
                     baseline: baseline.as_ref().clone(),
                     model,
                     centroids: mesh.region_centroids(),
                     areas: mesh.region_areas(),
-                    build: house.build.clone(),
+                    build: runtime.build.clone(),
                 };
-                match Mapper::start(means, orders.downgrade()) {
-                    Ok(mapper) => Task::maps(mapper),
+                match ReconstructionWorker::start(context, orders.downgrade()) {
+                    Ok(worker) => Task::maps(worker),
                     Err(cause) => {
                         let recorded = Err(format!("no thread for maps: {cause}"));
-                        let why = Ended::Done("the session could not be started".to_owned());
-                        return self.finish(&live, &why, recorded);
+                        let why =
+                            AcquisitionEnd::Done("the session could not be started".to_owned());
+                        return self.finish(&status, &why, recorded);
                     }
                 }
             }
@@ -240,33 +245,33 @@ impl Keeper {
                 wanted: order.frames,
             },
         };
-        let (speaker, whose) = (Arc::clone(&self), live.facts.id.clone());
+        let (speaker, whose) = (Arc::clone(&self), status.facts.id.clone());
         let recorder = Recorder {
-            live: Arc::clone(&live),
+            status: Arc::clone(&status),
             writer,
-            clock: house.clock,
+            clock: runtime.clock,
             checks,
             task,
-            pulse: Arc::clone(&self.pulse),
+            heartbeats: Arc::clone(&self.heartbeats),
             before: order.before,
             patient: self.is_recording(),
             began: None,
-            disk: Disk::new(house.setup.config.record.clone(), Box::new(free_bytes)),
+            disk: Disk::new(runtime.setup.config.record.clone(), Box::new(free_bytes)),
             tell: Box::new(move |at, kind, text| speaker.tell_of(at, kind, text, Some(&whose))),
         };
         if let Some(text) = order.first_event {
-            let (at, kind) = (house.clock.wall(), logbook::RESUMED);
+            let (at, kind) = (runtime.clock.wall(), logbook::RESUMED);
             let _ = orders.send(Order::Event { at, kind, text }).await;
         }
         let recording = tokio::task::spawn_blocking(move || recorder.run(queue));
         tokio::spawn(remind_of_place(orders.downgrade()));
-        let keeper = Arc::clone(&self);
-        let (speaker, whose) = (Arc::clone(&self), live.facts.id.clone());
-        let mut watch = Watch {
-            live: Arc::clone(&live),
+        let controller = Arc::clone(&self);
+        let (speaker, whose) = (Arc::clone(&self), status.facts.id.clone());
+        let mut acquisition = Acquisition {
+            status: Arc::clone(&status),
             schedule: order.schedule,
             speed: order.speed,
-            clock: house.clock,
+            clock: runtime.clock,
             recorder: orders.clone(),
             paused: Arc::new(move |paused| {
                 let event = if paused {
@@ -274,37 +279,37 @@ impl Keeper {
                 } else {
                     Event::Resume
                 };
-                let _ = keeper.happened(event);
+                let _ = controller.happened(event);
             }),
-            tape: self.tape.clone(),
-            pulse: Arc::clone(&self.pulse),
-            course: Course::after(live.acquired()),
+            transcript: self.transcript.clone(),
+            heartbeats: Arc::clone(&self.heartbeats),
+            progress: AcquisitionProgress::after(status.acquired()),
             said: Box::new(move |said, plan| {
                 speaker.inner().session_plan = plan;
-                speaker.herald.say(&Notice::Happened(Happening {
+                speaker.broadcast.say(&BusEvent::Happened(Happening {
                     session: Some(whose.clone()),
                     ..said
                 }));
             }),
             measuring,
         };
-        let ended = self.run_and_recover(&mut watch, &orders).await;
+        let ended = self.run_and_recover(&mut acquisition, &orders).await;
         let reason = ended.text();
-        if !matches!(ended, Ended::Done(_)) {
-            tracing::error!(session = live.facts.id, "{reason}");
+        if !matches!(ended, AcquisitionEnd::Done(_)) {
+            tracing::error!(session = status.facts.id, "{reason}");
             let _ = orders
                 .send(Order::Event {
-                    at: house.clock.wall(),
+                    at: runtime.clock.wall(),
                     kind: "fault",
                     text: reason.clone(),
                 })
                 .await;
         }
-        let at = house.clock.wall();
-        let last = match live.is_left_open() {
+        let at = runtime.clock.wall();
+        let last = match status.is_left_open() {
             true => Order::Leave { at, reason },
             false => {
-                self.mark_end(&live, &reason).await;
+                self.mark_end(&status, &reason).await;
                 Order::Close { at, reason }
             }
         };
@@ -315,34 +320,34 @@ impl Keeper {
             Ok(Err(error)) => Err(chain(&error)),
             Err(_) => Err("the recorder failed".to_owned()),
         };
-        self.settle_end(&live, &ended.text()).await;
-        self.finish(&live, &ended, recorded);
+        self.settle_end(&status, &ended.text()).await;
+        self.finish(&status, &ended, recorded);
     }
 
     /// Frame after frame, through losses of the rig.
     async fn run_and_recover(
         self: &Arc<Self>,
-        watch: &mut Watch,
+        acquisition: &mut Acquisition,
         orders: &mpsc::Sender<Order>,
-    ) -> Ended {
-        let live = Arc::clone(&watch.live);
+    ) -> AcquisitionEnd {
+        let status = Arc::clone(&acquisition.status);
         let whom = Concerned {
-            live: &live,
+            status: &status,
             record: orders,
         };
         let mut source = self.source.lock().await;
-        let (mut failed, mut acquired) = (0, live.acquired());
+        let (mut failed, mut acquired) = (0, status.acquired());
         loop {
-            let ended = watch.run(&mut source).await;
-            let Ended::Rig(error) = &ended else {
+            let ended = acquisition.run(&mut source).await;
+            let AcquisitionEnd::Rig(error) = &ended else {
                 return ended;
             };
-            if live.acquired() > acquired {
-                (failed, acquired) = (0, live.acquired());
+            if status.acquired() > acquired {
+                (failed, acquired) = (0, status.acquired());
             }
             failed += 1;
             self.frame_failed(whom, error).await;
-            if live.stop_wish().is_asked() || !may_pass(error) || failed >= MOST_FAILED {
+            if status.stop_wish().is_asked() || !may_pass(error) || failed >= MOST_FAILED {
                 if let FrameSource::Rig { rig, .. } = &mut *source {
                     // its links may be out of step: it is put together anew
                     *rig = None;
@@ -350,9 +355,9 @@ impl Keeper {
                 return ended;
             }
             if !self.recover(whom, &mut source, error).await {
-                return match live.has_failed() || self.source_state() == "unknown" {
+                return match status.has_failed() || self.source_state() == "unknown" {
                     true => ended,
-                    false => Ended::Done(live.stop_reason()),
+                    false => AcquisitionEnd::Done(status.stop_reason()),
                 };
             }
         }
@@ -360,9 +365,9 @@ impl Keeper {
 
     /// A frame has failed: it is no frame of the record, which tells why, and what was said is kept on disk.
     async fn frame_failed(&self, whom: Concerned<'_>, error: &rig::AcquireError) {
-        whom.live.count_failure();
-        let number = whom.live.acquired() + 1;
-        let failures = whom.live.failures();
+        whom.status.count_failure();
+        let number = whom.status.acquired() + 1;
+        let failures = whom.status.failures();
         let text = format!(
             "frame {number} failed: {}",
             crate::acquisition::failed_frame::tell(error)
@@ -383,12 +388,15 @@ impl Keeper {
             }
             return;
         }
-        let name = format!("{}-failed-{failures}.transcript.jsonl", whom.live.facts.id);
-        let path = self.house().setup.record_directory.join(name);
-        let tape = self.tape.clone();
+        let name = format!(
+            "{}-failed-{failures}.transcript.jsonl",
+            whom.status.facts.id
+        );
+        let path = self.runtime().setup.record_directory.join(name);
+        let transcript = self.transcript.clone();
         let kept = path.clone();
         let written = tokio::task::spawn_blocking(move || {
-            crate::instruments::transcripts::write_last(&tape, &kept)
+            crate::instruments::transcripts::write_last(&transcript, &kept)
         })
         .await;
         match written {
@@ -403,19 +411,19 @@ impl Keeper {
 
     fn finish(
         self: &Arc<Self>,
-        live: &Arc<Live>,
-        ended: &Ended,
+        status: &Arc<SessionStatus>,
+        ended: &AcquisitionEnd,
         recorded: Result<Option<Baseline>, String>,
     ) {
         let fault = match (&recorded, ended) {
-            (Err(disk), _) => Some(match live.marked.get() {
-                Some(marked) if !live.is_closed() => format!(
+            (Err(disk), _) => Some(match status.marked.get() {
+                Some(marked) if !status.is_closed() => format!(
                     "the record failed, the source is off: {disk}; {}",
-                    marked.text(&live.facts.id)
+                    marked.text(&status.facts.id)
                 ),
                 _ => format!("the record failed, the source is off: {disk}"),
             }),
-            (Ok(_), Ended::Done(why)) => live.has_failed().then(|| why.clone()),
+            (Ok(_), AcquisitionEnd::Done(why)) => status.has_failed().then(|| why.clone()),
             (Ok(_), ended) => Some(ended.text()),
         };
         {
@@ -425,18 +433,18 @@ impl Keeper {
             }
             inner.active = None;
             inner.session_plan = None;
-            inner.recent.push_back(Arc::clone(live));
+            inner.recent.push_back(Arc::clone(status));
             while inner.recent.len() > REMEMBERED {
                 if let Some(old) = inner.recent.pop_front() {
-                    self.herald
-                        .say(&Notice::SessionRemoved(old.facts.id.clone()));
+                    self.broadcast
+                        .say(&BusEvent::SessionRemoved(old.facts.id.clone()));
                 }
             }
-            if matches!(ended, Ended::Rig(_)) {
+            if matches!(ended, AcquisitionEnd::Rig(_)) {
                 inner.rig_fault = Some(ended.text());
             }
         }
-        let ending = Ending {
+        let end = SessionEnd {
             reason: fault.clone().unwrap_or_else(|| ended.text()),
             faulted: fault.is_some(),
         };
@@ -444,52 +452,52 @@ impl Keeper {
             Some(text) => Event::Fault(text),
             None => Event::Ended,
         });
-        live.readers.publish(&dbus::stream::Record {
-            sequence: live.durable(),
-            wall_ns: crate::recording::recorder::nanoseconds(self.house().clock.wall()),
+        status.readers.publish(&dbus::stream::Record {
+            sequence: status.durable(),
+            wall_ns: crate::recording::recorder::nanoseconds(self.runtime().clock.wall()),
             gap: 0,
-            simulated: live.facts.simulated,
+            simulated: status.facts.simulated,
             body: dbus::stream::Body::End {
-                reason: ending.reason.clone(),
+                reason: end.reason.clone(),
             },
         });
-        live.end(ending);
+        status.end(end);
         // also where the session was stopped while its rig was being looked for
         if self.rig_fault().is_some() {
-            self.herald.say(&Notice::Instruments);
+            self.broadcast.say(&BusEvent::Instruments);
             tokio::spawn(Arc::clone(self).look_for_rig());
         }
         self.take_waiting();
     }
 
     /// Tells everybody of frames, at most five times a second, and of everything else about a session.
-    pub(super) async fn tell_progress(self: Arc<Self>, live: Arc<Live>) {
-        let mut durable = live.follow_durable();
-        let mut progress = live.follow();
-        let mut told = 0;
+    pub(super) async fn tell_progress(self: Arc<Self>, status: Arc<SessionStatus>) {
+        let mut durable = status.follow_durable();
+        let mut progress = status.follow();
+        let mut reported = 0;
         loop {
             let over = tokio::select! {
                 changed = durable.changed() => changed.is_err(),
                 changed = progress.changed() => {
                     let over = progress.borrow_and_update().ended.is_some();
                     if !over {
-                        self.herald.say(&Notice::SessionChanged(Arc::clone(&live)));
+                        self.broadcast.say(&BusEvent::SessionChanged(Arc::clone(&status)));
                     }
                     over || changed.is_err()
                 }
             };
-            if let Some(latest) = live.latest_frame()
-                && latest.frame.sequence > told
+            if let Some(latest) = status.latest_frame()
+                && latest.frame.sequence > reported
             {
-                told = latest.frame.sequence;
-                self.herald
-                    .say(&Notice::FrameDone(Arc::clone(&live), latest));
+                reported = latest.frame.sequence;
+                self.broadcast
+                    .say(&BusEvent::FrameDone(Arc::clone(&status), latest));
                 if !over {
                     tokio::time::sleep(BETWEEN_SUMMARIES).await;
                 }
             }
             if over {
-                self.herald.say(&Notice::SessionChanged(live));
+                self.broadcast.say(&BusEvent::SessionChanged(status));
                 return;
             }
         }

@@ -13,13 +13,13 @@ use survey::Relay;
 use crate::acquisition::task::FrameSource;
 use crate::config::numbers;
 use crate::config::numbers::number;
-use crate::events::broadcast::Notice;
-use crate::instruments::address::Place;
-use crate::instruments::discovery::{Found, Search, discover};
+use crate::events::broadcast::BusEvent;
+use crate::instruments::address::InstrumentAddress;
+use crate::instruments::discovery::{Discovered, Search, discover};
 use crate::instruments::relay_wear::wear;
 use crate::preparation::RigPlan;
 use crate::self_test::{Asked, ProbeError, Report, Wear, judge};
-use crate::session::controller::Keeper;
+use crate::session::controller::Controller;
 use crate::session::state::{Event, Work};
 use imaging::noise::DEFAULT_NOISE_UV;
 use survey::error_chain as chain;
@@ -27,23 +27,23 @@ use survey::error_chain as chain;
 /// In the record's directory: a line of JSON for every self-test.
 const REPORTS: &str = "tests.jsonl";
 
-impl Keeper {
+impl Controller {
     /// Tests the rig: every relay against the sheet's own resistances, contacts, reciprocity, noise. The source is off
     /// and verified afterwards; the report is kept beside the sessions.
     ///
     /// # Errors
     /// A session that runs, a recording, an instrument or a disk that fails.
     pub(crate) async fn test_instruments(self: &Arc<Self>) -> Result<Report, Fault> {
-        self.alone(|keeper| async move { keeper.test_now().await })
+        self.alone(|controller| async move { controller.test_now().await })
             .await
     }
 
     /// How often each relay has closed, and how long that may go on.
     ///
     /// # Errors
-    /// As [`Keeper::test_instruments`]; a multiplexer board, whose chips do not wear.
+    /// As [`Controller::test_instruments`]; a multiplexer board, whose chips do not wear.
     pub(crate) async fn relay_wear(self: &Arc<Self>) -> Result<Vec<Wear>, Fault> {
-        self.alone(|keeper| async move { keeper.wear_now().await })
+        self.alone(|controller| async move { controller.wear_now().await })
             .await
     }
 
@@ -66,16 +66,17 @@ impl Keeper {
         &self,
         addresses: &[String],
         options: &Options,
-    ) -> Result<Found, Fault> {
+    ) -> Result<Discovered, Fault> {
         options.only(&["within_s", "mdns", "broadcast"])?;
         let within = number(options, "within_s", numbers::WITHIN_S)?.unwrap_or(3.0);
-        let addresses: Result<Vec<Place>, _> = addresses.iter().map(|text| text.parse()).collect();
-        let in_use = self.known().instruments.into_iter();
+        let addresses: Result<Vec<InstrumentAddress>, _> =
+            addresses.iter().map(|text| text.parse()).collect();
+        let in_use = self.identities().instruments.into_iter();
         let search = Search {
             within: survey::duration(within),
             mdns: options.flag("mdns")?.unwrap_or(true),
             broadcast: options.flag("broadcast")?.unwrap_or(true),
-            addresses: addresses.map_err(|refusal| Fault::InvalidOption(refusal.to_string()))?,
+            addresses: addresses.map_err(|error| Fault::InvalidOption(error.to_string()))?,
             in_use: in_use
                 .map(|found| (found.address, found.identity))
                 .collect(),
@@ -99,29 +100,29 @@ impl Keeper {
             ));
         }
         self.happened(Event::Start(Work::Test))
-            .map_err(|refusal| Fault::SessionActive(refusal.to_string()))?;
-        let keeper = Arc::clone(self);
+            .map_err(|error| Fault::SessionActive(error.to_string()))?;
+        let controller = Arc::clone(self);
         let supervised = tokio::spawn(async move {
-            let task = tokio::spawn(act(Arc::clone(&keeper)));
+            let task = tokio::spawn(act(Arc::clone(&controller)));
             let outcome = match task.await {
                 Ok(outcome) => outcome,
                 // the instruments were let go of in the middle
-                Err(_) => match keeper.make_safe_again().await {
+                Err(_) => match controller.make_safe_again().await {
                     Ok(()) => Err(Fault::Failed(
                         "the daemon's own code failed; its log says where, please report it".into(),
                     )),
                     Err(text) => Err(Fault::InstrumentFault(text)),
                 },
             };
-            keeper.inner().test = None;
+            controller.inner().test = None;
             if let Err(Fault::InstrumentFault(text)) = &outcome {
                 tracing::error!("{text}");
-                keeper.inner().rig_fault = Some(text.clone());
-                let _ = keeper.happened(Event::Fault(text.clone()));
-                keeper.herald.say(&Notice::Instruments);
-                tokio::spawn(Arc::clone(&keeper).look_for_rig());
+                controller.inner().rig_fault = Some(text.clone());
+                let _ = controller.happened(Event::Fault(text.clone()));
+                controller.broadcast.say(&BusEvent::Instruments);
+                tokio::spawn(Arc::clone(&controller).look_for_rig());
             } else {
-                let _ = keeper.happened(Event::Ended);
+                let _ = controller.happened(Event::Ended);
             }
             outcome
         });
@@ -163,9 +164,9 @@ impl Keeper {
         let (button, stop) = Stop::button();
         self.inner().test = Some(button);
         let plan = self.plan_of_rig()?;
-        let herald = Arc::clone(&self);
+        let broadcast = Arc::clone(&self);
         let progress = move |done: u64, total: u64, what: &str| {
-            herald.herald.say(&Notice::TestProgress {
+            broadcast.broadcast.say(&BusEvent::TestProgress {
                 done,
                 total,
                 what: what.to_owned(),
@@ -179,7 +180,7 @@ impl Keeper {
             let held = rig
                 .as_ref()
                 .ok_or_else(|| lost("the rig has not come back"))?;
-            let asked = Asked {
+            let requested = Asked {
                 plan: &plan.plan,
                 meter: plan.meter,
                 meter_relays: Vec::new(),
@@ -187,7 +188,7 @@ impl Keeper {
                 stop,
                 progress: &progress,
             };
-            let probed = held.probe(asked).await;
+            let probed = held.probe(requested).await;
             let safe = held.safe_off(&plan.plan.wiring).await;
             if safe.is_err() || matches!(probed, Err(ProbeError::Rig(_))) {
                 *rig = None;
@@ -213,14 +214,14 @@ impl Keeper {
                 }
             }
         }?;
-        let keeper = Arc::clone(&self);
+        let controller = Arc::clone(&self);
         let at = self
-            .house()
+            .runtime()
             .clock
             .wall()
             .to_rfc3339_opts(SecondsFormat::Millis, true);
         let judged = tokio::task::spawn_blocking(move || {
-            let setup = &keeper.house().setup;
+            let setup = &controller.runtime().setup;
             let noise_uv = setup.config.model.noise_uv.unwrap_or(DEFAULT_NOISE_UV);
             let report = judge(
                 &probed,
@@ -231,7 +232,7 @@ impl Keeper {
                 at,
             );
             let report = Report {
-                simulated: keeper.house().simulated,
+                simulated: controller.runtime().simulated,
                 ..report.map_err(|error| Fault::Failed(chain(&error)))?
             };
             keep(&setup.record_directory, &report).map_err(|cause| {
@@ -247,7 +248,7 @@ impl Keeper {
     }
 
     fn plan_of_rig(&self) -> Result<Arc<RigPlan>, Fault> {
-        let plan = self.house().plan.as_ref().map(Arc::clone);
+        let plan = self.runtime().plan.as_ref().map(Arc::clone);
         plan.ok_or_else(|| Fault::Unsupported("a recording has no instruments".into()))
     }
 
@@ -271,10 +272,10 @@ impl Keeper {
             ));
         };
         let counts = counts.map_err(|error| lost(&chain(&error)))?;
-        let life = self.house().setup.config.care.relay_life_cycles;
+        let life = self.runtime().setup.config.care.relay_life_cycles;
         let frame = plan.plan.duration(&plan.timing);
         let period = frame
-            .max(self.house().setup.schedule.every)
+            .max(self.runtime().setup.schedule.every)
             .max(Duration::from_micros(1));
         let each = closures.into_iter().zip(counts);
         let wear: Vec<Wear> = each

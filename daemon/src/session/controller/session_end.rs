@@ -6,33 +6,34 @@ use logbook::SessionKind;
 use rig::Clock;
 
 use crate::recording::recorder::nanoseconds;
-use crate::recording::session_status::Live;
-use crate::session::controller::Keeper;
+use crate::recording::session_status::SessionStatus;
+use crate::session::controller::Controller;
 use crate::session::end_marks::{EndMarks, Marked};
 
-impl Keeper {
+impl Controller {
     /// Marks the session as soon as it is asked to end, while its last frame is still under way: the daemon may be killed
     /// before the file is closed.
-    pub(super) async fn mark_when_asked_to_end(self: Arc<Self>, live: Arc<Live>) {
-        let mut stop = live.stop_wish();
+    pub(super) async fn mark_when_asked_to_end(self: Arc<Self>, status: Arc<SessionStatus>) {
+        let mut stop = status.stop_wish();
         tokio::select! {
             () = stop.asked() => {}
-            _ = live.ended() => return,
+            _ = status.ended() => return,
         }
-        if !live.is_left_open() {
-            self.mark_end(&live, &live.stop_reason()).await;
+        if !status.is_left_open() {
+            self.mark_end(&status, &status.stop_reason()).await;
         }
     }
 
     /// Writes that the session has ended, once. Only what the next daemon would resume needs it.
-    pub(super) async fn mark_end(&self, live: &Live, reason: &str) {
-        if live.facts.kind != SessionKind::Measurement || self.is_recording() {
+    pub(super) async fn mark_end(&self, status: &SessionStatus, reason: &str) {
+        if status.facts.kind != SessionKind::Measurement || self.is_recording() {
             return;
         }
-        live.marked
+        status
+            .marked
             .get_or_init(|| async {
-                let at = nanoseconds(self.house().clock.wall());
-                let (session, reason) = (live.facts.id.clone(), reason.to_owned());
+                let at = nanoseconds(self.runtime().clock.wall());
+                let (session, reason) = (status.facts.id.clone(), reason.to_owned());
                 let marked = self.on_ends(move |ends| ends.mark(&session, at, &reason));
                 marked.await.unwrap_or_else(|| Marked {
                     failures: vec!["no thread to write it with".to_owned()],
@@ -43,19 +44,19 @@ impl Keeper {
     }
 
     /// After the record: the mark goes where the file itself says the end, and is told where it does not.
-    pub(super) async fn settle_end(&self, live: &Live, reason: &str) {
-        if live.is_left_open() {
+    pub(super) async fn settle_end(&self, status: &SessionStatus, reason: &str) {
+        if status.is_left_open() {
             return;
         }
-        if !live.is_closed() {
+        if !status.is_closed() {
             // somebody may have asked for the end while the session was being left to the next daemon
-            self.mark_end(live, reason).await;
+            self.mark_end(status, reason).await;
         }
-        let Some(marked) = live.marked.get() else {
+        let Some(marked) = status.marked.get() else {
             return;
         };
-        if live.is_closed() {
-            let session = live.facts.id.clone();
+        if status.is_closed() {
+            let session = status.facts.id.clone();
             self.on_ends(move |ends| ends.clear(&session)).await;
             return;
         }
@@ -63,8 +64,8 @@ impl Keeper {
             true => "not-closed",
             false => "alarm",
         };
-        let text = marked.text(&live.facts.id);
-        let at = self.house().clock.wall();
+        let text = marked.text(&status.facts.id);
+        let at = self.runtime().clock.wall();
         self.tell_of(at, kind, &text, None);
     }
 

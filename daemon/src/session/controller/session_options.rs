@@ -13,9 +13,9 @@ use crate::config::numbers::{number, whole, words};
 use crate::config::{AboutSection, RangesName, SurveySection};
 use crate::preparation;
 use crate::preparation::{RigPlan, Setup};
-use crate::recording::session_status::Live;
+use crate::recording::session_status::SessionStatus;
 use crate::service::containment;
-use crate::session::controller::Keeper;
+use crate::session::controller::Controller;
 use crate::session::controller::resume::{Interrupted, to_json};
 use crate::session::schedule::Schedule;
 use crate::session::state::Work;
@@ -52,7 +52,7 @@ pub(super) struct Assignment {
     pub plan: Option<Arc<RigPlan>>,
     pub about: About,
     /// The options that it was started with, as its file keeps them.
-    pub asked: String,
+    pub requested: String,
     /// Where it goes on, and the event that says so.
     pub resumed: Option<(Box<Interrupted>, String)>,
     /// That event, where it could not be written before the session went on.
@@ -77,7 +77,7 @@ fn about(options: &Options, given: &AboutSection) -> Result<About, Fault> {
 }
 
 /// The options known, those that say how a session measures among them.
-fn known(of_its_own: &[&'static str]) -> Vec<&'static str> {
+fn identities(of_its_own: &[&'static str]) -> Vec<&'static str> {
     [of_its_own, &dbus::MEASURING_OPTIONS].concat()
 }
 
@@ -87,7 +87,7 @@ fn adjusted(setup: &Setup, survey: SurveySection) -> Result<RigPlan, Fault> {
         .map_err(|problems| Fault::InvalidOption(problems.join("; ")))
 }
 
-impl Keeper {
+impl Controller {
     /// Starts a measurement.
     ///
     /// # Errors
@@ -96,7 +96,7 @@ impl Keeper {
     pub(crate) async fn start_session(
         self: &Arc<Self>,
         options: &Options,
-    ) -> Result<Arc<Live>, Fault> {
+    ) -> Result<Arc<SessionStatus>, Fault> {
         self.may_start().await;
         let order = self.measurement(options, None).await?;
         self.begin(order).await
@@ -105,16 +105,16 @@ impl Keeper {
     /// What options mean; against the `own` baseline of a session that goes on.
     ///
     /// # Errors
-    /// As [`Keeper::start_session`], but nothing is started.
+    /// As [`Controller::start_session`], but nothing is started.
     pub(super) async fn measurement(
         self: &Arc<Self>,
         options: &Options,
         own: Option<Arc<Baseline>>,
     ) -> Result<Assignment, Fault> {
-        options.only(&known(
+        options.only(&identities(
             &[&dbus::SESSION_OPTIONS[..], &dbus::ABOUT_OPTIONS].concat(),
         ))?;
-        let given = self.house().setup.schedule;
+        let given = self.runtime().setup.schedule;
         let step = options.flag("step")?.unwrap_or(false);
         let schedule = Schedule {
             every: number(options, "every_s", numbers::EVERY_S)?.map_or(given.every, duration),
@@ -137,19 +137,19 @@ impl Keeper {
         let plan = self.own_plan(options).await?;
         let settings = match &plan {
             Some(plan) => Some(plan.settings()),
-            None => self.house().settings.clone(),
+            None => self.runtime().settings.clone(),
         };
         self.check_baseline(&baseline, settings.as_ref())?;
         let model = self.chosen_model(options.text("model")?).await?;
-        let mut asked = to_json(options);
+        let mut requested = to_json(options);
         // the configuration may be another one when the session goes on
         let every = schedule.every.as_secs_f64();
-        asked.insert("every_s".to_owned(), every.into());
+        requested.insert("every_s".to_owned(), every.into());
         if let Some(count) = schedule.count {
-            asked.insert("count".to_owned(), count.into());
+            requested.insert("count".to_owned(), count.into());
         }
         if let Some(lasts) = schedule.lasts {
-            asked.insert("for_s".to_owned(), lasts.as_secs_f64().into());
+            requested.insert("for_s".to_owned(), lasts.as_secs_f64().into());
         }
         Ok(Assignment {
             work: Work::Measurement,
@@ -161,8 +161,8 @@ impl Keeper {
             baseline: Some(baseline),
             model: Some(model),
             plan,
-            about: about(options, &self.house().setup.config.about)?,
-            asked: serde_json::Value::Object(asked).to_string(),
+            about: about(options, &self.runtime().setup.config.about)?,
+            requested: serde_json::Value::Object(requested).to_string(),
             resumed: None,
             first_event: None,
             before: None,
@@ -172,12 +172,12 @@ impl Keeper {
     /// Starts the recording of a baseline.
     ///
     /// # Errors
-    /// As [`Keeper::start_session`].
+    /// As [`Controller::start_session`].
     pub(crate) async fn record_baseline(
         self: &Arc<Self>,
         options: &Options,
-    ) -> Result<Arc<Live>, Fault> {
-        options.only(&known(
+    ) -> Result<Arc<SessionStatus>, Fault> {
+        options.only(&identities(
             &[&["frames", "note"][..], &dbus::ABOUT_OPTIONS].concat(),
         ))?;
         let frames = whole(options, "frames", numbers::BASELINE_FRAMES)?.unwrap_or(BASELINE_FRAMES);
@@ -196,8 +196,8 @@ impl Keeper {
             baseline: None,
             model: None,
             plan: self.own_plan(options).await?,
-            about: about(options, &self.house().setup.config.about)?,
-            asked: serde_json::Value::Object(to_json(options)).to_string(),
+            about: about(options, &self.runtime().setup.config.about)?,
+            requested: serde_json::Value::Object(to_json(options)).to_string(),
             resumed: None,
             first_event: None,
             before: None,
@@ -212,11 +212,11 @@ impl Keeper {
     pub(crate) async fn plan_with(&self, options: &Options) -> Result<Arc<RigPlan>, Fault> {
         options.only(&dbus::MEASURING_OPTIONS)?;
         let own = self.own_survey(options)?;
-        let (house, baseline) = (self.house(), self.baseline());
+        let (runtime, baseline) = (self.runtime(), self.baseline());
         let made = move || -> Result<Arc<RigPlan>, Fault> {
             let plan = match own {
-                Some(survey) => Arc::new(adjusted(&house.setup, survey)?),
-                None => house.plan.clone().ok_or_else(no_plan)?,
+                Some(survey) => Arc::new(adjusted(&runtime.setup, survey)?),
+                None => runtime.plan.clone().ok_or_else(no_plan)?,
             };
             let measuring = Measuring::of(Some(Arc::clone(&plan)), baseline.as_deref());
             Ok(measuring.now().unwrap_or(plan))
@@ -233,7 +233,7 @@ impl Keeper {
         if let Some(current) = current.filter(|current| current.id == id) {
             return Ok(current);
         }
-        let found = logbook::find(&self.house().setup.record_directory, id)
+        let found = logbook::find(&self.runtime().setup.record_directory, id)
             .and_then(logbook::SessionReader::open)
             .and_then(|session| session.baseline());
         match found {
@@ -258,8 +258,8 @@ impl Keeper {
         let Some(survey) = self.own_survey(options)? else {
             return Ok(None);
         };
-        let house = self.house();
-        match tokio::task::spawn_blocking(move || adjusted(&house.setup, survey)).await {
+        let runtime = self.runtime();
+        match tokio::task::spawn_blocking(move || adjusted(&runtime.setup, survey)).await {
             Ok(plan) => plan.map(|plan| Some(Arc::new(plan))),
             Err(_) => Err(Fault::Failed("the plan could not be made".into())),
         }
@@ -267,8 +267,8 @@ impl Keeper {
 
     /// How a session measures that says so; `None` where it measures as configured.
     fn own_survey(&self, options: &Options) -> Result<Option<SurveySection>, Fault> {
-        let house = self.house();
-        let mut survey = house.setup.config.survey.clone();
+        let runtime = self.runtime();
+        let mut survey = runtime.setup.config.survey.clone();
         let configured = survey.clone();
         let number = |key, bounds| number(options, key, bounds);
         let flag = |key| options.flag(key);
@@ -310,28 +310,28 @@ impl Keeper {
         baseline: &Baseline,
         settings: Option<&Settings>,
     ) -> Result<(), Fault> {
-        let house = self.house();
+        let runtime = self.runtime();
         let Some(settings) = settings else {
             return Ok(());
         };
         baseline
-            .check(settings, house.setup.protocol.len(), house.simulated)
+            .check(settings, runtime.setup.protocol.len(), runtime.simulated)
             .map_err(|error| Fault::BaselineMismatch(error.to_string()))
     }
 
     pub(super) async fn chosen_model(
         self: &Arc<Self>,
-        asked: Option<&str>,
+        requested: Option<&str>,
     ) -> Result<Model, Fault> {
-        let Some(asked) = asked.map(str::to_owned) else {
-            return Ok(self.house().setup.model.clone());
+        let Some(requested) = requested.map(str::to_owned) else {
+            return Ok(self.runtime().setup.model.clone());
         };
-        if asked != "one-step" && !Path::new(&asked).is_absolute() {
+        if requested != "one-step" && !Path::new(&requested).is_absolute() {
             return Err(Fault::InvalidOption(format!(
-                "option 'model' is '{asked}'; write an absolute path, or one-step"
+                "option 'model' is '{requested}'; write an absolute path, or one-step"
             )));
         }
-        let house = self.house();
+        let runtime = self.runtime();
         let loaded = containment::blocking(move || {
             let Setup {
                 config,
@@ -339,8 +339,8 @@ impl Keeper {
                 protocol,
                 current,
                 ..
-            } = &house.setup;
-            let asked = match asked.as_str() {
+            } = &runtime.setup;
+            let requested = match requested.as_str() {
                 "one-step" => ReconstructionSettings {
                     file: None,
                     method: Some(Method::OneStep),
@@ -348,14 +348,14 @@ impl Keeper {
                     ..config.model.clone()
                 },
                 _ => ReconstructionSettings {
-                    file: Some(asked.into()),
+                    file: Some(requested.into()),
                     loss_only: config.model.loss_only,
                     ..ReconstructionSettings::default()
                 },
             };
-            imaging::check_live(&asked)?;
+            imaging::check_live(&requested)?;
             imaging::build(
-                &asked,
+                &requested,
                 &Conditions {
                     geometry,
                     protocol,

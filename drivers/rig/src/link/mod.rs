@@ -19,7 +19,7 @@ use tokio::time::Instant;
 pub use error::LinkError;
 use error::shorten;
 
-use crate::Tape;
+use crate::RingTranscript;
 use crate::transcript::Said;
 
 /// Longest reply unless [`Link::with_longest_reply`] says otherwise, bytes: 2,600 readings with all their fields.
@@ -55,7 +55,7 @@ pub struct Link<S> {
     nonces: Vec<u8>,
     /// What the register held before them, once known.
     enable: Option<u8>,
-    tape: Option<Tape>,
+    transcript: Option<RingTranscript>,
 }
 
 impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
@@ -72,14 +72,14 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
             nonce: 0,
             nonces: Vec::new(),
             enable: None,
-            tape: None,
+            transcript: None,
         }
     }
 
     /// Writes everything that is said down on a tape.
     #[must_use]
-    pub fn with_tape(mut self, tape: Tape) -> Self {
-        self.tape = Some(tape);
+    pub fn with_transcript(mut self, transcript: RingTranscript) -> Self {
+        self.transcript = Some(transcript);
         self
     }
 
@@ -273,8 +273,8 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
     }
 
     fn note(&self, said: impl FnOnce() -> Said) {
-        if let Some(tape) = &self.tape {
-            tape.write(&self.instrument, said());
+        if let Some(transcript) = &self.transcript {
+            transcript.write(&self.instrument, said());
         }
     }
 

@@ -11,11 +11,11 @@ use tokio::time::Instant;
 use crate::transcript::{Entry, Said};
 
 /// Most entries of one reel: a frame of 598 messages has a tenth of it; beyond it the oldest are lost, and said so.
-const LONGEST_REEL: usize = 16 * 1024;
+const LONGEST_TRANSCRIPT: usize = 16 * 1024;
 
 /// Written by every link of a rig. A handle: copies write on the same tape.
 #[derive(Debug, Clone)]
-pub struct Tape(Arc<Mutex<Held>>);
+pub struct RingTranscript(Arc<Mutex<Held>>);
 
 #[derive(Debug)]
 struct Held {
@@ -24,12 +24,12 @@ struct Held {
     opening: Arc<Vec<Entry>>,
     /// Still being said.
     opens: bool,
-    reels: VecDeque<Reel>,
+    transcripts: VecDeque<Transcript>,
 }
 
 /// What was said for one frame.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Reel {
+pub struct Transcript {
     /// Counted from 1 since the tape was begun.
     pub number: u64,
     /// From connecting to the settings read back.
@@ -40,14 +40,14 @@ pub struct Reel {
     pub lost: u64,
 }
 
-impl Reel {
+impl Transcript {
     /// The whole conversation, in its order.
     pub fn conversation(&self) -> impl Iterator<Item = &Entry> {
         self.opening.iter().chain(&self.entries)
     }
 
     fn push(&mut self, entry: Entry) {
-        if self.entries.len() >= LONGEST_REEL {
+        if self.entries.len() >= LONGEST_TRANSCRIPT {
             self.entries.remove(0);
             self.lost += 1;
         }
@@ -55,15 +55,15 @@ impl Reel {
     }
 }
 
-impl Tape {
-    /// An empty tape that keeps the last `reels` frames; 0 keeps none, the frame under way excepted.
-    pub fn new(reels: usize) -> Self {
+impl RingTranscript {
+    /// An empty tape that keeps the last `transcripts` frames; 0 keeps none, the frame under way excepted.
+    pub fn new(transcripts: usize) -> Self {
         Self(Arc::new(Mutex::new(Held {
             begun: Instant::now(),
-            most: reels.max(1),
+            most: transcripts.max(1),
             opening: Arc::default(),
             opens: true,
-            reels: VecDeque::new(),
+            transcripts: VecDeque::new(),
         })))
     }
 
@@ -75,31 +75,34 @@ impl Tape {
     }
 
     /// A frame begins. Returns the number of its reel.
-    pub fn next_reel(&self) -> u64 {
+    pub fn next_transcript(&self) -> u64 {
         let mut held = self.lock();
-        let number = held.reels.back().map_or(1, |reel| reel.number + 1);
+        let number = held
+            .transcripts
+            .back()
+            .map_or(1, |transcript| transcript.number + 1);
         held.opens = false;
         let opening = Arc::clone(&held.opening);
-        held.reels.push_back(Reel {
+        held.transcripts.push_back(Transcript {
             number,
             opening,
             entries: Vec::new(),
             lost: 0,
         });
-        while held.reels.len() > held.most {
-            held.reels.pop_front();
+        while held.transcripts.len() > held.most {
+            held.transcripts.pop_front();
         }
         number
     }
 
     /// Keeps another number of frames from now on.
-    pub fn keep(&self, reels: usize) {
-        self.lock().most = reels.max(1);
+    pub fn keep(&self, transcripts: usize) {
+        self.lock().most = transcripts.max(1);
     }
 
     /// The frames kept, oldest first.
-    pub fn reels(&self) -> Vec<Reel> {
-        self.lock().reels.iter().cloned().collect()
+    pub fn transcripts(&self) -> Vec<Transcript> {
+        self.lock().transcripts.iter().cloned().collect()
     }
 
     /// What has been said since the last opening began, where no frame has begun yet.
@@ -117,11 +120,11 @@ impl Tape {
         };
         if held.opens {
             let opening = Arc::make_mut(&mut held.opening);
-            if opening.len() < LONGEST_REEL {
+            if opening.len() < LONGEST_TRANSCRIPT {
                 opening.push(entry);
             }
-        } else if let Some(reel) = held.reels.back_mut() {
-            reel.push(entry);
+        } else if let Some(transcript) = held.transcripts.back_mut() {
+            transcript.push(entry);
         }
     }
 
@@ -134,8 +137,9 @@ impl Tape {
 mod tests {
     use crate::transcript::ring::*;
 
-    fn said(reel: &Reel) -> Vec<String> {
-        reel.conversation()
+    fn said(transcript: &Transcript) -> Vec<String> {
+        transcript
+            .conversation()
             .map(|entry| match &entry.said {
                 Said::Sent(text) | Said::Received(text) | Said::Note(text) => text.clone(),
             })
@@ -144,36 +148,42 @@ mod tests {
 
     #[test]
     fn a_reel_has_its_own_opening_and_the_oldest_is_dropped() {
-        let tape = Tape::new(2);
-        let say = |text: &str| tape.write("6221", Said::Sent(text.to_owned()));
+        let transcript = RingTranscript::new(2);
+        let say = |text: &str| transcript.write("6221", Said::Sent(text.to_owned()));
         say("opening");
-        assert_eq!(tape.opening().len(), 1);
+        assert_eq!(transcript.opening().len(), 1);
         for frame in ["one", "two"] {
-            tape.next_reel();
+            transcript.next_transcript();
             say(frame);
         }
-        tape.open();
+        transcript.open();
         say("opening again");
-        assert_eq!(tape.next_reel(), 3);
+        assert_eq!(transcript.next_transcript(), 3);
         say("three");
-        let reels = tape.reels();
-        assert_eq!(reels.len(), 2);
-        assert_eq!((reels[0].number, reels[1].number), (2, 3));
-        assert_eq!(said(&reels[0]), ["opening", "two"]);
-        assert_eq!(said(&reels[1]), ["opening again", "three"]);
-        let times: Vec<f64> = reels[1].conversation().map(|entry| entry.t_s).collect();
+        let transcripts = transcript.transcripts();
+        assert_eq!(transcripts.len(), 2);
+        assert_eq!((transcripts[0].number, transcripts[1].number), (2, 3));
+        assert_eq!(said(&transcripts[0]), ["opening", "two"]);
+        assert_eq!(said(&transcripts[1]), ["opening again", "three"]);
+        let times: Vec<f64> = transcripts[1]
+            .conversation()
+            .map(|entry| entry.t_s)
+            .collect();
         assert!(times.is_sorted() && times[0] >= 0.0);
     }
 
     #[test]
     fn a_reel_that_is_too_long_loses_its_beginning_and_says_so() {
-        let tape = Tape::new(0);
-        tape.next_reel();
-        for number in 0..LONGEST_REEL + 3 {
-            tape.write("board", Said::Received(number.to_string()));
+        let transcript = RingTranscript::new(0);
+        transcript.next_transcript();
+        for number in 0..LONGEST_TRANSCRIPT + 3 {
+            transcript.write("board", Said::Received(number.to_string()));
         }
-        let reel = tape.reels().remove(0);
-        assert_eq!((reel.lost, reel.entries.len()), (3, LONGEST_REEL));
-        assert_eq!(reel.entries[0].said, Said::Received("3".to_owned()));
+        let transcript = transcript.transcripts().remove(0);
+        assert_eq!(
+            (transcript.lost, transcript.entries.len()),
+            (3, LONGEST_TRANSCRIPT)
+        );
+        assert_eq!(transcript.entries[0].said, Said::Received("3".to_owned()));
     }
 }

@@ -47,9 +47,9 @@ impl Ballast {
 }
 
 /// Waits until acquisition is held; a session that ends instead is said.
-fn held(live: &Live) {
-    let mut held = live.held();
-    let mut over = live.stop_wish();
+fn held(status: &SessionStatus) {
+    let mut held = status.held();
+    let mut over = status.stop_wish();
     let runtime = tokio::runtime::Builder::new_current_thread()
         .build()
         .unwrap();
@@ -59,7 +59,7 @@ fn held(live: &Live) {
             () = over.asked() => false,
         }
     });
-    assert!(held, "it ended: {}", live.stop_reason());
+    assert!(held, "it ended: {}", status.stop_reason());
 }
 
 #[test]
@@ -74,35 +74,35 @@ fn an_event_that_meets_a_full_disk_waits_for_room_and_ends_no_session() {
     let mut writer = SessionWriter::create_with(&setup.record_directory, &header, storage).unwrap();
     let baseline = Baseline::from_frames("b1", &[frame(&scene.prepared, 0)]).unwrap();
     writer.baseline(&baseline).unwrap();
-    scene.live.set_path(writer.path());
+    scene.status.set_path(writer.path());
     recorder.writer = writer;
     let recording = std::thread::spawn(move || recorder.run(queue));
     tell.send(Do::Map).unwrap();
     scene.frame(1);
-    until(scene.live.follow_durable(), |durable| *durable == 1);
+    until(scene.status.follow_durable(), |durable| *durable == 1);
 
     // what the recorder itself says, before the frame
-    let ballast = Ballast::load(&scene.live.path());
+    let ballast = Ballast::load(&scene.status.path());
     tell.send(Do::Panic).unwrap();
     scene.frame(2);
-    held(&scene.live);
-    let error = scene.live.progress().last_error;
+    held(&scene.status);
+    let error = scene.status.progress().last_error;
     assert!(error.contains("acquisition pauses"), "{error}");
-    assert_eq!(scene.live.durable(), 1);
+    assert_eq!(scene.status.durable(), 1);
     ballast.overboard();
-    until(scene.live.follow_durable(), |durable| *durable == 2);
-    until(scene.live.held(), |held| !held);
+    until(scene.status.follow_durable(), |durable| *durable == 2);
+    until(scene.status.held(), |held| !held);
 
     // what it is told, with no frame to come: acquisition is let go all the same
-    let ballast = Ballast::load(&scene.live.path());
+    let ballast = Ballast::load(&scene.status.path());
     scene.send(Order::Event {
         at: DateTime::UNIX_EPOCH,
         kind: "told",
         text: "a longer sentence than fits beside the ballast. ".repeat(4),
     });
-    held(&scene.live);
+    held(&scene.status);
     ballast.overboard();
-    until(scene.live.held(), |held| !held);
+    until(scene.status.held(), |held| !held);
     scene.close();
     recording.join().unwrap().unwrap();
     let (maps, events) = scene.recorded();
@@ -122,7 +122,7 @@ fn an_event_that_meets_a_full_disk_waits_for_room_and_ends_no_session() {
         ]
     );
     assert!(
-        SessionReader::open(scene.live.path())
+        SessionReader::open(scene.status.path())
             .unwrap()
             .closed()
             .is_some()
@@ -133,17 +133,17 @@ fn an_event_that_meets_a_full_disk_waits_for_room_and_ends_no_session() {
 fn a_lock_that_lasts_is_left_behind_for_the_next_part() {
     let (scene, mut recorder, queue, tell) = Scene::new();
     recorder.disk.lock_patience = Duration::ZERO;
-    let first = scene.live.path();
+    let first = scene.status.path();
     let other = Connection::open(&first).unwrap();
     other.execute_batch("BEGIN IMMEDIATE").unwrap();
     tell.send(Do::Map).unwrap();
     scene.frame(1);
     let recording = std::thread::spawn(move || recorder.run(queue));
-    until(scene.live.follow_durable(), |durable| *durable == 1);
+    until(scene.status.follow_durable(), |durable| *durable == 1);
     scene.close();
     recording.join().unwrap().unwrap();
     assert_eq!(*scene.said.lock().unwrap(), ["alarm"]);
-    assert_ne!(scene.live.path(), first);
+    assert_ne!(scene.status.path(), first);
     let (maps, events) = scene.recorded();
     assert_eq!(maps, [true]);
     assert_eq!(events, [logbook::CONTINUED]);

@@ -10,7 +10,7 @@ use survey::{Baseline, Protocol, Reading, Volts};
 
 use crate::config::{FullName, RecordSection};
 use crate::preparation::{Prepared, prepare};
-use crate::recording::reconstruction_worker::Means;
+use crate::recording::reconstruction_worker::ReconstructionContext;
 use crate::recording::recorder::*;
 use crate::recording::session_status::Facts;
 use imaging::Model;
@@ -31,12 +31,12 @@ enum Do {
 }
 
 /// A method that does as it is told.
-struct Told {
+struct Reported {
     method: std::sync::Arc<dyn Reconstructor>,
-    told: Mutex<sync::Receiver<Do>>,
+    reported: Mutex<sync::Receiver<Do>>,
 }
 
-impl Reconstructor for Told {
+impl Reconstructor for Reported {
     fn method(&self) -> &str {
         self.method.method()
     }
@@ -51,11 +51,11 @@ impl Reconstructor for Told {
         _baseline: &[Reading],
         frame: &[Reading],
     ) -> Result<Map, ReconstructError> {
-        let told = self.told.lock().unwrap().recv().unwrap();
-        match told {
+        let reported = self.reported.lock().unwrap().recv().unwrap();
+        match reported {
             Do::Map => {}
             Do::Panic => panic!("a method that fails"),
-            Do::MapAfter(heard) => heard.recv().unwrap(),
+            Do::MapAfter(received) => received.recv().unwrap(),
         }
         Ok(Map {
             mesh_hash: self.mesh().hash().to_owned(),
@@ -70,7 +70,7 @@ impl Reconstructor for Told {
 struct Scene {
     _folder: tempfile::TempDir,
     prepared: Prepared,
-    live: Arc<Live>,
+    status: Arc<SessionStatus>,
     orders: mpsc::Sender<Order>,
     said: Arc<Mutex<Vec<&'static str>>>,
     /// Bytes of room on the disk, as the recorder is told.
@@ -95,16 +95,16 @@ impl Scene {
         let mut writer = SessionWriter::create(&setup.record_directory, &header).unwrap();
         let baseline = Baseline::from_frames("b1", &[frame(&prepared, 0)]).unwrap();
         writer.baseline(&baseline).unwrap();
-        let (tell, told) = sync::channel();
+        let (tell, reported) = sync::channel();
         let model = Model {
-            reconstructor: Arc::new(Told {
+            reconstructor: Arc::new(Reported {
                 method: Arc::clone(&setup.model.reconstructor),
-                told: Mutex::new(told),
+                reported: Mutex::new(reported),
             }),
             ..setup.model.clone()
         };
         let mesh = &setup.geometry.mesh;
-        let means = Means {
+        let context = ReconstructionContext {
             baseline,
             model,
             centroids: mesh.region_centroids(),
@@ -120,27 +120,32 @@ impl Scene {
             method: "told".to_owned(),
             every: Duration::ZERO,
         };
-        let tally = Arc::new(crate::monitoring::Tally::new(SystemClock::new()));
-        let live = Arc::new(Live::new(facts, writer.path().to_owned(), false, tally));
+        let counters = Arc::new(crate::monitoring::Counters::new(SystemClock::new()));
+        let status = Arc::new(SessionStatus::new(
+            facts,
+            writer.path().to_owned(),
+            false,
+            counters,
+        ));
         let said = Arc::new(Mutex::new(Vec::new()));
-        let heard = Arc::clone(&said);
+        let received = Arc::clone(&said);
         let recorder = Recorder {
-            live: Arc::clone(&live),
+            status: Arc::clone(&status),
             writer,
             clock: SystemClock::new(),
             checks: Checks::new(&setup.protocol),
-            task: Task::maps(Mapper::start(means, orders.downgrade()).unwrap()),
-            pulse: Arc::default(),
+            task: Task::maps(ReconstructionWorker::start(context, orders.downgrade()).unwrap()),
+            heartbeats: Arc::default(),
             before: None,
             patient: false,
             began: None,
             disk: Disk::new(section, Box::new(move |_| Ok(left.load(Ordering::SeqCst)))),
-            tell: Box::new(move |_, kind, _| heard.lock().unwrap().push(kind)),
+            tell: Box::new(move |_, kind, _| received.lock().unwrap().push(kind)),
         };
         let scene = Self {
             _folder: folder,
             prepared,
-            live,
+            status,
             orders,
             said,
             free,
@@ -165,7 +170,7 @@ impl Scene {
 
     /// Which frames have maps, and the words of the events.
     fn recorded(&self) -> (Vec<bool>, Vec<String>) {
-        let session = SessionReader::open(self.live.path()).unwrap();
+        let session = SessionReader::open(self.status.path()).unwrap();
         let maps = session
             .frames()
             .map(|record| record.unwrap().map.is_some())
@@ -213,7 +218,7 @@ fn frame(prepared: &Prepared, number: u64) -> Frame {
 #[test]
 fn a_method_that_panics_costs_maps_and_no_frame() {
     crate::instruments::panic_handler::install();
-    let heard = crate::instruments::panic_handler::listen();
+    let received = crate::instruments::panic_handler::listen();
     let (scene, recorder, queue, tell) = Scene::new();
     tell.send(Do::Map).unwrap();
     tell.send(Do::Panic).unwrap();
@@ -227,13 +232,13 @@ fn a_method_that_panics_costs_maps_and_no_frame() {
     assert_eq!(maps, [true, false, false]);
     assert_eq!(events, ["method-suspended"]);
     assert_eq!(*scene.said.lock().unwrap(), ["method-suspended"]);
-    assert_eq!(scene.live.durable(), 3);
-    let error = scene.live.progress().last_error;
+    assert_eq!(scene.status.durable(), 3);
+    let error = scene.status.progress().last_error;
     assert!(error.contains("a method that fails"), "{error}");
     // other tests panic, too
-    let place = heard.borrow().clone();
+    let place = received.borrow().clone();
     assert!(
-        !scene.live.has_failed() && !place.contains("recorder"),
+        !scene.status.has_failed() && !place.contains("recorder"),
         "{place}"
     );
 }
@@ -249,12 +254,12 @@ fn a_map_that_is_late_comes_after_its_frame_and_the_next_frames_go_without() {
         scene.frame(number);
     }
     let recording = std::thread::spawn(move || recorder.run(queue));
-    until(scene.live.follow_durable(), |durable| *durable == many);
-    assert!(scene.live.latest_map().is_none());
+    until(scene.status.follow_durable(), |durable| *durable == many);
+    assert!(scene.status.latest_map().is_none());
     go.send(()).unwrap();
     scene.close();
     recording.join().unwrap().unwrap();
-    let late = scene.live.latest_map().unwrap();
+    let late = scene.status.latest_map().unwrap();
     assert_eq!(late.frame.sequence, 1);
     let (maps, events) = scene.recorded();
     assert_eq!(maps.iter().filter(|map| **map).count(), 1);
@@ -274,21 +279,21 @@ fn a_full_disk_is_announced_early_and_waited_for_and_nothing_is_lost() {
     }
     let recording = std::thread::spawn(move || recorder.run(queue));
     scene.frame(1);
-    until(scene.live.follow_durable(), |durable| *durable == 1);
+    until(scene.status.follow_durable(), |durable| *durable == 1);
     scene.free.store(1000 * MEGABYTE, Ordering::SeqCst);
     scene.frame(2);
-    until(scene.live.follow_durable(), |durable| *durable == 2);
+    until(scene.status.follow_durable(), |durable| *durable == 2);
     assert_eq!(*scene.said.lock().unwrap(), ["disk-low"]);
     // below the reserve: acquisition is held, the frame in hand waits
     scene.free.store(100 * MEGABYTE, Ordering::SeqCst);
     scene.frame(3);
-    until(scene.live.held(), |held| *held);
-    let error = scene.live.progress().last_error;
+    until(scene.status.held(), |held| *held);
+    let error = scene.status.progress().last_error;
     assert!(error.contains("100 MB are left"), "{error}");
-    assert_eq!(scene.live.durable(), 2);
+    assert_eq!(scene.status.durable(), 2);
     scene.free.store(PLENTY, Ordering::SeqCst);
-    until(scene.live.follow_durable(), |durable| *durable == 3);
-    until(scene.live.held(), |held| !held);
+    until(scene.status.follow_durable(), |durable| *durable == 3);
+    until(scene.status.held(), |held| !held);
     scene.close();
     recording.join().unwrap().unwrap();
     let (maps, events) = scene.recorded();
@@ -307,18 +312,18 @@ fn whoever_stops_a_session_on_a_full_disk_is_not_kept_waiting() {
     tell.send(Do::Map).unwrap();
     let recording = std::thread::spawn(move || recorder.run(queue));
     scene.frame(1);
-    until(scene.live.follow_durable(), |durable| *durable == 1);
+    until(scene.status.follow_durable(), |durable| *durable == 1);
     scene.free.store(0, Ordering::SeqCst);
     scene.frame(2);
-    until(scene.live.held(), |held| *held);
-    scene.live.stop("asked to");
+    until(scene.status.held(), |held| *held);
+    scene.status.stop("asked to");
     // the queue ends where nobody sends any more
-    let Scene { live, orders, .. } = scene;
+    let Scene { status, orders, .. } = scene;
     drop(orders);
     // the reserve is for the end: the frame in hand and the closing row find room in it
     recording.join().unwrap().unwrap();
-    assert_eq!((live.durable(), live.dropped()), (2, 0));
-    assert!(live.is_closed());
+    assert_eq!((status.durable(), status.dropped()), (2, 0));
+    assert!(status.is_closed());
 }
 
 #[test]
@@ -330,11 +335,11 @@ fn a_day_begins_the_next_part_no_sequence_is_missing_and_a_clock_that_was_set_is
     for _ in 0..4 {
         tell.send(Do::Map).unwrap();
     }
-    let first = scene.live.path();
+    let first = scene.status.path();
     let recording = std::thread::spawn(move || recorder.run(queue));
     for (count, number) in [98, 99, 100, 101].into_iter().enumerate() {
         scene.frame(number);
-        until(scene.live.follow_durable(), |durable| {
+        until(scene.status.follow_durable(), |durable| {
             *durable == count as u64 + 1
         });
     }
@@ -350,7 +355,7 @@ fn a_day_begins_the_next_part_no_sequence_is_missing_and_a_clock_that_was_set_is
     };
     assert_eq!(*scene.said.lock().unwrap(), ["clock-moved"]);
     assert_eq!(sequences(&first), [1, 2]);
-    assert_eq!(sequences(&scene.live.path()), [3, 4]);
+    assert_eq!(sequences(&scene.status.path()), [3, 4]);
 }
 
 #[test]
@@ -368,8 +373,8 @@ fn a_ring_deletes_closed_sessions_and_waits_when_none_is_left() {
     scene.free.store(0, Ordering::SeqCst);
     scene.frame(1);
     let recording = std::thread::spawn(move || recorder.run(queue));
-    until(scene.live.held(), |held| *held);
-    assert!(!path.exists() && scene.live.path().exists());
+    until(scene.status.held(), |held| *held);
+    assert!(!path.exists() && scene.status.path().exists());
     scene.free.store(PLENTY, Ordering::SeqCst);
     scene.close();
     recording.join().unwrap().unwrap();
