@@ -1,12 +1,10 @@
 //! Hard cases by name: a finite answer or a typed refusal, never a silent wrong one.
 
-mod parts;
-
 use std::sync::Arc;
 
 use eit::{DiscTank, FLOOR, Forward, ForwardError, Mesh};
 use nalgebra::DVector;
-use parts::{eight, spread};
+use crate::parts::{eight, spread};
 use survey::{Dipole, Electrode, Protocol};
 
 fn readings(mesh: &Arc<Mesh>, contacts: &[f64], sigma: &[f64]) -> DVector<f64> {
@@ -270,7 +268,7 @@ fn the_same_question_has_the_same_bits() {
 
 #[test]
 fn every_node_on_an_electrode() {
-    let mesh = Arc::new(parts::grid(
+    let mesh = Arc::new(crate::parts::grid(
         [1.0, 1.0],
         [1, 1],
         0.0,

@@ -1,9 +1,7 @@
 //! The hard cases by number: each keeps its bound, and the naive form beside it breaks it or is said not to.
 
-mod workshop;
-
 use serde_json::Value;
-use workshop::{lab, words};
+use crate::workshop::{lab, words};
 
 /// Lines of the table for one case.
 fn found(number: u8) -> Vec<Value> {

@@ -5,14 +5,12 @@
 //! square of the error of x: some 30 digits.
 
 #[allow(dead_code)] // it holds what other tests press on too
-mod parts;
-
 use std::ops::{Add, Mul, Sub};
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use eit::{Case, Fields, Forward, Mesh, PaperSheet};
-use parts::spread;
+use crate::parts::spread;
 use survey::{Dipole, Protocol};
 
 /// A number as the sum of two: about 32 digits (Dekker 1971).

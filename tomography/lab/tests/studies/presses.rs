@@ -1,8 +1,6 @@
 //! Test #1 of the paper on the simulated sheet: 16 presses of 10 mm with half the conductance lost, 2 uV of white noise on
 //! baseline and frame, data from the phantom's own finer mesh, one hyper-parameter from the noise.
 
-mod workshop;
-
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;

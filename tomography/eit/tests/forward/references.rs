@@ -3,8 +3,6 @@
 //! The play operator and the standard linear solid (its last) belong to the phantom's effects and are tested there.
 
 #[allow(dead_code)] // it holds what other tests press on too
-mod parts;
-
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
@@ -12,7 +10,7 @@ use eit::{
     Forward, Mesh, OneStep, OneStepOptions, PaperSheet, Reconstructor, Scale, SheetElectrode,
 };
 use nalgebra::{DMatrix, DVector, Matrix2};
-use parts::{eight, grid, spread};
+use crate::parts::{eight, grid, spread};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};

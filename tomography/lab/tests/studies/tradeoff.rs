@@ -1,8 +1,6 @@
 //! `tactus-lab tradeoff` and `advise`: tables that are taken as they lie, drawn, and asked for advice.
 
-mod workshop;
-
-use workshop::{done, lab, words};
+use crate::workshop::{done, lab, words};
 
 fn said(output: &std::process::Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()

@@ -1,12 +1,10 @@
 //! What physics demands of the forward model and its derivatives, whatever the mesh.
 
-mod parts;
-
 use std::sync::Arc;
 
 use eit::{Forward, Mesh};
 use nalgebra::DVector;
-use parts::{eight, grid, spread};
+use crate::parts::{eight, grid, spread};
 use survey::{Dipole, Electrode, Protocol, skip};
 
 /// Contacts on both sides of the change of form, on eight electrodes at 1 kohm a square.
@@ -120,7 +118,7 @@ fn the_remainder_of_the_first_order_falls_as_the_square_of_the_step() {
     let (forward, sigma) = model(eight(0.5), &contacts);
     let protocol = all_pairs();
     let v = forward.readings(&sigma, &protocol).unwrap();
-    let along = DVector::from_fn(sigma.len(), |t, _| sigma[t] * parts::wobble(t + 99));
+    let along = DVector::from_fn(sigma.len(), |t, _| sigma[t] * crate::parts::wobble(t + 99));
     let first = forward.jacobian(&sigma, &protocol).unwrap() * &along;
     for slope in slopes(|h| {
         let moved: Vec<f64> = sigma
@@ -132,7 +130,7 @@ fn the_remainder_of_the_first_order_falls_as_the_square_of_the_step() {
     }) {
         assert!((slope - 2.0).abs() < 0.05, "by sigma: {slope}");
     }
-    let along = DVector::from_fn(8, |l, _| contacts[l] * parts::wobble(l));
+    let along = DVector::from_fn(8, |l, _| contacts[l] * crate::parts::wobble(l));
     let first = forward.contact_jacobian(&sigma, &protocol).unwrap() * &along;
     for slope in slopes(|h| {
         let moved: Vec<f64> = contacts

@@ -1,8 +1,6 @@
 //! `tactus-lab scene`: what it prints, what it writes, what it refuses.
 
-mod workshop;
-
-use workshop::{done, lab, numbers, words};
+use crate::workshop::{done, lab, numbers, words};
 
 fn printed(line: &str) -> String {
     let output = lab(&words(line, &[]));

@@ -1,12 +1,10 @@
 //! Sensitivities to triangles, regions, cells, logarithms and contacts, against differences and one another.
 
-mod parts;
-
 use std::sync::Arc;
 
 use eit::{Forward, ForwardError, PaperSheet, Parameters};
 use nalgebra::{DMatrix, DVector};
-use parts::{eight, spread};
+use crate::parts::{eight, spread};
 use survey::{Protocol, skip};
 
 fn sheet() -> (Forward, Vec<f64>, Protocol) {

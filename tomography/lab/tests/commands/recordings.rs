@@ -1,11 +1,9 @@
 //! Real tanks: the Kuopio challenge and the Ottawa recordings, by the program's own command lines.
 
-mod workshop;
-
 use std::path::Path;
 
 use eit::{Case, Mesh};
-use workshop::{done, numbers, reference, words};
+use crate::workshop::{done, numbers, reference, words};
 
 /// Correlation of a map with a label picture (256 x 256, line 0 on top) over the pixels inside the tank.
 fn correlation(mesh: &Mesh, radius: f64, map: &[f64], labels: &[f64]) -> f64 {

@@ -1,12 +1,10 @@
 //! Maps bounded to losses are the minimum within their bounds, whatever the prior.
 
-mod solved;
-
 use std::sync::Arc;
 
 use eit::{Forward, Hyper, OneStep, OneStepOptions, Prior, Reconstructor, Scale};
 use nalgebra::{DMatrix, DVector};
-use solved::{column, disc16, mesh, readings};
+use crate::solved::{column, disc16, mesh, readings};
 use survey::Protocol;
 
 /// Twice the graph Laplacian of triangles that share an edge, times x.

@@ -1,10 +1,8 @@
 //! `mesh`, `forward`, `jacobian` and `transfer` by the command line: what they write, and what they refuse.
 
-mod workshop;
-
 use std::path::{Path, PathBuf};
 
-use workshop::{done, lab, numbers, words};
+use crate::workshop::{done, lab, numbers, words};
 
 /// What is done to the lines of a file.
 type Change<'a> = &'a dyn Fn(Vec<String>) -> Vec<String>;

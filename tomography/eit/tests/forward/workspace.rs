@@ -1,12 +1,10 @@
 //! Many conductances on one mesh: the same bits as one at a time, whatever came before and on any number of threads.
 
-mod parts;
-
 use std::sync::Arc;
 
 use eit::{DiscTank, Forward, ForwardError, PaperSheet};
 use nalgebra::DVector;
-use parts::{eight, spread};
+use crate::parts::{eight, spread};
 use rayon::prelude::*;
 use survey::{Protocol, skip};
 

@@ -1,14 +1,12 @@
 //! Total variation against a solved case, and its own promises.
 
-mod solved;
-
 use std::sync::Arc;
 
 use eit::{
     DiscTank, Forward, Mesh, ReconstructError, Reconstructor, Scale, Strength, Tv, TvError,
     TvOptions,
 };
-use solved::{column, disc16, mesh, readings};
+use crate::solved::{column, disc16, mesh, readings};
 use survey::{Protocol, Reading, Volts};
 
 /// The minimum that an interior method found offline: objective values are compared, the minimiser may not be unique.

@@ -1,14 +1,12 @@
 //! One-step reconstruction against solved cases, and its own invariants.
 
-mod solved;
-
 use std::sync::Arc;
 
 use eit::{
     DiscTank, Forward, Hyper, OneStep, OneStepError, OneStepOptions, Prior, ReconstructError,
     Reconstructor, Scale,
 };
-use solved::{column, disc16, mesh, readings};
+use crate::solved::{column, disc16, mesh, readings};
 use survey::{Protocol, Reading};
 
 fn options(prior: Prior, lambda: f64) -> OneStepOptions {

@@ -1,11 +1,9 @@
 //! Training sets in files, the trained linear map, figures of merit and judging, by the program's own command lines.
 
-mod workshop;
-
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
-use workshop::{done, lab, numbers, words};
+use crate::workshop::{done, lab, numbers, words};
 
 /// A deep training of a moment.
 const SMALL_DEEP: &str = "train dnn --profile matched --epochs 2 --set width=24 --set hidden_layers=2 --set batch=16 --set held_out=20";

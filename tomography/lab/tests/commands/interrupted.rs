@@ -1,12 +1,10 @@
 //! Trainings that are killed, or whose disk is full, go on from where they were and end with the same bits.
 
-mod workshop;
-
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
-use workshop::{done, words};
+use crate::workshop::{done, words};
 
 const TRAIN: &str = "train dnn --profile matched --cases 150 --epochs 5 --set width=64 --set hidden_layers=2 --set batch=16 \
                      --set held_out=20 --case {} --out {}";

@@ -1,8 +1,6 @@
 //! The program's commands: what they write, and what they refuse.
 
-mod workshop;
-
-use workshop::{done, lab, numbers, reference, words};
+use crate::workshop::{done, lab, numbers, reference, words};
 
 fn refused(line: &str, paths: &[&std::path::Path]) -> (Option<i32>, String) {
     let output = lab(&words(line, paths));

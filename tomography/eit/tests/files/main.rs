@@ -1,0 +1,7 @@
+//! Case folders and model files: what is written is read back, what is damaged is refused.
+
+mod case_folders;
+mod hostile_files;
+mod models;
+#[cfg(feature = "onnx")]
+mod onnx;
