@@ -78,7 +78,6 @@ const KNOWN_CYCLES: &[(&str, &str, &[&str])] = &[
 const LARGE_FOLDERS: &[&str] = &[
     // the catalogue of effects, one file an effect
     "tomography/phantom/src/effects",
-    "tomography/eit/tests",
     "tomography/lab/src",
     "tomography/lab/src/stability",
     "tomography/lab/src/tradeoff",

@@ -37,7 +37,6 @@ mod recording;
 mod scene;
 mod solve;
 mod stability;
-mod symmetry;
 mod tradeoff;
 mod train;
 mod workplace;

@@ -14,12 +14,12 @@ use eit::{
 };
 use nalgebra::DMatrix;
 use rayon::prelude::*;
+use training::symmetry::Symmetric;
 
 use crate::args::{LinearOptions, Profile};
 use crate::dataset::DataSet;
 use crate::failure::Failure;
 use crate::noise_figure::with_noise_figure;
-use crate::symmetry::Symmetric;
 use crate::{choice, geometry, progress, train};
 
 /// Samples read side by side, and summed in their order.

@@ -9,8 +9,8 @@ use std::ops::{Add, Mul, Sub};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use eit::{Case, Fields, Forward, Mesh, PaperSheet};
 use crate::parts::spread;
+use eit::{Case, Fields, Forward, Mesh, PaperSheet};
 use survey::{Dipole, Protocol};
 
 /// A number as the sum of two: about 32 digits (Dekker 1971).

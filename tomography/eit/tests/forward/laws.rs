@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
+use crate::parts::{eight, grid, spread};
 use eit::{Forward, Mesh};
 use nalgebra::DVector;
-use crate::parts::{eight, grid, spread};
 use survey::{Dipole, Electrode, Protocol, skip};
 
 /// Contacts on both sides of the change of form, on eight electrodes at 1 kohm a square.

@@ -6,11 +6,11 @@
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
+use crate::parts::{eight, grid, spread};
 use eit::{
     Forward, Mesh, OneStep, OneStepOptions, PaperSheet, Reconstructor, Scale, SheetElectrode,
 };
 use nalgebra::{DMatrix, DVector, Matrix2};
-use crate::parts::{eight, grid, spread};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
+use crate::parts::{eight, spread};
 use eit::{Forward, ForwardError, PaperSheet, Parameters};
 use nalgebra::{DMatrix, DVector};
-use crate::parts::{eight, spread};
 use survey::{Protocol, skip};
 
 fn sheet() -> (Forward, Vec<f64>, Protocol) {

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
+use crate::parts::{eight, spread};
 use eit::{DiscTank, FLOOR, Forward, ForwardError, Mesh};
 use nalgebra::DVector;
-use crate::parts::{eight, spread};
 use survey::{Dipole, Electrode, Protocol};
 
 fn readings(mesh: &Arc<Mesh>, contacts: &[f64], sigma: &[f64]) -> DVector<f64> {

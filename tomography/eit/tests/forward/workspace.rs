@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
+use crate::parts::{eight, spread};
 use eit::{DiscTank, Forward, ForwardError, PaperSheet};
 use nalgebra::DVector;
-use crate::parts::{eight, spread};
 use rayon::prelude::*;
 use survey::{Protocol, skip};
 

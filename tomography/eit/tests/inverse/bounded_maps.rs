@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
+use crate::solved::{column, disc16, mesh, readings};
 use eit::{Forward, Hyper, OneStep, OneStepOptions, Prior, Reconstructor, Scale};
 use nalgebra::{DMatrix, DVector};
-use crate::solved::{column, disc16, mesh, readings};
 use survey::Protocol;
 
 /// Twice the graph Laplacian of triangles that share an edge, times x.

@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
+use crate::solved::{column, disc16, mesh, readings};
 use eit::{
     DiscTank, Forward, Hyper, OneStep, OneStepError, OneStepOptions, Prior, ReconstructError,
     Reconstructor, Scale,
 };
-use crate::solved::{column, disc16, mesh, readings};
 use survey::{Protocol, Reading};
 
 fn options(prior: Prior, lambda: f64) -> OneStepOptions {

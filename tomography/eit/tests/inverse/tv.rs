@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
+use crate::solved::{column, disc16, mesh, readings};
 use eit::{
     DiscTank, Forward, Mesh, ReconstructError, Reconstructor, Scale, Strength, Tv, TvError,
     TvOptions,
 };
-use crate::solved::{column, disc16, mesh, readings};
 use survey::{Protocol, Reading, Volts};
 
 /// The minimum that an interior method found offline: objective values are compared, the minimiser may not be unique.

@@ -5,11 +5,11 @@ use eit::{
     DeepNetwork, DeepSettings, Jitter, Noise, Precision, SampleError, Samples, Simulation,
     TrainingSettings,
 };
+use training::deep::{DeepFault, Recipe, train};
 
 use super::outcome::{Check, Naive, Outcome, naive, worst};
 use super::radial::Made;
 use super::tank::Tank;
-use crate::deep::{DeepFault, Recipe, train};
 use crate::failure::Failure;
 
 fn unsound(fault: String) -> Failure {

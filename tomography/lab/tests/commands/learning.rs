@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use sha2::{Digest, Sha256};
 use crate::workshop::{done, lab, numbers, words};
+use sha2::{Digest, Sha256};
 
 /// A deep training of a moment.
 const SMALL_DEEP: &str = "train dnn --profile matched --epochs 2 --set width=24 --set hidden_layers=2 --set batch=16 --set held_out=20";

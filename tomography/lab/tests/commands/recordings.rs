@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use eit::{Case, Mesh};
 use crate::workshop::{done, numbers, reference, words};
+use eit::{Case, Mesh};
 
 /// Correlation of a map with a label picture (256 x 256, line 0 on top) over the pixels inside the tank.
 fn correlation(mesh: &Mesh, radius: f64, map: &[f64], labels: &[f64]) -> f64 {

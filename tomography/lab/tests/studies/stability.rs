@@ -1,7 +1,7 @@
 //! The hard cases by number: each keeps its bound, and the naive form beside it breaks it or is said not to.
 
-use serde_json::Value;
 use crate::workshop::{lab, words};
+use serde_json::Value;
 
 /// Lines of the table for one case.
 fn found(number: u8) -> Vec<Value> {

@@ -4,18 +4,16 @@
 //! elu, or a gradient with its step of Adam, so that the gradient of the whole network is never stored. Tiles do not depend
 //! on the number of threads, so the bits do not either.
 //!
-//! - **command**: settings from profile, file and flags
 //! - **descent**: weights, moments and one step; **product**: the three products of a layer, and their layout
-//! - **batch**: samples with their jitter, and the normalisation of the input; **training**: epochs, held-out loss, the best
+//! - **batch**: samples with their jitter, and the normalisation of the input; **epochs**: epochs, held-out loss, the best
 //!   weights; **checkpoint**: all of it in a file from which a killed run goes on to the same bits
 
 mod adam;
 mod batch;
 mod checkpoint;
-mod command;
 mod descent;
+mod epochs;
 mod product;
-mod training;
 
-pub(crate) use command::train_deep;
-pub(crate) use training::{DeepFault, Recipe, train};
+pub use checkpoint::CheckpointFault;
+pub use epochs::{DeepFault, Moment, Recipe, train};

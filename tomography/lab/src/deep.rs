@@ -10,13 +10,13 @@ use eit::{
 };
 use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
+use training::deep::{Moment, Recipe, train};
 
-use super::training::{Moment, Recipe, train};
 use crate::args::{DeepOptions, Profile};
 use crate::dataset::DataSet;
 use crate::failure::Failure;
 use crate::noise_figure::with_noise_figure;
-use crate::{choice, geometry, progress, train as training};
+use crate::{choice, geometry, progress};
 
 /// Of the numbers in a checkpoint.
 const LAYOUT: u32 = 2;
@@ -145,7 +145,7 @@ fn settings(options: &DeepOptions, case: &Case) -> Result<Settings, Failure> {
         Profile::Matched => {
             settings.data.jitter = Jitter::Matched {
                 noise_v: options.noise_v.unwrap_or(2e-6),
-                current_a: training::current(case)?,
+                current_a: crate::train::current(case)?,
             };
             // 3e-5 of the largest reading, some 10 uV at 1 mA: small loads are not drowned by it
             settings.deep.normalisation_epsilon = 1e-9;

@@ -17,7 +17,7 @@ struct Turn {
 }
 
 /// A set seen as it is and through every symmetry of its sheet.
-pub(crate) struct Symmetric<'s> {
+pub struct Symmetric<'s> {
     inner: &'s dyn Samples,
     turns: Vec<Turn>,
 }
@@ -25,7 +25,7 @@ pub(crate) struct Symmetric<'s> {
 impl<'s> Symmetric<'s> {
     /// Finds the mirrors across both middle lines and the half turn that carry mesh, contacts, conductance and protocol onto
     /// themselves; where there is none the set is as it was.
-    pub(crate) fn new(inner: &'s dyn Samples, case: &Case, sigma0: &[f64]) -> Self {
+    pub fn new(inner: &'s dyn Samples, case: &Case, sigma0: &[f64]) -> Self {
         let turns = [[-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]]
             .into_iter()
             .filter_map(|signs| turn(case, sigma0, signs))
@@ -34,7 +34,7 @@ impl<'s> Symmetric<'s> {
     }
 
     /// How many views there are of each case.
-    pub(crate) fn views(&self) -> usize {
+    pub fn views(&self) -> usize {
         self.turns.len() + 1
     }
 }
@@ -185,14 +185,32 @@ fn met(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry;
+    use std::sync::Arc;
+
     use eit::{Preset, Simulation, TrainingSettings};
+    use survey::Protocol;
+
+    /// The paper's sheet with the Sheffield protocol, and its uniform conductance.
+    fn sheet() -> (Case, Vec<f64>) {
+        let preset = Preset::default();
+        let mesh = preset.mesh().unwrap();
+        let protocol = Protocol::sheffield(mesh.electrodes()).unwrap();
+        let sigma0 = vec![preset.conductance(); mesh.triangles().len()];
+        let case = Case {
+            contact_ohm_m: preset.contact_ohm_m(),
+            currents: vec![1e-3; protocol.len()],
+            has_region: mesh.region().len() < mesh.triangles().len(),
+            protocol,
+            sigma: BTreeMap::new(),
+            mesh: Arc::new(mesh),
+        };
+        (case, sigma0)
+    }
 
     /// The mirrored case, solved, reads what the mirror says.
     #[test]
     fn a_case_in_the_mirror_is_what_the_model_solves() {
-        let case = geometry::case(&Preset::default(), 1e-3).unwrap();
-        let sigma0 = geometry::sigma0(&case);
+        let (case, sigma0) = sheet();
         let settings = TrainingSettings {
             cases: 6,
             neurons: 1,
@@ -208,8 +226,7 @@ mod tests {
         .unwrap();
         let set = Symmetric::new(&simulation, &case, &sigma0);
         assert_eq!((set.views(), set.len()), (4, 24));
-        let forward =
-            eit::Forward::new(std::sync::Arc::clone(&case.mesh), &case.contact_ohm_m).unwrap();
+        let forward = eit::Forward::new(Arc::clone(&case.mesh), &case.contact_ohm_m).unwrap();
         let chosen = (0..6).find(|&c| !simulation.target(c).is_empty()).unwrap();
         for view in 0..4 {
             let sample = set.sample(4 * chosen + view).unwrap();

@@ -27,27 +27,43 @@ pub(super) struct Course {
 
 /// Why there is no checkpoint.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum CheckpointFault {
+pub enum CheckpointFault {
+    /// It cannot be written.
     #[error(
         "checkpoint {path}: make room or give another --checkpoint, then the same command goes on from the last one"
     )]
     Unwritten {
+        /// The file.
         path: String,
+        /// The cause.
         #[source]
         cause: io::Error,
     },
+    /// It cannot be read.
     #[error("checkpoint {path} cannot be read")]
     Unread {
+        /// The file.
         path: String,
+        /// The cause.
         #[source]
         cause: io::Error,
     },
+    /// Its content is damaged.
     #[error("checkpoint {path} is damaged ({why}): remove it to begin anew")]
-    Damaged { path: String, why: String },
+    Damaged {
+        /// The file.
+        path: String,
+        /// What shows it.
+        why: String,
+    },
+    /// It was written by a training with other settings.
     #[error(
         "checkpoint {path} belongs to a training with other settings: remove it, or give another --checkpoint"
     )]
-    Other { path: String },
+    Other {
+        /// The file.
+        path: String,
+    },
 }
 
 /// Writes weights, moments, best weights and course.

@@ -14,77 +14,109 @@ use super::descent::{Batch, Descent};
 const ROUNDED: usize = 100;
 
 /// What a deep training starts from.
-pub(crate) struct Recipe<'a> {
+pub struct Recipe<'a> {
     /// The set; its last `settings.held_out` cases are kept back.
-    pub(crate) samples: &'a dyn Samples,
-    pub(crate) noise: &'a Noise,
+    pub samples: &'a dyn Samples,
+    /// What is added to each copy of a case.
+    pub noise: &'a Noise,
     /// Jittered copies of each case.
-    pub(crate) repeats: usize,
-    pub(crate) settings: DeepSettings,
-    pub(crate) seed: u64,
+    pub repeats: usize,
+    /// Layers, batch, rate, epochs.
+    pub settings: DeepSettings,
+    /// The same seed gives the same network.
+    pub seed: u64,
     /// How the weights are kept afterwards.
-    pub(crate) precision: Precision,
+    pub precision: Precision,
     /// Where the training is kept after each epoch, and gone on from; with a name for everything its bits depend on.
-    pub(crate) checkpoint: Option<(&'a Path, String)>,
+    pub checkpoint: Option<(&'a Path, String)>,
 }
 
 /// Where a training is.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Moment {
+pub enum Moment {
     /// It goes on from a checkpoint.
-    Resumed { epochs: usize },
+    Resumed {
+        /// Epochs that are done.
+        epochs: usize,
+    },
     /// A step of an epoch (from 1) is done.
     Step {
+        /// From 1.
         epoch: usize,
+        /// Steps of this epoch that are done.
         step: usize,
+        /// Steps of an epoch.
         of: usize,
     },
     /// An epoch is done.
     Epoch {
+        /// From 1.
         epoch: usize,
+        /// Mean loss of the training samples.
         training: f64,
+        /// Mean loss of the held-out cases.
         held_out: f64,
+        /// Whether this is the smallest held-out loss so far.
         best: bool,
     },
 }
 
 /// Why there is no deep network.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum DeepFault {
+pub enum DeepFault {
+    /// A setting without meaning.
     #[error("setting {setting} of the deep network must be {must}")]
     Setting {
+        /// Which.
         setting: &'static str,
+        /// What it must be.
         must: &'static str,
     },
+    /// Fewer samples than a batch.
     #[error(
         "{cases} cases with {repeats} copies are fewer samples than a batch of {batch}, beside {held_out} held out"
     )]
     Few {
+        /// Cases that are not held out.
         cases: usize,
+        /// Copies of each.
         repeats: usize,
+        /// Samples of a batch.
         batch: usize,
+        /// Cases that are held out.
         held_out: usize,
     },
+    /// Every sample is the same.
     #[error("all samples of the training set are alike: more cases or larger loads are needed")]
     Alike,
+    /// A sample of the set cannot be had.
     #[error("the training set")]
     Sample(#[from] SampleError),
+    /// The loss grew beyond all bounds.
     #[error(
         "the loss is {loss} at step {step} of epoch {epoch}: the training ran away; give a smaller learning_rate"
     )]
     RanAway {
+        /// Loss of the batch.
         loss: f64,
+        /// Step of the epoch.
         step: usize,
+        /// From 1.
         epoch: usize,
     },
+    /// The checkpoint cannot be written or read.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointFault),
+    /// The weights make no network.
     #[error("the trained network: {0}")]
     Network(String),
 }
 
 /// Trains. The same recipe gives the same bits, on any number of threads, in one run or several.
-pub(crate) fn train(
+///
+/// # Errors
+/// See [`DeepFault`].
+pub fn train(
     recipe: &Recipe<'_>,
     progress: &dyn Fn(Moment),
 ) -> Result<(DeepNetwork, Familiar, DeepReport), DeepFault> {
