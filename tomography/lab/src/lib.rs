@@ -18,6 +18,7 @@
 //! ```
 
 mod args;
+mod artifact_cache;
 mod calibrate;
 mod choice;
 mod dataset;
@@ -26,7 +27,6 @@ mod evaluate;
 mod failure;
 mod geometry;
 mod html;
-mod judge;
 mod linear;
 mod merit;
 mod noise_figure;
@@ -37,9 +37,9 @@ mod recording;
 mod scene;
 mod solve;
 mod stability;
+mod test_set;
 mod tradeoff;
 mod train;
-mod workplace;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -90,7 +90,7 @@ fn perform(command: &Command) -> Result<(), Failure> {
         Command::Transfer(options) => solve::transfer(options),
         Command::Train { network } => train::train(network),
         Command::Scene { command } => scene::scene(command),
-        Command::Judge(options) => judge::judge(options),
+        Command::Judge(options) => test_set::write_test_set(options),
         Command::Dataset(options) => dataset::dataset(options),
         Command::Evaluate(options) => evaluate::evaluate(options),
         Command::Paper(options) => paper::paper(options),

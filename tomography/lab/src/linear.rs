@@ -7,7 +7,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use eit::inverse::learned::network::{Familiar, Layer, Rounding, Weights};
+use eit::inverse::learned::network::{Layer, Rounding, TrainingDistribution, Weights};
 use eit::{
     Case, DeepNetwork, DeepReport, DeepSettings, Jitter, Model, Network, Noise, Precision, Preset,
     Report, Samples, Simulation, TrainingSettings, dense_target, model,
@@ -269,7 +269,7 @@ fn fit(
         }
     }
     let judged = held_out.max(1) as f64;
-    let familiar = Familiar::learn(&seen, inputs).ok_or_else(|| {
+    let familiar = TrainingDistribution::learn(&seen, inputs).ok_or_else(|| {
         Failure::because("all samples of the training set are alike; more cases are needed")
     })?;
     let report = DeepReport {

@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 use survey::{Dipole, Electrode, Measurement, Protocol};
 
 use super::{Kind, Metadata, Model, ModelError, Network, VERSION, fingerprint, fits, hex};
-use crate::inverse::learned::network::{DeepNetwork, Familiar, Layer, Weights};
+use crate::inverse::learned::network::{DeepNetwork, Layer, TrainingDistribution, Weights};
 use crate::{Mesh, RbfNetwork};
 
 /// Name of the one metadata entry.
@@ -107,7 +107,7 @@ fn of_rbf(network: &RbfNetwork) -> Vec<(String, Tensor)> {
     ]
 }
 
-fn of_deep(network: &DeepNetwork, familiar: &Familiar) -> Vec<(String, Tensor)> {
+fn of_deep(network: &DeepNetwork, familiar: &TrainingDistribution) -> Vec<(String, Tensor)> {
     let inputs = network.inputs();
     let mut tensors = Vec::new();
     for (name, values) in ["mean", "gain", "shift"]
@@ -366,7 +366,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
             )
             .map_err(damaged)?;
             let limit = floats("familiar.limit", 1)?;
-            let familiar = Familiar {
+            let familiar = TrainingDistribution {
                 mean: floats("familiar.mean", 1)?,
                 directions: floats("familiar.directions", protocol.len())?,
                 deviations: floats("familiar.deviations", 1)?,

@@ -16,7 +16,9 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use survey::{Map, MapUnit, Protocol, Reading};
 
-use crate::inverse::learned::network::{DeepNetwork, DeepReconstructor, DeepReport, Familiar};
+use crate::inverse::learned::network::{
+    DeepNetwork, DeepReconstructor, DeepReport, TrainingDistribution,
+};
 use crate::inverse::reconstructor::Difference;
 use crate::{
     Mesh, RbfNetwork, RbfReconstructor, ReconstructError, Reconstructor, TrainingReport,
@@ -43,7 +45,7 @@ pub enum Network {
     /// Radial basis functions.
     Rbf(RbfNetwork),
     /// Fully connected layers, and the inputs that they have seen.
-    Deep(DeepNetwork, Familiar),
+    Deep(DeepNetwork, TrainingDistribution),
 }
 
 impl Network {

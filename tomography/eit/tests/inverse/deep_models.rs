@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
-use eit::inverse::learned::network::{Familiar, Layer, Rounding, Weights};
+use eit::inverse::learned::network::{Layer, Rounding, TrainingDistribution, Weights};
 use eit::model::{load, save};
 use eit::{
     DeepNetwork, DeepReport, DeepSettings, DiscTank, Forward, Mesh, Model, ModelError, Network,
@@ -54,7 +54,7 @@ fn model(precision: Precision) -> Model {
     let seen: Vec<f32> = (0..200 * inputs)
         .map(|i| ((i * i % 7919) as f32 * 0.01).sin() * 0.01)
         .collect();
-    let familiar = Familiar::learn(&seen, inputs).unwrap();
+    let familiar = TrainingDistribution::learn(&seen, inputs).unwrap();
     let report = DeepReport {
         settings: DeepSettings::default(),
         parameters: 1,

@@ -62,7 +62,7 @@ pub(crate) enum Command {
         network: Network,
     },
     /// Make judging data: a case folder with frames of the simulated sheet on a finer, different mesh, and the truth
-    Judge(JudgeOptions),
+    Judge(TestSetOptions),
     /// Scenes, with only the effects they call for: explain, check, run, list
     Scene {
         #[command(subcommand)]
@@ -271,7 +271,7 @@ pub(crate) enum Method {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum JudgeSet {
+pub(crate) enum TestSetName {
     /// Discs of 10 mm, half the conductance lost, anywhere in the region
     #[value(name = "presses-10")]
     Presses10,
@@ -292,7 +292,7 @@ pub(crate) enum JudgeSet {
     Masses,
 }
 
-impl JudgeSet {
+impl TestSetName {
     /// As on the command line.
     pub(crate) fn name(self) -> &'static str {
         match self {
@@ -320,10 +320,10 @@ impl JudgeSet {
 }
 
 #[derive(Debug, Args)]
-pub(crate) struct JudgeOptions {
+pub(crate) struct TestSetOptions {
     /// Which loads
     #[arg(long, value_enum)]
-    pub(crate) set: JudgeSet,
+    pub(crate) set: TestSetName,
     /// White noise of one reading on baseline and frames, V; 0 for none
     #[arg(long, value_name = "SD", default_value_t = 2e-6)]
     pub(crate) noise_v: f64,

@@ -11,7 +11,7 @@ use super::figures::average;
 use crate::choice::{self, Choice};
 use crate::failure::Failure;
 use crate::noise_figure::by_draws;
-use crate::{geometry, judge, progress};
+use crate::{geometry, progress, test_set};
 use imaging::recorded::FrameTable;
 
 /// What is assumed of noise-free frames, V: a method that is told of no noise at all believes its model instead.
@@ -80,7 +80,7 @@ pub(crate) fn maps_not_refused(
 
 fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<Judged, Failure> {
     let case = geometry::read(folder)?;
-    let said = judge::said(folder)?;
+    let said = test_set::said(folder)?;
     let frames = folder.join("frames.csv");
     let mut told = words.to_vec();
     // the paper's own step looks at no noise

@@ -11,9 +11,9 @@ use std::path::PathBuf;
 
 use render::{WorkPoint, work_precision_png};
 
-use crate::args::{EvaluateOptions, JudgeOptions, JudgeSet, Replacing};
+use crate::args::{EvaluateOptions, Replacing, TestSetName, TestSetOptions};
 use crate::failure::Failure;
-use crate::judge;
+use crate::test_set;
 pub(crate) use figures::{Figures, OfFrame, average, figures, mean_and_deviation, of_frames};
 pub(crate) use maps::{Frame, Judged, maps, maps_not_refused};
 
@@ -186,13 +186,13 @@ impl Made {
             sets: Vec::new(),
         };
         for (set, noise_v, name) in [
-            (JudgeSet::Presses10, 2e-6, "presses-10"),
-            (JudgeSet::Presses30, 2e-6, "presses-30"),
-            (JudgeSet::Polygons, 2e-6, "polygons"),
-            (JudgeSet::Polygons, 396e-6, "polygons-396uV"),
+            (TestSetName::Presses10, 2e-6, "presses-10"),
+            (TestSetName::Presses30, 2e-6, "presses-30"),
+            (TestSetName::Polygons, 2e-6, "polygons"),
+            (TestSetName::Polygons, 396e-6, "polygons-396uV"),
         ] {
             let out = folder.join(name);
-            judge::make(&JudgeOptions {
+            test_set::make(&TestSetOptions {
                 set,
                 noise_v,
                 seed: options.seed,

@@ -1,7 +1,7 @@
 //! The two tests by every method: at each noise, over draws of it, and on unevenly sprayed sheets.
 
 use super::plan::{Method, Plan};
-use crate::workplace::Workplace;
+use crate::artifact_cache::ArtifactCache;
 use eit::Case;
 
 use crate::evaluate::{Figures, Frame, OfFrame, figures, maps, of_frames};
@@ -52,7 +52,7 @@ impl Experiments {
     /// Only what a figure asks for, if one does.
     pub(super) fn run(
         plan: &Plan,
-        place: &Workplace,
+        place: &ArtifactCache,
         methods: &[Method],
         figure: Option<u8>,
     ) -> Result<Self, Failure> {
@@ -166,7 +166,7 @@ impl Experiments {
 /// The judged folder of a set.
 pub(super) fn folder(
     plan: &Plan,
-    place: &Workplace,
+    place: &ArtifactCache,
     set: Set,
 ) -> Result<std::path::PathBuf, Failure> {
     // never the seed of the training

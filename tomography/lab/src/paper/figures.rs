@@ -8,8 +8,8 @@ use survey::{Map, MapUnit};
 use super::experiments::{Experiments, FIGURES_AT, Outcome};
 use super::plan::{DEEP, RBF, TV};
 use super::sweeps::Sweep;
+use crate::artifact_cache::ArtifactCache;
 use crate::failure::Failure;
-use crate::workplace::Workplace;
 
 /// A figure on disk.
 pub(super) struct Figure {
@@ -21,7 +21,7 @@ pub(super) struct Figure {
 }
 
 /// The paper's 3A.
-pub(super) fn mesh(place: &Workplace, case: &Case) -> Result<Figure, Failure> {
+pub(super) fn mesh(place: &ArtifactCache, case: &Case) -> Result<Figure, Failure> {
     let mesh = &case.mesh;
     let all: Vec<_> = (0..mesh.triangles().len())
         .map(|t| mesh.corners(t))
@@ -46,7 +46,7 @@ pub(super) fn mesh(place: &Workplace, case: &Case) -> Result<Figure, Failure> {
 
 /// The paper's 4 to 7, those that are wanted, each with one scale and with a scale for each map.
 pub(super) fn tests(
-    place: &Workplace,
+    place: &ArtifactCache,
     experiments: &Experiments,
     wanted: &dyn Fn(u8) -> bool,
 ) -> Result<Vec<Figure>, Failure> {
@@ -119,7 +119,7 @@ pub(super) fn tests(
 }
 
 /// One chart for each thing that was varied.
-pub(super) fn sweeps(place: &Workplace, sweeps: &[Sweep]) -> Result<Vec<Figure>, Failure> {
+pub(super) fn sweeps(place: &ArtifactCache, sweeps: &[Sweep]) -> Result<Vec<Figure>, Failure> {
     sweeps
         .iter()
         .map(|sweep| {
@@ -168,7 +168,7 @@ pub(super) fn sweeps(place: &Workplace, sweeps: &[Sweep]) -> Result<Vec<Figure>,
 }
 
 fn both(
-    place: &Workplace,
+    place: &ArtifactCache,
     stem: &str,
     title: &str,
     case: &Case,
@@ -216,7 +216,7 @@ fn both(
 }
 
 fn put(
-    place: &Workplace,
+    place: &ArtifactCache,
     stem: &str,
     png: Result<Vec<u8>, render::PictureError>,
     svg: Result<String, render::PictureError>,

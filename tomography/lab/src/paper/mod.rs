@@ -16,8 +16,8 @@ use std::path::PathBuf;
 use outfile::Existing;
 
 use crate::args::PaperOptions;
+use crate::artifact_cache::ArtifactCache;
 use crate::failure::{Failure, write};
-use crate::workplace::Workplace;
 use experiments::Experiments;
 use plan::Plan;
 
@@ -31,7 +31,7 @@ pub(crate) fn paper(options: &PaperOptions) -> Result<(), Failure> {
         Some(folder) => folder.to_path_buf(),
         None => PathBuf::from(format!("paper-{}", plan.name)),
     };
-    let place = Workplace::new(folder, "paper", options.replacing.existing())?;
+    let place = ArtifactCache::new(folder, "paper", options.replacing.existing())?;
     place.write("settings.json", &plan.described())?;
     let case = place.case()?;
     if options.figure == Some(3) {

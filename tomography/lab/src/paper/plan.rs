@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use eit::{Model, Report, model};
 
+use crate::artifact_cache::ArtifactCache;
 use crate::failure::Failure;
-use crate::workplace::Workplace;
 
 /// A run as a whole.
 pub(super) struct Plan {
@@ -147,7 +147,7 @@ impl Plan {
     }
 
     /// All methods, the networks trained.
-    pub(super) fn models(&self, place: &Workplace) -> Result<Vec<Method>, Failure> {
+    pub(super) fn models(&self, place: &ArtifactCache) -> Result<Vec<Method>, Failure> {
         let seed = self.seed.to_string();
         let cases = self.cases.to_string();
         let deep: Vec<String> = ["train", "dnn", "--profile", "paper"]

@@ -2,9 +2,9 @@
 
 use super::experiments::{self, FIGURES_AT, Set};
 use super::plan::{DEEP, Method, Plan, RBF, RBF_FILE, TV};
+use crate::artifact_cache::ArtifactCache;
 use crate::evaluate::{maps, mean_and_deviation, of_frames};
 use crate::failure::Failure;
-use crate::workplace::Workplace;
 
 /// One thing varied.
 pub(super) struct Sweep {
@@ -47,7 +47,7 @@ impl Sweep {
 
 pub(super) fn run(
     plan: &Plan,
-    place: &Workplace,
+    place: &ArtifactCache,
     methods: &[Method],
 ) -> Result<Vec<Sweep>, Failure> {
     let mut sweeps = vec![alphas(plan, place)?];
@@ -63,7 +63,7 @@ fn judging(plan: &Plan) -> String {
 }
 
 /// Loads of 20 to 140 mm, across the largest that training has seen.
-fn sizes(plan: &Plan, place: &Workplace, methods: &[Method]) -> Result<Vec<Sweep>, Failure> {
+fn sizes(plan: &Plan, place: &ArtifactCache, methods: &[Method]) -> Result<Vec<Sweep>, Failure> {
     let seed = judging(plan);
     let set = place.made("sets/sizes", &["judge", "--set", "sizes", "--seed", &seed])?;
     let (mut errors, mut dice) = (Vec::new(), Vec::new());
@@ -129,7 +129,7 @@ fn sizes(plan: &Plan, place: &Workplace, methods: &[Method]) -> Result<Vec<Sweep
 }
 
 /// alpha of Eq. 4, and true total variation beside it.
-fn alphas(plan: &Plan, place: &Workplace) -> Result<Sweep, Failure> {
+fn alphas(plan: &Plan, place: &ArtifactCache) -> Result<Sweep, Failure> {
     let mut points = Vec::new();
     // one height from end to end: true total variation knows no alpha
     let power = |exponent: Option<&i32>| exponent.map(|&exponent| 10.0_f64.powi(exponent));
@@ -188,7 +188,7 @@ fn alphas(plan: &Plan, place: &Workplace) -> Result<Sweep, Failure> {
 }
 
 /// Eq. 13's spread times a factor, on held-out cases of Algorithm 1.
-fn spreads(plan: &Plan, place: &Workplace) -> Result<Sweep, Failure> {
+fn spreads(plan: &Plan, place: &ArtifactCache) -> Result<Sweep, Failure> {
     let seed = judging(plan);
     let count = if plan.best { "100" } else { "10" };
     let mut points = Vec::new();
@@ -246,7 +246,7 @@ fn spreads(plan: &Plan, place: &Workplace) -> Result<Sweep, Failure> {
 }
 
 /// Other sheets and electrodes; presses of 10 mm.
-fn sheets(plan: &Plan, place: &Workplace) -> Result<Vec<Sweep>, Failure> {
+fn sheets(plan: &Plan, place: &ArtifactCache) -> Result<Vec<Sweep>, Failure> {
     let seed = judging(plan);
     let count = if plan.best { "16" } else { "4" };
     let (mut electrodes, mut sizes) = (Vec::new(), Vec::new());

@@ -11,7 +11,7 @@ use phantom::{Load, Phantom, Preview};
 use super::record::Session;
 use crate::args::RunOptions;
 use crate::failure::{Failure, write};
-use crate::{geometry, judge, progress};
+use crate::{geometry, progress, test_set};
 
 /// Takes the frames and writes them as they come.
 pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
@@ -73,7 +73,7 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
                 let row = match &known {
                     Some((same, row)) if *same == loads => row,
                     _ => {
-                        let changes = judge::true_map(&case, &loads)?;
+                        let changes = test_set::true_map(&case, &loads)?;
                         let row = matrix_text(&DMatrix::from_row_slice(1, changes.len(), &changes));
                         &known.insert((loads, row)).1
                     }
@@ -99,7 +99,7 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
             "frames": scan.frames - 1,
             "every_s": scan.begin(1).as_secs_f64(),
         });
-        write(&out.join(judge::SAID), existing, format!("{said}\n"))?;
+        write(&out.join(test_set::SAID), existing, format!("{said}\n"))?;
         println!("{}: {words}", out.display());
     }
     if let Some(session) = session {

@@ -24,8 +24,8 @@ use std::time::Instant;
 use outfile::Existing;
 
 use crate::args::{PanelName, TradeoffOptions};
+use crate::artifact_cache::ArtifactCache;
 use crate::failure::{Failure, write};
-use crate::workplace::Workplace;
 pub(crate) use advise::advise;
 use panel::Panel;
 
@@ -78,7 +78,7 @@ pub(crate) fn tradeoff(options: &TradeoffOptions) -> Result<(), Failure> {
         Some(folder) => folder.to_path_buf(),
         None => PathBuf::from(format!("tradeoff-{}", effort.name())),
     };
-    let place = Workplace::new(folder, "tradeoff", options.replacing.existing())?;
+    let place = ArtifactCache::new(folder, "tradeoff", options.replacing.existing())?;
     let wanted = |name: &PanelName| options.only.is_empty() || options.only.contains(name);
     let mut panels = Vec::new();
     for name in PanelName::ALL.into_iter().filter(wanted) {
@@ -100,7 +100,7 @@ pub(crate) fn tradeoff(options: &TradeoffOptions) -> Result<(), Failure> {
 }
 
 /// The panel from its table where the same settings made it, else new.
-fn made(name: PanelName, effort: &Effort, place: &Workplace) -> Result<Panel, Failure> {
+fn made(name: PanelName, effort: &Effort, place: &ArtifactCache) -> Result<Panel, Failure> {
     let file = format!("{}.json", name.name());
     if let Some(panel) = Panel::read(&place.path(&file), effort)? {
         return Ok(panel);

@@ -8,10 +8,10 @@ use render::{Axis, Curve, Curves};
 use serde::{Deserialize, Serialize};
 
 use super::Effort;
+use crate::artifact_cache::ArtifactCache;
 use crate::evaluate::mean_and_deviation;
 use crate::failure::Failure;
 use crate::solve::median;
-use crate::workplace::Workplace;
 
 /// Points of a line that are all drawn.
 const MANY: usize = 24;
@@ -199,13 +199,13 @@ impl Panel {
     }
 
     /// PNG and SVG of each group.
-    pub(super) fn draw(&self, place: &Workplace) -> Result<(), Failure> {
+    pub(super) fn draw(&self, place: &ArtifactCache) -> Result<(), Failure> {
         self.groups()
             .into_iter()
             .try_for_each(|group| self.draw_group(place, group))
     }
 
-    fn draw_group(&self, place: &Workplace, group: &str) -> Result<(), Failure> {
+    fn draw_group(&self, place: &ArtifactCache, group: &str) -> Result<(), Failure> {
         // a logarithm has no place for nothing
         let of_group =
             |point: &&Point| point.group == group && point.time > 0.0 && point.error > 0.0;

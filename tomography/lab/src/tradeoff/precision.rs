@@ -8,11 +8,11 @@ use eit::model;
 use super::Effort;
 use super::panel::{Panel, Point, quantile};
 use super::reconstruction::{Trained, judged_sets};
+use crate::artifact_cache::ArtifactCache;
 use crate::evaluate::{average, maps, of_frames};
 use crate::failure::Failure;
-use crate::workplace::Workplace;
 
-pub(super) fn panel(effort: &Effort, place: &Workplace) -> Result<Panel, Failure> {
+pub(super) fn panel(effort: &Effort, place: &ArtifactCache) -> Result<Panel, Failure> {
     let sets = judged_sets(effort, place, "polygons", effort.of(4, 8))?;
     let mut points = Vec::new();
     for &width in widths(effort) {
@@ -95,7 +95,7 @@ pub(super) fn widths(effort: &Effort) -> &'static [usize] {
 /// The deep network of a width, its weights kept in a format.
 pub(super) fn deep(
     effort: &Effort,
-    place: &Workplace,
+    place: &ArtifactCache,
     width: usize,
     precision: &str,
 ) -> Result<Trained, Failure> {

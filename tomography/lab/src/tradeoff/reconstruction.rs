@@ -8,9 +8,9 @@ use phantom::Scene;
 
 use super::panel::{Panel, Point, quantile};
 use super::{Effort, precision};
+use crate::artifact_cache::ArtifactCache;
 use crate::evaluate::{Judged, average, figures, maps_not_refused, of_frames};
 use crate::failure::Failure;
-use crate::workplace::Workplace;
 
 /// Half the diagonal of the paper's sheet, mm.
 pub(super) const FARTHEST_MM: f64 = 157.0;
@@ -24,7 +24,7 @@ pub(super) struct Trained {
 
 impl Trained {
     /// Trains, or takes what the same words have trained before.
-    pub(super) fn new(place: &Workplace, words: &[&str]) -> Result<Self, Failure> {
+    pub(super) fn new(place: &ArtifactCache, words: &[&str]) -> Result<Self, Failure> {
         let name = words[1..].join("-").replace("--", "").replace('=', "-");
         let name = format!("models/{name}.safetensors");
         let start = Instant::now();
@@ -53,7 +53,7 @@ impl Trained {
 /// Judging data of some kind, one set a seed.
 pub(super) fn judged_sets(
     effort: &Effort,
-    place: &Workplace,
+    place: &ArtifactCache,
     set: &str,
     count: usize,
 ) -> Result<Vec<PathBuf>, Failure> {
@@ -81,7 +81,7 @@ struct Method {
     slow: bool,
 }
 
-pub(super) fn panel(effort: &Effort, place: &Workplace) -> Result<Panel, Failure> {
+pub(super) fn panel(effort: &Effort, place: &ArtifactCache) -> Result<Panel, Failure> {
     let methods = methods(effort, place)?;
     let mut points = Vec::new();
     let mut refused = Vec::new();
@@ -200,7 +200,7 @@ impl Kind {
         }
     }
 
-    fn sets(self, effort: &Effort, place: &Workplace) -> Result<Vec<Set>, Failure> {
+    fn sets(self, effort: &Effort, place: &ArtifactCache) -> Result<Vec<Set>, Failure> {
         let judged = |set: &str| -> Result<Vec<Set>, Failure> {
             let frames = effort.of(4, 8);
             let sets = judged_sets(effort, place, set, frames)?;
@@ -222,7 +222,7 @@ impl Kind {
 /// Frames of a shipped scene, drawn from other seeds.
 fn scenes(
     effort: &Effort,
-    place: &Workplace,
+    place: &ArtifactCache,
     name: &str,
     every: &str,
 ) -> Result<Vec<Set>, Failure> {
@@ -270,7 +270,7 @@ fn distances_mm(judged: &Judged) -> Vec<f64> {
         .collect()
 }
 
-fn methods(effort: &Effort, place: &Workplace) -> Result<Vec<Method>, Failure> {
+fn methods(effort: &Effort, place: &ArtifactCache) -> Result<Vec<Method>, Failure> {
     let mut methods = Vec::new();
     let mut plain = |line: &'static str, setting: &str, words: &str, slow: bool| {
         methods.push(Method {

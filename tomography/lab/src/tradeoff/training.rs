@@ -3,11 +3,11 @@
 use super::Effort;
 use super::panel::{Panel, Point};
 use super::reconstruction::{Trained, judged_sets};
+use crate::artifact_cache::ArtifactCache;
 use crate::evaluate::{average, maps, of_frames};
 use crate::failure::Failure;
-use crate::workplace::Workplace;
 
-pub(super) fn panel(effort: &Effort, place: &Workplace) -> Result<Panel, Failure> {
+pub(super) fn panel(effort: &Effort, place: &ArtifactCache) -> Result<Panel, Failure> {
     let cases: &[usize] = effort.of(&[2000][..], &[2000, 5000, 15_000]);
     let epochs: &[usize] = effort.of(&[1][..], &[2, 5, 15]);
     let width = effort.of(64, 256);

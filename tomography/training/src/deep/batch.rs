@@ -1,6 +1,6 @@
 //! Samples with their jitter, in batches; and what the inputs of a training set are like.
 
-use eit::inverse::learned::network::Familiar;
+use eit::inverse::learned::network::TrainingDistribution;
 use eit::{Noise, Sample, SampleError, Samples};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -26,7 +26,7 @@ pub(super) struct Feed<'a> {
 pub(super) struct Described {
     /// Mean and 1 / deviation of each reading.
     pub(super) statistics: [Vec<f32>; 2],
-    pub(super) familiar: Familiar,
+    pub(super) familiar: TrainingDistribution,
 }
 
 impl Feed<'_> {
@@ -122,7 +122,7 @@ impl Feed<'_> {
             .map(|square| (square + epsilon).sqrt().recip() as f32)
             .collect();
         let mean = mean.into_iter().map(|value| value as f32).collect();
-        let familiar = Familiar::learn(&rows.concat(), width);
+        let familiar = TrainingDistribution::learn(&rows.concat(), width);
         Ok(familiar.map(|familiar| Described {
             statistics: [mean, inverse],
             familiar,

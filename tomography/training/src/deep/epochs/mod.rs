@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use eit::inverse::learned::network::{Familiar, Layer, Rounding, Weights};
+use eit::inverse::learned::network::{Layer, Rounding, TrainingDistribution, Weights};
 use eit::{DeepNetwork, DeepReport, DeepSettings, Noise, Precision, SampleError, Samples};
 use rayon::prelude::*;
 
@@ -119,7 +119,7 @@ pub enum DeepFault {
 pub fn train(
     recipe: &Recipe<'_>,
     progress: &dyn Fn(Moment),
-) -> Result<(DeepNetwork, Familiar, DeepReport), DeepFault> {
+) -> Result<(DeepNetwork, TrainingDistribution, DeepReport), DeepFault> {
     let Recipe {
         samples, settings, ..
     } = recipe;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use survey::{Map, Protocol, Reading};
 
-use crate::inverse::learned::network::{DeepNetwork, Familiar};
+use crate::inverse::learned::network::{DeepNetwork, TrainingDistribution};
 use crate::model::Trained;
 use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
 
@@ -15,13 +15,17 @@ const NOVELTY_LIMIT: f64 = 10.0;
 #[derive(Debug, Clone)]
 pub struct DeepReconstructor {
     network: DeepNetwork,
-    familiar: Familiar,
+    familiar: TrainingDistribution,
     trained: Trained,
 }
 
 impl DeepReconstructor {
     /// `network` must take the protocol's readings and give the mesh's region, which a loaded model's does.
-    pub(crate) fn new(network: DeepNetwork, familiar: Familiar, trained: Trained) -> Self {
+    pub(crate) fn new(
+        network: DeepNetwork,
+        familiar: TrainingDistribution,
+        trained: Trained,
+    ) -> Self {
         Self {
             network,
             familiar,

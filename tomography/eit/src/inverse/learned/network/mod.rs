@@ -20,7 +20,9 @@ pub use crate::inverse::learned::network::deep::DeepReconstructor;
 pub use crate::inverse::learned::network::elu::{elu, elu_slope};
 pub use crate::inverse::learned::network::history::{DeepReport, DeepSettings, Rounding};
 pub use crate::inverse::learned::network::onnx::{OnnxError, is_onnx, load_onnx};
-pub use crate::inverse::learned::network::training_distribution::{FAMILIAR_SHARE, Familiar};
+pub use crate::inverse::learned::network::training_distribution::{
+    FAMILIAR_SHARE, TrainingDistribution,
+};
 pub use crate::inverse::learned::network::weights::{Precision, Weights};
 
 /// `output[r] = sum_i rows[r][i] input[i]`, at the speed of memory; the bits depend on the processor's instructions.

@@ -18,7 +18,7 @@ const CHUNK: usize = 1000;
 /// covariance, r the rest of x - m outside of them and s_r its root mean square. Novelty is d over the distance within
 /// which [`FAMILIAR_SHARE`] of the training inputs lie.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Familiar {
+pub struct TrainingDistribution {
     pub(crate) mean: Vec<f32>,
     /// One row a direction, divided by its deviation.
     pub(crate) directions: Vec<f32>,
@@ -28,7 +28,7 @@ pub struct Familiar {
     pub(crate) limit: f32,
 }
 
-impl Familiar {
+impl TrainingDistribution {
     /// Learns from inputs, rows of `width`. `None` where they do not differ.
     pub fn learn(inputs: &[f32], width: usize) -> Option<Self> {
         let count = inputs.len() / width;
@@ -169,7 +169,7 @@ mod tests {
                 .collect()
         };
         let inputs: Vec<f32> = (0..3000).flat_map(row).collect();
-        let familiar = Familiar::learn(&inputs, 12).unwrap();
+        let familiar = TrainingDistribution::learn(&inputs, 12).unwrap();
         let outside = (3000..6000)
             .filter(|i| familiar.novelty(&row(*i)) > 1.0)
             .count();
@@ -183,7 +183,7 @@ mod tests {
 
     #[test]
     fn nothing_is_learnt_from_copies() {
-        assert!(Familiar::learn(&[0.5; 40], 4).is_none());
-        assert!(Familiar::learn(&[0.5; 4], 4).is_none());
+        assert!(TrainingDistribution::learn(&[0.5; 40], 4).is_none());
+        assert!(TrainingDistribution::learn(&[0.5; 4], 4).is_none());
     }
 }

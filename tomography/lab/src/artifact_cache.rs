@@ -14,11 +14,11 @@ use crate::geometry;
 const MADE_BY: &str = ".tactus-lab";
 
 /// The folder that everything goes to.
-pub(crate) struct Workplace {
+pub(crate) struct ArtifactCache {
     folder: PathBuf,
 }
 
-impl Workplace {
+impl ArtifactCache {
     /// Makes the folder of a command, or goes on in one that the same command has made. What lies in it is its own and is
     /// replaced; so another folder is refused unless it is empty or `existing` says otherwise.
     pub(crate) fn new(folder: PathBuf, command: &str, existing: Existing) -> Result<Self, Failure> {

@@ -18,7 +18,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 
-use crate::args::{JudgeOptions, JudgeSet, PresetName};
+use crate::args::{PresetName, TestSetName, TestSetOptions};
 use crate::failure::{Failure, write};
 use crate::{geometry, progress};
 
@@ -76,7 +76,7 @@ pub(crate) fn said(folder: &Path) -> Result<Said, Failure> {
 }
 
 /// Makes the folder and says so.
-pub(crate) fn judge(options: &JudgeOptions) -> Result<(), Failure> {
+pub(crate) fn write_test_set(options: &TestSetOptions) -> Result<(), Failure> {
     let count = make(options)?;
     println!(
         "{}: baseline and {count} frames of {}, {:e} V of noise on each reading, seed {}",
@@ -89,7 +89,7 @@ pub(crate) fn judge(options: &JudgeOptions) -> Result<(), Failure> {
 }
 
 /// Makes the folder; gives the number of its frames without the baseline.
-pub(crate) fn make(options: &JudgeOptions) -> Result<usize, Failure> {
+pub(crate) fn make(options: &TestSetOptions) -> Result<usize, Failure> {
     if !(options.noise_v >= 0.0 && options.noise_v.is_finite()) {
         return Err(Failure::usage(format!(
             "--noise-v {}: volts are expected, e.g. 2e-6, or 0",
@@ -132,17 +132,17 @@ pub(crate) fn make(options: &JudgeOptions) -> Result<usize, Failure> {
     let mut random = ChaCha8Rng::seed_from_u64(options.seed);
     random.set_stream(options.set as u64 + 1);
     let fixed = match options.set {
-        JudgeSet::Test1 | JudgeSet::Test2 | JudgeSet::Sizes => options.set.usual(),
+        TestSetName::Test1 | TestSetName::Test2 | TestSetName::Sizes => options.set.usual(),
         _ => usize::MAX,
     };
     let count = options.count.unwrap_or(options.set.usual()).min(fixed);
     let drawn: Vec<Pressed> = (0..count)
         .map(|k| match options.set {
-            JudgeSet::Presses10 => press(&case.mesh, 10.0, &mut random),
-            JudgeSet::Presses30 => press(&case.mesh, 30.0, &mut random),
-            JudgeSet::Polygons => polygons(&case.mesh, &mut random),
-            JudgeSet::Test1 => disc(paper::s1(paper::test1_positions()[k]), 10.0),
-            JudgeSet::Test2 => {
+            TestSetName::Presses10 => press(&case.mesh, 10.0, &mut random),
+            TestSetName::Presses30 => press(&case.mesh, 30.0, &mut random),
+            TestSetName::Polygons => polygons(&case.mesh, &mut random),
+            TestSetName::Test1 => disc(paper::s1(paper::test1_positions()[k]), 10.0),
+            TestSetName::Test2 => {
                 let shape = [paper::s2, paper::s3, paper::s4][k / 3];
                 Pressed {
                     mass: None,
@@ -150,8 +150,8 @@ pub(crate) fn make(options: &JudgeOptions) -> Result<usize, Failure> {
                     disc: None,
                 }
             }
-            JudgeSet::Masses => mass(&case.mesh, k, &mut random),
-            JudgeSet::Sizes => press(&case.mesh, 20.0 * (1 + k / 4) as f64, &mut random),
+            TestSetName::Masses => mass(&case.mesh, k, &mut random),
+            TestSetName::Sizes => press(&case.mesh, 20.0 * (1 + k / 4) as f64, &mut random),
         })
         .collect();
     let noise = Normal::new(0.0, options.noise_v)
