@@ -3,12 +3,14 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use gpio_mux::{Poles, SimulatorGpioMux};
-use keithley_6221::{Resistor, Settings6221, Simulator6221};
-use keysight_34980a::{MeterRequest, Module, Settings34980a, Simulator34980a, Wires};
-use survey::{Electrode, Ohms, Relay, Volts};
+use gpio_mux::Poles;
+use keithley_6221::{Load, Resistor, Settings6221};
+use keysight_34980a::{MeterRequest, Module, Settings34980a, Wires};
+use survey::{Amps, Electrode, Ohms, Relay, Volts};
 
 use crate::Instrument;
+use crate::simulated_instruments::instrument::SimulatedInstrument;
+use crate::simulated_instruments::{Board, Mainframe, Source};
 
 /// What an instrument is made of and what its terminals meet.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,41 +40,46 @@ impl InstrumentSetup {
     }
 }
 
-/// The same voltage wherever it is measured.
+/// What an isolated instrument meets: one resistor, one voltage wherever it is measured, poles that lead nowhere.
 #[derive(Debug)]
-pub(crate) struct ConstantVoltage(f64);
+struct FixedSurroundings {
+    resistor: Resistor,
+    volts: Volts,
+}
 
-impl Wires for ConstantVoltage {
-    fn relays(&mut self, _: &BTreeSet<Relay>, _: Duration) {}
+impl Load for FixedSurroundings {
+    fn resistance(&mut self, at: Duration) -> Ohms {
+        self.resistor.resistance(at)
+    }
 
-    fn measure(&mut self, _: Duration, _: MeterRequest) -> Volts {
-        Volts(self.0)
+    fn drive(&mut self, flowing: Amps, range: Amps, at: Duration) {
+        self.resistor.drive(flowing, range, at);
     }
 }
 
-/// Poles that lead nowhere.
-#[derive(Debug)]
-pub(crate) struct UnconnectedPoles;
+impl Wires for FixedSurroundings {
+    fn relays(&mut self, _: &BTreeSet<Relay>, _: Duration) {}
 
-impl Poles for UnconnectedPoles {
+    fn measure(&mut self, _: Duration, _: MeterRequest) -> Volts {
+        self.volts
+    }
+}
+
+impl Poles for FixedSurroundings {
     fn poles(&mut self, _: [Option<Electrode>; 4], _: Duration) {}
 }
 
 /// An instrument just switched on.
 #[derive(Debug)]
-pub(crate) enum IsolatedInstrument {
-    Source(Box<Simulator6221>, Resistor),
-    Mainframe(Box<Simulator34980a>, ConstantVoltage),
-    Board(Box<SimulatorGpioMux>),
+pub(crate) struct IsolatedInstrument {
+    instrument: Box<dyn SimulatedInstrument>,
+    surroundings: FixedSurroundings,
 }
 
 impl IsolatedInstrument {
     pub(crate) fn new(setup: &InstrumentSetup) -> Self {
-        match setup.instrument {
-            Instrument::Source => Self::Source(
-                Box::new(Simulator6221::new(Settings6221::default())),
-                Resistor::new(Ohms(setup.ohms)),
-            ),
+        let instrument: Box<dyn SimulatedInstrument> = match setup.instrument {
+            Instrument::Source => Box::new(Source::new(Settings6221::default())),
             Instrument::Mainframe => {
                 let mut settings = Settings34980a {
                     slots: setup.slots,
@@ -81,36 +88,26 @@ impl IsolatedInstrument {
                 if let Some(vendor) = &setup.vendor {
                     settings.vendor.clone_from(vendor);
                 }
-                Self::Mainframe(
-                    Box::new(Simulator34980a::new(settings)),
-                    ConstantVoltage(setup.volts),
-                )
+                Box::new(Mainframe::new(settings))
             }
-            Instrument::Board => Self::Board(Box::new(SimulatorGpioMux::new(
-                gpio_mux::Settings::default(),
-            ))),
+            Instrument::Board => Box::new(Board::new(gpio_mux::Settings::default())),
+        };
+        Self {
+            instrument,
+            surroundings: FixedSurroundings {
+                resistor: Resistor::new(Ohms(setup.ohms)),
+                volts: Volts(setup.volts),
+            },
         }
     }
 
-    /// Hears a message at a time since power on: the reply, and how long the instrument is busy with it.
+    /// Receives a message at a time since power on: the reply, and how long the instrument is busy with it.
     pub(crate) fn receive(&mut self, line: &str, at: Duration) -> (Option<String>, Duration) {
-        match self {
-            Self::Source(source, load) => {
-                let reply = source.receive(line, at, load);
-                (reply.text, reply.busy)
-            }
-            Self::Mainframe(unit, wires) => {
-                // Readings that were due meanwhile are taken at their own times.
-                while let Some(due) = unit.due().filter(|due| *due < at) {
-                    unit.pass(due, wires);
-                }
-                let reply = unit.receive(line, at, wires);
-                (reply.text, reply.busy)
-            }
-            Self::Board(board) => {
-                let reply = board.receive(line, at, &mut UnconnectedPoles);
-                (reply.text, reply.busy)
-            }
+        // Readings that were due meanwhile are taken at their own times.
+        while let Some(due) = self.instrument.due().filter(|due| *due < at) {
+            self.instrument.pass(due, &mut self.surroundings);
         }
+        let reply = self.instrument.receive(0, line, at, &mut self.surroundings);
+        (reply.text, reply.busy)
     }
 }

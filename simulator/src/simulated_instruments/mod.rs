@@ -1,56 +1,98 @@
-//! The instruments and the sheet on one table: whatever one of them moves, the others feel.
+//! The instruments and the sheet of one rig: whatever one instrument moves, the others meet.
+//! How an instrument behaves is left to the drivers' simulators, how clients reach it to `transport`.
+
+mod board;
+mod faults;
+pub(crate) mod instrument;
+mod mainframe;
+mod source;
 
 use std::collections::{BTreeSet, VecDeque};
 use std::time::Duration;
 
-use gpio_mux::{Poles, SimulatorGpioMux};
+use gpio_mux::Poles;
 use keithley_6221::{Load, Settings6221, Simulator6221};
-use keysight_34980a::{
-    Alternating, MeterRequest, Module, Session, Settings34980a, Simulator34980a, Wires,
-};
+use keysight_34980a::{Alternating, MeterRequest, Settings34980a, Wires};
 use phantom::Phantom;
 use rig::transcript::TranscriptWriter;
-use scpi::ErrorEntry;
-use survey::{Amps, Electrode, Relay, Volts};
+use survey::{Amps, Electrode, Ohms, Relay, Volts};
 use tokio::time::Instant;
 
 use crate::circuit::sheet::{ReadingRequest, Sheet};
 use crate::circuit::terminals::Fixture;
 use crate::fault::TimedFault;
 use crate::profile::{Pace, Profile, milliseconds};
+pub(crate) use crate::simulated_instruments::board::Board;
+use crate::simulated_instruments::instrument::{Outside, Reply, SimulatedInstrument};
+pub(crate) use crate::simulated_instruments::mainframe::Mainframe;
+pub(crate) use crate::simulated_instruments::source::Source;
 use crate::simulated_rig::{Instrument, Messages, TranscriptLine};
-
-mod faults;
 
 /// 2000-01-01, seconds since 1970-01-01.
 const YEAR_2000: u32 = 946_684_800;
 
+/// The instruments of one rig, joined to one sheet.
 #[derive(Debug)]
 pub(crate) struct SimulatedInstruments {
-    pub(crate) source: Simulator6221,
-    source_settings: Settings6221,
-    mainframe: Simulator34980a,
-    board: SimulatorGpioMux,
+    /// In the order in which they do what was due: what switches before what drives current.
+    places: Vec<Place>,
     pub(crate) sheet: Sheet,
     pace: Pace,
     start: Instant,
     /// In instant time: what the instruments would have needed so far. Else what was skipped.
     elapsed: Duration,
-    messages: [Messages; 3],
     pub(crate) transcript: Option<Vec<TranscriptLine>>,
     /// Where in it a reply is still missing.
     unanswered: Option<usize>,
-    /// Where everything said is written.
+    /// Where all messages and replies are written.
     pub(crate) recorder: Option<TranscriptWriter>,
     /// What is still to happen, earliest first.
     time_line: VecDeque<TimedFault>,
     /// The last error that an instrument queued, for people.
     pub(crate) last_error: Option<String>,
-    /// The profile's modules, and which of them have been taken out.
-    slots: [Option<Module>; 8],
-    emptied: [bool; 8],
-    voltmeter_missing: bool,
-    identities: [String; 3],
+}
+
+/// An instrument in its role.
+#[derive(Debug)]
+struct Place {
+    role: Instrument,
+    instrument: Box<dyn SimulatedInstrument>,
+    messages: Messages,
+    identity: String,
+}
+
+/// The instruments that a profile describes, each with its role, in the order in which they do what was due.
+fn of_profile(
+    profile: &Profile,
+    electrodes: usize,
+) -> Vec<(Instrument, Box<dyn SimulatedInstrument>)> {
+    let board = profile.board.clone().unwrap_or_default();
+    let mainframe = Mainframe::new(Settings34980a {
+        serial: profile.mainframe.serial.clone(),
+        slots: profile.slots,
+        line_hz: profile.line_hz,
+        message_time: milliseconds(profile.mainframe.command_ms),
+        clock: Duration::from_secs(u64::from(
+            profile.mainframe.clock_unix_s.unwrap_or(YEAR_2000),
+        )),
+        ..Settings34980a::default()
+    });
+    let board = Board::new(gpio_mux::Settings {
+        serial: board.serial,
+        electrodes: electrodes.min(32),
+        latency: milliseconds(board.command_ms),
+        ..gpio_mux::Settings::default()
+    });
+    let source = Source::new(Settings6221 {
+        serial: profile.source.serial.clone(),
+        command_time: milliseconds(profile.source.command_ms),
+        ..Settings6221::default()
+    });
+    vec![
+        (Instrument::Mainframe, Box::new(mainframe)),
+        (Instrument::Board, Box::new(board)),
+        (Instrument::Source, Box::new(source)),
+    ]
 }
 
 /// What an instrument made of a message.
@@ -78,38 +120,18 @@ impl SimulatedInstruments {
     /// Instruments just switched on.
     pub(crate) fn new(profile: &Profile, phantom: Phantom, mut time_line: Vec<TimedFault>) -> Self {
         let electrodes = phantom.electrodes();
-        let board = profile.board.clone().unwrap_or_default();
-        let source_settings = Settings6221 {
-            serial: profile.source.serial.clone(),
-            command_time: milliseconds(profile.source.command_ms),
-            ..Settings6221::default()
-        };
         time_line.sort_by_key(|timed| timed.at);
+        let places = of_profile(profile, electrodes).into_iter();
+        let places = places.map(|(role, instrument)| Place {
+            role,
+            instrument,
+            messages: Messages::default(),
+            identity: String::new(),
+        });
         let mut new = Self {
-            source: Simulator6221::new(source_settings.clone()),
-            source_settings,
-            mainframe: Simulator34980a::new(Settings34980a {
-                serial: profile.mainframe.serial.clone(),
-                slots: profile.slots,
-                line_hz: profile.line_hz,
-                message_time: milliseconds(profile.mainframe.command_ms),
-                clock: Duration::from_secs(u64::from(
-                    profile.mainframe.clock_unix_s.unwrap_or(YEAR_2000),
-                )),
-                ..Settings34980a::default()
-            }),
-            slots: profile.slots,
-            emptied: [false; 8],
-            voltmeter_missing: false,
-            identities: Default::default(),
+            places: places.collect(),
             time_line: time_line.into(),
             last_error: None,
-            board: SimulatorGpioMux::new(gpio_mux::Settings {
-                serial: board.serial,
-                electrodes: electrodes.min(32),
-                latency: milliseconds(board.command_ms),
-                ..gpio_mux::Settings::default()
-            }),
             sheet: Sheet::new(
                 phantom,
                 Fixture::new(&profile.slots, electrodes),
@@ -119,23 +141,65 @@ impl SimulatedInstruments {
             pace: profile.pace,
             start: Instant::now(),
             elapsed: Duration::ZERO,
-            messages: Default::default(),
             transcript: None,
             unanswered: None,
             recorder: None,
         };
-        new.identities = [Instrument::Source, Instrument::Mainframe, Instrument::Board]
-            .map(|instrument| new.receive(instrument, 0, "*IDN?", ReplyTiming::AtOnce))
-            .map(|received| received.text.unwrap_or_default());
-        // No message has been received yet, and no time has passed.
-        new.messages = Default::default();
+        for role in Instrument::ALL {
+            let reply = new.receive(role, 0, "*IDN?", ReplyTiming::AtOnce);
+            new.place_mut(role).identity = reply.text.unwrap_or_default();
+        }
+        // No client has sent a message yet, and no time has passed.
+        for place in &mut new.places {
+            place.messages = Messages::default();
+        }
         new.elapsed = Duration::ZERO;
         new
     }
 
+    fn place(&self, role: Instrument) -> &Place {
+        let place = self.places.iter().find(|place| place.role == role);
+        place.expect("every role has its instrument")
+    }
+
+    fn place_mut(&mut self, role: Instrument) -> &mut Place {
+        let place = self.places.iter_mut().find(|place| place.role == role);
+        place.expect("every role has its instrument")
+    }
+
+    /// Lets an instrument act on the sheet and the other instruments; gives with the result how many readings it took.
+    fn act<T>(
+        &mut self,
+        role: Instrument,
+        act: impl FnOnce(&mut dyn SimulatedInstrument, &mut dyn Outside) -> T,
+    ) -> (T, u64) {
+        let index = self.places.iter().position(|place| place.role == role);
+        let (before, rest) = self
+            .places
+            .split_at_mut(index.expect("every role has its instrument"));
+        let (place, after) = rest
+            .split_first_mut()
+            .expect("the index is that of a place");
+        let mut outside = Surroundings {
+            others: [before, after],
+            sheet: &mut self.sheet,
+            readings: 0,
+        };
+        let result = act(&mut *place.instrument, &mut outside);
+        let readings = outside.readings;
+        place.messages.readings += readings;
+        (result, readings)
+    }
+
+    /// The current source.
+    pub(crate) fn source(&self) -> &Simulator6221 {
+        let source = self.place(Instrument::Source).instrument.current_source();
+        source.expect("the instrument in the source's role is a source")
+    }
+
     /// The reply to `*IDN?`.
     pub(crate) fn identity(&self, instrument: Instrument) -> &str {
-        &self.identities[instrument.index()]
+        &self.place(instrument).identity
     }
 
     /// What the instruments' clock shows.
@@ -155,26 +219,23 @@ impl SimulatedInstruments {
     }
 
     pub(crate) fn messages(&self, instrument: Instrument) -> Messages {
-        self.messages[instrument.index()]
+        self.place(instrument).messages
     }
 
     /// What may have happened since the last message: the board's watchdog opened its poles, a load of the scene
     /// changed what the source sees.
     pub(crate) fn catch_up(&mut self) {
         let at = self.now();
-        let mut ends = Ends {
-            source: &mut self.source,
-            sheet: &mut self.sheet,
-            readings: 0,
-        };
-        // Readings and steps that were due take place at their own instants, with the source as it was then.
-        while let Some(due) = self.mainframe.due().filter(|due| *due < at) {
-            self.mainframe.pass(due, &mut ends);
+        let roles: Vec<Instrument> = self.places.iter().map(|place| place.role).collect();
+        for role in roles {
+            self.act(role, |instrument, outside| {
+                // Readings and steps that were due take place at their own instants, with the source as it was then.
+                while let Some(due) = instrument.due().filter(|due| *due < at) {
+                    instrument.pass(due, outside);
+                }
+                instrument.pass(at, outside);
+            });
         }
-        self.mainframe.pass(at, &mut ends);
-        self.board.pass(at, &mut ends);
-        self.messages[Instrument::Mainframe.index()].readings += ends.readings;
-        ends.source.load_changed(at, ends.sheet);
     }
 
     /// Lets an instrument receive one message.
@@ -187,39 +248,17 @@ impl SimulatedInstruments {
     ) -> MessageOutcome {
         self.catch_up();
         let at = self.now();
-        let errors = self.latest_error(instrument).0;
-        let mut ends = Ends {
-            source: &mut self.source,
-            sheet: &mut self.sheet,
-            readings: 0,
-        };
-        let mut later = false;
-        let (text, busy) = match instrument {
-            Instrument::Source => {
-                let reply = ends.source.receive(line, at, ends.sheet);
-                (reply.text, reply.busy)
-            }
-            Instrument::Mainframe => {
-                let (session, mainframe) = (Session(session), &mut self.mainframe);
-                let reply = if timing == ReplyTiming::InTime && self.pace != Pace::Instant {
-                    let begun = mainframe.begin_from(session, line, at, &mut ends);
-                    later = begun.1;
-                    begun.0
-                } else {
-                    mainframe.receive_from(session, line, at, &mut ends)
-                };
-                (reply.text, reply.busy)
-            }
-            Instrument::Board => {
-                let reply = self.board.receive(line, at, &mut ends);
-                (reply.text, reply.busy)
-            }
-        };
-        let count = &mut self.messages[instrument.index()];
+        let errors = self.place(instrument).instrument.latest_error().0;
+        let in_time = timing == ReplyTiming::InTime && self.pace != Pace::Instant;
+        let (reply, readings) = self.act(instrument, |instrument, outside| match in_time {
+            true => instrument.begin(session, line, at, outside),
+            false => instrument.receive(session, line, at, outside),
+        });
+        let Reply { text, busy, later } = reply;
+        let count = &mut self.place_mut(instrument).messages;
         count.received += 1;
         count.answered += u64::from(text.is_some());
-        count.readings += ends.readings;
-        count.reading += u64::from(later || ends.readings > 0);
+        count.reading += u64::from(later || readings > 0);
         if let Some(transcript) = &mut self.transcript {
             transcript.push(TranscriptLine {
                 at,
@@ -239,7 +278,7 @@ impl SimulatedInstruments {
                 Duration::ZERO
             }
         };
-        let refused = match self.latest_error(instrument) {
+        let refused = match self.place(instrument).instrument.latest_error() {
             (added, Some(latest)) if added != errors => Some(latest.to_string()),
             _ => None,
         };
@@ -255,9 +294,12 @@ impl SimulatedInstruments {
     pub(crate) fn fetch(&mut self, session: u32) -> Option<String> {
         self.catch_up();
         let at = self.now();
-        let mut text = None;
-        self.on_mainframe(|mainframe, ends| text = mainframe.fetch(Session(session), at, ends));
-        self.messages[Instrument::Mainframe.index()].answered += u64::from(text.is_some());
+        let fetch = |instrument: &mut dyn SimulatedInstrument, outside: &mut dyn Outside| {
+            instrument.fetch(session, at, outside)
+        };
+        let (text, _) = self.act(Instrument::Mainframe, fetch);
+        let count = &mut self.place_mut(Instrument::Mainframe).messages;
+        count.answered += u64::from(text.is_some());
         let place = self.unanswered.take();
         if let (Some(transcript), Some(place)) = (&mut self.transcript, place)
             && let Some(said) = transcript.get_mut(place)
@@ -267,91 +309,77 @@ impl SimulatedInstruments {
         text
     }
 
-    /// How many errors an instrument ever queued, and the last of them.
-    fn latest_error(&self, instrument: Instrument) -> (u64, Option<&ErrorEntry>) {
-        match instrument {
-            Instrument::Source => self.source.latest_error(),
-            Instrument::Mainframe => self.mainframe.latest_error(),
-            Instrument::Board => self.board.latest_error(),
-        }
-    }
-
-    /// A client has come: what `SYST:LOCK:NAME?` calls it.
+    /// A client has come: what the instrument calls it.
     pub(crate) fn name_session(&mut self, instrument: Instrument, session: u32, name: &str) {
-        if instrument == Instrument::Mainframe {
-            self.mainframe.name_session(Session(session), name);
-        }
+        let place = self.place_mut(instrument);
+        place.instrument.name_session(session, name);
     }
 
     /// A client has left.
     pub(crate) fn forget_session(&mut self, instrument: Instrument, session: u32) {
-        match instrument {
-            Instrument::Source => self.source.forget_answer(),
-            Instrument::Mainframe => self.mainframe.end_session(Session(session)),
-            Instrument::Board => {}
-        }
+        self.place_mut(instrument).instrument.end_session(session);
     }
 
     /// A client of the mainframe clears the device.
     pub(crate) fn clear_session(&mut self, session: u32) {
         let at = self.now();
-        self.on_mainframe(|mainframe, ends| mainframe.clear_session(Session(session), at, ends));
+        self.act(Instrument::Mainframe, |mainframe, outside| {
+            mainframe.clear_session(session, at, outside);
+        });
     }
 
     /// The mainframe's status byte, without message available.
     pub(crate) fn status_byte(&mut self) -> u8 {
         self.catch_up();
-        self.mainframe.status_byte()
+        self.place(Instrument::Mainframe).instrument.status_byte()
     }
 
-    fn on_mainframe(&mut self, act: impl FnOnce(&mut Simulator34980a, &mut Ends<'_>)) {
-        let mut ends = Ends {
-            source: &mut self.source,
-            sheet: &mut self.sheet,
-            readings: 0,
-        };
-        act(&mut self.mainframe, &mut ends);
-        self.messages[Instrument::Mainframe.index()].readings += ends.readings;
-    }
-
-    /// Switches an instrument off and on.
+    /// Switches an instrument off and on; gives what it then sends unasked.
     pub(crate) fn power_cycle(&mut self, instrument: Instrument) -> Option<String> {
         let at = self.now();
-        let mut ends = Ends {
-            source: &mut self.source,
-            sheet: &mut self.sheet,
-            readings: 0,
-        };
-        match instrument {
-            Instrument::Source => {
-                *ends.source = Simulator6221::new(self.source_settings.clone());
-                ends.sheet.drive(Amps(0.0), ends.source.range(), at);
-            }
-            Instrument::Mainframe => self.mainframe.power_cycle(at, &mut ends),
-            Instrument::Board => return Some(self.board.reset(at, &mut ends)),
-        }
-        None
+        let cycled = self.act(instrument, |instrument, outside| {
+            instrument.power_cycle(at, outside)
+        });
+        cycled.0
     }
 }
 
-/// Where the wires of mainframe and board end: whatever they move, the source feels.
-struct Ends<'a> {
-    source: &'a mut Simulator6221,
+/// The sheet and the other instruments, as the one that acts meets them: whatever it moves, the others notice.
+struct Surroundings<'a> {
+    others: [&'a mut [Place]; 2],
     sheet: &'a mut Sheet,
     readings: u64,
 }
 
-impl Wires for Ends<'_> {
+impl Surroundings<'_> {
+    fn load_changed(&mut self, at: Duration) {
+        for place in self.others.iter_mut().flat_map(|places| places.iter_mut()) {
+            place.instrument.load_changed(at, self.sheet);
+        }
+    }
+}
+
+impl Load for Surroundings<'_> {
+    fn resistance(&mut self, at: Duration) -> Ohms {
+        self.sheet.resistance(at)
+    }
+
+    fn drive(&mut self, flowing: Amps, range: Amps, at: Duration) {
+        self.sheet.drive(flowing, range, at);
+    }
+}
+
+impl Wires for Surroundings<'_> {
     fn relays(&mut self, closed: &BTreeSet<Relay>, at: Duration) {
         self.sheet.set_closed(closed, at);
-        self.source.load_changed(at, self.sheet);
+        self.load_changed(at);
     }
 
     fn measure(&mut self, at: Duration, request: MeterRequest) -> Volts {
         self.readings += 1;
         self.sheet.set_scanned(request.channel);
         // The sheet may have been pressed since the relays moved.
-        self.source.load_changed(at, self.sheet);
+        self.load_changed(at);
         let reading = ReadingRequest {
             relay: request.channel,
             range: request.range,
@@ -367,9 +395,11 @@ impl Wires for Ends<'_> {
     fn alternating(&mut self, at: Duration, request: MeterRequest) -> Alternating {
         self.readings += 1;
         self.sheet.set_scanned(request.channel);
-        self.source.load_changed(at, self.sheet);
-        let wave = self.source.alternating(self.sheet);
-        let received = match wave {
+        self.load_changed(at);
+        let places = self.others.iter().flat_map(|places| places.iter());
+        let mut sources = places.filter_map(|place| place.instrument.current_source());
+        let wave = sources.find_map(|source| source.alternating(self.sheet));
+        let seen = match wave {
             Some((rms, hertz)) => Alternating {
                 rms: rms * self.sheet.transfer(at).abs(),
                 hertz,
@@ -377,13 +407,13 @@ impl Wires for Ends<'_> {
             None => Alternating::default(),
         };
         self.sheet.set_scanned(None);
-        received
+        seen
     }
 }
 
-impl Poles for Ends<'_> {
+impl Poles for Surroundings<'_> {
     fn poles(&mut self, joined: [Option<Electrode>; 4], at: Duration) {
         self.sheet.set_poles(joined, at);
-        self.source.load_changed(at, self.sheet);
+        self.load_changed(at);
     }
 }

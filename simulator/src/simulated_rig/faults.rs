@@ -49,7 +49,7 @@ impl SimulatedRig {
                 self.set_wire(Instrument::Mainframe, Wire::Sound);
             }
             Fault::None => {
-                for instrument in [Instrument::Source, Instrument::Mainframe, Instrument::Board] {
+                for instrument in Instrument::ALL {
                     self.link_faults()[instrument.index()] = LinkFaults::default();
                     if self.shared.wires[instrument.index()].borrow().wire != Wire::Sound {
                         self.set_wire(instrument, Wire::Sound);
@@ -108,7 +108,7 @@ impl SimulatedRig {
         self.link_faults()[instrument.index()].take()
     }
 
-    fn link_faults(&self) -> MutexGuard<'_, [LinkFaults; 3]> {
+    fn link_faults(&self) -> MutexGuard<'_, Vec<LinkFaults>> {
         let link_faults = self.shared.link_faults.lock();
         link_faults.unwrap_or_else(PoisonError::into_inner)
     }

@@ -36,14 +36,17 @@ pub enum Instrument {
 }
 
 impl Instrument {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Source, Self::Mainframe, Self::Board];
+
     pub(crate) fn index(self) -> usize {
         self as usize
     }
 
     /// The instrument that a transcript or a golden calls so: `6221`, `34980a`, `gpio`.
     pub fn named(name: &str) -> Option<Self> {
-        let all = [Self::Source, Self::Mainframe, Self::Board];
-        all.into_iter()
+        Self::ALL
+            .into_iter()
             .find(|instrument| instrument.name().eq_ignore_ascii_case(name))
     }
 
@@ -159,8 +162,8 @@ pub(crate) type Clients = BTreeMap<u32, (Instrument, String)>;
 #[derive(Debug)]
 pub(crate) struct Shared {
     instruments: Mutex<SimulatedInstruments>,
-    pub(crate) wires: [watch::Sender<WireState>; 3],
-    link_faults: Mutex<[LinkFaults; 3]>,
+    pub(crate) wires: Vec<watch::Sender<WireState>>,
+    link_faults: Mutex<Vec<LinkFaults>>,
     clients: Mutex<Clients>,
     /// The next client's session; 0 is the rig's own.
     pub(crate) sessions: AtomicU32,
@@ -205,13 +208,15 @@ impl SimulatedRig {
         Ok(Self {
             shared: Arc::new(Shared {
                 instruments: Mutex::new(SimulatedInstruments::new(profile, phantom, time_line)),
-                wires: [(); 3].map(|()| {
-                    watch::Sender::new(WireState {
-                        wire: Wire::Sound,
-                        cuts: 0,
+                wires: Instrument::ALL
+                    .map(|_| {
+                        watch::Sender::new(WireState {
+                            wire: Wire::Sound,
+                            cuts: 0,
+                        })
                     })
-                }),
-                link_faults: Mutex::default(),
+                    .into(),
+                link_faults: Mutex::new(Instrument::ALL.map(|_| LinkFaults::default()).into()),
                 clients: Mutex::default(),
                 sessions: AtomicU32::new(1),
                 banner: watch::Sender::new(String::new()),
@@ -307,7 +312,7 @@ impl SimulatedRig {
     /// Whether the source's output is on, and the level it is set to.
     pub fn source_output(&self) -> (bool, Amps) {
         let instruments = self.instruments();
-        (instruments.source.output(), instruments.source.level())
+        (instruments.source().output(), instruments.source().level())
     }
 
     /// The mainframe's relays that are really closed.
@@ -375,12 +380,12 @@ impl SimulatedRig {
             at_s: instruments.now().as_secs_f64(),
             clients,
             source: SourceStatus {
-                output: instruments.source.output(),
-                level_a: instruments.source.level().0,
+                output: instruments.source().output(),
+                level_a: instruments.source().level().0,
                 flowing_a: instruments.sheet.flowing().0,
-                range_a: instruments.source.range().0,
-                in_compliance: instruments.source.in_compliance(),
-                pulses: instruments.source.pulses(),
+                range_a: instruments.source().range().0,
+                in_compliance: instruments.source().in_compliance(),
+                pulses: instruments.source().pulses(),
             },
             closed: instruments
                 .sheet

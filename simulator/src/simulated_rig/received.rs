@@ -117,7 +117,7 @@ impl SimulatedRig {
 
     /// What ends a line on the source's serial port.
     pub(crate) fn serial_terminator(&self) -> &'static str {
-        self.instruments().source.serial_terminator()
+        self.instruments().source().serial_terminator()
     }
 
     pub(crate) fn status_byte(&self) -> u8 {

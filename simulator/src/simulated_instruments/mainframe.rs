@@ -1,0 +1,160 @@
+//! The switch and voltmeter, a 34980A, as an instrument of the rig.
+
+use std::time::Duration;
+
+use keysight_34980a::{Module, Session, Settings34980a, Simulator34980a};
+use scpi::{ErrorEntry, ParseError};
+
+use crate::fault::Fault;
+use crate::simulated_instruments::instrument::{Outside, Reply, SimulatedInstrument};
+
+/// A 34980A with the modules that a fault may take out and put back.
+#[derive(Debug)]
+pub(crate) struct Mainframe {
+    simulator: Simulator34980a,
+    slots: [Option<Module>; 8],
+    emptied: [bool; 8],
+    voltmeter_missing: bool,
+}
+
+impl Mainframe {
+    /// Just switched on.
+    pub(crate) fn new(settings: Settings34980a) -> Self {
+        Self {
+            slots: settings.slots,
+            emptied: [false; 8],
+            voltmeter_missing: false,
+            simulator: Simulator34980a::new(settings),
+        }
+    }
+
+    fn set_slot(&mut self, slot: u32, filled: bool, at: Duration, outside: &mut dyn Outside) {
+        let index = slot as usize - 1;
+        let module = self.slots[index].filter(|_| filled);
+        self.emptied[index] = !filled && self.slots[index].is_some();
+        self.simulator.power_cycle(at, outside);
+        self.simulator.set_module(slot, module, at, outside);
+    }
+
+    fn set_voltmeter(&mut self, present: bool, at: Duration, outside: &mut dyn Outside) {
+        self.voltmeter_missing = !present;
+        self.simulator.power_cycle(at, outside);
+        self.simulator.set_voltmeter(present, at, outside);
+    }
+}
+
+impl SimulatedInstrument for Mainframe {
+    fn receive(
+        &mut self,
+        session: u32,
+        line: &str,
+        at: Duration,
+        outside: &mut dyn Outside,
+    ) -> Reply {
+        let reply = self
+            .simulator
+            .receive_from(Session(session), line, at, outside);
+        Reply {
+            text: reply.text,
+            busy: reply.busy,
+            later: false,
+        }
+    }
+
+    fn begin(
+        &mut self,
+        session: u32,
+        line: &str,
+        at: Duration,
+        outside: &mut dyn Outside,
+    ) -> Reply {
+        let (reply, later) = self
+            .simulator
+            .begin_from(Session(session), line, at, outside);
+        Reply {
+            text: reply.text,
+            busy: reply.busy,
+            later,
+        }
+    }
+
+    fn fetch(&mut self, session: u32, at: Duration, outside: &mut dyn Outside) -> Option<String> {
+        self.simulator.fetch(Session(session), at, outside)
+    }
+
+    fn due(&self) -> Option<Duration> {
+        self.simulator.due()
+    }
+
+    fn pass(&mut self, at: Duration, outside: &mut dyn Outside) {
+        self.simulator.pass(at, outside);
+    }
+
+    fn latest_error(&self) -> (u64, Option<&ErrorEntry>) {
+        self.simulator.latest_error()
+    }
+
+    fn refuse(
+        &mut self,
+        session: u32,
+        refusal: ParseError,
+        _: Duration,
+        _: &mut dyn Outside,
+    ) -> Option<String> {
+        self.simulator.fault_of_session(Session(session), refusal);
+        None
+    }
+
+    fn name_session(&mut self, session: u32, name: &str) {
+        self.simulator.name_session(Session(session), name);
+    }
+
+    fn end_session(&mut self, session: u32) {
+        self.simulator.end_session(Session(session));
+    }
+
+    fn clear_session(&mut self, session: u32, at: Duration, outside: &mut dyn Outside) {
+        self.simulator.clear_session(Session(session), at, outside);
+    }
+
+    fn status_byte(&self) -> u8 {
+        self.simulator.status_byte()
+    }
+
+    fn power_cycle(&mut self, at: Duration, outside: &mut dyn Outside) -> Option<String> {
+        self.simulator.power_cycle(at, outside);
+        None
+    }
+
+    fn overflow_errors(&mut self) -> bool {
+        self.simulator.overflow_errors();
+        true
+    }
+
+    fn fault(&mut self, fault: &Fault, at: Duration, outside: &mut dyn Outside) {
+        match fault {
+            Fault::TerminalBlock(slot, shut) => {
+                self.simulator.set_interlock(*slot, !shut, at, outside);
+            }
+            Fault::Pulse(None) => self.simulator.pulse(at, outside),
+            Fault::Slot(slot, filled) => self.set_slot(*slot, *filled, at, outside),
+            Fault::Voltmeter(present) => self.set_voltmeter(*present, at, outside),
+            Fault::None => {
+                for slot in 1..=8 {
+                    self.simulator.set_interlock(slot, false, at, outside);
+                    if self.emptied[slot as usize - 1] {
+                        self.set_slot(slot, true, at, outside);
+                    }
+                }
+                if self.voltmeter_missing {
+                    self.set_voltmeter(true, at, outside);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn is_opened_up(&self) -> bool {
+        self.voltmeter_missing || self.emptied.contains(&true)
+    }
+}
