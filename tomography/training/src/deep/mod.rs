@@ -1,6 +1,6 @@
 //! Training of the deep network (section 4.2 of the paper, Eq. 11): Adam on half the squared error of a map.
 //!
-//! Activations and weights are kept in tiles that lie in the cache ([`product`]), each tile one task: a product with its
+//! Activations and weights are kept in tiles that lie in the cache (`product`), each tile one task: a product with its
 //! elu, or a gradient with its step of Adam, so that the gradient of the whole network is never stored. Tiles do not depend
 //! on the number of threads, so the bits do not either.
 //!
