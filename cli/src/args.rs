@@ -559,7 +559,7 @@ mod tests {
     #[test]
     fn what_cannot_be_is_refused() {
         for (words, says) in [
-            (&["start", "--every", "10"][..], "no unit"),
+            (&["start", "--every", "10"][..], "time unit needed"),
             (&["start", "--count", "0"][..], "0"),
             (&["start", "--within", "5s"][..], "--wait"),
             (&["start", "--speed", "-1"][..], "own rate"),

@@ -101,7 +101,7 @@ fn what_is_wrong_is_named_with_its_exit_code() {
     );
     assert!(refused(path, &["--bus", "tcp:x", "status"], 2).contains("unix:PATH"));
     assert!(refused(path, &["frobnicate"], 2).contains("frobnicate"));
-    assert!(refused(path, &["start", "--every", "10"], 2).contains("no unit"));
+    assert!(refused(path, &["start", "--every", "10"], 2).contains("time unit needed"));
     let said = refused(
         path,
         &["export", "zzz", "--format", "csv", "--out", "x.csv"],
