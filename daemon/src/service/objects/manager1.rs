@@ -269,7 +269,7 @@ impl Manager1 {
     }
 
     /// Runs the command that tells people of troubles once, and says how it fared: `done` (b), `stderr` (s), `took_s` (d),
-    /// and `code` (x) or `alarm` (s, why there is none).
+    /// and `code` (x) or `trouble` (s, why there is none).
     #[zbus(out_args("fared"))]
     async fn notify_test(&self) -> Result<Options, Fault> {
         Ok(self.0.notify_test().await.options())
@@ -279,7 +279,7 @@ impl Manager1 {
     /// `frame-failed`, `source-unknown`, `alarm` (neither source nor switch can be made safe), `suspended`,
     /// `reconnecting`, `source-off`, `relays-open`, `others-found`, `accepted`, `reconnected`, `settings-verified`,
     /// `resumed`, `transcript`, `relays-closed`, `opened`, `fault`, `reloaded`, `reload-refused`; of the daemon `started`,
-    /// `stopped`, `daily`, `alarm`, `alarm-over`, `notify-failed`. Details: `session` (s).
+    /// `stopped`, `daily`, `trouble`, `trouble-over`, `notify-failed`. Details: `session` (s).
     #[zbus(signal)]
     async fn happened(
         emitter: &SignalEmitter<'_>,
