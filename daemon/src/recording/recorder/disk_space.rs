@@ -302,7 +302,8 @@ impl Recorder {
         }
         if self.status.stop_wish().is_asked() {
             self.status.hold(false);
-            return Err(full);
+            // a file that stays locked is left for the next part, which the next attempt makes
+            return if locked { Ok(()) } else { Err(full) };
         }
         std::thread::sleep(LOOK_AGAIN);
         let now = self.clock.monotonic();
