@@ -250,10 +250,10 @@ impl Acquisition {
         }
         // the record has promised
         self.heartbeats.rest(Part::Acquisition);
+        (self.paused)(true);
         self.status.set_suspended(true);
         self.status
             .set_last_error("the logbook cannot keep up; acquisition waits, the source is off");
-        (self.paused)(true);
         let since = self.clock.monotonic();
         let sent = self.recorder.send(frame).await.is_ok();
         let waited = self.clock.monotonic().saturating_sub(since);
@@ -284,8 +284,9 @@ impl Acquisition {
         }
         let from = self.clock.monotonic();
         self.heartbeats.rest(Part::Acquisition);
-        self.status.set_suspended(true);
+        // the daemon's state first: whoever sees the session suspended finds the daemon suspended, too
         (self.paused)(true);
+        self.status.set_suspended(true);
         tokio::select! {
             () = stop.asked() => {}
             _ = suspend.wait_for(|suspended| !*suspended) => {}
