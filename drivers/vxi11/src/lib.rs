@@ -5,7 +5,7 @@
 //! finds core channels by a broadcast to port mappers and asks instruments for their identities. Records, links and
 //! queues are bounded. SCPI, and which instrument is simulated, are left to other crates.
 //!
-//! ```no_run
+//! ```
 //! # #[tokio::main(flavor = "current_thread")] async fn main() -> std::io::Result<()> {
 //! // A client connects to a core channel; the device of this example repeats each message.
 //! # use vxi11::{Device, LineFramer, Refusal, Session};

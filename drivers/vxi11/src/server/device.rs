@@ -115,7 +115,7 @@ impl MessageFramer for LineFramer {
     }
 
     fn is_partial(&self) -> bool {
-        !self.bytes.is_empty()
+        self.bytes.last().is_some_and(|byte| *byte != b'\n')
     }
 
     fn clear(&mut self) {
