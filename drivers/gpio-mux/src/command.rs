@@ -14,7 +14,11 @@ use std::fmt;
 use std::str::FromStr;
 use std::time::Duration;
 
+use scpi::{ErrorEntry, quote};
 use survey::{Electrode, Relay};
+
+/// Entries of the board's error queue.
+pub(crate) const MOST_ERRORS: usize = 20;
 
 /// One of the four lines that the board leads to an electrode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -130,25 +134,6 @@ pub enum Command {
     Watchdog(u32),
 }
 
-/// A line that is not a command: a SCPI error number and its text.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{code},\"{text}\"")]
-pub struct Refusal {
-    /// SCPI-99 number, negative.
-    pub code: i32,
-    /// Its text.
-    pub text: String,
-}
-
-impl Refusal {
-    pub(crate) fn new(code: i32, text: impl Into<String>) -> Self {
-        Self {
-            code,
-            text: text.into(),
-        }
-    }
-}
-
 impl fmt::Display for Command {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -167,9 +152,9 @@ impl fmt::Display for Command {
 }
 
 impl FromStr for Command {
-    type Err = Refusal;
+    type Err = ErrorEntry;
 
-    fn from_str(line: &str) -> Result<Self, Refusal> {
+    fn from_str(line: &str) -> Result<Self, ErrorEntry> {
         let upper = line.to_ascii_uppercase();
         let words: Vec<&str> = upper.split_ascii_whitespace().collect();
         match words.as_slice() {
@@ -185,49 +170,49 @@ impl FromStr for Command {
             ["PAIR", "V", electrode] => {
                 Ok(Self::Pair(Pair::Voltage, electrode_numbered(electrode)?))
             }
-            ["PAIR", _, _] => Err(Refusal::new(-224, "Illegal parameter value; I or V")),
+            ["PAIR", _, _] => Err(ErrorEntry::new(-224, "Illegal parameter value; I or V")),
             ["OFF"] => Ok(Self::Off),
             ["STAT?"] => Ok(Self::AskState),
             ["LAST?"] => Ok(Self::AskLastEdge),
             [header] if asks_next_error(header) => Ok(Self::NextError),
             ["WDOG", milliseconds] => whole(milliseconds, "milliseconds").map(Self::Watchdog),
             ["SET" | "PAIR" | "WDOG", rest @ ..] => Err(if rest.len() < 2 {
-                Refusal::new(-109, "Missing parameter")
+                ErrorEntry::new(-109, "Missing parameter")
             } else {
-                Refusal::new(-108, "Parameter not allowed")
+                ErrorEntry::new(-108, "Parameter not allowed")
             }),
             ["*IDN?" | "OFF" | "STAT?" | "LAST?", ..] => {
-                Err(Refusal::new(-108, "Parameter not allowed"))
+                Err(ErrorEntry::new(-108, "Parameter not allowed"))
             }
             [header, ..] if asks_next_error(header) => {
-                Err(Refusal::new(-108, "Parameter not allowed"))
+                Err(ErrorEntry::new(-108, "Parameter not allowed"))
             }
-            _ => Err(Refusal::new(-113, "Undefined header")),
+            _ => Err(ErrorEntry::new(-113, "Undefined header")),
         }
     }
 }
 
-fn pole_named(word: &str) -> Result<Pole, Refusal> {
+fn pole_named(word: &str) -> Result<Pole, ErrorEntry> {
     Pole::ALL
         .into_iter()
         .find(|pole| pole.to_string() == word)
-        .ok_or_else(|| Refusal::new(-224, "Illegal parameter value; I+, I-, V+ or V-"))
+        .ok_or_else(|| ErrorEntry::new(-224, "Illegal parameter value; I+, I-, V+ or V-"))
 }
 
-fn electrode_numbered(word: &str) -> Result<Electrode, Refusal> {
+fn electrode_numbered(word: &str) -> Result<Electrode, ErrorEntry> {
     let number = whole(word, "an electrode's number or OFF")?;
     Electrode::from_number(number)
-        .ok_or_else(|| Refusal::new(-222, "Data out of range; electrodes count from 1"))
+        .ok_or_else(|| ErrorEntry::new(-222, "Data out of range; electrodes count from 1"))
 }
 
 /// A whole number; one that is none, and one that is too large or below 0, have numbers of their own.
-fn whole<N: FromStr>(word: &str, meant: &str) -> Result<N, Refusal> {
+fn whole<N: FromStr>(word: &str, meant: &str) -> Result<N, ErrorEntry> {
     let digits = word.strip_prefix(['+', '-']).unwrap_or(word);
     if digits.is_empty() || !digits.bytes().all(|byte| byte.is_ascii_digit()) {
-        return Err(Refusal::new(-104, format!("Data type error; {meant}")));
+        return Err(ErrorEntry::new(-104, format!("Data type error; {meant}")));
     }
     word.parse()
-        .map_err(|_| Refusal::new(-222, format!("Data out of range; {meant}")))
+        .map_err(|_| ErrorEntry::new(-222, format!("Data out of range; {meant}")))
 }
 
 /// `SYST:ERR?` as SCPI spells it: each word long or short, `NEXT` and the leading colon may be left out.
@@ -250,9 +235,9 @@ pub enum Reply {
     /// Time of the last edge since the board's start.
     LastEdge(Duration),
     /// An entry of the error queue.
-    Error(i32, String),
+    Error(ErrorEntry),
     /// The command was refused.
-    Refused(Refusal),
+    Refused(ErrorEntry),
 }
 
 impl fmt::Display for Reply {
@@ -261,7 +246,7 @@ impl fmt::Display for Reply {
             Self::Identity(text) => f.write_str(text),
             Self::State(state) => write!(f, "{state}"),
             Self::LastEdge(at) => write!(f, "{}", at.as_micros()),
-            Self::Error(code, text) => write!(f, "{code:+},\"{text}\""),
+            Self::Error(ErrorEntry { code, message }) => write!(f, "{code:+},{}", quote(message)),
             Self::Refused(refusal) => write!(f, "ERR {refusal}"),
         }
     }
@@ -312,17 +297,8 @@ impl FromStr for State {
 }
 
 /// Reads a refusal, `ERR <code>,"<text>"`; `None` for any other reply.
-pub fn refusal(reply: &str) -> Option<Refusal> {
-    error_entry(reply.strip_prefix("ERR ")?)
-}
-
-/// Reads an entry of the error queue.
-pub fn error_entry(text: &str) -> Option<Refusal> {
-    let (code, text) = text.trim().split_once(',')?;
-    Some(Refusal {
-        code: code.parse().ok()?,
-        text: text.trim_matches('"').to_owned(),
-    })
+pub fn refusal(reply: &str) -> Option<ErrorEntry> {
+    reply.strip_prefix("ERR ")?.parse().ok()
 }
 
 #[cfg(test)]
@@ -360,14 +336,10 @@ mod tests {
         assert_eq!(state.to_string().parse(), Ok(state));
         assert!("1,2,3".parse::<State>().is_err());
         assert!("0,2,3,4".parse::<State>().is_err());
-        let refused = Refusal::new(-221, "Settings conflict");
+        let refused = ErrorEntry::new(-221, "Settings conflict");
         assert_eq!(
             refusal(&Reply::Refused(refused.clone()).to_string()),
             Some(refused)
-        );
-        assert_eq!(
-            error_entry("+0,\"No error\"").map(|entry| entry.code),
-            Some(0)
         );
     }
 

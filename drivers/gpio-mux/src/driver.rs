@@ -5,12 +5,12 @@
 
 use std::time::Duration;
 
-use rig::{Link, Move, RigError, Stream, Switch};
+use rig::{Conversation, Link, Move, RigError, Stream, Switch};
 use survey::{Electrode, Relay};
 use tokio::io::{AsyncRead, AsyncReadExt};
 
 use crate::MODEL;
-use crate::command::{Command, Pair, Pole, State, refusal};
+use crate::command::{Command, MOST_ERRORS, Pair, Pole, State, refusal};
 
 /// What the driver may be told to do differently.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -58,7 +58,7 @@ pub async fn await_banner<S: AsyncRead + Unpin>(
 /// A multiplexer board at the other end of a link.
 #[derive(Debug)]
 pub struct GpioMux<S> {
-    link: Link<S>,
+    conversation: Conversation<S>,
     identity: String,
     settling: Duration,
     /// As last answered; unknown after a fault.
@@ -78,23 +78,17 @@ impl<S: Stream> GpioMux<S> {
     ///
     /// # Errors
     /// As [`GpioMux::connect`].
-    pub async fn connect_with(mut link: Link<S>, options: Options) -> Result<Self, RigError> {
-        let identity = link.ask(&Command::Identify.to_string()).await?;
-        if identity.split(',').nth(1).map(str::trim) != Some(MODEL) {
-            return Err(RigError::WrongInstrument {
-                instrument: link.instrument().to_owned(),
-                expected: MODEL.to_owned(),
-                found: identity,
-            });
-        }
+    pub async fn connect_with(link: Link<S>, options: Options) -> Result<Self, RigError> {
+        let mut conversation = Conversation::new(link, Command::NextError, MOST_ERRORS);
+        let is_board = |fields: &[&str]| fields.get(1) == Some(&MODEL);
         let mut board = Self {
-            link,
-            identity,
+            identity: conversation.identify(MODEL, is_board).await?,
+            conversation,
             settling: options.settling,
             state: None,
         };
         let milliseconds = u32::try_from(options.watchdog.as_millis()).unwrap_or(u32::MAX);
-        board.tell(Command::Watchdog(milliseconds)).await?;
+        board.send(Command::Watchdog(milliseconds)).await?;
         Ok(board)
     }
 
@@ -108,27 +102,20 @@ impl<S: Stream> GpioMux<S> {
     /// # Errors
     /// A failing wire, or an answer that is no state.
     pub async fn state(&mut self) -> Result<State, RigError> {
-        self.tell(Command::AskState).await
+        self.send(Command::AskState).await
     }
 
-    /// Says one command and reads the state that it leads to.
-    async fn tell(&mut self, command: Command) -> Result<State, RigError> {
+    /// Sends one command and reads the state that it leads to.
+    async fn send(&mut self, command: Command) -> Result<State, RigError> {
         self.state = None;
-        let said = command.to_string();
-        let answer = self.link.ask(&said).await?;
-        if let Some(refused) = refusal(&answer) {
-            return Err(RigError::Refused {
-                instrument: self.link.instrument().to_owned(),
-                command: said,
-                code: refused.code,
-                message: refused.text,
-            });
+        let message = command.to_string();
+        let answer = self.conversation.link_mut().ask(&message).await?;
+        if let Some(error) = refusal(&answer) {
+            return Err(self.conversation.refused(message, error));
         }
-        let state = answer.parse().map_err(|_| RigError::Garbled {
-            instrument: self.link.instrument().to_owned(),
-            command: said,
-            answer: answer.chars().take(60).collect(),
-            expected: "four electrodes such as 1,2,OFF,OFF".to_owned(),
+        let state = answer.parse().map_err(|_| {
+            let expected = "four electrodes such as 1,2,OFF,OFF";
+            self.conversation.garbled(&message, &answer, expected)
         })?;
         self.state = Some(state);
         Ok(state)
@@ -138,15 +125,11 @@ impl<S: Stream> GpioMux<S> {
     async fn bring(&mut self, from: State, to: State) -> Result<(), RigError> {
         let commands = way(from, to);
         for (command, meant) in &commands {
-            let found = self.tell(*command).await?;
+            let found = self.send(*command).await?;
             if found != *meant {
                 self.state = None;
-                return Err(RigError::Mismatch {
-                    instrument: self.link.instrument().to_owned(),
-                    setting: "electrodes on I+,I-,V+,V-".to_owned(),
-                    set: meant.to_string(),
-                    read: found.to_string(),
-                });
+                let poles = "electrodes on I+,I-,V+,V-";
+                return Err(self.conversation.mismatch(poles, meant, found));
             }
         }
         if !commands.is_empty() && !self.settling.is_zero() {
@@ -168,19 +151,12 @@ impl<S: Stream> GpioMux<S> {
             (&Command::Identify.to_string(), self.identity.trim()),
             (&off.0, &off.1),
         ];
-        Ok(self.link.resynchronise_by(&probes).await?)
-    }
-
-    fn unable(&self, what: String) -> RigError {
-        RigError::Unable {
-            instrument: self.link.instrument().to_owned(),
-            what,
-        }
+        Ok(self.conversation.link_mut().resynchronise_by(&probes).await?)
     }
 
     fn place(&self, relay: Relay) -> Result<(Pole, Electrode), RigError> {
         Pole::of(relay).ok_or_else(|| {
-            self.unable(format!(
+            self.conversation.unable(format!(
                 "move relay {relay}: its relays are pole x 100 + electrode, poles 1 to 4"
             ))
         })
@@ -195,7 +171,7 @@ impl<S: Stream> GpioMux<S> {
                     for relay in relays {
                         let (pole, electrode) = self.place(*relay)?;
                         if let Some(other) = state.on(pole).filter(|other| *other != electrode) {
-                            return Err(self.unable(format!(
+                            return Err(self.conversation.unable(format!(
                                 "close relay {relay} while electrode {other} is on {pole}: a pole carries one electrode"
                             )));
                         }
@@ -213,7 +189,7 @@ impl<S: Stream> GpioMux<S> {
             }
         }
         match state.shorted() {
-            Some(electrode) => Err(self.unable(format!(
+            Some(electrode) => Err(self.conversation.unable(format!(
                 "put electrode {electrode} on I+ and on I-: it would short the source"
             ))),
             None => Ok(state),
@@ -289,27 +265,14 @@ impl<S: Stream> Switch for GpioMux<S> {
     }
 
     async fn open_verified(&mut self, relays: &[Relay]) -> Result<(), RigError> {
-        if !self.link.is_in_step() {
+        if !self.conversation.link().is_in_step() {
             self.come_back().await?;
         }
         let from = self.state().await?;
         let to = self.target(from, &[Move::Open(relays.to_vec())])?;
         self.bring(from, to).await?;
         let closed = self.closed(relays).await?;
-        let stuck: Vec<Relay> = relays
-            .iter()
-            .zip(closed)
-            .filter(|(_, closed)| *closed)
-            .map(|(relay, _)| *relay)
-            .collect();
-        if stuck.is_empty() {
-            Ok(())
-        } else {
-            Err(RigError::StillClosed {
-                instrument: self.link.instrument().to_owned(),
-                relays: stuck,
-            })
-        }
+        self.conversation.check_open(relays, &closed)
     }
 }
 

@@ -8,7 +8,7 @@ use std::time::Duration;
 use scpi::{ErrorEntry, ErrorQueue};
 use survey::{Electrode, Relay};
 
-use crate::command::{Command, Pole, Refusal, Reply, State};
+use crate::command::{Command, MOST_ERRORS, Pole, Reply, State};
 use crate::lines::{Chip, Levels, Line, Step, steps};
 
 /// What the four poles are led to. The bench's sheet implements it.
@@ -79,7 +79,6 @@ pub struct EdgeRecord {
 /// Edges remembered; older ones are forgotten.
 const EDGES: usize = 8192;
 const WATCHDOG: Duration = Duration::from_millis(2000);
-const ERRORS: usize = 20;
 
 /// A simulated board.
 #[derive(Debug)]
@@ -116,7 +115,7 @@ impl SimulatorGpioMux {
             last_edge: Duration::ZERO,
             watchdog: WATCHDOG,
             received: Duration::ZERO,
-            errors: ErrorQueue::new(ERRORS),
+            errors: ErrorQueue::new(MOST_ERRORS),
         }
     }
 
@@ -216,12 +215,12 @@ impl SimulatorGpioMux {
     /// Hears a line that is longer than its buffer. It has one reply too, so that its loss is noticed.
     pub fn receive_oversized(&mut self, at: Duration, poles: &mut dyn Poles) -> Response {
         self.pass(at, poles);
-        self.answer(Err(Refusal::new(-363, "Input buffer overrun")))
+        self.answer(Err(ErrorEntry::new(-363, "Input buffer overrun")))
     }
 
-    fn answer(&mut self, answer: Result<Reply, Refusal>) -> Response {
+    fn answer(&mut self, answer: Result<Reply, ErrorEntry>) -> Response {
         let reply = answer.unwrap_or_else(|refusal| {
-            self.errors.push(refusal.code, refusal.text.as_str());
+            self.errors.push(refusal.code, refusal.message.as_str());
             Reply::Refused(refusal)
         });
         let lost = self.lost > 0;
@@ -237,7 +236,7 @@ impl SimulatorGpioMux {
         command: Command,
         at: Duration,
         poles: &mut dyn Poles,
-    ) -> Result<Reply, Refusal> {
+    ) -> Result<Reply, ErrorEntry> {
         match command {
             Command::Identify => return Ok(Reply::Identity(self.identity())),
             Command::Set(pole, electrode) => {
@@ -255,10 +254,7 @@ impl SimulatorGpioMux {
             Command::Off => self.all_off(at, poles),
             Command::AskState => {}
             Command::AskLastEdge => return Ok(Reply::LastEdge(self.last_edge)),
-            Command::NextError => {
-                let entry = self.errors.pop();
-                return Ok(Reply::Error(entry.code, entry.message));
-            }
+            Command::NextError => return Ok(Reply::Error(self.errors.pop())),
             Command::Watchdog(milliseconds) => {
                 self.watchdog = Duration::from_millis(milliseconds.into());
             }
@@ -273,7 +269,7 @@ impl SimulatorGpioMux {
         target: State,
         at: Duration,
         poles: &mut dyn Poles,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), ErrorEntry> {
         let most = self.settings.electrodes.min(32);
         if let Some(electrode) = target
             .0
@@ -281,13 +277,13 @@ impl SimulatorGpioMux {
             .flatten()
             .find(|electrode| electrode.0 >= most)
         {
-            return Err(Refusal::new(
+            return Err(ErrorEntry::new(
                 -222,
                 format!("Data out of range; electrode {electrode} of {most}"),
             ));
         }
         if let Some(electrode) = target.shorted() {
-            return Err(Refusal::new(
+            return Err(ErrorEntry::new(
                 -221,
                 format!("Settings conflict; electrode {electrode} would be on I+ and on I-"),
             ));

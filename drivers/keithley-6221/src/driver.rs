@@ -1,50 +1,56 @@
 //! The driver: typed methods, every setting read back, every message closed by a look into the error queue.
 
-use rig::{Compliance, CurrentSource, Link, RigError, Stream};
-use scpi::{Common, ErrorEntry, parse_boolean, parse_integer, parse_reading};
+use rig::{Compliance, Conversation, CurrentSource, Link, Replies, RigError, Stream};
+use scpi::{join_units, parse_boolean, parse_integer, parse_reading};
 use survey::{Amps, Volts};
 
-use crate::command::{Ask, COMPLIANCE_BIT, Command, INTERLOCK_BIT, Message, Shield, StatusGroup};
+use crate::command::{Ask, COMPLIANCE_BIT, Command, INTERLOCK_BIT, Shield, StatusGroup};
 use crate::range::{LARGEST_CURRENT, LARGEST_LIMIT, LIMIT_STEP, Range, SMALLEST_LIMIT};
 
 const MODEL: &str = "MODEL 6221";
-/// Looks into the error queue before it is taken for broken: several times its depth.
+/// Errors taken from the queue before it is taken for broken: several times its depth.
 const MOST_ERRORS: usize = 64;
 
 /// A 6221 at the end of a link.
 #[derive(Debug)]
 pub struct Keithley6221<S> {
-    link: Link<S>,
+    conversation: Conversation<S>,
     identity: String,
     range: Option<Range>,
 }
 
 impl<S: Stream> Keithley6221<S> {
-    /// Asks who is there, refuses another model, and empties the error queue. Output and level stay as they are.
+    /// Queries the identity, refuses another model, and empties the error queue. Output and level stay as they are.
     ///
     /// # Errors
     /// [`RigError::WrongInstrument`], or the link's.
-    pub async fn connect(mut link: Link<S>) -> Result<Self, RigError> {
-        let identity = identify(&mut link, None).await?;
-        let mut source = Self {
-            link,
+    pub async fn connect(link: Link<S>) -> Result<Self, RigError> {
+        let mut conversation = Conversation::new(link, Command::NextError, MOST_ERRORS);
+        let identity = conversation.identify(MODEL, is_6221).await?;
+        conversation.drain_errors().await?;
+        Ok(Self {
+            conversation,
             identity,
             range: None,
-        };
-        source.empty_error_queue().await?;
-        Ok(source)
+        })
     }
 
-    /// Goes on over a fresh connection, if the same instrument (serial number included) is at its end. What had been
+    /// Continues over a fresh connection, if the same instrument (serial number included) is at its end. What had been
     /// prepared must be prepared again.
     ///
     /// # Errors
     /// [`RigError::WrongInstrument`], or the link's.
     pub async fn reconnect(&mut self, stream: S) -> Result<(), RigError> {
         self.range = None;
-        self.link.replace(stream);
-        identify(&mut self.link, Some(&self.identity)).await?;
-        self.empty_error_queue().await
+        self.conversation.link_mut().replace(stream);
+        let serial = self.identity.split(',').nth(2).map(str::trim);
+        let is_same = |fields: &[&str]| {
+            let found = fields.get(2).copied();
+            is_6221(fields)
+                && found.map(str::to_ascii_uppercase) == serial.map(str::to_ascii_uppercase)
+        };
+        self.conversation.identify(&self.identity, is_same).await?;
+        self.conversation.drain_errors().await
     }
 
     /// The reply to `*IDN?`.
@@ -54,7 +60,7 @@ impl<S: Stream> Keithley6221<S> {
 
     /// Name and address for messages.
     pub fn instrument(&self) -> &str {
-        self.link.instrument()
+        self.conversation.instrument()
     }
 
     /// Read level and output.
@@ -62,81 +68,51 @@ impl<S: Stream> Keithley6221<S> {
     /// # Errors
     /// The link's, or a garbled answer.
     pub async fn output(&mut self) -> Result<(Amps, bool), RigError> {
-        let asked = [Command::Level(Ask::Now), Command::Output];
-        let answers = self.exchange(&asked).await?;
+        let commands = [Command::Level(Ask::Now), Command::Output];
+        let answers = self.exchange(&commands).await?;
         self.level_and_output(&answers)
     }
 
-    /// Sends commands in one segment with a look into the error queue behind them; gives the answers of the queries.
+    /// Sends commands with a query of the error queue behind them; gives the answers of the queries.
     ///
     /// # Errors
     /// [`RigError::Refused`] with the oldest error when there is one; the queue is emptied.
     async fn exchange(&mut self, commands: &[Command]) -> Result<Vec<String>, RigError> {
-        let (answers, error) = self.exchange_unchecked(commands).await?;
-        if error.code == 0 {
-            return Ok(answers);
+        let replies = self.exchange_unchecked(commands).await?;
+        if replies.error.code == 0 {
+            return Ok(replies.answers);
         }
-        self.empty_error_queue().await?;
-        Err(RigError::Refused {
-            instrument: self.link.instrument().to_owned(),
-            command: Message(commands).to_string(),
-            code: error.code,
-            message: error.message,
-        })
+        self.conversation.drain_errors().await?;
+        let refused = join_units(commands);
+        Err(self.conversation.refused(refused, replies.error))
     }
 
-    async fn exchange_unchecked(
-        &mut self,
-        commands: &[Command],
-    ) -> Result<(Vec<String>, ErrorEntry), RigError> {
-        let mut commands = commands.to_vec();
-        commands.push(Command::NextError);
-        let message = Message(&commands).to_string();
-        let reply = self.link.ask(&message).await?;
+    async fn exchange_unchecked(&mut self, commands: &[Command]) -> Result<Replies, RigError> {
+        let replies = self.conversation.send(commands).await?;
         let queries = commands.iter().filter(|c| c.is_query()).count();
-        // The error entry comes last because its text may hold a semicolon.
-        let mut answers: Vec<String> = reply.splitn(queries, ';').map(str::to_owned).collect();
-        let error = answers.pop().and_then(|last| last.parse().ok());
-        match error {
-            Some(error) if answers.len() + 1 == queries => Ok((answers, error)),
-            _ => Err(self.garbled(
-                &commands,
-                &reply,
-                &format!("{queries} answers, an error entry last"),
-            )),
+        if replies.answers.len() != queries {
+            let expected = format!("{} answers, an error entry last", queries + 1);
+            let (message, reply) = (&replies.message, &replies.reply);
+            return Err(self.conversation.garbled(message, reply, expected));
         }
-    }
-
-    async fn empty_error_queue(&mut self) -> Result<(), RigError> {
-        for _ in 0..MOST_ERRORS {
-            let (_, error) = self.exchange_unchecked(&[]).await?;
-            if error.code == 0 {
-                return Ok(());
-            }
-            tracing::warn!(instrument = self.link.instrument(), %error, "left in the error queue");
-        }
-        Err(self.garbled(
-            &[Command::NextError],
-            "one error after another",
-            "an end of the error queue",
-        ))
+        Ok(replies)
     }
 
     fn level_and_output(&self, answers: &[String]) -> Result<(Amps, bool), RigError> {
-        let asked = [Command::Level(Ask::Now), Command::Output];
+        let commands = [Command::Level(Ask::Now), Command::Output];
         if let [level, output] = answers
             && let Some(level) = number(level)
             && let Ok(on) = parse_boolean(output)
         {
             return Ok((Amps(level), on));
         }
-        Err(self.garbled(&asked, &answers.join(";"), "a level and 0 or 1"))
+        Err(self.garbled(&commands, answers, "a level and 0 or 1"))
     }
 
     /// Zero and off with the read-back of both, in one segment. Errors left over from elsewhere do not stand in its way.
     async fn off_once(&mut self) -> Result<(), RigError> {
-        if !self.link.is_in_step() {
-            self.link.resynchronise().await?;
+        if !self.conversation.link().is_in_step() {
+            self.conversation.link_mut().resynchronise().await?;
         }
         let commands = [
             Command::ClearSource,
@@ -144,15 +120,15 @@ impl<S: Stream> Keithley6221<S> {
             Command::Level(Ask::Now),
             Command::Output,
         ];
-        let (answers, error) = self.exchange_unchecked(&commands).await?;
+        let Replies { answers, error, .. } = self.exchange_unchecked(&commands).await?;
         if error.code != 0 {
-            tracing::warn!(instrument = self.link.instrument(), %error, "while switching off");
-            self.empty_error_queue().await?;
+            tracing::warn!(instrument = self.instrument(), %error, "while switching off");
+            self.conversation.drain_errors().await?;
         }
         let (level, on) = self.level_and_output(&answers)?;
         if on || level != Amps(0.0) {
             return Err(RigError::NotOff {
-                instrument: self.link.instrument().to_owned(),
+                instrument: self.instrument().to_owned(),
                 output: if on { "on" } else { "off" }.to_owned(),
                 level,
             });
@@ -172,12 +148,7 @@ impl<S: Stream> Keithley6221<S> {
         if difference.abs() <= tolerance {
             return Ok(());
         }
-        Err(RigError::Mismatch {
-            instrument: self.link.instrument().to_owned(),
-            setting: setting.to_owned(),
-            set: set.to_string(),
-            read: read.to_string(),
-        })
+        Err(self.conversation.mismatch(setting, set, read))
     }
 
     /// Refuses a level that the prepared range does not hold.
@@ -198,24 +169,20 @@ impl<S: Stream> Keithley6221<S> {
         self.verify("level", set, read, read.0 - set.0, tolerance)
     }
 
-    fn garbled(&self, asked: &[Command], answer: &str, expected: &str) -> RigError {
-        RigError::Garbled {
-            instrument: self.link.instrument().to_owned(),
-            command: Message(asked).to_string(),
-            answer: answer.chars().take(80).collect(),
-            expected: expected.to_owned(),
-        }
+    fn garbled(&self, commands: &[Command], answers: &[String], expected: &str) -> RigError {
+        let (message, answers) = (join_units(commands), answers.join(";"));
+        self.conversation.garbled(&message, &answers, expected)
     }
 
     fn interlock(&self) -> RigError {
         RigError::Interlock {
-            instrument: self.link.instrument().to_owned(),
+            instrument: self.instrument().to_owned(),
         }
     }
 
     fn out_of_range(&self, asked: Amps, most: Amps) -> RigError {
         RigError::CurrentOutOfRange {
-            instrument: self.link.instrument().to_owned(),
+            instrument: self.instrument().to_owned(),
             asked,
             most,
         }
@@ -232,7 +199,7 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
             || (steps - steps.round()).abs() > 1e-6
         {
             return Err(RigError::VoltageOutOfRange {
-                instrument: self.link.instrument().to_owned(),
+                instrument: self.instrument().to_owned(),
                 asked: compliance,
                 allowed: format!("{SMALLEST_LIMIT} to {LARGEST_LIMIT} in steps of {LIMIT_STEP}"),
             });
@@ -256,7 +223,7 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
             Command::Output,
         ];
         let answers = match self.exchange_unchecked(&commands).await {
-            Ok((answers, error)) if error.code == 0 => answers,
+            Ok(replies) if replies.error.code == 0 => replies.answers,
             // Off comes first, whatever an earlier error or a link out of step is in the way of.
             _ => {
                 self.off().await?;
@@ -273,7 +240,7 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
         };
         let Some((((auto, (full_scale, limit)), interlock_closed), off)) = read else {
             let expected = "autorange, range, compliance, events, interlock, level and output";
-            return Err(self.garbled(&commands, &answers.join(";"), expected));
+            return Err(self.garbled(&commands, &answers, expected));
         };
         if self.level_and_output(&off)? != (Amps(0.0), false) {
             self.off().await?;
@@ -314,7 +281,7 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
         let commands = [Command::SetLevel(current), Command::Level(Ask::Now)];
         let answers = self.exchange(&commands).await?;
         let Some(level) = answers.first().and_then(|level| number(level)) else {
-            return Err(self.garbled(&commands, &answers.join(";"), "a level"));
+            return Err(self.garbled(&commands, &answers, "a level"));
         };
         self.verify_level(current, Amps(level))
     }
@@ -323,7 +290,7 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
         let commands = [Command::SetOutput(on), Command::Output];
         let answers = self.exchange(&commands).await?;
         let Some(read) = answers.first().and_then(|read| parse_boolean(read).ok()) else {
-            return Err(self.garbled(&commands, &answers.join(";"), "0 or 1"));
+            return Err(self.garbled(&commands, &answers, "0 or 1"));
         };
         let difference = f64::from(u8::from(read != on));
         self.verify("output", u8::from(on), u8::from(read), difference, 0.0)
@@ -350,7 +317,7 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
             Command::Conditions(StatusGroup::Measurement),
         ];
         let answers = self.exchange(&commands).await?;
-        let garbled = || self.garbled(&commands, &answers.join(";"), "two integers");
+        let garbled = || self.garbled(&commands, &answers, "two integers");
         let [events, conditions] = answers.as_slice() else {
             return Err(garbled());
         };
@@ -372,7 +339,7 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
             // A lost or late answer, or a level that did not go down: once more, because a live sheet is worse than a
             // second message.
             Err(first) => {
-                tracing::warn!(instrument = self.link.instrument(), %first, "switching off again");
+                tracing::warn!(instrument = self.instrument(), %first, "switching off again");
                 self.off_once().await
             }
         }
@@ -384,28 +351,9 @@ fn number(answer: &str) -> Option<f64> {
     parse_reading(answer).ok()?.value()
 }
 
-/// Asks who is there; the model must be the 6221 (case does not matter, the firmware neither), and if a known one is
-/// expected then also its serial number.
-async fn identify<S: Stream>(
-    link: &mut Link<S>,
-    expected: Option<&str>,
-) -> Result<String, RigError> {
-    let found = link
-        .ask(&Command::Common(Common::Identify).to_string())
-        .await?;
-    let field = |identity: &str, at: usize| -> Option<String> {
-        identity
-            .split(',')
-            .nth(at)
-            .map(|field| field.trim().to_ascii_uppercase())
-    };
-    let same = expected.is_none_or(|expected| field(&found, 2) == field(expected, 2));
-    if same && field(&found, 1).as_deref() == Some(MODEL) {
-        return Ok(found);
-    }
-    Err(RigError::WrongInstrument {
-        instrument: link.instrument().to_owned(),
-        expected: expected.unwrap_or(MODEL).to_owned(),
-        found,
-    })
+/// Whether the fields of an identity are a 6221's: case does not matter, the firmware neither.
+fn is_6221(fields: &[&str]) -> bool {
+    fields
+        .get(1)
+        .is_some_and(|model| model.eq_ignore_ascii_case(MODEL))
 }

@@ -8,7 +8,7 @@
 //! - **level**: the current asked for; **range**: the scale it is made on, 5 % over allowed
 //! - **compliance**: the voltage limit, and the state of being held back by it
 //! - **parameter**: a setting that is one value; **sweep**, **wave**: levels that follow from the time
-//! - **command**: one unit of a message as a value; **message**: commands sent in one segment
+//! - **command**: one unit of a message as a value
 //!
 //! ```
 //! # #[tokio::main(flavor = "current_thread")] async fn main() -> Result<(), rig::RigError> {
@@ -51,7 +51,7 @@ mod range;
 mod simulator;
 
 pub use command::{
-    Address, Ask, Board, Command, DeltaMode, Element, List, Message, Shield, Speed, StatusGroup,
+    Address, Ask, Board, Command, DeltaMode, Element, List, Shield, Speed, StatusGroup,
 };
 pub use driver::Keithley6221;
 pub use kind::Kind;

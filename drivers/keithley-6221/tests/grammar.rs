@@ -1,7 +1,7 @@
 //! What the driver can say, the simulator receives.
 
 use keithley_6221::{
-    Address, Ask, Board, Command, DeltaMode, Element, Kind, List, Message, Parameter, Shield,
+    Address, Ask, Board, Command, DeltaMode, Element, Kind, List, Parameter, Shield,
     Speed, StatusGroup,
 };
 use proptest::prelude::*;
@@ -159,7 +159,7 @@ fn what_the_driver_says_the_simulator_hears() {
 #[test]
 fn a_message_of_all_commands_is_heard_as_those_commands() {
     let said = every_command();
-    let received: Vec<Command> = parse_message(Message(&said).to_string())
+    let received: Vec<Command> = parse_message(scpi::join_units(&said))
         .iter()
         .map(|call| Command::of(call.as_ref().unwrap()).unwrap())
         .collect();

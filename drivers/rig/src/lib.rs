@@ -31,6 +31,7 @@
 mod acquire;
 mod clock;
 mod connect;
+mod conversation;
 mod fault;
 mod found_relay;
 mod link;
@@ -48,6 +49,7 @@ pub use crate::transcript::ring::{RingTranscript, Transcript};
 pub use acquire::{AcquireError, acquire, settings};
 pub use clock::{Clock, SystemClock};
 pub use connect::{connect_tcp, open_serial};
+pub use conversation::{Conversation, Replies};
 pub use fault::RigError;
 pub use found_relay::{FoundRelay, name_relays};
 pub use link::{BoxStream, Link, LinkError, Stream};

@@ -16,21 +16,25 @@ pub struct ErrorEntry {
 }
 
 impl ErrorEntry {
+    /// An entry; the text without quotes.
+    pub fn new(code: i32, message: impl Into<String>) -> Self {
+        Self {
+            code,
+            message: message.into(),
+        }
+    }
+
     /// What an empty queue answers.
     pub fn none() -> Self {
-        Self {
-            code: 0,
-            message: "No error".to_owned(),
-        }
+        Self::new(0, "No error")
     }
 }
 
+impl std::error::Error for ErrorEntry {}
+
 impl From<ParseError> for ErrorEntry {
     fn from(refusal: ParseError) -> Self {
-        Self {
-            code: refusal.code(),
-            message: refusal.text().to_owned(),
-        }
+        Self::new(refusal.code(), refusal.text())
     }
 }
 
@@ -83,10 +87,7 @@ impl ErrorQueue {
 
     /// Adds an entry. When the queue is full its newest entry is replaced by -350.
     pub fn push(&mut self, code: i32, message: impl Into<String>) {
-        let entry = ErrorEntry {
-            code,
-            message: message.into(),
-        };
+        let entry = ErrorEntry::new(code, message);
         self.added += 1;
         self.latest = Some(entry.clone());
         if self.entries.len() < self.depth {

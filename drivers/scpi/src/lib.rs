@@ -42,7 +42,7 @@ pub use channel_list::{ChannelEntry, ChannelList};
 pub use common_command::Common;
 pub use error_queue::{ErrorEntry, ErrorQueue};
 pub use framer::{Framer, FramingError};
-pub use message::parse_message;
+pub use message::{join_units, parse_message};
 pub use reading::{
     Answer, INFINITY, NOT_A_NUMBER, ReplyError, format_block, format_nr3, format_nr3_signed,
     parse_block, parse_boolean, parse_integer, parse_reading, parse_readings, quote, unquote,

@@ -1,5 +1,7 @@
 //! A message to calls: units between semicolons, headers by the path rule, arguments between commas.
 
+use std::fmt;
+
 use crate::syntax::reader::Reader;
 use crate::{Call, ParseError};
 
@@ -31,6 +33,19 @@ pub fn parse_message(message: impl AsRef<[u8]>) -> Vec<Result<Call, ParseError>>
         }
         calls.push(call);
     }
+}
+
+/// Commands written in short form from the root, as one message: `SOUR:CURR 1E-3;:SOUR:CURR?;*OPC?`.
+pub fn join_units(commands: &[impl fmt::Display]) -> String {
+    let mut message = String::new();
+    for command in commands {
+        let unit = command.to_string();
+        if !message.is_empty() {
+            message.push_str(if unit.starts_with('*') { ";" } else { ";:" });
+        }
+        message.push_str(&unit);
+    }
+    message
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use gpio_mux::{Chip, Command, Edge, Poles, Settings, SimulatorGpioMux, State, error_entry, refusal};
+use gpio_mux::{Chip, Command, Edge, Poles, Settings, SimulatorGpioMux, State, refusal};
 use libfuzzer_sys::fuzz_target;
 use scpi::Framer;
 use survey::{Electrode, Relay};
@@ -66,7 +66,7 @@ fuzz_target!(|bytes: &[u8]| {
         // Replies of a stranger.
         let _ = line.parse::<State>();
         let _ = refusal(&line);
-        let _ = error_entry(&line);
+        let _ = line.parse::<scpi::ErrorEntry>();
     }
     let mut enabled = [None::<Chip>; 4];
     for record in board.edges() {

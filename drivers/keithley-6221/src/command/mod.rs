@@ -12,7 +12,6 @@ use std::net::Ipv4Addr;
 use scpi::Common;
 use survey::{Amps, Volts};
 
-pub use spelling::Message;
 pub use vocabulary::{Address, Ask, Board, DeltaMode, Element, List, Shield, Speed, StatusGroup};
 
 use crate::Parameter;
@@ -187,79 +186,8 @@ pub(crate) const INTERLOCK_BIT: u8 = 1;
 impl Command {
     /// Whether an answer comes back.
     pub fn is_query(&self) -> bool {
-        match self {
-            Command::Common(common) => common.is_query(),
-            Command::Options
-            | Command::Level(_)
-            | Command::Range(_)
-            | Command::Autorange
-            | Command::Compliance(_)
-            | Command::Filter
-            | Command::Output
-            | Command::Shield
-            | Command::LowToEarth
-            | Command::Speed
-            | Command::Interlock
-            | Command::Parameter(..)
-            | Command::List(_)
-            | Command::ListLength(_)
-            | Command::SweepArmed
-            | Command::DeltaPresent(_)
-            | Command::DeltaArmed(_)
-            | Command::LatestReading
-            | Command::FreshReading
-            | Command::SerialEnter
-            | Command::BufferData
-            | Command::BufferLength
-            | Command::BufferFree
-            | Command::BufferType
-            | Command::Elements
-            | Command::Events(_)
-            | Command::Conditions(_)
-            | Command::Enable(_)
-            | Command::NextError
-            | Command::Version
-            | Command::Address(_)
-            | Command::BoardSerial(_)
-            | Command::BoardRevision(_) => true,
-            Command::Save(_)
-            | Command::Recall(_)
-            | Command::SetLevel(_)
-            | Command::SetRange(_)
-            | Command::SetAutorange(_)
-            | Command::SetCompliance(_)
-            | Command::SetFilter(_)
-            | Command::ClearSource
-            | Command::SetOutput(_)
-            | Command::SetShield(_)
-            | Command::SetLowToEarth(_)
-            | Command::SetSpeed(_)
-            | Command::SetParameter(..)
-            | Command::SetList(..)
-            | Command::AppendList(..)
-            | Command::ArmSweep
-            | Command::AbortSweep
-            | Command::Initiate
-            | Command::Abort
-            | Command::SignalArm
-            | Command::SignalTrigger
-            | Command::ArmWave
-            | Command::StartWave
-            | Command::AbortWave
-            | Command::CopyWave(_)
-            | Command::ArmDelta(_)
-            | Command::SerialSend(_)
-            | Command::ClearBuffer
-            | Command::SetElements(_)
-            | Command::SetEnable(..)
-            | Command::PresetStatus
-            | Command::ClearErrors
-            | Command::Preset
-            | Command::Local
-            | Command::Remote
-            | Command::Beep { .. }
-            | Command::SetAddress(..)
-            | Command::SaveAddresses => false,
-        }
+        let text = self.to_string();
+        let header = text.split(' ').next();
+        header.is_some_and(|header| header.ends_with('?'))
     }
 }

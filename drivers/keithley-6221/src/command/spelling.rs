@@ -140,26 +140,3 @@ impl fmt::Display for Command {
         }
     }
 }
-
-/// Commands sent in one segment, each from the root: `SOUR:CURR 1E-3;:SOUR:CURR?;:SYST:ERR?`.
-#[derive(Debug, Clone, Copy)]
-pub struct Message<'a>(pub &'a [Command]);
-
-impl fmt::Display for Message<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (k, command) in self.0.iter().enumerate() {
-            match (k, command) {
-                (0, _) => {}
-                (
-                    _,
-                    Command::Common(_) | Command::Save(_) | Command::Recall(_) | Command::Options,
-                ) => {
-                    f.write_str(";")?;
-                }
-                _ => f.write_str(";:")?,
-            }
-            command.fmt(f)?;
-        }
-        Ok(())
-    }
-}

@@ -108,15 +108,7 @@ pub struct Message(pub Vec<Command>);
 
 impl fmt::Display for Message {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (index, command) in self.0.iter().enumerate() {
-            match (index, command) {
-                (0, _) => {}
-                (_, Command::Common(_)) => f.write_str(";")?,
-                _ => f.write_str(";:")?,
-            }
-            write!(f, "{command}")?;
-        }
-        Ok(())
+        f.write_str(&scpi::join_units(&self.0))
     }
 }
 

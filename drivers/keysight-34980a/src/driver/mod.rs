@@ -1,28 +1,30 @@
 //! The mainframe as [`Switch`] and [`Voltmeter`].
 //!
-//! Relay moves are held back and leave in one segment with the next question, so that an injection costs one message:
+//! Relay moves are held back and leave in one segment with the next query, so that an injection costs one message:
 //! `ROUT:CLOS (@1037);:ROUT:OPEN (@1036);:READ?`. A move that only closes is sent at once: whoever switches a source on
 //! next must find its relay closed.
 
-mod care;
+mod relay_life;
 mod unit;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
-use rig::{Hop, Link, MeterSettings, Move, RigError, Sample, Stream, Switch, Voltmeter};
+use rig::{Conversation, Hop, Link, MeterSettings, Move, RigError, Sample, Stream, Switch, Voltmeter};
 use scpi::Common;
 use survey::{Reading, Relay, Volts, Wiring};
 use tokio::sync::Mutex;
 
 use crate::command::{Command, INTEGRATION, MOST_SWEEPS, RANGES, Route, System};
 use crate::modules::{Module, split};
-use unit::{Prepared, Unit, compact, garbled};
+use unit::{Prepared, Unit, compact};
 
 const MODEL: &str = "34980A";
 /// Both names that the maker has had (fact sheet section 1).
 const VENDORS: [&str; 2] = ["Agilent Technologies", "Keysight Technologies"];
+/// Entries of the error queue (section 7), and some more.
+const MOST_ERRORS: usize = 25;
 /// The slower of the two mains frequencies: deadlines must suffice on both.
 const SLOWEST_LINE_HZ: f64 = 50.0;
 /// Longest delay before a channel (section 5).
@@ -55,58 +57,48 @@ struct About {
 }
 
 impl<S: Stream> Keysight34980a<S> {
-    /// Asks who is there and what is in the slots. Moves nothing and resets nothing: relays left closed by somebody
+    /// Queries the identity and the modules in the slots. Moves nothing and resets nothing: relays left closed by somebody
     /// else must be found so.
     ///
     /// # Errors
     /// Another instrument, a garbled answer, or a failing wire.
-    pub async fn connect(mut link: Link<S>) -> Result<Self, RigError> {
-        let identity = link
-            .ask(&Command::Common(Common::Identify).to_string())
-            .await?;
-        let fields: Vec<&str> = identity.split(',').map(str::trim).collect();
-        let right = matches!(fields.as_slice(), [vendor, model, ..]
-            if *model == MODEL && VENDORS.iter().any(|known| known.eq_ignore_ascii_case(vendor)));
-        if !right {
-            return Err(RigError::WrongInstrument {
-                instrument: link.instrument().to_owned(),
-                expected: format!("{MODEL} of {}", VENDORS.join(" or ")),
-                found: identity,
-            });
-        }
+    pub async fn connect(link: Link<S>) -> Result<Self, RigError> {
+        let mut conversation = Conversation::new(link, Command::from(System::NextError), MOST_ERRORS);
+        let expected = format!("{MODEL} of {}", VENDORS.join(" or "));
+        let is_34980a = |fields: &[&str]| {
+            matches!(fields, [vendor, model, ..]
+                if *model == MODEL && VENDORS.iter().any(|known| known.eq_ignore_ascii_case(vendor)))
+        };
+        let identity = conversation.identify(&expected, is_34980a).await?;
+        let deadline = conversation.link().deadline();
         let mut cards = [const { None }; 8];
         let mut serials = [const { None }; 8];
         for ((slot, card), serial) in (1..).zip(&mut cards).zip(&mut serials) {
-            let asked = System::CardType(slot).to_string();
-            let answer = link.ask(&asked).await?;
-            let model = answer
-                .trim()
-                .trim_matches('"')
-                .split(',')
-                .nth(1)
-                .map(str::trim)
-                .ok_or_else(|| garbled(link.instrument(), &asked, &answer, "vendor,model,..."))?;
-            *card = (model != "0").then(|| model.to_owned());
-            let fields = answer.trim().trim_matches('"').split(',');
-            *serial = fields
-                .map(str::trim)
-                .nth(2)
-                .filter(|_| model != "0")
-                .map(str::to_owned);
+            let query = [System::CardType(slot)];
+            let (query, answer) = conversation.ask(&query, deadline).await?;
+            let unquoted = answer.trim().trim_matches('"');
+            let fields: Vec<&str> = unquoted.split(',').map(str::trim).collect();
+            let model = *fields
+                .get(1)
+                .ok_or_else(|| conversation.garbled(&query, &answer, "vendor,model,..."))?;
+            if model != "0" {
+                *card = Some(model.to_owned());
+                *serial = fields.get(2).map(|serial| (*serial).to_owned());
+            }
         }
         let modules = cards.each_ref().map(|card| {
             card.as_deref()
                 .and_then(|card| Module::from_card_type(card).ok())
         });
         let about = About {
-            instrument: link.instrument().to_owned(),
+            instrument: conversation.instrument().to_owned(),
             identity,
             cards,
             serials,
             modules,
         };
         Ok(Self {
-            unit: Arc::new(Mutex::new(Unit::new(link))),
+            unit: Arc::new(Mutex::new(Unit::new(conversation))),
             about: Arc::new(about),
         })
     }
@@ -320,7 +312,7 @@ impl<S: Stream> Keysight34980a<S> {
 }
 
 impl<S: Stream> Switch for Keysight34980a<S> {
-    /// Holds the moves back for the next question, unless nothing is opened: then the relays close at once.
+    /// Holds the moves back for the next query, unless nothing is opened: then the relays close at once.
     async fn move_relays(&mut self, moves: &[Move]) -> Result<(), RigError> {
         let commands = self.commands(moves)?;
         let opens = |command: &Command| matches!(command, Command::Route(Route::Open(_)));
@@ -340,12 +332,12 @@ impl<S: Stream> Switch for Keysight34980a<S> {
         if unit.held.is_empty() {
             return Ok(());
         }
-        let deadline = unit.link.deadline();
-        let question = Command::Common(Common::WhenComplete);
-        let (asked, answer) = unit.ask(vec![question], deadline).await?;
+        let deadline = unit.conversation.link().deadline();
+        let query = Command::Common(Common::WhenComplete);
+        let (message, answer) = unit.ask(vec![query], deadline).await?;
         match scpi::parse_boolean(&answer) {
             Ok(true) => Ok(()),
-            Ok(false) | Err(_) => Err(garbled(unit.link.instrument(), &asked, &answer, "1")),
+            Ok(false) | Err(_) => Err(unit.conversation.garbled(&message, &answer, "1")),
         }
     }
 
@@ -359,9 +351,9 @@ impl<S: Stream> Switch for Keysight34980a<S> {
     async fn open_verified(&mut self, relays: &[Relay]) -> Result<(), RigError> {
         self.check_exist(relays)?;
         let mut unit = self.unit.lock().await;
-        if !unit.link.is_in_step() {
+        if !unit.conversation.link().is_in_step() {
             unit.prepared = None;
-            unit.link.resynchronise().await?;
+            unit.conversation.link_mut().resynchronise().await?;
         }
         // On the way to safety nothing closes.
         unit.held
@@ -409,7 +401,7 @@ impl<S: Stream> Voltmeter for Keysight34980a<S> {
         self.check_scan(scan)?;
         let mut unit = self.unit.lock().await;
         let wanted = Prepared {
-            deadline: self.deadline(meter, scan, unit.link.deadline()),
+            deadline: self.deadline(meter, scan, unit.conversation.link().deadline()),
             meter: MeterSettings {
                 deadline: None,
                 ..meter

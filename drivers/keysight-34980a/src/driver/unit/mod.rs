@@ -1,4 +1,4 @@
-//! The conversation with one mainframe: what is held back, what is asked, how answers are read.
+//! The conversation with one mainframe: commands that are held back, queries, how answers are read.
 
 mod readings;
 mod relays;
@@ -7,20 +7,16 @@ mod settings;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use rig::{Link, MeterSettings, RigError, Stream};
-use scpi::{ChannelEntry, ChannelList, ErrorEntry};
+use rig::{Conversation, MeterSettings, Replies, RigError, Stream};
+use scpi::{ChannelEntry, ChannelList, join_units};
 use survey::Relay;
 
-use crate::command::{Command, Message, System};
-use readings::split_error;
-
-/// Entries of the error queue (section 7), and some more.
-const MOST_ERRORS: usize = 25;
+use crate::command::Command;
 
 #[derive(Debug)]
 pub(super) struct Unit<S> {
-    pub(super) link: Link<S>,
-    /// Relay moves that wait for the next question.
+    pub(super) conversation: Conversation<S>,
+    /// Relay moves that wait for the next query.
     pub(super) held: Vec<Command>,
     /// Moves were sent whose refusal nobody has looked for.
     pub(super) unchecked: bool,
@@ -64,9 +60,9 @@ impl Prepared {
 }
 
 impl<S: Stream> Unit<S> {
-    pub(super) fn new(link: Link<S>) -> Self {
+    pub(super) fn new(conversation: Conversation<S>) -> Self {
         Self {
-            link,
+            conversation,
             held: Vec::new(),
             unchecked: false,
             prepared: None,
@@ -78,108 +74,62 @@ impl<S: Stream> Unit<S> {
         }
     }
 
-    /// Sends what was held back together with these commands, the last of which is a question.
+    /// Sends what was held back together with these commands, the last of which is a query.
     pub(super) async fn ask(
         &mut self,
         commands: Vec<Command>,
         deadline: Duration,
     ) -> Result<(String, String), RigError> {
-        // Taken, not lent: after a fault the moves must not be made at some later time.
-        let mut message = std::mem::take(&mut self.held);
-        message.extend(commands);
-        let message = Message(message).to_string();
-        let answer = self.link.ask_within(&message, deadline).await?;
-        Ok((message, answer))
+        let commands = self.with_held(commands);
+        self.conversation.ask(&commands, deadline).await
     }
 
-    /// Asks several questions, none of which answers with a semicolon, and looks into the error queue, all in one
-    /// message; gives an answer for each.
-    async fn ask_all(
+    /// Sends what was held back together with these commands and a query of the error queue.
+    async fn send(
         &mut self,
-        questions: Vec<Command>,
-    ) -> Result<(String, Vec<String>), RigError> {
-        let count = questions.len();
-        let mut message = questions;
-        message.push(System::NextError.into());
-        let (asked, answer) = self.ask(message, self.link.deadline()).await?;
-        let (answers, error) = split_error(&answer);
-        let error = self.error(&asked, error)?;
-        let answers: Vec<String> = answers.split(';').map(str::to_owned).collect();
-        if error.code != 0 {
-            self.drain("").await.ok();
-            return Err(self.refused(asked, error));
-        }
-        if answers.len() != count {
-            let expected = format!("{count} answers and an error entry");
-            return Err(garbled(self.link.instrument(), &asked, &answer, &expected));
-        }
-        Ok((asked, answers))
+        commands: Vec<Command>,
+        deadline: Duration,
+    ) -> Result<Replies, RigError> {
+        let commands = self.with_held(commands);
+        self.conversation.send_within(&commands, deadline).await
     }
 
-    /// Sends commands and looks whether they were refused.
-    async fn tell(&mut self, commands: Vec<Command>) -> Result<(), RigError> {
-        let said = Message(commands.clone()).to_string();
-        let mut message = commands;
-        message.push(System::NextError.into());
-        let (asked, answer) = self.ask(message, self.link.deadline()).await?;
-        let error = self.error(&asked, &answer)?;
+    /// Taken, not lent: after a fault the moves must not be made at some later time.
+    fn with_held(&mut self, commands: Vec<Command>) -> Vec<Command> {
+        let mut all = std::mem::take(&mut self.held);
+        all.extend(commands);
+        all
+    }
+
+    /// Sends several queries, none of which answers with a semicolon, in one message; gives an answer for each.
+    async fn ask_all(&mut self, queries: Vec<Command>) -> Result<Replies, RigError> {
+        let count = queries.len();
+        let replies = self.send(queries, self.conversation.link().deadline()).await?;
+        if replies.error.code != 0 {
+            self.conversation.drain_errors().await.ok();
+            return Err(self.conversation.refused(replies.message, replies.error));
+        }
+        if replies.answers.len() != count {
+            let expected = format!("{count} answers and an error entry");
+            return Err(self.garbled(&replies, expected));
+        }
+        Ok(replies)
+    }
+
+    /// Sends settings and checks that none was refused.
+    async fn set(&mut self, commands: Vec<Command>) -> Result<(), RigError> {
+        let sent = join_units(&commands);
+        let deadline = self.conversation.link().deadline();
+        let error = self.send(commands, deadline).await?.error;
         match error.code {
             0 => Ok(()),
-            _ => Err(self.refused(said, error)),
+            _ => Err(self.conversation.refused(sent, error)),
         }
     }
 
-    /// Empties the error queue; the first entry is an error.
-    pub(super) async fn drain(&mut self, suspect: &str) -> Result<(), RigError> {
-        let mut first = None;
-        for _ in 0..MOST_ERRORS {
-            let (asked, answer) = self
-                .ask(vec![System::NextError.into()], self.link.deadline())
-                .await?;
-            let error = self.error(&asked, &answer)?;
-            if error.code == 0 {
-                break;
-            }
-            first.get_or_insert(error);
-        }
-        match first {
-            None => Ok(()),
-            Some(error) => Err(self.refused(suspect.to_owned(), error)),
-        }
-    }
-
-    fn error(&self, asked: &str, answer: &str) -> Result<ErrorEntry, RigError> {
-        answer
-            .parse()
-            .map_err(|_| garbled(self.link.instrument(), asked, answer, "an error entry"))
-    }
-
-    fn refused(&self, command: String, error: ErrorEntry) -> RigError {
-        RigError::Refused {
-            instrument: self.link.instrument().to_owned(),
-            command,
-            code: error.code,
-            message: error.message,
-        }
-    }
-
-    fn mismatch(&self, setting: &str, set: String, read: String) -> RigError {
-        RigError::Mismatch {
-            instrument: self.link.instrument().to_owned(),
-            setting: setting.to_owned(),
-            set,
-            read,
-        }
-    }
-}
-
-pub(super) fn garbled(instrument: &str, command: &str, answer: &str, expected: &str) -> RigError {
-    let shown = |text: &str| text.chars().take(60).collect();
-    RigError::Garbled {
-        instrument: instrument.to_owned(),
-        command: shown(command),
-        answer: shown(answer),
-        expected: expected.to_owned(),
+    fn garbled(&self, replies: &Replies, expected: impl Into<String>) -> RigError {
+        let (message, reply) = (&replies.message, &replies.reply);
+        self.conversation.garbled(message, reply, expected)
     }
 }
 

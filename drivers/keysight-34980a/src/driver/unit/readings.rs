@@ -2,22 +2,20 @@
 
 use std::time::Duration;
 
-use rig::{RigError, Sample, Stream};
-use scpi::{Answer, ErrorEntry};
+use rig::{Replies, RigError, Sample, Stream};
+use scpi::Answer;
 use survey::{Reading, Relay, Volts};
 
-use super::{Prepared, Unit, compact, garbled};
-use crate::command::{Command, Measure, Route, System};
+use super::{Prepared, Unit, compact};
+use crate::command::{Command, Measure, Route};
 
 /// How far over its range the voltmeter reads (section 5: 20 %), with room for the last digit.
 const OVERRANGE: f64 = 1.2 * (1.0 + 1e-6);
 
 impl<S: Stream> Unit<S> {
     pub(super) fn prepared(&self) -> Result<Prepared, RigError> {
-        self.prepared.clone().ok_or_else(|| RigError::Unable {
-            instrument: self.link.instrument().to_owned(),
-            what: "measure before it is prepared".to_owned(),
-        })
+        let unprepared = || self.conversation.unable("measure before it is prepared");
+        self.prepared.clone().ok_or_else(unprepared)
     }
 
     /// Scans channels, and answers in the order asked for.
@@ -84,78 +82,65 @@ impl<S: Stream> Unit<S> {
             .collect())
     }
 
-    /// Sends commands with so many READ? among them, each of which answers so many numbers, and looks into the error
+    /// Sends commands with so many READ? among them, each of which answers so many numbers, and a query of the error
     /// queue in the same message.
     pub(super) async fn measure(
         &mut self,
         commands: Vec<Command>,
-        questions: usize,
+        queries: usize,
         numbers: usize,
         deadline: Duration,
     ) -> Result<Vec<Answer>, RigError> {
         self.doubted = true;
-        let mut said = self.held.clone();
-        said.extend(commands.iter().cloned());
-        let mut message = commands;
-        message.push(System::NextError.into());
-        let (asked, answer) = self.ask(message, deadline).await?;
-        // The error entry comes last, and its text may hold a semicolon; a refused question answers nothing.
-        let (readings, error) = split_error(&answer);
-        let error = self.error(&asked, error)?;
-        if error.code != 0 {
-            return Err(self.refused_message(said, &asked, error).await);
+        let mut sent = self.held.clone();
+        sent.extend(commands.iter().cloned());
+        let replies = self.send(commands, deadline).await?;
+        if replies.error.code != 0 {
+            return Err(self.refused_message(sent, replies).await);
         }
-        let mut answers = Vec::with_capacity(questions * numbers);
-        for piece in readings.split(';') {
-            answers.extend(self.numbers(&asked, piece, numbers)?);
+        let mut answers = Vec::with_capacity(queries * numbers);
+        for answer in &replies.answers {
+            answers.extend(self.numbers(&replies.message, answer, numbers)?);
         }
-        if answers.len() != questions * numbers {
-            let expected = format!("{questions} answers of {numbers} number(s)");
-            return Err(garbled(self.link.instrument(), &asked, &answer, &expected));
+        if answers.len() != queries * numbers {
+            let expected = format!("{queries} answers of {numbers} number(s)");
+            return Err(self.garbled(&replies, expected));
         }
         self.unchecked = false;
         self.doubted = false;
         Ok(answers)
     }
 
-    /// An error out of a message of many commands: empties the queue, and names the command where that can be told.
-    pub(super) async fn refused_message(
-        &mut self,
-        said: Vec<Command>,
-        asked: &str,
-        error: ErrorEntry,
-    ) -> RigError {
-        // Whatever else goes wrong now, the first error is the one to tell.
-        let _ = self.drain("").await;
+    /// An error out of a message of many commands: empties the queue, and names the command where it can be found.
+    async fn refused_message(&mut self, sent: Vec<Command>, replies: Replies) -> RigError {
+        // Whatever else fails now, the first error is the one to report.
+        let _ = self.conversation.drain_errors().await;
         self.unchecked = false;
-        let culprit = match said.as_slice() {
+        let culprit = match sent.as_slice() {
             [only] => Some(only.to_string()),
-            _ => self.not_obeyed(&said).await,
+            _ => self.not_obeyed(&sent).await,
         };
         let command = match culprit {
-            Some(culprit) => format!("{culprit}' in '{asked}"),
-            None => asked.to_owned(),
+            Some(culprit) => format!("{culprit}' in '{}", replies.message),
+            None => replies.message,
         };
-        self.refused(command, error)
+        self.conversation.refused(command, replies.error)
     }
 
     /// Reads exactly so many numbers. With another count nobody knows which is whose.
     pub(in crate::driver) fn numbers(
         &self,
-        asked: &str,
+        message: &str,
         answer: &str,
         count: usize,
     ) -> Result<Vec<Answer>, RigError> {
-        let numbers = scpi::parse_readings(answer);
-        match numbers {
-            Ok(numbers) if numbers.len() == count => Ok(numbers),
-            Ok(_) | Err(_) => Err(garbled(
-                self.link.instrument(),
-                asked,
-                answer,
-                &format!("{count} number(s)"),
-            )),
-        }
+        let numbers = scpi::parse_readings(answer).ok();
+        numbers
+            .filter(|numbers| numbers.len() == count)
+            .ok_or_else(|| {
+                let expected = format!("{count} number(s)");
+                self.conversation.garbled(message, answer, expected)
+            })
     }
 }
 
@@ -165,16 +150,4 @@ fn reading(answer: &Answer, range: Volts) -> Reading {
         Answer::Value(volts) if volts.abs() <= range.0 * OVERRANGE => Reading::Ok(Volts(*volts)),
         Answer::Value(_) | Answer::Overload { .. } | Answer::NotANumber => Reading::Overload,
     }
-}
-
-/// The readings of an answer and the error entry behind them: the first piece that is no number begins it.
-pub(super) fn split_error(answer: &str) -> (&str, &str) {
-    let mut from = 0;
-    for piece in answer.split(';') {
-        if piece.parse::<ErrorEntry>().is_ok() || piece.contains('"') {
-            return (answer[..from].trim_end_matches(';'), &answer[from..]);
-        }
-        from += piece.len() + 1;
-    }
-    (answer, "")
 }

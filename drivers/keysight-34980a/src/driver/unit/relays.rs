@@ -6,9 +6,8 @@ use rig::{RigError, Stream};
 use scpi::ChannelEntry;
 use survey::Relay;
 
-use super::readings::split_error;
-use super::{Unit, compact, garbled};
-use crate::command::{Command, Route, System};
+use super::{Unit, compact};
+use crate::command::{Command, Route};
 
 impl<S: Stream> Unit<S> {
     /// Opens relays, reads them back, and then looks whether a move made since the last time was refused, in one message.
@@ -33,70 +32,46 @@ impl<S: Stream> Unit<S> {
             message.push(Route::Closed(compact(relays)).into());
             counts.push(relays.len());
         }
-        message.push(System::NextError.into());
-        let (said, answer) = self.ask(message, self.link.deadline()).await?;
-        let (states, error) = split_error(&answer);
-        let error = self.error(&said, error)?;
+        let deadline = self.conversation.link().deadline();
+        let replies = self.send(message, deadline).await?;
         let unchecked = std::mem::take(&mut self.unchecked);
-        if error.code != 0 {
+        if replies.error.code != 0 {
             // What is still closed is worse than what was refused.
-            self.drain("").await.ok();
+            self.conversation.drain_errors().await.ok();
             let closed = self.read_closed(relays).await?;
-            self.all_open(relays, &closed)?;
+            self.conversation.check_open(relays, &closed)?;
             if unchecked || !asked.is_empty() {
-                return Err(self.refused("a relay move since the last check".to_owned(), error));
+                let command = "a relay move since the last check";
+                return Err(self.conversation.refused(command, replies.error));
             }
-            tracing::warn!(instrument = self.link.instrument(), %error, "left in the error queue");
+            let (instrument, error) = (self.conversation.instrument(), replies.error);
+            tracing::warn!(instrument, %error, "left in the error queue");
             return Ok(Vec::new());
         }
-        let pieces: Vec<&str> = states.split(';').collect();
-        if pieces.len() != counts.len().max(1) {
+        if replies.answers.len() != counts.len() {
             let expected = format!("{} lists of states", counts.len());
-            return Err(garbled(self.link.instrument(), &said, &answer, &expected));
+            return Err(self.garbled(&replies, expected));
         }
         let mut found = Vec::with_capacity(counts.len());
-        for (piece, count) in pieces.into_iter().zip(counts) {
-            found.push(self.states(&said, piece, count)?);
+        for (answer, count) in replies.answers.iter().zip(counts) {
+            found.push(self.states(&replies.message, answer, count)?);
         }
         if !relays.is_empty() {
             let closed = found.pop().unwrap_or_default();
-            self.all_open(relays, &closed)?;
+            self.conversation.check_open(relays, &closed)?;
         }
         Ok(found.pop().unwrap_or_default())
     }
 
-    pub(super) fn all_open(&self, relays: &[Relay], closed: &[bool]) -> Result<(), RigError> {
-        let stuck: Vec<Relay> = relays
-            .iter()
-            .zip(closed)
-            .filter(|(_, closed)| **closed)
-            .map(|(relay, _)| *relay)
-            .collect();
-        match stuck.is_empty() {
-            true => Ok(()),
-            false => Err(RigError::StillClosed {
-                instrument: self.link.instrument().to_owned(),
-                relays: stuck,
-            }),
-        }
-    }
-
-    pub(super) fn states(
-        &self,
-        asked: &str,
-        answer: &str,
-        count: usize,
-    ) -> Result<Vec<bool>, RigError> {
+    fn states(&self, message: &str, answer: &str, count: usize) -> Result<Vec<bool>, RigError> {
         let states: Result<Vec<bool>, _> = answer.split(',').map(scpi::parse_boolean).collect();
-        match states {
-            Ok(states) if states.len() == count => Ok(states),
-            Ok(_) | Err(_) => Err(garbled(
-                self.link.instrument(),
-                asked,
-                answer,
-                &format!("{count} states, each 0 or 1"),
-            )),
-        }
+        states
+            .ok()
+            .filter(|states| states.len() == count)
+            .ok_or_else(|| {
+                let expected = format!("{count} states, each 0 or 1");
+                self.conversation.garbled(message, answer, expected)
+            })
     }
 
     pub(in crate::driver) async fn read_closed(
@@ -106,15 +81,16 @@ impl<S: Stream> Unit<S> {
         if relays.is_empty() {
             return Ok(Vec::new());
         }
-        let question = Route::Closed(compact(relays)).into();
-        let (asked, answer) = self.ask(vec![question], self.link.deadline()).await?;
-        self.states(&asked, &answer, relays.len())
+        let query = Route::Closed(compact(relays)).into();
+        let deadline = self.conversation.link().deadline();
+        let (message, answer) = self.ask(vec![query], deadline).await?;
+        self.states(&message, &answer, relays.len())
     }
 
     /// The relay move among these that the relays do not show.
-    pub(super) async fn not_obeyed(&mut self, said: &[Command]) -> Option<String> {
+    pub(super) async fn not_obeyed(&mut self, sent: &[Command]) -> Option<String> {
         let mut meant: BTreeMap<Relay, (bool, &Command)> = BTreeMap::new();
-        for command in said {
+        for command in sent {
             let (list, closed) = match command {
                 Command::Route(Route::Close(list)) => (list, true),
                 Command::Route(Route::Open(list)) => (list, false),

@@ -7,7 +7,7 @@ use rig::{RigError, Sample, Stream};
 use scpi::{Answer, ChannelList, Common};
 use survey::{Relay, Volts};
 
-use super::{Prepared, Unit, compact, garbled};
+use super::{Prepared, Unit, compact};
 use crate::command::{
     Command, Field, Measure, Quantity, Range, Route, Sense, Setting, TriggerSource,
 };
@@ -25,11 +25,11 @@ impl<S: Stream> Unit<S> {
             return self.set_up(wanted).await;
         }
         if self.listed != wanted.ascending() {
-            self.tell(vec![Route::SetScan(wanted.list()).into()])
+            self.set(vec![Route::SetScan(wanted.list()).into()])
                 .await?;
             self.listed = wanted.ascending();
         }
-        // said again in the message that reads them back, so that what is said for one frame can be played by itself
+        // sent again in the message that reads them back, so that the messages of one frame can be played by themselves
         let all = wanted.meter.channel_delay;
         let own = self.delays.iter().filter(|(_, delay)| **delay != all);
         let again = delays(own.map(|(relay, delay)| (*relay, *delay)));
@@ -39,7 +39,7 @@ impl<S: Stream> Unit<S> {
 
     pub(super) async fn set_up(&mut self, wanted: &Prepared) -> Result<(), RigError> {
         if !self.reset {
-            self.tell(vec![Common::Reset.into(), Common::ClearStatus.into()])
+            self.set(vec![Common::Reset.into(), Common::ClearStatus.into()])
                 .await?;
             self.reset = true;
         }
@@ -65,7 +65,7 @@ impl<S: Stream> Unit<S> {
         let fields = [Field::Unit, Field::Time, Field::Channel, Field::Alarm];
         settings.extend(fields.map(|field| Measure::SetField(field, false).into()));
         for setting in settings {
-            self.tell(vec![setting]).await?;
+            self.set(vec![setting]).await?;
         }
         let range = wanted.meter.range.0;
         self.listed = wanted.ascending();
@@ -113,24 +113,25 @@ impl<S: Stream> Unit<S> {
                 self.delays_of(wanted),
             ));
         }
-        let mut questions: Vec<Command> = settings
+        let mut queries: Vec<Command> = settings
             .iter()
-            .map(|(_, question, _)| question.clone())
+            .map(|(_, query, _)| query.clone())
             .collect();
-        questions.push(Route::Scan.into());
-        let (asked, answers) = self.ask_all(questions).await?;
-        for ((setting, _, set), answer) in settings.into_iter().zip(&answers) {
-            let read = self.numbers(&asked, answer, set.len())?;
+        queries.push(Route::Scan.into());
+        let replies = self.ask_all(queries).await?;
+        let answers = &replies.answers;
+        for ((setting, _, set), answer) in settings.into_iter().zip(answers) {
+            let read = self.numbers(&replies.message, answer, set.len())?;
             let differs = |(read, set): (&Answer, &f64)| {
                 !read
                     .value()
                     .is_some_and(|read| (read - set).abs() <= 1e-6 * set.abs())
             };
             if let Some(place) = read.iter().zip(&set).position(differs) {
-                return Err(self.mismatch(setting, set[place].to_string(), answer.clone()));
+                return Err(self.conversation.mismatch(setting, set[place], answer));
             }
         }
-        // One answer for each question.
+        // One answer for each query.
         let answer = answers.last().map_or("", String::as_str);
         let meant = ChannelList::of(wanted.ascending().iter().map(|relay| relay.0));
         let read = scpi::parse_block(answer.as_bytes())
@@ -138,15 +139,11 @@ impl<S: Stream> Unit<S> {
             .and_then(|block| std::str::from_utf8(block).ok())
             .and_then(|text| text.parse::<ChannelList>().ok())
             .ok_or_else(|| {
-                garbled(
-                    self.link.instrument(),
-                    &asked,
-                    answer,
-                    "a channel list in a block",
-                )
+                let expected = "a channel list in a block";
+                self.conversation.garbled(&replies.message, answer, expected)
             })?;
         if read != meant && read != wanted.list() {
-            return Err(self.mismatch("scan list", meant.to_string(), read.to_string()));
+            return Err(self.conversation.mismatch("scan list", meant, read));
         }
         Ok(())
     }

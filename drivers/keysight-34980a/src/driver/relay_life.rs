@@ -4,7 +4,7 @@ use rig::{RigError, Stream};
 use survey::Relay;
 
 use super::Keysight34980a;
-use super::unit::{compact, garbled};
+use super::unit::compact;
 use crate::command::System;
 use crate::modules::join;
 
@@ -20,11 +20,11 @@ impl<S: Stream> Keysight34980a<S> {
             return Ok(Vec::new());
         }
         let mut unit = self.unit.lock().await;
-        let deadline = unit.link.deadline();
-        let question = System::RelayCycles(compact(relays)).into();
-        let (asked, answer) = unit.ask(vec![question], deadline).await?;
+        let deadline = unit.conversation.link().deadline();
+        let query = System::RelayCycles(compact(relays)).into();
+        let (message, answer) = unit.ask(vec![query], deadline).await?;
         let counts: Option<Vec<u64>> = unit
-            .numbers(&asked, &answer, relays.len())?
+            .numbers(&message, &answer, relays.len())?
             .iter()
             .map(|count| {
                 // 2^53: beyond it a number that is written with an exponent is no count any more
@@ -34,7 +34,7 @@ impl<S: Stream> Keysight34980a<S> {
                 Some(count as u64)
             })
             .collect();
-        counts.ok_or_else(|| garbled(unit.link.instrument(), &asked, &answer, "whole numbers"))
+        counts.ok_or_else(|| unit.conversation.garbled(&message, &answer, "whole numbers"))
     }
 
     /// The relays that join the banks of scanned channels to the voltmeter's bus, each once. A scan closes them by
