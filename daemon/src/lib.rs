@@ -29,7 +29,6 @@ mod man;
 mod monitoring;
 mod preparation;
 pub(crate) mod recording;
-mod self_test;
 mod service;
 pub(crate) mod session;
 

@@ -10,6 +10,7 @@ use rig::{
     Rig, RigError, RingTranscript, StartError, Stop, Switch, acquire, check_at_start, find_closed,
     name_relays, safe_off,
 };
+use self_test::{Measured, ProbeError, Request, probe};
 use survey::{Frame, Plan, Relay, Sensing, Wiring};
 
 use crate::instruments::address::InstrumentAddress;
@@ -17,7 +18,6 @@ use crate::instruments::identities::ExpectedIdentities;
 use crate::instruments::multiplexer::Multiplexer;
 use crate::instruments::simulation::SimulatedRig;
 use crate::preparation::RigPlan;
-use crate::self_test::{Asked, ProbeError, Raw, probe};
 use survey::printable_within;
 
 /// How long opening a connection may take.
@@ -149,19 +149,18 @@ impl AnyRig {
         }
     }
 
-    /// Reads everything that a self-test judges. Whoever calls makes the rig safe afterwards.
-    pub(crate) async fn probe(&self, mut requested: Asked<'_>) -> Result<Raw, ProbeError> {
+    /// Reads everything that a self-test assesses. Whoever calls makes the rig safe afterwards.
+    pub(crate) async fn probe(&self, mut request: Request<'_>) -> Result<Measured, ProbeError> {
         match self {
             Self::Mainframe(rig) => {
                 let mut held = rig.lock().await;
-                let wiring = &requested.plan.wiring;
+                let wiring = &request.plan.wiring;
                 if wiring.sensing == Sensing::Scan {
-                    requested.meter_relays =
-                        held.voltmeter.meter_relays(&wiring.measuring_relays());
+                    request.meter_relays = held.voltmeter.meter_relays(&wiring.measuring_relays());
                 }
-                probe(&mut held, &requested).await
+                probe(&mut held, &request).await
             }
-            Self::Board(rig) => probe(&mut *rig.lock().await, &requested).await,
+            Self::Board(rig) => probe(&mut *rig.lock().await, &request).await,
         }
     }
 

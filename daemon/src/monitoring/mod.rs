@@ -24,7 +24,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use crate::self_test::Wear;
+use crate::instruments::relay_wear::Wear;
 
 pub(crate) use crate::events::daemon_log::DaemonLogWriter;
 pub(crate) use crate::events::rate_limit::RateLimit;

@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use crate::self_test::Wear;
+use crate::instruments::relay_wear::Wear;
 
 /// The relay that will be worn out first, as it was when the counters were read.
 #[derive(Debug, Clone, PartialEq)]

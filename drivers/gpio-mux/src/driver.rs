@@ -151,7 +151,11 @@ impl<S: Stream> GpioMux<S> {
             (&Command::Identify.to_string(), self.identity.trim()),
             (&off.0, &off.1),
         ];
-        Ok(self.conversation.link_mut().resynchronise_by(&probes).await?)
+        Ok(self
+            .conversation
+            .link_mut()
+            .resynchronise_by(&probes)
+            .await?)
     }
 
     fn place(&self, relay: Relay) -> Result<(Pole, Electrode), RigError> {

@@ -1,8 +1,8 @@
 //! What the driver can say, the simulator receives.
 
 use keithley_6221::{
-    Address, Ask, Board, Command, DeltaMode, Element, Kind, List, Parameter, Shield,
-    Speed, StatusGroup,
+    Address, Ask, Board, Command, DeltaMode, Element, Kind, List, Parameter, Shield, Speed,
+    StatusGroup,
 };
 use proptest::prelude::*;
 use scpi::{Common, ParseError, parse_message};

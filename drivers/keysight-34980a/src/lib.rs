@@ -37,8 +37,8 @@ mod simulator;
 
 pub use command::{
     Channels, Command, Detail, Field, Function, Functions, Given, INTEGRATION, Measure, Message,
-    Protection, Quantity, RANGES, Range, Route, Sense, Setting, StatusGroup, System, TriggerSource,
-    Wanted,
+    OVERRANGE, Protection, Quantity, RANGES, Range, Route, Sense, Setting, StatusGroup, System,
+    TriggerSource, Wanted, range_for,
 };
 pub use driver::Keysight34980a;
 pub use modules::{Contact, Model, Module, ModuleError, Terminal, join, split};

@@ -22,7 +22,6 @@ const KNOWN_CYCLES: &[(&str, &str, &[&str])] = &[
             "monitoring",
             "preparation",
             "recording",
-            "self_test",
             "service",
             "session",
         ],

@@ -9,11 +9,12 @@ use dbus::{
 use survey::{Baseline, printable, printable_json};
 
 use crate::instruments::discovery::{Discovered, Seen};
+use crate::instruments::relay_wear::Wear;
 use crate::preparation::{RigPlan, costs, resolution};
 use crate::recording::recorder::{nanoseconds, volts};
-use crate::self_test::{Line, Report, Wear};
 use crate::session::controller::Recovery;
 use imaging::Geometry;
+use self_test::{Report, ReportLine};
 
 /// The plan of a frame.
 pub(crate) fn plan(rig: &RigPlan) -> PlanReport {
@@ -125,7 +126,7 @@ pub(crate) fn test(report: Report) -> TestReport {
         .with_some("reciprocity", report.reciprocity)
         .with_some("noise_v", report.noise_v)
         .with_some("offset_v", report.offset_v);
-    let line = |line: Line| TestLine {
+    let line = |line: ReportLine| TestLine {
         subject: line.subject,
         check: line.check.to_owned(),
         verdict: line.verdict.word().to_owned(),

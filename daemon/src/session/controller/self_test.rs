@@ -16,12 +16,12 @@ use crate::config::numbers::number;
 use crate::events::broadcast::BusEvent;
 use crate::instruments::address::InstrumentAddress;
 use crate::instruments::discovery::{Discovered, Search, discover};
-use crate::instruments::relay_wear::wear;
+use crate::instruments::relay_wear::{Wear, wear};
 use crate::preparation::RigPlan;
-use crate::self_test::{Asked, ProbeError, Report, Wear, judge};
 use crate::session::controller::Controller;
 use crate::session::state::{Event, Work};
 use imaging::noise::DEFAULT_NOISE_UV;
+use self_test::{ExpectedSheet, ProbeError, Report, Request, assess};
 use survey::error_chain as chain;
 
 /// In the record's directory: a line of JSON for every self-test.
@@ -180,15 +180,16 @@ impl Controller {
             let held = rig
                 .as_ref()
                 .ok_or_else(|| lost("the rig has not come back"))?;
-            let requested = Asked {
+            let request = Request {
                 plan: &plan.plan,
                 meter: plan.meter,
+                wide: keysight_34980a::range_for(plan.plan.compliance),
                 meter_relays: Vec::new(),
                 settle: rig::settings(&plan.plan, plan.meter).settle,
                 stop,
                 progress: &progress,
             };
-            let probed = held.probe(requested).await;
+            let probed = held.probe(request).await;
             let safe = held.safe_off(&plan.plan.wiring).await;
             if safe.is_err() || matches!(probed, Err(ProbeError::Rig(_))) {
                 *rig = None;
@@ -223,11 +224,17 @@ impl Controller {
         let judged = tokio::task::spawn_blocking(move || {
             let setup = &controller.runtime().setup;
             let noise_uv = setup.config.model.noise_uv.unwrap_or(DEFAULT_NOISE_UV);
-            let report = judge(
+            let geometry = &setup.geometry;
+            let expected = ExpectedSheet {
+                mesh: Arc::clone(&geometry.mesh),
+                contact_ohm_m: geometry.contact_ohm_m.clone(),
+                sigma: geometry.sigma0.clone(),
+            };
+            let report = assess(
                 &probed,
                 &plan.plan.wiring,
                 plan.plan.current.0,
-                &setup.geometry,
+                &expected,
                 noise_uv * 1e-6,
                 at,
             );

@@ -11,7 +11,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
-use rig::{Conversation, Hop, Link, MeterSettings, Move, RigError, Sample, Stream, Switch, Voltmeter};
+use rig::{
+    Conversation, Hop, Link, MeterSettings, Move, RigError, Sample, Stream, Switch, Voltmeter,
+};
 use scpi::Common;
 use survey::{Reading, Relay, Volts, Wiring};
 use tokio::sync::Mutex;
@@ -63,7 +65,8 @@ impl<S: Stream> Keysight34980a<S> {
     /// # Errors
     /// Another instrument, a garbled answer, or a failing wire.
     pub async fn connect(link: Link<S>) -> Result<Self, RigError> {
-        let mut conversation = Conversation::new(link, Command::from(System::NextError), MOST_ERRORS);
+        let mut conversation =
+            Conversation::new(link, Command::from(System::NextError), MOST_ERRORS);
         let expected = format!("{MODEL} of {}", VENDORS.join(" or "));
         let is_34980a = |fields: &[&str]| {
             matches!(fields, [vendor, model, ..]

@@ -34,7 +34,10 @@ impl<S: Stream> Keysight34980a<S> {
                 Some(count as u64)
             })
             .collect();
-        counts.ok_or_else(|| unit.conversation.garbled(&message, &answer, "whole numbers"))
+        counts.ok_or_else(|| {
+            unit.conversation
+                .garbled(&message, &answer, "whole numbers")
+        })
     }
 
     /// The relays that join the banks of scanned channels to the voltmeter's bus, each once. A scan closes them by

@@ -104,7 +104,9 @@ impl<S: Stream> Unit<S> {
     /// Sends several queries, none of which answers with a semicolon, in one message; gives an answer for each.
     async fn ask_all(&mut self, queries: Vec<Command>) -> Result<Replies, RigError> {
         let count = queries.len();
-        let replies = self.send(queries, self.conversation.link().deadline()).await?;
+        let replies = self
+            .send(queries, self.conversation.link().deadline())
+            .await?;
         if replies.error.code != 0 {
             self.conversation.drain_errors().await.ok();
             return Err(self.conversation.refused(replies.message, replies.error));

@@ -9,8 +9,8 @@ use survey::{Reading, Relay, Volts};
 use super::{Prepared, Unit, compact};
 use crate::command::{Command, Measure, Route};
 
-/// How far over its range the voltmeter reads (section 5: 20 %), with room for the last digit.
-const OVERRANGE: f64 = 1.2 * (1.0 + 1e-6);
+/// How far over its range the voltmeter reads, with a margin for the last digit.
+const OVERRANGE: f64 = crate::OVERRANGE * (1.0 + 1e-6);
 
 impl<S: Stream> Unit<S> {
     pub(super) fn prepared(&self) -> Result<Prepared, RigError> {

@@ -25,8 +25,7 @@ impl<S: Stream> Unit<S> {
             return self.set_up(wanted).await;
         }
         if self.listed != wanted.ascending() {
-            self.set(vec![Route::SetScan(wanted.list()).into()])
-                .await?;
+            self.set(vec![Route::SetScan(wanted.list()).into()]).await?;
             self.listed = wanted.ascending();
         }
         // sent again in the message that reads them back, so that the messages of one frame can be played by themselves
@@ -113,10 +112,8 @@ impl<S: Stream> Unit<S> {
                 self.delays_of(wanted),
             ));
         }
-        let mut queries: Vec<Command> = settings
-            .iter()
-            .map(|(_, query, _)| query.clone())
-            .collect();
+        let mut queries: Vec<Command> =
+            settings.iter().map(|(_, query, _)| query.clone()).collect();
         queries.push(Route::Scan.into());
         let replies = self.ask_all(queries).await?;
         let answers = &replies.answers;
@@ -140,7 +137,8 @@ impl<S: Stream> Unit<S> {
             .and_then(|text| text.parse::<ChannelList>().ok())
             .ok_or_else(|| {
                 let expected = "a channel list in a block";
-                self.conversation.garbled(&replies.message, answer, expected)
+                self.conversation
+                    .garbled(&replies.message, answer, expected)
             })?;
         if read != meant && read != wanted.list() {
             return Err(self.conversation.mismatch("scan list", meant, read));

@@ -1,8 +1,8 @@
 //! Noise: of the voltmeter, and of channels and wires that have more of it than the others.
 
-use crate::self_test::assessment::pairs::named;
-use crate::self_test::assessment::{Judge, NOISY_TIMES};
-use crate::self_test::report::{Line, Verdict};
+use crate::assessment::pairs::named;
+use crate::assessment::{Judge, NOISY_TIMES};
+use crate::report::{ReportLine, Verdict};
 
 /// Squares of deviations from the mean, and how many of them are free.
 type Spread = (f64, f64);
@@ -59,7 +59,12 @@ impl Judge<'_> {
 
     /// The noise of every measuring pair. Two neighbours that are noisy share an electrode, and it is named; one alone is
     /// its relay's.
-    pub(super) fn channels(&self, noise_v: f64, findings: &mut Vec<String>, lines: &mut Vec<Line>) {
+    pub(super) fn channels(
+        &self,
+        noise_v: f64,
+        findings: &mut Vec<String>,
+        lines: &mut Vec<ReportLine>,
+    ) {
         let (usual, noisy) = self.noisy(noise_v);
         let each = self.at_zero();
         let n = each.len();
@@ -89,7 +94,7 @@ impl Judge<'_> {
             }
         }
         for (pair, (_, relays)) in self.wiring.measure.iter().enumerate() {
-            lines.push(Line {
+            lines.push(ReportLine {
                 subject: named(relays),
                 check: "noise",
                 verdict: match each[pair] {

@@ -2,9 +2,9 @@
 
 use survey::{Relay, Wiring};
 
-use crate::self_test::assessment::{DEAD, GAIN_OFF, Judge};
-use crate::self_test::probe::Retry;
-use crate::self_test::report::{Line, Verdict};
+use crate::assessment::{DEAD, GAIN_OFF, Judge};
+use crate::probe::Retry;
+use crate::report::{ReportLine, Verdict};
 
 impl Judge<'_> {
     pub(super) fn fails_row(&self, pair: usize) -> bool {
@@ -16,7 +16,7 @@ impl Judge<'_> {
         sound: bool,
         hopeless: bool,
         findings: &mut Vec<String>,
-        lines: &mut Vec<Line>,
+        lines: &mut Vec<ReportLine>,
     ) {
         let open = self.open_electrodes();
         // What a dead measuring pair reads is its own fault, not that of the pair that injects beside it.
@@ -56,7 +56,7 @@ impl Judge<'_> {
             } else {
                 (Verdict::Ok, String::new())
             };
-            lines.push(Line {
+            lines.push(ReportLine {
                 subject: named(relays),
                 check: "carries current",
                 verdict,
@@ -77,7 +77,12 @@ impl Judge<'_> {
         )
     }
 
-    pub(super) fn measuring(&self, sound: bool, findings: &mut Vec<String>, lines: &mut Vec<Line>) {
+    pub(super) fn measuring(
+        &self,
+        sound: bool,
+        findings: &mut Vec<String>,
+        lines: &mut Vec<ReportLine>,
+    ) {
         for (pair, (ends, relays)) in self.wiring.measure.iter().enumerate() {
             let gain = self.sensed_gain(pair);
             let (verdict, text) = match gain {
@@ -102,7 +107,7 @@ impl Judge<'_> {
                 Some(_) if sound => (Verdict::Ok, String::new()),
                 _ => (Verdict::NotJudged, String::new()),
             };
-            lines.push(Line {
+            lines.push(ReportLine {
                 subject: named(relays),
                 check: "reaches the voltmeter",
                 verdict,

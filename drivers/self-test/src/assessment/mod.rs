@@ -12,10 +12,9 @@ mod readings;
 
 use survey::Wiring;
 
-use crate::self_test::probe::Raw;
-use crate::self_test::report::{Line, Report, Verdict};
-use crate::self_test::uniform_sheet::Uniform;
-use imaging::Geometry;
+use crate::probe::Measured;
+use crate::report::{Report, ReportLine, Verdict};
+use crate::uniform_sheet::{ExpectedSheet, Uniform};
 
 /// A row or column that differs from the uniform sheet by more is at fault; loads and uneven sheets stay below.
 const GAIN_OFF: f64 = 0.4;
@@ -36,23 +35,23 @@ const NOISY_TIMES: f64 = 5.0;
 /// Likeness of patterns from which a relay is named.
 const ALIKE: f64 = 0.8;
 
-/// Judges what was read. `noise_v` is what the configuration expects of one reading; `at` is the wall time.
+/// Assesses what was read: compares it with the expected sheet and names the electrode or relay at fault. `noise_v` is what the configuration expects of one reading; `at` is the wall time.
 ///
 /// # Errors
-/// A geometry whose forward solution fails.
-pub(crate) fn judge(
-    raw: &Raw,
+/// A sheet whose forward solution fails.
+pub fn assess(
+    raw: &Measured,
     wiring: &Wiring,
     current: f64,
-    geometry: &Geometry,
+    expected: &ExpectedSheet,
     noise_v: f64,
     at: String,
 ) -> Result<Report, eit::ForwardError> {
-    let nominal = Uniform::new(geometry, 1.0)?;
+    let nominal = Uniform::new(expected, 1.0)?;
     let first = Judge::new(raw, wiring, current, nominal);
     let sheet = match first.factor() {
-        Some(factor) => Uniform::new(geometry, factor)?,
-        None => Uniform::new(geometry, 1.0)?,
+        Some(factor) => Uniform::new(expected, factor)?,
+        None => Uniform::new(expected, 1.0)?,
     };
     let fitted = first.factor().is_some();
     let judge = Judge::new(raw, wiring, current, sheet);
@@ -60,7 +59,7 @@ pub(crate) fn judge(
 }
 
 struct Judge<'a> {
-    raw: &'a Raw,
+    raw: &'a Measured,
     wiring: &'a Wiring,
     sheet: Uniform,
     n: usize,
@@ -70,7 +69,7 @@ struct Judge<'a> {
 }
 
 impl<'a> Judge<'a> {
-    fn new(raw: &'a Raw, wiring: &'a Wiring, current: f64, sheet: Uniform) -> Self {
+    fn new(raw: &'a Measured, wiring: &'a Wiring, current: f64, sheet: Uniform) -> Self {
         let ohms = |volts: &Option<f64>| volts.map(|volts| volts / current);
         let matrix = raw.rows.iter().map(|row| match row.compliance {
             true => vec![None; row.volts.len()],
@@ -125,7 +124,7 @@ impl<'a> Judge<'a> {
             if verdict == Verdict::Failed && findings.is_empty() {
                 findings.push(format!("{subject}: {text}"));
             }
-            lines.push(Line {
+            lines.push(ReportLine {
                 subject: subject.to_owned(),
                 check,
                 verdict,

@@ -1,7 +1,7 @@
 //! What follows from the readings alone: how much of the sheet's pattern is in them, reciprocity, van der Pauw.
 
-use crate::self_test::assessment::Judge;
-use crate::self_test::van_der_pauw::sheet_resistance;
+use crate::assessment::Judge;
+use crate::van_der_pauw::sheet_resistance;
 
 impl Judge<'_> {
     /// Whether two pairs share an electrode, or are one.

@@ -1,7 +1,7 @@
 //! The contact of every electrode.
 
-use crate::self_test::assessment::{CONTACT_MORE, CONTACT_TIMES, Judge};
-use crate::self_test::report::{Line, Verdict};
+use crate::assessment::{CONTACT_MORE, CONTACT_TIMES, Judge};
+use crate::report::{ReportLine, Verdict};
 
 impl Judge<'_> {
     /// An electrode is open where both pairs that drive it carry no current.
@@ -17,7 +17,7 @@ impl Judge<'_> {
         sound: bool,
         hopeless: bool,
         findings: &mut Vec<String>,
-        lines: &mut Vec<Line>,
+        lines: &mut Vec<ReportLine>,
     ) {
         let n = self.n;
         let open = self.open_electrodes();
@@ -59,7 +59,7 @@ impl Judge<'_> {
                     None => (Verdict::NotJudged, String::new()),
                 }
             };
-            lines.push(Line {
+            lines.push(ReportLine {
                 subject: format!("electrode {number}"),
                 check: "contact",
                 verdict,

@@ -2,11 +2,13 @@
 
 use serde::Serialize;
 
-/// How one thing fared.
+/// The result of one check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum Verdict {
+pub enum Verdict {
+    /// As it should be.
     Ok,
+    /// At fault.
     Failed,
     /// Something else is wrong that must be mended first.
     NotJudged,
@@ -14,7 +16,7 @@ pub(crate) enum Verdict {
 
 impl Verdict {
     /// The word on the bus.
-    pub(crate) fn word(self) -> &'static str {
+    pub fn word(self) -> &'static str {
         match self {
             Self::Ok => "ok",
             Self::Failed => "failed",
@@ -25,12 +27,14 @@ impl Verdict {
 
 /// One row of the table.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct Line {
+pub struct ReportLine {
     /// `relay 1042`, `electrode 17`, `sheet`, `voltmeter`.
     pub subject: String,
     /// What was looked at.
     pub check: &'static str,
+    /// Its result.
     pub verdict: Verdict,
+    /// What was measured; `None` where nothing was.
     pub measured: Option<f64>,
     /// What a sound rig would give.
     pub expected: Option<f64>,
@@ -42,17 +46,21 @@ pub(crate) struct Line {
 
 /// The whole of it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct Report {
+pub struct Report {
     /// RFC 3339, UTC.
     pub at: String,
+    /// Whether the instruments are simulated.
     pub simulated: bool,
+    /// Name of the wiring.
     pub wiring: String,
+    /// Current injected, A.
     pub current_a: f64,
     /// Nothing was found.
     pub passed: bool,
     /// What to mend, most grave first: `relay 1042 stays closed: ...`, `electrode 17: open ...`.
     pub findings: Vec<String>,
-    pub lines: Vec<Line>,
+    /// Every check.
+    pub lines: Vec<ReportLine>,
     /// By the fit of a uniform sheet, ohm.
     pub sheet_ohm: Option<f64>,
     /// Part of the readings that a uniform sheet does not explain, rms.

@@ -2,12 +2,21 @@
 
 use std::sync::Arc;
 
-use eit::{Forward, ForwardError};
+use eit::{Forward, ForwardError, Mesh};
 
-use imaging::Geometry;
+/// The sheet that the electrodes are on, as it should be without a load.
+#[derive(Debug, Clone)]
+pub struct ExpectedSheet {
+    /// The mesh with its electrodes.
+    pub mesh: Arc<Mesh>,
+    /// Contact impedance of each electrode, ohm m.
+    pub contact_ohm_m: Vec<f64>,
+    /// Conductance of each triangle, S per square.
+    pub sigma: Vec<f64>,
+}
 
 /// A uniform sheet on the configured geometry.
-pub(super) struct Uniform {
+pub(crate) struct Uniform {
     electrodes: usize,
     /// Transfer impedance, ohm, by row.
     z: Vec<Vec<f64>>,
@@ -18,14 +27,14 @@ pub(super) struct Uniform {
 }
 
 impl Uniform {
-    /// The geometry's own sheet, its resistance multiplied by `factor`.
-    pub(super) fn new(geometry: &Geometry, factor: f64) -> Result<Self, ForwardError> {
-        let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m)?;
-        let sigma: Vec<f64> = geometry.sigma0.iter().map(|sigma| sigma / factor).collect();
+    /// The expected sheet, its resistance multiplied by `factor`.
+    pub(crate) fn new(expected: &ExpectedSheet, factor: f64) -> Result<Self, ForwardError> {
+        let forward = Forward::new(Arc::clone(&expected.mesh), &expected.contact_ohm_m)?;
+        let sigma: Vec<f64> = expected.sigma.iter().map(|sigma| sigma / factor).collect();
         let impedance = forward.transfer_impedance(&sigma)?;
-        let electrodes = geometry.electrodes();
+        let electrodes = expected.mesh.electrodes();
         let mean = sigma.iter().sum::<f64>() / sigma.len().max(1) as f64;
-        let nodes = geometry.mesh.nodes();
+        let nodes = expected.mesh.nodes();
         let length = |edges: &Vec<[usize; 2]>| {
             let each = edges.iter().map(|[from, to]| {
                 let [x, y] = nodes[*from];
@@ -33,7 +42,7 @@ impl Uniform {
             });
             each.sum::<f64>()
         };
-        let edges = geometry.mesh.electrode_edges();
+        let edges = expected.mesh.electrode_edges();
         Ok(Self {
             electrodes,
             z: (0..electrodes)
@@ -44,7 +53,7 @@ impl Uniform {
                 })
                 .collect(),
             sheet_ohm: 1.0 / mean,
-            contact_ohm: geometry
+            contact_ohm: expected
                 .contact_ohm_m
                 .iter()
                 .zip(edges)
@@ -54,14 +63,14 @@ impl Uniform {
     }
 
     /// Voltage from electrode `plus` to `minus` when an ampere enters at `from` and leaves at `to`.
-    pub(super) fn volts(&self, (from, to): (usize, usize), (plus, minus): (usize, usize)) -> f64 {
+    pub(crate) fn volts(&self, (from, to): (usize, usize), (plus, minus): (usize, usize)) -> f64 {
         let n = self.electrodes;
         let at = |electrode: usize| self.z[electrode % n][from % n] - self.z[electrode % n][to % n];
         at(plus) - at(minus)
     }
 
     /// Voltage of pair `sense` when pair `drive` is driven.
-    pub(super) fn pair(&self, drive: usize, sense: usize) -> f64 {
+    pub(crate) fn pair(&self, drive: usize, sense: usize) -> f64 {
         self.volts((drive, drive + 1), (sense, sense + 1))
     }
 }

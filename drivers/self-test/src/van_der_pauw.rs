@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 ///
 /// The left side grows with Rs from 0 to 2: it crosses 1 once, between pi / (2 ln 2) of the two, where each half would
 /// lie alone.
-pub(crate) fn sheet_resistance(first: f64, second: f64) -> Option<f64> {
+pub fn sheet_resistance(first: f64, second: f64) -> Option<f64> {
     let sound = |value: f64| value.is_finite() && value > 0.0;
     if !(sound(first) && sound(second)) {
         return None;
@@ -27,7 +27,7 @@ pub(crate) fn sheet_resistance(first: f64, second: f64) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use crate::self_test::van_der_pauw::*;
+    use super::*;
 
     #[test]
     fn equal_resistances_give_the_closed_form_and_others_solve_the_equation() {

@@ -2,8 +2,8 @@
 
 use survey::Relay;
 
-use crate::self_test::assessment::{ALIKE, Judge};
-use crate::self_test::probe::Lone;
+use crate::assessment::{ALIKE, Judge};
+use crate::probe::Lone;
 
 impl Judge<'_> {
     /// Relays that stay closed: something came of what should have led nowhere. Returns whether any does.

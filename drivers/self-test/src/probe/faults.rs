@@ -1,0 +1,114 @@
+//! Readings that a fault shows in: relays that should be open, and the one of two that does not close.
+
+use rig::{CurrentSource, Switch, Voltmeter};
+use survey::{Amps, Relay};
+
+use super::{Measured, Probe, ProbeError, Retry, Row, volts};
+
+impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
+    /// Which relay of two does not close, for pairs that carry no current although their neighbours do.
+    pub(super) async fn retry(&mut self, raw: &Measured) -> Result<Vec<Retry>, ProbeError> {
+        let inject = &self.request.plan.wiring.inject;
+        let n = inject.len();
+        let mut retries = Vec::new();
+        for (pair, (_, relays)) in inject.iter().enumerate() {
+            let fails = |pair: usize| raw.rows[pair % n].compliance;
+            let [plus, minus] = relays.as_slice() else {
+                continue;
+            };
+            let other = (pair + 2) % n;
+            if !fails(pair) || fails(pair + 1) || fails(pair + n - 1) || fails(other) {
+                continue;
+            }
+            let [other_plus, other_minus] = inject[other].1.as_slice() else {
+                continue;
+            };
+            for (relay, with) in [(*plus, *other_minus), (*minus, *other_plus)] {
+                let row = self.inject(&[relay, with], Some(&vec![false; n])).await?;
+                retries.push(Retry {
+                    pair,
+                    relay,
+                    flows: !row.compliance,
+                });
+            }
+        }
+        Ok(retries)
+    }
+
+    /// Which measuring relay of two does not close, for pairs that read nothing of any injection.
+    pub(super) async fn retry_meter(&mut self, raw: &Measured) -> Result<Vec<Retry>, ProbeError> {
+        let wiring = &self.request.plan.wiring;
+        let n = wiring.measure.len();
+        let most = |pair: usize| {
+            let read = raw.rows.iter().filter_map(|row| row.volts[pair]);
+            read.fold(0.0_f64, |most, volts| most.max(volts.abs()))
+        };
+        let mut each: Vec<f64> = (0..n).map(most).collect();
+        each.sort_by(f64::total_cmp);
+        let silent = 1e-3 * each.get(n / 2).copied().unwrap_or(0.0);
+        let mut retries = Vec::new();
+        for (pair, (_, relays)) in wiring.measure.iter().enumerate() {
+            let other = (pair + 2) % n;
+            let drive = (pair + n / 2) % n;
+            if most(pair) >= silent || most(other) < silent || raw.rows[drive].compliance {
+                continue;
+            }
+            let ([plus, minus], [other_plus, other_minus]) =
+                (relays.as_slice(), wiring.measure[other].1.as_slice())
+            else {
+                continue;
+            };
+            for (relay, with) in [(*plus, *other_minus), (*minus, *other_plus)] {
+                let closed = [relay, with];
+                self.close(&closed).await?;
+                let driven = &wiring.inject[drive].1;
+                let follows = self.follows(driven).await?;
+                self.open(&closed).await?;
+                retries.push(Retry {
+                    pair,
+                    relay,
+                    flows: follows.is_some_and(|volts| volts.abs() > silent),
+                });
+            }
+        }
+        Ok(retries)
+    }
+
+    /// What follows the current at the voltmeter: a voltmeter joined to nothing shows anything.
+    async fn follows(&mut self, driven: &[Relay]) -> Result<Option<f64>, ProbeError> {
+        self.close(driven).await?;
+        let still = volts(self.guarded_read().await?);
+        self.drive(self.request.plan.current).await?;
+        tokio::time::sleep(self.request.settle).await;
+        let read = volts(self.guarded_read().await?);
+        self.drive(Amps(0.0)).await?;
+        self.open(driven).await?;
+        Ok(read.zip(still).map(|(read, still)| read - still))
+    }
+
+    /// What the voltmeter sees of each injection with these measuring relays closed and no other.
+    pub(super) async fn lone_meter(&mut self, closed: &[Relay]) -> Result<Row, ProbeError> {
+        self.close(closed).await?;
+        let mut row = Row::default();
+        for (_, relays) in &self.request.plan.wiring.inject {
+            row.volts.push(self.follows(relays).await?);
+        }
+        self.open(closed).await?;
+        Ok(row)
+    }
+}
+
+/// What is closed to find relays that should be open: nothing where a pair has one relay; where it has two, each side
+/// alone, on two electrodes far apart.
+pub(super) fn lone(pairs: &[(survey::Dipole, Vec<Relay>)]) -> Vec<Vec<Relay>> {
+    match pairs.first().map(|(_, relays)| relays.len()) {
+        Some(2) => {
+            let far = [0, pairs.len() / 2];
+            let sides = [1, 0].into_iter();
+            sides
+                .flat_map(|side| far.map(|pair| vec![pairs[pair].1[side]]))
+                .collect()
+        }
+        _ => vec![Vec::new()],
+    }
+}
