@@ -91,7 +91,7 @@ fn a_network_trained_elsewhere_makes_the_daemons_maps() {
     assert_eq!(made, done);
     let script = concat!(
         env!("CARGO_MANIFEST_DIR"),
-        "/../tomography/lab/examples/onnx_network.py"
+        "/../lab/examples/onnx_network.py"
     );
     let run = python(&[script.as_ref(), set.as_os_str(), file.as_os_str()]).expect("python3 runs");
     assert!(

@@ -34,9 +34,6 @@ const KNOWN_CYCLES: &[(&str, &str, &[&str])] = &[
     ),
     ("daemon", "service", &["access", "gate"]),
     ("eit", "", &["inverse", "model", "training"]),
-    ("lab", "", &["choice", "deep", "linear", "train"]),
-    ("lab", "evaluate", &["figures", "maps"]),
-    ("lab", "tradeoff", &["precision", "reconstruction"]),
     (
         "logbook",
         "",
@@ -77,9 +74,6 @@ const KNOWN_CYCLES: &[(&str, &str, &[&str])] = &[
 const LARGE_FOLDERS: &[&str] = &[
     // the catalogue of effects, one file an effect
     "tomography/phantom/src/effects",
-    "tomography/lab/src",
-    "tomography/lab/src/stability",
-    "tomography/lab/src/tradeoff",
 ];
 
 /// All cycles of the library and the programs of each crate.

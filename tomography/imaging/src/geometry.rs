@@ -1,13 +1,12 @@
 //! The sheet or tank as the reconstruction sees it.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use eit::{Case, CaseError, DiscTank, Mesh, MeshError, PaperSheet, Preset};
 use serde::{Deserialize, Serialize};
-
-/// Conductance assumed where a case folder gives none, S per square.
-const ASSUMED_CONDUCTANCE: f64 = 1e-3;
+use survey::{Amps, Protocol, ProtocolError};
 
 /// Built-in geometries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -112,11 +111,10 @@ impl Geometry {
             folder: folder.to_owned(),
             cause,
         })?;
-        let known = case.sigma.get("homog").cloned();
         Ok(Self {
             name: format!("case {}", folder.display()),
-            sigma0_known: known.is_some(),
-            sigma0: known.unwrap_or_else(|| vec![ASSUMED_CONDUCTANCE; case.mesh.triangles().len()]),
+            sigma0_known: case.sigma.contains_key("homog"),
+            sigma0: case.unloaded_conductance(),
             mesh: case.mesh,
             contact_ohm_m: case.contact_ohm_m,
         })
@@ -138,6 +136,22 @@ impl Geometry {
             sigma0_known: true,
             contact_ohm_m: preset.contact_ohm_m(),
             mesh: Arc::new(mesh),
+        })
+    }
+
+    /// A case folder's content with the Sheffield protocol, `current` for every reading, and the conductance as `homog`.
+    ///
+    /// # Errors
+    /// Too few electrodes for the protocol.
+    pub fn case(&self, current: Amps) -> Result<Case, ProtocolError> {
+        let protocol = Protocol::sheffield(self.electrodes())?;
+        Ok(Case {
+            contact_ohm_m: self.contact_ohm_m.clone(),
+            currents: vec![current.0; protocol.len()],
+            has_region: self.mesh.region().len() < self.mesh.triangles().len(),
+            protocol,
+            sigma: BTreeMap::from([("homog".to_owned(), self.sigma0.clone())]),
+            mesh: Arc::clone(&self.mesh),
         })
     }
 

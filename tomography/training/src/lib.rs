@@ -1,9 +1,20 @@
-//! Training of models that `eit` evaluates: the deep network, and the symmetries of a training set.
+//! Training sets and the training of models that `eit` evaluates: linear maps, RBF networks and deep networks.
 //!
 //! It computes and reports progress through closures; the command line, its files and its printing are `lab`'s.
 //!
-//! - **deep**: Adam on the squared error of a map, with checkpoints from which a killed training goes on
+//! - **dataset**: training sets in files, in shards
+//! - **linear**, **rbf**, **deep**: the three kinds of models; **model_cache**: models that are kept for a case
+//! - **noise_figure**: what a method makes of noise, by draws
 //! - **symmetry**: a training set seen through every symmetry of its sheet
 
+pub mod dataset;
 pub mod deep;
+mod error;
+pub mod linear;
+mod model_cache;
+pub mod noise_figure;
+pub mod rbf;
 pub mod symmetry;
+
+pub use error::FitError;
+pub use model_cache::{Cached, single_current};

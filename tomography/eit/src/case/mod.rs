@@ -23,6 +23,9 @@ pub use protocol::{protocol_text, read_protocol};
 pub use table::Table;
 pub use text::{digits, matrix_text};
 
+/// Conductance assumed where a case folder gives none, S per square.
+const ASSUMED_CONDUCTANCE: f64 = 1e-3;
+
 /// A geometry with its contacts, its questions and its named conductances.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Case {
@@ -152,6 +155,14 @@ impl Case {
             name: name_or_file.to_owned(),
             known: self.sigma.keys().cloned().collect(),
         })
+    }
+
+    /// The unloaded conductance of each triangle, S per square: `homog` where the case has it, else 1 mS throughout.
+    pub fn unloaded_conductance(&self) -> Vec<f64> {
+        self.sigma
+            .get("homog")
+            .cloned()
+            .unwrap_or_else(|| vec![ASSUMED_CONDUCTANCE; self.mesh.triangles().len()])
     }
 
     /// Conductances from a file with a row each, a column a triangle, and the line of each.

@@ -1,0 +1,394 @@
+//! The command line as data.
+
+mod calibrate;
+mod paper;
+mod reconstruct;
+mod scene;
+mod solve;
+mod stability;
+mod tradeoff;
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use imaging::PresetName;
+use outfile::{Existing, GrowingFolder, OutFolder, OutPath};
+use studies::evaluation::test_set::TestSetName;
+
+pub(crate) use calibrate::CalibrateOptions;
+pub(crate) use paper::PaperOptions;
+pub(crate) use reconstruct::ReconstructOptions;
+pub(crate) use scene::{ExplainOptions, RunOptions, SceneCommand, SessionOptions};
+pub(crate) use solve::{ForwardOptions, JacobianOptions, Of, TransferOptions};
+pub(crate) use stability::StabilityOptions;
+pub(crate) use tradeoff::{AdviseOptions, TradeoffOptions};
+
+/// Meshes, forward solutions, sensitivities, training and reconstruction, offline.
+#[derive(Debug, Parser)]
+#[command(name = "tactus-lab", version)]
+pub(crate) struct Arguments {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+/// Whether files that exist are replaced.
+#[derive(Debug, Clone, Copy, Default, Args)]
+pub(crate) struct Replacing {
+    /// Replace files that exist; recorded sessions are never replaced
+    #[arg(long)]
+    pub(crate) force: bool,
+}
+
+impl Replacing {
+    /// As the writing of files takes it.
+    pub(crate) fn existing(self) -> Existing {
+        Existing::forced(self.force)
+    }
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Make a case folder from a preset geometry, and print the quality of its mesh
+    Mesh(MeshOptions),
+    /// Solve the forward model: readings of a case for one conductance or many
+    Forward(ForwardOptions),
+    /// The sensitivity of a case's readings to conductances or contacts: a row a reading
+    Jacobian(JacobianOptions),
+    /// The transfer matrices of a case's electrodes: admittance Y and impedance Z (paper, Eq. 2)
+    Transfer(TransferOptions),
+    /// Make a training set, or a shard of it, in files; resumes where it was stopped
+    Dataset(DatasetOptions),
+    /// Train a network and write its model file
+    Train {
+        #[command(subcommand)]
+        network: Network,
+    },
+    /// Make judging data: a case folder with frames of the simulated sheet on a finer, different mesh, and the truth
+    Judge(TestSetOptions),
+    /// Scenes, with only the effects they call for: explain, check, run, list
+    Scene {
+        #[command(subcommand)]
+        command: SceneCommand,
+    },
+    /// Compare methods and models on judging data: errors, likeness, GREIT's figures, time
+    Evaluate(EvaluateOptions),
+    /// Every experiment, figure and claim of the paper, run again from seeds: one page to read
+    Paper(PaperOptions),
+    /// What accuracy costs in time: eight diagrams and one page
+    Tradeoff(TradeoffOptions),
+    /// A setting of the rig that is accurate and quick enough, from the table of `tradeoff`, and what it costs
+    Advise(AdviseOptions),
+    /// Fit a calibration: from relative loss to kPa, by presses of known mass and area
+    Calibrate(CalibrateOptions),
+    /// Figures of merit of raster images
+    Merit(MeritOptions),
+    /// Make maps of recorded frames
+    Reconstruct(ReconstructOptions),
+    /// The hard cases: what naive code does, what ours does, and the bound that it keeps
+    Stability(StabilityOptions),
+    /// Print the completions of a shell
+    Completions {
+        /// Which shell
+        shell: clap_complete::Shell,
+    },
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct MeshOptions {
+    /// Which geometry
+    #[arg(long, value_enum)]
+    pub(crate) preset: PresetName,
+    /// Change a measure of the preset, e.g. radius_mm=115, electrodes=16, fineness=1.5 (repeatable)
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub(crate) set: Vec<String>,
+    /// Current of every reading in protocol.csv, mA
+    #[arg(long, value_name = "MA", default_value_t = 1.0)]
+    pub(crate) current_ma: f64,
+    /// Folder to write, new or empty
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: OutFolder,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
+    /// Print the quality as one JSON object
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Network {
+    /// A radial-basis-function network (the paper's section 4.3)
+    Rbf(TrainOptions),
+    /// A deep network of fully connected layers (the paper's section 4.2)
+    Dnn(DeepOptions),
+    /// A linear map: the matrix of least mean square error over the training set and its noise
+    Linear(LinearOptions),
+}
+
+/// How the weights of a network are kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum PrecisionName {
+    /// Four bytes a weight
+    F32,
+    /// Two bytes a weight
+    F16,
+    /// One byte a weight and a scale a row
+    Int8,
+}
+
+impl From<PrecisionName> for eit::Precision {
+    fn from(name: PrecisionName) -> Self {
+        match name {
+            PrecisionName::F32 => Self::F32,
+            PrecisionName::F16 => Self::F16,
+            PrecisionName::Int8 => Self::Int8,
+        }
+    }
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct DeepOptions {
+    /// Which jitter, and the settings that go with it
+    #[arg(long, value_enum)]
+    pub(crate) profile: Profile,
+    /// Settings that differ from the profile's: a TOML file with tables [data] and [deep]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) settings: Option<PathBuf>,
+    /// One setting, after the file: width=512, hidden_layers=3, learning_rate=5e-4, data.radius_m=0.05 (repeatable)
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub(crate) set: Vec<String>,
+    /// A training set in files, made by `dataset`, in place of cases made for the purpose
+    #[arg(long, value_name = "DIR", conflicts_with = "cases")]
+    pub(crate) dataset: Option<PathBuf>,
+    /// Simulated cases [default: 15000]
+    #[arg(long, value_name = "N")]
+    pub(crate) cases: Option<usize>,
+    /// Jittered copies of each case [default: 5]
+    #[arg(long, value_name = "N")]
+    pub(crate) repeats: Option<usize>,
+    /// Passes over the training set [default: 30]
+    #[arg(long, value_name = "N")]
+    pub(crate) epochs: Option<usize>,
+    /// The same seed gives the same file [default: 1]
+    #[arg(long, value_name = "S")]
+    pub(crate) seed: Option<u64>,
+    /// gamma of the profile `paper` [default: 0.01]
+    #[arg(long)]
+    pub(crate) gamma: Option<f64>,
+    /// Noise of one reading for the profile `matched`, V [default: 2e-6]
+    #[arg(long, value_name = "SD")]
+    pub(crate) noise_v: Option<f64>,
+    /// How the weights are kept
+    #[arg(long, value_enum, default_value_t = PrecisionName::F32)]
+    pub(crate) precision: PrecisionName,
+    /// Case folder to train for; the preset of the paper's sheet at 1 mA if none is given
+    #[arg(long, value_name = "DIR")]
+    pub(crate) case: Option<PathBuf>,
+    /// Where the training is kept after each epoch; the same command goes on from it [default: OUT with .checkpoint]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) checkpoint: Option<PathBuf>,
+    /// Model file to write
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: OutPath,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
+    /// Print what the training found as one JSON object
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Profile {
+    /// The paper's jitter: gamma times the standard deviation of the normalised baseline
+    Paper,
+    /// Jitter as the noise is: white, in volts, on baseline and frame
+    Matched,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct TrainOptions {
+    /// Which jitter
+    #[arg(long, value_enum)]
+    pub(crate) profile: Profile,
+    /// Simulated cases
+    #[arg(long, value_name = "N", default_value_t = 15_000)]
+    pub(crate) cases: usize,
+    /// A training set in files, made by `dataset`, in place of cases made for the purpose
+    #[arg(long, value_name = "DIR", conflicts_with = "cases")]
+    pub(crate) dataset: Option<PathBuf>,
+    /// Jittered copies of each case
+    #[arg(long, value_name = "N", default_value_t = 5)]
+    pub(crate) repeats: usize,
+    /// Neurons
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub(crate) neurons: usize,
+    /// The same seed gives the same file
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Width of the neurons in times of Eq. 13's spread
+    #[arg(long, value_name = "X", default_value_t = 1.0)]
+    pub(crate) spread_times: f64,
+    /// gamma of the profile `paper`
+    #[arg(long, default_value_t = 0.01)]
+    pub(crate) gamma: f64,
+    /// Noise of one reading for the profile `matched`, V
+    #[arg(long, value_name = "SD", default_value_t = 2e-6)]
+    pub(crate) noise_v: f64,
+    /// Case folder to train for; the preset of the paper's sheet at 1 mA if none is given
+    #[arg(long, value_name = "DIR")]
+    pub(crate) case: Option<PathBuf>,
+    /// Model file to write
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: OutPath,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
+    /// Print what the training found as one JSON object
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct TestSetOptions {
+    /// Which loads
+    #[arg(long, value_enum)]
+    pub(crate) set: TestSetName,
+    /// White noise of one reading on baseline and frames, V; 0 for none
+    #[arg(long, value_name = "SD", default_value_t = 2e-6)]
+    pub(crate) noise_v: f64,
+    /// The same seed gives the same folder; training draws from other streams
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Frames [default: 32 presses, 100 polygon cases; 16, 9, 28 and 24 of the other sets]
+    #[arg(long, value_name = "N")]
+    pub(crate) count: Option<usize>,
+    /// Standard deviation of the logarithm of an unevenly sprayed sheet's conductance, e.g. 0.1
+    #[arg(long, value_name = "SD")]
+    pub(crate) spray: Option<f64>,
+    /// Change a measure of the sheet, as `mesh --set` does (repeatable)
+    #[arg(long = "measure", value_name = "KEY=VALUE")]
+    pub(crate) measures: Vec<String>,
+    /// Case folder of the paper's sheet to reconstruct on [default: the preset at 1 mA]
+    #[arg(long, value_name = "DIR")]
+    pub(crate) case: Option<PathBuf>,
+    /// Folder to write, new or empty
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: OutFolder,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct LinearOptions {
+    /// Which jitter
+    #[arg(long, value_enum)]
+    pub(crate) profile: Profile,
+    /// Simulated cases
+    #[arg(long, value_name = "N", default_value_t = 15_000)]
+    pub(crate) cases: usize,
+    /// The same seed gives the same file
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// gamma of the profile `paper`
+    #[arg(long, default_value_t = 0.01)]
+    pub(crate) gamma: f64,
+    /// Noise of one reading for the profile `matched`, V; several levels, several times
+    #[arg(long, value_name = "SD", default_values_t = [2e-6])]
+    pub(crate) noise_v: Vec<f64>,
+    /// Frames of the unloaded sheet: the profile `matched` takes their covariance in place of --noise-v
+    #[arg(long, value_name = "FILE")]
+    pub(crate) repeats: Option<PathBuf>,
+    /// A training set in files, made by `dataset`, in place of cases made for the purpose
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["cases", "seed"])]
+    pub(crate) dataset: Option<PathBuf>,
+    /// Every case through the sheet's mirrors too, where mesh and contacts have them
+    #[arg(long)]
+    pub(crate) symmetric: bool,
+    /// How the weights are kept
+    #[arg(long, value_enum, default_value_t = PrecisionName::F32)]
+    pub(crate) precision: PrecisionName,
+    /// Case folder to train for; the preset of the paper's sheet at 1 mA if none is given
+    #[arg(long, value_name = "DIR")]
+    pub(crate) case: Option<PathBuf>,
+    /// Model file to write
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: OutPath,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
+    /// Print what the training found as one JSON object
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct DatasetOptions {
+    /// Which part: I/N with I from 0 to N - 1
+    #[arg(long, value_name = "I/N", default_value = "0/1")]
+    pub(crate) shard: String,
+    /// The same seed gives the same set, however it is cut
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Cases of the whole set [default: 15000, or as the settings say]
+    #[arg(long, value_name = "N")]
+    pub(crate) cases: Option<usize>,
+    /// Algorithm 1 with other parameters, and the paper's open readings: TOML with the keys of the training settings, e.g.
+    /// polygons = 4, radius_m = 0.07, vertices = 5, [open] size = "diameter"
+    #[arg(long, value_name = "FILE")]
+    pub(crate) settings: Option<PathBuf>,
+    /// Case folder to make it for; the preset of the paper's sheet at 1 mA if none is given
+    #[arg(long, value_name = "DIR")]
+    pub(crate) case: Option<PathBuf>,
+    /// Folder of the shards
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: GrowingFolder,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct EvaluateOptions {
+    /// A folder that `judge` made (repeatable) [default: the four standard sets, made for the purpose]
+    #[arg(long, value_name = "DIR")]
+    pub(crate) set: Vec<PathBuf>,
+    /// A method with its options, e.g. "tv --loss-only" (repeatable) [default: those that need no long training]
+    #[arg(long, value_name = "TEXT")]
+    pub(crate) method: Vec<String>,
+    /// A model file (repeatable)
+    #[arg(long, value_name = "FILE")]
+    pub(crate) model: Vec<PathBuf>,
+    /// Seed of the standard sets
+    #[arg(long, value_name = "S", default_value_t = 7)]
+    pub(crate) seed: u64,
+    /// Frames of each standard set [default: 32 presses, 100 polygon cases]
+    #[arg(long, value_name = "N")]
+    pub(crate) count: Option<usize>,
+    /// Draw accuracy against time, PNG
+    #[arg(long, value_name = "FILE")]
+    pub(crate) picture: Option<OutPath>,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
+    /// Print one JSON object a set and method
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct MeritOptions {
+    /// Folder of images: CSV, a row of pixels a line, NaN outside; the raster covers the bounding box
+    #[arg(long, value_name = "DIR")]
+    pub(crate) images: PathBuf,
+    /// True places, in units of half the bounding box, x along rows: image,x,y or x,y [default: targets.csv among the images]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) targets: Option<PathBuf>,
+    /// Folder of true images of the same names: correlation, relative error, SSIM and Dice too
+    #[arg(long, value_name = "DIR")]
+    pub(crate) truth: Option<PathBuf>,
+    /// Negate the images: maps of losses are negative
+    #[arg(long)]
+    pub(crate) negate: bool,
+    /// Extent along columns, mm, for the location error
+    #[arg(long, value_name = "MM", requires = "height_mm")]
+    pub(crate) width_mm: Option<f64>,
+    /// Extent along rows, mm
+    #[arg(long, value_name = "MM", requires = "width_mm")]
+    pub(crate) height_mm: Option<f64>,
+    /// Print one JSON object an image
+    #[arg(long)]
+    pub(crate) json: bool,
+}

@@ -1,0 +1,42 @@
+//! Options of `tactus-lab reconstruct`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use outfile::OutPath;
+
+use studies::methods::MethodOptions;
+
+use super::Replacing;
+
+#[derive(Debug, Clone, Args)]
+pub(crate) struct ReconstructOptions {
+    /// Case folder
+    #[arg(long, value_name = "DIR")]
+    pub(crate) case: PathBuf,
+    #[command(flatten)]
+    pub(crate) method: MethodOptions,
+    /// Frames: a row or a column a frame
+    #[arg(long, value_name = "FILE")]
+    pub(crate) frames: PathBuf,
+    /// Baseline: a file (the mean of its frames) or first:N (the mean of the first N frames)
+    #[arg(long, value_name = "FILE|first:N", default_value = "first:1")]
+    pub(crate) baseline: String,
+    /// Negate all readings: the instrument gives magnitudes
+    #[arg(long)]
+    pub(crate) negate: bool,
+    /// Maps: a row for each frame of the file, a column a triangle of the region
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: OutPath,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
+    /// A calibration of this mesh and method, made by `calibrate`: maps in kPa, and each frame's load in newtons
+    #[arg(long, value_name = "FILE")]
+    pub(crate) calibration: Option<PathBuf>,
+    /// Print 'frame N ms', the median, on standard error
+    #[arg(long)]
+    pub(crate) timing: bool,
+    /// Print one JSON object a frame: frame, largest_loss, found_m, masked; with a calibration newtons and largest_kpa
+    #[arg(long)]
+    pub(crate) json: bool,
+}

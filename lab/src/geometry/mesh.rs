@@ -1,0 +1,106 @@
+//! `tactus-lab mesh`: a case folder from a preset.
+
+use eit::{Case, Preset};
+use imaging::{Geometry, PresetName};
+use studies::Failure;
+use survey::Amps;
+
+use crate::args::MeshOptions;
+
+/// Writes the folder and prints the quality of its mesh.
+pub(crate) fn mesh(options: &MeshOptions) -> Result<(), Failure> {
+    let preset = preset(options.preset, &options.set)?;
+    if !(options.current_ma > 0.0 && options.current_ma.is_finite()) {
+        return Err(Failure::usage(format!(
+            "--current-ma is {}, it must be a positive number",
+            options.current_ma
+        )));
+    }
+    let case = case(&preset, Amps(options.current_ma * 1e-3))?;
+    case.write(&options.out, options.replacing.existing())
+        .map_err(|fault| Failure::of("cannot write the case", &fault))?;
+    let mesh = &case.mesh;
+    let quality = mesh.quality();
+    if options.json {
+        let line = serde_json::json!({
+            "case": options.out.display().to_string(),
+            "nodes": mesh.nodes().len(),
+            "triangles": mesh.triangles().len(),
+            "region_triangles": mesh.region().len(),
+            "electrodes": mesh.electrodes(),
+            "readings": case.protocol.len(),
+            "smallest_angle_deg": quality.smallest_angle,
+            "largest_angle_deg": quality.largest_angle,
+            "fewest_electrode_edges": quality.fewest_electrode_edges,
+            "electrode_edges": mesh.electrode_edges().iter().map(Vec::len).collect::<Vec<_>>(),
+            "geometry": mesh.hash(),
+        });
+        println!("{}", survey::printable_json(line.to_string()));
+    } else {
+        println!(
+            "{}: {} nodes, {} triangles ({} in the region), {} electrodes, {} readings, angles {:.1} to {:.1} degrees, {} or more edges an electrode",
+            options.out.display(),
+            mesh.nodes().len(),
+            mesh.triangles().len(),
+            mesh.region().len(),
+            mesh.electrodes(),
+            case.protocol.len(),
+            quality.smallest_angle,
+            quality.largest_angle,
+            quality.fewest_electrode_edges
+        );
+    }
+    warn_of_coarse_electrodes(&case);
+    Ok(())
+}
+
+/// The preset with the Sheffield protocol and its uniform conductance, named `homog`.
+pub(crate) fn case(preset: &Preset, current: Amps) -> Result<Case, Failure> {
+    Geometry::from_preset(preset)
+        .map_err(|fault| Failure::because(survey::error_chain(&fault)))?
+        .case(current)
+        .map_err(|fault| Failure::of("no protocol for this ring", &fault))
+}
+
+/// A case folder, with a warning on standard error where its electrodes are coarse.
+pub(crate) fn read(folder: &std::path::Path) -> Result<Case, Failure> {
+    let case = Case::read(folder).map_err(|fault| Failure::of("cannot read the case", &fault))?;
+    warn_of_coarse_electrodes(&case);
+    Ok(case)
+}
+
+fn warn_of_coarse_electrodes(case: &Case) {
+    let coarse = case.coarse_electrodes();
+    if !coarse.is_empty() {
+        let names: Vec<String> = coarse.iter().map(ToString::to_string).collect();
+        eprintln!(
+            "tactus-lab: electrode{} {} of {} {} fewer than {} edges: the resistance is the mesh's rather than the \
+             electrode's",
+            if names.len() == 1 { "" } else { "s" },
+            names.join(", "),
+            case.mesh.electrodes(),
+            if names.len() == 1 { "has" } else { "have" },
+            eit::ENOUGH_EDGES
+        );
+    }
+}
+
+/// The preset with its changed measures; an unknown key or a value of another type is named.
+pub(crate) fn preset(name: PresetName, set: &[String]) -> Result<Preset, Failure> {
+    let kind = match name {
+        PresetName::PaperSheet => "paper-sheet",
+        PresetName::DiscTank => "disc-tank",
+    };
+    let mut text = format!("kind = \"{kind}\"\n");
+    for change in set {
+        if !change.contains('=') {
+            return Err(Failure::usage(format!(
+                "--set {change}: KEY=VALUE is expected, e.g. --set fineness=1.5"
+            )));
+        }
+        text.push_str(change);
+        text.push('\n');
+    }
+    toml::from_str(&text)
+        .map_err(|fault| Failure::usage(format!("--set for preset {kind}: {}", fault.message())))
+}

@@ -1,0 +1,8 @@
+//! Commands on geometries: case folders from presets, forward solutions, sensitivities, transfer matrices. Left to others:
+//! frames and maps.
+
+mod mesh;
+mod solve;
+
+pub(crate) use mesh::{case, mesh, preset, read};
+pub(crate) use solve::{forward, jacobian, transfer};

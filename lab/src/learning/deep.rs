@@ -1,0 +1,327 @@
+//! `tactus-lab train dnn`: settings from a profile, a TOML file and flags; the set, the training, the model file.
+
+use std::cell::RefCell;
+use std::path::Path;
+use std::sync::Arc;
+
+use eit::{
+    Case, DeepReport, DeepSettings, Jitter, Model, Network, Noise, Preset, Report, Samples,
+    TrainingSet, TrainingSettings, model,
+};
+use indicatif::ProgressBar;
+use serde::{Deserialize, Serialize};
+use studies::methods::positive;
+use studies::{Failure, progress};
+use survey::Amps;
+use training::dataset::DataSet;
+use training::deep::{self, Moment, Recipe};
+use training::noise_figure::with_noise_figure;
+use training::single_current;
+
+use crate::args::{DeepOptions, Profile};
+use crate::geometry;
+
+/// Of the numbers in a checkpoint.
+const LAYOUT: u32 = 2;
+
+/// Everything about a deep training that is a choice: `[data]` and `[deep]` of a settings file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Settings {
+    data: TrainingSettings,
+    deep: DeepSettings,
+}
+
+/// Trains and writes the model file.
+pub(super) fn train(options: &DeepOptions) -> Result<(), Failure> {
+    let case = match &options.case {
+        Some(folder) => geometry::read(folder)?,
+        None => geometry::case(&Preset::default(), Amps(1e-3))?,
+    };
+    let mut settings = settings(options, &case)?;
+    let set = match &options.dataset {
+        Some(folder) => Some(DataSet::open(folder, &case)?),
+        None => None,
+    };
+    if let Some(set) = &set {
+        // what was drawn is the set's; jitter, copies and the seed of weights and order are this training's
+        settings.data = TrainingSettings {
+            jitter: settings.data.jitter,
+            repeats: settings.data.repeats,
+            seed: settings.data.seed,
+            cases: set.settings().cases.saturating_sub(settings.deep.held_out),
+            ..set.settings().clone()
+        };
+    }
+    let profile = match options.profile {
+        Profile::Paper => "paper",
+        Profile::Matched => "matched",
+    };
+    let checkpoint = match &options.checkpoint {
+        Some(path) => path.clone(),
+        None if outfile::is_stream(&options.out) => {
+            return Err(Failure::usage(format!(
+                "{} is no file, so nothing can be kept beside it: say by --checkpoint where the training is kept",
+                options.out.display()
+            )));
+        }
+        None => options.out.with_extension("checkpoint"),
+    };
+    let model = trained(
+        &case,
+        &settings,
+        set.as_ref(),
+        options,
+        &format!("dnn {profile}"),
+        &checkpoint,
+    )?;
+    model::save(&options.out, options.replacing.existing(), &model)
+        .map_err(|fault| Failure::of("cannot write the model", &fault))?;
+    // the model holds what the checkpoint was for
+    let _ = std::fs::remove_file(&checkpoint);
+    let Report::Deep(report) = &model.metadata().report else {
+        unreachable!("a deep network was trained");
+    };
+    if options.json {
+        let line = serde_json::json!({
+            "model": options.out.display().to_string(),
+            "hash": model.hash(),
+            "name": model.metadata().name,
+            "training": model.metadata().training,
+            "report": report,
+            "noise_figure": model.metadata().noise_figure,
+        });
+        println!("{}", survey::printable_json(line.to_string()));
+    } else {
+        println!("{}", told(&options.out, &model, report));
+    }
+    Ok(())
+}
+
+fn told(path: &Path, model: &Model, report: &DeepReport) -> String {
+    format!(
+        "{}: {} of {} simulated cases, {} samples an epoch, {} weights and biases\n\
+         loss (half the squared error of a map, summed over its triangles) at epoch {} of {}: training {:.3}, held out \
+         {:.3}; of empty maps {:.3}\n\
+         weights kept in {}: maps change by {:.1e} of their root mean square, held-out loss {:.3}\n\
+         noise figure {}\n\
+         sha256 {}",
+        path.display(),
+        model.metadata().name,
+        model.metadata().training.cases,
+        report.samples,
+        report.parameters,
+        report.best_epoch,
+        report.epochs,
+        report.training_loss,
+        report.held_out_loss,
+        report.empty_loss,
+        report.kept.precision.name(),
+        report.kept.map_change,
+        report.kept.held_out_loss,
+        model
+            .metadata()
+            .noise_figure
+            .map_or("unknown".to_owned(), |figure| format!("{figure:.2}")),
+        model.hash()
+    )
+}
+
+/// The profile's settings, changed by the file, then by flags.
+fn settings(options: &DeepOptions, case: &Case) -> Result<Settings, Failure> {
+    positive(
+        "--noise-v",
+        options.noise_v,
+        "the noise of one reading in volts, e.g. 2e-6",
+    )?;
+    positive("--gamma", options.gamma, "the paper's is 0.01")?;
+    let mut settings = Settings {
+        data: TrainingSettings::default(),
+        deep: DeepSettings::default(),
+    };
+    match options.profile {
+        Profile::Paper => {
+            settings.data.jitter = Jitter::Paper {
+                gamma: options.gamma.unwrap_or(0.01),
+            };
+        }
+        Profile::Matched => {
+            settings.data.jitter = Jitter::Matched {
+                noise_v: options.noise_v.unwrap_or(2e-6),
+                current_a: single_current(case)?,
+            };
+            // 3e-5 of the largest reading, some 10 uV at 1 mA: small loads are not drowned by it
+            settings.deep.normalisation_epsilon = 1e-9;
+        }
+    }
+    if let Some(path) = &options.settings {
+        let refused =
+            |why: String| Failure::usage(format!("settings file {}: {why}", path.display()));
+        let text = std::fs::read_to_string(path).map_err(|cause| refused(cause.to_string()))?;
+        let given: toml::Table =
+            toml::from_str(&text).map_err(|fault| refused(fault.to_string()))?;
+        settings = changed(&settings, given).map_err(refused)?;
+    }
+    for (given, slot) in [
+        (options.cases, &mut settings.data.cases),
+        (options.repeats, &mut settings.data.repeats),
+        (options.epochs, &mut settings.deep.epochs),
+    ] {
+        if let Some(given) = given {
+            *slot = given;
+        }
+    }
+    if let Some(seed) = options.seed {
+        settings.data.seed = seed;
+    }
+    for text in &options.set {
+        let refused = |why: String| Failure::usage(format!("--set {text}: {why}"));
+        let (name, value) = text
+            .split_once('=')
+            .ok_or_else(|| refused("KEY=VALUE is expected, e.g. deep.width=512".to_owned()))?;
+        let (table, key) = name.split_once('.').unwrap_or(("deep", name));
+        let line = format!("[{table}]\n{key} = {value}");
+        let given: toml::Table =
+            toml::from_str(&line).map_err(|fault| refused(fault.message().to_owned()))?;
+        settings = changed(&settings, given).map_err(refused)?;
+    }
+    if let Some((setting, must)) = settings.deep.fault() {
+        return Err(Failure::usage(format!(
+            "setting deep.{setting} must be {must}"
+        )));
+    }
+    Ok(settings)
+}
+
+/// Settings with the entries of `given` in place of theirs; what is unknown is refused.
+fn changed(settings: &Settings, given: toml::Table) -> Result<Settings, String> {
+    let mut whole = toml::Table::try_from(settings).map_err(|fault| fault.to_string())?;
+    for (name, table) in given {
+        match (whole.get_mut(&name), table) {
+            (Some(toml::Value::Table(whole)), toml::Value::Table(table)) => whole.extend(table),
+            _ => return Err(format!("'{name}' is not known; [data] and [deep] are")),
+        }
+    }
+    whole
+        .try_into()
+        .map_err(|fault: toml::de::Error| fault.message().to_owned())
+}
+
+fn trained(
+    case: &Case,
+    settings: &Settings,
+    given: Option<&DataSet>,
+    options: &DeepOptions,
+    name: &str,
+    checkpoint: &Path,
+) -> Result<Model, Failure> {
+    let failed = |fault: &dyn std::error::Error| Failure::of("the training", fault);
+    let sigma0 = case.unloaded_conductance();
+    // the held-out cases follow those that are trained on
+    let drawn = TrainingSettings {
+        cases: settings.data.cases + settings.deep.held_out,
+        neurons: 1,
+        ..settings.data.clone()
+    };
+    // a set in files is read sample by sample; one made for the purpose is solved once and kept in memory
+    let made = match given {
+        Some(_) => None,
+        None => {
+            let bars = progress::Training::default();
+            let set = TrainingSet::build(
+                &case.mesh,
+                &case.contact_ohm_m,
+                &sigma0,
+                &case.protocol,
+                &drawn,
+                &|stage, done, of| bars.show(stage, done, of),
+            );
+            Some(set.map_err(|fault| failed(&fault))?)
+        }
+    };
+    let samples: &dyn Samples = match (&made, given) {
+        (Some(set), _) => set,
+        (None, Some(set)) => set,
+        (None, None) => unreachable!("a set is given or made"),
+    };
+    let noise = Noise::new(
+        &drawn.jitter,
+        drawn.open.spread,
+        samples.baseline(),
+        drawn.seed,
+    )
+    .map_err(|fault| failed(&fault))?;
+    let said = serde_json::json!({
+        "geometry": case.mesh.hash(),
+        "survey": case.protocol.hash(),
+        "contact": case.contact_ohm_m,
+        "sigma0": sigma0,
+        "settings": settings,
+        "drawn": given.map(|set| set.settings()),
+        "layout": LAYOUT,
+        "build": env!("CARGO_PKG_VERSION"),
+    });
+    let recipe = Recipe {
+        samples,
+        noise: &noise,
+        repeats: settings.data.repeats,
+        settings: settings.deep.clone(),
+        seed: settings.data.seed,
+        precision: options.precision.into(),
+        checkpoint: Some((checkpoint, model::fingerprint(said.to_string().as_bytes()))),
+    };
+    let watch = Watch::default();
+    let (network, familiar, report) =
+        deep::train(&recipe, &|moment| watch.show(moment, &settings.deep))
+            .map_err(|fault| failed(&fault))?;
+    let model = Model::new(
+        name,
+        Arc::clone(&case.mesh),
+        &case.protocol,
+        Network::Deep(network, familiar),
+        settings.data.clone(),
+        Report::Deep(report),
+        None,
+    )
+    .map_err(|fault| failed(&fault))?;
+    Ok(with_noise_figure(model, case, &sigma0, &noise))
+}
+
+/// A bar an epoch, and a line for each that is done.
+#[derive(Default)]
+struct Watch {
+    bar: RefCell<Option<ProgressBar>>,
+}
+
+impl Watch {
+    fn show(&self, moment: Moment, settings: &DeepSettings) {
+        let mut bar = self.bar.borrow_mut();
+        match moment {
+            Moment::Resumed { epochs } => eprintln!(
+                "tactus-lab: going on from a checkpoint after epoch {epochs} of {}",
+                settings.epochs
+            ),
+            Moment::Step { step, of, .. } => bar
+                .get_or_insert_with(|| progress::bar(of, "steps"))
+                .set_position(step as u64),
+            Moment::Epoch {
+                epoch,
+                training,
+                held_out,
+                best,
+            } => {
+                let rate = bar.take().map(|bar| {
+                    let rate = bar.per_sec() * settings.batch as f64;
+                    bar.finish_and_clear();
+                    rate
+                });
+                eprintln!(
+                    "epoch {epoch} of {}: loss {training:.4}, held out {held_out:.4}{}, {:.0} samples/s",
+                    settings.epochs,
+                    if best { " (best)" } else { "" },
+                    rate.unwrap_or_default()
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,20 @@
+//! Commands that make training sets and train models. Left to others: the training itself (`training`).
+
+mod dataset;
+mod deep;
+mod linear;
+mod rbf;
+
+use studies::Failure;
+
+use crate::args::Network;
+pub(crate) use dataset::dataset;
+
+/// Trains and writes the model file.
+pub(crate) fn train(network: &Network) -> Result<(), Failure> {
+    match network {
+        Network::Rbf(options) => rbf::train(options),
+        Network::Dnn(options) => deep::train(options),
+        Network::Linear(options) => linear::train(options),
+    }
+}

@@ -1,0 +1,185 @@
+//! The command line of offline work, `tactus-lab`: meshes, forward solutions, sensitivities, training, reconstruction of
+//! recorded data, the studies. What is computed is in `eit`, `imaging`, `training` and `studies`.
+//!
+//! Everything here reads and writes plain files: case folders (geometry, protocol, conductances as CSV), frames, maps,
+//! model files. Left to others: instruments, the bus, the daemon; nothing that runs for months links this crate.
+//!
+//! - **case**: a folder with a mesh, electrodes and a protocol; **preset**: a case made from measures
+//! - **frames**: rows (or columns) of readings; **baseline**: the frame of the unloaded sheet
+//! - **maps**: a row a frame, a column a triangle of the region, relative change of conductance
+//!
+//! ```
+//! let folder = tempfile::tempdir()?;
+//! let case = folder.path().join("tank");
+//! let mesh = ["tactus-lab", "mesh", "--preset", "disc-tank", "--set", "electrodes=8", "--out"];
+//! let words = mesh.iter().map(Into::into).chain([case.clone().into_os_string()]);
+//! assert_eq!(lab::run(words), std::process::ExitCode::SUCCESS);
+//! assert!(case.join("nodes.csv").is_file());
+//! # Ok::<(), std::io::Error>(())
+//! ```
+
+mod args;
+mod geometry;
+mod learning;
+mod maps;
+mod program;
+mod scene;
+mod study;
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use clap::{CommandFactory, FromArgMatches};
+use studies::Failure;
+
+use args::{Arguments, Command};
+
+/// The definition of the command line: every command and option, for reference pages and completions.
+pub fn command() -> clap::Command {
+    Arguments::command()
+}
+
+/// The whole program: `words` are the arguments with the program's name first. 0 done, 1 failed, 2 usage.
+pub fn run(words: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let command = Arguments::command();
+    let parsed = command.clone().try_get_matches_from(words);
+    let (matches, arguments) = match parsed.and_then(|matches| {
+        let arguments = Arguments::from_arg_matches(&matches)?;
+        Ok((matches, arguments))
+    }) {
+        Ok(parsed) => parsed,
+        Err(refusal) => {
+            // --help and --version come this way too, and are no failure; a closed terminal is not ours to report
+            let _ = refusal.print();
+            return ExitCode::from(if refusal.use_stderr() { 2 } else { 0 });
+        }
+    };
+    let outputs = outfile::check_arguments(&command, &matches).map_err(Failure::from);
+    match outputs.and_then(|()| perform(&arguments.command)) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!(
+                "tactus-lab: {}",
+                survey::printable_lines(&failure.to_string())
+            );
+            ExitCode::from(if failure.is_usage() { 2 } else { 1 })
+        }
+    }
+}
+
+fn perform(command: &Command) -> Result<(), Failure> {
+    match command {
+        Command::Mesh(options) => geometry::mesh(options),
+        Command::Forward(options) => geometry::forward(options),
+        Command::Jacobian(options) => geometry::jacobian(options),
+        Command::Transfer(options) => geometry::transfer(options),
+        Command::Train { network } => learning::train(network),
+        Command::Dataset(options) => learning::dataset(options),
+        Command::Scene { command } => scene::scene(command),
+        Command::Judge(options) => study::judge(options),
+        Command::Evaluate(options) => study::evaluate(options),
+        Command::Paper(options) => study::paper(options),
+        Command::Tradeoff(options) => study::tradeoff(options),
+        Command::Advise(options) => study::advise(options),
+        Command::Stability(options) => study::stability(options),
+        Command::Calibrate(options) => maps::calibrate(options),
+        Command::Merit(options) => maps::merit(options),
+        Command::Reconstruct(options) => maps::reconstruct(options),
+        Command::Completions { shell } => {
+            let mut command = Arguments::command();
+            clap_complete::generate(*shell, &mut command, "tactus-lab", &mut std::io::stdout());
+            Ok(())
+        }
+    }
+}
+
+#[cfg(test)]
+mod outputs {
+    use clap::CommandFactory;
+    use outfile::trial::{Paths, attack_every_output};
+
+    use crate::args::Arguments;
+
+    #[test]
+    fn no_output_replaces_what_is_not_its_own() {
+        let paths = Paths {
+            outputs: &[
+                (
+                    "calibrate --out",
+                    "calibrate --case c --method best --out {}",
+                ),
+                ("dataset --out", "dataset --out {}"),
+                ("evaluate --picture", "evaluate --picture {}"),
+                ("forward --out", "forward --case c --sigma s --out {}"),
+                (
+                    "forward --potentials",
+                    "forward --case c --sigma s --out {} --potentials {}",
+                ),
+                (
+                    "jacobian --centres",
+                    "jacobian --case c --sigma s --out {} --cells-mm 5 --centres {}",
+                ),
+                ("jacobian --out", "jacobian --case c --sigma s --out {}"),
+                ("judge --out", "judge --set presses-10 --out {}"),
+                ("mesh --out", "mesh --preset disc-tank --out {}"),
+                ("paper --out", "paper --quick --out {}"),
+                (
+                    "reconstruct --out",
+                    "reconstruct --case c --frames f --out {}",
+                ),
+                ("scene run --logbook", "scene run quiet --logbook {}"),
+                ("scene run --out", "scene run quiet --out {}"),
+                ("stability --out", "stability --only 1 --out {}"),
+                ("tradeoff --out", "tradeoff --quick --out {}"),
+                ("train dnn --out", "train dnn --profile paper --out {}"),
+                (
+                    "train linear --out",
+                    "train linear --profile paper --out {}",
+                ),
+                ("train rbf --out", "train rbf --profile paper --out {}"),
+                (
+                    "transfer --admittance",
+                    "transfer --case c --sigma s --admittance {}",
+                ),
+                (
+                    "transfer --impedance",
+                    "transfer --case c --sigma s --impedance {}",
+                ),
+            ],
+            inputs: &[
+                "advise --table",
+                "calibrate --case",
+                "calibrate --frames",
+                "calibrate --presses",
+                "dataset --case",
+                "dataset --settings",
+                "evaluate --model",
+                "evaluate --set",
+                "forward --case",
+                "forward --sigma-rows",
+                "jacobian --case",
+                "judge --case",
+                "merit --images",
+                "merit --targets",
+                "merit --truth",
+                "paper --resident",
+                "reconstruct --calibration",
+                "reconstruct --case",
+                "reconstruct --frames",
+                "reconstruct --model",
+                "train dnn --case",
+                // replaced where it is a checkpoint of the same training, else refused
+                "train dnn --checkpoint",
+                "train dnn --dataset",
+                "train dnn --settings",
+                "train linear --case",
+                "train linear --dataset",
+                "train linear --repeats",
+                "train rbf --case",
+                "train rbf --dataset",
+                "transfer --case",
+            ],
+        };
+        attack_every_output(&Arguments::command(), &paths, crate::run);
+    }
+}

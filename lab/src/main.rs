@@ -1,0 +1,5 @@
+//! `tactus-lab`: all of it is in the library.
+
+fn main() -> std::process::ExitCode {
+    lab::run(std::env::args_os())
+}

@@ -1,0 +1,103 @@
+//! `tactus-lab reconstruct`: maps of recorded frames.
+
+use std::time::Instant;
+
+use eit::matrix_text;
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+use survey::{Map, Reading};
+
+use studies::evaluation::median;
+use studies::{Failure, methods, progress, write};
+
+use super::calibrate;
+use crate::args::ReconstructOptions;
+use crate::geometry;
+
+/// A row for each frame of the file. A frame that is refused makes the command fail, naming it.
+pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
+    let case = geometry::read(&options.case)?;
+    let recording = methods::read_frames(
+        &options.frames,
+        &options.baseline,
+        case.protocol.len(),
+        options.negate,
+    )?;
+    let calibration = options
+        .calibration
+        .as_deref()
+        .map(calibrate::read)
+        .transpose()?;
+    let choice = methods::prepare(&options.method, &case, &recording)?;
+    for note in &choice.notes {
+        eprintln!("tactus-lab: {}", survey::printable(note));
+    }
+    let (centroids, areas) = (case.mesh.region_centroids(), case.mesh.region_areas());
+    let bar = progress::bar(recording.frames.len(), "frames");
+    let one = |(name, frame): &(String, Vec<Reading>)| {
+        let start = Instant::now();
+        let map = choice
+            .reconstructor
+            .reconstruct(&recording.unloaded.readings, frame)
+            .map_err(|fault| Failure::of(&format!("frame '{name}'"), &fault))?;
+        bar.inc(1);
+        Ok((map, start.elapsed().as_secs_f64() * 1e3))
+    };
+    // quick methods one after the other, so that their times are their own
+    let made: Vec<(Map, f64)> = if choice.slow {
+        recording
+            .frames
+            .par_iter()
+            .map(one)
+            .collect::<Result<_, Failure>>()?
+    } else {
+        recording
+            .frames
+            .iter()
+            .map(one)
+            .collect::<Result<_, Failure>>()?
+    };
+    bar.finish_and_clear();
+    let mut maps = Vec::with_capacity(recording.frames.len() * areas.len());
+    let mut times = Vec::with_capacity(recording.frames.len());
+    for ((name, _), (map, time)) in recording.frames.iter().zip(made) {
+        times.push(time);
+        let pressure = match &calibration {
+            Some(calibration) => Some(
+                calibration
+                    .pressure(&case.mesh, &map)
+                    .map_err(|fault| Failure::of(&format!("frame '{name}'"), &fault))?,
+            ),
+            None => None,
+        };
+        if options.json {
+            let line = serde_json::json!({
+                "frame": name,
+                "method": map.method,
+                "largest_loss": map.largest_loss().map(|(_, loss)| loss),
+                "found_m": map.found(&centroids, &areas),
+                "masked": map.masked,
+                "unit": if pressure.is_some() { "kPa" } else { map.unit.label() },
+                "newtons": pressure.as_ref().map(|pressure| pressure.newtons),
+                "largest_kpa": pressure.as_ref().map(eit::Pressure::largest_kpa),
+            });
+            println!("{}", survey::printable_json(line.to_string()));
+        }
+        if map.method.ends_with(eit::CLIPPED) {
+            eprintln!(
+                "tactus-lab: frame '{name}': the bounded problem was not solved; its map is the unbounded one, clipped"
+            );
+        }
+        maps.extend(pressure.map_or(map.values, |pressure| pressure.kpa));
+    }
+    let maps = DMatrix::from_row_slice(recording.frames.len(), areas.len(), &maps);
+    write(
+        &options.out,
+        options.replacing.existing(),
+        matrix_text(&maps),
+    )?;
+    if options.timing {
+        eprintln!("frame {:.3} ms", median(&mut times));
+    }
+    Ok(())
+}

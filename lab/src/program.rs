@@ -1,0 +1,44 @@
+//! The commands of this program, as a study runs them.
+
+use std::ffi::OsString;
+use std::path::Path;
+
+use clap::Parser;
+use studies::{Failure, Program};
+
+use crate::args::Arguments;
+
+/// `tactus-lab` itself.
+pub(crate) struct TactusLab;
+
+fn parsed(words: &[OsString]) -> Result<Arguments, clap::Error> {
+    Arguments::try_parse_from(
+        std::iter::once(OsString::from("tactus-lab")).chain(words.iter().cloned()),
+    )
+}
+
+impl Program for TactusLab {
+    fn check(&self, words: &[OsString]) -> Result<(), String> {
+        parsed(words).map(drop).map_err(|fault| fault.to_string())
+    }
+
+    fn run(&self, words: &[OsString]) -> Result<(), Failure> {
+        let arguments = parsed(words).map_err(|fault| Failure::usage(fault.to_string()))?;
+        crate::perform(&arguments.command)
+    }
+
+    /// A process of its own: in this one the model would move into memory that training has left behind.
+    fn resident_bytes(&self, model: &Path) -> Option<u64> {
+        let program = std::env::current_exe().ok()?;
+        let mut command = std::process::Command::new(&program);
+        if program.file_stem()? != "tactus-lab" {
+            command.arg("tactus-lab");
+        }
+        let output = command
+            .args(["paper", "--resident"])
+            .arg(model)
+            .output()
+            .ok()?;
+        String::from_utf8(output.stdout).ok()?.trim().parse().ok()
+    }
+}

@@ -1,0 +1,148 @@
+//! `tactus-lab scene explain`: what is in a scene, what was left out, and whether it matters.
+
+use phantom::{Prediction, Preview};
+use serde_json::json;
+
+use crate::args::ExplainOptions;
+use studies::Failure;
+
+/// An effect below this share of the noise,
+const OF_NOISE: f64 = 0.1;
+/// and below this share of the load's signal, is left out without loss.
+const OF_SIGNAL: f64 = 1e-3;
+
+/// What is to be said of an effect.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Verdict {
+    /// Named, and it matters; or neither.
+    Fine,
+    /// Not named, and it would matter.
+    Missing,
+    /// Not named, and it would matter if it happened.
+    Fault,
+    /// Named, and it does not matter.
+    Negligible,
+}
+
+impl Verdict {
+    fn of(told: &Prediction, noise: f64, signal: Option<f64>) -> Self {
+        let matters = told.volts > OF_NOISE * noise
+            || signal.is_some_and(|signal| told.volts > OF_SIGNAL * signal);
+        match (told.named, matters) {
+            (true, false) => Self::Negligible,
+            (false, true) if told.assumes.is_some() => Self::Fault,
+            (false, true) => Self::Missing,
+            _ => Self::Fine,
+        }
+    }
+
+    fn word(self) -> &'static str {
+        match self {
+            Self::Fine => "",
+            Self::Missing => "left out, would matter",
+            Self::Fault => "left out, would matter if it happened",
+            Self::Negligible => "negligible",
+        }
+    }
+}
+
+/// Prints the sizes of all effects, and warns.
+pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
+    let scene = super::open(&options.scene)?;
+    let scan = super::scan(&scene, &options.session)?;
+    let preview = Preview::new(&scene, scan)
+        .map_err(|fault| Failure::of(&format!("scene {}", options.scene), &fault))?;
+    let (noise, signal) = (preview.noise(), preview.signal());
+    let told: Vec<(Prediction, Verdict)> = preview
+        .predictions()
+        .into_iter()
+        .map(|told| {
+            let verdict = Verdict::of(&told, noise, signal);
+            (told, verdict)
+        })
+        .collect();
+    let of = |wanted: Verdict| -> Vec<&str> {
+        let those = told.iter().filter(|(_, verdict)| *verdict == wanted);
+        those.map(|(told, _)| told.name).collect()
+    };
+    let source = if scene.effects.voltmeter_noise.is_some() {
+        "the scene's"
+    } else {
+        "the voltmeter's table"
+    };
+    if options.json {
+        let effects: Vec<_> = told
+            .iter()
+            .map(|(told, verdict)| {
+                json!({
+                    "name": told.name,
+                    "what": told.what,
+                    "named": told.named,
+                    "volts": told.volts,
+                    "of_noise": (noise > 0.0).then(|| told.volts / noise),
+                    "of_signal": signal.map(|signal| told.volts / signal),
+                    "assumes": told.assumes,
+                    "verdict": verdict.word(),
+                })
+            })
+            .collect();
+        let line = json!({
+            "scene": scene.name,
+            "frames": preview.scan().frames,
+            "frame_s": preview.scan().frame_time().as_secs_f64(),
+            "noise_v": noise,
+            "noise_from": source,
+            "signal_v": signal,
+            "effects": effects,
+            "missing": of(Verdict::Missing),
+            "negligible": of(Verdict::Negligible),
+        });
+        println!("{line}");
+        return Ok(());
+    }
+    println!("{}: {}", scene.name, super::in_words(preview.scan()));
+    let signal_text = signal.map_or("no load, so no signal".to_owned(), |signal| {
+        format!("signal {signal:.1e} V rms, in the frame in which the loads change most")
+    });
+    println!("noise {noise:.1e} V a reading ({source}); {signal_text}\n");
+    println!(
+        "{:20} {:5} {:>9} {:>9} {:>9}",
+        "effect", "named", "volts rms", "of noise", "of signal"
+    );
+    for (told, verdict) in &told {
+        let share = |of: f64| format!("{:.1e}", told.volts / of);
+        let assumed = told.assumes.as_ref().map(|text| format!(" [{text}]"));
+        let line = format!(
+            "{:20} {:5} {:>9} {:>9} {:>9}  {}{}",
+            told.name,
+            if told.named { "yes" } else { "-" },
+            format!("{:.1e}", told.volts),
+            if noise > 0.0 {
+                share(noise)
+            } else {
+                "-".to_owned()
+            },
+            signal.map_or("-".to_owned(), share),
+            verdict.word(),
+            assumed.unwrap_or_default(),
+        );
+        println!("{}", line.trim_end());
+    }
+    println!();
+    for (verdict, text) in [
+        (
+            Verdict::Missing,
+            "left out, though more than 0.1 of the noise or 0.1 % of the signal",
+        ),
+        (
+            Verdict::Negligible,
+            "named, though negligible: the scene could do without",
+        ),
+    ] {
+        let names = of(verdict);
+        if !names.is_empty() {
+            println!("{text}: {}", names.join(", "));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,131 @@
+//! `tactus-lab scene`: scenes explained, checked, run and listed.
+
+mod explain;
+mod record;
+mod run;
+
+use std::time::Duration;
+
+use phantom::{Phantom, Scan, Scene};
+use survey::{Amps, Volts};
+
+use crate::args::{SceneCommand, SessionOptions};
+use studies::Failure;
+
+pub(crate) fn scene(command: &SceneCommand) -> Result<(), Failure> {
+    match command {
+        SceneCommand::Explain(options) => explain::explain(options),
+        SceneCommand::Check { scenes } => check(scenes),
+        SceneCommand::Run(options) => run::run(options),
+        SceneCommand::List { json } => {
+            list(*json);
+            Ok(())
+        }
+    }
+}
+
+fn open(name: &str) -> Result<Scene, Failure> {
+    Scene::open(name).map_err(|fault| Failure::because(fault.to_string()))
+}
+
+/// Reads each and starts it; all faults are told, not only the first.
+fn check(scenes: &[String]) -> Result<(), Failure> {
+    let mut wrong = 0;
+    for name in scenes {
+        let checked = open(name).and_then(|scene| {
+            let effects: Vec<&str> = scene.effects.names().collect();
+            let (loads, faults) = (scene.loads.len(), scene.faults.len());
+            Phantom::new(scene)
+                .and_then(|mut phantom| phantom.transfer_impedance(Duration::ZERO).map(|_| ()))
+                .map_err(|fault| Failure::of(name, &fault))?;
+            let effects = match &effects[..] {
+                [] => "no effects".to_owned(),
+                some => some.join(", "),
+            };
+            println!("{name}: {loads} loads, {faults} faults, {effects}");
+            Ok(())
+        });
+        if let Err(fault) = checked {
+            eprintln!("tactus-lab: {fault}");
+            wrong += 1;
+        }
+    }
+    match wrong {
+        0 => Ok(()),
+        _ => Err(Failure::because(format!(
+            "{wrong} of {} scenes cannot be had",
+            scenes.len()
+        ))),
+    }
+}
+
+fn list(json: bool) {
+    for (name, text) in Scene::shipped() {
+        let what = Scene::what(text);
+        if json {
+            println!("{}", serde_json::json!({ "name": name, "what": what }));
+        } else {
+            println!("{name:28} {what}");
+        }
+    }
+}
+
+/// The scan that a session with these settings takes of a scene.
+fn scan(scene: &Scene, options: &SessionOptions) -> Result<Scan, Failure> {
+    for (key, value, most) in [
+        ("--current-ua", options.current_ua, 105_000.0),
+        ("--nplc", options.nplc, 200.0),
+        ("--range-v", options.range_v, 300.0),
+        ("--line-hz", options.line_hz, 440.0),
+    ] {
+        if !(value > 0.0 && value <= most) {
+            return Err(Failure::usage(format!(
+                "{key} is {value}, it must be more than 0 and at most {most}"
+            )));
+        }
+    }
+    let seconds = |key: &str, value: f64| {
+        Duration::try_from_secs_f64(value)
+            .map_err(|_| Failure::usage(format!("{key} is {value}, it must be zero or more")))
+    };
+    let usual = Scan::usual(scene.sheet.electrodes())
+        .map_err(|fault| Failure::of("no protocol for this ring", &fault))?;
+    let mut scan = Scan {
+        nplc: options.nplc,
+        range: Volts(options.range_v),
+        line_hz: options.line_hz,
+        settle: seconds("--settle-ms", options.settle_ms)? / 1000,
+        every: seconds("--every", options.every_s.unwrap_or(0.0))?,
+        ..usual
+    }
+    .driving(Amps(options.current_ua * 1e-6));
+    scan.frames = match options.frames {
+        Some(0) => return Err(Failure::usage("--frames 0: a scene needs a frame")),
+        Some(frames) => frames,
+        None => {
+            let ends = scene
+                .loads
+                .iter()
+                .map(|timed| timed.to.unwrap_or(timed.from));
+            let last = ends.max().unwrap_or_default();
+            let step = scan.begin(1).as_secs_f64();
+            ((last.as_secs_f64() / step).ceil() as usize + 1).max(2)
+        }
+    };
+    Ok(scan)
+}
+
+/// A scan in words.
+fn in_words(scan: &Scan) -> String {
+    format!(
+        "{} electrodes, {} readings, {} at {} PLC on {}; {} frames of {:.1} s, {:.1} s apart",
+        scan.protocol.electrodes(),
+        scan.protocol.len(),
+        scan.current,
+        scan.nplc,
+        scan.range,
+        scan.frames,
+        scan.frame_time().as_secs_f64(),
+        scan.begin(1).as_secs_f64(),
+    )
+}

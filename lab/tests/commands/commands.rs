@@ -1,0 +1,326 @@
+//! The program's commands: what they write, and what they refuse.
+
+use crate::program::{done, lab, numbers, reference, words};
+
+fn refused(line: &str, paths: &[&std::path::Path]) -> (Option<i32>, String) {
+    let output = lab(&words(line, paths));
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success(), "{said}");
+    (output.status.code(), said)
+}
+
+fn largest_error(found: &[Vec<f64>], exact: &[Vec<f64>]) -> f64 {
+    assert_eq!(found.len(), exact.len());
+    let mut error = 0.0_f64;
+    let mut size = 0.0_f64;
+    for (found, exact) in found.iter().flatten().zip(exact.iter().flatten()) {
+        error = error.max((found - exact).abs());
+        size = size.max(exact.abs());
+    }
+    error / size
+}
+
+#[test]
+fn the_solved_case_by_the_command_line() {
+    let Some(case) = reference("cases/disc16") else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let (v, u, j) = (
+        folder.path().join("v.csv"),
+        folder.path().join("U.csv"),
+        folder.path().join("J.csv"),
+    );
+    for name in ["homog", "one", "random"] {
+        let line = format!(
+            "forward --force --case {{}} --sigma {name} --out {{}} --potentials {{}} --timing"
+        );
+        let said = done(&words(&line, &[&case, &v, &u]));
+        assert!(said.contains("forward "), "{said}");
+        let exact = |letter: &str| numbers(&case.join(format!("{letter}_exact_{name}.csv")));
+        assert!(largest_error(&numbers(&v), &exact("v")) < 1e-13);
+        if name != "random" {
+            assert!(largest_error(&numbers(&u), &exact("U")) < 1e-13);
+        }
+    }
+    done(&words(
+        "jacobian --case {} --sigma homog --out {}",
+        &[&case, &j],
+    ));
+    assert!(largest_error(&numbers(&j), &numbers(&case.join("J_homog.csv"))) < 1e-11);
+    for (prior, lambda) in [
+        ("tikhonov", "0.001"),
+        ("noser", "0.03"),
+        ("laplace", "0.001"),
+    ] {
+        let line = format!(
+            "reconstruct --force --case {{}} --method one-step --prior {prior} --lambda {lambda} --frames {{}} --baseline {{}} --out {{}}"
+        );
+        let maps = folder.path().join("maps.csv");
+        let (frame, baseline) = (case.join("v_exact_one.csv"), case.join("v_exact_homog.csv"));
+        done(&words(&line, &[&case, &frame, &baseline, &maps]));
+        let map = numbers(&maps);
+        assert_eq!((map.len(), map[0].len()), (1, 780));
+        let solved = numbers(&case.join(format!("recon_{prior}_one.csv")));
+        let column: Vec<Vec<f64>> = map[0].iter().map(|value| vec![*value]).collect();
+        let error = largest_error(&column, &solved);
+        println!("{prior}: {error:.1e}");
+        assert!(error < 1e-11, "{prior}: {error:e}");
+    }
+}
+
+#[test]
+fn a_small_network_is_trained_kept_and_used() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    done(&words(
+        "mesh --preset disc-tank --set electrodes=8 --set fineness=0.5 --out {}",
+        &[&path("tank")],
+    ));
+    done(&words(
+        "forward --case {} --sigma homog --out {}",
+        &[&path("tank"), &path("v.csv")],
+    ));
+    let train = "train rbf --profile matched --cases 60 --neurons 12 --seed 3 --case {} --out {}";
+    done(&words(train, &[&path("tank"), &path("a.safetensors")]));
+    done(&words(train, &[&path("tank"), &path("b.safetensors")]));
+    assert_eq!(
+        std::fs::read(path("a.safetensors")).unwrap(),
+        std::fs::read(path("b.safetensors")).unwrap()
+    );
+    let use_it = "reconstruct --force --case {} --model {} --frames {} --out {} --json";
+    let output = lab(&words(
+        use_it,
+        &[
+            &path("tank"),
+            &path("a.safetensors"),
+            &path("v.csv"),
+            &path("maps.csv"),
+        ],
+    ));
+    assert!(output.status.success());
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(said.contains("\"method\":\"rbf matched\""), "{said}");
+
+    // another ring, another mesh: refused by name
+    done(&words(
+        "mesh --preset disc-tank --set electrodes=9 --set fineness=0.5 --out {}",
+        &[&path("nine")],
+    ));
+    done(&words(
+        "forward --case {} --sigma homog --out {}",
+        &[&path("nine"), &path("v9.csv")],
+    ));
+    let (code, said) = refused(
+        use_it,
+        &[
+            &path("nine"),
+            &path("a.safetensors"),
+            &path("v9.csv"),
+            &path("maps.csv"),
+        ],
+    );
+    assert_eq!(code, Some(1));
+    assert!(
+        said.contains("40 readings") && said.contains("54 readings"),
+        "{said}"
+    );
+
+    // a file cut short, and one that is something else
+    let whole = std::fs::read(path("a.safetensors")).unwrap();
+    std::fs::write(path("cut.safetensors"), &whole[..whole.len() / 2]).unwrap();
+    for (model, word) in [
+        ("cut.safetensors", "truncated"),
+        ("v.csv", "not a model file"),
+    ] {
+        let (code, said) = refused(
+            use_it,
+            &[
+                &path("tank"),
+                &path(model),
+                &path("v.csv"),
+                &path("maps.csv"),
+            ],
+        );
+        assert_eq!(code, Some(1));
+        assert!(said.contains(word) && said.contains(model), "{said}");
+    }
+}
+
+#[test]
+fn a_small_deep_network_is_trained_kept_and_used() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    done(&words(
+        "mesh --preset disc-tank --set electrodes=8 --set fineness=0.5 --out {}",
+        &[&path("tank")],
+    ));
+    done(&words(
+        "forward --case {} --sigma homog --out {}",
+        &[&path("tank"), &path("v.csv")],
+    ));
+    std::fs::write(
+        path("small.toml"),
+        "[data]\ncases = 60\nrepeats = 2\n[deep]\nwidth = 20\nbatch = 16\nheld_out = 20\nepochs = 9\n",
+    )
+    .unwrap();
+    let train = "train dnn --profile matched --settings {} --set hidden_layers=2 --epochs 3 --seed 3 --case {} --out {}";
+    let settings = path("small.toml");
+    for name in ["a", "b"] {
+        done(&words(
+            train,
+            &[
+                &settings,
+                &path("tank"),
+                &path(&format!("{name}.safetensors")),
+            ],
+        ));
+    }
+    assert_eq!(
+        std::fs::read(path("a.safetensors")).unwrap(),
+        std::fs::read(path("b.safetensors")).unwrap()
+    );
+    assert!(!path("a.checkpoint").exists());
+    let use_it = "reconstruct --case {} --model {} --frames {} --out {} --json";
+    let files = [
+        path("tank"),
+        path("c.safetensors"),
+        path("v.csv"),
+        path("maps.csv"),
+    ];
+    let output = lab(&words(
+        &format!("{train} --precision int8 --json"),
+        &[&settings, &files[0], &files[1]],
+    ));
+    let said = String::from_utf8(output.stdout).unwrap();
+    for word in [
+        "\"epochs\":3",
+        "\"precision\":\"int8\"",
+        "\"hidden_layers\":2",
+        "\"samples\":120",
+    ] {
+        assert!(said.contains(word), "{word}: {said}");
+    }
+    let output = lab(&words(use_it, &files.each_ref().map(|path| path.as_path())));
+    assert!(output.status.success());
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(said.contains("\"method\":\"dnn matched\""), "{said}");
+    for (wrong, why) in [
+        ("--set breadth=3", "breadth"),
+        ("--set width=0", "deep.width must be 1 or more"),
+        ("--set width", "KEY=VALUE"),
+        ("--set colour.width=3", "colour"),
+    ] {
+        let (code, said) = refused(
+            &format!("{train} --force {wrong}"),
+            &[&settings, &files[0], &files[1]],
+        );
+        assert_eq!(code, Some(2), "{said}");
+        assert!(said.contains(why), "{said}");
+    }
+}
+
+#[test]
+fn a_wrong_column_count_names_file_and_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    done(&words(
+        "mesh --preset disc-tank --set electrodes=4 --set fineness=0.5 --out {}",
+        &[&path("tank")],
+    ));
+    std::fs::write(path("frames.csv"), "m0,m1,m2,m3\n1,2,3,4\n1,2,3\n").unwrap();
+    let (code, said) = refused(
+        "reconstruct --case {} --frames {} --out {}",
+        &[&path("tank"), &path("frames.csv"), &path("maps.csv")],
+    );
+    assert_eq!(code, Some(1));
+    assert!(said.contains("frames.csv:3"), "{said}");
+}
+
+#[test]
+fn what_cannot_be_meant_is_a_usage_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    done(&words(
+        "mesh --preset disc-tank --set electrodes=8 --set fineness=0.5 --out {}",
+        &[&path("tank")],
+    ));
+    done(&words(
+        "forward --case {} --sigma homog --out {}",
+        &[&path("tank"), &path("v.csv")],
+    ));
+    for (options, word) in [
+        ("--method tv --gap 0", "--gap"),
+        ("--method tv --prior noser", "--prior"),
+        ("--method tv-paper --noise-v 1e-6", "--noise-v"),
+        ("--method one-step --gap 1e-3", "--gap"),
+        ("--method dnn", "--model"),
+        ("--method rbf --lambda 1", "--lambda"),
+        ("--prior quadratic", "quadratic"),
+        ("--noise-v 1 --lambda 1", "--lambda"),
+        ("--baseline first:0", "first:0"),
+        ("--noise-v 0", "2e-6"),
+        ("--noise-v=-1", "2e-6"),
+        ("--noise-v nan", "2e-6"),
+        ("--lambda 0", "--lambda"),
+        ("--metod one-step", "--metod"),
+    ] {
+        let line = format!("reconstruct --case {{}} {options} --frames {{}} --out {{}}");
+        let (code, said) = refused(&line, &[&path("tank"), &path("v.csv"), &path("maps.csv")]);
+        assert_eq!(code, Some(2), "{options}: {said}");
+        assert!(said.contains(word), "{options}: {said}");
+    }
+    for set in ["radius=3", "radius_mm", "electrodes=sixteen"] {
+        let line = format!("mesh --preset disc-tank --set {set} --out {{}}");
+        let (code, said) = refused(&line, &[&path("other")]);
+        assert_eq!(code, Some(2), "{said}");
+        assert!(said.contains("--set"), "{said}");
+    }
+    let shells = lab(&words("completions bash", &[]));
+    assert!(String::from_utf8_lossy(&shells.stdout).contains("tactus-lab"));
+}
+
+/// Frames without noise, and noise too small to be believed: a good map whatever is said of the noise.
+#[test]
+fn frames_without_noise_make_good_maps() {
+    let Some(case) = reference("cases/disc16") else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let exact = |name: &str| -> Vec<String> {
+        numbers(&case.join(format!("v_exact_{name}.csv")))
+            .iter()
+            .map(|row| row[0].to_string())
+            .collect()
+    };
+    let rows = [exact("homog").join(","), exact("one").join(",")].join("\n");
+    std::fs::write(path("two.csv"), rows + "\n").unwrap();
+    let truth: Vec<f64> = numbers(&case.join("sigma_one.csv"))
+        .iter()
+        .map(|row| row[0] - 1.0)
+        .collect();
+    let (one, homog) = (case.join("v_exact_one.csv"), case.join("v_exact_homog.csv"));
+    for noise in ["", " --noise-v 1e-8", " --noise-v 1e-9", " --noise-v 1e-15"] {
+        let alone = format!(
+            "reconstruct --force --case {{}} --frames {{}} --baseline {{}} --out {{}}{noise}"
+        );
+        let said = done(&words(&alone, &[&case, &one, &homog, &path("alone.csv")]));
+        assert_eq!(
+            said.contains("lambda is raised to"),
+            !noise.is_empty(),
+            "{said}"
+        );
+        let both = format!("reconstruct --force --case {{}} --frames {{}} --out {{}}{noise}");
+        done(&words(&both, &[&case, &path("two.csv"), &path("both.csv")]));
+        let both = numbers(&path("both.csv"));
+        assert!(both[0].iter().all(|x| *x == 0.0));
+        for map in [&numbers(&path("alone.csv"))[0], &both[1]] {
+            assert!(map.iter().all(|x| (-1.0..=0.0).contains(x)));
+            let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
+            let likeness = dot(map, &truth) / (dot(map, map) * dot(&truth, &truth)).sqrt();
+            println!("{noise}: {likeness:.3}");
+            assert!(likeness > 0.95, "{noise}: {likeness}");
+        }
+    }
+}

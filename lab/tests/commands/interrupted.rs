@@ -1,0 +1,96 @@
+//! Trainings that are killed, or whose disk is full, go on from where they were and end with the same bits.
+
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+use crate::program::{done, words};
+
+const TRAIN: &str = "train dnn --profile matched --cases 150 --epochs 5 --set width=64 --set hidden_layers=2 --set batch=16 \
+                     --set held_out=20 --case {} --out {}";
+
+fn tank(folder: &Path) -> PathBuf {
+    let case = folder.join("tank");
+    let line = "mesh --preset disc-tank --set radius_mm=100.0 --set electrodes=8 --set fineness=0.5 --out {}";
+    done(&words(line, &[&case]));
+    case
+}
+
+/// Runs the program where no file may grow beyond so many blocks of 512 bytes, as on a disk that is full there.
+fn with_little_room(blocks: u32, line: &str, paths: &[&Path]) -> Output {
+    let limited = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" \"$@\"");
+    Command::new("sh")
+        .args(["-c", &limited, env!("CARGO_BIN_EXE_tactus-lab")])
+        .args(words(line, paths))
+        .output()
+        .unwrap()
+}
+
+fn words_of(output: &Output) -> String {
+    assert!(!output.status.success());
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+#[test]
+fn a_training_that_is_killed_and_finds_no_room_ends_with_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = tank(folder.path());
+    let [whole, broken] =
+        ["whole", "broken"].map(|name| folder.path().join(name).with_extension("safetensors"));
+    done(&words(TRAIN, &[&case, &whole]));
+    // kill -9 after the second epoch
+    let mut child = Command::new(env!("CARGO_BIN_EXE_tactus-lab"))
+        .args(words(TRAIN, &[&case, &broken]))
+        .stderr(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let said = BufReader::new(child.stderr.take().unwrap());
+    let second = said
+        .lines()
+        .map(Result::unwrap)
+        .find(|line| line.starts_with("epoch 2 "));
+    assert!(second.is_some());
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(!broken.exists(), "it was killed before it ended");
+    let checkpoint = broken.with_extension("checkpoint");
+    let kept = std::fs::read(&checkpoint).unwrap();
+    // no room for the next checkpoint: said, and the last one stays
+    let blocks = u32::try_from(kept.len() / 1024 / 2).unwrap();
+    let said = words_of(&with_little_room(blocks, TRAIN, &[&case, &broken]));
+    for word in [
+        "going on",
+        "broken.checkpoint",
+        "make room",
+        "File too large",
+    ] {
+        assert!(said.contains(word), "{word}: {said}");
+    }
+    assert!(std::fs::read(&checkpoint).unwrap() == kept);
+    // room again
+    let said = done(&words(TRAIN, &[&case, &broken]));
+    assert!(said.contains("going on from a checkpoint"), "{said}");
+    assert!(std::fs::read(&whole).unwrap() == std::fs::read(&broken).unwrap());
+    assert!(!checkpoint.exists());
+}
+
+#[test]
+fn a_set_for_which_there_is_no_room_goes_on_when_there_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = tank(folder.path());
+    let [whole, broken] = ["whole", "broken"].map(|name| folder.path().join(name));
+    let line = "dataset --seed 3 --cases 300 --case {} --out {}";
+    done(&words(line, &[&case, &whole]));
+    let bytes = std::fs::read(whole.join("shard-0-of-1.tset")).unwrap();
+    // a shell counts in blocks of 512 or of 1024 bytes
+    let blocks = u32::try_from(bytes.len() / 1024 * 3 / 4).unwrap();
+    let said = words_of(&with_little_room(blocks, line, &[&case, &broken]));
+    for word in ["shard-0-of-1.part", "make room", "same command"] {
+        assert!(said.contains(word), "{word}: {said}");
+    }
+    let part = std::fs::metadata(broken.join("shard-0-of-1.part")).unwrap();
+    assert!(part.len() > 0);
+    done(&words(line, &[&case, &broken]));
+    assert!(std::fs::read(broken.join("shard-0-of-1.tset")).unwrap() == bytes);
+}

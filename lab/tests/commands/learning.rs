@@ -1,0 +1,224 @@
+//! Training sets in files, the trained linear map, figures of merit and judging, by the program's own command lines.
+
+use std::path::{Path, PathBuf};
+
+use crate::program::{done, lab, numbers, words};
+use sha2::{Digest, Sha256};
+
+/// A deep training of a moment.
+const SMALL_DEEP: &str = "train dnn --profile matched --epochs 2 --set width=24 --set hidden_layers=2 --set batch=16 --set held_out=20";
+
+fn tank(folder: &Path) -> PathBuf {
+    let case = folder.join("tank");
+    let line = "mesh --preset disc-tank --set radius_mm=100.0 --set electrodes=8 --set fineness=0.5 --out {}";
+    done(&words(line, &[&case]));
+    case
+}
+
+fn refused(line: &str, paths: &[&Path]) -> String {
+    let output = lab(&words(line, paths));
+    assert!(!output.status.success());
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+#[test]
+fn a_set_is_the_same_however_it_is_cut_stopped_and_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = tank(folder.path());
+    let (whole, parts) = (folder.path().join("whole"), folder.path().join("parts"));
+    let make = |shard: &str, out: &Path| {
+        let line = format!("dataset --shard {shard} --seed 3 --cases 150 --case {{}} --out {{}}");
+        done(&words(&line, &[&case, out]));
+    };
+    make("0/1", &whole);
+    // a shard stopped in the middle of a record goes on and is the same file
+    make("0/2", &parts);
+    let shard = parts.join("shard-0-of-2.tset");
+    let bytes = std::fs::read(&shard).unwrap();
+    std::fs::write(
+        parts.join("shard-0-of-2.part"),
+        &bytes[..bytes.len() * 2 / 3],
+    )
+    .unwrap();
+    std::fs::remove_file(&shard).unwrap();
+    std::fs::remove_file(parts.join("shard-0-of-2.json")).unwrap();
+    make("0/2", &parts);
+    assert!(std::fs::read(&shard).unwrap() == bytes);
+    // what is incomplete is refused
+    let model = folder.path().join("a.safetensors");
+    let train = "train linear --force --profile matched --dataset {} --case {} --out {}";
+    let said = refused(train, &[&parts, &case, &model]);
+    assert!(
+        said.contains("75 of 150 cases") && said.contains("shard-1-of-2.tset"),
+        "the missing shard is named: {said}"
+    );
+    make("1/2", &parts);
+    // the last third without the middle one: the gap has a name too
+    let thirds = folder.path().join("thirds");
+    make("0/3", &thirds);
+    make("2/3", &thirds);
+    let said = refused(train, &[&thirds, &case, &model]);
+    assert!(said.contains("shard-1-of-3.tset"), "{said}");
+    // a shard of another seed among them
+    let other = folder.path().join("other");
+    let line = "dataset --shard 1/3 --seed 4 --cases 150 --case {} --out {}";
+    done(&words(line, &[&case, &other]));
+    for name in ["shard-1-of-3.tset", "shard-1-of-3.json"] {
+        std::fs::copy(other.join(name), thirds.join(name)).unwrap();
+    }
+    let said = refused(train, &[&thirds, &case, &model]);
+    assert!(
+        said.contains("shard-1-of-3.json") && said.contains("another set"),
+        "{said}"
+    );
+    // the same cases, so the same weights
+    let other = folder.path().join("b.safetensors");
+    done(&words(train, &[&parts, &case, &model]));
+    done(&words(train, &[&whole, &case, &other]));
+    assert!(std::fs::read(&model).unwrap() == std::fs::read(&other).unwrap());
+    for train in [SMALL_DEEP, "train rbf --profile matched --neurons 8"] {
+        let line = format!("{train} --force --dataset {{}} --case {{}} --out {{}}");
+        done(&words(&line, &[&parts, &case, &model]));
+        done(&words(&line, &[&whole, &case, &other]));
+        assert!(std::fs::read(&model).unwrap() == std::fs::read(&other).unwrap());
+    }
+    // another seed does not mix with what is there
+    let line = "dataset --shard 0/2 --seed 4 --cases 150 --case {} --out {}";
+    assert!(refused(line, &[&case, &parts]).contains("another set"));
+    // a bit that turned, and a NaN under a checksum that fits
+    let mut spoilt = bytes.clone();
+    let record = {
+        let head = spoilt.iter().position(|byte| *byte == b'\n').unwrap() + 1;
+        head + 8 * 40 // 8 electrodes have 40 readings
+    };
+    spoilt[record + 4..record + 8].copy_from_slice(&f32::NAN.to_le_bytes());
+    std::fs::write(&shard, &spoilt).unwrap();
+    assert!(refused(train, &[&parts, &case, &model]).contains("checksum"));
+    let hash = |bytes: &[u8]| -> String {
+        let digest = Sha256::digest(bytes);
+        digest.iter().map(|byte| format!("{byte:02x}")).collect()
+    };
+    let manifest = parts.join("shard-0-of-2.json");
+    let text = std::fs::read_to_string(&manifest).unwrap();
+    std::fs::write(&manifest, text.replace(&hash(&bytes), &hash(&spoilt))).unwrap();
+    let said = refused(train, &[&parts, &case, &model]);
+    assert!(
+        said.contains("shard-0-of-2.tset") && said.contains("reading 0 of case 0"),
+        "{said}"
+    );
+    for train in [SMALL_DEEP, "train rbf --profile matched --neurons 8"] {
+        let line = format!("{train} --force --dataset {{}} --case {{}} --out {{}}");
+        let said = refused(&line, &[&parts, &case, &model]);
+        assert!(
+            said.contains("shard-0-of-2.tset") && said.contains("reading 0 of case 0"),
+            "{said}"
+        );
+    }
+}
+
+#[test]
+fn a_linear_map_is_trained_loaded_and_finds_a_press() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = tank(folder.path());
+    let at = |name: &str| folder.path().join(name);
+    let model = at("linear.safetensors");
+    let line = "train linear --profile matched --cases 800 --symmetric --precision f16 --case {} --out {} --json";
+    done(&words(line, &[&case, &model]));
+    let read = eit::Case::read(&case).unwrap();
+    let mesh = &read.mesh;
+    let mut sigma = read.sigma["homog"].clone();
+    let pressed = |t: usize| (mesh.centroid(t)[0] - 0.03).hypot(mesh.centroid(t)[1]) < 0.02;
+    for (t, sigma) in sigma.iter_mut().enumerate() {
+        *sigma *= if pressed(t) { 0.5 } else { 1.0 };
+    }
+    let text: String = sigma.iter().map(|s| format!("{s:e}\n")).collect();
+    std::fs::write(at("pressed.csv"), text).unwrap();
+    done(&words(
+        "forward --case {} --sigma homog --out {}",
+        &[&case, &at("v0.csv")],
+    ));
+    let line = "forward --case {} --sigma {} --out {}";
+    done(&words(line, &[&case, &at("pressed.csv"), &at("v1.csv")]));
+    let line = "reconstruct --case {} --model {} --frames {} --baseline {} --out {}";
+    let paths: [&Path; 5] = [&case, &model, &at("v1.csv"), &at("v0.csv"), &at("map.csv")];
+    done(&words(line, &paths));
+    let map = &numbers(&at("map.csv"))[0];
+    let truth: Vec<f64> = (0..map.len())
+        .map(|t| if pressed(t) { -0.5 } else { 0.0 })
+        .collect();
+    let like = eit::metrics::likeness(map, &truth, &mesh.region_areas());
+    println!("correlation {:.3}", like.correlation);
+    let line = "reconstruct --case {} --model {} --frames {} --baseline {} --out {} --loss-only";
+    let paths: [&Path; 5] = [&case, &model, &at("v1.csv"), &at("v0.csv"), &at("cut.csv")];
+    done(&words(line, &paths));
+    // the truth lies within the bounds, so no triangle is further from it after the cut
+    let mut cut = 0;
+    for ((cut_to, whole), truth) in numbers(&at("cut.csv"))[0].iter().zip(map).zip(&truth) {
+        assert_eq!(*cut_to, whole.clamp(-1.0, 0.0));
+        assert!((cut_to - truth).abs() <= (whole - truth).abs());
+        cut += usize::from(cut_to != whole);
+    }
+    assert!(cut > 10, "{cut}");
+    // 8 electrodes and 720 cases give .62; a map of the wrong sign, scale or order of readings gives less than none
+    assert!(like.correlation > 0.5, "{like:?}");
+}
+
+#[test]
+fn images_get_their_figures_with_all_digits() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("one.csv"), "NaN,0,0\n0,4,1\n0,-1,NaN\n").unwrap();
+    std::fs::write(at("targets.csv"), "image,x,y\none,0.6,0.8\n").unwrap();
+    let output = lab(&words("merit --images {} --json", &[folder.path()]));
+    assert!(output.status.success());
+    let figures: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    for (name, value) in [
+        ("amplitude", 4.0),
+        ("position_error", 0.5),
+        ("resolution", (2.0_f64 / 7.0).sqrt()),
+        ("ringing", 0.2),
+        // q: two pixels a distance 1 apart, r^2 = 8 / 9 / pi > 1/4
+        ("shape_deformation", 0.0),
+    ] {
+        assert!(
+            (figures[name].as_f64().unwrap() - value).abs() < 1e-12,
+            "{name}"
+        );
+    }
+    let said = refused(
+        "merit --images {} --negate --truth {}",
+        &[folder.path(), &at("none")],
+    );
+    assert!(said.contains("none"), "{said}");
+}
+
+#[test]
+fn methods_are_compared_on_frames_of_a_finer_mesh() {
+    let folder = tempfile::tempdir().unwrap();
+    let (set, picture) = (folder.path().join("set"), folder.path().join("figure.png"));
+    done(&words(
+        "judge --set presses-30 --count 3 --seed 11 --out {}",
+        &[&set],
+    ));
+    let output = lab(&words(
+        "evaluate --set {} --method one-step --method best --method tv --json --picture {}",
+        &[&set, &picture],
+    ));
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{said}");
+    let lines: Vec<serde_json::Value> = String::from_utf8(output.stdout)
+        .unwrap()
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    let of = |k: usize, name: &str| lines[k][name].as_f64().unwrap();
+    println!("{lines:?}");
+    assert!(of(0, "location_error_mm") < 3.0 && of(1, "location_error_mm") < 0.8);
+    assert!(of(1, "correlation") > 0.95 && of(1, "dice") > 0.93);
+    assert!(of(1, "correlation") > of(0, "correlation"));
+    // of a linear map by its formula, else by draws
+    assert!((0..3).all(|k| of(k, "noise_figure") > 0.0));
+    assert!(std::fs::read(&picture).unwrap().starts_with(b"\x89PNG"));
+    let said = refused("evaluate --set {} --method one-step", &[folder.path()]);
+    assert!(!said.is_empty());
+}

@@ -1,0 +1,13 @@
+//! The commands of `tactus-lab`: cases, scenes, recordings, training, studies.
+
+mod commands;
+mod interrupted;
+mod learning;
+mod modelling;
+mod paper;
+mod pressure;
+mod program;
+mod recordings;
+mod scenes;
+mod stability;
+mod tradeoff;

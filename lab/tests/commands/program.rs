@@ -1,0 +1,54 @@
+//! What the tests share: running the program, reference data, tables of numbers.
+
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// The program itself, with its exit code and what it printed.
+pub fn lab<S: AsRef<std::ffi::OsStr>>(words: &[S]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_tactus-lab"))
+        .args(words)
+        .output()
+        .unwrap()
+}
+
+/// Runs the program and expects success; returns standard error.
+pub fn done<S: AsRef<std::ffi::OsStr>>(words: &[S]) -> String {
+    let output = lab(words);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{said}");
+    said
+}
+
+/// Words of a command line: text split at spaces, with paths put in place of `{}`.
+pub fn words(line: &str, paths: &[&Path]) -> Vec<OsString> {
+    let mut paths = paths.iter();
+    line.split(' ')
+        .map(|word| match word {
+            "{}" => paths.next().expect("a path for each {}").into(),
+            word => word.into(),
+        })
+        .collect()
+}
+
+/// A folder of reference material beside the project, or `None`, with the reason printed.
+pub fn reference(name: &str) -> Option<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../shared")
+        .join(name);
+    if folder.is_dir() {
+        Some(folder)
+    } else {
+        println!("skipped: {} is not there", folder.display());
+        None
+    }
+}
+
+/// Rows of numbers of a CSV file; a header is left out.
+pub fn numbers(path: &Path) -> Vec<Vec<f64>> {
+    std::fs::read_to_string(path)
+        .unwrap()
+        .lines()
+        .filter_map(|line| line.split(',').map(|field| field.parse().ok()).collect())
+        .collect()
+}

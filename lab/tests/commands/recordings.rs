@@ -1,0 +1,126 @@
+//! Real tanks: the Kuopio challenge and the Ottawa recordings, by the program's own command lines.
+
+use std::path::Path;
+
+use crate::program::{done, numbers, reference, words};
+use eit::{Case, Mesh};
+
+/// Correlation of a map with a label picture (256 x 256, line 0 on top) over the pixels inside the tank.
+fn correlation(mesh: &Mesh, radius: f64, map: &[f64], labels: &[f64]) -> f64 {
+    let corner = |p: [f64; 2], q: [f64; 2], x: f64, y: f64| {
+        (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0])
+    };
+    let mut pairs = Vec::new();
+    for (pixel, label) in labels.iter().enumerate() {
+        let x = (((pixel % 256) as f64 + 0.5) / 128.0 - 1.0) * radius;
+        let y = (1.0 - ((pixel / 256) as f64 + 0.5) / 128.0) * radius;
+        let triangle = (0..mesh.triangles().len()).find(|&triangle| {
+            let [a, b, c] = mesh.corners(triangle);
+            corner(a, b, x, y) >= 0.0 && corner(b, c, x, y) >= 0.0 && corner(c, a, x, y) >= 0.0
+        });
+        if let Some(triangle) = triangle {
+            pairs.push((map[triangle], *label));
+        }
+    }
+    let n = pairs.len() as f64;
+    let mean = pairs.iter().fold((0.0, 0.0), |sum, pair| {
+        (sum.0 + pair.0 / n, sum.1 + pair.1 / n)
+    });
+    let (mut cross, mut own, mut other) = (0.0, 0.0, 0.0);
+    for (a, b) in pairs {
+        cross += (a - mean.0) * (b - mean.1);
+        own += (a - mean.0).powi(2);
+        other += (b - mean.1).powi(2);
+    }
+    cross / (own * other).sqrt()
+}
+
+fn labels(path: &Path) -> Vec<f64> {
+    std::fs::read_to_string(path)
+        .unwrap()
+        .chars()
+        .filter_map(|label| match label {
+            '0' => Some(0.0),
+            '1' => Some(-1.0),
+            '2' => Some(1.0),
+            _ => None,
+        })
+        .collect()
+}
+
+#[test]
+fn kuopio_four_targets_with_one_hyper_parameter() {
+    let Some(data) = reference("data/ktc2023") else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let (case, maps) = (folder.path().join("tank"), folder.path().join("maps.csv"));
+    let tank = "mesh --preset disc-tank --set radius_mm=115.0 --set arc_deg=5.625 --set first_deg=84.375 --out {}";
+    done(&words(tank, &[&case]));
+    let mesh = Case::read(&case).unwrap().mesh;
+    let mean = |how: &str| {
+        let line = format!("reconstruct --force --case {{}} {how} --frames {{}} --out {{}}");
+        let said = done(&words(
+            &line,
+            &[&case, &data.join("adj16_frames.csv"), &maps],
+        ));
+        let maps = numbers(&maps);
+        assert_eq!(maps.len(), 5);
+        assert!(maps[0].iter().all(|value| *value == 0.0));
+        let correlations: Vec<f64> = (1..=4)
+            .map(|target| {
+                let truth = labels(&data.join(format!("truth_train{target}.txt")));
+                correlation(&mesh, 0.115, &maps[target], &truth)
+            })
+            .collect();
+        println!("{how}: {correlations:.3?}\n{said}");
+        correlations.iter().sum::<f64>() / 4.0
+    };
+    let noser = mean("--method one-step --prior noser --lambda 1");
+    assert!(noser >= 0.80, "{noser}");
+    // nothing given: lambda from the frames themselves, gains seen and left free
+    let best = mean("--method best");
+    assert!(best >= 0.80, "{best}");
+}
+
+#[test]
+fn ottawa_the_ball_is_found_within_two_centimetres() {
+    let Some(data) = reference("data/uottawa2005") else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let (case, maps) = (folder.path().join("tank"), folder.path().join("maps.csv"));
+    done(&words(
+        "mesh --preset disc-tank --set radius_mm=150.0 --out {}",
+        &[&case],
+    ));
+    let mesh = Case::read(&case).unwrap().mesh;
+    let (centroids, areas) = (mesh.region_centroids(), mesh.region_areas());
+    for how in [
+        "--method one-step --prior noser --lambda 1",
+        "--method one-step",
+        "--method best",
+    ] {
+        let line = format!(
+            "reconstruct --force --case {{}} {how} --negate --frames {{}} --out {{}} --timing"
+        );
+        let said = done(&words(&line, &[&case, &data.join("frames.csv"), &maps]));
+        assert!(said.contains("frame ") && said.contains(" ms"), "{said}");
+        for (row, truth) in [(1, [0.0, 0.0]), (2, [0.0, 0.07])] {
+            let map = survey::Map {
+                mesh_hash: mesh.hash().to_owned(),
+                values: numbers(&maps)[row].clone(),
+                unit: survey::MapUnit::RelativeConductance,
+                method: String::new(),
+                masked: 0,
+            };
+            let found = map.found(&centroids, &areas).unwrap();
+            let error = (found[0] - truth[0]).hypot(found[1] - truth[1]);
+            println!(
+                "{how}: frame {row} found {found:.4?}, error {:.2} cm\n{said}",
+                100.0 * error
+            );
+            assert!(error < 0.02, "{how}: frame {row}: {found:?}");
+        }
+    }
+}

@@ -1,0 +1,139 @@
+//! `tactus-lab scene`: what it prints, what it writes, what it refuses.
+
+use crate::program::{done, lab, numbers, words};
+
+fn printed(line: &str) -> String {
+    let output = lab(&words(line, &[]));
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{said}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+#[test]
+fn explain_lists_every_effect_and_says_what_matters() {
+    let line = printed("scene explain paper-test1 --json --frames 20");
+    let told: serde_json::Value = serde_json::from_str(&line).unwrap();
+    let effects = told["effects"].as_array().unwrap();
+    assert_eq!(effects.len(), phantom::EffectSettings::ALL.len());
+    assert_eq!(told["noise_v"], 2e-6);
+    let of = |name: &str| effects.iter().find(|one| one["name"] == name).unwrap();
+    assert_eq!(of("voltmeter-noise")["named"], true);
+    assert_eq!(of("spray")["verdict"], "left out, would matter");
+    assert_eq!(
+        of("detachment")["verdict"],
+        "left out, would matter if it happened"
+    );
+    assert!(
+        told["missing"]
+            .as_array()
+            .unwrap()
+            .contains(&"leakage".into())
+    );
+    // Through a kilohm 50 pA are 50 nV.
+    assert_eq!(of("bias-current")["verdict"], "");
+    let text = printed("scene explain effect-output-resistance --nplc 0.02");
+    let row = text
+        .lines()
+        .find(|row| row.starts_with("output-resistance"))
+        .unwrap();
+    assert!(row.contains("yes") && row.ends_with("negligible"), "{row}");
+    // 1e-4 of the range of 1 V.
+    assert!(
+        text.contains("noise 1.0e-4 V a reading (the voltmeter's table)"),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_run_is_a_case_folder_with_its_truth_and_the_same_every_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let [one, two] = ["one", "two"].map(|name| folder.path().join(name));
+    for out in [&one, &two] {
+        done(&words(
+            "scene run paper-test1 --every 30 --frames 4 --out {}",
+            &[out],
+        ));
+    }
+    let bytes = |out: &std::path::Path, name: &str| std::fs::read(out.join(name)).unwrap();
+    for name in ["frames.csv", "truth.csv", "judged.json"] {
+        assert!(bytes(&one, name) == bytes(&two, name), "{name}");
+    }
+    let frames = numbers(&one.join("frames.csv"));
+    assert_eq!(frames.len(), 4);
+    assert!(frames.iter().all(|frame| frame.len() == 598));
+    let truth = numbers(&one.join("truth.csv"));
+    let lost = |row: &[f64]| row.iter().filter(|change| **change < 0.0).count();
+    // Pressed from 60 s on: of 36, 66 and 96 s the second.
+    let pressed: Vec<bool> = truth.iter().map(|row| lost(row) > 0).collect();
+    assert_eq!(pressed, [false, true, false]);
+    let maps = folder.path().join("maps.csv");
+    done(&words(
+        "reconstruct --case {} --method one-step --noise-v 2e-6 --frames {} --baseline first:1 --out {}",
+        &[&one, &one.join("frames.csv"), &maps],
+    ));
+    assert!(maps.is_file());
+}
+
+#[test]
+fn a_run_is_a_session_of_the_logbook() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = folder.path().join("case");
+    done(&words(
+        "scene run paper-test1 --every 30 --frames 4 --out {} --logbook {}",
+        &[&case, folder.path()],
+    ));
+    let path = folder.path().join("scene_paper_test_1_1.tactus");
+    let session = logbook::SessionReader::open(&path).unwrap();
+    assert!(session.header().simulated && session.closed().is_some());
+    assert_eq!(session.header().seed, Some(1));
+    assert_eq!(session.len().unwrap(), 3);
+    let frames = numbers(&case.join("frames.csv"));
+    let volts = |readings: &[survey::Reading]| -> Vec<f64> {
+        readings
+            .iter()
+            .map(|reading| reading.volts().unwrap().0)
+            .collect()
+    };
+    let baseline = session.baseline().unwrap().unwrap();
+    assert_eq!(volts(&baseline.readings), frames[0]);
+    assert_eq!(volts(&session.frame(2).unwrap().frame.readings), frames[2]);
+    // A second one of the same name is refused, not written over.
+    let again = lab(&words(
+        "scene run paper-test1 --frames 2 --logbook {}",
+        &[folder.path()],
+    ));
+    assert_eq!(again.status.code(), Some(1));
+}
+
+#[test]
+fn what_is_no_scene_is_refused_where_it_is_wrong() {
+    let folder = tempfile::tempdir().unwrap();
+    let wrong = folder.path().join("wrong.toml");
+    std::fs::write(&wrong, "seed = 1\n[effects.temprature]\n").unwrap();
+    let output = lab(&words("scene check quiet {}", &[&wrong]));
+    assert_eq!(output.status.code(), Some(1));
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    let place = format!(
+        "{}:2:10: there is no effect `temprature`, perhaps `temperature`?",
+        wrong.display()
+    );
+    assert!(said.contains(&place), "{said}");
+    assert!(said.contains("1 of 2 scenes cannot be had"), "{said}");
+    let output = lab(&words("scene explain nowhere", &[]));
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        said.contains("shipped ones are quiet, paper-test1"),
+        "{said}"
+    );
+    let output = lab(&words("scene run quiet --nplc 0 --out x", &[]));
+    assert_eq!(output.status.code(), Some(2));
+}
+
+#[test]
+fn the_list_names_every_scene() {
+    let listed = printed("scene list --json");
+    assert_eq!(listed.lines().count(), phantom::Scene::shipped().len());
+    for (name, _) in phantom::Scene::shipped() {
+        assert!(listed.contains(&format!("\"name\":\"{name}\"")), "{name}");
+    }
+}

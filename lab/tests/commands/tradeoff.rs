@@ -1,0 +1,82 @@
+//! `tactus-lab tradeoff` and `advise`: tables that are taken as they lie, drawn, and asked for advice.
+
+use crate::program::{done, lab, words};
+
+fn said(output: &std::process::Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+#[test]
+fn a_table_is_made_once_drawn_and_asked_for_advice() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("tradeoff");
+    let line = "tradeoff --quick --only acquisition --only uncertainty --out {}";
+    done(&words(line, &[&out]));
+    for file in [
+        "acquisition.json",
+        "acquisition.png",
+        "acquisition.svg",
+        "uncertainty.json",
+    ] {
+        assert!(out.join(file).is_file(), "{file}");
+    }
+    // nothing is drawn of a diagram without a point, and what is missing is said
+    assert!(!out.join("uncertainty.png").exists());
+    let table = out.join("acquisition.json");
+    let value: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(&table).unwrap()).unwrap();
+    let points = value["points"].as_array().unwrap();
+    assert!(points.len() >= 8);
+    for point in points {
+        // no unbiased method beats the bound; the one-step method is biased, but not by that much here
+        let (error, bound) = (
+            point["error"].as_f64().unwrap(),
+            point["also"]["bound, mm"].as_f64().unwrap(),
+        );
+        assert!(error > 0.5 * bound && bound > 0.0, "{point}");
+    }
+    assert!(points.iter().any(|point| point["front"] == true));
+
+    // taken as it lies: a word put into it by hand stays
+    let marked =
+        std::fs::read_to_string(&table)
+            .unwrap()
+            .replacen("34924A pairs, reed", "by hand", 1);
+    std::fs::write(&table, &marked).unwrap();
+    let again = lab(&words(&format!("{line} --json"), &[&out]));
+    assert!(again.status.success(), "{}", said(&again));
+    assert!(String::from_utf8_lossy(&again.stdout).contains("by hand"));
+    // another seed makes it anew
+    done(&words(&format!("{line} --seed 2"), &[&out]));
+    assert!(!std::fs::read_to_string(&table).unwrap().contains("by hand"));
+
+    let asked = lab(&words(
+        "advise --error-mm 3 --max-seconds 20 --electrodes 26 --json --table {}",
+        &[&table],
+    ));
+    assert!(asked.status.success(), "{}", said(&asked));
+    let advice: serde_json::Value = serde_json::from_slice(&asked.stdout).unwrap();
+    assert!(advice["error"].as_f64().unwrap() <= 3.0 && advice["time"].as_f64().unwrap() <= 20.0);
+    assert_eq!(advice["also"]["electrodes"], 26.0);
+    let too_much = lab(&words(
+        "advise --error-mm 1e-6 --max-seconds 0.001 --table {}",
+        &[&table],
+    ));
+    assert_eq!(too_much.status.code(), Some(1));
+    assert!(
+        said(&too_much).contains("None of the table is good enough"),
+        "{}",
+        said(&too_much)
+    );
+    let nonsense = lab(&words("advise --error-mm -1 --max-seconds 1", &[]));
+    assert_eq!(nonsense.status.code(), Some(2));
+
+    std::fs::write(&table, "{\"panel\": ").unwrap();
+    let damaged = lab(&words(&format!("{line} --seed 2"), &[&out]));
+    assert!(!damaged.status.success());
+    assert!(
+        said(&damaged).contains("acquisition.json is damaged"),
+        "{}",
+        said(&damaged)
+    );
+}

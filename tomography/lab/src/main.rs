@@ -1,5 +1,0 @@
-//! `tactus-lab`: the workshop's program; all of it is in the library.
-
-fn main() -> std::process::ExitCode {
-    lab::run(std::env::args_os())
-}

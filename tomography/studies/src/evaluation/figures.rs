@@ -1,0 +1,126 @@
+//! Figures of a method's maps: frame by frame, and their means over a set.
+
+use eit::metrics::likeness;
+
+use super::maps::{Frame, Judged};
+use super::raster::Raster;
+use super::statistics::{average, median};
+use crate::failure::Failure;
+
+/// Figures of one map.
+#[derive(Debug, Clone, Copy)]
+pub struct OfFrame {
+    /// From the true to the found place, where one disc presses and something is found.
+    pub error_mm: Option<f64>,
+    /// Correlation of the map with the truth, weighed by area.
+    pub correlation: f64,
+    /// Norm of the difference from the truth over the norm of the truth.
+    pub relative_error: f64,
+    /// Overlap of the parts at or above half of the largest loss.
+    pub dice: f64,
+    /// Structural similarity of the rasters.
+    pub ssim: f64,
+    /// Amplitude, position error, resolution, shape deformation, ringing; `None` where a map shows nothing to measure.
+    pub greit: Option<[f64; 5]>,
+    /// The largest loss of the map, relative.
+    pub peak: f64,
+}
+
+/// Means over the frames of one set by one method.
+#[derive(Debug, Clone)]
+pub struct Figures {
+    /// The set and its noise.
+    pub set: String,
+    /// The method.
+    pub method: String,
+    /// Number of frames.
+    pub frames: usize,
+    /// Mean location error.
+    pub error_mm: f64,
+    /// Largest location error.
+    pub worst_mm: f64,
+    /// Correlation of the map with the truth, weighed by area.
+    pub correlation: f64,
+    /// Norm of the difference from the truth over the norm of the truth.
+    pub relative_error: f64,
+    /// Overlap of the parts at or above half of the largest loss.
+    pub dice: f64,
+    /// Structural similarity of the rasters.
+    pub ssim: f64,
+    /// Not a number where no map shows anything to measure.
+    pub greit: [f64; 5],
+    /// Median time of a frame.
+    pub ms: f64,
+}
+
+/// Figures of every frame.
+///
+/// # Errors
+/// A raster without a pixel.
+pub fn of_frames(judged: &Judged) -> Result<Vec<OfFrame>, Failure> {
+    let raster = Raster::new(&judged.case);
+    let mesh = &judged.case.mesh;
+    let (centroids, areas) = (mesh.region_centroids(), mesh.region_areas());
+    judged
+        .frames
+        .iter()
+        .map(
+            |Frame {
+                 map, truth, place, ..
+             }| {
+                let like = likeness(&map.values, &truth.values, &areas);
+                let found = map.found(&centroids, &areas);
+                let at = place.or_else(|| truth.found(&centroids, &areas));
+                let image = raster.image(&map.values)?;
+                let wanted = raster.image(&truth.values)?;
+                let greit = at.and_then(|at| image.greit(raster.place(at)).ok());
+                Ok(OfFrame {
+                    error_mm: place
+                        .zip(found)
+                        .map(|(at, found)| 1e3 * (found[0] - at[0]).hypot(found[1] - at[1])),
+                    correlation: like.correlation,
+                    relative_error: like.relative_error,
+                    dice: like.dice,
+                    ssim: image.ssim(&wanted, 1.0).unwrap_or(0.0),
+                    greit: greit.map(|g| {
+                        [
+                            g.amplitude,
+                            g.position_error,
+                            g.resolution,
+                            g.shape_deformation,
+                            g.ringing,
+                        ]
+                    }),
+                    peak: map.largest_loss().map_or(0.0, |(_, loss)| loss),
+                })
+            },
+        )
+        .collect()
+}
+
+/// Their means.
+pub fn figures(name: &str, judged: &Judged, frames: &[OfFrame]) -> Figures {
+    let mean = |value: fn(&OfFrame) -> f64| average(frames.iter().map(value));
+    let errors = || frames.iter().filter_map(|frame| frame.error_mm);
+    let greit = |k: usize| {
+        average(
+            frames
+                .iter()
+                .filter_map(|frame| frame.greit.map(|greit| greit[k])),
+        )
+    };
+    let mut times: Vec<f64> = judged.frames.iter().map(|frame| frame.ms).collect();
+    Figures {
+        set: judged.set.clone(),
+        method: name.to_owned(),
+        frames: frames.len(),
+        error_mm: average(errors()),
+        worst_mm: errors().reduce(f64::max).unwrap_or(f64::NAN),
+        correlation: mean(|frame| frame.correlation),
+        relative_error: mean(|frame| frame.relative_error),
+        dice: mean(|frame| frame.dice),
+        ssim: mean(|frame| frame.ssim),
+        greit: [0, 1, 2, 3, 4].map(greit),
+        ms: median(&mut times),
+    }
+}

@@ -1,0 +1,173 @@
+//! The maps that one method makes of one judged folder, with the truth beside them.
+
+use std::path::Path;
+use std::time::Instant;
+
+use eit::{Case, Reconstructor};
+use rayon::prelude::*;
+use survey::{Map, MapUnit, Reading};
+
+use super::statistics::average;
+use super::test_set;
+use crate::failure::Failure;
+use crate::methods::{self, Choice, MethodOptions};
+use crate::progress;
+use imaging::recorded::FrameTable;
+use training::noise_figure::by_draws;
+
+/// What is assumed of noise-free frames, V: a method that is told of no noise at all believes its model instead.
+const LEAST_NOISE: f64 = 2e-6;
+
+/// One frame of a judged folder.
+pub struct Frame {
+    /// What the method made.
+    pub map: Map,
+    /// The true change.
+    pub truth: Map,
+    /// Centre of the one disc that presses, m.
+    pub place: Option<[f64; 2]>,
+    /// Time of the reconstruction alone, ms.
+    pub ms: f64,
+}
+
+/// A judged folder as one method sees it.
+pub struct Judged {
+    /// The case of the folder.
+    pub case: Case,
+    /// The set and its noise, for a person.
+    pub set: String,
+    /// The frames without the baseline.
+    pub frames: Vec<Frame>,
+    reconstructor: Box<dyn Reconstructor>,
+    noise_v: f64,
+    slow: bool,
+    recording: FrameTable,
+}
+
+impl Judged {
+    /// The method's own noise figure; of a method that has none of its own by draws of this set's noise, which takes as long as
+    /// some frames.
+    pub fn noise_figure(&self) -> Option<f64> {
+        let method = self.reconstructor.as_ref();
+        method
+            .noise_figure()
+            .or_else(|| by_draws(method, &self.case, self.noise_v, self.slow))
+    }
+
+    /// Share of the frames that the method says lie outside of what it knows.
+    pub fn novel_share(&self) -> Option<f64> {
+        let outside = |(_, frame): &(String, Vec<Reading>)| {
+            let novelty = self
+                .reconstructor
+                .novelty(&self.recording.unloaded.readings, frame);
+            Some(f64::from(u8::from(novelty.ok()??.outside())))
+        };
+        let frames = self.recording.frames.iter().skip(1);
+        let outside: Option<Vec<f64>> = frames.map(outside).collect();
+        outside.map(|outside| average(outside.into_iter()))
+    }
+}
+
+/// Runs a method, given as the words that `reconstruct` takes for it; the truth is opened after that. A frame that the method
+/// refuses is a failure.
+///
+/// # Errors
+/// A folder that cannot be read, options that no method takes, or a frame that is refused.
+pub fn maps(folder: &Path, name: &str, words: &[String]) -> Result<Judged, Failure> {
+    run(folder, name, words, false)
+}
+
+/// As [`maps`]; frames that the method refuses are left out.
+///
+/// # Errors
+/// A folder that cannot be read, or options that no method takes.
+pub fn maps_not_refused(folder: &Path, name: &str, words: &[String]) -> Result<Judged, Failure> {
+    run(folder, name, words, true)
+}
+
+fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<Judged, Failure> {
+    let case = Case::read(folder).map_err(|fault| Failure::of("cannot read the case", &fault))?;
+    let said = test_set::description(folder)?;
+    let frames = folder.join("frames.csv");
+    let mut told = words.to_vec();
+    // the paper's own step looks at no noise
+    if words[0] == "--method" && words.get(1).is_none_or(|method| method != "tv-paper") {
+        let noise_v = said.noise_v.max(LEAST_NOISE);
+        told.extend(["--noise-v".to_owned(), noise_v.to_string()]);
+    }
+    let options = MethodOptions::parse(name, &told)?;
+    let recording = methods::read_frames(&frames, "first:1", case.protocol.len(), false)?;
+    let choice: Choice = methods::prepare(&options, &case, &recording)?;
+    let truths = rows(&folder.join("truth.csv"))?;
+    let bar = progress::bar(truths.len(), "frames");
+    let one = |k: usize| -> Result<Option<(Map, f64)>, Failure> {
+        let (frame_name, frame) = &recording.frames[k + 1];
+        let start = Instant::now();
+        let made = choice
+            .reconstructor
+            .reconstruct(&recording.unloaded.readings, frame);
+        bar.inc(1);
+        match made {
+            Ok(map) => Ok(Some((map, start.elapsed().as_secs_f64() * 1e3))),
+            Err(_) if leave_out => Ok(None),
+            Err(fault) => Err(Failure::of(
+                &format!("{name}, frame '{frame_name}'"),
+                &fault,
+            )),
+        }
+    };
+    // quick methods one after the other, so that their times are their own
+    let maps: Vec<Option<(Map, f64)>> = if choice.slow {
+        (0..truths.len())
+            .into_par_iter()
+            .map(one)
+            .collect::<Result<_, Failure>>()?
+    } else {
+        (0..truths.len()).map(one).collect::<Result<_, Failure>>()?
+    };
+    bar.finish_and_clear();
+    let presses = folder.join("presses.csv");
+    let places = match presses.exists() {
+        true => rows(&presses)?,
+        false => Vec::new(),
+    };
+    let frames = maps
+        .into_iter()
+        .zip(truths)
+        .enumerate()
+        .filter_map(|(k, (made, truth))| {
+            let (map, ms) = made?;
+            Some(Frame {
+                truth: Map {
+                    mesh_hash: map.mesh_hash.clone(),
+                    values: truth,
+                    unit: MapUnit::RelativeConductance,
+                    method: "truth".to_owned(),
+                    masked: 0,
+                },
+                map,
+                place: places.get(k).map(|row| [row[1], row[2]]),
+                ms,
+            })
+        })
+        .collect();
+    Ok(Judged {
+        case,
+        set: said.name,
+        frames,
+        reconstructor: choice.reconstructor,
+        noise_v: said.noise_v.max(LEAST_NOISE),
+        slow: choice.slow,
+        recording,
+    })
+}
+
+/// Rows of numbers; a header is left out.
+fn rows(path: &Path) -> Result<Vec<Vec<f64>>, Failure> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|cause| Failure::of(&format!("{}", path.display()), &cause))?;
+    Ok(text
+        .lines()
+        .filter_map(|line| line.split(',').map(|field| field.parse().ok()).collect())
+        .collect())
+}

@@ -1,0 +1,195 @@
+//! The two tests by every method: at each noise, over draws of it, and on unevenly sprayed sheets.
+
+use super::plan::{Method, Plan};
+use crate::artifact_cache::ArtifactCache;
+use eit::Case;
+
+use crate::evaluation::{Figures, Frame, OfFrame, figures, maps, of_frames};
+use crate::failure::Failure;
+
+/// One set by one method.
+pub(super) struct Outcome {
+    pub(super) method: &'static str,
+    pub(super) set: Set,
+    pub(super) case: Case,
+    pub(super) frames: Vec<Frame>,
+    /// Frame by frame.
+    pub(super) of_frames: Vec<OfFrame>,
+    /// Their means.
+    pub(super) figures: Figures,
+}
+
+/// What was pressed, and how it was measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Set {
+    /// 1 or 2.
+    pub(super) test: u8,
+    pub(super) noise_uv: f64,
+    pub(super) spray: f64,
+    pub(super) draw: u64,
+}
+
+impl Set {
+    /// First draw of the noise, evenly sprayed.
+    pub(super) fn even(test: u8, noise_uv: f64) -> Self {
+        Self {
+            test,
+            noise_uv,
+            spray: 0.0,
+            draw: 0,
+        }
+    }
+}
+
+pub(super) struct Experiments {
+    pub(super) results: Vec<Outcome>,
+}
+
+/// The noise at which the paper's figures are drawn, uV: the 34980A's at 1 power-line cycle.
+pub(super) const FIGURES_AT: f64 = 2.0;
+
+impl Experiments {
+    /// Only what a figure asks for, if one does.
+    pub(super) fn run(
+        plan: &Plan,
+        place: &ArtifactCache<'_>,
+        methods: &[Method],
+        figure: Option<u8>,
+    ) -> Result<Self, Failure> {
+        let at = |test, noise_uv, spray, draw| Set {
+            test,
+            noise_uv,
+            spray,
+            draw,
+        };
+        let mut sets = Vec::new();
+        match figure {
+            Some(7) => sets.push(Set::even(2, FIGURES_AT)),
+            Some(_) => sets.push(Set::even(1, FIGURES_AT)),
+            None => {
+                for &noise in plan.noises {
+                    sets.extend([Set::even(1, noise), Set::even(2, noise)]);
+                    // again with other draws: how much of a map is noise
+                    if noise > 0.0 {
+                        sets.extend((1..plan.draws).map(|draw| at(1, noise, 0.0, draw)));
+                    }
+                }
+                sets.extend(
+                    plan.sprays
+                        .iter()
+                        .filter(|spray| **spray > 0.0)
+                        .map(|&spray| at(1, FIGURES_AT, spray, 0)),
+                );
+            }
+        }
+        let mut results = Vec::new();
+        for set in sets {
+            let folder = folder(plan, place, set)?;
+            for method in methods {
+                let papers = method.model.is_some() || method.name == super::plan::TV;
+                // draws and sprayed sheets are about the paper's methods; the others would take hours
+                if (set.draw > 0 || set.spray > 0.0 || figure.is_some()) && !papers {
+                    continue;
+                }
+                let judged = maps(&folder, method.name, &method.words)?;
+                let of_frames = of_frames(&judged)?;
+                results.push(Outcome {
+                    method: method.name,
+                    set,
+                    figures: figures(method.name, &judged, &of_frames),
+                    of_frames,
+                    // not the reconstructor: some dozens of sets, and a network has 85 MB
+                    case: judged.case,
+                    frames: judged.frames,
+                });
+            }
+        }
+        Ok(Self { results })
+    }
+
+    /// A test at a noise, on an even sheet, first draw.
+    pub(super) fn of<'a>(
+        &'a self,
+        method: &'a str,
+        test: u8,
+        noise_uv: f64,
+    ) -> Option<&'a Outcome> {
+        self.at(method, test, noise_uv, 0.0).next()
+    }
+
+    /// All draws.
+    pub(super) fn at<'a>(
+        &'a self,
+        method: &'a str,
+        test: u8,
+        noise_uv: f64,
+        spray: f64,
+    ) -> impl Iterator<Item = &'a Outcome> {
+        self.results.iter().filter(move |result| {
+            let set = &result.set;
+            result.method == method
+                && set.test == test
+                && set.noise_uv == noise_uv
+                && set.spray == spray
+        })
+    }
+
+    /// Everything found, for `results.json`.
+    pub(super) fn table(&self) -> serde_json::Value {
+        let number = |value: f64| value.is_finite().then_some(value);
+        self.results
+            .iter()
+            .map(|result| {
+                let f = &result.figures;
+                serde_json::json!({
+                    "test": result.set.test,
+                    "noise_uv": result.set.noise_uv,
+                    "spray": result.set.spray,
+                    "draw": result.set.draw,
+                    "method": result.method,
+                    "frames": f.frames,
+                    "location_error_mm": number(f.error_mm),
+                    "worst_location_error_mm": number(f.worst_mm),
+                    "correlation": number(f.correlation),
+                    "relative_error": number(f.relative_error),
+                    "dice": number(f.dice),
+                    "ssim": number(f.ssim),
+                    "greit": f.greit.map(number),
+                    "frame_ms": f.ms,
+                    "peaks": result.of_frames.iter().map(|frame| frame.peak).collect::<Vec<_>>(),
+                })
+            })
+            .collect()
+    }
+}
+
+/// The judged folder of a set.
+pub(super) fn folder(
+    plan: &Plan,
+    place: &ArtifactCache<'_>,
+    set: Set,
+) -> Result<std::path::PathBuf, Failure> {
+    // never the seed of the training
+    let seed = (1000 * (plan.seed + 1) + set.draw).to_string();
+    let test = format!("test-{}", set.test);
+    let noise = format!("{:e}", set.noise_uv * 1e-6);
+    let spray = set.spray.to_string();
+    let mut words = vec![
+        "judge",
+        "--set",
+        &test,
+        "--noise-v",
+        &noise,
+        "--seed",
+        &seed,
+    ];
+    let mut name = format!("sets/{test}-{}uV", set.noise_uv);
+    if set.spray > 0.0 {
+        words.extend(["--spray", &spray]);
+        name += &format!("-spray-{spray}");
+    }
+    if set.draw > 0 {
+        name += &format!("-draw-{}", set.draw);
+    }
+    place.made(&name, &words)
+}

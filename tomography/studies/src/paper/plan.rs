@@ -1,0 +1,236 @@
+//! How much is done: the paper's own sizes, or little of everything.
+
+use std::path::PathBuf;
+
+use eit::{Model, Report, model};
+
+use crate::artifact_cache::ArtifactCache;
+use crate::failure::Failure;
+
+/// A run as a whole.
+pub(super) struct Plan {
+    pub(super) name: &'static str,
+    pub(super) seed: u64,
+    /// Noise of one reading, uV.
+    pub(super) noises: &'static [f64],
+    /// Draws of the noise in the experiment on it.
+    pub(super) draws: u64,
+    /// Unevenness of the sprayed sheet, standard deviation of ln(conductance).
+    pub(super) sprays: &'static [f64],
+    /// Powers of ten of alpha.
+    pub(super) alphas: &'static [i32],
+    /// Times Eq. 13's spread.
+    pub(super) spreads: &'static [f64],
+    /// Width and height of the sheet over the paper's; electrodes along width and height.
+    pub(super) sheets: &'static [(f64, usize, usize)],
+    cases: usize,
+    repeats: usize,
+    epochs: usize,
+    width: usize,
+    /// Whether `best`, which takes seconds a frame, is among the methods.
+    pub(super) best: bool,
+}
+
+/// A method of the paper, or beside it.
+pub(super) struct Method {
+    /// As the page calls it.
+    pub(super) name: &'static str,
+    /// What `reconstruct` is told.
+    pub(super) words: Vec<String>,
+    /// Where it is a trained one.
+    pub(super) model: Option<Trained>,
+}
+
+/// A trained model's file.
+pub(super) struct Trained {
+    pub(super) file: PathBuf,
+    pub(super) bytes: u64,
+    pub(super) hash: String,
+    pub(super) weights: usize,
+    /// By how much loading it made this process larger, bytes; `None` where the system does not say.
+    pub(super) resident: Option<u64>,
+    /// The command that made it.
+    pub(super) command: String,
+}
+
+/// The paper's three methods, by the names of its figures.
+pub(super) const TV: &str = "TV as printed";
+pub(super) const DEEP: &str = "deep network";
+pub(super) const RBF: &str = "RBF network";
+/// The file of the paper's RBF network.
+pub(super) const RBF_FILE: &str = "models/rbf-paper.safetensors";
+
+impl Plan {
+    pub(super) fn new(full: bool, seed: u64) -> Self {
+        if full {
+            Self {
+                name: "full",
+                seed,
+                noises: &[0.0, 2.0, 20.0, 396.0],
+                draws: 8,
+                sprays: &[0.0, 0.05, 0.1, 0.3],
+                alphas: &[-10, -9, -8, -7, -6, -5, -4, -3, -2],
+                spreads: &[0.25, 0.5, 1.0, 2.0, 4.0],
+                // on a smaller sheet the electrodes next to a corner would meet
+                sheets: &[
+                    (0.85, 6, 7),
+                    (1.0, 4, 4),
+                    (1.0, 5, 5),
+                    (1.0, 6, 7),
+                    (1.0, 8, 8),
+                    (1.5, 6, 7),
+                    (2.0, 6, 7),
+                ],
+                cases: 15_000,
+                repeats: 5,
+                epochs: 30,
+                width: 2048,
+                best: true,
+            }
+        } else {
+            Self {
+                name: "quick",
+                seed,
+                noises: &[0.0, 2.0, 396.0],
+                draws: 2,
+                sprays: &[0.0, 0.1],
+                alphas: &[-8, -6, -4, -2],
+                spreads: &[0.5, 1.0, 2.0],
+                sheets: &[(1.0, 4, 4), (1.0, 6, 7)],
+                cases: 600,
+                repeats: 2,
+                epochs: 2,
+                width: 96,
+                best: false,
+            }
+        }
+    }
+
+    /// What was chosen, for `settings.json`.
+    pub(super) fn described(&self) -> serde_json::Value {
+        serde_json::json!({
+            "run": self.name,
+            "seed": self.seed,
+            "noise_uv": self.noises,
+            "noise_draws": self.draws,
+            "spray": self.sprays,
+            "spread_times": self.spreads,
+            "training_cases": self.cases,
+            "jittered_copies": self.repeats,
+            "epochs": self.epochs,
+            "width": self.width,
+            "version": env!("CARGO_PKG_VERSION"),
+            "threads": rayon::current_num_threads(),
+            "build": if cfg!(debug_assertions) { "development" } else { "release" },
+        })
+    }
+
+    /// Words of the training of an RBF network with so many times Eq. 13's spread, on a case folder or the paper's sheet.
+    pub(super) fn rbf(&self, profile: &str, more: &[&str]) -> Vec<String> {
+        ["train", "rbf", "--profile", profile]
+            .into_iter()
+            .map(str::to_owned)
+            .chain(self.size())
+            .chain(more.iter().map(|word| (*word).to_owned()))
+            .collect()
+    }
+
+    fn size(&self) -> Vec<String> {
+        [
+            ("--cases", self.cases.to_string()),
+            ("--repeats", self.repeats.to_string()),
+            ("--seed", self.seed.to_string()),
+        ]
+        .into_iter()
+        .flat_map(|(key, value)| [key.to_owned(), value])
+        .collect()
+    }
+
+    /// All methods, the networks trained.
+    pub(super) fn models(&self, place: &ArtifactCache<'_>) -> Result<Vec<Method>, Failure> {
+        let seed = self.seed.to_string();
+        let cases = self.cases.to_string();
+        let deep: Vec<String> = ["train", "dnn", "--profile", "paper"]
+            .into_iter()
+            .map(str::to_owned)
+            .chain(self.size())
+            .chain([
+                "--epochs".to_owned(),
+                self.epochs.to_string(),
+                "--set".to_owned(),
+                format!("width={}", self.width),
+            ])
+            .collect();
+        let linear = [
+            "train",
+            "linear",
+            "--profile",
+            "matched",
+            "--cases",
+            &cases,
+            "--seed",
+            &seed,
+            "--symmetric",
+        ];
+        let linear: Vec<String> = linear.map(str::to_owned).to_vec();
+        let plain = |name: &'static str, words: &str| Method {
+            name,
+            words: words.split(' ').map(str::to_owned).collect(),
+            model: None,
+        };
+        let trained =
+            |name: &'static str, file: &str, words: &[String]| -> Result<Method, Failure> {
+                let words: Vec<&str> = words.iter().map(String::as_str).collect();
+                let file = place.made(file, &words)?;
+                let loaded = model::load(&file)
+                    .map_err(|fault| Failure::of("cannot use a trained model", &fault))?;
+                let resident = place.resident_bytes(&file);
+                let bytes = std::fs::metadata(&file)
+                    .map_err(|cause| Failure::of(&format!("{}", file.display()), &cause))?
+                    .len();
+                Ok(Method {
+                    name,
+                    words: vec!["--model".to_owned(), file.display().to_string()],
+                    model: Some(Trained {
+                        bytes,
+                        hash: loaded.hash().to_owned(),
+                        weights: weights(&loaded),
+                        resident,
+                        command: format!("tactus-lab {}", words.join(" ")),
+                        file,
+                    }),
+                })
+            };
+        let mut methods = vec![
+            plain(TV, "--method tv-paper"),
+            trained(DEEP, "models/dnn-paper.safetensors", &deep)?,
+            trained(RBF, RBF_FILE, &self.rbf("paper", &[]))?,
+            plain("TV", "--method tv"),
+            plain("TV, losses only", "--method tv --loss-only"),
+            plain("one-step", "--method one-step"),
+            plain("one-step, losses only", "--method one-step --loss-only"),
+            trained(
+                "linear, trained",
+                "models/linear-matched.safetensors",
+                &linear,
+            )?,
+            trained(
+                "RBF, matched",
+                "models/rbf-matched.safetensors",
+                &self.rbf("matched", &[]),
+            )?,
+        ];
+        if self.best {
+            methods.push(plain("best", "--method best"));
+        }
+        Ok(methods)
+    }
+}
+
+/// Weights and biases: of an RBF network those of its output layer, as the paper counts.
+fn weights(loaded: &Model) -> usize {
+    match &loaded.metadata().report {
+        Report::Deep(report) => report.parameters,
+        Report::Rbf(_) => loaded.metadata().training.neurons * loaded.mesh().region().len(),
+    }
+}

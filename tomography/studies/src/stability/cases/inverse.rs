@@ -1,0 +1,547 @@
+//! Hard cases 14 to 18: a sensitivity without full rank, hyper-parameters at both ends, total variation, and bounds.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use eit::{
+    Hyper, Mesh, OneStep, OneStepError, OneStepOptions, Prior, Reconstructor, Scale, Strength, Tv,
+    TvOptions,
+};
+use nalgebra::{DMatrix, DVector, SVD};
+use survey::Reading;
+
+use crate::failure::Failure;
+use crate::stability::outcome::{Check, Naive, Outcome, naive, worst};
+use crate::stability::solvers::tank::{Tank, measured, refused};
+
+/// Of every drive, A.
+const CURRENT: f64 = 1e-3;
+
+fn unsolved(fault: OneStepError) -> Failure {
+    Failure::of("the one-step method", &fault)
+}
+
+/// A tank of sixteen electrodes with a load, its frames, and its sensitivity at the current.
+struct Loaded {
+    tank: Tank,
+    baseline: Vec<Reading>,
+    frame: Vec<Reading>,
+    change: DVector<f64>,
+    sensitivity: DMatrix<f64>,
+}
+
+impl Loaded {
+    fn new(fineness: f64, left: f64) -> Result<Self, Failure> {
+        let tank = Tank::sixteen(fineness)?;
+        let load = tank.patch([0.4, 0.1], 0.3);
+        let forward = tank.forward(&tank.contact)?;
+        let volts = |sigma: &[f64]| -> Result<DVector<f64>, Failure> {
+            Ok(forward.readings(sigma, &tank.protocol).map_err(refused)? * CURRENT)
+        };
+        let (before, after) = (volts(&tank.sigma)?, volts(&tank.with(&load, left))?);
+        let mut sensitivity = forward
+            .jacobian(&tank.sigma, &tank.protocol)
+            .map_err(refused)?
+            * (CURRENT * tank.sigma[0]);
+        let mut change = &after - &before;
+        // twins alike to the last bit: a lambda as small as rounding would make a map of what they differ by
+        for (reading, twin) in tank.protocol.reciprocal_twins().into_iter().enumerate() {
+            if let Some(twin) = twin.filter(|&twin| twin < reading) {
+                let row = sensitivity.row(twin).into_owned();
+                sensitivity.set_row(reading, &row);
+                change[reading] = change[twin];
+            }
+        }
+        Ok(Self {
+            baseline: measured(before.as_slice()),
+            frame: measured(after.as_slice()),
+            change,
+            sensitivity,
+            tank,
+        })
+    }
+
+    fn step(&self, options: OneStepOptions) -> Result<OneStep, OneStepError> {
+        let options = OneStepOptions {
+            scale: Scale::Currents(vec![CURRENT; self.tank.protocol.len()]),
+            ..options
+        };
+        let Tank {
+            mesh,
+            contact,
+            sigma,
+            protocol,
+            ..
+        } = &self.tank;
+        OneStep::new(Arc::clone(mesh), contact, sigma, protocol, options)
+    }
+
+    fn tikhonov(&self, lambda: f64) -> Result<OneStep, OneStepError> {
+        self.step(OneStepOptions {
+            prior: Prior::Tikhonov,
+            hyper: Hyper::Lambda(lambda),
+            ..OneStepOptions::default()
+        })
+    }
+
+    fn tv(&self, options: TvOptions) -> Result<Tv, Failure> {
+        let options = TvOptions {
+            scale: Scale::Currents(vec![CURRENT; self.tank.protocol.len()]),
+            ..options
+        };
+        let Tank {
+            mesh,
+            contact,
+            sigma,
+            protocol,
+            ..
+        } = &self.tank;
+        Tv::new(Arc::clone(mesh), contact, sigma, protocol, options)
+            .map_err(|fault| Failure::of("total variation", &fault))
+    }
+}
+
+fn far(a: &DVector<f64>, b: &DVector<f64>) -> f64 {
+    let apart = (a - b).amax() / b.amax();
+    if apart.is_nan() { f64::INFINITY } else { apart }
+}
+
+/// 14: half of the readings say what the other half says, and the rest spans thirteen decades.
+pub(crate) fn without_rank() -> Result<Outcome, Failure> {
+    let loaded = Loaded::new(0.3, 0.5)?;
+    let svd = SVD::new(loaded.sensitivity.clone(), true, true);
+    let (Some(u), Some(v_t)) = (&svd.u, &svd.v_t) else {
+        return Err(Failure::because("the singular values were not found"));
+    };
+    let along = u.tr_mul(&loaded.change);
+    let top = svd.singular_values.max();
+    let (mut ours, mut normal, mut jump, mut normal_jump) = (0.0, 0.0, 0.0, 0.0);
+    for share in [1e-1, 1e-3, 1e-5, 1e-7] {
+        let lambda = share * top;
+        let filtered = DVector::from_fn(along.len(), |i, _| {
+            let s = svd.singular_values[i];
+            along[i] * s / (s * s + lambda * lambda)
+        });
+        let exact = v_t.tr_mul(&filtered);
+        let map = |lambda| -> Result<DVector<f64>, Failure> {
+            let step = loaded.tikhonov(lambda).map_err(unsolved)?;
+            Ok(step.matrix() * &loaded.change)
+        };
+        let found = map(lambda)?;
+        ours = worst(ours, far(&found, &exact));
+        let hasty = normal_equations(&loaded, lambda);
+        normal = worst(normal, far(&hasty, &exact));
+        let beside = lambda * (1.0 + 1e-9);
+        jump = worst(jump, far(&map(beside)?, &found));
+        normal_jump = worst(normal_jump, far(&normal_equations(&loaded, beside), &hasty));
+    }
+    Ok(Outcome::of([
+        Check::at_most(
+            "map against the filtered singular values, lambda/s1 to 1e-7",
+            naive(normal, "has no inverse"),
+            ours,
+            1e-8,
+        ),
+        Check::at_most(
+            "change of the map where lambda changes by 1e-9",
+            naive(normal_jump.max(normal), "has no inverse"),
+            jump,
+            1e-8,
+        ),
+    ])
+    .noted("naive: the explicit inverse of J'J + lambda^2 I in f32, which is not continuous because it is not a solution"))
+}
+
+/// The explicit inverse in f32.
+fn normal_equations(loaded: &Loaded, lambda: f64) -> DVector<f64> {
+    let j: DMatrix<f32> = loaded.sensitivity.map(|value| value as f32);
+    let d: DVector<f32> = loaded.change.map(|value| value as f32);
+    let mut system = j.tr_mul(&j);
+    for i in 0..system.nrows() {
+        system[(i, i)] += (lambda * lambda) as f32;
+    }
+    match system.try_inverse() {
+        Some(inverse) => (inverse * j.tr_mul(&d)).map(f64::from),
+        None => DVector::from_element(j.ncols(), f64::NAN),
+    }
+}
+
+/// 15: hyper-parameters at both ends.
+pub(crate) fn ends_of_lambda() -> Result<Outcome, Failure> {
+    let loaded = Loaded::new(0.3, 0.5)?;
+    let svd = SVD::new(loaded.sensitivity.clone(), false, false);
+    let top = svd.singular_values.max();
+    let (mut rises, mut off) = (0, 0.0);
+    let mut last = f64::INFINITY;
+    for decade in -7..=4 {
+        let lambda = top * 10_f64.powi(decade);
+        let degrees = loaded
+            .tikhonov(lambda)
+            .map_err(unsolved)?
+            .degrees_of_freedom();
+        let exact: f64 = svd
+            .singular_values
+            .iter()
+            .map(|s| s * s / (s * s + lambda * lambda))
+            .sum();
+        rises += u8::from(degrees > last);
+        off = worst(off, (degrees - exact).abs() / exact);
+        last = degrees;
+    }
+    let tiny = loaded.tikhonov(1e-20 * top);
+    let refused = matches!(tiny, Err(OneStepError::Lambda { .. }));
+    let flat = loaded.tikhonov(1e4 * top).map_err(unsolved)?;
+    let told = flat.assumptions().join("\n");
+    let flagged = told.contains("less than one degree of freedom");
+    let map = flat.matrix() * &loaded.change;
+    Ok(Outcome::of([
+        Check::at_most(
+            "lambda of 1e-20 of the largest singular value, accepted",
+            Naive::Error(1.0),
+            f64::from(u8::from(!refused)),
+            0.0,
+        ),
+        Check::at_most(
+            "degrees of freedom against the singular values",
+            Naive::Fails("does not count them"),
+            off,
+            1e-6,
+        ),
+        Check::at_most(
+            "steps at which they rise with lambda",
+            Naive::Fails("does not count them"),
+            f64::from(rises),
+            0.0,
+        ),
+        Check::at_most(
+            "largest change in a map of lambda -> infinity",
+            Naive::Sound(map.amax()),
+            map.amax(),
+            1e-6,
+        ),
+        Check::at_most(
+            "maps of it that pass as 'no load'",
+            Naive::Error(1.0),
+            f64::from(u8::from(!flagged)),
+            0.0,
+        ),
+    ])
+    .noted("a map of zeros is what the largest lambda gives whoever computes it; ours says so among its assumptions"))
+}
+
+/// 16: absolute values without a corner cut off.
+pub(crate) fn total_variation() -> Result<Outcome, Failure> {
+    let loaded = Loaded::new(0.3, 0.5)?;
+    let unsolved = |fault| Failure::of("total variation", &fault);
+    let tv = loaded.tv(TvOptions::default())?;
+    let (flat, _) = tv
+        .solve(&loaded.baseline, &loaded.baseline)
+        .map_err(unsolved)?;
+    let flat = flat.values.iter().fold(0.0_f64, |top, x| top.max(x.abs()));
+    let noise = std::f64::consts::SQRT_2 * TvOptions::default().noise_v;
+    let problem = Smoothed {
+        sensitivity: &loaded.sensitivity / noise,
+        borders: borders(&loaded.tank.mesh),
+        alpha: tv.alpha(),
+    };
+    let still = DVector::zeros(loaded.change.len());
+    let divided = problem.solve(&still, 0.0, 3).amax();
+    let least = tv
+        .minimum_offline(&loaded.baseline, &loaded.frame)
+        .map_err(unsolved)?;
+    let (solution, _) = tv
+        .solve(&loaded.baseline, &loaded.frame)
+        .map_err(unsolved)?;
+    let over = |values: &[f64]| -> Result<f64, Failure> {
+        let objective = tv
+            .objective(&loaded.baseline, &loaded.frame, values)
+            .map_err(unsolved)?;
+        Ok(objective / least - 1.0)
+    };
+    let smoothed = problem.solve(&(&loaded.change / noise), 0.1, 20);
+    let finer = loaded.tv(TvOptions {
+        gap: 1e-6,
+        ..TvOptions::default()
+    })?;
+    let (fine, _) = finer
+        .solve(&loaded.baseline, &loaded.frame)
+        .map_err(unsolved)?;
+    let [coarse, fine] = [solution.values.clone(), fine.values].map(DVector::from_vec);
+    let moved = |map: &DVector<f64>| (map - &fine).norm() / fine.norm();
+    Ok(Outcome::of([
+        Check::at_most(
+            "largest change in the map of a frame like the baseline",
+            naive(divided, "0/0 where the map is flat"),
+            flat,
+            0.0,
+        ),
+        Check::at_most(
+            "objective over its minimum, less 1",
+            Naive::Error(over(smoothed.as_slice())?),
+            over(&solution.values)?,
+            1e-3,
+        ),
+        Check::at_most(
+            "change of the map from a gap of 1e-3 to one of 1e-6",
+            Naive::Error(moved(&smoothed)),
+            moved(&coarse),
+            0.02,
+        ),
+    ])
+    .noted(
+        "ours has no beta: the absolute value is exact and the gap is stated, which stands for beta 1e-3 against 1e-6. Naive: \
+         lagged diffusivity with beta 0, and with beta 0.1",
+    ))
+}
+
+/// |Jx - d|^2 / 2 + alpha sum L sqrt((xi - xj)^2 + beta^2) by lagged diffusivity.
+struct Smoothed {
+    sensitivity: DMatrix<f64>,
+    borders: Vec<Border>,
+    alpha: f64,
+}
+
+/// Two triangles and the length of their border, m.
+struct Border {
+    sides: [usize; 2],
+    length: f64,
+}
+
+fn borders(mesh: &Mesh) -> Vec<Border> {
+    let mut open = BTreeMap::new();
+    let mut borders = Vec::new();
+    for (t, &[a, b, c]) in mesh.triangles().iter().enumerate() {
+        for (p, q) in [(a, b), (b, c), (c, a)] {
+            if let Some(other) = open.insert((p.min(q), p.max(q)), t) {
+                borders.push(Border {
+                    sides: [t, other],
+                    length: mesh.edge_length([p, q]),
+                });
+            }
+        }
+    }
+    borders
+}
+
+impl Smoothed {
+    fn solve(&self, data: &DVector<f64>, beta: f64, rounds: usize) -> DVector<f64> {
+        let gram = self.sensitivity.tr_mul(&self.sensitivity);
+        let right = self.sensitivity.tr_mul(data);
+        let mut x: DVector<f64> = DVector::zeros(right.len());
+        for _ in 0..rounds {
+            let mut system = gram.clone();
+            for Border {
+                sides: [a, b],
+                length,
+            } in &self.borders
+            {
+                let weight = self.alpha * length / (x[*a] - x[*b]).hypot(beta);
+                system[(*a, *a)] += weight;
+                system[(*b, *b)] += weight;
+                system[(*a, *b)] -= weight;
+                system[(*b, *a)] -= weight;
+            }
+            x = match system.lu().solve(&right) {
+                Some(x) => x,
+                None => DVector::from_element(x.len(), f64::NAN),
+            };
+        }
+        // `amax` passes over what is not a number
+        if x.iter().all(|x| x.is_finite()) {
+            x
+        } else {
+            DVector::from_element(x.len(), f64::INFINITY)
+        }
+    }
+}
+
+/// 17: the same image on other triangles.
+pub(crate) fn unequal_triangles() -> Result<Outcome, Failure> {
+    let tank = |seeding| {
+        Tank::of(eit::DiscTank {
+            electrodes: 8,
+            arc_deg: 12.0,
+            fineness: 0.7,
+            seeding,
+            ..eit::DiscTank::default()
+        })
+    };
+    let plain = tank(0)?;
+    let image = disc(&plain);
+    let (weighed, counted) = (variation(&plain, &image)?, jumps(&plain.mesh, &image));
+    let fine = Tank {
+        mesh: Arc::new(quartered(&plain.mesh)?),
+        sigma: vec![plain.sigma[0]; 4 * plain.sigma.len()],
+        ..tank(0)?
+    };
+    let image: Vec<f64> = image.iter().flat_map(|x| [*x; 4]).collect();
+    let (fine_weighed, fine_counted) = (variation(&fine, &image)?, jumps(&fine.mesh, &image));
+    let (mut low, mut high) = (f64::INFINITY, 0.0_f64);
+    let (mut few, mut many) = (f64::INFINITY, 0.0_f64);
+    for seeding in 0..4 {
+        let other = |fineness: f64| -> Result<Tank, Failure> {
+            Tank::of(eit::DiscTank {
+                fineness,
+                ..tank(seeding)?.preset
+            })
+        };
+        let fine = other(2.5)?;
+        let weighed = variation(&fine, &disc(&fine))?;
+        let around = std::f64::consts::TAU * DISC * fine.radius();
+        low = low.min(weighed / around);
+        high = high.max(weighed / around);
+        // a coarser mesh has fewer jumps to count
+        let coarse = other(if seeding % 2 == 0 { 0.7 } else { 1.4 })?;
+        let counted = jumps(&coarse.mesh, &disc(&coarse));
+        few = few.min(counted);
+        many = many.max(counted);
+    }
+    Ok(Outcome::of([
+        Check::at_most(
+            "variation of one image on the quartered mesh, less 1",
+            Naive::Error((fine_counted / counted - 1.0).abs()),
+            (fine_weighed / weighed - 1.0).abs(),
+            1e-12,
+        ),
+        Check::at_most(
+            "spread over four meshes of a disc",
+            Naive::Error(many / few - 1.0),
+            high / low - 1.0,
+            0.1,
+        ),
+        Check::at_most(
+            "border of the disc on triangles over its perimeter",
+            Naive::Sound(high),
+            high,
+            1.41,
+        ),
+    ])
+    .noted(format!(
+        "naive: jumps are counted, not weighed by the length of the border. A disc's border on triangles is {low:.2} to {high:.2} \
+         times its perimeter"
+    )))
+}
+
+/// Radius of the disc, in radii of the tank.
+const DISC: f64 = 0.8;
+
+/// 1 within the disc, 0 elsewhere.
+fn disc(tank: &Tank) -> Vec<f64> {
+    let inside = tank.patch([0.0, 0.0], DISC);
+    let mut image = vec![0.0; tank.sigma.len()];
+    inside.into_iter().for_each(|t| image[t] = 1.0);
+    image
+}
+
+/// The sum of an image's jumps.
+fn jumps(mesh: &Mesh, image: &[f64]) -> f64 {
+    borders(mesh)
+        .iter()
+        .map(|border| (image[border.sides[0]] - image[border.sides[1]]).abs())
+        .sum()
+}
+
+/// Variation of an image in our objective, m.
+fn variation(tank: &Tank, image: &[f64]) -> Result<f64, Failure> {
+    // so large that nothing is left of the readings beside it
+    const ALPHA: f64 = 1e18;
+    let unsolved = |fault| Failure::of("total variation", &fault);
+    let options = TvOptions {
+        strength: Strength::Alpha(ALPHA),
+        scale: Scale::Currents(vec![CURRENT; tank.protocol.len()]),
+        ..TvOptions::default()
+    };
+    let tv = Tv::new(
+        Arc::clone(&tank.mesh),
+        &tank.contact,
+        &tank.sigma,
+        &tank.protocol,
+        options,
+    )
+    .map_err(|fault| Failure::of("total variation", &fault))?;
+    let baseline = measured(&tank.ours(&tank.contact, &tank.sigma)?);
+    let objective = tv
+        .objective(&baseline, &baseline, image)
+        .map_err(unsolved)?;
+    Ok(objective / ALPHA)
+}
+
+/// Every triangle cut into four at the middles of its sides, the four one after the other.
+fn quartered(mesh: &Mesh) -> Result<Mesh, Failure> {
+    let mut nodes = mesh.nodes().to_vec();
+    let mut middles = BTreeMap::new();
+    let mut middle = |a: usize, b: usize| {
+        *middles.entry((a.min(b), a.max(b))).or_insert_with(|| {
+            let (p, q) = (mesh.nodes()[a], mesh.nodes()[b]);
+            nodes.push([0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])]);
+            nodes.len() - 1
+        })
+    };
+    let mut triangles = Vec::new();
+    for &[a, b, c] in mesh.triangles() {
+        let [ab, bc, ca] = [middle(a, b), middle(b, c), middle(c, a)];
+        triangles.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+    }
+    let edges = mesh
+        .electrode_edges()
+        .iter()
+        .map(|edges| {
+            edges
+                .iter()
+                .flat_map(|&[a, b]| {
+                    let m = middle(a, b);
+                    [[a, m], [m, b]]
+                })
+                .collect()
+        })
+        .collect();
+    Mesh::new(nodes, triangles, edges, None)
+        .map_err(|fault| Failure::of("the quartered mesh", &fault))
+}
+
+/// 18: a load that takes nearly everything.
+pub(crate) fn long_step() -> Result<Outcome, Failure> {
+    let loaded = Loaded::new(0.5, 0.02)?;
+    let map = |loss_only| -> Result<Vec<f64>, Failure> {
+        let step = loaded
+            .step(OneStepOptions {
+                loss_only,
+                ..OneStepOptions::default()
+            })
+            .map_err(unsolved)?;
+        let map = step.reconstruct(&loaded.baseline, &loaded.frame);
+        Ok(map
+            .map_err(|fault| Failure::of("the one-step method", &fault))?
+            .values)
+    };
+    let left = |map: &[f64]| {
+        map.iter()
+            .fold(f64::INFINITY, |least, x| least.min(1.0 + x))
+    };
+    let (free, bounded) = (map(false)?, map(true)?);
+    let tv = loaded.tv(TvOptions {
+        loss_only: true,
+        ..TvOptions::default()
+    })?;
+    let (solution, _) = tv
+        .solve(&loaded.baseline, &loaded.frame)
+        .map_err(|fault| Failure::of("total variation", &fault))?;
+    Ok(Outcome::of([
+        Check::at_least(
+            "smallest conductance of a map, of the unloaded",
+            Naive::Error(left(&free)),
+            left(&bounded).min(left(&solution.values)),
+            0.0,
+        ),
+        Check::at_most(
+            "largest gain where loads only take away",
+            Naive::Error(free.iter().copied().fold(0.0, f64::max)),
+            bounded.iter().chain(&solution.values).copied().fold(0.0, f64::max),
+            0.0,
+        ),
+    ])
+    .noted(
+        "the bound asked is above 0; it is 0 that holds: a load may take everything, and the forward model floors what has \
+         nothing (case 1). No step is cut short: the bounded problem itself is solved, so there is no objective that could rise",
+    ))
+}

@@ -1,0 +1,305 @@
+//! Hard cases 30 and 32 to 34: readings that are none, tiny baselines, signs, and one channel that shouts.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use eit::{MOST_MISSING, OneStep, OneStepOptions, ReconstructError, Reconstructor, TvOptions};
+use nalgebra::DVector;
+use survey::{Amps, Checks, Frame, Precautions, QualityFlag, Reading, Settings, Volts};
+
+use crate::failure::Failure;
+use crate::stability::outcome::{Check, Naive, Outcome, worst};
+use crate::stability::solvers::tank::{Tank, measured};
+
+/// Of every drive, A.
+const CURRENT: f64 = 1e-3;
+
+/// A tank, a load on it, and the usual method for it.
+struct Scene {
+    tank: Tank,
+    baseline: Vec<f64>,
+    frame: Vec<f64>,
+    step: OneStep,
+    /// Root mean square of what noise makes of the usual map.
+    noise: f64,
+}
+
+impl Scene {
+    /// A tank of sixteen electrodes.
+    fn tank() -> Result<Self, Failure> {
+        let tank = Tank::sixteen(0.4)?;
+        let load = tank.patch([0.4, 0.1], 0.2);
+        Self::of(tank, &load)
+    }
+
+    /// The paper's sheet.
+    fn paper() -> Result<Self, Failure> {
+        let tank = Tank::paper()?;
+        let load: Vec<usize> = (0..tank.sigma.len())
+            .filter(|&t| {
+                let [x, y] = tank.mesh.centroid(t);
+                (x - 0.09).hypot(y - 0.13) < 0.015
+            })
+            .collect();
+        Self::of(tank, &load)
+    }
+
+    fn of(tank: Tank, load: &[usize]) -> Result<Self, Failure> {
+        let volts = |sigma: &[f64]| -> Result<Vec<f64>, Failure> {
+            let volts = tank.ours(&tank.contact, sigma)?;
+            Ok(volts.into_iter().map(|v| CURRENT * v).collect())
+        };
+        let (baseline, frame) = (volts(&tank.sigma)?, volts(&tank.with(load, 0.5))?);
+        let step = OneStep::new(
+            Arc::clone(&tank.mesh),
+            &tank.contact,
+            &tank.sigma,
+            &tank.protocol,
+            OneStepOptions::default(),
+        )
+        .map_err(|fault| Failure::of("the one-step method", &fault))?;
+        let noise = spread(&step);
+        Ok(Self {
+            baseline,
+            frame,
+            step,
+            noise,
+            tank,
+        })
+    }
+
+    fn map(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<(DVector<f64>, usize), Failure> {
+        let map = self
+            .step
+            .reconstruct(baseline, frame)
+            .map_err(|fault| Failure::of("the one-step method", &fault))?;
+        Ok((DVector::from_vec(map.values), map.masked))
+    }
+}
+
+/// Root mean square over the map of what the usual noise makes of it.
+fn spread(step: &OneStep) -> f64 {
+    let deviation = std::f64::consts::SQRT_2 * TvOptions::default().noise_v / CURRENT;
+    let matrix = step.matrix();
+    deviation * matrix.norm() / (matrix.nrows() as f64).sqrt()
+}
+
+fn rms(map: &DVector<f64>) -> f64 {
+    map.norm() / (map.len() as f64).sqrt()
+}
+
+/// 30: a reading that is no number.
+pub(crate) fn no_reading() -> Result<Outcome, Failure> {
+    let scene = Scene::tank()?;
+    let (baseline, frame) = (measured(&scene.baseline), measured(&scene.frame));
+    let (whole, _) = scene.map(&baseline, &frame)?;
+    let matrix = scene.step.matrix();
+    let (mut ours, mut zeroed, mut miscounted) = (0.0, 0.0, 0);
+    for k in 0..frame.len() {
+        let mut holed = frame.clone();
+        holed[k] = Reading::Overload;
+        let (map, masked) = scene.map(&baseline, &holed)?;
+        ours = worst(ours, rms(&(&map - &whole)) / scene.noise);
+        miscounted += usize::from(masked != 1);
+        // the voltmeter's sentinel taken for a voltage
+        let poison = matrix.column(k) * ((9.9e37 - scene.frame[k]) / CURRENT);
+        zeroed = worst(zeroed, rms(&poison.into_owned()) / scene.noise);
+    }
+    let mut most = frame.clone();
+    let count = (MOST_MISSING * frame.len() as f64) as usize + 1;
+    most[..count].fill(Reading::Timeout);
+    let mapped = !matches!(
+        scene.step.reconstruct(&baseline, &most),
+        Err(ReconstructError::TooManyMissing { .. })
+    );
+    Ok(Outcome::of([
+        Check::at_most(
+            "change of the map without one reading, of its noise",
+            Naive::Error(zeroed),
+            ours,
+            1.0,
+        ),
+        Check::at_most(
+            "maps whose count of masked readings is wrong",
+            Naive::Fails("does not count"),
+            miscounted as f64,
+            0.0,
+        ),
+        Check::at_most(
+            "maps made with more than a quarter missing",
+            Naive::Error(1.0),
+            f64::from(u8::from(mapped)),
+            0.0,
+        ),
+    ])
+    .noted("naive: 9.9e37 is a number like any other"))
+}
+
+/// 32: a baseline reading of nearly nothing.
+pub(crate) fn tiny_baseline() -> Result<Outcome, Failure> {
+    let scene = Scene::paper()?;
+    let size = |k: &usize| scene.baseline[*k].abs();
+    let least = (0..scene.baseline.len())
+        .min_by(|a, b| size(a).total_cmp(&size(b)))
+        .unwrap_or(0);
+    let largest = scene
+        .baseline
+        .iter()
+        .fold(0.0_f64, |top, v| top.max(v.abs()));
+    let (whole, _) = scene.map(&measured(&scene.baseline), &measured(&scene.frame))?;
+    let (mut baseline, mut frame) = (scene.baseline.clone(), scene.frame.clone());
+    (baseline[least], frame[least]) = (0.0, 0.0);
+    let (dead, _) = scene.map(&measured(&baseline), &measured(&frame))?;
+    let relative = (frame[least] - baseline[least]) / baseline[least];
+    let mut noisy = scene.frame.clone();
+    noisy[least] += TvOptions::default().noise_v;
+    let (shaken, _) = scene.map(&measured(&scene.baseline), &measured(&noisy))?;
+    Ok(Outcome::of([
+        Check::at_most(
+            "change of the map where the smallest reading is 0, of its noise",
+            match relative.is_nan() {
+                true => Naive::Fails("0/0 in dv / v0"),
+                false => Naive::Error(relative),
+            },
+            rms(&(dead - &whole)) / scene.noise,
+            1.0,
+        ),
+        Check::at_most(
+            "noise of the smallest reading, of that of the largest",
+            Naive::Error(largest / scene.baseline[least].abs()),
+            1.0_f64.max(rms(&(shaken - &whole)) / scene.noise),
+            1.0,
+        ),
+    ])
+    .noted("nothing of ours divides by a reading's own baseline: Eq. 6 divides by the largest, the linear methods by one factor a distance"))
+}
+
+/// 33: a pair of leads the wrong way round.
+pub(crate) fn reversed_leads() -> Result<Outcome, Failure> {
+    let scene = Scene::tank()?;
+    let protocol = &scene.tank.protocol;
+    let baseline = measured(&scene.baseline);
+    let checks = Checks::new(protocol).against(&baseline);
+    let (mut unseen, mut by_size) = (0, 0);
+    for turned in protocol.drives() {
+        let volts: Vec<f64> = protocol
+            .measurements()
+            .iter()
+            .zip(&scene.frame)
+            .map(|(question, v)| if question.sense == turned { -v } else { *v })
+            .collect();
+        let flags = checks.of(&frame(&scene, measured(&volts))).flags;
+        unseen += usize::from(!flags.contains(&QualityFlag::Plausibility));
+        let magnitudes: Vec<f64> = volts.iter().map(|v| v.abs()).collect();
+        let own = measured(&scene.baseline.iter().map(|v| v.abs()).collect::<Vec<_>>());
+        let flags = Checks::new(protocol)
+            .against(&own)
+            .of(&frame(&scene, measured(&magnitudes)))
+            .flags;
+        by_size += usize::from(!flags.contains(&QualityFlag::Plausibility));
+    }
+    let backwards: Vec<f64> = scene.baseline.iter().map(|v| -v).collect();
+    let answer = scene
+        .step
+        .reconstruct(&measured(&backwards), &measured(&scene.frame));
+    let taken = !matches!(answer, Err(ReconstructError::OppositeSign));
+    Ok(Outcome::of([
+        Check::at_most(
+            "reversed sensing pairs not seen, of 16",
+            Naive::Error(by_size as f64),
+            unseen as f64,
+            0.0,
+        ),
+        Check::at_most(
+            "a source with its leads reversed, accepted",
+            Naive::Error(1.0),
+            f64::from(u8::from(taken)),
+            0.0,
+        ),
+    ])
+    .noted("naive: the magnitude of every reading"))
+}
+
+/// A frame as a rig would hand it over.
+fn frame(scene: &Scene, readings: Vec<Reading>) -> Frame {
+    Frame {
+        sequence: 1,
+        readings,
+        extra: Vec::new(),
+        monotonic: Duration::ZERO,
+        wall: Default::default(),
+        duration: Duration::from_secs(1),
+        settings: Settings {
+            protocol_hash: scene.tank.protocol.hash(),
+            current: Amps(CURRENT),
+            range: Volts(1.0),
+            nplc: 1.0,
+            settle: Duration::ZERO,
+            wiring: "none".to_owned(),
+            precautions: Precautions::default(),
+        },
+        compliance: Vec::new(),
+        simulated: true,
+    }
+}
+
+/// 34: one channel a hundred times too large.
+pub(crate) fn one_spike() -> Result<Outcome, Failure> {
+    let scene = Scene::paper()?;
+    let (whole, _) = scene.map(&measured(&scene.baseline), &measured(&scene.frame))?;
+    let protocol = &scene.tank.protocol;
+    let checks = Checks::new(protocol);
+    let (mut ours, mut beyond, mut normalised, mut silent) = (0.0, 0.0, 0.0, 0);
+    let largest = |volts: &[f64]| volts.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
+    for k in 0..scene.frame.len() {
+        let spiked = |volts: &[f64]| {
+            let mut volts = volts.to_vec();
+            volts[k] *= 100.0;
+            volts
+        };
+        let (baseline, frame_volts) = (spiked(&scene.baseline), spiked(&scene.frame));
+        let (map, _) = scene.map(&measured(&baseline), &measured(&frame_volts))?;
+        ours = worst(ours, (&map - &whole).norm() / whole.norm());
+        let mut without = [measured(&scene.baseline), measured(&scene.frame)];
+        without
+            .iter_mut()
+            .for_each(|readings| readings[k] = Reading::Overload);
+        let (masked, _) = scene.map(&without[0], &without[1])?;
+        beyond = worst(beyond, (&map - &masked).norm() / whole.norm());
+        normalised = worst(
+            normalised,
+            largest(&baseline) / largest(&scene.baseline) - 1.0,
+        );
+        let flags = checks.of(&frame(&scene, measured(&frame_volts))).flags;
+        silent += usize::from(!flags.contains(&QualityFlag::Reciprocity));
+    }
+    Ok(Outcome::of([
+        Check::at_most(
+            "change of the map by a channel 100 times too large",
+            Naive::Error(normalised),
+            ours,
+            0.02,
+        ),
+        Check::at_most(
+            "the same, beyond what that reading's absence changes",
+            Naive::Error(normalised),
+            beyond,
+            1e-12,
+        ),
+        Check::at_most(
+            "such channels not flagged, of 598",
+            Naive::Fails("does not look"),
+            silent as f64,
+            0.0,
+        ),
+    ])
+    .noted(
+        "1 % is asked; 2 % is written, because the map without that one reading, and with no spike at all, changes by up to 1.0 % \
+         already. A reading that contradicts its reciprocal twin is masked; a protocol without twins has no such guard, and a \
+         network's own divisor stays the paper's largest reading, of what is not masked. Naive: divide by the largest reading",
+    ))
+}

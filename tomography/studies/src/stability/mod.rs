@@ -1,0 +1,241 @@
+//! The hard cases of the fact sheet, each with the naive form that breaks, ours, and a bound (`tactus-lab stability`).
+//!
+//! A case is a function that returns what it found; one that waits for a feature is said to be not built. The numbers are
+//! those of the fact sheet `physics-and-hard-cases.md`, section 4. Every bound has been seen to fail.
+
+mod cases;
+mod outcome;
+mod plots;
+mod solvers;
+
+use std::path::Path;
+
+use outfile::Existing;
+
+use crate::failure::{Failure, write};
+use crate::progress;
+use cases::{contacts, contrast, creep, inverse, layers, meshes, order, radial, readings};
+use outcome::{Case, Check, Naive, Outcome, Side};
+
+/// Every case, in the order of the fact sheet.
+const CASES: &[Case] = &[
+    case(1, "conductivity exactly 0", contrast::no_conductance),
+    case(2, "insulating contrast", contrast::insulator),
+    case(3, "conductive contrast", contrast::metal),
+    case(4, "f32 solve", contrast::single_precision),
+    case(5, "contact z -> 0", contacts::vanishing_contact),
+    case(6, "contact z -> infinity", contacts::open_contact),
+    case(7, "floating potential", contacts::floating),
+    case(8, "units", contacts::units),
+    case(9, "slivers, tiny angles", meshes::sliver),
+    case(10, "narrow electrode", contacts::narrow_electrode),
+    case(11, "electrode-edge singularity", contacts::singular_ends),
+    case(12, "absolute and difference mesh error", meshes::mesh_error),
+    case(13, "sensitivity", meshes::sensitivity),
+    case(14, "rank-deficient sensitivity", inverse::without_rank),
+    case(15, "lambda -> 0, infinity", inverse::ends_of_lambda),
+    case(16, "total variation, beta -> 0", inverse::total_variation),
+    case(17, "TV on unequal triangles", inverse::unequal_triangles),
+    case(18, "step too long", inverse::long_step),
+    case(19, "RBF flat limit", radial::flat_limit),
+    case(20, "duplicate centres, empty clusters", radial::duplicates),
+    case(21, "spread ruled by heavy tails", radial::heavy_tails),
+    case(22, "pairwise distances", radial::many_pairs),
+    case(23, "near duplicates", radial::near_duplicates),
+    case(24, "exp underflow", radial::far_input),
+    case(25, "constant channel", layers::constant_channel),
+    case(26, "relative scales 2100 : 1", layers::scales),
+    case(27, "dead and saturated neurons", layers::saturation),
+    case(28, "training divergence", layers::divergence),
+    case(29, "f32, f16, int8 inference", layers::precision),
+    case(30, "NaN, infinity, 9.9e37", readings::no_reading),
+    not_built(31, "electrode open"),
+    case(32, "tiny v0", readings::tiny_baseline),
+    case(33, "sign of v0", readings::reversed_leads),
+    case(34, "one bad channel", readings::one_spike),
+    case(35, "summation order, threads", order::threads),
+    not_built(36, "hotspot segmentation"),
+    not_built(37, "dose over months"),
+    case(38, "degenerate polygons", order::polygons),
+    not_built(39, "baseline equals load"),
+    case(40, "viscoelastic step", creep::any_step),
+];
+
+const fn case(number: u8, name: &'static str, run: fn() -> Result<Outcome, Failure>) -> Case {
+    Case {
+        number,
+        name,
+        run: Some(run),
+    }
+}
+
+const fn not_built(number: u8, name: &'static str) -> Case {
+    Case {
+        number,
+        name,
+        run: None,
+    }
+}
+
+/// What the cases found.
+#[derive(Debug)]
+pub struct Table(Vec<(&'static Case, Option<Outcome>)>);
+
+/// Runs the cases with these numbers, 1 to 40, or all where there is none.
+///
+/// # Errors
+/// A case that cannot be computed; a bound that is broken is none, see [`Table::broken`].
+pub fn run(only: &[u8]) -> Result<Table, Failure> {
+    let wanted: Vec<&Case> = CASES
+        .iter()
+        .filter(|case| only.is_empty() || only.contains(&case.number))
+        .collect();
+    let bar = progress::bar(wanted.len(), "hard cases");
+    let mut found = Vec::new();
+    for case in wanted {
+        let outcome = case.run.map(|run| run()).transpose()?;
+        bar.inc(1);
+        found.push((case, outcome));
+    }
+    bar.finish_and_clear();
+    Ok(Table(found))
+}
+
+impl Table {
+    /// Writes the table (`table.txt`, `table.json`) and the plots of contrast, contact impedance and sliver angle.
+    ///
+    /// # Errors
+    /// Files that exist and may not be replaced, or that cannot be written.
+    pub fn write(&self, folder: &Path, existing: Existing) -> Result<(), Failure> {
+        outfile::make_folder(folder, existing)?;
+        write(&folder.join("table.txt"), existing, self.text())?;
+        let lines = serde_json::Value::Array(self.lines());
+        write(&folder.join("table.json"), existing, format!("{lines:#}\n"))?;
+        plots::draw(folder, existing)
+    }
+
+    /// Numbers of the cases whose bound is broken, or whose naive form is not as it is said to be.
+    pub fn broken(&self) -> Vec<u8> {
+        self.0
+            .iter()
+            .filter(|(_, outcome)| outcome.as_ref().is_some_and(|outcome| !sound(outcome)))
+            .map(|(case, _)| case.number)
+            .collect()
+    }
+
+    /// As a person reads it.
+    pub fn text(&self) -> String {
+        text(&self.0)
+    }
+
+    /// As JSON, an object a check.
+    pub fn lines(&self) -> Vec<serde_json::Value> {
+        lines(&self.0)
+    }
+}
+
+fn sound(outcome: &Outcome) -> bool {
+    let checks = &outcome.checks;
+    checks
+        .iter()
+        .all(|check| check.holds() && check.naive_is_as_said())
+}
+
+fn verdict(check: &Check) -> &'static str {
+    match (check.holds(), check.naive_is_as_said()) {
+        (true, true) => "holds",
+        (false, _) => "BROKEN",
+        (true, false) => "NAIVE HOLDS",
+    }
+}
+
+fn figure(value: f64) -> String {
+    let size = value.abs();
+    if value == 0.0 || (0.01..1e4).contains(&size) {
+        let text = format!("{value:.4}");
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        format!("{value:.1e}")
+    }
+}
+
+fn text(found: &[(&Case, Option<Outcome>)]) -> String {
+    let mut text = format!(
+        "{:>4}  {:<34} {:<58} {:>9} {:>9} {:>11}  {}\n",
+        "case", "name", "what is measured", "naive", "ours", "bound", "verdict"
+    );
+    let mut notes = String::new();
+    for (case, outcome) in found {
+        let Some(outcome) = outcome else {
+            text += &format!("{:>4}  {:<34} not built\n", case.number, case.name);
+            continue;
+        };
+        for (row, check) in outcome.checks.iter().enumerate() {
+            let (number, name) = match row {
+                0 => (case.number.to_string(), case.name),
+                _ => (String::new(), ""),
+            };
+            let naive = match &check.naive {
+                Naive::Error(error) => figure(*error),
+                Naive::Fails(_) => "fails".to_owned(),
+                Naive::Sound(error) => format!("{} *", figure(*error)),
+            };
+            let side = match check.side {
+                Side::AtMost => "<=",
+                Side::AtLeast => ">=",
+            };
+            text += &format!(
+                "{number:>4}  {name:<34} {:<58} {naive:>9} {:>9} {:>11}  {}\n",
+                check.what,
+                figure(check.ours),
+                format!("{side} {}", figure(check.bound)),
+                verdict(check)
+            );
+        }
+        for check in &outcome.checks {
+            if let Naive::Fails(instead) = check.naive {
+                notes += &format!("{:>4}  naive: {instead}\n", case.number);
+            }
+        }
+        if !outcome.note.is_empty() {
+            notes += &format!("{:>4}  {}\n", case.number, outcome.note);
+        }
+    }
+    if !notes.is_empty() {
+        text += &format!("\n{notes}");
+    }
+    text
+}
+
+/// The table as JSON, an object a line.
+fn lines(found: &[(&Case, Option<Outcome>)]) -> Vec<serde_json::Value> {
+    let mut lines = Vec::new();
+    for (case, outcome) in found {
+        let Some(outcome) = outcome else {
+            lines.push(serde_json::json!({
+                "case": case.number, "name": case.name, "verdict": "not built",
+            }));
+            continue;
+        };
+        for check in &outcome.checks {
+            let (naive, breaks) = match check.naive {
+                Naive::Error(error) => (serde_json::json!(error), true),
+                Naive::Fails(instead) => (serde_json::json!(instead), true),
+                Naive::Sound(error) => (serde_json::json!(error), false),
+            };
+            lines.push(serde_json::json!({
+                "case": case.number,
+                "name": case.name,
+                "measured": check.what,
+                "naive": naive,
+                "naive_breaks": breaks,
+                "ours": check.ours,
+                "side": match check.side { Side::AtMost => "at most", Side::AtLeast => "at least" },
+                "bound": check.bound,
+                "verdict": verdict(check),
+                "note": outcome.note,
+            }));
+        }
+    }
+    lines
+}

@@ -1,0 +1,160 @@
+//! What a hard case finds: the error of the naive form, ours, the bound, and whether it holds.
+
+use crate::failure::Failure;
+
+/// What straightforward code does.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Naive {
+    /// Its error, in the measure of the check.
+    Error(f64),
+    /// It has no answer, or one that says nothing: what it does instead.
+    Fails(&'static str),
+    /// No naive form breaks here; the note of the case says why.
+    Sound(f64),
+}
+
+/// On which side of its bound a figure must be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Side {
+    AtMost,
+    AtLeast,
+}
+
+/// One line of the table.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Check {
+    /// What is measured.
+    pub(crate) what: &'static str,
+    pub(crate) naive: Naive,
+    pub(crate) ours: f64,
+    pub(crate) side: Side,
+    pub(crate) bound: f64,
+}
+
+impl Check {
+    /// An error that may be at most `bound`.
+    pub(crate) fn at_most(what: &'static str, naive: Naive, ours: f64, bound: f64) -> Self {
+        Self {
+            what,
+            naive,
+            ours,
+            side: Side::AtMost,
+            bound,
+        }
+    }
+
+    /// A figure that must be at least `bound`.
+    pub(crate) fn at_least(what: &'static str, naive: Naive, ours: f64, bound: f64) -> Self {
+        Self {
+            side: Side::AtLeast,
+            ..Self::at_most(what, naive, ours, bound)
+        }
+    }
+
+    fn within(&self, figure: f64) -> bool {
+        match self.side {
+            Side::AtMost => figure <= self.bound,
+            Side::AtLeast => figure >= self.bound,
+        }
+    }
+
+    /// Whether our figure keeps the bound; what is not a number does not.
+    pub(crate) fn holds(&self) -> bool {
+        self.within(self.ours)
+    }
+
+    /// Whether the naive form breaks the bound, or is said not to.
+    pub(crate) fn naive_is_as_said(&self) -> bool {
+        match self.naive {
+            Naive::Error(figure) => !self.within(figure),
+            Naive::Fails(_) => true,
+            Naive::Sound(figure) => self.within(figure),
+        }
+    }
+}
+
+/// What a case found.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Outcome {
+    pub(crate) checks: Vec<Check>,
+    /// What was found where a bound is not the one asked for, or a naive form does not break; empty where all is as asked.
+    pub(crate) note: String,
+}
+
+impl Outcome {
+    pub(crate) fn of(checks: impl Into<Vec<Check>>) -> Self {
+        Self {
+            checks: checks.into(),
+            note: String::new(),
+        }
+    }
+
+    pub(crate) fn noted(mut self, note: impl Into<String>) -> Self {
+        self.note = note.into();
+        self
+    }
+}
+
+/// A hard case by its number in the fact sheet.
+#[derive(Debug)]
+pub(crate) struct Case {
+    pub(crate) number: u8,
+    pub(crate) name: &'static str,
+    /// `None`: what it tries does not exist yet.
+    pub(crate) run: Option<fn() -> Result<Outcome, Failure>>,
+}
+
+/// Largest difference of two lists over the largest of the second; infinite where one is not a number.
+pub(crate) fn apart(found: &[f64], exact: &[f64]) -> f64 {
+    let largest = exact.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
+    found
+        .iter()
+        .zip(exact)
+        .map(|(a, b)| (a - b).abs() / largest)
+        .fold(0.0, worst)
+}
+
+/// The larger; infinite where one is not a number.
+pub(crate) fn worst(a: f64, b: f64) -> f64 {
+    if a.is_nan() || b.is_nan() {
+        f64::INFINITY
+    } else {
+        a.max(b)
+    }
+}
+
+/// An error, or a failure where it is not finite.
+pub(crate) fn naive(error: f64, instead: &'static str) -> Naive {
+    if error.is_finite() {
+        Naive::Error(error)
+    } else {
+        Naive::Fails(instead)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bound_breaks_on_its_side_and_by_what_is_no_number() {
+        let at_most = |ours| Check::at_most("x", Naive::Error(2.0), ours, 1.0).holds();
+        assert!(at_most(1.0) && !at_most(1.1) && !at_most(f64::NAN));
+        let at_least = |ours| Check::at_least("x", Naive::Error(0.0), ours, 1.0).holds();
+        assert!(at_least(1.0) && !at_least(0.9) && !at_least(f64::NAN));
+    }
+
+    #[test]
+    fn a_naive_form_must_do_what_is_said_of_it() {
+        let said = |naive| Check::at_most("x", naive, 0.5, 1.0).naive_is_as_said();
+        assert!(said(Naive::Error(2.0)) && !said(Naive::Error(0.5)));
+        assert!(said(Naive::Sound(0.5)) && !said(Naive::Sound(2.0)));
+        assert_eq!(naive(f64::NAN, "fails"), Naive::Fails("fails"));
+    }
+
+    #[test]
+    fn what_is_no_number_is_infinitely_far() {
+        assert_eq!(apart(&[1.0, f64::NAN], &[1.0, 2.0]), f64::INFINITY);
+        assert_eq!(apart(&[1.0, 1.0], &[1.0, 2.0]), 0.5);
+    }
+}

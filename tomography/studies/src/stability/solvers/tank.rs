@@ -1,0 +1,138 @@
+//! The sheet that most hard cases are tried on: a small round tank with eight electrodes.
+
+use std::sync::Arc;
+
+use eit::{DiscTank, Forward, Mesh, PaperSheet};
+use qd::Quad;
+use survey::{Protocol, Reading, Volts};
+
+use super::bordered::{Bordered, Ground, Number};
+use crate::failure::Failure;
+
+/// A round sheet of 1 kohm a square with its protocol.
+pub(crate) struct Tank {
+    pub(crate) preset: DiscTank,
+    pub(crate) mesh: Arc<Mesh>,
+    /// Contact of each electrode, ohm m.
+    pub(crate) contact: Vec<f64>,
+    /// The unloaded sheet.
+    pub(crate) sigma: Vec<f64>,
+    pub(crate) protocol: Protocol,
+}
+
+impl Tank {
+    /// Eight electrodes of 100 ohm, some hundreds of nodes.
+    pub(crate) fn small() -> Result<Self, Failure> {
+        Self::of(DiscTank {
+            electrodes: 8,
+            arc_deg: 12.0,
+            fineness: 0.5,
+            ..DiscTank::default()
+        })
+    }
+
+    /// Sixteen electrodes, for reconstructions.
+    pub(crate) fn sixteen(fineness: f64) -> Result<Self, Failure> {
+        Self::of(DiscTank {
+            fineness,
+            ..DiscTank::default()
+        })
+    }
+
+    /// The paper's sheet, coarse.
+    pub(crate) fn paper() -> Result<Self, Failure> {
+        let sheet = PaperSheet {
+            fineness: 0.4,
+            ..PaperSheet::default()
+        };
+        let mesh = sheet
+            .mesh()
+            .map_err(|fault| Failure::of("the paper's sheet", &fault))?;
+        Ok(Self {
+            sigma: vec![sheet.conductance(); mesh.triangles().len()],
+            contact: sheet.contact_ohm_m(),
+            protocol: protocol(sheet.electrodes())?,
+            mesh: Arc::new(mesh),
+            preset: DiscTank::default(),
+        })
+    }
+
+    pub(crate) fn of(preset: DiscTank) -> Result<Self, Failure> {
+        let mesh = preset
+            .mesh()
+            .map_err(|fault| Failure::of("the tank", &fault))?;
+        Ok(Self {
+            sigma: vec![preset.conductance(); mesh.triangles().len()],
+            contact: preset.contact_ohm_m(),
+            protocol: protocol(preset.electrodes)?,
+            mesh: Arc::new(mesh),
+            preset,
+        })
+    }
+
+    /// Radius, m.
+    pub(crate) fn radius(&self) -> f64 {
+        1e-3 * self.preset.radius_mm
+    }
+
+    /// Length of an electrode, m.
+    pub(crate) fn length(&self) -> f64 {
+        self.mesh.electrode_length(0)
+    }
+
+    /// Triangles within a disc; place and radius in radii of the tank.
+    pub(crate) fn patch(&self, centre: [f64; 2], radius: f64) -> Vec<usize> {
+        let r = self.radius();
+        (0..self.mesh.triangles().len())
+            .filter(|&t| {
+                let [x, y] = self.mesh.centroid(t);
+                (x / r - centre[0]).hypot(y / r - centre[1]) < radius
+            })
+            .collect()
+    }
+
+    /// The sheet with these triangles multiplied.
+    pub(crate) fn with(&self, triangles: &[usize], factor: f64) -> Vec<f64> {
+        let mut sigma = self.sigma.clone();
+        triangles.iter().for_each(|&t| sigma[t] *= factor);
+        sigma
+    }
+
+    pub(crate) fn forward(&self, contact: &[f64]) -> Result<Forward, Failure> {
+        Forward::new(Arc::clone(&self.mesh), contact).map_err(refused)
+    }
+
+    /// Our readings at 1 A, V.
+    pub(crate) fn ours(&self, contact: &[f64], sigma: &[f64]) -> Result<Vec<f64>, Failure> {
+        let readings = self.forward(contact)?.readings(sigma, &self.protocol);
+        Ok(readings.map_err(refused)?.as_slice().to_vec())
+    }
+
+    /// The textbook's readings in some precision.
+    pub(crate) fn textbook<T: Number>(
+        &self,
+        contact: &[f64],
+        sigma: &[f64],
+        ground: Ground,
+    ) -> Vec<f64> {
+        Bordered::<T>::new(&self.mesh, contact, sigma, &[], ground).readings(&self.protocol)
+    }
+
+    /// The readings in twice the precision.
+    pub(crate) fn exact(&self, contact: &[f64], sigma: &[f64]) -> Vec<f64> {
+        self.textbook::<Quad>(contact, sigma, Ground::Node)
+    }
+}
+
+pub(crate) fn protocol(electrodes: usize) -> Result<Protocol, Failure> {
+    Protocol::sheffield(electrodes).map_err(|fault| Failure::of("the protocol", &fault))
+}
+
+pub(crate) fn refused(fault: eit::ForwardError) -> Failure {
+    Failure::of("the forward model", &fault)
+}
+
+/// Volts as a rig gives them.
+pub(crate) fn measured(volts: &[f64]) -> Vec<Reading> {
+    volts.iter().map(|v| Reading::Ok(Volts(*v))).collect()
+}

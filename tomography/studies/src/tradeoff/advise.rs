@@ -1,0 +1,197 @@
+//! A setting of the rig from the kept table, and what it costs (`tactus-lab advise`).
+
+use std::path::PathBuf;
+
+use super::panel::{Panel, Point};
+use crate::failure::Failure;
+
+/// The table of the kept full run.
+const KEPT: &str = include_str!("../../../../docs/tradeoff-2026-11-22/acquisition.json");
+
+/// What a setting must fulfil.
+#[derive(Debug)]
+pub struct Request {
+    /// The location error that is enough, mm.
+    pub error_mm: f64,
+    /// The longest frame that is short enough, s.
+    pub max_seconds: f64,
+    /// Only what this number of electrodes gives.
+    pub electrodes: Option<u64>,
+    /// Only what this module gives, e.g. 34924A.
+    pub module: Option<String>,
+    /// Only what this current gives, mA.
+    pub current_ma: Option<f64>,
+    /// A table that the diagram `acquisition` made, in place of the kept one.
+    pub table: Option<PathBuf>,
+}
+
+/// The quickest setting that is good enough and quick enough.
+///
+/// # Errors
+/// A table that cannot be read, or no such setting: what comes nearest is named.
+pub fn advise(options: &Request) -> Result<Point, Failure> {
+    for (name, value) in [
+        ("--error-mm", options.error_mm),
+        ("--max-seconds", options.max_seconds),
+    ] {
+        if !(value > 0.0 && value.is_finite()) {
+            return Err(Failure::usage(format!(
+                "{name} {value}: a number above 0 is expected"
+            )));
+        }
+    }
+    let panel = match &options.table {
+        None => parsed("the kept table", KEPT)?,
+        Some(path) => {
+            let text = std::fs::read_to_string(path)
+                .map_err(|cause| Failure::of(&format!("cannot read {}", path.display()), &cause))?;
+            parsed(&path.display().to_string(), &text)?
+        }
+    };
+    let points: Vec<&Point> = panel
+        .points
+        .iter()
+        .filter(|point| fits(point, options))
+        .collect();
+    if points.is_empty() {
+        return Err(Failure::usage(
+            "no setting of the table has these electrodes, this module and this current",
+        ));
+    }
+    match chosen(&points, options.error_mm, options.max_seconds) {
+        Advice::This(point) => Ok(point.clone()),
+        Advice::None { quickest, best } => {
+            let mut message = format!(
+                "no setting finds a 10 mm press within {} mm in {} s.",
+                options.error_mm, options.max_seconds
+            );
+            message += &match quickest {
+                Some(point) => format!(
+                    "\nGood enough takes {:.2} s: {}, {}.",
+                    point.time, point.line, point.setting
+                ),
+                None => "\nNone of the table is good enough.".to_owned(),
+            };
+            message += &match best {
+                Some(point) => format!(
+                    "\nThe best in that time is {:.2} mm: {}, {} ({:.2} s).",
+                    point.error, point.line, point.setting, point.time
+                ),
+                None => "\nNone of the table is quick enough.".to_owned(),
+            };
+            Err(Failure::because(message))
+        }
+    }
+}
+
+fn parsed(name: &str, text: &str) -> Result<Panel, Failure> {
+    let wrong = |why: String| {
+        Failure::because(format!(
+            "{name}: {why}; tactus-lab tradeoff --only acquisition makes such a table"
+        ))
+    };
+    let panel: Panel = serde_json::from_str(text).map_err(|fault| wrong(fault.to_string()))?;
+    match panel.panel.as_str() {
+        "acquisition" => Ok(panel),
+        other => Err(wrong(format!("is the table of '{other}'"))),
+    }
+}
+
+fn fits(point: &Point, options: &Request) -> bool {
+    let is = |name: &str, wanted: Option<f64>| {
+        wanted.is_none_or(|wanted| {
+            point
+                .also
+                .get(name)
+                .is_some_and(|value| (value / wanted - 1.0).abs() < 1e-6)
+        })
+    };
+    let module = options.module.as_ref().is_none_or(|name| {
+        let (line, name) = (point.line.to_lowercase(), name.to_lowercase());
+        line.contains(&name)
+    });
+    module
+        && is("electrodes", options.electrodes.map(|count| count as f64))
+        && is("current, mA", options.current_ma)
+}
+
+enum Advice<'a> {
+    This(&'a Point),
+    None {
+        quickest: Option<&'a Point>,
+        best: Option<&'a Point>,
+    },
+}
+
+/// Of the settings that are good enough the quickest; of two as quick the better one.
+fn chosen<'a>(points: &[&'a Point], error_mm: f64, max_seconds: f64) -> Advice<'a> {
+    let good = |point: &&&Point| point.error <= error_mm;
+    let quick = |point: &&&Point| point.time <= max_seconds;
+    let quickest = points
+        .iter()
+        .filter(good)
+        .min_by(|a, b| {
+            (a.time, a.error)
+                .partial_cmp(&(b.time, b.error))
+                .expect("numbers")
+        })
+        .copied();
+    match quickest {
+        Some(point) if point.time <= max_seconds => Advice::This(point),
+        quickest => Advice::None {
+            quickest,
+            best: points
+                .iter()
+                .filter(quick)
+                .min_by(|a, b| a.error.total_cmp(&b.error))
+                .copied(),
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_quickest_that_is_good_enough_or_what_is_nearest() {
+        let point = |time, error| Point::new("m", "s", time, &[error]);
+        let all = [
+            point(1.0, 9.0),
+            point(2.0, 1.5),
+            point(3.0, 1.0),
+            point(9.0, 0.1),
+        ];
+        let points: Vec<&Point> = all.iter().collect();
+        let Advice::This(chosen_one) = chosen(&points, 2.0, 5.0) else {
+            panic!("2 s and 1.5 mm are there")
+        };
+        assert_eq!(chosen_one.time, 2.0);
+        let Advice::None { quickest, best } = chosen(&points, 0.5, 5.0) else {
+            panic!("0.1 mm takes 9 s")
+        };
+        assert_eq!(quickest.map(|p| p.time), Some(9.0));
+        assert_eq!(best.map(|p| p.error), Some(1.0));
+        let Advice::None { quickest, best } = chosen(&points, 0.01, 0.5) else {
+            panic!("nothing is that good or that quick")
+        };
+        assert!(quickest.is_none() && best.is_none());
+    }
+
+    #[test]
+    fn the_kept_table_is_one() {
+        let panel = parsed("kept", KEPT).unwrap();
+        assert!(
+            panel
+                .points
+                .iter()
+                .all(|point| point.time > 0.0 && point.error > 0.0)
+        );
+        assert!(
+            parsed("x", "{}")
+                .unwrap_err()
+                .to_string()
+                .contains("tradeoff --only")
+        );
+    }
+}

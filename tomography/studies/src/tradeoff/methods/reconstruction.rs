@@ -1,0 +1,303 @@
+//! Diagram 3: every method that makes maps, on four scenes.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use outfile::Existing;
+use phantom::Scene;
+
+use super::precision;
+use crate::artifact_cache::ArtifactCache;
+use crate::evaluation::{Judged, average, figures, maps_not_refused, of_frames};
+use crate::failure::Failure;
+use crate::tradeoff::Effort;
+use crate::tradeoff::panel::{FARTHEST_MM, Panel, Point, quantile};
+use crate::tradeoff::trained::{Trained, judged_sets};
+
+/// What a method is told, and what it is called.
+struct Method {
+    line: &'static str,
+    setting: String,
+    words: Vec<String>,
+    /// What came before the first frame and is not in a model's loading, s.
+    training_s: Option<f64>,
+    /// Whether it is left out where frames are few seconds each.
+    slow: bool,
+}
+
+pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel, Failure> {
+    let methods = methods(effort, place)?;
+    let mut points = Vec::new();
+    let mut refused = Vec::new();
+    for kind in effort.of(&[Kind::Presses10][..], &Kind::ALL) {
+        let sets = kind.sets(effort, place)?;
+        for method in &methods {
+            // minutes for all five sets: some draws less do not change what is seen
+            let sets = if method.slow { &sets[..2] } else { &sets[..] };
+            let (mut errors, mut times, mut all, mut setups) =
+                (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+            let (mut means, mut asked, mut made) = (Vec::new(), 0, 0);
+            for set in sets {
+                let start = Instant::now();
+                let judged = maps_not_refused(&set.folder, method.line, &method.words)?;
+                let whole = start.elapsed().as_secs_f64();
+                asked += set.frames;
+                made += judged.frames.len();
+                let seconds: Vec<f64> = judged.frames.iter().map(|frame| 1e-3 * frame.ms).collect();
+                setups.push((whole - seconds.iter().sum::<f64>()).max(0.0));
+                times.extend(seconds);
+                let found = distances_mm(&judged);
+                if !found.is_empty() {
+                    errors.push(average(found.iter().copied()));
+                    all.extend(found);
+                    means.push(figures(method.line, &judged, &of_frames(&judged)?));
+                }
+            }
+            if errors.is_empty() {
+                refused.push(format!(
+                    "{}: {}, {} refuses every frame",
+                    kind.name(),
+                    method.line,
+                    method.setting
+                ));
+                continue;
+            }
+            let mean = |of: fn(&crate::evaluation::Figures) -> f64| {
+                average(means.iter().map(of).filter(|value| value.is_finite()))
+            };
+            let p99 = quantile(&mut times, 0.99);
+            points.push(
+                Point::new(
+                    method.line,
+                    &method.setting,
+                    quantile(&mut times, 0.5),
+                    &errors,
+                )
+                .of(kind.name())
+                .with("refused, share", 1.0 - made as f64 / asked as f64)
+                .with("p99, s", p99)
+                .with("p95 error, mm", quantile(&mut all, 0.95))
+                .with("correlation", mean(|f| f.correlation))
+                .with("SSIM", mean(|f| f.ssim))
+                .with("Dice", mean(|f| f.dice))
+                .with("AR", mean(|f| f.greit[0]))
+                .with("PE", mean(|f| f.greit[1]))
+                .with("RES", mean(|f| f.greit[2]))
+                .with("SD", mean(|f| f.greit[3]))
+                .with("RNG", mean(|f| f.greit[4]))
+                .with("set-up, s", quantile(&mut setups, 0.5))
+                .with("training, s", method.training_s.unwrap_or(f64::NAN)),
+            );
+        }
+    }
+    Ok(Panel {
+        panel: "reconstruction".to_owned(),
+        title: "Reconstruction: location error against a frame's time".to_owned(),
+        across: "a frame, s".to_owned(),
+        up: "location error, mm".to_owned(),
+        shows: "Every method and its sizes on four scenes, five draws of each (other seeds, finer mesh): single presses of 10 and 30 mm \
+                under 2 uV of noise, a night at a bedside, and a torture scene with every effect at once; the distance from the true \
+                to the found place (centroid of the upper half of the loss), the table with 95th percentile, correlation, SSIM, Dice, \
+                GREIT's figures and the share of frames that a method refuses. Networks are trained here on few cases; total \
+                variation goes by its gap to the minimum, which is what its iterations are for."
+            .to_owned(),
+        not_proved: "The location error says nothing of shapes: the table's other columns do. Times are of one frame after the other \
+                     in one process; `best` is judged and timed on two draws, 16 frames, only. In the torture scene electrodes come off and are shorted, and \
+                     no method is told."
+            .to_owned(),
+        not_built: refused,
+        costs: true,
+        points,
+    }
+    .with_front())
+}
+
+/// What is measured.
+#[derive(Clone, Copy)]
+enum Kind {
+    Presses10,
+    Presses30,
+    Bedside,
+    Torture,
+}
+
+/// A judged folder.
+struct Set {
+    folder: PathBuf,
+    frames: usize,
+}
+
+impl Kind {
+    const ALL: [Self; 4] = [
+        Self::Presses10,
+        Self::Presses30,
+        Self::Bedside,
+        Self::Torture,
+    ];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Presses10 => "clean",
+            Self::Presses30 => "large",
+            Self::Bedside => "bedside",
+            Self::Torture => "torture",
+        }
+    }
+
+    fn sets(self, effort: &Effort, place: &ArtifactCache<'_>) -> Result<Vec<Set>, Failure> {
+        let judged = |set: &str| -> Result<Vec<Set>, Failure> {
+            let frames = effort.of(4, 8);
+            let sets = judged_sets(effort, place, set, frames)?;
+            Ok(sets
+                .into_iter()
+                .map(|folder| Set { folder, frames })
+                .collect())
+        };
+        match self {
+            Self::Presses10 => judged("presses-10"),
+            Self::Presses30 => judged("presses-30"),
+            // through the night by the hour; from the baseline through all that breaks
+            Self::Bedside => scenes(effort, place, "bedside-night", "3600"),
+            Self::Torture => scenes(effort, place, "torture", "60"),
+        }
+    }
+}
+
+/// Frames of a shipped scene, drawn from other seeds.
+fn scenes(
+    effort: &Effort,
+    place: &ArtifactCache<'_>,
+    name: &str,
+    every: &str,
+) -> Result<Vec<Set>, Failure> {
+    let text = Scene::shipped()
+        .iter()
+        .find(|(shipped, _)| *shipped == name)
+        .map(|(_, text)| *text)
+        .ok_or_else(|| Failure::because(format!("scene '{name}' does not ship with this build")))?;
+    (0..effort.seeds())
+        .map(|draw| {
+            let seed = 1000 * (effort.seed + 1) + draw;
+            let lines = text.lines().map(|line| match line.starts_with("seed = ") {
+                true => format!("seed = {seed}\n"),
+                false => format!("{line}\n"),
+            });
+            let scene = place.path(&format!("sets/{name}-{seed}.toml"));
+            crate::failure::write(&scene, Existing::Replace, lines.collect())?;
+            let file = scene.display().to_string();
+            let folder = place.made(
+                &format!("sets/{name}-{seed}"),
+                &["scene", "run", &file, "--every", every, "--frames", "9"],
+            )?;
+            Ok(Set { folder, frames: 8 })
+        })
+        .collect()
+}
+
+/// From the true to the found place, frame by frame; frames without a load are left out. A map that shows no loss is as far
+/// off as the sheet allows.
+fn distances_mm(judged: &Judged) -> Vec<f64> {
+    let mesh = &judged.case.mesh;
+    let (centroids, areas) = (mesh.region_centroids(), mesh.region_areas());
+    judged
+        .frames
+        .iter()
+        .filter_map(|frame| {
+            let at = frame
+                .place
+                .or_else(|| frame.truth.found(&centroids, &areas))?;
+            Some(match frame.map.found(&centroids, &areas) {
+                Some(found) => 1e3 * (found[0] - at[0]).hypot(found[1] - at[1]),
+                None => FARTHEST_MM,
+            })
+        })
+        .collect()
+}
+
+fn methods(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Vec<Method>, Failure> {
+    let mut methods = Vec::new();
+    let mut plain = |line: &'static str, setting: &str, words: &str, slow: bool| {
+        methods.push(Method {
+            line,
+            setting: setting.to_owned(),
+            words: ["--method"]
+                .into_iter()
+                .chain(words.split(' '))
+                .map(str::to_owned)
+                .collect(),
+            training_s: None,
+            slow,
+        });
+    };
+    plain("one-step", "noser", "one-step", false);
+    plain(
+        "one-step",
+        "noser, map error 1e-3",
+        "one-step --map-error 1e-3",
+        false,
+    );
+    plain(
+        "one-step, losses only",
+        "noser",
+        "one-step --loss-only",
+        false,
+    );
+    if effort.full {
+        plain("one-step", "laplace", "one-step --prior laplace", false);
+        plain("one-step", "gaussian", "one-step --prior gaussian", false);
+        plain(
+            "one-step, losses only",
+            "laplace",
+            "one-step --prior laplace --loss-only",
+            false,
+        );
+    }
+    plain("paper's TV step", "alpha 1e-6", "tv-paper", false);
+    for gap in effort.of(
+        &["1e-1", "1e-3"][..],
+        &["1", "3e-1", "1e-1", "1e-2", "1e-3", "1e-6"],
+    ) {
+        plain(
+            "TV",
+            &format!("gap {gap}"),
+            &format!("tv --gap {gap}"),
+            false,
+        );
+        let words = format!("tv --loss-only --gap {gap}");
+        plain("TV, losses only", &format!("gap {gap}"), &words, false);
+    }
+    if effort.full {
+        plain("best", "at most four shapes", "best", true);
+    }
+    let seed = effort.seed.to_string();
+    let cases = precision::cases(effort);
+    let mut trained = |line: &'static str, setting: String, trained: Trained| {
+        methods.push(Method {
+            line,
+            setting,
+            words: trained.words(),
+            training_s: Some(trained.seconds),
+            slow: false,
+        });
+    };
+    let common = ["--profile", "matched", "--cases", cases, "--seed", &seed];
+    let words = [&["train", "linear"][..], &common].concat();
+    trained(
+        "linear",
+        format!("{cases} cases"),
+        Trained::new(place, &words)?,
+    );
+    for centres in effort.of(&["25", "100"][..], &["25", "50", "100", "200", "400"]) {
+        let words = [&["train", "rbf"][..], &common, &["--neurons", centres]].concat();
+        trained(
+            "RBF network",
+            format!("{centres} centres"),
+            Trained::new(place, &words)?,
+        );
+    }
+    for &width in precision::widths(effort) {
+        let model = precision::deep(effort, place, width, "f32")?;
+        trained("deep network", format!("width {width}"), model);
+    }
+    Ok(methods)
+}

@@ -1,0 +1,167 @@
+//! What accuracy costs in time, as eight diagrams and one page (`tactus-lab tradeoff`).
+//!
+//! Every diagram is a table of points (`NAME.json`) with the settings and the seed that made it, drawn as PNG and SVG. A
+//! table that lies there and was made by the same settings is not made again: who is stopped goes on. Times are of this
+//! machine; errors are the same for the same seed.
+
+mod advise;
+mod measuring;
+mod methods;
+mod modelling;
+mod page;
+mod panel;
+mod trained;
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use clap::ValueEnum;
+use outfile::Existing;
+
+use crate::artifact_cache::{ArtifactCache, Program};
+use crate::failure::{Failure, write};
+pub use advise::{Request, advise};
+use measuring::{acquisition, months};
+use methods::{precision, reconstruction, training, uncertainty};
+use modelling::{forward, solver};
+pub use panel::{Panel, Point};
+
+/// One diagram of error against time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PanelName {
+    /// Voltages of a sheet against the size of the mesh
+    Forward,
+    /// Ways to solve the same system
+    Solver,
+    /// Methods that make maps
+    Reconstruction,
+    /// How the sheet is measured: millimetres against seconds
+    Acquisition,
+    /// Width and number format of a deep network
+    Precision,
+    /// Cases and epochs of a training
+    Training,
+    /// Stated against found coverage
+    Uncertainty,
+    /// What drift does to an old baseline
+    Months,
+}
+
+impl PanelName {
+    /// As on the command line, and as its files are called.
+    pub fn name(self) -> String {
+        self.to_possible_value()
+            .map_or_else(String::new, |value| value.get_name().to_owned())
+    }
+}
+
+/// What is to be made.
+#[derive(Debug)]
+pub struct Settings {
+    /// The sizes whose results are kept, in place of small ones.
+    pub full: bool,
+    /// Only these diagrams; all where there is none.
+    pub only: Vec<PanelName>,
+    /// The same seed gives the same numbers, times apart.
+    pub seed: u64,
+    /// Folder of the page, its figures and tables; default `tradeoff-quick` or `tradeoff-full`.
+    pub folder: Option<PathBuf>,
+    /// What becomes of a folder that another command has made.
+    pub existing: Existing,
+}
+
+/// How much is done.
+pub(crate) struct Effort {
+    pub(crate) full: bool,
+    pub(crate) seed: u64,
+}
+
+impl Effort {
+    /// One of two sizes.
+    pub(crate) fn of<T>(&self, quick: T, full: T) -> T {
+        if self.full { full } else { quick }
+    }
+
+    /// Times that something is run for its median.
+    pub(crate) fn runs(&self) -> usize {
+        20
+    }
+
+    /// Draws of noise or meshes behind an error's bar.
+    pub(crate) fn seeds(&self) -> u64 {
+        5
+    }
+
+    fn name(&self) -> &'static str {
+        self.of("quick", "full")
+    }
+
+    /// What was chosen, beside every table.
+    pub(crate) fn described(&self) -> serde_json::Value {
+        serde_json::json!({
+            "run": self.name(),
+            "seed": self.seed,
+            "version": env!("CARGO_PKG_VERSION"),
+            "build": if cfg!(debug_assertions) { "development" } else { "release" },
+            "threads": rayon::current_num_threads(),
+            "machine": format!("{} {}", std::env::consts::ARCH, std::env::consts::OS),
+        })
+    }
+}
+
+/// Makes what is missing, draws, writes the page; gives the path of the page where all diagrams were made. `done` is called
+/// with each diagram.
+///
+/// # Errors
+/// A folder that belongs to another command, a table that is damaged, or a study that fails.
+pub fn run(
+    settings: &Settings,
+    program: &dyn Program,
+    done: &mut dyn FnMut(&Panel),
+) -> Result<Option<PathBuf>, Failure> {
+    let effort = Effort {
+        full: settings.full,
+        seed: settings.seed,
+    };
+    let folder = match &settings.folder {
+        Some(folder) => folder.clone(),
+        None => PathBuf::from(format!("tradeoff-{}", effort.name())),
+    };
+    let place = ArtifactCache::new(folder, "tradeoff", settings.existing, program)?;
+    let wanted = |name: &&PanelName| settings.only.is_empty() || settings.only.contains(name);
+    let mut panels = Vec::new();
+    for name in PanelName::value_variants().iter().filter(wanted) {
+        let panel = made(*name, &effort, &place)?;
+        panel.draw(&place)?;
+        done(&panel);
+        panels.push(panel);
+    }
+    if !settings.only.is_empty() {
+        return Ok(None);
+    }
+    let path = place.path("index.html");
+    write(&path, Existing::Replace, page::page(&effort, &panels))?;
+    Ok(Some(path))
+}
+
+/// The panel from its table where the same settings made it, else new.
+fn made(name: PanelName, effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel, Failure> {
+    let file = format!("{}.json", name.name());
+    if let Some(panel) = Panel::read(&place.path(&file), effort)? {
+        return Ok(panel);
+    }
+    let start = Instant::now();
+    let panel = match name {
+        PanelName::Forward => forward::panel(effort)?,
+        PanelName::Solver => solver::panel(effort)?,
+        PanelName::Reconstruction => reconstruction::panel(effort, place)?,
+        PanelName::Acquisition => acquisition::panel(effort)?,
+        PanelName::Precision => precision::panel(effort, place)?,
+        PanelName::Training => training::panel(effort, place)?,
+        PanelName::Uncertainty => uncertainty::panel(),
+        PanelName::Months => months::panel(effort)?,
+    };
+    eprintln!("{}: {:.0} s", name.name(), start.elapsed().as_secs_f64());
+    place.write(&file, &panel.described(effort))?;
+    Ok(panel)
+}

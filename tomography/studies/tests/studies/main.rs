@@ -1,0 +1,4 @@
+//! What the studies find: presses of the paper's Test #1, and the hard cases.
+
+mod presses;
+mod stability;

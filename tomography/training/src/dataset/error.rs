@@ -1,0 +1,53 @@
+//! Why a training set in files cannot be made or used.
+
+use std::path::{Path, PathBuf};
+
+use eit::{SampleError, TrainError};
+use outfile::OutFileError;
+
+/// Why there is no training set, or no shard of one.
+#[derive(Debug, thiserror::Error)]
+pub enum DataSetError {
+    /// A file or folder cannot be read or written.
+    #[error("{}", .path.display())]
+    Io {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        #[source]
+        cause: std::io::Error,
+    },
+    /// A file or folder is not what is needed.
+    #[error("{}{why}", .path.display())]
+    Unusable {
+        /// Which.
+        path: PathBuf,
+        /// What is wrong with it, and what to do; begins with a colon or a space.
+        why: String,
+    },
+    /// The set cannot be simulated with these settings.
+    #[error("the training set")]
+    Settings(#[from] TrainError),
+    /// A case cannot be solved.
+    #[error("the training set")]
+    Sample(#[from] SampleError),
+    /// A file that exists is not replaced.
+    #[error(transparent)]
+    Output(#[from] OutFileError),
+}
+
+impl DataSetError {
+    pub(super) fn io(path: &Path, cause: std::io::Error) -> Self {
+        Self::Io {
+            path: path.to_owned(),
+            cause,
+        }
+    }
+
+    pub(super) fn unusable(path: &Path, why: impl Into<String>) -> Self {
+        Self::Unusable {
+            path: path.to_owned(),
+            why: why.into(),
+        }
+    }
+}

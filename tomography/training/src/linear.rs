@@ -1,0 +1,222 @@
+//! The trained linear map: the matrix of least mean square error over a training set and the noise of its profile.
+//!
+//! x = W dv with W = E[x dv'] (E[dv dv'] + N)^-1, moments about zero, so that no change is no load. N is the jitter's own
+//! covariance, not a sample of it: more copies would only approach this. Kept as a network of one layer: every program
+//! that loads networks loads it, in f32, f16 or int8.
+
+use std::sync::Arc;
+
+use eit::inverse::learned::network::{Layer, Rounding, TrainingDistribution, Weights};
+use eit::{
+    Case, DeepNetwork, DeepReport, DeepSettings, Jitter, Model, Network, Noise, Precision, Report,
+    Samples, Simulation, Stage, TrainingSettings, dense_target,
+};
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+
+use crate::error::FitError;
+use crate::model_cache::{Cached, kept, single_current};
+use crate::noise_figure::with_noise_figure;
+use crate::symmetry::Symmetric;
+
+/// Called with the stage of a training, and how much of it is done of how much.
+pub type Progress<'a> = &'a (dyn Fn(Stage, usize, usize) + Sync);
+
+/// Samples read side by side, and summed in their order.
+const BLOCK: usize = 256;
+/// Inputs from which the model learns what is familiar.
+const FAMILIAR: usize = 4000;
+
+/// The map of a case: from the cache if it was trained before with the same settings, else trained and kept there.
+///
+/// # Errors
+/// See [`fit`]; currents that differ, where the noise is known.
+pub fn cached(
+    case: &Case,
+    noise_v: Option<f64>,
+    cases: usize,
+    progress: Progress<'_>,
+) -> Result<Cached, FitError> {
+    let settings = TrainingSettings {
+        cases,
+        repeats: 1,
+        jitter: match noise_v {
+            Some(noise_v) => matched(&[noise_v], single_current(case)?),
+            None => Jitter::paper(),
+        },
+        ..TrainingSettings::default()
+    };
+    kept(case, &settings, "linear", || {
+        fit(
+            case,
+            settings.clone(),
+            None,
+            true,
+            Precision::F32,
+            "linear",
+            progress,
+        )
+    })
+}
+
+/// White noise of one level (V), or of several in turns.
+pub fn matched(levels: &[f64], current_a: f64) -> Jitter {
+    match levels {
+        [noise_v] => Jitter::Matched {
+            noise_v: *noise_v,
+            current_a,
+        },
+        _ => Jitter::Levels {
+            noise_v: levels.to_vec(),
+            current_a,
+        },
+    }
+}
+
+/// Sums the moments, case by case, and solves for the matrix. Cases are `samples`, else simulated with `settings`; with
+/// `symmetric` each is seen through every symmetry of the sheet too.
+///
+/// # Errors
+/// A set that cannot be simulated or read, or a covariance that is not definite.
+pub fn fit(
+    case: &Case,
+    settings: TrainingSettings,
+    samples: Option<&dyn Samples>,
+    symmetric: bool,
+    precision: Precision,
+    name: &str,
+    progress: Progress<'_>,
+) -> Result<Model, FitError> {
+    let sigma0 = case.unloaded_conductance();
+    let simulation = Simulation::new(
+        &case.mesh,
+        &case.contact_ohm_m,
+        &sigma0,
+        &case.protocol,
+        &settings,
+    )?;
+    let once: &dyn Samples = samples.unwrap_or(&simulation);
+    // the last cases judge; views of one case stay on one side
+    let held_out = (once.len() / 10).min(500);
+    let learnt = once.len() - held_out;
+    let all = Symmetric::new(once, case, &sigma0);
+    let views = if symmetric { all.views() } else { 1 };
+    let (inputs, outputs) = (once.inputs(), once.outputs());
+    let noise = Noise::new(
+        &settings.jitter,
+        settings.open.spread,
+        once.baseline(),
+        settings.seed,
+    )?;
+    let mut covariance = DMatrix::<f64>::zeros(inputs, inputs);
+    // a row a reading: what a case adds to a triangle is one column
+    let mut cross = DMatrix::<f64>::zeros(inputs, outputs);
+    let mut seen: Vec<f32> = Vec::new();
+    let read = |case: usize| {
+        (0..views)
+            .map(|view| all.sample(case * all.views() + view))
+            .collect::<Result<Vec<_>, _>>()
+    };
+    let mut first = 0;
+    while first < learnt {
+        let last = (first + BLOCK).min(learnt);
+        let block = (first..last)
+            .into_par_iter()
+            .map(read)
+            .collect::<Result<Vec<_>, _>>()?;
+        let block: Vec<_> = block.into_iter().flatten().collect();
+        let columns = DMatrix::from_fn(inputs, block.len(), |i, k| f64::from(block[k].input[i]));
+        covariance.gemm(1.0, &columns, &columns.transpose(), 1.0);
+        for (k, sample) in block.iter().enumerate() {
+            for &(unknown, change) in &sample.target {
+                cross
+                    .column_mut(unknown as usize)
+                    .axpy(f64::from(change), &columns.column(k), 1.0);
+            }
+            if seen.len() < FAMILIAR * inputs {
+                let mut row = sample.input.clone();
+                noise.add(&mut row, 0, first * views + k, learnt * views);
+                seen.extend(row);
+            }
+        }
+        first = last;
+        progress(Stage::Cases, first, learnt);
+    }
+    let count = (learnt * views) as f64;
+    covariance /= count;
+    cross /= count;
+    let mut with_noise = covariance.as_slice().to_vec();
+    noise.add_covariance(&mut with_noise);
+    let factor = DMatrix::from_vec(inputs, inputs, with_noise)
+        .cholesky()
+        .ok_or(FitError::Covariance)?;
+    // a column a triangle is a row of the layer
+    let solved = factor.solve(&cross);
+    let weights: Vec<f32> = solved.iter().map(|value| *value as f32).collect();
+    let layer = Layer {
+        weights: Weights::F32(weights),
+        bias: vec![0.0; outputs],
+    };
+    let exact = DeepNetwork::new(
+        vec![0.0; inputs],
+        vec![1.0; inputs],
+        vec![0.0; inputs],
+        vec![layer],
+    )
+    .map_err(FitError::Network)?;
+    let network = exact.with_precision(precision);
+    let (mut loss, mut kept_loss, mut empty, mut moved, mut size) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for k in learnt..once.len() {
+        let sample = once.sample(k)?;
+        let mut row = sample.input.clone();
+        noise.add(&mut row, 0, k, once.len());
+        let truth = dense_target(&sample.target, outputs);
+        let (map, kept) = (exact.predict(&row), network.predict(&row));
+        for ((map, kept), truth) in map.iter().zip(&kept).zip(&truth) {
+            let (map, kept, truth) = (f64::from(*map), f64::from(*kept), f64::from(*truth));
+            loss += 0.5 * (map - truth).powi(2);
+            kept_loss += 0.5 * (kept - truth).powi(2);
+            empty += 0.5 * truth * truth;
+            moved += (map - kept).powi(2);
+            size += map * map;
+        }
+    }
+    let judged = held_out.max(1) as f64;
+    let familiar = TrainingDistribution::learn(&seen, inputs).ok_or(FitError::Alike)?;
+    let report = DeepReport {
+        settings: DeepSettings {
+            hidden_layers: 0,
+            width: 0,
+            batch_normalisation: false,
+            held_out,
+            epochs: 1,
+            ..DeepSettings::default()
+        },
+        parameters: inputs * outputs,
+        samples: learnt * views,
+        epochs: 1,
+        best_epoch: 1,
+        training_loss: loss / judged,
+        held_out_loss: loss / judged,
+        empty_loss: empty / judged,
+        kept: Rounding {
+            precision,
+            map_change: if size > 0.0 {
+                (moved / size).sqrt()
+            } else {
+                0.0
+            },
+            held_out_loss: kept_loss / judged,
+        },
+    };
+    let model = Model::new(
+        name,
+        Arc::clone(&case.mesh),
+        &case.protocol,
+        Network::Deep(network, familiar),
+        settings,
+        Report::Deep(report),
+        None,
+    )?;
+    Ok(with_noise_figure(model, case, &sigma0, &noise))
+}

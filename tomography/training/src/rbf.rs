@@ -1,0 +1,85 @@
+//! The RBF network of a case (the paper's section 4.3) as a model file.
+
+use std::sync::Arc;
+
+use eit::{
+    Case, Model, Network, Noise, Report, Samples, Simulation, TrainingReport, TrainingSettings,
+    train_rbf_on,
+};
+
+use crate::error::FitError;
+use crate::linear::Progress;
+use crate::model_cache::{Cached, kept};
+use crate::noise_figure::with_noise_figure;
+
+/// Above this ratio of spread to median distance a few samples rule the spread of Eq. 13.
+pub const SPREAD_RULED: f64 = 10.0;
+
+/// What there is to say of a spread that a few samples rule.
+pub fn spread_note(report: &TrainingReport) -> Option<String> {
+    (report.spread_over_median > SPREAD_RULED).then(|| {
+        format!(
+            "the spread is {:.0} median distances: a few cases near electrodes rule it (Eq. 13)",
+            report.spread_over_median
+        )
+    })
+}
+
+/// Trains on `samples`, else on cases simulated with `settings`.
+///
+/// # Errors
+/// A set that cannot be simulated or read, settings without meaning, or a least-squares problem that cannot be solved.
+pub fn fit(
+    case: &Case,
+    settings: TrainingSettings,
+    samples: Option<&dyn Samples>,
+    name: &str,
+    progress: Progress<'_>,
+) -> Result<Model, FitError> {
+    let sigma0 = case.unloaded_conductance();
+    let simulation = Simulation::new(
+        &case.mesh,
+        &case.contact_ohm_m,
+        &sigma0,
+        &case.protocol,
+        &settings,
+    )?;
+    let samples = samples.unwrap_or(&simulation);
+    let (network, report) = train_rbf_on(samples, &settings, progress)?;
+    let noise = Noise::new(
+        &settings.jitter,
+        settings.open.spread,
+        samples.baseline(),
+        settings.seed,
+    )?;
+    let model = Model::new(
+        name,
+        Arc::clone(&case.mesh),
+        &case.protocol,
+        Network::Rbf(network),
+        settings,
+        Report::Rbf(report),
+        None,
+    )?;
+    Ok(with_noise_figure(model, case, &sigma0, &noise))
+}
+
+/// The RBF network of a case: from the cache if it was trained before with the same settings, else trained and kept there.
+///
+/// # Errors
+/// See [`fit`].
+pub fn cached(
+    case: &Case,
+    settings: &TrainingSettings,
+    progress: Progress<'_>,
+) -> Result<Cached, FitError> {
+    let mut cached = kept(case, settings, "rbf", || {
+        fit(case, settings.clone(), None, "rbf", progress)
+    })?;
+    if cached.is_new
+        && let Report::Rbf(report) = &cached.model.metadata().report
+    {
+        cached.notes.extend(spread_note(report));
+    }
+    Ok(cached)
+}
