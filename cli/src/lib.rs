@@ -1,15 +1,12 @@
-//! Who may interrupt: `tactus`.
+//! The program `tactus`.
 //!
-//! This room turns a command line into calls of a running daemon (status, baseline, start, stop, watch, plan) or into
-//! work on recorded files without one (sessions, export, replay), and answers in text for a person or, with `--json`,
-//! in one object a line for a script. Refused at this door: instruments, the daemon's insides, anything that would make
-//! an answer up: no daemon is an error that says how to start one, a missing reading is a blank and never a number.
+//! It turns a command line into calls of a running daemon (status, baseline, start, stop, watch, plan) or into work on
+//! recorded files without one (sessions, export, replay), and prints text for a person or, with `--json`, one object a
+//! line for a script. It knows neither instruments nor the inside of the daemon. No output is made up: without a daemon
+//! it reports how to start one, and a missing reading is a blank and never a number.
 //!
-//! - **printer**: where answers go, in one of the two languages
-//! - **failure**: why a command did not do what was asked, and the exit code that says so
-//! - **health**: whether the daemon is well, as it tells it itself
-//! - **log**: what happened to the daemon and to all sessions; **doctor**: whether the machine is fit for a daemon
-//! - **eye**: what turns voltages into a map here: a model file, or the one-step method on a geometry
+//! The modules build on each other in this order: `options` and `output`; `connection` (to the daemon) and
+//! `session_files`; `maps`; and the commands in `control`, `instruments`, `records` and `doctor`.
 //!
 //! ```
 //! use std::process::ExitCode;
@@ -18,14 +15,16 @@
 //! ```
 
 mod args;
-pub(crate) mod control;
+mod connection;
+mod control;
 mod doctor;
 mod failure;
 mod instruments;
-pub(crate) mod maps;
-pub(crate) mod options;
+mod maps;
+mod options;
 mod output;
-pub(crate) mod records;
+mod records;
+mod session_files;
 
 use std::ffi::OsString;
 use std::io::Write;
@@ -118,7 +117,7 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                 .build()
                 .map_err(|error| Failure::failed("the program cannot wait for anything", &error))?;
             runtime.block_on(async {
-                let daemon = crate::control::connection::open(&global).await?;
+                let daemon = crate::connection::open(&global).await?;
                 match live {
                     Command::Status => crate::control::status::run(&daemon, printer).await,
                     Command::Instruments { what: None } => instruments::run(&daemon, printer).await,

@@ -8,7 +8,7 @@ use serde::Serialize;
 use survey::{Amps, Volts};
 
 use crate::args::BaselineRecord;
-use crate::control::connection::{Daemon, fault};
+use crate::connection::{Daemon, fault};
 use crate::control::session;
 use crate::failure::Failure;
 use crate::output::Printer;

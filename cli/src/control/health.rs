@@ -5,7 +5,7 @@ use dbus::{Fault, Options};
 use serde::Serialize;
 
 use crate::options::duration::display_long;
-use crate::records::sessions::{local, utc};
+use crate::output::time::{local, utc};
 
 /// `health` of `status --json`; see `docs/reference/json.md`.
 #[derive(Debug, Default, Serialize)]

@@ -1,8 +1,7 @@
-//! Commands that talk to the daemon about sessions: connection, start, stop, baseline, status, watch, plan.
+//! Commands that control the daemon's sessions: start, stop, baseline, status, watch, plan.
 //! Commands about instruments are in `instruments`.
 
 pub(crate) mod baseline;
-pub(crate) mod connection;
 pub(crate) mod health;
 pub(crate) mod notify;
 pub(crate) mod plan;

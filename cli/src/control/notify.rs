@@ -4,7 +4,7 @@ use std::io::Write;
 
 use serde::Serialize;
 
-use crate::control::connection::{Daemon, fault};
+use crate::connection::{Daemon, fault};
 use crate::failure::Failure;
 use crate::output::Printer;
 

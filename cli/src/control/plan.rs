@@ -8,7 +8,7 @@ use dbus::{Options, PlanReport};
 use serde::Serialize;
 use survey::{Amps, Volts};
 
-use crate::control::connection::{Daemon, fault};
+use crate::connection::{Daemon, fault};
 use crate::failure::Failure;
 use crate::options::duration::display_span;
 use crate::output::Printer;

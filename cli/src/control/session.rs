@@ -1,19 +1,18 @@
 //! `tactus start`, `stop` and `step`: a measuring session from its beginning to its end.
 
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use dbus::{Options, Session1Proxy};
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use crate::args::{Start, Step, Stop};
-use crate::control::connection::{Daemon, fault};
-use crate::control::status::said;
+use crate::connection::{Daemon, fault, nonempty};
 use crate::failure::Failure;
 use crate::options::duration::display_span;
 use crate::output::Printer;
+use crate::output::progress::progress;
 
 /// Where no bar can be drawn, a line says so often how far it is.
 const SAYS_EVERY: Duration = Duration::from_secs(10);
@@ -195,7 +194,7 @@ pub(crate) async fn follow(
             session.receive_frame_done().await.map_err(Into::into)
         })
         .await?;
-    let bar = bar(whole, printer.is_terminal());
+    let bar = progress(whole, printer.is_terminal());
     let done = async {
         let wait = session.wait();
         tokio::pin!(wait);
@@ -276,32 +275,13 @@ pub(crate) async fn judge(daemon: &Daemon, session: &Session1Proxy<'_>) -> Resul
     if daemon.ask("the session", session.state()).await? != "faulted" {
         return Ok(());
     }
-    let error = said(daemon.ask("the session", session.last_error()).await?);
+    let error = nonempty(daemon.ask("the session", session.last_error()).await?);
     Err(Failure::Instrument(format!(
         "the session ended in a fault: {}; `tactus instruments` shows which ones answer",
         error
             .as_deref()
             .unwrap_or("the daemon's journal says which")
     )))
-}
-
-fn bar(whole: Option<u64>, terminal: bool) -> ProgressBar {
-    if !terminal || !std::io::stderr().is_terminal() {
-        return ProgressBar::hidden();
-    }
-    let (bar, template) = match whole {
-        Some(whole) => (
-            ProgressBar::new(whole),
-            "{bar:40} {pos}/{len} frames, {eta} left",
-        ),
-        None => (
-            ProgressBar::new_spinner(),
-            "{spinner} {pos} frames, {elapsed}",
-        ),
-    };
-    bar.with_style(
-        ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()),
-    )
 }
 
 #[cfg(test)]

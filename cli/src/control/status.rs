@@ -6,10 +6,10 @@ use dbus::{Fault, Options, Session1Proxy};
 use serde::Serialize;
 use survey::MapUnit;
 
-use crate::control::connection::{Daemon, fault};
+use crate::connection::{Daemon, fault, nonempty};
 use crate::control::health::Health;
-use crate::control::viewer::burden;
 use crate::failure::Failure;
+use crate::maps::drawing::map_summary;
 use crate::output::Printer;
 
 /// The line of `status --json`; see `docs/reference/json.md`.
@@ -121,7 +121,7 @@ impl Shown {
         let mut text = format!(
             "frame {}: {}",
             self.sequence,
-            burden(self.largest_loss.unwrap_or(0.0), pressed)
+            map_summary(self.largest_loss.unwrap_or(0.0), pressed)
         );
         if let Some(seconds) = self.reconstruction_s {
             text.push_str(&format!(", made in {:.3} ms", 1e3 * seconds));
@@ -142,7 +142,7 @@ pub(crate) async fn run(daemon: &Daemon, printer: &mut Printer<impl Write>) -> R
             frames_durable: daemon.ask("the session", session.frames_durable()).await?,
             frames_dropped: daemon.ask("the session", session.frames_dropped()).await?,
             frames_failed: daemon.ask("the session", session.frames_failed()).await?,
-            last_error: said(daemon.ask("the session", session.last_error()).await?),
+            last_error: nonempty(daemon.ask("the session", session.last_error()).await?),
             map: daemon.ask("the last map", Shown::of(&session)).await?,
         }),
     };
@@ -151,7 +151,7 @@ pub(crate) async fn run(daemon: &Daemon, printer: &mut Printer<impl Write>) -> R
         simulated: daemon.ask("the rig", manager.simulated()).await?,
         source: daemon.ask("the source of frames", manager.source()).await?,
         method: daemon.ask("the method", manager.method()).await?,
-        baseline: said(daemon.ask("the baseline", manager.baseline_id()).await?),
+        baseline: nonempty(daemon.ask("the baseline", manager.baseline_id()).await?),
         session,
         source_state: daemon.ask("the source", manager.source_state()).await?,
         recovery: {
@@ -159,7 +159,7 @@ pub(crate) async fn run(daemon: &Daemon, printer: &mut Printer<impl Write>) -> R
             Recovery::from(&Options(told)).map_err(|error| fault("the rig", &error))?
         },
         record_directory: daemon.ask("the record", manager.record_directory()).await?,
-        last_error: said(daemon.ask("the last error", manager.last_error()).await?),
+        last_error: nonempty(daemon.ask("the last error", manager.last_error()).await?),
         version: daemon.ask("the version", manager.version()).await?,
         bus: daemon.address.to_string(),
         health: {
@@ -168,11 +168,6 @@ pub(crate) async fn run(daemon: &Daemon, printer: &mut Printer<impl Write>) -> R
         },
     };
     printer.record(&status, for_a_person)
-}
-
-/// Empty means that there is none.
-pub(crate) fn said(text: String) -> Option<String> {
-    Some(text).filter(|text| !text.is_empty())
 }
 
 fn for_a_person(status: &Status) -> String {

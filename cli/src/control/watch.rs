@@ -9,7 +9,7 @@ use survey::printable;
 use tokio::time::Instant;
 
 use crate::args::Watch;
-use crate::control::connection::Daemon;
+use crate::connection::Daemon;
 use crate::control::viewer::Viewer;
 use crate::failure::Failure;
 use crate::maps::drawing::Field;

@@ -70,7 +70,7 @@ pub(super) async fn look(global: &Global, wanted: &Wanted) -> Told {
         ..global.clone()
     };
     let said = async {
-        let daemon = crate::control::connection::open(&hurried).await?;
+        let daemon = crate::connection::open(&hurried).await?;
         let health = daemon.ask("its health", daemon.manager.health()).await?;
         let directory = daemon
             .ask("the record", daemon.manager.record_directory())

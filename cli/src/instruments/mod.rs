@@ -8,7 +8,7 @@ use std::io::Write;
 
 use serde::Serialize;
 
-use crate::control::connection::Daemon;
+use crate::connection::Daemon;
 use crate::failure::Failure;
 use crate::output::Printer;
 use crate::output::table::columns;

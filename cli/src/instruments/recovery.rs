@@ -7,7 +7,7 @@ use dbus::Options;
 use serde::Serialize;
 
 use crate::args::Transcript;
-use crate::control::connection::Daemon;
+use crate::connection::Daemon;
 use crate::failure::Failure;
 use crate::output::Printer;
 

@@ -7,7 +7,7 @@ use dbus::{Options, RelayWear, TestReport};
 use serde::Serialize;
 use survey::{Ohms, Volts};
 
-use crate::control::connection::{Daemon, fault};
+use crate::connection::{Daemon, fault};
 use crate::failure::Failure;
 use crate::options::duration::display_span;
 use crate::output::Printer;

@@ -140,6 +140,14 @@ pub(crate) fn millimetres(found: Option<[f64; 2]>) -> Option<[f64; 2]> {
     found.map(|place| place.map(|metres| metres * 1e3))
 }
 
+/// The map in words: newtons and kPa where there is a calibration, never without one.
+pub(crate) fn map_summary(largest_loss: f64, pressed: Option<(f64, f64)>) -> String {
+    match pressed {
+        Some((newtons, kpa)) => format!("{newtons:.1} N, largest pressure {kpa:.1} kPa"),
+        None => format!("largest relative loss of conductance {largest_loss:.3}"),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use survey::MapUnit;

@@ -5,4 +5,5 @@ pub(crate) mod drawing;
 pub(crate) mod reconstruction;
 pub(crate) mod recording;
 pub(crate) mod replay;
+pub(crate) mod session_settings;
 pub(crate) mod settings;

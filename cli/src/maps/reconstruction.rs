@@ -160,7 +160,7 @@ fn choose_geometry(
                     folder.display()
                 )));
             }
-            Origin::Session(header) => crate::records::directory::geometry(header)?,
+            Origin::Session(header) => crate::maps::session_settings::geometry(header)?,
         }
     };
     let (mesh, wants) = (geometry.electrodes(), protocol.electrodes());

@@ -7,7 +7,7 @@ use logbook::LogbookError;
 
 use crate::args::{Global, Replay};
 use crate::failure::Failure;
-use crate::records::directory;
+use crate::session_files;
 
 /// Opens what `replay` names: a folder, a session file, or a session's id in the state directory.
 pub(crate) fn open(global: &Global, replay: &Replay) -> Result<Recording, Failure> {
@@ -15,7 +15,10 @@ pub(crate) fn open(global: &Global, replay: &Replay) -> Result<Recording, Failur
     if path.is_dir() {
         from_folder(path, replay)
     } else {
-        from_session(&directory::session_file(global, &replay.source)?, replay)
+        from_session(
+            &session_files::session_file(global, &replay.source)?,
+            replay,
+        )
     }
 }
 
@@ -106,6 +109,6 @@ impl From<RecordedError> for Failure {
 
 impl From<LogbookError> for Failure {
     fn from(error: LogbookError) -> Self {
-        directory::refused(&error)
+        session_files::refused(&error)
     }
 }

@@ -1,9 +1,8 @@
 //! `tactus replay`: a recording reconstructed offline, frame by frame, with the mathematics the daemon uses.
 
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 
 use imaging::recorded::{RecordedFrame, Recording};
-use indicatif::{ProgressBar, ProgressStyle};
 use outfile::OutFile;
 use serde::Serialize;
 use survey::Map;
@@ -14,7 +13,8 @@ use crate::maps::drawing;
 use crate::maps::reconstruction::{Known, Reconstruction};
 use crate::maps::recording;
 use crate::output::Printer;
-use crate::records::sessions::utc;
+use crate::output::progress::progress;
+use crate::output::time::utc;
 
 /// One line of `replay --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
@@ -60,7 +60,7 @@ pub(crate) fn run(
         Some(path) => Some(OutFile::create(path, existing)?),
         None => None,
     };
-    let progress = progress(count, printer.is_terminal());
+    let progress = progress(Some(count as u64), printer.is_terminal());
     let draw = printer.is_terminal() && !replay.no_map;
     let mut verdict = Verdict::default();
     for recorded in recording::frames(&recording, replay) {
@@ -298,15 +298,4 @@ fn row(map: &Map) -> Vec<u8> {
     };
     push().expect("writing into a vector cannot fail");
     row
-}
-
-/// A bar on the terminal's error stream; hidden where nobody watches.
-pub(crate) fn progress(frames: usize, terminal: bool) -> ProgressBar {
-    if !terminal || !std::io::stderr().is_terminal() {
-        return ProgressBar::hidden();
-    }
-    ProgressBar::new(frames as u64).with_style(
-        ProgressStyle::with_template("{bar:40} {pos}/{len} frames, {eta} left")
-            .unwrap_or_else(|_| ProgressStyle::default_bar()),
-    )
 }

@@ -4,8 +4,8 @@ use imaging::recorded::Origin;
 use imaging::{Method, ReconstructionSettings, find_model, find_model_in, short_hash};
 
 use crate::failure::Failure;
+use crate::maps::session_settings;
 use crate::options::choices::MethodChoice;
-use crate::records::directory;
 
 /// Settings of a reconstruction, with what only these programs know about them.
 pub(crate) struct Chosen {
@@ -31,13 +31,13 @@ impl Chosen {
             Origin::Session(_) | Origin::Folder(_) => None,
         };
         let kept = match header.filter(|_| asked.model.is_none()) {
-            Some(header) => Some(directory::kept(header)?.model),
+            Some(header) => Some(session_settings::kept(header)?.model),
             None => None,
         };
         // maps of a model that is named are bounded as the session's were
         let loss_only = asked.loss_only
             || header
-                .and_then(|header| directory::kept(header).ok())
+                .and_then(|header| session_settings::kept(header).ok())
                 .and_then(|kept| kept.model.loss_only)
                 .unwrap_or(false);
         let as_recorded = kept.is_some();

@@ -1,6 +1,8 @@
 //! What is printed: text for a person, or one JSON object a line for a script.
 
+pub(crate) mod progress;
 pub(crate) mod table;
+pub(crate) mod time;
 
 use std::io::{IsTerminal, Write};
 

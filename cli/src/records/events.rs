@@ -8,8 +8,8 @@ use survey::printable;
 use crate::args::Global;
 use crate::failure::Failure;
 use crate::output::Printer;
-use crate::records::directory;
-use crate::records::sessions::{local, utc};
+use crate::output::time::{local, utc};
+use crate::session_files;
 
 /// A line of `events --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
@@ -25,10 +25,10 @@ pub(crate) fn run(
     named: &str,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let session = directory::open(&directory::session_file(global, named)?)?;
+    let session = session_files::open(&session_files::session_file(global, named)?)?;
     let events = session
         .events()
-        .map_err(|error| directory::refused(&error))?;
+        .map_err(|error| session_files::refused(&error))?;
     if events.is_empty() && !printer.is_json() {
         return printer.text("nothing happened to this session but its frames");
     }

@@ -15,11 +15,11 @@ use crate::failure::Failure;
 use crate::maps::drawing;
 use crate::maps::reconstruction::{Known, Reconstruction};
 use crate::maps::recording::left_out;
-use crate::maps::replay::progress;
 use crate::options::choices::Format;
 use crate::output::Printer;
-use crate::records::directory;
-use crate::records::sessions::{local, utc};
+use crate::output::progress::progress;
+use crate::output::time::{local, utc};
+use crate::session_files;
 
 /// A line of `export --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
@@ -42,7 +42,7 @@ pub(crate) fn run(
     export: &Export,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let session = SessionParts::open(&directory::session_file(global, &export.session)?)?;
+    let session = SessionParts::open(&session_files::session_file(global, &export.session)?)?;
     match export.format {
         Format::Csv => tables(&session, export, printer),
         Format::Png | Format::Svg if session.header().kind == SessionKind::Baseline => {
@@ -94,7 +94,7 @@ fn tables(
         }
         None => None,
     };
-    let bar = progress(session.len()? as usize, printer.is_terminal());
+    let bar = progress(Some(session.len()?), printer.is_terminal());
     let (mut written, mut damaged, mut current) = (0, 0, None);
     let mut last = header.first_sequence - 1;
     for record in session.frames() {

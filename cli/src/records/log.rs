@@ -12,11 +12,11 @@ use serde::Serialize;
 use survey::printable;
 
 use crate::args::{Global, Log};
-use crate::control::connection::{Daemon, fault};
+use crate::connection::{Daemon, fault};
 use crate::failure::{Failure, chain};
+use crate::output::time::{local, utc};
 use crate::output::{Printer, complain};
-use crate::records::directory;
-use crate::records::sessions::{local, utc};
+use crate::session_files;
 
 /// A line of `log --json`; see `docs/reference/json.md`.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -65,7 +65,7 @@ pub(crate) fn run(
     log: &Log,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let places = directory::directories(global)?;
+    let places = session_files::directories(global)?;
     let since = since(log, Utc::now());
     let mut lines = BTreeSet::new();
     for place in &places {
@@ -74,7 +74,7 @@ pub(crate) fn run(
     if lines.is_empty() && !printer.is_json() {
         return printer.text(&format!(
             "nothing of that has happened in {}; --state DIR names another directory",
-            directory::listed(&places)
+            session_files::listed(&places)
         ));
     }
     lines.iter().try_for_each(|line| line.print(printer))

@@ -9,9 +9,9 @@ use serde::Serialize;
 
 use crate::args::{Global, Prune, Repair, SessionsCommand, Verify};
 use crate::failure::{Failure, chain};
-use crate::maps::replay::progress;
+use crate::output::progress::progress;
 use crate::output::{Printer, complain};
-use crate::records::directory;
+use crate::session_files;
 
 pub(crate) fn run(
     global: &Global,
@@ -43,20 +43,20 @@ fn verify(
         false => asked
             .sessions
             .iter()
-            .map(|named| directory::session_file(global, named))
+            .map(|named| session_files::session_file(global, named))
             .collect::<Result<_, _>>()?,
     };
     let (mut checked, mut broken) = (0, 0);
     for file in &files {
         let frames: u64 = logbook::parts(file)
-            .map_err(|error| directory::refused(&error))?
+            .map_err(|error| session_files::refused(&error))?
             .iter()
             .filter_map(|part| logbook::SessionReader::open(part).ok()?.len().ok())
             .sum();
-        let bar = progress(frames as usize, printer.is_terminal());
+        let bar = progress(Some(frames), printer.is_terminal());
         let found = logbook::verify(file, |done| bar.set_position(done));
         bar.finish_and_clear();
-        let found = found.map_err(|error| directory::refused(&error))?;
+        let found = found.map_err(|error| session_files::refused(&error))?;
         checked += 1;
         let line = Checked {
             whole: found.findings.is_empty(),
@@ -77,15 +77,15 @@ fn verify(
 /// One file of every session, the oldest first.
 fn all(global: &Global) -> Result<Vec<PathBuf>, Failure> {
     let mut files: Vec<PathBuf> = Vec::new();
-    for place in directory::directories(global)? {
+    for place in session_files::directories(global)? {
         if !place.exists() {
             continue;
         }
-        let listing = logbook::list(&place).map_err(|error| directory::refused(&error))?;
+        let listing = logbook::list(&place).map_err(|error| session_files::refused(&error))?;
         let readable = listing.sessions.into_iter().map(|session| session.path);
         let unreadable = listing.unreadable.into_iter().map(|file| file.path);
         for file in readable.chain(unreadable) {
-            let parts = logbook::parts(&file).map_err(|error| directory::refused(&error))?;
+            let parts = logbook::parts(&file).map_err(|error| session_files::refused(&error))?;
             let first = parts.into_iter().next().unwrap_or(file);
             if !files.contains(&first) {
                 files.push(first);
@@ -131,16 +131,16 @@ fn repair(
     asked: &Repair,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let file = directory::session_file(global, &asked.session)?;
+    let file = session_files::session_file(global, &asked.session)?;
     let frames = logbook::SessionReader::open(&file)
         .and_then(|session| session.len())
         .unwrap_or(0);
-    let bar = progress(frames as usize, printer.is_terminal());
+    let bar = progress(Some(frames), printer.is_terminal());
     let repaired = logbook::repair(&file, asked.out.as_deref(), Utc::now(), |done| {
         bar.set_position(done);
     });
     bar.finish_and_clear();
-    let repaired = repaired.map_err(|error| directory::refused(&error))?;
+    let repaired = repaired.map_err(|error| session_files::refused(&error))?;
     printer.record(&repaired, |repaired| {
         let mut text = format!(
             "{}: {} frames and {} events kept{}",
@@ -187,7 +187,7 @@ fn prune(global: &Global, asked: &Prune, printer: &mut Printer<impl Write>) -> R
         false => ("went", "were removed"),
     };
     let (mut count, mut bytes) = (0, 0);
-    for place in directory::directories(global)? {
+    for place in session_files::directories(global)? {
         if !place.exists() {
             continue;
         }

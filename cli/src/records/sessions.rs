@@ -3,7 +3,6 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use chrono::{DateTime, Local, SecondsFormat, Utc};
 use logbook::SessionSummary;
 use serde::Serialize;
 use survey::printable;
@@ -11,8 +10,9 @@ use survey::printable;
 use crate::args::Global;
 use crate::failure::Failure;
 use crate::output::table::columns;
+use crate::output::time::{local, utc};
 use crate::output::{Printer, complain};
-use crate::records::directory;
+use crate::session_files;
 
 /// A line of `sessions --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
@@ -55,26 +55,14 @@ impl From<&SessionSummary> for Session {
     }
 }
 
-/// Wall time as it is stored and written to files: UTC.
-pub(crate) fn utc(time: DateTime<Utc>) -> String {
-    time.to_rfc3339_opts(SecondsFormat::AutoSi, true)
-}
-
-/// Wall time for a person: local, to the second.
-pub(crate) fn local(time: DateTime<Utc>) -> String {
-    time.with_timezone(&Local)
-        .format("%Y-%m-%d %H:%M:%S")
-        .to_string()
-}
-
 pub(crate) fn run(global: &Global, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
-    let places = directory::directories(global)?;
+    let places = session_files::directories(global)?;
     let mut sessions = Vec::new();
     for place in &places {
         let listing = match logbook::list(place) {
             Ok(listing) => listing,
             Err(_) if !place.exists() => continue,
-            Err(error) if places.len() == 1 => return Err(directory::refused(&error)),
+            Err(error) if places.len() == 1 => return Err(session_files::refused(&error)),
             Err(error) => {
                 complain(&format!(
                     "tactus: {} is left out: {}",
@@ -105,7 +93,7 @@ fn show(
     if sessions.is_empty() {
         return printer.text(&format!(
             "no session in {}; --state DIR names another directory, `tactus start` records one",
-            directory::listed(places)
+            session_files::listed(places)
         ));
     }
     if printer.is_json() {

@@ -12,7 +12,7 @@ use tokio::io::AsyncReadExt;
 use tokio::time::Instant;
 
 use crate::args::Watch;
-use crate::control::connection::Daemon;
+use crate::connection::Daemon;
 use crate::control::session;
 use crate::failure::Failure;
 use crate::maps::drawing;
@@ -311,14 +311,6 @@ fn unit(map: &Map) -> &'static str {
     }
 }
 
-/// What a map says in all: newtons and kPa where there is a calibration, never without one.
-pub(crate) fn burden(largest_loss: f64, pressed: Option<(f64, f64)>) -> String {
-    match pressed {
-        Some((newtons, kpa)) => format!("{newtons:.1} N, largest pressure {kpa:.1} kPa"),
-        None => format!("largest relative loss of conductance {largest_loss:.3}"),
-    }
-}
-
 fn sentence(line: &Line, wall: DateTime<chrono::Utc>) -> String {
     match line {
         Line::Ended { session, reason } => format!("{session} ended: {reason}"),
@@ -339,7 +331,10 @@ fn sentence(line: &Line, wall: DateTime<chrono::Utc>) -> String {
             match seen.largest_loss {
                 Some(loss) => {
                     text.push_str(&format!("  found {}  ", drawing::place(seen.found_mm)));
-                    text.push_str(&burden(loss, seen.newtons.zip(seen.largest_kpa)));
+                    text.push_str(&drawing::map_summary(
+                        loss,
+                        seen.newtons.zip(seen.largest_kpa),
+                    ));
                 }
                 None => text.push_str("  no map"),
             }

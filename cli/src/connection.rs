@@ -127,6 +127,11 @@ impl Daemon {
     }
 }
 
+/// The contract writes an empty text where there is none.
+pub(crate) fn nonempty(text: String) -> Option<String> {
+    Some(text).filter(|text| !text.is_empty())
+}
+
 fn late(what: &str, patience: Duration) -> Failure {
     Failure::Timeout(format!(
         "{what}: no answer within {}; look at its journal, or wait longer with --timeout",
@@ -255,7 +260,7 @@ fn gone(what: &str, said: &str) -> Failure {
 
 #[cfg(test)]
 mod tests {
-    use crate::control::connection::*;
+    use super::*;
 
     #[test]
     fn every_refusal_has_its_exit_code_and_says_what_to_do() {

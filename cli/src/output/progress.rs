@@ -1,0 +1,25 @@
+//! Progress on the terminal's error stream.
+
+use std::io::IsTerminal;
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+/// A bar of `frames`, a spinner where their number is not known; hidden where nobody watches.
+pub(crate) fn progress(frames: Option<u64>, terminal: bool) -> ProgressBar {
+    if !terminal || !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let (bar, template) = match frames {
+        Some(frames) => (
+            ProgressBar::new(frames),
+            "{bar:40} {pos}/{len} frames, {eta} left",
+        ),
+        None => (
+            ProgressBar::new_spinner(),
+            "{spinner} {pos} frames, {elapsed}",
+        ),
+    };
+    bar.with_style(
+        ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()),
+    )
+}

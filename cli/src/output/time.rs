@@ -1,0 +1,15 @@
+//! Wall time as text.
+
+use chrono::{DateTime, Local, SecondsFormat, Utc};
+
+/// Wall time as it is stored and written to files: UTC.
+pub(crate) fn utc(time: DateTime<Utc>) -> String {
+    time.to_rfc3339_opts(SecondsFormat::AutoSi, true)
+}
+
+/// Wall time for a person: local, to the second.
+pub(crate) fn local(time: DateTime<Utc>) -> String {
+    time.with_timezone(&Local)
+        .format("%Y-%m-%d %H:%M:%S")
+        .to_string()
+}

@@ -1,0 +1,131 @@
+//! Session files on disk, found and read without a daemon.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use logbook::{LogbookError, SessionReader};
+
+use crate::args::Global;
+use crate::failure::Failure;
+
+/// A running daemon that has not said within this where it records is passed over.
+const DAEMON_SAYS_WITHIN: Duration = Duration::from_secs(2);
+
+/// Where session files are looked for: `--state` or `TACTUS_STATE` alone where one is given; else the directory of the
+/// running daemon, `$XDG_STATE_HOME/tactus`, `~/.local/state/tactus`, `/var/lib/tactus`.
+///
+/// # Errors
+/// A `--bus` that is no address.
+pub(crate) fn directories(global: &Global) -> Result<Vec<PathBuf>, Failure> {
+    if let Some(directory) = &global.state {
+        return Ok(vec![directory.clone()]);
+    }
+    let set = |name: &str| {
+        std::env::var_os(name)
+            .filter(|value| !value.is_empty())
+            .map(PathBuf::from)
+    };
+    if let Some(directory) = set("TACTUS_STATE") {
+        return Ok(vec![directory]);
+    }
+    let usual = [
+        set("XDG_STATE_HOME").map(|state| state.join("tactus")),
+        set("HOME").map(|home| home.join(".local/state/tactus")),
+        Some(PathBuf::from("/var/lib/tactus")),
+    ];
+    let mut places: Vec<PathBuf> = Vec::new();
+    for place in [daemon_directory(global)?].into_iter().chain(usual) {
+        places.extend(place.filter(|place| !places.contains(place)));
+    }
+    Ok(places)
+}
+
+/// Where a running daemon records; `None` where none answers.
+fn daemon_directory(global: &Global) -> Result<Option<PathBuf>, Failure> {
+    let Ok(runtime) = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+    else {
+        return Ok(None);
+    };
+    let hurried = Global {
+        timeout: global.timeout.min(DAEMON_SAYS_WITHIN),
+        ..global.clone()
+    };
+    let said = runtime.block_on(async {
+        let daemon = crate::connection::open(&hurried).await?;
+        daemon
+            .ask("the record", daemon.manager.record_directory())
+            .await
+    });
+    match said {
+        Ok(directory) => Ok(Some(PathBuf::from(directory))),
+        Err(Failure::Usage(wrong)) => Err(Failure::Usage(wrong)),
+        Err(_) => Ok(None),
+    }
+}
+
+/// Places as a person reads them.
+pub(crate) fn listed(places: &[PathBuf]) -> String {
+    let places: Vec<String> = places
+        .iter()
+        .map(|place| place.display().to_string())
+        .collect();
+    places.join(", ")
+}
+
+/// The file of a session: a path as it is, else the id (or its beginning) in the first of [`directories`] that has it.
+pub(crate) fn session_file(global: &Global, named: &str) -> Result<PathBuf, Failure> {
+    let path = Path::new(named);
+    if path.is_file() {
+        return Ok(path.to_owned());
+    }
+    if named.contains('/') || named.ends_with(".tactus") {
+        return Err(Failure::Failed(format!(
+            "there is no file or folder {named}; `tactus sessions` lists what is recorded"
+        )));
+    }
+    let places = directories(global)?;
+    let mut unreadable = Vec::new();
+    for place in &places {
+        match logbook::find(place, named) {
+            Ok(file) => return Ok(file),
+            Err(LogbookError::NoSuchSession { .. }) => {}
+            Err(error @ (LogbookError::Ambiguous { .. } | LogbookError::BadId { .. })) => {
+                return Err(refused(&error));
+            }
+            Err(_) if !place.exists() => {}
+            Err(error) => unreadable.push(crate::failure::chain(&error)),
+        }
+    }
+    let mut text = format!(
+        "no session '{named}' in {}; --state DIR names another directory of session files",
+        listed(&places)
+    );
+    for why in unreadable {
+        text.push_str("\n  ");
+        text.push_str(&why);
+    }
+    Err(Failure::Missing(text))
+}
+
+/// Opens a session file.
+pub(crate) fn open(path: &Path) -> Result<SessionReader, Failure> {
+    SessionReader::open(path).map_err(|error| refused(&error))
+}
+
+/// What the logbook's refusal means here.
+pub(crate) fn refused(error: &LogbookError) -> Failure {
+    let text = crate::failure::chain(error);
+    match error {
+        LogbookError::NoSuchSession { .. } => Failure::Missing(format!(
+            "{text}; --state DIR names another directory of session files"
+        )),
+        LogbookError::Ambiguous { .. } => Failure::Usage(text),
+        LogbookError::BadId { .. } => Failure::Usage(text),
+        LogbookError::NotASession { .. } | LogbookError::OtherSchema { .. } => {
+            Failure::Failed(text)
+        }
+        _ => Failure::Failed(text),
+    }
+}
