@@ -14,7 +14,7 @@ use crate::acquisition::playback::Recording;
 use crate::instruments::assembly::AnyRig;
 use crate::monitoring::heartbeat::{Heartbeats, Part, Rests};
 use crate::preparation::RigPlan;
-use crate::recording::recorder::Order;
+use crate::recording::order::Order;
 use crate::recording::session_status::SessionStatus;
 use crate::session::controller::Happening;
 use crate::session::schedule::{Next, Schedule};

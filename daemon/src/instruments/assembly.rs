@@ -14,7 +14,7 @@ use self_test::{Measured, ProbeError, Request, probe};
 use survey::{Frame, Plan, Relay, Sensing, Wiring};
 
 use crate::instruments::address::InstrumentAddress;
-use crate::instruments::identities::ExpectedIdentities;
+use crate::instruments::identities::{Connected, ExpectedIdentities};
 use crate::instruments::multiplexer::Multiplexer;
 use crate::instruments::simulation::SimulatedRig;
 use crate::preparation::RigPlan;
@@ -32,28 +32,6 @@ type Mainframe = Keysight34980a<BoxStream>;
 pub(crate) enum AnyRig {
     Mainframe(Rig<Source, Mainframe, Mainframe>),
     Board(Rig<Source, Multiplexer, Mainframe>),
-}
-
-/// One instrument as found.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Connected {
-    pub role: &'static str,
-    pub identity: String,
-    pub address: String,
-    pub simulated: bool,
-}
-
-impl Connected {
-    /// Whether it is the same instrument: vendor, model and serial number; the firmware may be another.
-    pub(crate) fn is_same(&self, other: &Self) -> bool {
-        let fields = |found: &Self| -> Vec<String> {
-            let fields = found.identity.split(',').take(3);
-            fields
-                .map(|field| field.trim().to_ascii_uppercase())
-                .collect()
-        };
-        self.role == other.role && fields(self) == fields(other)
-    }
 }
 
 /// A rig ready for work.

@@ -10,8 +10,6 @@ use std::path::{Path, PathBuf};
 use logbook::InstrumentRecord;
 use serde::{Deserialize, Serialize};
 
-use crate::instruments::assembly::Connected;
-
 /// In the directory of the record.
 const FILE: &str = "known-instruments.json";
 /// Every role an instrument can have.
@@ -20,6 +18,35 @@ const ROLES: [&str; 4] = ["source", "switch", "voltmeter", "switch+voltmeter"];
 /// What only a person can do about another instrument.
 pub(crate) const UNTIL_AGREED: &str =
     "nothing is measured with it until a person runs `tactus instruments accept`";
+
+/// One instrument as found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Connected {
+    pub role: &'static str,
+    pub identity: String,
+    pub address: String,
+    pub simulated: bool,
+}
+
+impl Connected {
+    /// Whether it is the same instrument: vendor, model and serial number; the firmware may be another.
+    pub(crate) fn is_same(&self, other: &Self) -> bool {
+        let fields = |found: &Self| -> Vec<String> {
+            let fields = found.identity.split(',').take(3);
+            fields
+                .map(|field| field.trim().to_ascii_uppercase())
+                .collect()
+        };
+        self.role == other.role && fields(self) == fields(other)
+    }
+
+    /// Who is there now in this one's place.
+    fn successor<'a>(&self, others: &'a [Self]) -> Option<&'a Self> {
+        others
+            .iter()
+            .find(|other| other.role == self.role && other.address == self.address)
+    }
+}
 
 /// The instruments and modules that are known.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -191,15 +218,6 @@ impl ExpectedIdentities {
         file.write_all(text.as_bytes()).map_err(fault)?;
         file.sync_all().map_err(fault)?;
         std::fs::rename(&beside, &path).map_err(fault)
-    }
-}
-
-impl Connected {
-    /// Who is there now in this one's place.
-    fn successor<'a>(&self, others: &'a [Self]) -> Option<&'a Self> {
-        others
-            .iter()
-            .find(|other| other.role == self.role && other.address == self.address)
     }
 }
 

@@ -1,6 +1,7 @@
 //! The way of a frame after acquisition: recorder, reconstruction worker, session status, stream.
 //! Session files are the crate `logbook`'s.
 
+pub(crate) mod order;
 pub(crate) mod reconstruction_worker;
 pub(crate) mod recorder;
 pub(crate) mod ring;

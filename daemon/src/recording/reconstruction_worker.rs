@@ -9,7 +9,7 @@ use logbook::MapRecord;
 use survey::{Baseline, Map, Reading};
 use tokio::sync::mpsc::WeakSender;
 
-use crate::recording::recorder::Order;
+use crate::recording::order::Order;
 use crate::service::containment;
 use imaging::Model;
 use survey::error_chain as chain;

@@ -16,13 +16,23 @@ use zbus::message::{Header, Type};
 use zbus::names::UniqueName;
 use zbus::{Connection, MatchRule, MessageStream};
 
-use super::access::Authorizer;
 use super::bus_socket::Queue;
 use super::caller::{self, Caller};
 use super::limit::User;
 
 /// Threads for each way to the daemon: one may be busy with a long answer and another goes on.
 const THREADS: usize = 2;
+
+/// The way on which a caller came, and with it who decides.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Authorizer {
+    /// The peer socket: whoever is not root, the daemon's own user or of the group was turned away before a word.
+    Peer,
+    /// The session bus: root and the daemon's own user.
+    Session,
+    /// The system bus: polkit decides; where there is none, root, the daemon's own user and the group.
+    System,
+}
 
 /// The gate of one connection.
 #[derive(Debug)]

@@ -13,10 +13,10 @@ use zbus::fdo::{RequestNameFlags, RequestNameReply};
 
 use crate::config::BusSection;
 use crate::monitoring::heartbeat::Part;
-use crate::service::access::{self, Authorizer};
+use crate::service::access;
 use crate::service::bus_socket::{BusSocket, Queue};
 use crate::service::containment::{Ends, answer};
-use crate::service::gate::{Gate, Threads};
+use crate::service::gate::{Authorizer, Gate, Threads};
 use crate::service::peer;
 use crate::session::controller::Controller;
 

@@ -29,8 +29,8 @@ use crate::service::objects::manager1::{Manager1, Manager1Signals};
 use crate::service::objects::session1::{Session1, Session1Signals};
 use crate::service::objects::simulation1::Simulation1;
 use crate::session::controller::Controller;
-use access::{Authorizer, Guarded};
-use gate::Gate;
+use access::Guarded;
+use gate::{Authorizer, Gate};
 
 pub(crate) use crate::service::listener::Listener;
 

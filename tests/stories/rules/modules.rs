@@ -24,13 +24,6 @@ const KNOWN_CYCLES: &[(&str, &str, &[&str])] = &[
             "session",
         ],
     ),
-    ("daemon", "instruments", &["assembly", "identities"]),
-    (
-        "daemon",
-        "recording",
-        &["reconstruction_worker", "recorder"],
-    ),
-    ("daemon", "service", &["access", "gate"]),
     ("eit", "", &["inverse", "model", "training"]),
     (
         "logbook",

@@ -24,13 +24,12 @@ use survey::{Baseline, Checks, Frame, Map, Quality};
 use tokio::sync::mpsc::{self, error::TryRecvError};
 
 use crate::monitoring::heartbeat::{Heartbeats, Part, Rests};
+use crate::recording::order::{Order, QUEUE};
 use crate::recording::reconstruction_worker::{MapOutcome, Mapped, ReconstructionWorker};
 use crate::recording::session_status::{Published, SessionStatus};
 use crate::session::controller::SHUT_DOWN;
 use survey::error_chain as chain;
 
-/// Frames that may wait for the disk before acquisition does.
-pub(crate) const QUEUE: usize = 16;
 /// With so many waiting, nobody waits for a map.
 const HURRY: usize = QUEUE / 2;
 
@@ -40,30 +39,6 @@ const MOST_TOGETHER: usize = 64;
 const LOOK: Duration = Duration::from_millis(1);
 /// A disk that takes longer for a write is one that hangs.
 const FOR_A_WRITE: Duration = Duration::from_secs(60);
-
-/// What the recorder is told.
-#[derive(Debug)]
-pub(crate) enum Order {
-    Frame(Box<Frame>),
-    Event {
-        at: DateTime<Utc>,
-        kind: &'static str,
-        text: String,
-    },
-    /// A map that was late is ready.
-    MapReady,
-    /// It is time to look whether the file is still in its place.
-    LookAtPlace,
-    Close {
-        at: DateTime<Utc>,
-        reason: String,
-    },
-    /// As [`Order::Close`], but the session goes on with the next daemon.
-    Leave {
-        at: DateTime<Utc>,
-        reason: String,
-    },
-}
 
 /// Tells everybody but the record, which the recorder itself writes.
 pub(crate) type Tell = Box<dyn Fn(DateTime<Utc>, &'static str, &str) + Send>;

@@ -14,7 +14,7 @@ use zbus::names::{InterfaceName, MemberName};
 use zbus::object_server::{DispatchResult, Interface, ObjectServer, SignalEmitter};
 use zbus::{BoxDBusError, Connection, OwnedVariant, Variant, fdo};
 
-use super::gate::{Client, Gate};
+use super::gate::{Authorizer, Client, Gate};
 use super::limit::{ACTS, LOOKS, Limit, QUESTIONS, SAFETY, WAITS};
 use super::polkit;
 use crate::service::containment;
@@ -196,17 +196,6 @@ fn setter(interface: &InterfaceName<'_>, member: &str) -> Option<Action> {
         .iter()
         .find(|(of, named, _)| *of == interface.as_str() && *named == member)
         .map(|(_, _, action)| *action)
-}
-
-/// The way on which a caller came, and with it who decides.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Authorizer {
-    /// The peer socket: whoever is not root, the daemon's own user or of the group was turned away before a word.
-    Peer,
-    /// The session bus: root and the daemon's own user.
-    Session,
-    /// The system bus: polkit decides; where there is none, root, the daemon's own user and the group.
-    System,
 }
 
 impl Authorizer {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use dbus::ROOT_PATH;
 use zbus::{ObjectPath, interface};
 
-use crate::instruments::assembly::Connected;
+use crate::instruments::identities::Connected;
 use crate::session::controller::Controller;
 
 /// The object of one instrument.

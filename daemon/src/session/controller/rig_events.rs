@@ -6,7 +6,7 @@ use rig::Clock;
 use tokio::sync::mpsc;
 
 use crate::events::broadcast::BusEvent;
-use crate::recording::recorder::Order;
+use crate::recording::order::Order;
 use crate::recording::session_status::SessionStatus;
 use crate::session::controller::Controller;
 
