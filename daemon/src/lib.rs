@@ -27,6 +27,7 @@ pub(crate) mod events;
 pub(crate) mod instruments;
 mod man;
 mod monitoring;
+pub(crate) mod panics;
 mod preparation;
 pub(crate) mod recording;
 mod service;
@@ -44,14 +45,11 @@ use tokio::signal::unix::{SignalKind, signal};
 
 use crate::args::Args;
 use crate::config::problems::Problem;
-use crate::instruments::assembly::{
-    Assembled, AssemblyError, Bench, Closed, assemble, make_safe_each,
-};
+use crate::instruments::assembly::{Assembled, AssemblyError, Closed, assemble, make_safe_each};
 use crate::instruments::identities::ExpectedIdentities;
-use crate::instruments::simulation::SimulatedRig;
 use crate::preparation::{FramesFrom, Prepared, prepare};
+use crate::recording::records::Records;
 use crate::service::Listener;
-use crate::service::records::Records;
 use crate::session::controller::Controller;
 use survey::error_chain as chain;
 
@@ -114,7 +112,7 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
     // what is recorded is for its group to read and for no stranger, also where a person starts the daemon
     let before = umask(NOT_FOR_STRANGERS);
     umask(before | NOT_FOR_STRANGERS);
-    crate::instruments::panic_handler::install();
+    crate::panics::hook::install();
     let rig = match &prepared.frames {
         FramesFrom::Rig(plan) if plan.bench.is_none() => Some(std::sync::Arc::clone(plan)),
         _ => None,
@@ -134,8 +132,7 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
             serve(prepared).await.map_err(|text| (FAILED, text))
         }
     };
-    let Some(outcome) = crate::instruments::panic_handler::lived(runtime, rig.as_deref(), life)
-    else {
+    let Some(outcome) = crate::instruments::last_resort::run(runtime, rig.as_deref(), life) else {
         return fail("the daemon's own code failed; its log says where, please report it");
     };
     match outcome {
@@ -155,12 +152,12 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     // a limit on file sizes is an error of the write that meets it, not the end of the process
     let _file_size =
         signal(SignalKind::from_raw(libc::SIGXFSZ)).map_err(|cause| cause.to_string())?;
-    let panics = crate::instruments::panic_handler::listen();
+    let panics = crate::panics::hook::listen();
     let transcript = rig::RingTranscript::new(prepared.setup.transcripts);
     let _lock = logbook::lock(&prepared.setup.record_directory).map_err(|error| chain(&error))?;
     let records = tidied(prepared.setup.record_directory.clone()).await?;
     let clock = SystemClock::new();
-    let bench = bench_of(&prepared)?;
+    let bench = prepared.bench()?;
     let identities = ExpectedIdentities::recall(&prepared.setup.record_directory)
         .map_err(|error| chain(&error))?;
     let mut locks = crate::instruments::lock::InstrumentLocks::default();
@@ -213,14 +210,17 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     let start = prepared.setup.config.schedule.start;
     let controller = Controller::new(prepared, bench, assembled, records, transcript, clock);
     controller.hold(locks);
-    tokio::spawn(crate::instruments::panic_handler::keep(
+    tokio::spawn(crate::session::panics::keep(
         std::sync::Arc::clone(&controller),
         panics,
     ));
-    tokio::spawn(crate::monitoring::heartbeat::tell_systemd(
-        std::sync::Arc::downgrade(&controller),
+    tokio::spawn(crate::monitoring::heartbeat::report_to_systemd(
+        std::sync::Arc::clone(&controller.heartbeats),
+        clock,
+        section.clone(),
+        controller.events.clone(),
     ));
-    tokio::spawn(crate::monitoring::observe(std::sync::Arc::clone(
+    tokio::spawn(crate::session::observer::observe(std::sync::Arc::clone(
         &controller,
     )));
     let listener = Listener::open(&section, &controller)
@@ -281,8 +281,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     }
     let safe = controller.shut_down(why, for_good).await;
     controller.tell(None, "stopped", why).await;
-    controller.broadcast.farewell().await;
-    controller.observed.daemon_log.close().await;
+    controller.events.close().await;
     listener.close().await;
     safe
 }
@@ -385,7 +384,7 @@ async fn safe_off(prepared: &Prepared) -> Result<(), (u8, String)> {
         say("a recording has no source; there is nothing to switch off");
         return Ok(());
     };
-    let bench = bench_of(prepared).map_err(|text| (FAILED, text))?;
+    let bench = prepared.bench().map_err(|text| (FAILED, text))?;
     let mut failures = Vec::new();
     for outcome in make_safe_each(plan, &bench).await {
         match outcome {
@@ -397,18 +396,6 @@ async fn safe_off(prepared: &Prepared) -> Result<(), (u8, String)> {
         Ok(())
     } else {
         Err((INSTRUMENT, failures.join("\n")))
-    }
-}
-
-fn bench_of(prepared: &Prepared) -> Result<Bench, String> {
-    match &prepared.frames {
-        FramesFrom::Rig(plan) => plan
-            .bench
-            .as_ref()
-            .map(|(profile, scene)| SimulatedRig::new(profile, scene.clone()))
-            .transpose()
-            .map_err(|error| chain(&error)),
-        FramesFrom::Recording { .. } => Ok(None),
     }
 }
 

@@ -1,7 +1,9 @@
-//! Numbers from outside: which ones are allowed, and seconds as a length of time.
+//! Numbers from outside: which ones are allowed, seconds as a length of time, and times as numbers.
 
 use std::fmt;
 use std::time::Duration;
+
+use chrono::{DateTime, Utc};
 
 /// The values that a number from outside may have. What is not finite is in no bounds.
 ///
@@ -106,6 +108,16 @@ pub fn duration(seconds: f64) -> Duration {
         seconds
     };
     Duration::try_from_secs_f64(seconds).unwrap_or_default()
+}
+
+/// Nanoseconds since 1970 UTC; the ends of the scale outside of 1677 to 2262.
+pub fn nanoseconds(wall: DateTime<Utc>) -> i64 {
+    wall.timestamp_nanos_opt()
+        .unwrap_or(if wall < DateTime::UNIX_EPOCH {
+            i64::MIN
+        } else {
+            i64::MAX
+        })
 }
 
 #[cfg(test)]

@@ -30,7 +30,7 @@ mod sketch;
 mod units;
 mod wiring;
 
-pub use bounds::{Bounds, LONGEST_S, OutOfBounds, duration};
+pub use bounds::{Bounds, LONGEST_S, OutOfBounds, duration, nanoseconds};
 pub use frame::{Baseline, BaselineError, Extra, Frame, Precautions, Settings};
 pub use map::{Map, MapUnit};
 pub use pattern::{Measurement, Protocol, ProtocolError, half, sheffield, skip};
@@ -40,7 +40,7 @@ pub use plan::{
 };
 pub use printable::{error_chain, printable, printable_json, printable_lines, printable_within};
 pub use quality::{Checks, Quality, QualityFlag};
-pub use reading::Reading;
+pub use reading::{Reading, relative_changes};
 pub use ring::{Dipole, Electrode};
 pub use units::{Amps, Metres, Ohms, Volts};
 pub use wiring::{OwnWiring, Relay, Sensing, Transition, Wiring, WiringError};

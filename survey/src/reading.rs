@@ -53,3 +53,11 @@ impl Reading {
         }
     }
 }
+
+/// Of each reading that is a voltage in both, how much it has changed, as a share of what it was.
+pub fn relative_changes(from: &[Reading], to: &[Reading]) -> impl Iterator<Item = f64> {
+    from.iter().zip(to).filter_map(|(from, to)| {
+        let (from, to) = (from.volts()?.0, to.volts()?.0);
+        (from != 0.0).then(|| (to - from) / from)
+    })
+}

@@ -7,7 +7,7 @@ use rig::{AcquireError, Clock, Stop};
 use survey::{Baseline, Frame, Plan, RangeRule, Reading};
 
 use crate::instruments::assembly::AnyRig;
-use crate::preparation::RigPlan;
+use crate::instruments::rig_plan::RigPlan;
 
 /// What changes from frame to frame. It survives the loss of the rig.
 #[derive(Default)]

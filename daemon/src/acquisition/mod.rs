@@ -4,4 +4,5 @@
 pub(crate) mod failed_frame;
 pub(crate) mod measuring;
 pub(crate) mod playback;
+pub(crate) mod schedule;
 pub(crate) mod task;

@@ -7,17 +7,18 @@ use std::time::Duration;
 use imaging::recorded::RecordedError;
 use rig::{AcquireError, Clock, RingTranscript, Stop, SystemClock};
 use survey::Frame;
-use tokio::sync::{mpsc, watch};
+use tokio::sync::{mpsc, oneshot, watch};
 
 use crate::acquisition::measuring::Measuring;
 use crate::acquisition::playback::Recording;
+use crate::acquisition::schedule::{Next, Schedule};
+use crate::events::event::{BusEvent, Event};
+use crate::events::event_log::EventLog;
 use crate::instruments::assembly::AnyRig;
+use crate::instruments::rig_plan::RigPlan;
 use crate::monitoring::heartbeat::{Heartbeats, Part, Rests};
-use crate::preparation::RigPlan;
 use crate::recording::order::Order;
 use crate::recording::session_status::SessionStatus;
-use crate::session::controller::Happening;
-use crate::session::schedule::{Next, Schedule};
 use survey::error_chain as chain;
 
 /// Nothing that waits is late by less.
@@ -63,15 +64,24 @@ pub(crate) struct Acquisition {
     pub speed: Option<f64>,
     pub clock: SystemClock,
     pub recorder: mpsc::Sender<Order>,
-    /// Told when acquisition pauses and goes on.
-    pub paused: Arc<dyn Fn(bool) + Send + Sync>,
+    /// Where it reports that it pauses and goes on.
+    pub pauses: mpsc::Sender<Pause>,
     /// What is said over the wires.
     pub transcript: RingTranscript,
     pub heartbeats: Arc<Heartbeats>,
     pub progress: AcquisitionProgress,
     pub measuring: Measuring,
-    /// Tells everybody what has been done about ranges and offsets, and how the session measures from then on.
-    pub said: Box<dyn Fn(Happening, Option<Arc<RigPlan>>) + Send + Sync>,
+    pub events: EventLog,
+    /// How the session measures.
+    pub plan: watch::Sender<Option<Arc<RigPlan>>>,
+}
+
+/// Acquisition pauses, or goes on.
+#[derive(Debug)]
+pub(crate) struct Pause {
+    pub pauses: bool,
+    /// Used when the daemon's state says so, which acquisition waits for.
+    pub applied: oneshot::Sender<()>,
 }
 
 /// How far a session has come; it survives the loss of the rig.
@@ -216,14 +226,10 @@ impl Acquisition {
                 let frame = self.measuring.frame(rig, plan, self.clock, stop).await;
                 for (kind, text) in self.measuring.said() {
                     let at = self.clock.wall();
-                    let happening = Happening {
-                        at,
-                        kind,
-                        text: text.clone(),
-                        session: None,
-                    };
-                    (self.said)(happening, self.measuring.now());
-                    let order = Order::Event { at, kind, text };
+                    let event = Event::new(at, kind, &text, Some(&self.status.facts.id));
+                    self.plan.send_replace(self.measuring.now());
+                    self.events.publish(&BusEvent::Happened(event.clone()));
+                    let order = Order::Event(event);
                     // a recorder that has gone is noticed at the frame
                     let _ = self.recorder.send(order).await;
                 }
@@ -250,7 +256,7 @@ impl Acquisition {
         }
         // the record has promised
         self.heartbeats.rest(Part::Acquisition);
-        (self.paused)(true);
+        self.report_pause(true).await;
         self.status.set_suspended(true);
         self.status
             .set_last_error("the logbook cannot keep up; acquisition waits, the source is off");
@@ -264,17 +270,26 @@ impl Acquisition {
             );
             self.note("paused", text).await;
         }
-        (self.paused)(false);
+        self.report_pause(false).await;
         self.status.set_suspended(false);
         self.status.set_last_error("");
         sent
+    }
+
+    /// Returns when the daemon's state says whether acquisition pauses.
+    async fn report_pause(&self, pauses: bool) {
+        let (applied, done) = oneshot::channel();
+        if self.pauses.send(Pause { pauses, applied }).await.is_ok() {
+            let _ = done.await;
+        }
     }
 
     /// An event of the record alone: it explains a gap.
     async fn note(&self, kind: &'static str, text: String) {
         let at = self.clock.wall();
         // a recorder that has gone is noticed at the frame
-        let _ = self.recorder.send(Order::Event { at, kind, text }).await;
+        let event = Event::new(at, kind, &text, Some(&self.status.facts.id));
+        let _ = self.recorder.send(Order::Event(event)).await;
     }
 
     /// Waits while suspended; returns how long.
@@ -285,13 +300,13 @@ impl Acquisition {
         let from = self.clock.monotonic();
         self.heartbeats.rest(Part::Acquisition);
         // the daemon's state first: whoever sees the session suspended finds the daemon suspended, too
-        (self.paused)(true);
+        self.report_pause(true).await;
         self.status.set_suspended(true);
         tokio::select! {
             () = stop.asked() => {}
             _ = suspend.wait_for(|suspended| !*suspended) => {}
         }
-        (self.paused)(false);
+        self.report_pause(false).await;
         self.status.set_suspended(false);
         self.clock.monotonic() - from
     }

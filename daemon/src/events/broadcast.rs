@@ -1,57 +1,31 @@
-//! Carries news to every connection without waiting for any.
+//! The queues of the connections to the bus; sending waits for none of them.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use tokio::sync::mpsc;
 
-use crate::recording::session_status::{Published, SessionStatus};
-use crate::session::controller::Happening;
+use crate::events::event::BusEvent;
 
-/// News that may wait for one connection; beyond it news is lost for that one, which will soon be found frozen.
+/// Events that may wait for one connection; beyond it they are lost for that one, which will soon be found frozen.
 const QUEUE: usize = 256;
 
-/// Something to be said aloud.
-#[derive(Debug, Clone)]
-pub(crate) enum BusEvent {
-    SessionAdded(Arc<SessionStatus>),
-    SessionChanged(Arc<SessionStatus>),
-    SessionRemoved(String),
-    FrameDone(Arc<SessionStatus>, Arc<Published>),
-    /// State, active session, baseline or error of the daemon.
-    Daemon,
-    /// State of the instruments.
-    Instruments,
-    /// Which instruments there are, and whether there is a simulated sheet, may have changed.
-    ObjectsChanged,
-    /// Something happened to the rig, or to a session by it.
-    Happened(Happening),
-    /// Whether the bus is still there is asked of each.
-    Heartbeats,
-    /// How far a self-test is.
-    TestProgress {
-        done: u64,
-        total: u64,
-        what: String,
-    },
-}
-
-/// Everybody who carries news on.
+/// The queue of every connection.
 #[derive(Debug, Default)]
 pub(crate) struct Broadcast {
     receivers: Mutex<Vec<mpsc::Sender<BusEvent>>>,
 }
 
 impl Broadcast {
-    /// Somebody who wants to hear; dropped when the receiver is.
-    pub(crate) fn listen(&self) -> mpsc::Receiver<BusEvent> {
-        let (receiver, news) = mpsc::channel(QUEUE);
+    /// A queue for one more connection; it ends when the receiver is dropped.
+    pub(crate) fn subscribe(&self) -> mpsc::Receiver<BusEvent> {
+        let (receiver, events) = mpsc::channel(QUEUE);
         self.lock().push(receiver);
-        news
+        events
     }
 
-    /// Tells everybody; never waits.
-    pub(crate) fn say(&self, event: &BusEvent) {
+    /// Sends to every connection; never waits.
+    pub(crate) fn send(&self, event: &BusEvent) {
         self.lock().retain(|receiver| {
             !matches!(
                 receiver.try_send(event.clone()),
@@ -60,8 +34,8 @@ impl Broadcast {
         });
     }
 
-    /// Waits until everybody has heard everything, or half a second.
-    pub(crate) async fn farewell(&self) {
+    /// Waits until every queue is empty, or half a second.
+    pub(crate) async fn flush(&self) {
         for _ in 0..50 {
             if self
                 .lock()

@@ -6,9 +6,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-use chrono::{DateTime, Utc};
-use logbook::Event;
-
+use crate::events::event::Event;
 use survey::error_chain as chain;
 
 /// Events that may wait for the disk; beyond it they are counted.
@@ -16,7 +14,7 @@ const QUEUE: usize = 256;
 /// The last ones are waited for so long at the end.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// The way to the chronicle.
+/// The way to the daemon log.
 #[derive(Debug)]
 pub(crate) struct DaemonLogWriter {
     directory: PathBuf,
@@ -27,7 +25,7 @@ pub(crate) struct DaemonLogWriter {
 
 #[derive(Debug)]
 struct Writer {
-    queue: SyncSender<Event>,
+    queue: SyncSender<logbook::Event>,
     done: tokio::sync::oneshot::Receiver<()>,
 }
 
@@ -41,18 +39,24 @@ impl DaemonLogWriter {
     }
 
     /// Puts an event on its way.
-    pub(crate) fn note(&self, at: DateTime<Utc>, kind: &str, text: &str) {
+    pub(crate) fn note(&self, event: &Event) {
         let mut writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner);
         if writer.is_none() {
             *writer = start(self.directory.clone());
         }
         let lost = self.lost.swap(0, Ordering::Relaxed);
         let text = match lost {
-            0 => text.to_owned(),
-            lost => format!("{text} ({lost} events before this one were lost: the disk was slow)"),
+            0 => event.text.clone(),
+            lost => format!(
+                "{} ({lost} events before this one were lost: the disk was slow)",
+                event.text
+            ),
         };
-        let kind = kind.to_owned();
-        let event = Event { at, kind, text };
+        let event = logbook::Event {
+            at: event.at,
+            kind: event.kind.to_owned(),
+            text,
+        };
         let sent = writer
             .as_ref()
             .is_some_and(|writer| writer.queue.try_send(event).is_ok());
@@ -78,7 +82,7 @@ impl DaemonLogWriter {
 fn start(directory: PathBuf) -> Option<Writer> {
     let (queue, events) = sync_channel(QUEUE);
     let (say, done) = tokio::sync::oneshot::channel();
-    let thread = std::thread::Builder::new().name("chronicle".to_owned());
+    let thread = std::thread::Builder::new().name("daemon-log".to_owned());
     let started = thread.spawn(move || {
         write(&directory, &events);
         let _ = say.send(());
@@ -86,14 +90,14 @@ fn start(directory: PathBuf) -> Option<Writer> {
     match started {
         Ok(_) => Some(Writer { queue, done }),
         Err(cause) => {
-            tracing::warn!("no thread for the chronicle: {cause}");
+            tracing::warn!("no thread for the daemon log: {cause}");
             None
         }
     }
 }
 
 /// Until nobody sends any more. What the disk refuses is in the journal and on the bus all the same.
-fn write(directory: &std::path::Path, events: &Receiver<Event>) {
+fn write(directory: &std::path::Path, events: &Receiver<logbook::Event>) {
     let mut daemon_log = None;
     let mut refused = false;
     while let Ok(event) = events.recv() {
@@ -120,6 +124,8 @@ fn write(directory: &std::path::Path, events: &Receiver<Event>) {
 
 #[cfg(test)]
 mod tests {
+    use chrono::DateTime;
+
     use crate::events::daemon_log::*;
 
     #[tokio::test]
@@ -130,12 +136,13 @@ mod tests {
         assert!(logbook::chronicle(folder.path()).unwrap().is_empty());
         for number in 0..QUEUE as i64 {
             let at = DateTime::from_timestamp_nanos(number);
-            daemon_log.note(at, "daily", "a day");
+            daemon_log.note(&Event::new(at, "daily", "a day", None));
         }
         daemon_log.close().await;
         assert_eq!(logbook::chronicle(folder.path()).unwrap().len(), QUEUE);
         // and it goes on
-        daemon_log.note(Utc::now(), "stopped", "SIGTERM");
+        let at = DateTime::from_timestamp_nanos(QUEUE as i64);
+        daemon_log.note(&Event::new(at, "stopped", "SIGTERM", None));
         daemon_log.close().await;
         let last = logbook::chronicle(folder.path()).unwrap().pop().unwrap();
         assert_eq!(last.kind, "stopped");

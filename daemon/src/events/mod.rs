@@ -1,7 +1,9 @@
 //! Events on their way to the journal, the bus and the daemon log.
 //! Which events a session records is decided by `recording`.
 
-pub(crate) mod broadcast;
-pub(crate) mod daemon_log;
+mod broadcast;
+mod daemon_log;
+pub(crate) mod event;
+pub(crate) mod event_log;
 pub(crate) mod journal;
 pub(crate) mod rate_limit;

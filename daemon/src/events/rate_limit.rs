@@ -1,5 +1,5 @@
-//! What is said in the journal: each kind of news once, and then at a limited rate with what was left out. Record and bus
-//! have all of it.
+//! What is written to the journal: each kind of event once, and then at a limited rate with the number left out. Record and
+//! bus have all events.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -7,19 +7,19 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-/// So long one kind is not said again.
+/// So long one kind is not written again.
 pub(crate) const AGAIN: Duration = Duration::from_secs(600);
 
-/// Whether something is said.
+/// Whether an event is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Decision {
-    Say,
-    /// And that there were so many more since it was said last.
-    SayWith(u64),
-    Silent,
+    Write,
+    /// With the number that was left out since the last one.
+    WriteWith(u64),
+    LeaveOut,
 }
 
-/// How news is told.
+/// The level in the journal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Severity {
     /// All is as it should be.
@@ -39,12 +39,12 @@ impl Severity {
     }
 }
 
-/// What has been said, by kind. Kinds are words of this program, so there are only so many.
+/// What has been written, by kind. Kinds are words of this program, so there are only so many.
 #[derive(Debug, Default)]
-pub(crate) struct RateLimit(Mutex<BTreeMap<&'static str, Said>>);
+pub(crate) struct RateLimit(Mutex<BTreeMap<&'static str, Written>>);
 
 #[derive(Debug, Clone, Copy)]
-struct Said {
+struct Written {
     at: Instant,
     more: u64,
 }
@@ -54,31 +54,31 @@ impl RateLimit {
         Self(Mutex::new(BTreeMap::new()))
     }
 
-    /// Says something in the journal, or counts it.
-    pub(crate) fn say(&self, kind: &'static str, session: Option<&str>, text: &str) {
+    /// Writes an event to the journal, or counts it.
+    pub(crate) fn log(&self, kind: &'static str, session: Option<&str>, text: &str) {
         match self.decide(kind) {
-            Decision::Say => journal(kind, session, text),
-            Decision::SayWith(more) => {
+            Decision::Write => journal(kind, session, text),
+            Decision::WriteWith(more) => {
                 let text = format!("{text} (and {})", left_out(more));
                 journal(kind, session, &text);
             }
-            Decision::Silent => {}
+            Decision::LeaveOut => {}
         }
     }
 
-    /// Says what was counted and is due; called now and then.
+    /// Writes what was counted and is due; called now and then.
     pub(crate) fn catch_up(&self) {
         let now = Instant::now();
         let mut due = Vec::new();
-        self.kinds().retain(|kind, said| {
-            if now.duration_since(said.at) < AGAIN {
+        self.kinds().retain(|kind, written| {
+            if now.duration_since(written.at) < AGAIN {
                 return true;
             }
-            if said.more > 0 {
-                due.push((*kind, said.more));
+            if written.more > 0 {
+                due.push((*kind, written.more));
             }
-            let again = said.more > 0;
-            *said = Said { at: now, more: 0 };
+            let again = written.more > 0;
+            *written = Written { at: now, more: 0 };
             again
         });
         for (kind, more) in due {
@@ -89,24 +89,24 @@ impl RateLimit {
     fn decide(&self, kind: &'static str) -> Decision {
         let now = Instant::now();
         let mut kinds = self.kinds();
-        let Some(said) = kinds.get_mut(kind) else {
-            kinds.insert(kind, Said { at: now, more: 0 });
-            return Decision::Say;
+        let Some(written) = kinds.get_mut(kind) else {
+            kinds.insert(kind, Written { at: now, more: 0 });
+            return Decision::Write;
         };
-        if now.duration_since(said.at) < AGAIN {
-            said.more += 1;
-            return Decision::Silent;
+        if now.duration_since(written.at) < AGAIN {
+            written.more += 1;
+            return Decision::LeaveOut;
         }
-        let more = std::mem::take(&mut said.more);
-        said.at = now;
+        let more = std::mem::take(&mut written.more);
+        written.at = now;
         if more > 0 {
-            Decision::SayWith(more)
+            Decision::WriteWith(more)
         } else {
-            Decision::Say
+            Decision::Write
         }
     }
 
-    fn kinds(&self) -> MutexGuard<'_, BTreeMap<&'static str, Said>> {
+    fn kinds(&self) -> MutexGuard<'_, BTreeMap<&'static str, Written>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -165,9 +165,9 @@ mod tests {
         let _guard = tracing::subscriber::set_default(subscriber);
         let rate_limit = RateLimit::default();
         for frame in 0..215 {
-            rate_limit.say("frame-failed", Some("m1"), &format!("frame {frame} failed"));
+            rate_limit.log("frame-failed", Some("m1"), &format!("frame {frame} failed"));
         }
-        rate_limit.say("suspended", Some("m1"), "the session is suspended");
+        rate_limit.log("suspended", Some("m1"), "the session is suspended");
         let said = journal.lines();
         assert_eq!(said.len(), 2, "{said:#?}");
         assert!(said[0].contains("frame 0 failed") && said[0].contains("ERROR"));
@@ -176,14 +176,14 @@ mod tests {
         rate_limit.catch_up();
         assert!(journal.lines().is_empty());
         tokio::time::advance(Duration::from_secs(1)).await;
-        rate_limit.say("frame-failed", Some("m1"), "frame 300 failed");
+        rate_limit.log("frame-failed", Some("m1"), "frame 300 failed");
         let said = journal.lines();
         assert!(
             said[0].contains("frame 300 failed (and 214 more in the last 10 minutes)"),
             "{said:?}"
         );
         // the last of a burst is counted, though nothing comes after it
-        rate_limit.say("frame-failed", Some("m1"), "frame 301 failed");
+        rate_limit.log("frame-failed", Some("m1"), "frame 301 failed");
         assert!(journal.lines().is_empty());
         tokio::time::advance(AGAIN).await;
         rate_limit.catch_up();
@@ -197,7 +197,7 @@ mod tests {
         rate_limit.catch_up();
         assert!(journal.lines().is_empty(), "silence is not told again");
         // and after silence it is news again
-        rate_limit.say("frame-failed", Some("m1"), "frame 900 failed");
+        rate_limit.log("frame-failed", Some("m1"), "frame 900 failed");
         assert_eq!(journal.lines().len(), 1);
     }
 }

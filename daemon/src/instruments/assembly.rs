@@ -16,8 +16,8 @@ use survey::{Frame, Plan, Relay, Sensing, Wiring};
 use crate::instruments::address::InstrumentAddress;
 use crate::instruments::identities::{Connected, ExpectedIdentities};
 use crate::instruments::multiplexer::Multiplexer;
+use crate::instruments::rig_plan::RigPlan;
 use crate::instruments::simulation::SimulatedRig;
-use crate::preparation::RigPlan;
 use survey::printable_within;
 
 /// How long opening a connection may take.

@@ -11,7 +11,7 @@ use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixListener, UnixStream};
 
 use crate::instruments::address::InstrumentAddress;
-use crate::preparation::Places;
+use crate::instruments::rig_plan::Places;
 
 /// Somebody else works with an instrument.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]

@@ -5,10 +5,11 @@ pub(crate) mod address;
 pub(crate) mod assembly;
 pub(crate) mod discovery;
 pub(crate) mod identities;
+pub(crate) mod last_resort;
 pub(crate) mod lock;
 pub(crate) mod multiplexer;
-pub(crate) mod panic_handler;
 pub(crate) mod relay_wear;
+pub(crate) mod rig_plan;
 #[cfg(feature = "simulator")]
 pub(crate) mod simulation;
 #[cfg(not(feature = "simulator"))]

@@ -7,8 +7,6 @@ use std::time::Duration;
 use chrono::{DateTime, Utc};
 use rig::{Clock, SystemClock};
 
-use crate::recording::session_status::Published;
-
 /// Upper ends of the times that reconstructions are counted under, s; beyond the last there is no end.
 pub(crate) const RECONSTRUCTION_S: [f64; 8] = [0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 10.0];
 
@@ -80,27 +78,16 @@ impl Counters {
         self.acquired.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// A frame is on disk.
-    pub(crate) fn count_durable(&self, session: &str, published: &Published) {
+    /// A frame is on disk, with so many readings over range.
+    pub(crate) fn count_durable(&self, frame: LastFrame, overloads: u64) {
         self.durable.fetch_add(1, Ordering::Relaxed);
-        let overloads = published.quality.overloads as u64;
         self.overloads.fetch_add(overloads, Ordering::Relaxed);
-        let frame = &published.frame;
-        self.last().frame = Some(LastFrame {
-            session: session.to_owned(),
-            sequence: frame.sequence,
-            wall: frame.wall,
-            taken: frame.monotonic + frame.duration,
-        });
-        self.count_map(published);
+        self.last().frame = Some(frame);
     }
 
-    /// A map was made, with its frame or late.
-    pub(crate) fn count_map(&self, published: &Published) {
-        if published.map.is_none() {
-            return;
-        }
-        let seconds = published.reconstruction.as_secs_f64();
+    /// A map was made in this time, with its frame or late.
+    pub(crate) fn count_map(&self, took: Duration) {
+        let seconds = took.as_secs_f64();
         let mut last = self.last();
         last.reconstruction.count += 1;
         last.reconstruction.sum_s += seconds;

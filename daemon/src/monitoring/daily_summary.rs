@@ -7,8 +7,7 @@ use chrono::{DateTime, NaiveDate, Utc};
 use survey::{Baseline, Reading};
 
 use crate::monitoring::health::Counts;
-use crate::recording::recorder::relative_changes;
-use crate::recording::session_status::Published;
+use survey::relative_changes;
 
 /// What is compared from day to day.
 pub(crate) struct DailySummary {
@@ -21,8 +20,8 @@ pub(crate) struct DailySummary {
 /// What a day ends with.
 pub(crate) struct DayEnd {
     pub counts: Counts,
-    /// The last frame of the running session.
-    pub frame: Option<Arc<Published>>,
+    /// Readings of the last frame of the running session.
+    pub readings: Option<Vec<Reading>>,
     pub baseline: Option<Arc<Baseline>>,
     /// Of the last self-test, for a person.
     pub worst_contact: Option<String>,
@@ -52,7 +51,7 @@ impl DailySummary {
             counts.failed.saturating_sub(self.counts.failed),
             counts.dropped.saturating_sub(self.counts.dropped),
         );
-        let readings = day_end.frame.as_ref().map(|frame| &frame.frame.readings);
+        let readings = day_end.readings.as_ref();
         let drifts = [
             (
                 "baseline",
@@ -99,11 +98,11 @@ mod tests {
     use std::time::Duration;
 
     use crate::monitoring::daily_summary::*;
-    use survey::{Amps, Frame, Protocol, Quality, Settings, Volts};
+    use survey::{Amps, Frame, Protocol, Settings, Volts};
 
-    fn frame(volts: &[f64]) -> Arc<Published> {
+    fn frame(volts: &[f64]) -> Frame {
         let protocol = Protocol::sheffield(4).unwrap();
-        let frame = Frame {
+        Frame {
             sequence: 1,
             readings: volts.iter().map(|v| Reading::Ok(Volts(*v))).collect(),
             monotonic: Duration::ZERO,
@@ -121,16 +120,7 @@ mod tests {
             extra: vec![],
             compliance: vec![],
             simulated: true,
-        };
-        Arc::new(Published {
-            quality: Quality::counted(&frame),
-            frame,
-            map: None,
-            found: None,
-            pressure: None,
-            reconstruction: Duration::ZERO,
-            durable: Duration::ZERO,
-        })
+        }
     }
 
     /// Three days in steps of five seconds; the clock is set back by an hour just after a midnight.
@@ -139,7 +129,7 @@ mod tests {
         let begin: DateTime<Utc> = "2026-11-22T10:00:00Z".parse().unwrap();
         let mut daily = DailySummary::new(begin, Counts::default());
         let mut lines = Vec::new();
-        let baseline = Baseline::from_frames("b", &[frame(&[1.0, 2.0, -4.0, 8.0]).frame.clone()]);
+        let baseline = Baseline::from_frames("b", &[frame(&[1.0, 2.0, -4.0, 8.0])]);
         let baseline = Arc::new(baseline.unwrap());
         let mut now = begin;
         let mut set_back = false;
@@ -161,7 +151,7 @@ mod tests {
                     failed: 3 * lines.len() as u64 + 1,
                     ..Counts::default()
                 },
-                frame: Some(frame(&volts)),
+                readings: Some(frame(&volts).readings),
                 baseline: Some(Arc::clone(&baseline)),
                 worst_contact: (lines.len() == 2).then(|| "electrode 3".to_owned()),
             };

@@ -6,7 +6,14 @@ use std::time::Duration;
 
 use logbook::Volume;
 
-use crate::recording::recorder::free_bytes;
+/// Free bytes of the file system that a folder is on, for whoever is not root.
+///
+/// # Errors
+/// What the system says.
+pub(crate) fn free_bytes(folder: &Path) -> std::io::Result<u64> {
+    let found = rustix::fs::statvfs(folder)?;
+    Ok(found.f_bavail.saturating_mul(found.f_frsize))
+}
 
 /// A look is good for so long.
 const GOOD_FOR: Duration = Duration::from_secs(5);

@@ -1,28 +1,25 @@
 //! All that tells whether the daemon is well, found out at once. Status, metrics and notifications read the same.
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
 use dbus::Options;
-use rig::Clock;
 use survey::duration;
 
 use crate::config::NotifySection;
 use crate::monitoring::counters::{Gap, LastFrame, read};
 use crate::monitoring::disk::Room;
 use crate::monitoring::{Counters, RelayLife};
-use crate::recording::order::QUEUE;
-use crate::recording::recorder::nanoseconds;
-use crate::recording::session_status::SessionStatus;
-use crate::session::controller::Controller;
-use crate::session::state::State;
+use survey::nanoseconds;
 
 /// How the daemon is.
 #[derive(Debug, Clone)]
 pub(crate) struct Health {
     pub at: DateTime<Utc>,
-    pub state: State,
+    /// `idle`, `baseline`, `acquiring`, `testing`, `suspended`, `faulted`.
+    pub state: &'static str,
+    /// Why it is faulted; `None` where it is not.
+    pub fault: Option<String>,
     /// `off` (verified), `in use`, `unknown`.
     pub source: &'static str,
     pub simulated: bool,
@@ -76,6 +73,8 @@ pub(crate) struct Running {
     pub durable: u64,
     pub failed: u64,
     pub dropped: u64,
+    /// Frames that may wait for the disk.
+    pub queue: u64,
     /// From start to start of frames, as scheduled, planned or seen, whichever is longest.
     pub period: Duration,
     /// Since its last frame, its beginning, or since it was told to go on; `None` where nobody awaits a frame.
@@ -89,35 +88,6 @@ impl Running {
     pub(crate) fn backlog(&self) -> u64 {
         self.acquired.saturating_sub(self.durable)
     }
-
-    fn of(status: &SessionStatus, plan: Option<Duration>, now: Duration) -> Self {
-        let frame = status.latest_frame();
-        let taken = frame.map(|frame| (frame.frame.monotonic, frame.frame.duration));
-        let length = taken.map(|(_, duration)| duration);
-        let (from, first, last) = status.pace();
-        let durable = status.durable();
-        let between = match (first, last) {
-            (Some(first), Some(last)) if durable > 1 => {
-                let steps = u32::try_from(durable - 1).unwrap_or(u32::MAX);
-                Some(last.saturating_sub(first) / steps)
-            }
-            _ => None,
-        };
-        let period = [length, plan, between].into_iter().flatten();
-        let period = period.fold(status.facts.every, Duration::max);
-        let since = taken.map_or(from, |(at, duration)| from.max(at + duration));
-        Self {
-            id: status.facts.id.clone(),
-            kind: status.facts.kind.as_str(),
-            acquired: status.acquired(),
-            durable,
-            failed: status.failures(),
-            dropped: status.dropped(),
-            period: period.max(Duration::from_millis(1)),
-            quiet: status.awaits_frames().then(|| now.saturating_sub(since)),
-            last_error: status.progress().last_error,
-        }
-    }
 }
 
 /// Something that is not as it should be.
@@ -129,52 +99,6 @@ pub(crate) struct ActiveAlarm {
     pub text: String,
 }
 
-impl Controller {
-    /// How the daemon is. Asks the disk, and waits for it two seconds at most; asks no instrument.
-    pub(crate) async fn health(self: &Arc<Self>) -> Health {
-        let (runtime, counters) = (self.runtime(), &self.observed.counters);
-        let now = counters.now();
-        let status = self.active();
-        let plan = self.plan();
-        let plan = plan.map(|rig| rig.plan.duration(&rig.timing));
-        let file = status.as_ref().map(|status| status.path());
-        let directory = &runtime.setup.record_directory;
-        let room = self.observed.disk.room(directory, file, now).await;
-        let last_frame = counters.last_frame();
-        let counts = Counts::of(counters);
-        let wall = runtime.clock.wall();
-        let relays = self.observed.relays();
-        Health {
-            at: wall,
-            state: self.state(),
-            source: self.source_state(),
-            simulated: runtime.simulated,
-            session: status.map(|status| Running::of(&status, plan, now)),
-            age: last_frame
-                .as_ref()
-                .map(|frame| now.saturating_sub(frame.taken)),
-            last_frame,
-            last_gap: counters.last_gap(),
-            relays: relays.map(|life| life.after(counts.acquired)),
-            counts,
-            instruments: self
-                .identities()
-                .instruments
-                .into_iter()
-                .map(|found| (found.role, found.address))
-                .collect(),
-            rig_fault: self.rig_fault(),
-            baseline: self.baseline().map(|baseline| {
-                let age = wall.signed_duration_since(baseline.wall);
-                (baseline.id.clone(), age.to_std().unwrap_or_default())
-            }),
-            room,
-            warn_below: runtime.setup.config.record.warn_below_mb * 1_000_000,
-            metrics: self.observed.metrics(),
-        }
-    }
-}
-
 impl Health {
     /// What is not as it should be, most grave first; empty when all is well.
     pub(crate) fn alarms(&self, limits: &NotifySection) -> Vec<ActiveAlarm> {
@@ -184,7 +108,7 @@ impl Health {
             let text = "the state of the source is unknown: treat the sheet as live";
             add("source-unverified", text.to_owned());
         }
-        if let State::Faulted(why) = &self.state {
+        if let Some(why) = &self.fault {
             add("faulted", why.clone());
         } else if let Some(why) = &self.rig_fault {
             add("instrument", why.clone());
@@ -238,7 +162,7 @@ impl Health {
             );
             add("no-frame", text);
         }
-        if session.backlog() > QUEUE as u64 {
+        if session.backlog() > session.queue {
             let text = format!(
                 "{} frames wait for the disk, which does not keep up",
                 session.backlog()
@@ -271,7 +195,7 @@ impl Health {
             .with("at_ns", nanoseconds(self.at))
             .with("well", alarms.is_empty())
             .with_texts("troubles", &reported)
-            .with("state", self.state.word())
+            .with("state", self.state)
             .with("source_state", self.source)
             .with("simulated", self.simulated)
             .with_texts("instruments", &instruments)
@@ -330,7 +254,8 @@ mod tests {
     fn well() -> Health {
         Health {
             at: DateTime::UNIX_EPOCH,
-            state: State::Acquiring,
+            state: "acquiring",
+            fault: None,
             source: "in use",
             simulated: true,
             session: Some(Running {
@@ -340,6 +265,7 @@ mod tests {
                 durable: 19,
                 failed: 0,
                 dropped: 0,
+                queue: 16,
                 period: Duration::from_secs(10),
                 quiet: Some(Duration::from_secs(3)),
                 last_error: String::new(),
@@ -380,7 +306,7 @@ mod tests {
             (&[], |_| ()),
             (&["source-unverified"], |health| health.source = "unknown"),
             (&["faulted"], |health| {
-                health.state = State::Faulted("lost".into());
+                health.fault = Some("lost".into());
                 health.rig_fault = Some("lost".into());
             }),
             (&["instrument"], |health| {

@@ -1,15 +1,16 @@
 //! Signs of life. Acquisition, the record and each bus say until when they will say something again; systemd's watchdog
 //! hears nothing once one of them has not kept its word. A timer alone would go on ticking beside a daemon that hangs.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Weak};
 use std::time::Duration;
 
-use rig::Clock;
+use rig::{Clock, SystemClock};
 use sd_notify::NotifyState;
 
-use crate::events::broadcast::BusEvent;
-use crate::session::controller::Controller;
+use crate::config::BusSection;
+use crate::events::event::{BusEvent, Event};
+use crate::events::event_log::EventLog;
 
 /// Who promises.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,9 +94,14 @@ impl Drop for Rests {
     }
 }
 
-/// Tells systemd that all is well, a third of its patience apart, for as long as it is. Ends at once where systemd did not
-/// ask for it.
-pub(crate) async fn tell_systemd(controller: Weak<Controller>) {
+/// Reports to systemd's watchdog, a third of its patience apart, for as long as no part is overdue. Ends at once where
+/// systemd did not ask for it.
+pub(crate) async fn report_to_systemd(
+    heartbeats: Arc<Heartbeats>,
+    clock: SystemClock,
+    bus: BusSection,
+    events: EventLog,
+) {
     let Some(patience) = sd_notify::watchdog_enabled() else {
         return;
     };
@@ -104,11 +110,8 @@ pub(crate) async fn tell_systemd(controller: Weak<Controller>) {
     let mut silent = false;
     loop {
         ticks.tick().await;
-        let Some(controller) = controller.upgrade() else {
-            return;
-        };
-        let now = controller.runtime().clock.monotonic();
-        match controller.heartbeats.overdue(now) {
+        let now = clock.monotonic();
+        match heartbeats.overdue(now) {
             None => {
                 silent = false;
                 let _ = sd_notify::notify(&[NotifyState::Watchdog]);
@@ -121,26 +124,21 @@ pub(crate) async fn tell_systemd(controller: Weak<Controller>) {
                     part.name(),
                     late.as_secs_f64()
                 );
-                controller.tell(None, "alarm", &text).await;
+                events.report(Event::new(clock.wall(), "alarm", &text, None));
             }
             Some(_) => {}
         }
-        ask_the_buses(&controller, now, patience);
-    }
-}
-
-/// Each bus that there is has to answer a question, or be found gone, before systemd's patience ends.
-fn ask_the_buses(controller: &Arc<Controller>, now: Duration, patience: Duration) {
-    let bus = &controller.runtime().setup.config.bus;
-    for (wanted, part) in [
-        (bus.session, Part::SessionBus),
-        (bus.system, Part::SystemBus),
-    ] {
-        if wanted {
-            controller.heartbeats.ask(part, now, patience);
+        // each bus that there is has to answer, or be found gone, before systemd's patience ends
+        for (wanted, part) in [
+            (bus.session, Part::SessionBus),
+            (bus.system, Part::SystemBus),
+        ] {
+            if wanted {
+                heartbeats.ask(part, now, patience);
+            }
         }
+        events.publish(&BusEvent::Heartbeats);
     }
-    controller.broadcast.say(&BusEvent::Heartbeats);
 }
 
 #[cfg(test)]

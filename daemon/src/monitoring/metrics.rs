@@ -196,11 +196,7 @@ impl Snapshot {
         let help = "What the daemon is doing";
         let mut family = encoder.encode_descriptor("tactus_state", help, None, gauge)?;
         for state in STATES {
-            one(
-                &mut family,
-                [("state", state)],
-                self.health.state.word() == state,
-            )?;
+            one(&mut family, [("state", state)], self.health.state == state)?;
         }
         let help = "What people are notified of";
         let mut family = encoder.encode_descriptor("tactus_trouble", help, None, gauge)?;

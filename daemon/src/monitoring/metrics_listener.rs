@@ -9,7 +9,7 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::AbortHandle;
 
-use crate::service::containment::{Ends, answer};
+use crate::panics::containment::{Ends, answer};
 
 /// Bytes of a request with all its headers.
 const LONGEST: usize = 8192;

@@ -70,7 +70,7 @@ pub(crate) fn payload(message: &Message, health: &Health, limits: &NotifySection
         "phase": message.phase.word(),
         "text": message.text,
         "at": health.at.to_rfc3339_opts(chrono::SecondsFormat::Millis, true),
-        "state": health.state.word(),
+        "state": health.state,
         "source_state": health.source,
         "simulated": health.simulated,
         "session": session.map(|session| &session.id),

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use survey::{Injection, Plan, Protocol, Step, Timing};
 
-use crate::preparation::RigPlan;
+use crate::instruments::rig_plan::RigPlan;
 
 /// A setting against leaving it out, all others as they are.
 pub(crate) struct Cost {

@@ -8,25 +8,21 @@ mod played;
 mod rig_plan;
 mod wired;
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Duration;
 
-use rig::MeterSettings;
 use sha2::{Digest, Sha256};
-use survey::{
-    Amps, Limits, Plan, Protocol, ProtocolError, RangeRule, Relay, Settings, Step, Timing, duration,
-};
+use survey::{Amps, Protocol, ProtocolError, duration};
 
-use crate::instruments::simulation::{Profile, Scene};
 pub(crate) use crate::preparation::costs::{costs, resolution};
 
 use crate::acquisition::playback::Recording;
+use crate::acquisition::schedule::Schedule;
 use crate::config::problems::{Problem, Source};
-use crate::config::{Config, EnableName, RigKind, SurveySection};
-use crate::instruments::address::InstrumentAddress;
-use crate::session::schedule::Schedule;
+use crate::config::{Config, RigKind, SurveySection};
+use crate::instruments::assembly::Bench;
+use crate::instruments::rig_plan::RigPlan;
+use crate::instruments::simulation::SimulatedRig;
 use imaging::{Conditions, Geometry, Model};
 use survey::error_chain as chain;
 
@@ -62,81 +58,6 @@ pub(crate) enum FramesFrom {
         recording: Box<Recording>,
         baseline: Box<survey::Baseline>,
     },
-}
-
-/// What a rig is to do, and on which instruments.
-#[derive(Clone)]
-pub(crate) struct RigPlan {
-    pub plan: Plan,
-    pub limits: Limits,
-    pub timing: Timing,
-    pub meter: MeterSettings,
-    /// Where each reading has a range of its own.
-    pub ranges: Option<RangeRule>,
-    /// Frames that one zero-current frame serves.
-    pub zero_every: Option<u64>,
-    /// Electrodes that a pair leaves out between its two.
-    pub skip: usize,
-    /// Whether each two readings that reciprocity makes equal are read once.
-    pub half: bool,
-    /// What the slots must hold; none where a multiplexer board switches.
-    pub modules: BTreeMap<u32, keysight_34980a::Module>,
-    pub instruments: Places,
-    pub bench: Option<(Profile, Scene)>,
-}
-
-impl RigPlan {
-    /// The settings that its frames carry.
-    pub(crate) fn settings(&self) -> Settings {
-        let mut settings = rig::settings(&self.plan, self.meter);
-        settings.precautions.zeroed = self.zero_every.is_some();
-        settings
-    }
-
-    /// How often a frame closes each relay of the wiring; of those that a scan closes by itself, the channels.
-    pub(crate) fn closures(&self) -> Vec<(Relay, f64)> {
-        let wiring = &self.plan.wiring;
-        let mut relays = wiring.injecting_relays();
-        relays.extend(wiring.measuring_relays());
-        relays.extend(&wiring.bus);
-        let mut closures: Vec<(Relay, f64)> =
-            relays.into_iter().map(|relay| (relay, 0.0)).collect();
-        let mut count = |closed: &[Relay]| {
-            for (relay, closures) in &mut closures {
-                *closures += if closed.contains(relay) { 1.0 } else { 0.0 };
-            }
-        };
-        for step in &self.plan.steps {
-            match step {
-                Step::Bus { close }
-                | Step::Break { close, .. }
-                | Step::Overlap { close, .. }
-                | Step::Route { close, .. } => count(close),
-                Step::Scan { channels } => {
-                    let relays: Vec<Relay> = channels.iter().map(|channel| channel.relay).collect();
-                    count(&relays);
-                }
-                Step::Chain { routes } => routes.iter().for_each(|route| count(&route.close)),
-                _ => {}
-            }
-        }
-        closures
-    }
-
-    /// Whether a multiplexer board switches, and the mainframe only measures.
-    pub(crate) fn has_board(&self) -> bool {
-        self.modules.is_empty()
-    }
-}
-
-/// Where the instruments are, and how long each may take to answer.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Places {
-    pub source: (InstrumentAddress, Duration),
-    pub switch: (InstrumentAddress, Duration),
-    pub voltmeter: (InstrumentAddress, Duration),
-    /// Of a board on a gpiochip.
-    pub enable: EnableName,
 }
 
 /// The problems of one file, collected.
@@ -373,6 +294,22 @@ impl Prepared {
         match &self.frames {
             FramesFrom::Rig(rig) => rig.bench.is_some(),
             FramesFrom::Recording { recording, .. } => recording.frames().is_simulated(),
+        }
+    }
+
+    /// What the simulated instruments are connected to; `None` where none is simulated.
+    ///
+    /// # Errors
+    /// A profile and a scene that do not fit each other.
+    pub(crate) fn bench(&self) -> Result<Bench, String> {
+        match &self.frames {
+            FramesFrom::Rig(plan) => plan
+                .bench
+                .as_ref()
+                .map(|(profile, scene)| SimulatedRig::new(profile, scene.clone()))
+                .transpose()
+                .map_err(|error| chain(&error)),
+            FramesFrom::Recording { .. } => Ok(None),
         }
     }
 }

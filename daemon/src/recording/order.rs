@@ -3,6 +3,8 @@
 use chrono::{DateTime, Utc};
 use survey::Frame;
 
+use crate::events::event::Event;
+
 /// Frames that may wait for the disk before acquisition does.
 pub(crate) const QUEUE: usize = 16;
 
@@ -10,11 +12,8 @@ pub(crate) const QUEUE: usize = 16;
 #[derive(Debug)]
 pub(crate) enum Order {
     Frame(Box<Frame>),
-    Event {
-        at: DateTime<Utc>,
-        kind: &'static str,
-        text: String,
-    },
+    /// To be written to the record; it has been reported.
+    Event(Event),
     /// A map that was late is ready.
     MapReady,
     /// It is time to look whether the file is still in its place.
@@ -29,3 +28,6 @@ pub(crate) enum Order {
         reason: String,
     },
 }
+
+/// Kind of the event that a session ends its file with when the daemon is stopped and the session is to go on.
+pub(crate) const SHUT_DOWN: &str = "shut-down";

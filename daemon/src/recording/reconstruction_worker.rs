@@ -9,8 +9,8 @@ use logbook::MapRecord;
 use survey::{Baseline, Map, Reading};
 use tokio::sync::mpsc::WeakSender;
 
+use crate::panics::containment;
 use crate::recording::order::Order;
-use crate::service::containment;
 use imaging::Model;
 use survey::error_chain as chain;
 

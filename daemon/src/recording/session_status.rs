@@ -1,19 +1,22 @@
-//! A session as everybody sees it: counters, the last frame and map, readers, and the wishes of those who control it.
+//! A session as clients see it: counters, the last frame and map, readers, and what was requested of it.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
+use dbus::Options;
 use eit::Pressure;
 use logbook::SessionKind;
 use rig::{Stop, StopButton};
 use survey::{Frame, Map, Quality};
 use tokio::sync::{OnceCell, watch};
 
+use crate::events::event::FrameSummary;
 use crate::monitoring::Counters;
+use crate::monitoring::counters::LastFrame;
+use crate::recording::end_marks::Marked;
 use crate::recording::stream::Readers;
-use crate::session::end_marks::Marked;
 
 /// What never changes.
 #[derive(Debug, Clone)]
@@ -59,6 +62,42 @@ pub(crate) struct Published {
     pub reconstruction: Duration,
     /// From the last reading until the frame was on disk, the map included.
     pub durable: Duration,
+}
+
+impl Published {
+    /// Counts of readings that are no voltages, and reciprocity.
+    pub(crate) fn quality_options(&self) -> Options {
+        let quality = &self.quality;
+        Options::new()
+            .with("overloads", quality.overloads as u64)
+            .with("timeouts", quality.timeouts as u64)
+            .with("not_measured", quality.not_measured as u64)
+            .with("compliance", quality.compliance.len() as u64)
+            .with("duration_s", self.frame.duration.as_secs_f64())
+            .with("implausible", quality.implausible as u64)
+            .with("flags", quality.words())
+            .with_some("reciprocity", quality.reciprocity)
+            .with_some("loop_sum", quality.loop_sum)
+    }
+
+    /// Where the load was found, and how large it is, added to `options`; nothing where there is no map.
+    pub(crate) fn map_options(&self, options: Options) -> Options {
+        let Some(map) = &self.map else {
+            return options;
+        };
+        options
+            .with("masked", map.masked as u64)
+            .with("reconstruction_s", self.reconstruction.as_secs_f64())
+            .with("durable_s", self.durable.as_secs_f64())
+            .with_some("largest_loss", map.largest_loss().map(|(_, loss)| loss))
+            .with_some("found_x_m", self.found.map(|[x, _]| x))
+            .with_some("found_y_m", self.found.map(|[_, y]| y))
+            .with_some("newtons", self.pressure.as_ref().map(|p| p.newtons))
+            .with_some(
+                "largest_kpa",
+                self.pressure.as_ref().map(Pressure::largest_kpa),
+            )
+    }
 }
 
 /// The last frame, and the last one that has a map.
@@ -301,7 +340,18 @@ impl SessionStatus {
     pub(crate) fn publish(&self, published: Published) {
         let published = Arc::new(published);
         let sequence = published.frame.sequence;
-        self.counters.count_durable(&self.facts.id, &published);
+        let frame = &published.frame;
+        let last = LastFrame {
+            session: self.facts.id.clone(),
+            sequence,
+            wall: frame.wall,
+            taken: frame.monotonic + frame.duration,
+        };
+        let overloads = published.quality.overloads as u64;
+        self.counters.count_durable(last, overloads);
+        if published.map.is_some() {
+            self.counters.count_map(published.reconstruction);
+        }
         {
             let mut pace = self.pace.lock().unwrap_or_else(PoisonError::into_inner);
             let at = published.frame.monotonic;
@@ -320,7 +370,7 @@ impl SessionStatus {
 
     /// The map of a frame that was published without it.
     pub(crate) fn publish_map(&self, published: Published) {
-        self.counters.count_map(&published);
+        self.counters.count_map(published.reconstruction);
         let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
         latest.with_map = Some(Arc::new(published));
     }
@@ -331,6 +381,21 @@ impl SessionStatus {
             .unwrap_or_else(PoisonError::into_inner)
             .frame
             .clone()
+    }
+
+    /// What the signal of a frame reports.
+    pub(crate) fn summary(&self, published: &Published) -> FrameSummary {
+        let options = published
+            .quality_options()
+            .with("frames_acquired", self.acquired())
+            .with("frames_dropped", self.dropped())
+            .with("simulated", published.frame.simulated);
+        FrameSummary {
+            session: self.facts.id.clone(),
+            sequence: published.frame.sequence,
+            wall_ns: survey::nanoseconds(published.frame.wall),
+            summary: published.map_options(options),
+        }
     }
 
     /// The last one that has a map.

@@ -10,8 +10,8 @@ use tokio::io::{AsyncWriteExt, Interest};
 use tokio::net::UnixStream;
 use tokio::sync::Notify;
 
+use crate::panics::containment::{Ends, answer};
 use crate::recording::ring::Ring;
-use crate::service::containment::{Ends, answer};
 
 /// How long a reader may take for all that is left after the end: then it is let go.
 const LAST_WORDS: Duration = Duration::from_secs(30);

@@ -267,7 +267,7 @@ impl Threads {
             .thread_name(name)
             .worker_threads(THREADS)
             .max_blocking_threads(THREADS)
-            .on_thread_start(crate::service::containment::mark_thread)
+            .on_thread_start(crate::panics::containment::mark_thread)
             .enable_all()
             .build()?;
         Ok(Self {

@@ -13,9 +13,9 @@ use zbus::fdo::{RequestNameFlags, RequestNameReply};
 
 use crate::config::BusSection;
 use crate::monitoring::heartbeat::Part;
+use crate::panics::containment::{Ends, answer};
 use crate::service::access;
 use crate::service::bus_socket::{BusSocket, Queue};
-use crate::service::containment::{Ends, answer};
 use crate::service::gate::{Authorizer, Gate, Threads};
 use crate::service::peer;
 use crate::session::controller::Controller;
@@ -168,12 +168,12 @@ async fn system_bus(
 ) -> zbus::Result<(Builder<'static>, Option<Arc<Queue>>)> {
     let address = zbus::Address::system()?;
     let queue = Arc::new(Queue::new(access::changes_something));
-    let reported = Arc::clone(controller);
+    let events = controller.events.clone();
     let report = move |lost: u64, sender: &str| {
         let text = format!(
             "{lost} calls that want no answer were discarded, the last of {sender}: too many wait already"
         );
-        reported.observed.rate_limit.say("calls-lost", None, &text);
+        events.journal("calls-lost", &text);
     };
     let socket = BusSocket::connect(&address, Arc::clone(&queue), Box::new(report)).await?;
     Ok(match socket {
@@ -190,7 +190,7 @@ async fn stay(
     acting: Handle,
 ) {
     let which = word(authorizer);
-    let mut news = controller.broadcast.listen();
+    let mut news = controller.events.subscribe();
     let part = match which {
         "system" => Part::SystemBus,
         _ => Part::SessionBus,
@@ -220,7 +220,7 @@ async fn stay(
             tokio::time::sleep(pause).await;
             controller.heartbeats.rest(part);
             pause = (pause * 2).min(LOOK_AGAIN.1);
-            news = controller.broadcast.listen();
+            news = controller.events.subscribe();
             // a bus that is there and frozen does not answer at all
             let again = tokio::time::timeout(TO_CONNECT, connect(authorizer, &controller, &acting));
             let again = match answer(Ends::Answer, again).await {

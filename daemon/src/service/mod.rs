@@ -3,7 +3,6 @@
 mod access;
 mod bus_socket;
 mod caller;
-pub(crate) mod containment;
 mod gate;
 pub(crate) mod limit;
 mod listener;
@@ -11,19 +10,17 @@ pub(crate) mod objects;
 mod peer;
 mod polkit;
 pub(crate) mod read_pool;
-pub(crate) mod records;
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use dbus::{Options, ROOT_PATH};
-use eit::Pressure;
 use zbus::connection::Builder;
 use zbus::object_server::{InterfaceRef, ObjectServer};
 use zbus::{Connection, fdo::ObjectManager};
 
-use crate::events::broadcast::BusEvent;
-use crate::recording::session_status::{Published, SessionStatus};
+use crate::events::event::BusEvent;
+use crate::recording::session_status::SessionStatus;
 use crate::service::objects::instrument1::Instrument1;
 use crate::service::objects::manager1::{Manager1, Manager1Signals};
 use crate::service::objects::session1::{Session1, Session1Signals};
@@ -116,18 +113,15 @@ async fn speak(
 ) -> zbus::Result<()> {
     let server = connection.object_server();
     match event {
-        BusEvent::SessionAdded(status) => show(server, &status, gate).await,
+        BusEvent::SessionAdded(id) => session(server, controller, &id, gate).await.map(drop),
         BusEvent::SessionRemoved(id) => {
             if let Ok(path) = dbus::session_path(&id) {
-                match server.remove::<Guarded<Session1>, _>(path).await {
-                    Ok(_) | Err(zbus::Error::InterfaceNotFound) => {}
-                    Err(error) => return Err(error),
-                }
+                gone(server.remove::<Guarded<Session1>, _>(path).await)?;
             }
             Ok(())
         }
-        BusEvent::SessionChanged(status) => {
-            let Some(session) = session(server, &status, gate).await? else {
+        BusEvent::SessionChanged(id) => {
+            let Some(session) = session(server, controller, &id, gate).await? else {
                 return Ok(());
             };
             let emitter = session.signal_emitter();
@@ -136,18 +130,13 @@ async fn speak(
             object.last_error_changed(emitter).await?;
             object.end_reason_changed(emitter).await
         }
-        BusEvent::FrameDone(status, published) => {
-            let Some(session) = session(server, &status, gate).await? else {
+        BusEvent::FrameDone(frame) => {
+            let Some(session) = session(server, controller, &frame.session, gate).await? else {
                 return Ok(());
             };
-            let wall_ns = crate::recording::recorder::nanoseconds(published.frame.wall);
             session
                 .signal_emitter()
-                .frame_done(
-                    published.frame.sequence,
-                    wall_ns,
-                    summary(&status, &published),
-                )
+                .frame_done(frame.sequence, frame.wall_ns, &frame.summary)
                 .await
         }
         BusEvent::Daemon => {
@@ -188,13 +177,13 @@ async fn speak(
         }
         BusEvent::Heartbeats => Ok(()),
         BusEvent::ObjectsChanged => register_again(server, controller, gate).await,
-        BusEvent::Happened(happening) => {
+        BusEvent::Happened(event) => {
             let manager = server.interface::<_, Guarded<Manager1>>(ROOT_PATH).await?;
-            let details = Options::new().with_some("session", happening.session.as_deref());
-            let wall_ns = crate::recording::recorder::nanoseconds(happening.at);
+            let details = Options::new().with_some("session", event.session.as_deref());
+            let wall_ns = survey::nanoseconds(event.at);
             manager
                 .signal_emitter()
-                .happened(wall_ns, happening.kind, &happening.text, details)
+                .happened(wall_ns, event.kind, &event.text, details)
                 .await
         }
     }
@@ -239,60 +228,23 @@ fn gone<T>(removed: zbus::Result<T>) -> zbus::Result<()> {
     }
 }
 
+/// The object of a session, put on the connection if it is not there yet; `None` for one that is no longer remembered.
 async fn session(
     server: &ObjectServer,
-    status: &Arc<SessionStatus>,
+    controller: &Controller,
+    id: &str,
     gate: &Arc<Gate>,
 ) -> zbus::Result<Option<InterfaceRef<Guarded<Session1>>>> {
-    let Ok(path) = dbus::session_path(&status.facts.id) else {
+    let mut sessions = controller.sessions().into_iter();
+    let Some(status) = sessions.find(|status| status.facts.id == id) else {
         return Ok(None);
     };
-    show(server, status, gate).await?;
+    let Ok(path) = dbus::session_path(id) else {
+        return Ok(None);
+    };
+    show(server, &status, gate).await?;
     server
         .interface::<_, Guarded<Session1>>(path)
         .await
         .map(Some)
-}
-
-/// What the signal of a frame says about it.
-fn summary(status: &SessionStatus, published: &Published) -> Options {
-    let options = Options::new()
-        .with("frames_acquired", status.acquired())
-        .with("frames_dropped", status.dropped())
-        .with("simulated", published.frame.simulated);
-    more_of_map(quality(options, published), published)
-}
-
-/// Counts of readings that are no voltages, and reciprocity.
-fn quality(options: Options, published: &Published) -> Options {
-    let quality = &published.quality;
-    options
-        .with("overloads", quality.overloads as u64)
-        .with("timeouts", quality.timeouts as u64)
-        .with("not_measured", quality.not_measured as u64)
-        .with("compliance", quality.compliance.len() as u64)
-        .with("duration_s", published.frame.duration.as_secs_f64())
-        .with("implausible", quality.implausible as u64)
-        .with("flags", quality.words())
-        .with_some("reciprocity", quality.reciprocity)
-        .with_some("loop_sum", quality.loop_sum)
-}
-
-/// Where the load was found, and how large it is.
-fn more_of_map(options: Options, published: &Published) -> Options {
-    let Some(map) = &published.map else {
-        return options;
-    };
-    options
-        .with("masked", map.masked as u64)
-        .with("reconstruction_s", published.reconstruction.as_secs_f64())
-        .with("durable_s", published.durable.as_secs_f64())
-        .with_some("largest_loss", map.largest_loss().map(|(_, loss)| loss))
-        .with_some("found_x_m", published.found.map(|[x, _]| x))
-        .with_some("found_y_m", published.found.map(|[_, y]| y))
-        .with_some("newtons", published.pressure.as_ref().map(|p| p.newtons))
-        .with_some(
-            "largest_kpa",
-            published.pressure.as_ref().map(Pressure::largest_kpa),
-        )
 }

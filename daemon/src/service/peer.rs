@@ -16,7 +16,7 @@ use zbus::connection::Builder;
 use super::caller::{Caller, GROUP};
 use super::gate::Gate;
 use super::limit::CONNECTIONS;
-use crate::service::containment::{Ends, answer};
+use crate::panics::containment::{Ends, answer};
 use crate::session::controller::Controller;
 
 /// How long a client may take to introduce itself.
@@ -90,10 +90,7 @@ pub(super) async fn serve(listener: PeerListener, controller: Arc<Controller>, a
             }
             Err(error) => {
                 let text = format!("the peer socket: {error}");
-                controller
-                    .observed
-                    .rate_limit
-                    .say("peer-socket", None, &text);
+                controller.events.journal("peer-socket", &text);
                 tokio::time::sleep(Duration::from_millis(100)).await;
             }
         }
@@ -106,7 +103,7 @@ async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle)
     let Some(caller) = caller.filter(|caller| caller.is_ours() || caller.is_member()) else {
         let text =
             format!("a user who is neither ours, root, nor of group {GROUP} was turned away");
-        controller.observed.rate_limit.say("strangers", None, &text);
+        controller.events.journal("strangers", &text);
         return;
     };
     let _place = match CONNECTIONS.take(caller.counted()) {
@@ -117,10 +114,7 @@ async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle)
                 caller.user(),
                 error.text()
             );
-            controller
-                .observed
-                .rate_limit
-                .say("peers-refused", None, &text);
+            controller.events.journal("peers-refused", &text);
             say_busy(stream, &error).await;
             return;
         }
@@ -131,7 +125,7 @@ async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle)
         Ok(Err(why)) => {
             let user = caller.user();
             let text = format!("a connection of user {user} to the peer socket was closed: {why}");
-            return controller.observed.rate_limit.say("greetings", None, &text);
+            return controller.events.journal("greetings", &text);
         }
         Err(_) => return tracing::debug!("a client has connected and said nothing"),
     };
@@ -146,7 +140,7 @@ async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle)
         return;
     };
     // listened to before it can speak: nothing is missed between
-    let mut news = controller.broadcast.listen();
+    let mut news = controller.events.subscribe();
     let mut builder = Builder::unix_stream(stream)
         .server(zbus::Guid::generate())
         .p2p();

@@ -9,7 +9,7 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use dbus::Fault;
 use tokio::sync::oneshot;
 
-use crate::service::containment;
+use crate::panics::containment;
 use crate::service::limit::{READS, User};
 
 /// Threads; two, so that one long answer does not hold up all others.

@@ -1,7 +1,9 @@
-//! Sessions: the controller that starts and ends them, the state machine, the schedule, and the marks of ended sessions.
+//! Sessions: the controller that starts and ends them, the state machine, and the tasks beside it: monitors, and what
+//! follows a panic.
 //! Frames are measured in `acquisition` and kept by `recording`.
 
 pub(crate) mod controller;
-pub(crate) mod end_marks;
-pub(crate) mod schedule;
+mod health;
+pub(crate) mod observer;
+pub(crate) mod panics;
 pub(crate) mod state;

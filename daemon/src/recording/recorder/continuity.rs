@@ -2,7 +2,7 @@
 
 use chrono::TimeDelta;
 use logbook::LogbookError;
-use survey::{Frame, Reading};
+use survey::{Frame, relative_changes};
 
 use crate::recording::recorder::{Recorder, Row};
 
@@ -10,14 +10,6 @@ use crate::recording::recorder::{Recorder, Row};
 const CLOCK_STEP: TimeDelta = TimeDelta::try_seconds(1).unwrap();
 /// A sheet that was left alone changes by less while the daemon is away: of a reading, in the median.
 const PLAUSIBLE: f64 = 0.1;
-
-/// Of each reading that is a voltage in both, how much it has changed, as a share of what it was.
-pub(crate) fn relative_changes(from: &[Reading], to: &[Reading]) -> impl Iterator<Item = f64> {
-    from.iter().zip(to).filter_map(|(from, to)| {
-        let (from, to) = (from.volts()?.0, to.volts()?.0);
-        (from != 0.0).then(|| (to - from) / from)
-    })
-}
 
 impl Recorder {
     /// Schedules keep to the monotonic clock; where the other one is set, or the machine sleeps, that is an event.

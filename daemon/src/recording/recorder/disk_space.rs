@@ -11,8 +11,8 @@ use logbook::{DiskFault, LogbookError, Retention, SessionWriter};
 use rig::Clock;
 
 use crate::config::{FullName, RecordSection};
+use crate::events::event::Event;
 use crate::monitoring::heartbeat::Part;
-use crate::recording::recorder::events::Unwritten;
 use crate::recording::recorder::{FOR_A_WRITE, Recorder, Row};
 use survey::error_chain as chain;
 
@@ -23,15 +23,6 @@ const MEGABYTE: u64 = 1_000_000;
 const LEAST_DELETED: u64 = 16 * MEGABYTE;
 /// A lock that another process holds on the file is waited for, and then the session goes on in the next part.
 const LOCK_PATIENCE: Duration = Duration::from_secs(30);
-
-/// Free bytes of the file system that a folder is on, for whoever is not root.
-///
-/// # Errors
-/// What the system says.
-pub(crate) fn free_bytes(folder: &Path) -> std::io::Result<u64> {
-    let found = rustix::fs::statvfs(folder)?;
-    Ok(found.f_bavail.saturating_mul(found.f_frsize))
-}
 
 type Free = Box<dyn Fn(&Path) -> std::io::Result<u64> + Send>;
 
@@ -48,7 +39,7 @@ pub(crate) struct Disk {
     /// How long a lock is waited for.
     pub(super) lock_patience: Duration,
     /// Events that wait for room.
-    pub(super) unwritten: VecDeque<Unwritten>,
+    pub(super) unwritten: VecDeque<Event>,
 }
 
 /// A wait of the record, with acquisition held.
@@ -223,7 +214,7 @@ impl Recorder {
             self.writer.path().display()
         );
         // the part says so itself
-        (self.tell)(at, "alarm", &text);
+        self.report("alarm", &text);
         Ok(())
     }
 
@@ -298,7 +289,7 @@ impl Recorder {
             self.status.hold(true);
             // it cannot be written to the record now, which has it afterwards
             let kind = if locked { "record-locked" } else { "disk-full" };
-            (self.tell)(self.clock.wall(), kind, &text);
+            self.report(kind, &text);
         }
         if self.status.stop_wish().is_asked() {
             self.status.hold(false);

@@ -1,23 +1,15 @@
-//! Events of the session: told to everybody at once, and written in the order in which they came. One that meets a full
-//! disk waits for room as a frame does, and what is said of that may come before it; one that meets a broken one goes to the next part.
+//! Events of the session: reported at once, and written in the order in which they came. One that meets a full disk waits
+//! for room as a frame does, and events about that may come before it; one that meets a broken disk goes to the next part.
 
 use chrono::{DateTime, Utc};
 use logbook::LogbookError;
 use rig::Clock;
-use survey::printable;
 
+use crate::events::event::Event;
 use crate::recording::recorder::Recorder;
 
-/// An event that is not in the record yet.
-#[derive(Debug)]
-pub(super) struct Unwritten {
-    at: DateTime<Utc>,
-    kind: &'static str,
-    text: String,
-}
-
 impl Recorder {
-    /// To everybody, and to the record, however long it takes until there is room.
+    /// Reports an event, and writes it, however long it takes until there is room.
     ///
     /// # Errors
     /// As [`Recorder::settle`].
@@ -26,31 +18,31 @@ impl Recorder {
         self.settle()
     }
 
-    /// To everybody, and to the record when the next [`Recorder::settle`] comes by: for what is said while room is waited
+    /// Reports an event, and writes it when the next [`Recorder::settle`] comes by: for what happens while room is waited
     /// for.
     pub(super) fn note(&mut self, kind: &'static str, text: &str) {
-        let at = self.clock.wall();
-        let text = &*printable(text);
-        (self.tell)(at, kind, text);
-        self.disk.unwritten.push_back(Unwritten {
-            at,
-            kind,
-            text: text.to_owned(),
-        });
+        let event = self.report(kind, text);
+        self.disk.unwritten.push_back(event);
     }
 
-    /// To the record, which has told everybody.
+    /// Reports an event that is not written to the record, or not here.
+    pub(super) fn report(&self, kind: &'static str, text: &str) -> Event {
+        let event = self.event_at(self.clock.wall(), kind, text);
+        self.events.report(event.clone());
+        event
+    }
+
+    /// An event of this session.
+    pub(super) fn event_at(&self, at: DateTime<Utc>, kind: &'static str, text: &str) -> Event {
+        Event::new(at, kind, text, Some(&self.status.facts.id))
+    }
+
+    /// Writes an event that has been reported.
     ///
     /// # Errors
     /// As [`Recorder::settle`].
-    pub(super) fn event(
-        &mut self,
-        at: DateTime<Utc>,
-        kind: &'static str,
-        text: String,
-    ) -> Result<(), LogbookError> {
-        let text = printable(&text).into_owned();
-        self.disk.unwritten.push_back(Unwritten { at, kind, text });
+    pub(super) fn event(&mut self, event: Event) -> Result<(), LogbookError> {
+        self.disk.unwritten.push_back(event);
         self.settle()
     }
 

@@ -8,8 +8,7 @@ mod maps;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use crate::recording::recorder::continuity::relative_changes;
-pub(crate) use crate::recording::recorder::disk_space::{Disk, free_bytes};
+pub(crate) use crate::recording::recorder::disk_space::Disk;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -23,11 +22,11 @@ use rig::{Clock, SystemClock};
 use survey::{Baseline, Checks, Frame, Map, Quality};
 use tokio::sync::mpsc::{self, error::TryRecvError};
 
+use crate::events::event_log::EventLog;
 use crate::monitoring::heartbeat::{Heartbeats, Part, Rests};
-use crate::recording::order::{Order, QUEUE};
+use crate::recording::order::{Order, QUEUE, SHUT_DOWN};
 use crate::recording::reconstruction_worker::{MapOutcome, Mapped, ReconstructionWorker};
 use crate::recording::session_status::{Published, SessionStatus};
-use crate::session::controller::SHUT_DOWN;
 use survey::error_chain as chain;
 
 /// With so many waiting, nobody waits for a map.
@@ -40,9 +39,6 @@ const LOOK: Duration = Duration::from_millis(1);
 /// A disk that takes longer for a write is one that hangs.
 const FOR_A_WRITE: Duration = Duration::from_secs(60);
 
-/// Tells everybody but the record, which the recorder itself writes.
-pub(crate) type Tell = Box<dyn Fn(DateTime<Utc>, &'static str, &str) + Send>;
-
 /// Writes one session.
 pub(crate) struct Recorder {
     pub status: Arc<SessionStatus>,
@@ -50,7 +46,7 @@ pub(crate) struct Recorder {
     pub clock: SystemClock,
     pub checks: Checks,
     pub task: Task,
-    pub tell: Tell,
+    pub events: EventLog,
     pub heartbeats: Arc<Heartbeats>,
     pub disk: Disk,
     /// The last frame before a gap that the session goes on after; its next frame is compared with it.
@@ -114,13 +110,13 @@ impl Recorder {
                     let frames = gather(*first, &mut orders, &mut waiting, self.disk.gathers());
                     self.frames(frames, &orders)
                 }
-                Order::Event { at, kind, text } => self.event(at, kind, text),
+                Order::Event(event) => self.event(event),
                 Order::MapReady => self.late_map(),
                 Order::LookAtPlace => self.look_at_place(),
                 Order::Close { at, reason } => return self.close(at, &reason),
                 Order::Leave { at, reason } => {
                     self.last_map()?;
-                    self.event(at, SHUT_DOWN, reason)?;
+                    self.event(self.event_at(at, SHUT_DOWN, &reason))?;
                     return Ok(None);
                 }
             };
@@ -238,7 +234,7 @@ impl Recorder {
     fn stream(&self, frame: &Frame, body: Body) {
         self.status.readers.publish(&Record {
             sequence: frame.sequence,
-            wall_ns: nanoseconds(frame.wall),
+            wall_ns: survey::nanoseconds(frame.wall),
             gap: 0,
             simulated: frame.simulated,
             body,
@@ -299,7 +295,7 @@ impl Recorder {
                 Ok(Some(made))
             }
             Err(error) => {
-                self.event(at, "baseline", chain(&error))?;
+                self.event(self.event_at(at, "baseline", &chain(&error)))?;
                 Ok(None)
             }
         }
@@ -388,14 +384,4 @@ pub(crate) fn volts(readings: &[survey::Reading]) -> Vec<f64> {
         .iter()
         .map(|reading| reading.volts().map_or(f64::NAN, |volts| volts.0))
         .collect()
-}
-
-/// Nanoseconds since 1970 UTC; the ends of the scale outside of 1677 to 2262.
-pub(crate) fn nanoseconds(wall: DateTime<Utc>) -> i64 {
-    wall.timestamp_nanos_opt()
-        .unwrap_or(if wall < DateTime::UNIX_EPOCH {
-            i64::MIN
-        } else {
-            i64::MAX
-        })
 }

@@ -17,8 +17,8 @@ use zbus::{BoxDBusError, Connection, OwnedVariant, Variant, fdo};
 use super::gate::{Authorizer, Client, Gate};
 use super::limit::{ACTS, LOOKS, Limit, QUESTIONS, SAFETY, WAITS};
 use super::polkit;
-use crate::service::containment;
-use crate::service::containment::{Ends, Panicked, answer};
+use crate::panics::containment;
+use crate::panics::containment::{Ends, Panicked, answer};
 
 /// What a caller wants to do, as coarse as permission is given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

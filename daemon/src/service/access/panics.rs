@@ -10,11 +10,11 @@ use super::super::caller::Caller;
 use super::super::gate::Threads;
 use super::*;
 use crate::instruments::assembly::{Closed, assemble};
-use crate::instruments::panic_handler;
-use crate::instruments::panic_handler::tests as guarded;
+use crate::panics::containment::blocking;
+use crate::panics::hook;
 use crate::preparation::{FramesFrom, prepare};
-use crate::service::containment::blocking;
 use crate::session::controller::Controller;
+use crate::session::panics::{keep, tests as guarded};
 
 /// It answers under the manager's name: the table of actions knows its methods.
 struct Panics;
@@ -111,7 +111,7 @@ where
 #[tokio::test(flavor = "multi_thread")]
 async fn a_panic_while_answering_leaves_the_session_running() {
     let _alone = guarded::alone().await;
-    panic_handler::install();
+    hook::install();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("config.toml");
     let scene = folder.path().join("scene.toml");
@@ -121,8 +121,8 @@ async fn a_panic_while_answering_leaves_the_session_running() {
     let config = guarded::CONFIG.replace("kind = \"simulated\"", scene);
     std::fs::write(&path, config).unwrap();
     let prepared = prepare(&path).unwrap_or_else(|problems| panic!("{problems:?}"));
-    let bench = crate::bench_of(&prepared).unwrap();
-    let records = crate::service::records::Records::of(&prepared.setup.record_directory);
+    let bench = prepared.bench().unwrap();
+    let records = crate::recording::records::Records::of(&prepared.setup.record_directory);
     let transcript = RingTranscript::new(2);
     let FramesFrom::Rig(plan) = &prepared.frames else {
         panic!("it is a rig");
@@ -139,11 +139,8 @@ async fn a_panic_while_answering_leaves_the_session_running() {
         transcript,
         SystemClock::new(),
     );
-    let panics = panic_handler::listen();
-    tokio::spawn(panic_handler::keep(
-        std::sync::Arc::clone(&controller),
-        panic_handler::listen(),
-    ));
+    let panics = hook::listen();
+    tokio::spawn(keep(std::sync::Arc::clone(&controller), hook::listen()));
     let options = dbus::Options::new().with("frames", 1000_u64);
     let status = controller.record_baseline(&options).await.unwrap();
     guarded::current_flows(&sheet).await;

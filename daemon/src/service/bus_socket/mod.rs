@@ -30,7 +30,7 @@ use zbus::connection::socket::{ReadHalf, Socket, Split, WriteHalf};
 use zbus::message::Type;
 use zbus::names::BusName;
 
-use super::containment;
+use crate::panics::containment;
 use queue::{Fate, Incoming};
 
 pub(super) use queue::Queue;

@@ -11,6 +11,7 @@ use crate::config::numbers::whole;
 use crate::recording::session_status::SessionStatus;
 use crate::service::gate::Gate;
 use crate::service::objects::report;
+use crate::service::read_pool::read;
 use crate::session::controller::{Controller, no_baseline, no_plan};
 
 /// Sessions in one answer: some 300 kB. Who wants more asks for those before the last one.
@@ -60,7 +61,12 @@ impl Manager1 {
         let count = usize::try_from(count.min(MOST_LISTED)).unwrap_or(usize::MAX);
         let before = options.text("before")?.map(str::to_owned);
         let controller = Arc::clone(&self.0);
-        crate::service::read_pool::read(move || controller.listed(count, before.as_deref())).await?
+        let listed = read(move || controller.listed(count, before.as_deref())).await??;
+        let active = self.0.active().map(|status| status.facts.id.clone());
+        let each = listed.iter();
+        Ok(each
+            .map(|summary| report::session(summary, active.as_deref()))
+            .collect())
     }
 
     /// The plan of a frame, without moving anything.
@@ -103,7 +109,8 @@ impl Manager1 {
         &self,
         options: Options,
     ) -> Result<(u64, u64, u64, u64, u64, f64, f64, f64, Vec<String>, Options), Fault> {
-        let plan = self.0.plan_with(&options).await?;
+        let controller = Arc::clone(&self.0);
+        let plan = read(move || controller.plan_with(&options)).await??;
         Ok(planned(report::plan(&plan)))
     }
 

@@ -10,11 +10,13 @@ use survey::{Baseline, printable, printable_json};
 
 use crate::instruments::discovery::{Discovered, Seen};
 use crate::instruments::relay_wear::Wear;
-use crate::preparation::{RigPlan, costs, resolution};
-use crate::recording::recorder::{nanoseconds, volts};
+use crate::instruments::rig_plan::RigPlan;
+use crate::preparation::{costs, resolution};
+use crate::recording::recorder::volts;
 use crate::session::controller::Recovery;
 use imaging::Geometry;
 use self_test::{Report, ReportLine};
+use survey::nanoseconds;
 
 /// The plan of a frame.
 pub(crate) fn plan(rig: &RigPlan) -> PlanReport {

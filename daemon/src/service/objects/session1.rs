@@ -8,10 +8,11 @@ use zbus::{OwnedFd, interface};
 
 use crate::config::numbers;
 use crate::config::numbers::{checked, whole};
-use crate::recording::recorder::{nanoseconds, volts};
+use crate::recording::recorder::volts;
 use crate::recording::session_status::SessionStatus;
 use crate::recording::stream::Wanted;
 use crate::service::limit::{STREAMS, User};
+use survey::nanoseconds;
 
 /// Records held for a slow reader where nobody says.
 const RING: u64 = 64;
@@ -112,7 +113,7 @@ impl Session1 {
                 .collect(),
             "V".to_owned(),
             frame.simulated,
-            crate::service::quality(Options::new(), &latest),
+            latest.quality_options(),
         ))
     }
 
@@ -142,7 +143,7 @@ impl Session1 {
             map.mesh_hash.clone(),
             map.method.clone(),
             latest.frame.simulated,
-            crate::service::more_of_map(Options::new(), &latest),
+            latest.map_options(Options::new()),
         ))
     }
 
@@ -195,7 +196,7 @@ impl Session1 {
         emitter: &SignalEmitter<'_>,
         sequence: u64,
         wall_ns: i64,
-        summary: Options,
+        summary: &Options,
     ) -> zbus::Result<()>;
 
     /// Its id.

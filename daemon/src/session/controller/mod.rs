@@ -10,8 +10,6 @@ mod self_test;
 mod session_end;
 mod session_options;
 
-pub(crate) use crate::session::controller::resume::SHUT_DOWN;
-pub(crate) use crate::session::controller::rig_events::Happening;
 pub(crate) use crate::session::controller::session_options::{no_baseline, no_plan};
 
 use std::collections::VecDeque;
@@ -20,22 +18,23 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, RwLock};
 
 use chrono::{DateTime, Utc};
 use dbus::Fault;
-use logbook::LogbookError;
 use rig::{Clock, RingTranscript, SystemClock};
 use survey::{Baseline, Settings};
 use tokio::sync::{Notify, watch};
 
 use crate::acquisition::task::FrameSource;
-use crate::events::broadcast::{Broadcast, BusEvent};
+use crate::events::event::BusEvent;
+use crate::events::event_log::EventLog;
 use crate::instruments::assembly::{Assembled, Bench};
 use crate::instruments::identities::ExpectedIdentities;
 use crate::instruments::lock::InstrumentLocks;
+use crate::instruments::rig_plan::RigPlan;
 use crate::monitoring::Observed;
 use crate::monitoring::heartbeat::Heartbeats;
-use crate::preparation::{FramesFrom, Prepared, RigPlan, Setup};
+use crate::preparation::{FramesFrom, Prepared, Setup};
+use crate::recording::end_marks::EndMarks;
+use crate::recording::records::Records;
 use crate::recording::session_status::SessionStatus;
-use crate::service::records::Records;
-use crate::session::end_marks::EndMarks;
 use crate::session::state::{Event, State};
 use survey::error_chain as chain;
 
@@ -58,11 +57,14 @@ pub(crate) struct Runtime {
 /// The daemon's one head.
 pub(crate) struct Controller {
     runtime: RwLock<Arc<Runtime>>,
-    pub broadcast: Broadcast,
-    /// What its observers go by.
+    /// Where events are reported.
+    pub events: EventLog,
+    /// What the monitors read.
     pub observed: Observed,
     /// The sessions on disk.
     pub records: Records,
+    /// How the running session measures.
+    session_plan: watch::Sender<Option<Arc<RigPlan>>>,
     /// Whether the record has been read; no session is started before.
     begun: watch::Sender<bool>,
     /// What was said lately over the wires.
@@ -82,8 +84,6 @@ struct Inner {
     state: State,
     baseline: Option<Arc<Baseline>>,
     active: Option<Arc<SessionStatus>>,
-    /// How the running session measures.
-    session_plan: Option<Arc<RigPlan>>,
     recent: VecDeque<Arc<SessionStatus>>,
     /// Why the rig cannot be used, until it is found again.
     rig_fault: Option<String>,
@@ -164,7 +164,7 @@ impl Controller {
                 )
             }
         };
-        let observed = Observed::new(clock, setup.record_directory.clone());
+        let events = EventLog::new(setup.record_directory.clone());
         let ends = EndMarks::open(&setup.record_directory, &setup.config.runtime_directory());
         Arc::new(Self {
             runtime: RwLock::new(Arc::new(Runtime {
@@ -178,8 +178,9 @@ impl Controller {
                 clock,
                 config: file,
             })),
-            broadcast: Broadcast::default(),
-            observed,
+            events,
+            observed: Observed::new(clock),
+            session_plan: watch::Sender::default(),
             records,
             begun: watch::Sender::new(!slow),
             transcript,
@@ -195,7 +196,6 @@ impl Controller {
                 },
                 baseline: baseline.map(Arc::new),
                 active: None,
-                session_plan: None,
                 recent: VecDeque::new(),
                 rig_fault: closed.clone(),
                 closed,
@@ -225,7 +225,7 @@ impl Controller {
             && let Ok(Some(baseline)) = found
         {
             self.inner().baseline = Some(Arc::new(baseline));
-            self.broadcast.say(&BusEvent::Daemon);
+            self.events.publish(&BusEvent::Daemon);
         }
     }
 
@@ -248,9 +248,8 @@ impl Controller {
         &self,
         count: usize,
         before: Option<&str>,
-    ) -> Result<Vec<dbus::SessionSummary>, Fault> {
-        let active = self.active().map(|status| status.facts.id.clone());
-        self.records.listed(count, before, active.as_deref())
+    ) -> Result<Vec<logbook::SessionSummary>, Fault> {
+        self.records.listed(count, before)
     }
 
     /// Holds what was claimed as long as it lives.
@@ -308,7 +307,7 @@ impl Controller {
 
     /// How the running session measures, else how one would; `None` for a recording.
     pub(crate) fn plan(&self) -> Option<Arc<RigPlan>> {
-        let of_session = self.inner().session_plan.clone();
+        let of_session = self.session_plan.borrow().clone();
         of_session.or_else(|| self.runtime().plan.clone())
     }
 
@@ -341,7 +340,7 @@ impl Controller {
         if outcome.is_ok() {
             let status = self.state().to_string();
             let _ = sd_notify::notify(&[sd_notify::NotifyState::Status(&status)]);
-            self.broadcast.say(&BusEvent::Daemon);
+            self.events.publish(&BusEvent::Daemon);
         }
         outcome
     }
@@ -394,13 +393,4 @@ fn latest_baseline(records: &Records, now: DateTime<Utc>) -> Option<Baseline> {
         tracing::warn!("the last baseline cannot be read: {}", chain(&error));
         None
     })
-}
-
-/// A logbook's refusal as a fault on the bus.
-pub(crate) fn disk_fault(error: &LogbookError) -> Fault {
-    if error.is_disk() {
-        Fault::DiskRefused(chain(error))
-    } else {
-        Fault::Failed(chain(error))
-    }
 }

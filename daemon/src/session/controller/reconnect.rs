@@ -7,7 +7,7 @@ use dbus::Fault;
 use rig::Clock;
 
 use crate::acquisition::task::FrameSource;
-use crate::events::broadcast::BusEvent;
+use crate::events::event::BusEvent;
 use crate::instruments::assembly::{Closed, assemble};
 use crate::instruments::identities::{ExpectedIdentities, UNTIL_AGREED};
 use crate::session::controller::recovery::LOOK_AGAIN;
@@ -77,7 +77,7 @@ impl Controller {
             inner.source_unknown = !source_off;
         }
         let _ = self.happened(Event::Fault(text));
-        self.broadcast.say(&BusEvent::Instruments);
+        self.events.publish(&BusEvent::Instruments);
         tokio::spawn(Arc::clone(self).look_for_rig());
     }
 
@@ -101,7 +101,7 @@ impl Controller {
             inner.rig_fault = None;
             inner.recovery = None;
         }
-        self.broadcast.say(&BusEvent::Instruments);
+        self.events.publish(&BusEvent::Instruments);
         Ok(())
     }
 
@@ -142,7 +142,7 @@ impl Controller {
             inner.closed.take()
         };
         let _ = self.happened(Event::Recovered);
-        self.broadcast.say(&BusEvent::Instruments);
+        self.events.publish(&BusEvent::Instruments);
         let text = match was {
             Some(was) => format!("the source is off and every relay open, verified; before: {was}"),
             None => "the source is off and every relay open, verified".to_owned(),
@@ -173,7 +173,7 @@ impl Controller {
         self.keep_identities().await;
         let text = format!("a person agreed: {text}");
         self.tell(None, "accepted", &text).await;
-        self.broadcast.say(&BusEvent::Instruments);
+        self.events.publish(&BusEvent::Instruments);
         self.agreed.notify_one();
         Ok(text)
     }

@@ -9,10 +9,10 @@ use tokio::time::Instant;
 
 use crate::acquisition::failed_frame;
 use crate::acquisition::task::FrameSource;
-use crate::events::broadcast::BusEvent;
+use crate::events::event::BusEvent;
 use crate::instruments::assembly::{Assembled, AssemblyError, Closed, assemble, open_relays};
 use crate::instruments::identities::UNTIL_AGREED;
-use crate::preparation::RigPlan;
+use crate::instruments::rig_plan::RigPlan;
 use crate::session::controller::rig_events::Concerned;
 use crate::session::controller::{Controller, Recovery};
 use crate::session::state::Event;
@@ -90,7 +90,7 @@ impl Controller {
         whom.status.set_last_error(&text);
         whom.status.set_suspended(true);
         let _ = self.happened(Event::Suspend);
-        self.broadcast.say(&BusEvent::Instruments);
+        self.events.publish(&BusEvent::Instruments);
         let suspended = "the session is suspended; the rig is looked for";
         self.tell(Some(whom), "suspended", suspended).await;
 
@@ -100,7 +100,7 @@ impl Controller {
             tokio::select! {
                 () = stop.asked() => {
                     self.inner().recovery = None;
-                    self.broadcast.say(&BusEvent::Daemon);
+                    self.events.publish(&BusEvent::Daemon);
                     return false;
                 }
                 () = self.agreed.notified() => {}
@@ -133,7 +133,7 @@ impl Controller {
         whom.status.set_last_error("");
         whom.status.set_suspended(false);
         let _ = self.happened(Event::Resume);
-        self.broadcast.say(&BusEvent::Instruments);
+        self.events.publish(&BusEvent::Instruments);
         self.tell(Some(whom), "resumed", "the session goes on")
             .await;
         true
@@ -153,7 +153,7 @@ impl Controller {
             text.clone_into(&mut recovery.what);
             (recovery.tries, person)
         };
-        self.broadcast.say(&BusEvent::Daemon);
+        self.events.publish(&BusEvent::Daemon);
         if tries.is_power_of_two() {
             let next = match person {
                 true => "waiting for `tactus instruments accept`".to_owned(),

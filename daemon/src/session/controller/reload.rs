@@ -6,7 +6,7 @@ use dbus::Fault;
 
 use crate::acquisition::task::FrameSource;
 use crate::config::Config;
-use crate::events::broadcast::BusEvent;
+use crate::events::event::BusEvent;
 use crate::instruments::assembly::{Closed, assemble};
 use crate::instruments::identities::ExpectedIdentities;
 use crate::instruments::simulation::SimulatedRig;
@@ -172,8 +172,8 @@ impl Controller {
                 format!("{file} is in force, but its rig is not there: {text}")
             }
         };
-        self.broadcast.say(&BusEvent::ObjectsChanged);
-        self.broadcast.say(&BusEvent::Daemon);
+        self.events.publish(&BusEvent::ObjectsChanged);
+        self.events.publish(&BusEvent::Daemon);
         Ok(text)
     }
 }
@@ -198,7 +198,7 @@ fn same_rig(old: &Config, new: &Config) -> bool {
 }
 
 /// Whether profile and scene say the same; the simulated sheet then stays as it is.
-fn same_bench(old: &Runtime, plan: &crate::preparation::RigPlan) -> bool {
+fn same_bench(old: &Runtime, plan: &crate::instruments::rig_plan::RigPlan) -> bool {
     old.plan
         .as_deref()
         .is_some_and(|old| old.bench == plan.bench)

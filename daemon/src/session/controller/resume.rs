@@ -13,9 +13,10 @@ use logbook::{
 };
 use rig::Clock;
 
-use crate::recording::recorder::free_bytes;
+use crate::monitoring::disk::free_bytes;
+use crate::recording::end_marks::EndMarks;
+use crate::recording::order::SHUT_DOWN;
 use crate::session::controller::Controller;
-use crate::session::end_marks::EndMarks;
 use survey::error_chain as chain;
 
 /// Between looks for a rig that a session waits for.
@@ -330,9 +331,6 @@ fn cause(found: &Interrupted, last: DateTime<Utc>, now: DateTime<Utc>) -> String
         (false, false) => "the daemon was killed, or failed, and was started again".to_owned(),
     }
 }
-
-/// Kind of the event that a session ends its file with when the daemon is stopped and the session is to go on.
-pub(crate) const SHUT_DOWN: &str = "shut-down";
 
 fn span(time: TimeDelta) -> String {
     let seconds = time.num_seconds();

@@ -12,17 +12,21 @@ use tokio::sync::mpsc;
 use tracing::Instrument;
 
 use crate::acquisition::measuring::Measuring;
-use crate::acquisition::task::{Acquisition, AcquisitionEnd, AcquisitionProgress, FrameSource};
-use crate::events::broadcast::BusEvent;
+use crate::acquisition::task::{
+    Acquisition, AcquisitionEnd, AcquisitionProgress, FrameSource, Pause,
+};
+use crate::events::event::{BusEvent, Event as ReportedEvent};
+use crate::monitoring::disk::free_bytes;
 use crate::preparation::Setup;
 use crate::recording::order::{Order, QUEUE};
 use crate::recording::reconstruction_worker::{ReconstructionContext, ReconstructionWorker};
-use crate::recording::recorder::{Disk, Recorder, Task, free_bytes};
+use crate::recording::recorder::{Disk, Recorder, Task};
+use crate::recording::records::disk_fault;
 use crate::recording::session_status::{Facts, SessionEnd, SessionStatus};
+use crate::session::controller::Controller;
 use crate::session::controller::recovery::{MOST_FAILED, may_pass};
-use crate::session::controller::rig_events::{Concerned, Happening};
+use crate::session::controller::rig_events::Concerned;
 use crate::session::controller::session_options::Assignment;
-use crate::session::controller::{Controller, disk_fault};
 use crate::session::state::{Event, Work};
 use survey::error_chain as chain;
 
@@ -138,9 +142,9 @@ impl Controller {
             self.tell_of(started, logbook::RESUMED, &text, Some(&status.facts.id));
         }
         self.inner().active = Some(Arc::clone(&status));
-        self.broadcast
-            .say(&BusEvent::SessionAdded(Arc::clone(&status)));
-        self.broadcast.say(&BusEvent::Daemon);
+        self.events
+            .publish(&BusEvent::SessionAdded(status.facts.id.clone()));
+        self.events.publish(&BusEvent::Daemon);
         tokio::spawn(Arc::clone(self).tell_progress(Arc::clone(&status)));
         tokio::spawn(Arc::clone(self).mark_when_asked_to_end(Arc::clone(&status)));
         let task = tokio::spawn(Arc::clone(self).keep(Arc::clone(&status), writer, order));
@@ -221,7 +225,7 @@ impl Controller {
         };
         let requested = order.plan.clone().or_else(|| runtime.plan.clone());
         let measuring = Measuring::of(requested, order.baseline.as_deref());
-        self.inner().session_plan = measuring.now();
+        self.session_plan.send_replace(measuring.now());
         let task = match (order.baseline, order.model) {
             (Some(baseline), Some(model)) => {
                 let context = ReconstructionContext {
@@ -246,7 +250,6 @@ impl Controller {
                 wanted: order.frames,
             },
         };
-        let (speaker, whose) = (Arc::clone(&self), status.facts.id.clone());
         let recorder = Recorder {
             status: Arc::clone(&status),
             writer,
@@ -258,40 +261,29 @@ impl Controller {
             patient: self.is_recording(),
             began: None,
             disk: Disk::new(runtime.setup.config.record.clone(), Box::new(free_bytes)),
-            tell: Box::new(move |at, kind, text| speaker.tell_of(at, kind, text, Some(&whose))),
+            events: self.events.clone(),
         };
         if let Some(text) = order.first_event {
             let (at, kind) = (runtime.clock.wall(), logbook::RESUMED);
-            let _ = orders.send(Order::Event { at, kind, text }).await;
+            let event = ReportedEvent::new(at, kind, &text, Some(&status.facts.id));
+            let _ = orders.send(Order::Event(event)).await;
         }
         let recording = tokio::task::spawn_blocking(move || recorder.run(queue));
         tokio::spawn(remind_of_place(orders.downgrade()));
-        let controller = Arc::clone(&self);
-        let (speaker, whose) = (Arc::clone(&self), status.facts.id.clone());
+        let (pauses, requested_pauses) = mpsc::channel(1);
+        tokio::spawn(Arc::clone(&self).follow_pauses(requested_pauses));
         let mut acquisition = Acquisition {
             status: Arc::clone(&status),
             schedule: order.schedule,
             speed: order.speed,
             clock: runtime.clock,
             recorder: orders.clone(),
-            paused: Arc::new(move |paused| {
-                let event = if paused {
-                    Event::Suspend
-                } else {
-                    Event::Resume
-                };
-                let _ = controller.happened(event);
-            }),
+            pauses,
             transcript: self.transcript.clone(),
             heartbeats: Arc::clone(&self.heartbeats),
             progress: AcquisitionProgress::after(status.acquired()),
-            said: Box::new(move |said, plan| {
-                speaker.inner().session_plan = plan;
-                speaker.broadcast.say(&BusEvent::Happened(Happening {
-                    session: Some(whose.clone()),
-                    ..said
-                }));
-            }),
+            events: self.events.clone(),
+            plan: self.session_plan.clone(),
             measuring,
         };
         let ended = self.run_and_recover(&mut acquisition, &orders).await;
@@ -299,11 +291,12 @@ impl Controller {
         if !matches!(ended, AcquisitionEnd::Done(_)) {
             tracing::error!(session = status.facts.id, "{reason}");
             let _ = orders
-                .send(Order::Event {
-                    at: runtime.clock.wall(),
-                    kind: "fault",
-                    text: reason.clone(),
-                })
+                .send(Order::Event(ReportedEvent::new(
+                    runtime.clock.wall(),
+                    "fault",
+                    &reason,
+                    Some(&status.facts.id),
+                )))
                 .await;
         }
         let at = runtime.clock.wall();
@@ -323,6 +316,17 @@ impl Controller {
         };
         self.settle_end(&status, &ended.text()).await;
         self.finish(&status, &ended, recorded);
+    }
+
+    /// Suspends and resumes the daemon where acquisition pauses and goes on.
+    async fn follow_pauses(self: Arc<Self>, mut pauses: mpsc::Receiver<Pause>) {
+        while let Some(Pause { pauses, applied }) = pauses.recv().await {
+            let _ = self.happened(match pauses {
+                true => Event::Suspend,
+                false => Event::Resume,
+            });
+            let _ = applied.send(());
+        }
     }
 
     /// Frame after frame, through losses of the rig.
@@ -373,6 +377,8 @@ impl Controller {
             "frame {number} failed: {}",
             crate::acquisition::failed_frame::tell(error)
         );
+        let at = self.runtime().clock.wall();
+        self.observed.counters.gap(at, &survey::printable(&text));
         let instrument = error.cause().and_then(rig::RigError::instrument);
         let journal = tracing::error_span!("frame", frame = number, instrument);
         self.tell(Some(whom), "frame-failed", &text)
@@ -433,18 +439,18 @@ impl Controller {
                 inner.baseline = Some(Arc::new(baseline));
             }
             inner.active = None;
-            inner.session_plan = None;
             inner.recent.push_back(Arc::clone(status));
             while inner.recent.len() > REMEMBERED {
                 if let Some(old) = inner.recent.pop_front() {
-                    self.broadcast
-                        .say(&BusEvent::SessionRemoved(old.facts.id.clone()));
+                    self.events
+                        .publish(&BusEvent::SessionRemoved(old.facts.id.clone()));
                 }
             }
             if matches!(ended, AcquisitionEnd::Rig(_)) {
                 inner.rig_fault = Some(ended.text());
             }
         }
+        self.session_plan.send_replace(None);
         let end = SessionEnd {
             reason: fault.clone().unwrap_or_else(|| ended.text()),
             faulted: fault.is_some(),
@@ -455,7 +461,7 @@ impl Controller {
         });
         status.readers.publish(&dbus::stream::Record {
             sequence: status.durable(),
-            wall_ns: crate::recording::recorder::nanoseconds(self.runtime().clock.wall()),
+            wall_ns: survey::nanoseconds(self.runtime().clock.wall()),
             gap: 0,
             simulated: status.facts.simulated,
             body: dbus::stream::Body::End {
@@ -465,7 +471,7 @@ impl Controller {
         status.end(end);
         // also where the session was stopped while its rig was being looked for
         if self.rig_fault().is_some() {
-            self.broadcast.say(&BusEvent::Instruments);
+            self.events.publish(&BusEvent::Instruments);
             tokio::spawn(Arc::clone(self).look_for_rig());
         }
         self.take_waiting();
@@ -482,7 +488,7 @@ impl Controller {
                 changed = progress.changed() => {
                     let over = progress.borrow_and_update().ended.is_some();
                     if !over {
-                        self.broadcast.say(&BusEvent::SessionChanged(Arc::clone(&status)));
+                        self.events.publish(&BusEvent::SessionChanged(status.facts.id.clone()));
                     }
                     over || changed.is_err()
                 }
@@ -491,14 +497,15 @@ impl Controller {
                 && latest.frame.sequence > reported
             {
                 reported = latest.frame.sequence;
-                self.broadcast
-                    .say(&BusEvent::FrameDone(Arc::clone(&status), latest));
+                self.events
+                    .publish(&BusEvent::FrameDone(Arc::new(status.summary(&latest))));
                 if !over {
                     tokio::time::sleep(BETWEEN_SUMMARIES).await;
                 }
             }
             if over {
-                self.broadcast.say(&BusEvent::SessionChanged(status));
+                self.events
+                    .publish(&BusEvent::SessionChanged(status.facts.id.clone()));
                 return;
             }
         }

@@ -13,11 +13,11 @@ use survey::Relay;
 use crate::acquisition::task::FrameSource;
 use crate::config::numbers;
 use crate::config::numbers::number;
-use crate::events::broadcast::BusEvent;
+use crate::events::event::BusEvent;
 use crate::instruments::address::InstrumentAddress;
 use crate::instruments::discovery::{Discovered, Search, discover};
 use crate::instruments::relay_wear::{Wear, wear};
-use crate::preparation::RigPlan;
+use crate::instruments::rig_plan::RigPlan;
 use crate::session::controller::Controller;
 use crate::session::state::{Event, Work};
 use imaging::noise::DEFAULT_NOISE_UV;
@@ -119,7 +119,7 @@ impl Controller {
                 tracing::error!("{text}");
                 controller.inner().rig_fault = Some(text.clone());
                 let _ = controller.happened(Event::Fault(text.clone()));
-                controller.broadcast.say(&BusEvent::Instruments);
+                controller.events.publish(&BusEvent::Instruments);
                 tokio::spawn(Arc::clone(&controller).look_for_rig());
             } else {
                 let _ = controller.happened(Event::Ended);
@@ -164,9 +164,9 @@ impl Controller {
         let (button, stop) = Stop::button();
         self.inner().test = Some(button);
         let plan = self.plan_of_rig()?;
-        let broadcast = Arc::clone(&self);
+        let events = self.events.clone();
         let progress = move |done: u64, total: u64, what: &str| {
-            broadcast.broadcast.say(&BusEvent::TestProgress {
+            events.publish(&BusEvent::TestProgress {
                 done,
                 total,
                 what: what.to_owned(),

@@ -1,14 +1,14 @@
-//! That a session has ended is kept apart from its file, before anybody is told that it has; see [`crate::session::end_marks`].
+//! That a session has ended is kept apart from its file, before anybody is told that it has; see [`crate::recording::end_marks`].
 
 use std::sync::Arc;
 
 use logbook::SessionKind;
 use rig::Clock;
 
-use crate::recording::recorder::nanoseconds;
+use crate::recording::end_marks::{EndMarks, Marked};
 use crate::recording::session_status::SessionStatus;
 use crate::session::controller::Controller;
-use crate::session::end_marks::{EndMarks, Marked};
+use survey::nanoseconds;
 
 impl Controller {
     /// Marks the session as soon as it is asked to end, while its last frame is still under way: the daemon may be killed

@@ -8,16 +8,17 @@ use logbook::{About, LogbookError, Record};
 use survey::{Baseline, Settings, duration};
 
 use crate::acquisition::measuring::Measuring;
+use crate::acquisition::schedule::Schedule;
 use crate::config::numbers;
 use crate::config::numbers::{number, whole, words};
 use crate::config::{AboutSection, RangesName, SurveySection};
+use crate::instruments::rig_plan::RigPlan;
+use crate::panics::containment;
 use crate::preparation;
-use crate::preparation::{RigPlan, Setup};
+use crate::preparation::Setup;
 use crate::recording::session_status::SessionStatus;
-use crate::service::containment;
 use crate::session::controller::Controller;
 use crate::session::controller::resume::{Interrupted, to_json};
-use crate::session::schedule::Schedule;
 use crate::session::state::Work;
 use imaging::{BuildError, Conditions, Method, Model, ReconstructionSettings};
 use survey::error_chain as chain;
@@ -205,24 +206,21 @@ impl Controller {
         .await
     }
 
-    /// The plan of a session that would be started with these options, its ranges from the current baseline.
+    /// The plan of a session that would be started with these options, its ranges from the current baseline. Computes for a
+    /// while: not for the threads that sessions need.
     ///
     /// # Errors
     /// An option that cannot be; a recording.
-    pub(crate) async fn plan_with(&self, options: &Options) -> Result<Arc<RigPlan>, Fault> {
+    pub(crate) fn plan_with(&self, options: &Options) -> Result<Arc<RigPlan>, Fault> {
         options.only(&dbus::MEASURING_OPTIONS)?;
         let own = self.own_survey(options)?;
         let (runtime, baseline) = (self.runtime(), self.baseline());
-        let made = move || -> Result<Arc<RigPlan>, Fault> {
-            let plan = match own {
-                Some(survey) => Arc::new(adjusted(&runtime.setup, survey)?),
-                None => runtime.plan.clone().ok_or_else(no_plan)?,
-            };
-            let measuring = Measuring::of(Some(Arc::clone(&plan)), baseline.as_deref());
-            Ok(measuring.now().unwrap_or(plan))
+        let plan = match own {
+            Some(survey) => Arc::new(adjusted(&runtime.setup, survey)?),
+            None => runtime.plan.clone().ok_or_else(no_plan)?,
         };
-        // somebody only looks: not on the threads that sessions need
-        crate::service::read_pool::read(made).await?
+        let measuring = Measuring::of(Some(Arc::clone(&plan)), baseline.as_deref());
+        Ok(measuring.now().unwrap_or(plan))
     }
 
     fn chosen_baseline(&self, id: Option<&str>) -> Result<Arc<Baseline>, Fault> {

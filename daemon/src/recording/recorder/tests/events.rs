@@ -3,6 +3,7 @@
 use logbook::Storage;
 use rusqlite::Connection;
 
+use crate::events::event::Event;
 use crate::recording::recorder::tests::*;
 
 /// Pages that the record may have.
@@ -95,11 +96,13 @@ fn an_event_that_meets_a_full_disk_waits_for_room_and_ends_no_session() {
 
     // what it is told, with no frame to come: acquisition is let go all the same
     let ballast = Ballast::load(&scene.status.path());
-    scene.send(Order::Event {
-        at: DateTime::UNIX_EPOCH,
-        kind: "told",
-        text: "a longer sentence than fits beside the ballast. ".repeat(4),
-    });
+    let text = "a longer sentence than fits beside the ballast. ".repeat(4);
+    scene.send(Order::Event(Event::new(
+        DateTime::UNIX_EPOCH,
+        "told",
+        &text,
+        Some("m1"),
+    )));
     held(&scene.status);
     ballast.overboard();
     until(scene.status.held(), |held| !held);
@@ -112,7 +115,7 @@ fn an_event_that_meets_a_full_disk_waits_for_room_and_ends_no_session() {
         ["method-suspended", "disk-room", "told", "disk-room"]
     );
     assert_eq!(
-        *scene.said.lock().unwrap(),
+        scene.reported(),
         [
             "method-suspended",
             "disk-full",
@@ -142,7 +145,7 @@ fn a_lock_that_lasts_is_left_behind_for_the_next_part() {
     until(scene.status.follow_durable(), |durable| *durable == 1);
     scene.close();
     recording.join().unwrap().unwrap();
-    assert_eq!(*scene.said.lock().unwrap(), ["alarm"]);
+    assert_eq!(scene.reported(), ["alarm"]);
     assert_ne!(scene.status.path(), first);
     let (maps, events) = scene.recorded();
     assert_eq!(maps, [true]);

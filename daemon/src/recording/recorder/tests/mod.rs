@@ -5,10 +5,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc as sync;
 
 use eit::{ReconstructError, Reconstructor};
-use logbook::{Event, SessionHeader, SessionReader};
+use logbook::{SessionHeader, SessionReader};
 use survey::{Baseline, Protocol, Reading, Volts};
 
 use crate::config::{FullName, RecordSection};
+use crate::events::event::BusEvent;
 use crate::preparation::{Prepared, prepare};
 use crate::recording::reconstruction_worker::ReconstructionContext;
 use crate::recording::recorder::*;
@@ -72,7 +73,7 @@ struct Scene {
     prepared: Prepared,
     status: Arc<SessionStatus>,
     orders: mpsc::Sender<Order>,
-    said: Arc<Mutex<Vec<&'static str>>>,
+    reported: Mutex<mpsc::Receiver<BusEvent>>,
     /// Bytes of room on the disk, as the recorder is told.
     free: Arc<AtomicU64>,
 }
@@ -127,8 +128,8 @@ impl Scene {
             false,
             counters,
         ));
-        let said = Arc::new(Mutex::new(Vec::new()));
-        let received = Arc::clone(&said);
+        let events = EventLog::new(setup.record_directory.clone());
+        let reported_events = Mutex::new(events.subscribe());
         let recorder = Recorder {
             status: Arc::clone(&status),
             writer,
@@ -140,14 +141,14 @@ impl Scene {
             patient: false,
             began: None,
             disk: Disk::new(section, Box::new(move |_| Ok(left.load(Ordering::SeqCst)))),
-            tell: Box::new(move |_, kind, _| received.lock().unwrap().push(kind)),
+            events,
         };
         let scene = Self {
             _folder: folder,
             prepared,
             status,
             orders,
-            said,
+            reported: reported_events,
             free,
         };
         (scene, recorder, queue, tell)
@@ -168,14 +169,25 @@ impl Scene {
         });
     }
 
-    /// Which frames have maps, and the words of the events.
+    /// Kinds of the events that were reported since the last call.
+    fn reported(&self) -> Vec<&'static str> {
+        let mut reported = self.reported.lock().unwrap();
+        std::iter::from_fn(|| reported.try_recv().ok())
+            .filter_map(|event| match event {
+                BusEvent::Happened(event) => Some(event.kind),
+                _ => None,
+            })
+            .collect()
+    }
+
+    /// Which frames have maps, and the kinds of the recorded events.
     fn recorded(&self) -> (Vec<bool>, Vec<String>) {
         let session = SessionReader::open(self.status.path()).unwrap();
         let maps = session
             .frames()
             .map(|record| record.unwrap().map.is_some())
             .collect();
-        let word = |event: Event| event.kind;
+        let word = |event: logbook::Event| event.kind;
         (
             maps,
             session.events().unwrap().into_iter().map(word).collect(),
@@ -217,8 +229,8 @@ fn frame(prepared: &Prepared, number: u64) -> Frame {
 
 #[test]
 fn a_method_that_panics_costs_maps_and_no_frame() {
-    crate::instruments::panic_handler::install();
-    let received = crate::instruments::panic_handler::listen();
+    crate::panics::hook::install();
+    let received = crate::panics::hook::listen();
     let (scene, recorder, queue, tell) = Scene::new();
     tell.send(Do::Map).unwrap();
     tell.send(Do::Panic).unwrap();
@@ -231,7 +243,7 @@ fn a_method_that_panics_costs_maps_and_no_frame() {
     let (maps, events) = scene.recorded();
     assert_eq!(maps, [true, false, false]);
     assert_eq!(events, ["method-suspended"]);
-    assert_eq!(*scene.said.lock().unwrap(), ["method-suspended"]);
+    assert_eq!(scene.reported(), ["method-suspended"]);
     assert_eq!(scene.status.durable(), 3);
     let error = scene.status.progress().last_error;
     assert!(error.contains("a method that fails"), "{error}");
@@ -283,7 +295,7 @@ fn a_full_disk_is_announced_early_and_waited_for_and_nothing_is_lost() {
     scene.free.store(1000 * MEGABYTE, Ordering::SeqCst);
     scene.frame(2);
     until(scene.status.follow_durable(), |durable| *durable == 2);
-    assert_eq!(*scene.said.lock().unwrap(), ["disk-low"]);
+    assert_eq!(scene.reported(), ["disk-low"]);
     // below the reserve: acquisition is held, the frame in hand waits
     scene.free.store(100 * MEGABYTE, Ordering::SeqCst);
     scene.frame(3);
@@ -299,10 +311,7 @@ fn a_full_disk_is_announced_early_and_waited_for_and_nothing_is_lost() {
     let (maps, events) = scene.recorded();
     assert_eq!(maps, [true; 3]);
     assert_eq!(events, ["disk-low", "disk-room"]);
-    assert_eq!(
-        *scene.said.lock().unwrap(),
-        ["disk-low", "disk-full", "disk-room"]
-    );
+    assert_eq!(scene.reported(), ["disk-low", "disk-full", "disk-room"]);
 }
 
 #[test]
@@ -353,7 +362,7 @@ fn a_day_begins_the_next_part_no_sequence_is_missing_and_a_clock_that_was_set_is
             .map(|record| record.unwrap().frame.sequence)
             .collect()
     };
-    assert_eq!(*scene.said.lock().unwrap(), ["clock-moved"]);
+    assert_eq!(scene.reported(), ["clock-moved"]);
     assert_eq!(sequences(&first), [1, 2]);
     assert_eq!(sequences(&scene.status.path()), [3, 4]);
 }

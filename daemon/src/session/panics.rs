@@ -1,52 +1,17 @@
-//! A panic anywhere in the daemon is heard, and answered by switching the source off.
+//! A panic anywhere in the daemon switches the source off.
 //!
-//! Acquisition sees to its own panics; whatever else fails (the recorder, a call that acts) ends the session that runs,
-//! and the source is verified off at once, not at the end of the frame. Where the daemon's own head fails, nobody is left
-//! who has the instruments: they are reached anew. Only a panic of what merely answers a client ends no more than that
-//! answer ([`crate::service::containment`]).
+//! Acquisition handles its own panics; whatever else fails (the recorder, a call that acts) ends the session that runs,
+//! and the source is verified off at once, not at the end of the frame. Where the daemon's main task fails, the instruments
+//! are connected anew ([`crate::instruments::last_resort`]). Only a panic of what merely answers a client ends no more than
+//! that answer ([`crate::panics::containment`]).
 
-use std::panic::AssertUnwindSafe;
-use std::sync::{Arc, LazyLock, Once};
-use std::time::Duration;
+use std::sync::Arc;
 
-use tokio::runtime::{Builder, Runtime};
 use tokio::sync::watch;
 
-use crate::instruments::assembly::make_safe_each;
-use crate::preparation::RigPlan;
-use crate::service::containment;
 use crate::session::controller::Controller;
-use survey::error_chain as chain;
 
-/// The last resort is tried again after so long, then after twice that, up to the second.
-const AGAIN: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(2));
-
-static RECEIVED: LazyLock<watch::Sender<String>> = LazyLock::new(watch::Sender::default);
-static INSTALLED: Once = Once::new();
-
-/// Installs the hook, before the one that prints.
-pub(crate) fn install() {
-    INSTALLED.call_once(|| {
-        let prints = std::panic::take_hook();
-        std::panic::set_hook(Box::new(move |panic| {
-            if containment::is_contained() {
-                return containment::log(panic);
-            }
-            let place = panic
-                .location()
-                .map_or_else(|| "nowhere".to_owned(), ToString::to_string);
-            RECEIVED.send_replace(place);
-            prints(panic);
-        }));
-    });
-}
-
-/// Hears of panics from now on.
-pub(crate) fn listen() -> watch::Receiver<String> {
-    RECEIVED.subscribe()
-}
-
-/// Answers every panic, as long as the daemon lives.
+/// Ends the session and makes the rig safe after every panic that is not contained, as long as the daemon runs.
 pub(crate) async fn keep(controller: Arc<Controller>, mut received: watch::Receiver<String>) {
     while received.changed().await.is_ok() {
         let place = received.borrow_and_update().clone();
@@ -69,58 +34,20 @@ pub(crate) async fn keep(controller: Arc<Controller>, mut received: watch::Recei
     }
 }
 
-/// Lives to the end; `None` where the head itself has failed and the instruments of `rig`, if there are any, have been
-/// switched off over fresh connections.
-pub(crate) fn lived<T>(
-    runtime: Runtime,
-    rig: Option<&RigPlan>,
-    life: impl Future<Output = T>,
-) -> Option<T> {
-    let life = AssertUnwindSafe(|| runtime.block_on(life));
-    if let Ok(outcome) = std::panic::catch_unwind(life) {
-        // a reader that never reads must not keep the process
-        runtime.shutdown_timeout(Duration::from_secs(2));
-        return Some(outcome);
-    }
-    // its connections go with it, so that the instruments can be reached anew; a task that does not end is not waited for
-    runtime.shutdown_timeout(Duration::from_secs(1));
-    if let (Some(rig), Ok(fresh)) = (rig, Builder::new_current_thread().enable_all().build()) {
-        fresh.block_on(last_resort(rig));
-    }
-    None
-}
-
-/// Makes both halves safe; a 6221 may keep its one place taken for a while.
-async fn last_resort(rig: &RigPlan) {
-    let mut pause = AGAIN.0;
-    loop {
-        let outcomes = make_safe_each(rig, &None).await;
-        let done = outcomes.iter().all(Result::is_ok);
-        for outcome in outcomes {
-            match outcome {
-                Ok(line) => tracing::warn!("{line}"),
-                Err(error) => tracing::error!("{}", chain(&error)),
-            }
-        }
-        if done || pause > AGAIN.1 {
-            return;
-        }
-        tokio::time::sleep(pause).await;
-        pause *= 2;
-    }
-}
-
 #[cfg(test)]
 pub(crate) mod tests {
-    use std::time::Instant;
+    use std::time::{Duration, Instant};
 
     use dbus::Options;
     use rig::{RingTranscript, Stop, SystemClock};
     use simulator::{Instrument, Pace, Profile, Scene, ServeOptions, SimulatedRig};
+    use tokio::runtime::Builder;
 
     use crate::instruments::assembly::{Closed, assemble};
-    use crate::instruments::panic_handler::*;
+    use crate::instruments::last_resort;
+    use crate::panics::hook::{install, listen};
     use crate::preparation::{FramesFrom, prepare};
+    use crate::session::panics::*;
 
     pub(crate) const DEADLINE: Duration = Duration::from_secs(120);
     /// A process has one hook: the panic of one test must not be heard by the other's keeper.
@@ -161,8 +88,8 @@ pub(crate) mod tests {
         let scene = "kind = \"simulated\"\nscene = \"scene.toml\"";
         std::fs::write(&path, CONFIG.replace("kind = \"simulated\"", scene)).unwrap();
         let prepared = prepare(&path).unwrap_or_else(|problems| panic!("{problems:?}"));
-        let bench = crate::bench_of(&prepared).unwrap();
-        let records = crate::service::records::Records::of(&prepared.setup.record_directory);
+        let bench = prepared.bench().unwrap();
+        let records = crate::recording::records::Records::of(&prepared.setup.record_directory);
         let transcript = RingTranscript::new(2);
         let FramesFrom::Rig(plan) = &prepared.frames else {
             panic!("it is a rig");
@@ -228,7 +155,7 @@ pub(crate) mod tests {
 
         let mut failed_at = None;
         let runtime = Builder::new_multi_thread().enable_all().build().unwrap();
-        let ended: Option<()> = lived(runtime, Some(plan), async {
+        let ended: Option<()> = last_resort::run(runtime, Some(plan), async {
             let assembled = assemble(plan, &None, &RingTranscript::new(2), Closed::Refuse, None)
                 .await
                 .unwrap();

@@ -68,7 +68,7 @@ impl Schedule {
 
 #[cfg(test)]
 mod tests {
-    use crate::session::schedule::*;
+    use crate::acquisition::schedule::*;
 
     const S: fn(u64) -> Duration = Duration::from_secs;
 

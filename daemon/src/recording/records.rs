@@ -9,8 +9,6 @@ use dbus::Fault;
 use logbook::{Index, LogbookError, SessionSummary};
 use survey::Baseline;
 
-use crate::service::objects::report;
-use crate::session::controller::disk_fault;
 use survey::error_chain as chain;
 
 /// So many files are read while the daemon starts; more are read beside it.
@@ -111,8 +109,7 @@ impl Records {
         Ok(latest.map(|(_, baseline)| baseline))
     }
 
-    /// So many sessions, the newest first, where named those that come after the one with this id; `active` is the one
-    /// that runs.
+    /// So many sessions, the newest first, where named those that come after the one with this id.
     ///
     /// # Errors
     /// The folder cannot be read, or there is no such session.
@@ -120,8 +117,7 @@ impl Records {
         &self,
         count: usize,
         before: Option<&str>,
-        active: Option<&str>,
-    ) -> Result<Vec<dbus::SessionSummary>, Fault> {
+    ) -> Result<Vec<SessionSummary>, Fault> {
         let known = self.now().map_err(|error| disk_fault(&error))?;
         let sessions = known.index.sessions();
         let from = match before {
@@ -136,8 +132,15 @@ impl Records {
                 })?,
         };
         let newest = sessions.iter().take(from).rev().take(count);
-        Ok(newest
-            .map(|summary| report::session(summary, active))
-            .collect())
+        Ok(newest.map(|summary| (*summary).clone()).collect())
+    }
+}
+
+/// An error of the logbook as a fault on the bus.
+pub(crate) fn disk_fault(error: &LogbookError) -> Fault {
+    if error.is_disk() {
+        Fault::DiskRefused(chain(error))
+    } else {
+        Fault::Failed(chain(error))
     }
 }

@@ -273,7 +273,7 @@ fn line(mark: &Mark) -> io::Result<[u8; SLOT]> {
 
 #[cfg(test)]
 mod tests {
-    use crate::session::end_marks::*;
+    use crate::recording::end_marks::*;
 
     fn marks() -> (tempfile::TempDir, EndMarks) {
         let folder = tempfile::tempdir().unwrap();

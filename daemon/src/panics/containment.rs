@@ -3,7 +3,7 @@
 //! Every thread has a marker that says whether a panic on it is contained. It is set on the threads that serve the bus
 //! ([`mark_thread`]), so that what zbus runs by itself is contained, too, and while a future or a closure runs that was
 //! given to [`answer`] or [`run`]. The panic hook asks for the marker ([`is_contained`]): a contained panic is logged at a
-//! limited rate, every other one switches the source off ([`crate::instruments::panic_handler`]).
+//! limited rate, every other one switches the source off ([`crate::panics::hook`]).
 
 use std::cell::{Cell, RefCell};
 use std::future::poll_fn;
@@ -14,7 +14,7 @@ use std::task::Poll;
 use dbus::Fault;
 use tokio::task::JoinHandle;
 
-use crate::monitoring::RateLimit;
+use crate::events::rate_limit::RateLimit;
 
 thread_local! {
     static CONTAINED: Cell<bool> = const { Cell::new(false) };
@@ -40,7 +40,7 @@ pub(crate) fn log(panic: &PanicHookInfo<'_>) {
         "the daemon's own code panicked at {place} ({}); this ended one answer and nothing else, please report it",
         message(panic.payload())
     );
-    LOG.say("contained-panic", None, &text);
+    LOG.log("contained-panic", None, &text);
     PLACE.set(place);
 }
 
@@ -149,13 +149,13 @@ pub(crate) fn mark_thread() {
 
 #[cfg(test)]
 mod tests {
-    use crate::service::containment::*;
+    use crate::panics::containment::*;
 
     #[tokio::test]
     async fn a_panic_of_an_answer_is_caught_and_the_marker_is_restored() {
-        let _hook = crate::instruments::panic_handler::tests::alone().await;
-        crate::instruments::panic_handler::install();
-        let panics = crate::instruments::panic_handler::listen();
+        let _hook = crate::session::panics::tests::alone().await;
+        crate::panics::hook::install();
+        let panics = crate::panics::hook::listen();
         let caught = answer(Ends::Answer, async {
             tokio::task::yield_now().await;
             assert!(is_contained());

@@ -1,6 +1,5 @@
-//! Who looks after the daemon while it works: catches up with what the journal was not told, notices troubles and tells
-//! people, sums up the day, serves the metrics. It waits for nothing that a frame waits for, and no
-//! frame waits for it.
+//! The task that runs the monitors: writes what the journal has left out, finds alarms and sends notifications, sums up the
+//! day, serves the metrics. It waits for nothing that a frame waits for, and no frame waits for it.
 
 use std::net::SocketAddr;
 use std::path::Path;
@@ -48,8 +47,8 @@ pub(crate) async fn observe(controller: Arc<Controller>) {
     ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     loop {
         ticks.tick().await;
-        controller.observed.rate_limit.catch_up();
-        crate::service::containment::catch_up();
+        controller.events.catch_up();
+        crate::panics::containment::catch_up();
         listener.keep_open(&controller).await;
         let health = controller.health().await;
         judge(&controller, &mut alarm, &health, &messages).await;
@@ -141,7 +140,10 @@ async fn day_end(controller: &Arc<Controller>) -> DayEnd {
     let contact = tokio::task::spawn_blocking(move || worst_contact(&directory));
     DayEnd {
         counts: Counts::of(&controller.observed.counters),
-        frame: controller.active().and_then(|status| status.latest_frame()),
+        readings: controller
+            .active()
+            .and_then(|status| status.latest_frame())
+            .map(|latest| latest.frame.readings.clone()),
         baseline: controller.baseline(),
         worst_contact: contact.await.ok().flatten(),
     }
@@ -218,7 +220,7 @@ impl Listening {
             }
             Err(cause) => {
                 let text = format!("nobody can scrape {address}: {cause}");
-                controller.observed.rate_limit.say("metrics", None, &text);
+                controller.events.journal("metrics", &text);
             }
         }
     }
@@ -226,7 +228,7 @@ impl Listening {
 
 #[cfg(test)]
 mod tests {
-    use crate::monitoring::observer::*;
+    use crate::session::observer::*;
 
     #[test]
     fn the_worst_contact_is_that_of_the_last_self_test() {

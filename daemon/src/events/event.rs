@@ -1,0 +1,71 @@
+//! What is reported: an event for people and programs, or a change of an object on the bus.
+
+use std::sync::Arc;
+
+use chrono::{DateTime, Utc};
+use dbus::Options;
+use survey::printable;
+
+/// Something that happened to the daemon, its rig or a session.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Event {
+    pub at: DateTime<Utc>,
+    /// A word for programs, such as `frame-failed`.
+    pub kind: &'static str,
+    /// A sentence for people, without control characters.
+    pub text: String,
+    /// Id of the session that it happened to; `None` for an event of the daemon.
+    pub session: Option<String>,
+}
+
+impl Event {
+    /// An event with this text, its control characters replaced.
+    pub(crate) fn new(
+        at: DateTime<Utc>,
+        kind: &'static str,
+        text: &str,
+        session: Option<&str>,
+    ) -> Self {
+        Self {
+            at,
+            kind,
+            text: printable(text).into_owned(),
+            session: session.map(str::to_owned),
+        }
+    }
+}
+
+/// What is sent to every connection of the bus. Sessions are named by their id.
+#[derive(Debug, Clone)]
+pub(crate) enum BusEvent {
+    SessionAdded(String),
+    SessionChanged(String),
+    SessionRemoved(String),
+    FrameDone(Arc<FrameSummary>),
+    /// State, active session, baseline or error of the daemon.
+    Daemon,
+    /// State of the instruments.
+    Instruments,
+    /// Which instruments there are, and whether there is a simulated sheet, may have changed.
+    ObjectsChanged,
+    Happened(Event),
+    /// Each bus is asked whether it still answers.
+    Heartbeats,
+    /// How far a self-test is.
+    TestProgress {
+        done: u64,
+        total: u64,
+        what: String,
+    },
+}
+
+/// A durable frame, as its signal reports it.
+#[derive(Debug)]
+pub(crate) struct FrameSummary {
+    /// Id of its session.
+    pub session: String,
+    pub sequence: u64,
+    /// Nanoseconds since 1970 UTC.
+    pub wall_ns: i64,
+    pub summary: Options,
+}

@@ -1,0 +1,86 @@
+//! What a rig is to do for a frame, and on which instruments.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use rig::MeterSettings;
+use survey::{Limits, Plan, RangeRule, Relay, Settings, Step, Timing};
+
+use crate::config::EnableName;
+use crate::instruments::address::InstrumentAddress;
+use crate::instruments::simulation::{Profile, Scene};
+
+/// What a rig is to do, and on which instruments.
+#[derive(Clone)]
+pub(crate) struct RigPlan {
+    pub plan: Plan,
+    pub limits: Limits,
+    pub timing: Timing,
+    pub meter: MeterSettings,
+    /// Where each reading has a range of its own.
+    pub ranges: Option<RangeRule>,
+    /// Frames that one zero-current frame serves.
+    pub zero_every: Option<u64>,
+    /// Electrodes that a pair leaves out between its two.
+    pub skip: usize,
+    /// Whether each two readings that reciprocity makes equal are read once.
+    pub half: bool,
+    /// What the slots must hold; none where a multiplexer board switches.
+    pub modules: BTreeMap<u32, keysight_34980a::Module>,
+    pub instruments: Places,
+    pub bench: Option<(Profile, Scene)>,
+}
+
+impl RigPlan {
+    /// The settings that its frames carry.
+    pub(crate) fn settings(&self) -> Settings {
+        let mut settings = rig::settings(&self.plan, self.meter);
+        settings.precautions.zeroed = self.zero_every.is_some();
+        settings
+    }
+
+    /// How often a frame closes each relay of the wiring; of those that a scan closes by itself, the channels.
+    pub(crate) fn closures(&self) -> Vec<(Relay, f64)> {
+        let wiring = &self.plan.wiring;
+        let mut relays = wiring.injecting_relays();
+        relays.extend(wiring.measuring_relays());
+        relays.extend(&wiring.bus);
+        let mut closures: Vec<(Relay, f64)> =
+            relays.into_iter().map(|relay| (relay, 0.0)).collect();
+        let mut count = |closed: &[Relay]| {
+            for (relay, closures) in &mut closures {
+                *closures += if closed.contains(relay) { 1.0 } else { 0.0 };
+            }
+        };
+        for step in &self.plan.steps {
+            match step {
+                Step::Bus { close }
+                | Step::Break { close, .. }
+                | Step::Overlap { close, .. }
+                | Step::Route { close, .. } => count(close),
+                Step::Scan { channels } => {
+                    let relays: Vec<Relay> = channels.iter().map(|channel| channel.relay).collect();
+                    count(&relays);
+                }
+                Step::Chain { routes } => routes.iter().for_each(|route| count(&route.close)),
+                _ => {}
+            }
+        }
+        closures
+    }
+
+    /// Whether a multiplexer board switches, and the mainframe only measures.
+    pub(crate) fn has_board(&self) -> bool {
+        self.modules.is_empty()
+    }
+}
+
+/// Where the instruments are, and how long each may take to answer.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Places {
+    pub source: (InstrumentAddress, Duration),
+    pub switch: (InstrumentAddress, Duration),
+    pub voltmeter: (InstrumentAddress, Duration),
+    /// Of a board on a gpiochip.
+    pub enable: EnableName,
+}

@@ -1,0 +1,93 @@
+//! Collects what tells whether the daemon is well.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use rig::Clock;
+
+use crate::monitoring::health::{Counts, Health, Running};
+use crate::recording::order::QUEUE;
+use crate::recording::session_status::SessionStatus;
+use crate::session::controller::Controller;
+use crate::session::state::State;
+
+impl Controller {
+    /// How the daemon is. Asks the disk, and waits for it two seconds at most; asks no instrument.
+    pub(crate) async fn health(self: &Arc<Self>) -> Health {
+        let (runtime, counters) = (self.runtime(), &self.observed.counters);
+        let now = counters.now();
+        let status = self.active();
+        let plan = self.plan();
+        let plan = plan.map(|rig| rig.plan.duration(&rig.timing));
+        let file = status.as_ref().map(|status| status.path());
+        let directory = &runtime.setup.record_directory;
+        let room = self.observed.disk.room(directory, file, now).await;
+        let last_frame = counters.last_frame();
+        let counts = Counts::of(counters);
+        let wall = runtime.clock.wall();
+        let relays = self.observed.relays();
+        let state = self.state();
+        Health {
+            at: wall,
+            state: state.word(),
+            fault: match &state {
+                State::Faulted(why) => Some(why.clone()),
+                _ => None,
+            },
+            source: self.source_state(),
+            simulated: runtime.simulated,
+            session: status.map(|status| running(&status, plan, now)),
+            age: last_frame
+                .as_ref()
+                .map(|frame| now.saturating_sub(frame.taken)),
+            last_frame,
+            last_gap: counters.last_gap(),
+            relays: relays.map(|life| life.after(counts.acquired)),
+            counts,
+            instruments: self
+                .identities()
+                .instruments
+                .into_iter()
+                .map(|found| (found.role, found.address))
+                .collect(),
+            rig_fault: self.rig_fault(),
+            baseline: self.baseline().map(|baseline| {
+                let age = wall.signed_duration_since(baseline.wall);
+                (baseline.id.clone(), age.to_std().unwrap_or_default())
+            }),
+            room,
+            warn_below: runtime.setup.config.record.warn_below_mb * 1_000_000,
+            metrics: self.observed.metrics(),
+        }
+    }
+}
+
+fn running(status: &SessionStatus, plan: Option<Duration>, now: Duration) -> Running {
+    let frame = status.latest_frame();
+    let taken = frame.map(|frame| (frame.frame.monotonic, frame.frame.duration));
+    let length = taken.map(|(_, duration)| duration);
+    let (from, first, last) = status.pace();
+    let durable = status.durable();
+    let between = match (first, last) {
+        (Some(first), Some(last)) if durable > 1 => {
+            let steps = u32::try_from(durable - 1).unwrap_or(u32::MAX);
+            Some(last.saturating_sub(first) / steps)
+        }
+        _ => None,
+    };
+    let period = [length, plan, between].into_iter().flatten();
+    let period = period.fold(status.facts.every, Duration::max);
+    let since = taken.map_or(from, |(at, duration)| from.max(at + duration));
+    Running {
+        id: status.facts.id.clone(),
+        kind: status.facts.kind.as_str(),
+        acquired: status.acquired(),
+        durable,
+        failed: status.failures(),
+        dropped: status.dropped(),
+        queue: QUEUE as u64,
+        period: period.max(Duration::from_millis(1)),
+        quiet: status.awaits_frames().then(|| now.saturating_sub(since)),
+        last_error: status.progress().last_error,
+    }
+}
