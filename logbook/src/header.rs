@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use chrono::{DateTime, Utc};
 use serde::{Deserialize, Serialize};
@@ -130,7 +131,7 @@ pub struct SessionHeader {
 impl SessionHeader {
     /// Id of the session that this file is a part of: its first part's.
     pub fn session(&self) -> &str {
-        crate::directory::part_of(&self.id).0
+        crate::files::part_of(&self.id).0
     }
 
     /// A measurement of real instruments about which nothing else is known yet; fill in the rest by field.
@@ -226,6 +227,15 @@ pub struct Record {
     pub map: Option<MapRecord>,
 }
 
+/// When a frame was taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Taken {
+    /// Wall time.
+    pub wall: DateTime<Utc>,
+    /// Monotonic time, of the clock of its own process: after a reboot it begins anew.
+    pub monotonic: Duration,
+}
+
 /// Something worth finding later.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Event {
@@ -280,6 +290,6 @@ pub struct SessionSummary {
 impl SessionSummary {
     /// Id of the session that this file is a part of: its first part's.
     pub fn session(&self) -> &str {
-        crate::directory::part_of(&self.id).0
+        crate::files::part_of(&self.id).0
     }
 }

@@ -49,8 +49,9 @@ pub mod codec;
 mod daemon_log;
 mod directory;
 mod error;
+mod files;
 mod header;
-pub(crate) mod maintenance;
+mod maintenance;
 mod reader;
 mod row;
 pub mod schema;
@@ -72,7 +73,7 @@ pub use crate::maintenance::verify::{Finding, Gap, Verified, parts, verify};
 pub use crate::writer::size::{Volume, volume};
 pub use header::{
     About, Closing, Event, InstrumentRecord, MapRecord, Record, SessionHeader, SessionKind,
-    SessionSummary,
+    SessionSummary, Taken,
 };
 pub use reader::{Frames, SessionReader};
-pub use writer::{CONTINUED, RESUMED, Resumed, SessionWriter, Storage, Taken};
+pub use writer::{CONTINUED, RESUMED, Resumed, SessionWriter, Storage};

@@ -3,7 +3,6 @@
 pub(crate) mod index;
 mod index_file;
 pub(crate) mod lock;
-pub(crate) mod open_files;
 pub(crate) mod scan;
 
 use std::path::{Path, PathBuf};
@@ -11,10 +10,8 @@ use std::sync::Arc;
 
 use chrono::{DateTime, Utc};
 
-use crate::{Index, LogbookError, SessionKind, SessionReader, SessionSummary};
-
-/// How a session's file name ends.
-pub(crate) const EXTENSION: &str = "tactus";
+use crate::files::{self, id_of, part_of};
+use crate::{Index, LogbookError, SessionKind, SessionSummary};
 
 /// What a folder holds.
 #[derive(Debug, Default)]
@@ -57,47 +54,6 @@ pub fn interrupted(dir: impl AsRef<Path>) -> Result<Vec<SessionSummary>, Logbook
     Ok(index(dir)?.interrupted())
 }
 
-/// The part that goes on from `id`, if one beside its file does.
-pub(crate) fn continued_by(path: &Path, id: &str) -> Result<Option<String>, LogbookError> {
-    let dir = folder_of(path);
-    let (session, part) = part_of(id);
-    for other in files(dir)? {
-        let (other_session, other_part) = part_of(id_of(&other));
-        if other_session != session || other_part <= part {
-            continue;
-        }
-        if let Ok(next) = SessionReader::open(&other)
-            && next.header().continues.as_deref() == Some(id)
-        {
-            return Ok(Some(next.header().id.clone()));
-        }
-    }
-    Ok(None)
-}
-
-/// The folder that a session's file lies in.
-pub(crate) fn folder_of(path: &Path) -> &Path {
-    match path.parent() {
-        Some(dir) if !dir.as_os_str().is_empty() => dir,
-        _ => Path::new("."),
-    }
-}
-
-/// The file of a session or part.
-pub(crate) fn path_of(dir: &Path, id: &str) -> PathBuf {
-    dir.join(format!("{id}.{EXTENSION}"))
-}
-
-/// The session that a part belongs to, and its number: 1 for the first, which is named like the session.
-pub(crate) fn part_of(id: &str) -> (&str, u32) {
-    id.rsplit_once("_p")
-        .and_then(|(session, number)| {
-            let number = number.parse().ok().filter(|number| *number > 1)?;
-            Some((session, number))
-        })
-        .unwrap_or((id, 1))
-}
-
 /// Finds a session's file by its id, or by the beginning of it if that is enough. Of a session in parts it is the first.
 ///
 /// # Errors
@@ -105,7 +61,7 @@ pub(crate) fn part_of(id: &str) -> (&str, u32) {
 pub fn find(dir: impl AsRef<Path>, id_or_prefix: &str) -> Result<PathBuf, LogbookError> {
     let dir = dir.as_ref();
     let mut matching = Vec::new();
-    for path in files(dir)? {
+    for path in files::in_folder(dir)? {
         let id = id_of(&path);
         if id == id_or_prefix {
             return Ok(path);
@@ -165,32 +121,4 @@ pub fn latest_baseline(
     now: DateTime<Utc>,
 ) -> Result<Option<(SessionSummary, survey::Baseline)>, LogbookError> {
     index(dir)?.latest_baseline(now)
-}
-
-pub(crate) fn files(dir: &Path) -> Result<Vec<PathBuf>, LogbookError> {
-    let failed = |source| LogbookError::Io {
-        path: dir.to_owned(),
-        attempt: "list",
-        source,
-    };
-    let entries = match std::fs::read_dir(dir) {
-        Ok(entries) => entries,
-        Err(absent) if absent.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(source) => return Err(failed(source)),
-    };
-    let mut files = Vec::new();
-    for entry in entries {
-        let path = entry.map_err(failed)?.path();
-        if path.extension().is_some_and(|end| end == EXTENSION) {
-            files.push(path);
-        }
-    }
-    files.sort();
-    Ok(files)
-}
-
-pub(crate) fn id_of(path: &Path) -> &str {
-    path.file_stem()
-        .and_then(|stem| stem.to_str())
-        .unwrap_or_default()
 }

@@ -14,8 +14,7 @@ use rustix::fs::{AtFlags, Mode, OFlags, Stat};
 use serde::{Deserialize, Serialize};
 
 use crate::LogbookError;
-use crate::directory::EXTENSION;
-use crate::maintenance::leftovers::COPY;
+use crate::files::{COPY_EXTENSION, EXTENSION};
 
 /// A file that was changed this short a time before it was read may change again and look the same: file systems count
 /// time by the kernel's clock tick, 10 ms at most.
@@ -146,7 +145,7 @@ impl Names {
                 continue;
             };
             let ends = |end: &str| Path::new(&name).extension().is_some_and(|is| is == end);
-            if ends(COPY) {
+            if ends(COPY_EXTENSION) {
                 copies.push(name);
             } else if ends(EXTENSION) {
                 sessions.insert(name, Vec::new());

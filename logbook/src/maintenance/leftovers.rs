@@ -6,13 +6,11 @@ use std::path::{Path, PathBuf};
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, OpenFlags};
 
-use crate::directory::continued_by;
-use crate::directory::open_files::InWriting;
+use crate::files::companion;
+use crate::files::open_files::InWriting;
+use crate::reader::continued_by;
 use crate::writer::set_aside_journal;
 use crate::{Index, LogbookError, SessionReader, schema};
-
-/// Ending of a copy that was being made of a file; see [`crate::SessionWriter::rescue`].
-pub(crate) const COPY: &str = "rescue";
 
 /// What was done.
 #[derive(Debug, Default)]
@@ -74,7 +72,7 @@ impl Index {
 /// Whether nothing was ever written to a file: neither a table nor, in its journal, the beginning of one.
 fn is_stub(path: &Path, bytes: u64) -> bool {
     if bytes == 0 {
-        let journal = std::fs::metadata(beside(path, "-wal"));
+        let journal = std::fs::metadata(companion(path, "-wal"));
         return journal.map_or(true, |journal| journal.len() == 0);
     }
     // what its journals hold is read with it, and they stay as they are
@@ -119,14 +117,8 @@ fn open(path: &Path) -> rusqlite::Result<Connection> {
 /// The journals first, which would be taken for another file's.
 fn remove(path: &Path) {
     for end in ["-wal", "-shm", "-journal", ""] {
-        let _ = std::fs::remove_file(beside(path, end));
+        let _ = std::fs::remove_file(companion(path, end));
     }
-}
-
-fn beside(path: &Path, end: &str) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(end);
-    name.into()
 }
 
 #[cfg(test)]
@@ -154,7 +146,7 @@ mod tests {
             .execute_batch("BEGIN; SELECT count(*) FROM frame;")
             .unwrap();
         closed.close(at, "done").unwrap();
-        assert!(beside(&path, "-wal").exists());
+        assert!(companion(&path, "-wal").exists());
         // the reader goes without tidying up, as one does that was killed
         reader
             .set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true)
@@ -191,7 +183,7 @@ mod tests {
         );
         assert_eq!(names(&tidied.folded), ["closed.tactus"]);
         assert!(tidied.refused.is_empty(), "{:?}", tidied.refused);
-        assert!(!beside(&path, "-wal").exists());
+        assert!(!companion(&path, "-wal").exists());
         assert!(dir.join("notes.tactus").exists());
         let whole = SessionReader::open(&path).unwrap();
         assert_eq!(whole.closed().unwrap().reason, "done");

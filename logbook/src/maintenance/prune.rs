@@ -9,7 +9,8 @@ use chrono::{DateTime, Utc};
 use outfile::Existing;
 use serde::{Deserialize, Serialize};
 
-use crate::directory::{EXTENSION, id_of, index, part_of, path_of};
+use crate::directory::index;
+use crate::files::{EXTENSION, id_of, part_of, path_of};
 use crate::{LogbookError, SessionKind, SessionReader, SessionSummary};
 
 /// Name of the list of what has been pruned, a JSON object a line.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use chrono::{DateTime, Utc};
 use serde::Serialize;
 
-use crate::directory::{folder_of, id_of, path_of};
+use crate::files::{folder_of, id_of, path_of};
 use crate::reader::SMALLEST;
 use crate::{LogbookError, Record, SessionHeader, SessionReader, SessionWriter, schema};
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use chrono::{DateTime, TimeDelta, Utc};
 use serde::Serialize;
 
-use crate::directory::{folder_of, id_of, part_of};
+use crate::files::{self, folder_of, id_of, part_of};
 use crate::maintenance::prune::pruned_parts;
 use crate::writer::CONTINUED_IN;
 use crate::{CUT, Event, LogbookError, RESUMED, Record, SessionReader};
@@ -72,7 +72,7 @@ pub fn parts(path: impl AsRef<Path>) -> Result<Vec<PathBuf>, LogbookError> {
     };
     let own = name(path);
     let session = part_of(&own).0;
-    let mut parts = crate::directory::files(folder_of(path))?;
+    let mut parts = files::in_folder(folder_of(path))?;
     parts.retain(|other| part_of(&name(other)).0 == session);
     parts.sort_by_key(|other| part_of(&name(other)).1);
     Ok(parts)

@@ -16,6 +16,7 @@ use rusqlite::{Connection, OptionalExtension};
 use survey::{Amps, Baseline, Checks, Settings, Volts};
 
 use crate::codec::Reference;
+use crate::files::{self, folder_of, id_of, part_of};
 use crate::row::{
     End, HeaderFault, Seal, baseline_checksum, event_checksum, header_row, settings_checksum,
 };
@@ -24,7 +25,6 @@ use guard::Guard;
 use opening::Mode;
 
 pub use frames::Frames;
-pub(crate) use opening::companion;
 pub(crate) use order::SMALLEST;
 
 /// A session's file, opened for reading; neither it nor anything beside it is ever changed.
@@ -434,6 +434,24 @@ impl SessionReader {
             why: why.into(),
         }
     }
+}
+
+/// The part that goes on from `id`, if one beside its file does.
+pub(crate) fn continued_by(path: &Path, id: &str) -> Result<Option<String>, LogbookError> {
+    let dir = folder_of(path);
+    let (session, part) = part_of(id);
+    for other in files::in_folder(dir)? {
+        let (other_session, other_part) = part_of(id_of(&other));
+        if other_session != session || other_part <= part {
+            continue;
+        }
+        if let Ok(next) = SessionReader::open(&other)
+            && next.header().continues.as_deref() == Some(id)
+        {
+            return Ok(Some(next.header().id.clone()));
+        }
+    }
+    Ok(None)
 }
 
 fn microseconds(count: i64) -> Duration {

@@ -22,7 +22,8 @@ use rusqlite::{Connection, OpenFlags};
 use rustix::fs::OFlags;
 
 use crate::LogbookError;
-use crate::directory::open_files::unless_in_writing;
+use crate::files::companion;
+use crate::files::open_files::unless_in_writing;
 
 /// The beginning of every SQLite file.
 const MAGIC: &[u8; 16] = b"SQLite format 3\0";
@@ -235,11 +236,4 @@ fn uri(path: &Path, parameters: &str) -> PathBuf {
     uri.push('?');
     uri.push_str(parameters);
     uri.into()
-}
-
-/// `<file>-wal` and the like, as SQLite names them.
-pub(crate) fn companion(path: &Path, end: &str) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(end);
-    name.into()
 }

@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use rusqlite::{Connection, params};
 
 use crate::LogbookError;
-use crate::directory::{EXTENSION, folder_of};
-use crate::writer::{SessionWriter, companion};
+use crate::files::{COPY_EXTENSION, EXTENSION, companion, folder_of};
+use crate::writer::SessionWriter;
 
 /// Bytes that are copied while frames wait.
 const MOST_COPIED: u64 = 1 << 30;
@@ -80,9 +80,7 @@ impl SessionWriter {
         let folder = folder_of(&self.path);
         crate::writer::make_folder(folder)
             .map_err(|source| LogbookError::disk(&self.path, "make the folder of", source))?;
-        let beside = self
-            .path
-            .with_extension(crate::maintenance::leftovers::COPY);
+        let beside = self.path.with_extension(COPY_EXTENSION);
         let _ = std::fs::remove_file(&beside);
         let copied = self.copy_to(&beside);
         let placed = copied.and_then(|()| self.give_place(&beside));

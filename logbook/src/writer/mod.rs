@@ -18,15 +18,15 @@ use chrono::{DateTime, Utc};
 use rusqlite::{Connection, OpenFlags, params};
 use survey::{Baseline, Checks, Settings};
 
-use crate::directory::open_files::InWriting;
-use crate::reader::companion;
+use crate::files::companion;
+use crate::files::open_files::InWriting;
 use crate::row::{Seal, Tally, closing_checksum};
 use crate::schema;
 use crate::{DiskFault, LogbookError, MapRecord, SessionHeader};
 
 use crate::writer::file_identity::FilePlace;
 use crate::writer::segments::Stretches;
-pub use parts::{CONTINUED, RESUMED, Resumed, Taken};
+pub use parts::{CONTINUED, RESUMED, Resumed};
 pub(crate) use parts::{CONTINUED_IN, set_aside_journal};
 use references::References;
 use rows::Unwritten;
@@ -105,7 +105,7 @@ impl SessionWriter {
         beginning: &Beginning<'_>,
     ) -> Result<Self, LogbookError> {
         check_id(&header.id)?;
-        let path = crate::directory::path_of(dir, &header.id);
+        let path = crate::files::path_of(dir, &header.id);
         make_folder(dir)
             .map_err(|source| LogbookError::disk(&path, "make the folder of", source))?;
         // Made here, not by SQLite, because only this refuses a file that is already there.

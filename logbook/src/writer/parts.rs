@@ -5,7 +5,6 @@
 //! they were written), the next one's count.
 
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 use chrono::{DateTime, Utc};
 use rusqlite::config::DbConfig;
@@ -14,11 +13,10 @@ use super::{
     Beginning, SessionWriter, Storage, adjust, discard, nanoseconds, open_for_writing,
     write_closing,
 };
-use crate::directory;
-use crate::directory::part_of;
-use crate::reader::companion;
+use crate::files::{companion, folder_of, part_of, path_of};
+use crate::reader::continued_by;
 use crate::row::Tally;
-use crate::{LogbookError, SessionHeader, SessionReader};
+use crate::{LogbookError, SessionHeader, SessionReader, Taken};
 
 /// Kind of the event that a resumed session begins again with; [`Resumed::before`] counts them.
 pub const RESUMED: &str = "restarted";
@@ -30,15 +28,6 @@ pub(crate) const CONTINUED_IN: &str = "continued in ";
 
 /// Frames at the end that are checked before a session goes on; `tactus sessions verify` checks all.
 const CHECKED: u64 = 64;
-
-/// When a frame was taken.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Taken {
-    /// Wall time.
-    pub wall: DateTime<Utc>,
-    /// Monotonic time, of the clock of its own process: after a reboot it begins anew.
-    pub monotonic: Duration,
-}
 
 /// What a session that goes on was found with.
 #[derive(Debug, Clone, PartialEq)]
@@ -86,7 +75,7 @@ impl SessionWriter {
                 reason: closing.reason.clone(),
             });
         }
-        if let Some(by) = directory::continued_by(path, &header.id)? {
+        if let Some(by) = continued_by(path, &header.id)? {
             return Err(LogbookError::Continued {
                 path: path.to_owned(),
                 by,
@@ -125,7 +114,7 @@ impl SessionWriter {
     ) -> Result<(Self, Resumed), LogbookError> {
         let path = path.as_ref();
         let session = SessionReader::open(path)?;
-        if let Some(by) = directory::continued_by(path, &session.header().id)? {
+        if let Some(by) = continued_by(path, &session.header().id)? {
             return Err(LogbookError::Continued {
                 path: path.to_owned(),
                 by,
@@ -217,12 +206,12 @@ impl SessionWriter {
         let Some(earlier) = &self.header.continues else {
             return;
         };
-        let dir = directory::folder_of(&self.path);
+        let dir = folder_of(&self.path);
         let Ok(at) = nanoseconds(self.header.started, "the start of the session") else {
             return;
         };
         let close = || -> Result<(), LogbookError> {
-            let path = directory::path_of(dir, earlier);
+            let path = path_of(dir, earlier);
             let failed = |source| LogbookError::writing(&path, "close", source);
             if SessionReader::open(&path)?.closed().is_some() {
                 return Ok(());
@@ -255,7 +244,7 @@ fn next_part(
     storage: Storage,
     beginning: &Beginning<'_>,
 ) -> Result<SessionWriter, LogbookError> {
-    let dir = directory::folder_of(path);
+    let dir = folder_of(path);
     let (session, part) = part_of(&header.id);
     let mut number = part;
     loop {

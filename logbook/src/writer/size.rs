@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::directory::{folder_of, part_of, path_of};
+use crate::files::{folder_of, part_of, path_of};
 use crate::{LogbookError, SessionReader};
 
 /// What the newest part of a session holds.

@@ -12,18 +12,6 @@ use super::{crates, folder, from_root, metadata, only_exceptions, rust_files};
 const KNOWN_CYCLES: &[(&str, &str, &[&str])] = &[
     ("eit", "", &["inverse", "model", "training"]),
     (
-        "logbook",
-        "",
-        &[
-            "directory",
-            "header",
-            "maintenance",
-            "reader",
-            "row",
-            "writer",
-        ],
-    ),
-    (
         "phantom",
         "",
         &[

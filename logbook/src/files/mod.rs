@@ -1,0 +1,72 @@
+//! The files of sessions: their names, their parts, the files that SQLite keeps beside them, and which ones this process
+//! writes. What is in a file is for `reader` and `writer`.
+
+pub(crate) mod open_files;
+
+use std::path::{Path, PathBuf};
+
+use crate::LogbookError;
+
+/// How a session's file name ends.
+pub(crate) const EXTENSION: &str = "tactus";
+/// Extension of a copy that is being made of a file; see [`crate::SessionWriter::rescue`].
+pub(crate) const COPY_EXTENSION: &str = "rescue";
+
+/// The folder that a session's file lies in.
+pub(crate) fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(dir) if !dir.as_os_str().is_empty() => dir,
+        _ => Path::new("."),
+    }
+}
+
+/// The file of a session or part.
+pub(crate) fn path_of(dir: &Path, id: &str) -> PathBuf {
+    dir.join(format!("{id}.{EXTENSION}"))
+}
+
+/// The session that a part belongs to, and its number: 1 for the first, which is named like the session.
+pub(crate) fn part_of(id: &str) -> (&str, u32) {
+    id.rsplit_once("_p")
+        .and_then(|(session, number)| {
+            let number = number.parse().ok().filter(|number| *number > 1)?;
+            Some((session, number))
+        })
+        .unwrap_or((id, 1))
+}
+
+/// The files of sessions and parts in a folder, by name; a folder that is not there holds none.
+pub(crate) fn in_folder(dir: &Path) -> Result<Vec<PathBuf>, LogbookError> {
+    let failed = |source| LogbookError::Io {
+        path: dir.to_owned(),
+        attempt: "list",
+        source,
+    };
+    let entries = match std::fs::read_dir(dir) {
+        Ok(entries) => entries,
+        Err(absent) if absent.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(source) => return Err(failed(source)),
+    };
+    let mut files = Vec::new();
+    for entry in entries {
+        let path = entry.map_err(failed)?.path();
+        if path.extension().is_some_and(|end| end == EXTENSION) {
+            files.push(path);
+        }
+    }
+    files.sort();
+    Ok(files)
+}
+
+pub(crate) fn id_of(path: &Path) -> &str {
+    path.file_stem()
+        .and_then(|stem| stem.to_str())
+        .unwrap_or_default()
+}
+
+/// `<file>-wal` and the like, as SQLite names them.
+pub(crate) fn companion(path: &Path, end: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(end);
+    name.into()
+}
