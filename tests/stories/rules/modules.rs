@@ -10,7 +10,6 @@ use super::{crates, folder, from_root, metadata, only_exceptions, rust_files};
 /// Known cycles: the crate, the module in which the siblings lie, the siblings. A cycle may lose members; when it is
 /// gone, its line goes too.
 const KNOWN_CYCLES: &[(&str, &str, &[&str])] = &[
-    ("eit", "", &["inverse", "model", "training"]),
     (
         "phantom",
         "",

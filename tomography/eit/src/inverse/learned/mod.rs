@@ -6,3 +6,4 @@ pub(crate) mod linear;
 pub mod network;
 pub(crate) mod novelty;
 pub(crate) mod rbf;
+pub(crate) mod trained;

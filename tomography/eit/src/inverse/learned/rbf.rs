@@ -15,9 +15,9 @@ use survey::{Map, Protocol, Reading};
 
 use crate::inverse::learned::kmeans::Rows;
 use crate::inverse::learned::network::FAMILIAR_SHARE;
+use crate::inverse::learned::trained::Trained;
 use crate::linear_algebra::dense;
 use crate::linear_algebra::simd::{add_four, dot, squared_distance};
-use crate::model::Trained;
 use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
 
 /// Singular values of Phi below this share of the largest are cut (Moore-Penrose).

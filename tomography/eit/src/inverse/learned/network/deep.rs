@@ -5,7 +5,7 @@ use std::sync::Arc;
 use survey::{Map, Protocol, Reading};
 
 use crate::inverse::learned::network::{DeepNetwork, TrainingDistribution};
-use crate::model::Trained;
+use crate::inverse::learned::trained::Trained;
 use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
 
 /// Times the distance of the familiar inputs beyond which a deep network's map is refused.

@@ -8,7 +8,7 @@ use ort::value::{Outlet, TensorElementType, TensorRef, ValueType};
 use survey::{Map, Protocol, Reading};
 
 use crate::inverse::learned::network::onnx::OnnxError;
-use crate::model::Trained;
+use crate::inverse::learned::trained::Trained;
 use crate::{Mesh, ReconstructError, Reconstructor};
 
 /// Where the runtime is looked for.
