@@ -25,29 +25,31 @@
 //! ```
 
 mod circuit;
+mod control;
 mod fault;
 mod frame_times;
+mod instrument;
 mod isolated;
 mod profile;
 mod program;
 mod serve;
 mod simulated_instruments;
 mod simulated_rig;
-pub(crate) mod transcripts;
-pub(crate) mod transport;
+mod transcripts;
+mod transport;
 
 pub use crate::circuit::load_network::{LoadNetwork, LoadNetworkError};
 pub use crate::isolated::InstrumentSetup;
-pub use crate::program::status::{Client, SourceStatus, Status};
-pub use crate::simulated_rig::{
-    Instrument, Messages, RigError, SimulatedRig, TranscriptLine, Wire,
-};
+pub use crate::simulated_instruments::{Messages, TranscriptLine};
+pub use crate::simulated_rig::status::{Client, SourceStatus, Status};
+pub use crate::simulated_rig::{RigError, SimulatedRig};
 pub use crate::transcripts::golden::{Expected, Golden, GoldenError, GoldenLine, Step};
 pub use crate::transcripts::playback::{
     Comparison, Played, ReplayError, ReplayTarget, golden_of, replay,
 };
 pub use fault::{Fault, FaultError, ReplyFault, TimedFault};
 pub use frame_times::{FrameTimeError, FrameTimes};
+pub use instrument::{Instrument, Wire};
 pub use phantom::{Load, LoadError, PhantomError, Scene, SceneError, Shape};
 pub use profile::{Board, Mainframe, Pace, Profile, ProfileError, SecondClient, Source};
 pub use program::{command, run};

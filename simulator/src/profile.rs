@@ -237,7 +237,7 @@ impl Profile {
     /// What a shipped profile says of itself.
     pub(crate) fn what(name: &str) -> &'static str {
         let text = SHIPPED.into_iter().find(|(known, _)| *known == name);
-        text.map_or("", |(_, text)| crate::program::list::first_comment(text))
+        text.map_or("", |(_, text)| first_comment(text))
     }
 
     /// One of the shipped profiles.
@@ -404,6 +404,32 @@ impl Profile {
 /// Milliseconds of a profile as time; checked when the profile was read.
 pub(crate) fn milliseconds(value: f64) -> Duration {
     Duration::try_from_secs_f64(value * 1e-3).unwrap_or_default()
+}
+
+/// The first line of a text, if it is a comment.
+fn first_comment(text: &str) -> &str {
+    let first = text.lines().next().unwrap_or_default();
+    first.strip_prefix('#').unwrap_or_default().trim()
+}
+
+/// A slot and its module as the command line and goldens name them: `1=34924A`.
+///
+/// # Errors
+/// A text that names neither, in words.
+pub(crate) fn slot(text: &str) -> Result<(usize, Module), String> {
+    let (number, module) = text
+        .split_once('=')
+        .ok_or("a slot is given as N=MODEL, such as 1=34924A")?;
+    let number: usize = number
+        .trim()
+        .parse()
+        .ok()
+        .filter(|number| (1..=8).contains(number))
+        .ok_or_else(|| format!("there is no slot '{number}', slots are 1 to 8"))?;
+    let module = module
+        .parse()
+        .map_err(|fault: keysight_34980a::ModuleError| fault.to_string())?;
+    Ok((number, module))
 }
 
 #[cfg(test)]

@@ -9,8 +9,8 @@ use tempfile::TempDir;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinSet;
 
+use crate::control;
 use crate::profile::SecondClient;
-use crate::program::control;
 use crate::transport::announce::{Announcement, HTTP, LXI, SCPI_RAW, SCPI_TELNET, VXI_11};
 use crate::transport::client::End;
 use crate::transport::pty::Pty;

@@ -108,12 +108,6 @@ fn written(module: &Module) -> String {
     module.to_string()
 }
 
-/// The first line of a text, if it is a comment.
-pub(crate) fn first_comment(text: &str) -> &str {
-    let first = text.lines().next().unwrap_or_default();
-    first.strip_prefix('#').unwrap_or_default().trim()
-}
-
 #[cfg(test)]
 mod tests {
     use crate::program::list::*;

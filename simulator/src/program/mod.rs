@@ -1,10 +1,8 @@
 //! `tactus-sim`, as a function.
 
-pub(crate) mod control;
 pub(crate) mod list;
 pub(crate) mod panel;
 mod played;
-pub(crate) mod status;
 
 use std::ffi::OsString;
 use std::io::{IsTerminal, Write};
@@ -21,6 +19,7 @@ use tokio::signal::unix::{SignalKind, signal};
 use tracing_subscriber::EnvFilter;
 
 use crate::fault::GRAMMAR;
+use crate::profile::slot;
 use crate::program::panel::Panel;
 use crate::{LoadNetwork, Pace, Profile, ServeOptions, SimulatedRig, serve};
 
@@ -136,22 +135,6 @@ struct Serve {
     bind: String,
 }
 
-pub(crate) fn slot(text: &str) -> Result<(usize, Module), String> {
-    let (number, module) = text
-        .split_once('=')
-        .ok_or("a slot is given as N=MODEL, such as 1=34924A")?;
-    let number: usize = number
-        .trim()
-        .parse()
-        .ok()
-        .filter(|number| (1..=8).contains(number))
-        .ok_or_else(|| format!("there is no slot '{number}', slots are 1 to 8"))?;
-    let module = module
-        .parse()
-        .map_err(|fault: keysight_34980a::ModuleError| fault.to_string())?;
-    Ok((number, module))
-}
-
 /// The definition of the command line: every command and option, for reference pages and completions.
 pub fn command() -> clap::Command {
     <Arguments as clap::CommandFactory>::command()
@@ -263,7 +246,7 @@ fn scene_named(name: Option<&str>) -> Result<Scene, Fault> {
 
 /// Sends one line to a served rig.
 fn tell(to: &Control, line: &str) -> ExitCode {
-    match control::ask(to.control.as_deref(), line) {
+    match crate::control::ask(to.control.as_deref(), line) {
         Ok(_) => ExitCode::SUCCESS,
         Err(refusal) => {
             eprintln!("tactus-sim: {}", survey::printable(&refusal));
@@ -273,7 +256,7 @@ fn tell(to: &Control, line: &str) -> ExitCode {
 }
 
 fn show(of: &Control, json: bool) -> ExitCode {
-    let reported = control::ask(of.control.as_deref(), "status").and_then(|status| {
+    let reported = crate::control::ask(of.control.as_deref(), "status").and_then(|status| {
         if json {
             return Ok(status.to_string());
         }

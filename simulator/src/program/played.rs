@@ -7,7 +7,8 @@ use keysight_34980a::Module;
 use outfile::{Existing, OutPath};
 use rig::transcript::read_transcript;
 
-use super::{CONFIGURATION, Fault, fail, say, scene_named, slot};
+use super::{CONFIGURATION, Fault, fail, say, scene_named};
+use crate::profile::slot;
 use crate::{
     Comparison, Golden, Instrument, InstrumentSetup, LoadNetwork, Pace, Profile, ReplayTarget,
     SimulatedRig, golden_of, replay,

@@ -5,9 +5,9 @@ use std::time::Duration;
 use scpi::ParseError;
 
 use crate::fault::Fault;
+use crate::instrument::Instrument;
 use crate::profile::Pace;
 use crate::simulated_instruments::{ReplyTiming, SimulatedInstruments};
-use crate::simulated_rig::Instrument;
 
 /// More messages than any instrument's error queue holds.
 const OVERFLOWING: usize = 64;

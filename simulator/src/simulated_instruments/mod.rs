@@ -21,12 +21,12 @@ use tokio::time::Instant;
 use crate::circuit::sheet::{ReadingRequest, Sheet};
 use crate::circuit::terminals::Fixture;
 use crate::fault::TimedFault;
+use crate::instrument::Instrument;
 use crate::profile::{Pace, Profile, milliseconds};
 pub(crate) use crate::simulated_instruments::board::Board;
 use crate::simulated_instruments::instrument::{Outside, Reply, SimulatedInstrument};
 pub(crate) use crate::simulated_instruments::mainframe::Mainframe;
 pub(crate) use crate::simulated_instruments::source::Source;
-use crate::simulated_rig::{Instrument, Messages, TranscriptLine};
 
 /// 2000-01-01, seconds since 1970-01-01.
 const YEAR_2000: u32 = 946_684_800;
@@ -95,6 +95,32 @@ fn of_profile(
     ]
 }
 
+/// What an instrument has received and said, counted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Messages {
+    /// Messages received.
+    pub received: u64,
+    /// Replies given.
+    pub answered: u64,
+    /// Messages that made the voltmeter take readings.
+    pub reading: u64,
+    /// Readings that the voltmeter took.
+    pub readings: u64,
+}
+
+/// One line of a transcript.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TranscriptLine {
+    /// The instruments' time.
+    pub at: Duration,
+    /// Who received it.
+    pub instrument: Instrument,
+    /// What it received.
+    pub received: String,
+    /// What it answered.
+    pub answered: Option<String>,
+}
+
 /// What an instrument made of a message.
 #[derive(Debug)]
 pub(crate) struct MessageOutcome {
@@ -107,12 +133,12 @@ pub(crate) struct MessageOutcome {
     pub(crate) refused: Option<String>,
 }
 
-/// ReplyTiming a reply is made.
+/// When a reply is made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum ReplyTiming {
     /// At once, whatever time it takes by the instrument's clock.
     AtOnce,
-    /// ReplyTiming its time has come: readings are taken at their own instants, and [`SimulatedInstruments::fetch`] gives the reply.
+    /// When its time has come: readings are taken at their own instants, and [`SimulatedInstruments::fetch`] gives the reply.
     InTime,
 }
 

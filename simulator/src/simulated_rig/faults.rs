@@ -1,11 +1,12 @@
 //! What goes wrong in a rig, while it runs.
 
+use std::collections::VecDeque;
 use std::sync::{MutexGuard, PoisonError};
 use std::time::Duration;
 
 use crate::fault::{Fault, FaultError, ReplyFault};
-use crate::simulated_rig::{Instrument, SimulatedRig, Wire};
-use crate::transport::client::LinkFaults;
+use crate::instrument::{Instrument, Wire};
+use crate::simulated_rig::SimulatedRig;
 
 impl SimulatedRig {
     /// Lets something go wrong, or puts it right.
@@ -111,5 +112,25 @@ impl SimulatedRig {
     fn link_faults(&self) -> MutexGuard<'_, Vec<LinkFaults>> {
         let link_faults = self.shared.link_faults.lock();
         link_faults.unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Replies that go wrong, and how slow the answers are.
+#[derive(Debug, Default)]
+pub(crate) struct LinkFaults {
+    next: VecDeque<(ReplyFault, u32)>,
+    slower_by: Duration,
+}
+
+impl LinkFaults {
+    /// What happens to the next reply.
+    fn take(&mut self) -> Option<ReplyFault> {
+        let (reply_fault, left) = self.next.front_mut()?;
+        let reply_fault = *reply_fault;
+        *left -= 1;
+        if *left == 0 {
+            self.next.pop_front();
+        }
+        Some(reply_fault)
     }
 }

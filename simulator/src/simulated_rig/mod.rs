@@ -1,118 +1,25 @@
 //! The simulators, joined to one sheet, behind streams of bytes.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt;
 use std::sync::atomic::AtomicU32;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use phantom::{Load, Phantom, PhantomError, Scene};
-use rig::BoxStream;
 use survey::{Amps, Electrode, Relay, Volts};
 use tokio::sync::{Notify, watch};
 
 use crate::fault::TimedFault;
+use crate::instrument::{Instrument, Wire, WireState};
 use crate::profile::Profile;
-use crate::program::status::{Client, SourceStatus, Status};
-use crate::simulated_instruments::SimulatedInstruments;
-use crate::transport::client::LinkFaults;
+use crate::simulated_instruments::{Messages, SimulatedInstruments, TranscriptLine};
+use crate::simulated_rig::faults::LinkFaults;
+use crate::simulated_rig::status::{Client, SourceStatus, Status};
 
 mod faults;
 mod received;
 mod record;
-
-/// What a pipe in memory holds, bytes.
-const PIPE: usize = 64 * 1024;
-
-/// One of the simulated instruments.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Instrument {
-    /// The current source, a 6221.
-    Source,
-    /// The switch and voltmeter, a 34980A.
-    Mainframe,
-    /// The multiplexer board.
-    Board,
-}
-
-impl Instrument {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Source, Self::Mainframe, Self::Board];
-
-    pub(crate) fn index(self) -> usize {
-        self as usize
-    }
-
-    /// The instrument that a transcript or a golden calls so: `6221`, `34980a`, `gpio`.
-    pub fn named(name: &str) -> Option<Self> {
-        Self::ALL
-            .into_iter()
-            .find(|instrument| instrument.name().eq_ignore_ascii_case(name))
-    }
-
-    /// What transcripts and goldens call it.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Source => "6221",
-            Self::Mainframe => "34980a",
-            Self::Board => "gpio",
-        }
-    }
-}
-
-impl fmt::Display for Instrument {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Source => "6221",
-            Self::Mainframe => "34980a",
-            Self::Board => "gpio board",
-        })
-    }
-}
-
-/// The state of the wire to an instrument: a fault that a test or a person may cause.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Wire {
-    /// Connected.
-    Sound,
-    /// Every connection is closed, and a new one at once.
-    Cut,
-    /// Open, but nothing comes through: the far side receives nothing and says nothing.
-    Silent,
-}
-
-/// A wire, and how often it was cut: a cut that is mended at once breaks connections all the same.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct WireState {
-    pub(crate) wire: Wire,
-    pub(crate) cuts: u64,
-}
-
-/// What an instrument has received and said, counted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Messages {
-    /// Messages received.
-    pub received: u64,
-    /// Replies given.
-    pub answered: u64,
-    /// Messages that made the voltmeter take readings.
-    pub reading: u64,
-    /// Readings that the voltmeter took.
-    pub readings: u64,
-}
-
-/// One line of a transcript.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct TranscriptLine {
-    /// The instruments' time.
-    pub at: Duration,
-    /// Who received it.
-    pub instrument: Instrument,
-    /// What it received.
-    pub received: String,
-    /// What it answered.
-    pub answered: Option<String>,
-}
+pub(crate) mod status;
 
 /// Why there is no simulated rig.
 #[derive(Debug, thiserror::Error)]
@@ -241,31 +148,6 @@ impl SimulatedRig {
     /// Whether the profile has a multiplexer board.
     pub fn has_board(&self) -> bool {
         self.shared.has_board
-    }
-
-    /// Connects to the current source.
-    pub fn connect_6221(&self) -> BoxStream {
-        self.connect(Instrument::Source)
-    }
-
-    /// Connects to the mainframe. It serves several clients at once.
-    pub fn connect_34980a(&self) -> BoxStream {
-        self.connect(Instrument::Mainframe)
-    }
-
-    /// Connects to the multiplexer board. Its port has been open since it was switched on: no banner comes.
-    pub fn connect_gpio(&self) -> BoxStream {
-        self.connect(Instrument::Board)
-    }
-
-    /// Connects to one of the instruments.
-    pub fn connect(&self, instrument: Instrument) -> BoxStream {
-        let (here, there) = tokio::io::duplex(PIPE);
-        tokio::spawn(
-            self.clone()
-                .converse(instrument, "memory".to_owned(), there),
-        );
-        Box::new(here)
     }
 
     /// Breaks or mends the wire to an instrument.

@@ -5,8 +5,9 @@ use std::time::Duration;
 use rig::transcript::Said;
 use scpi::ParseError;
 
+use crate::instrument::Instrument;
 use crate::simulated_instruments::{MessageOutcome, ReplyTiming};
-use crate::simulated_rig::{Instrument, SimulatedRig};
+use crate::simulated_rig::SimulatedRig;
 
 impl SimulatedRig {
     /// Lets an instrument receive one message, and says what it answers and how long that takes in the caller's time.

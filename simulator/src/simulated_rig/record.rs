@@ -4,8 +4,9 @@ use std::time::Duration;
 
 use rig::transcript::{Entry, Said, TranscriptWriter};
 
+use crate::instrument::Instrument;
 use crate::simulated_instruments::SimulatedInstruments;
-use crate::simulated_rig::{Instrument, SimulatedRig};
+use crate::simulated_rig::SimulatedRig;
 
 impl SimulatedRig {
     /// From now on everything that is said goes into a file. A disk that is full ends that, with a warning.

@@ -204,7 +204,7 @@ impl Golden {
                 }
                 "slot" => {
                     let (slot, module) =
-                        crate::program::slot(&rest.trim().replacen(' ', "=", 1)).map_err(&wrong)?;
+                        crate::profile::slot(&rest.trim().replacen(' ', "=", 1)).map_err(&wrong)?;
                     setup.slots[slot - 1] = Some(module);
                     None
                 }

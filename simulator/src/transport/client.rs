@@ -4,20 +4,25 @@ use std::io;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
+use rig::BoxStream;
 use scpi::ParseError;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::sync::watch;
 use tokio::time::Instant;
 
 use crate::fault::ReplyFault;
+use crate::instrument::{Instrument, Wire, WireState};
 use crate::simulated_instruments::{MessageOutcome, ReplyTiming};
-use crate::simulated_rig::{Instrument, SimulatedRig, Wire, WireState};
+use crate::simulated_rig::SimulatedRig;
 
 /// Longest message an instrument takes, bytes; a longer one is dropped and queues -363.
 pub(crate) const LONGEST_MESSAGE: usize = 64 * 1024;
 
 /// How long an answer is waited for on behalf of a client that has closed its side.
 const GRACE: Duration = Duration::from_secs(10);
+
+/// What a pipe in memory holds, bytes.
+const PIPE: usize = 64 * 1024;
 
 /// How often readings that are waited for are brought up to date.
 const SHORTEST_STEP: Duration = Duration::from_millis(5);
@@ -303,6 +308,31 @@ pub(crate) enum End {
 }
 
 impl SimulatedRig {
+    /// Connects to the current source.
+    pub fn connect_6221(&self) -> BoxStream {
+        self.connect(Instrument::Source)
+    }
+
+    /// Connects to the mainframe. It serves several clients at once.
+    pub fn connect_34980a(&self) -> BoxStream {
+        self.connect(Instrument::Mainframe)
+    }
+
+    /// Connects to the multiplexer board. Its port has been open since it was switched on: no banner comes.
+    pub fn connect_gpio(&self) -> BoxStream {
+        self.connect(Instrument::Board)
+    }
+
+    /// Connects to one of the instruments.
+    pub fn connect(&self, instrument: Instrument) -> BoxStream {
+        let (here, there) = tokio::io::duplex(PIPE);
+        tokio::spawn(
+            self.clone()
+                .converse(instrument, "memory".to_owned(), there),
+        );
+        Box::new(here)
+    }
+
     /// Waits until the wire to an instrument is cut, from this call on.
     pub(crate) fn until_cut(&self, instrument: Instrument) -> impl Future<Output = ()> + use<> {
         let line = self.shared.wires[instrument.index()].subscribe();
@@ -358,25 +388,5 @@ where
                 End::Abnormal
             }
         }
-    }
-}
-
-/// Replies that go wrong, and how slow the answers are.
-#[derive(Debug, Default)]
-pub(crate) struct LinkFaults {
-    pub(crate) next: std::collections::VecDeque<(ReplyFault, u32)>,
-    pub(crate) slower_by: Duration,
-}
-
-impl LinkFaults {
-    /// What happens to the next reply.
-    pub(crate) fn take(&mut self) -> Option<ReplyFault> {
-        let (reply_fault, left) = self.next.front_mut()?;
-        let reply_fault = *reply_fault;
-        *left -= 1;
-        if *left == 0 {
-            self.next.pop_front();
-        }
-        Some(reply_fault)
     }
 }

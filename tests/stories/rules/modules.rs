@@ -17,21 +17,6 @@ const KNOWN_CYCLES: &[(&str, &str, &[&str])] = &[
             "effects", "history", "law", "press", "preview", "scan", "scene", "sheet",
         ],
     ),
-    (
-        "simulator",
-        "",
-        &[
-            "fault",
-            "isolated",
-            "profile",
-            "program",
-            "serve",
-            "simulated_instruments",
-            "simulated_rig",
-            "transcripts",
-            "transport",
-        ],
-    ),
 ];
 
 /// Folders with more than twelve Rust files side by side. A catalogue of like things may stay.

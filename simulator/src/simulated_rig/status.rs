@@ -122,7 +122,7 @@ fn or_none(text: &str) -> &str {
 
 #[cfg(test)]
 mod tests {
-    use crate::program::status::*;
+    use crate::simulated_rig::status::*;
 
     #[test]
     fn four_lines_say_it_all() {

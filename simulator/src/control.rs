@@ -185,7 +185,7 @@ fn the_only_one() -> Result<PathBuf, String> {
 
 #[cfg(test)]
 mod tests {
-    use crate::program::control::*;
+    use crate::control::*;
 
     #[tokio::test]
     async fn a_socket_takes_the_place_of_a_dead_socket_only() {
