@@ -108,13 +108,16 @@ impl DiscTank {
             })
             .collect();
         let size = |p: [f64; 2]| {
+            // one root of the least square: the same bits as the least root
             let nearest = ends
                 .iter()
-                .map(|q| length(p[0] - q[0], p[1] - q[1]))
-                .fold(f64::INFINITY, f64::min);
+                .map(|q| square(p[0] - q[0], p[1] - q[1]))
+                .fold(f64::INFINITY, f64::min)
+                .sqrt();
             (end + growth * nearest).min(far)
         };
-        let inside = |p: [f64; 2]| in_polygon(p, &boundary);
+        let safe = inscribed(&boundary);
+        let inside = |p: [f64; 2]| square(p[0], p[1]) < safe || in_polygon(p, &boundary);
         let (nodes, triangles) = fill(&Domain {
             boundary: boundary.clone(),
             segments,
@@ -195,6 +198,20 @@ fn cut_gap(length: f64, end: f64, growth: f64, far: f64) -> Vec<f64> {
         .into_iter()
         .map(|p| p[0])
         .collect()
+}
+
+/// Square of a radius about the origin within which every point lies inside the polygon, whatever is rounded: most
+/// points are decided by it alone.
+fn inscribed(corners: &[[f64; 2]]) -> f64 {
+    let middles = corners
+        .iter()
+        .zip(corners.iter().cycle().skip(1))
+        .map(|(a, b)| square(0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])));
+    middles.fold(1.0, f64::min) * (1.0 - 1e-6)
+}
+
+fn square(x: f64, y: f64) -> f64 {
+    x * x + y * y
 }
 
 /// Whether a point lies inside a polygon inscribed in the unit circle.
