@@ -3,9 +3,11 @@
 //! - **pages**: the pages, their links, headings and command lines
 //! - **links**: every relative link and anchor exists
 //! - **commands**: every command line and every flag named is one of the programs' own
+//! - **cargo_commands**: packages, tests, examples and programs that `cargo` commands name exist
 //! - **reference**: the generated pages are what the programs say of themselves
 //! - **console**: the console blocks of README and manual run on a simulated rig
 
+mod cargo_commands;
 mod commands;
 mod console;
 mod links;
