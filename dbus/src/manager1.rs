@@ -139,7 +139,7 @@ pub trait Manager1 {
     #[zbus(property(emits_changed_signal = "false"))]
     fn instruments(&self) -> Result<Vec<OwnedObjectPath>, Fault>;
 
-    /// The running session, `/` when there is none.
+    /// The running session, else an interrupted one that cannot be resumed yet; `/` when there is none.
     #[zbus(property(emits_changed_signal = "false"))]
     fn active_session(&self) -> Result<OwnedObjectPath, Fault>;
 

@@ -306,6 +306,16 @@ impl LogbookError {
         matches!(self, Self::Gone { .. })
     }
 
+    /// Whether only [`crate::SessionWriter::successor`] goes on.
+    pub fn needs_successor(&self) -> bool {
+        self.is_broken() || self.is_gone()
+    }
+
+    /// Whether the same writer may go on later: the disk is full, or another process holds a lock.
+    pub fn may_pass(&self) -> bool {
+        self.is_full() || self.is_locked()
+    }
+
     /// In which way the disk refused, where it did.
     pub fn disk_fault(&self) -> Option<DiskFault> {
         match self {

@@ -1,6 +1,6 @@
 //! What was said over the wires, from memory to text and to disk.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use rig::RingTranscript;
 use rig::transcript::{Entry, TranscriptError, TranscriptWriter};
@@ -30,11 +30,47 @@ pub(crate) fn last(transcript: &RingTranscript, frames: usize) -> Vec<Entry> {
 ///
 /// # Errors
 /// A file that is there already, or a disk that refuses.
-pub(crate) fn write_last(transcript: &RingTranscript, path: &Path) -> Result<(), TranscriptError> {
+fn write_last(transcript: &RingTranscript, path: &Path) -> Result<(), TranscriptError> {
     let mut writer = TranscriptWriter::create(path)?;
     last(transcript, 1)
         .iter()
         .try_for_each(|entry| writer.write(entry))
+}
+
+/// Transcripts of failed frames that a session leaves on disk: each is some 100 kB, and the first ones say most.
+pub(crate) const MOST_OF_A_SESSION: u64 = 100;
+
+/// What became of the transcript of a failed frame.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) enum FailedFrame {
+    /// It is in this file.
+    Written(PathBuf),
+    /// The first one that is not written.
+    LimitReached,
+    /// A later one.
+    OverLimit,
+}
+
+/// Writes the transcript of a session's failed frame into the folder, unless the session has left enough of them there.
+/// Failures count from 1.
+///
+/// # Errors
+/// As [`write_last`].
+pub(crate) fn write_failed(
+    transcript: &RingTranscript,
+    folder: &Path,
+    session: &str,
+    failure: u64,
+) -> Result<FailedFrame, TranscriptError> {
+    if failure > MOST_OF_A_SESSION {
+        return Ok(match failure == MOST_OF_A_SESSION + 1 {
+            true => FailedFrame::LimitReached,
+            false => FailedFrame::OverLimit,
+        });
+    }
+    let path = folder.join(format!("{session}-failed-{failure}.transcript.jsonl"));
+    write_last(transcript, &path)?;
+    Ok(FailedFrame::Written(path))
 }
 
 /// As text: a line of JSON an entry.
@@ -48,4 +84,24 @@ pub(crate) fn text(entries: &[Entry]) -> Result<String, serde_json::Error> {
         text.push('\n');
     }
     Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_session_leaves_at_most_a_hundred_transcripts() {
+        let folder = tempfile::tempdir().unwrap();
+        let transcript = RingTranscript::new(2);
+        let limits = (1..=250)
+            .map(|failure| write_failed(&transcript, folder.path(), "m1", failure).unwrap())
+            .filter(|outcome| *outcome == FailedFrame::LimitReached)
+            .count();
+        assert_eq!(limits, 1, "the limit is reported once");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 100);
+        // another session has its own
+        let other = write_failed(&transcript, folder.path(), "m2", 1).unwrap();
+        assert!(matches!(other, FailedFrame::Written(path) if path.is_file()));
+    }
 }

@@ -1,17 +1,8 @@
 //! Another instrument or module than the known one waits for a person, also where it was exchanged while no daemon ran.
 
-use crate::stage::{Measuring, Stage, instant, on_tcp, reported, serve, within};
+use crate::stage::{Measuring, Stage, instant, on_tcp, ports, reported, serve, within};
 use dbus::{Fault, Options};
 use simulator::{Instrument, Profile, SimulatedRig};
-
-/// The ports at which a server listens.
-fn ports(server: &simulator::Server) -> (u16, u16) {
-    let port = |address: &str| address.rsplit(':').next().unwrap().parse().unwrap();
-    (
-        port(&server.ready().source),
-        port(&server.ready().mainframe),
-    )
-}
 
 /// A rig with another source, and with another module where asked for.
 fn other(module: bool) -> SimulatedRig {

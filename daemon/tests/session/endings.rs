@@ -4,10 +4,11 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::stage::{Running, SMALL, Stage, reported, within};
+use crate::stage::{Running, SMALL, Stage, instant, ports, reported, serve, within};
 use dbus::{Fault, Options, Session1Proxy};
 use logbook::{SessionKind, SessionReader};
 use rustix::fs::FlockOperation;
+use simulator::Profile;
 
 fn resuming() -> String {
     SMALL.replace("resume = false", "resume = true")
@@ -238,14 +239,43 @@ async fn a_daemon_restarted_on_a_full_disk_goes_on_when_room_returns() {
     while daemon.manager.active_session().await.unwrap().as_str() == "/" {
         within(dbus::next(&mut happened)).await.unwrap();
     }
-    let path = daemon.manager.active_session().await.unwrap();
-    let session = daemon.session(&path).await;
+    let session = active(&daemon).await;
     assert_eq!(session.id().await.unwrap(), id);
     durable(&session, kept + 3).await;
     within(session.stop()).await.unwrap();
     let frames = session.frames_durable().await.unwrap();
     assert!(recorded(&state).into_iter().eq(1..=frames));
     daemon.terminate().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_session_that_waits_for_room_can_be_stopped() {
+    if !has_own_mounts("endings::a_session_that_waits_for_room_can_be_stopped") {
+        return;
+    }
+    let stage = Stage::new(&resuming());
+    let state = small_disk(&stage);
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let session = paused_on_a_full_disk(&daemon, &state).await;
+    let id = session.id().await.unwrap();
+    daemon.kill().await;
+    fill(&state);
+    let daemon = stage.start().await;
+    let session = active(&daemon).await;
+    assert_eq!(session.id().await.unwrap(), id);
+    if let Err(fault) = within(session.stop()).await {
+        // its file could not be closed; the end is durable all the same
+        assert!(
+            fault.text().contains("that it has ended is kept"),
+            "{fault:?}"
+        );
+    }
+    assert_eq!(daemon.manager.active_session().await.unwrap().as_str(), "/");
+    daemon.kill().await;
+    std::fs::remove_file(state.join("ballast")).unwrap();
+    more_room(&state);
+    assert_stays_ended(&stage).await.terminate().await;
 }
 
 /// Locks a session's file as another program does, until what is returned is dropped.
@@ -321,6 +351,46 @@ async fn a_session_stopped_while_its_file_is_locked_stays_ended() {
             .into_iter()
             .eq(1..=frames)
     );
+    daemon.terminate().await;
+}
+
+/// The session that a daemon shows as its own: one that runs, or one that waits to go on.
+async fn active(daemon: &Running) -> Session1Proxy<'static> {
+    let path = daemon.manager.active_session().await.unwrap();
+    daemon.session(&path).await
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_session_that_waits_for_its_rig_can_be_stopped() {
+    let (_rig, server, config) = crate::stage::on_tcp().await;
+    let stage = Stage::new(&config.replace("resume = false", "resume = true"));
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let session = daemon.start(Options::new().with("step", true)).await;
+    let id = session.id().await.unwrap();
+    within(session.step(1)).await.unwrap();
+    daemon.kill().await;
+    let ports = ports(&server);
+    server.stop().await;
+
+    // another source stands there now, and nobody has agreed to it
+    let mut profile = Profile::default();
+    profile.source.serial = "7654321".to_owned();
+    let _other = serve(&instant(&profile), ports).await;
+    let daemon = stage.start().await;
+    let session = active(&daemon).await;
+    assert_eq!(session.id().await.unwrap(), id);
+    assert_eq!(session.state().await.unwrap(), "suspended");
+    // a daemon that ends meanwhile leaves it to the next one
+    daemon.terminate().await;
+    let state = stage.path().join("state");
+    assert_eq!(logbook::interrupted(&state).unwrap().len(), 1);
+
+    let daemon = stage.start().await;
+    let session = active(&daemon).await;
+    within(session.stop()).await.unwrap();
+    assert_eq!(daemon.manager.active_session().await.unwrap().as_str(), "/");
+    assert!(logbook::interrupted(&state).unwrap().is_empty());
     daemon.terminate().await;
 }
 

@@ -319,6 +319,15 @@ pub fn assert_whole(path: &str) -> Verified {
     verified
 }
 
+/// The ports at which a server listens.
+pub fn ports(server: &simulator::Server) -> (u16, u16) {
+    let port = |address: &str| address.rsplit(':').next().unwrap().parse().unwrap();
+    (
+        port(&server.ready().source),
+        port(&server.ready().mainframe),
+    )
+}
+
 /// Serves a rig on these ports: the source's and the mainframe's.
 pub async fn serve(rig: &SimulatedRig, ports: (u16, u16)) -> simulator::Server {
     let options = ServeOptions {

@@ -108,9 +108,7 @@ impl Recorder {
 
     /// What is done about a write that was refused; then it is tried again. A new part is made once.
     fn meet(&mut self, error: LogbookError, renewed: &mut bool) -> Result<(), LogbookError> {
-        let renews = error.is_broken()
-            || error.is_gone()
-            || error.is_locked() && self.has_waited_for_the_lock();
+        let renews = error.needs_successor() || error.is_locked() && self.has_waited_for_the_lock();
         if renews && !*renewed {
             return match self.renew(&error) {
                 Ok(()) => {
@@ -176,7 +174,7 @@ impl Recorder {
                 self.status.set_path(self.writer.path());
                 Ok(())
             }
-            Err(error) if error.is_broken() || error.is_gone() => self.renew(&error),
+            Err(error) if error.needs_successor() => self.renew(&error),
             // the next frame tries again
             Err(error) if error.is_locked() => Ok(()),
             Err(error) => self.say("part-refused", &chain(&error)),

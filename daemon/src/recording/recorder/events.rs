@@ -70,15 +70,8 @@ impl Recorder {
         while let Some(event) = self.disk.unwritten.front() {
             match self.writer.event(event.at, event.kind, &event.text) {
                 Ok(()) => {}
-                // who writes next finds out
-                Err(error)
-                    if error.is_full()
-                        || error.is_broken()
-                        || error.is_locked()
-                        || error.is_gone() =>
-                {
-                    return Ok(());
-                }
+                // the next write meets the same error
+                Err(error) if error.may_pass() || error.needs_successor() => return Ok(()),
                 Err(error) => return Err(error),
             }
             self.disk.unwritten.pop_front();

@@ -347,11 +347,11 @@ impl Manager1 {
             .collect()
     }
 
-    /// The running session, `/` when there is none.
+    /// The running session, else an interrupted one that cannot be resumed yet; `/` when there is none.
     #[zbus(property)]
     fn active_session(&self) -> ObjectPath<'static> {
         self.0
-            .active()
+            .to_stop()
             .and_then(|status| dbus::session_path(&status.facts.id).ok())
             .unwrap_or_else(|| ObjectPath::from_static_str_unchecked("/"))
     }

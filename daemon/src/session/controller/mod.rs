@@ -9,6 +9,7 @@ mod run;
 mod self_test;
 mod session_end;
 mod session_options;
+mod waiting;
 
 pub(crate) use crate::session::controller::session_options::{no_baseline, no_plan};
 
@@ -84,6 +85,8 @@ struct Inner {
     state: State,
     baseline: Option<Arc<Baseline>>,
     active: Option<Arc<SessionStatus>>,
+    /// An interrupted session that cannot be resumed yet.
+    interrupted: Option<Arc<SessionStatus>>,
     recent: VecDeque<Arc<SessionStatus>>,
     /// Why the rig cannot be used, until it is found again.
     rig_fault: Option<String>,
@@ -196,6 +199,7 @@ impl Controller {
                 },
                 baseline: baseline.map(Arc::new),
                 active: None,
+                interrupted: None,
                 recent: VecDeque::new(),
                 rig_fault: closed.clone(),
                 closed,
@@ -299,10 +303,21 @@ impl Controller {
         self.inner().active.clone()
     }
 
-    /// The running session and those that ended a short while ago.
+    /// The running session, else the one that was interrupted and cannot go on yet: what a stop ends.
+    pub(crate) fn to_stop(&self) -> Option<Arc<SessionStatus>> {
+        let inner = self.inner();
+        inner
+            .active
+            .as_ref()
+            .or(inner.interrupted.as_ref())
+            .cloned()
+    }
+
+    /// The running session, one that cannot go on yet, and those that ended a short while ago.
     pub(crate) fn sessions(&self) -> Vec<Arc<SessionStatus>> {
         let inner = self.inner();
-        inner.recent.iter().chain(&inner.active).cloned().collect()
+        let now = inner.active.iter().chain(&inner.interrupted);
+        inner.recent.iter().chain(now).cloned().collect()
     }
 
     /// How the running session measures, else how one would; `None` for a recording.
@@ -352,7 +367,7 @@ impl Controller {
     /// What could not be made safe.
     pub(crate) async fn shut_down(&self, why: &str, for_good: bool) -> Result<(), String> {
         self.stop_test();
-        if let Some(status) = self.active() {
+        if let Some(status) = self.to_stop() {
             let goes_on = !for_good
                 && status.facts.kind == logbook::SessionKind::Measurement
                 && self.runtime().setup.config.record.resume

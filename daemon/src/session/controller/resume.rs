@@ -4,7 +4,6 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Duration;
 
 use chrono::{DateTime, TimeDelta, Utc};
 use dbus::{Fault, Options};
@@ -19,10 +18,6 @@ use crate::recording::order::SHUT_DOWN;
 use crate::session::controller::Controller;
 use survey::error_chain as chain;
 
-/// Between looks for a rig that a session waits for.
-const LOOK_AGAIN: Duration = Duration::from_secs(1);
-/// Between looks for a disk that takes something again: it gets there from the one above.
-const LOOK_AGAIN_AT_MOST: Duration = Duration::from_secs(10);
 /// Bytes that are enough to open a session.
 const ROOM_TO_OPEN: u64 = 1 << 20;
 /// Over this time the times that a session began again are counted.
@@ -41,7 +36,7 @@ pub(super) struct Interrupted {
 }
 
 /// Why a session that was interrupted is not gone on with.
-enum Never {
+pub(super) enum Never {
     /// For good: it is closed with this reason.
     Closed(String),
     /// Not by this daemon as it is now: it stays as it is.
@@ -106,7 +101,7 @@ impl Controller {
                     "interrupted, and a later session was begun".to_owned()
                 }
                 (SessionKind::Measurement, None) => {
-                    newest = Some(session.path);
+                    newest = Some((session.path, id));
                     continue;
                 }
             };
@@ -121,36 +116,29 @@ impl Controller {
             }
         })
         .await;
-        let Some(path) = newest else {
+        let Some((path, id)) = newest else {
             return false;
         };
         if self.rig_fault().is_none() {
-            return self.go_on_with(&path).await;
+            return self.go_on_with(&path, id).await;
         }
         let text = format!(
             "{} was interrupted; it goes on when the rig can be used",
             path.display()
         );
         self.tell(None, "resume-waits", &text).await;
-        let controller = Arc::clone(self);
-        tokio::spawn(async move {
-            while controller.rig_fault().is_some() {
-                tokio::time::sleep(LOOK_AGAIN).await;
-            }
-            controller.go_on_with(&path).await;
-        });
+        self.wait_to_go_on(path, id, &text);
         true
     }
 
     /// Whether it goes on, or will when the disk takes something again.
-    async fn go_on_with(self: &Arc<Self>, path: &Path) -> bool {
+    async fn go_on_with(self: &Arc<Self>, path: &Path, id: String) -> bool {
         match self.resume(path.to_owned()).await {
             Ok(()) => true,
             Err(Never::Later(why)) => {
                 let text = format!("{} goes on as soon as that is over: {why}", path.display());
                 self.tell(None, "resume-waits", &text).await;
-                let (controller, path) = (Arc::clone(self), path.to_owned());
-                tokio::spawn(async move { controller.go_on_later_with(&path).await });
+                self.wait_to_go_on(path.to_owned(), id, &text);
                 true
             }
             Err(never) => {
@@ -160,20 +148,7 @@ impl Controller {
         }
     }
 
-    async fn go_on_later_with(self: &Arc<Self>, path: &Path) {
-        let mut pause = LOOK_AGAIN;
-        loop {
-            tokio::time::sleep(pause).await;
-            pause = (pause * 2).min(LOOK_AGAIN_AT_MOST);
-            match self.resume(path.to_owned()).await {
-                Ok(()) => return,
-                Err(Never::Later(why)) => tracing::debug!("{}: {why}", path.display()),
-                Err(never) => return self.does_not_go_on(path, never).await,
-            }
-        }
-    }
-
-    async fn does_not_go_on(&self, path: &Path, never: Never) {
+    pub(super) async fn does_not_go_on(&self, path: &Path, never: Never) {
         match never {
             Never::Left(why) | Never::Later(why) => {
                 let text = format!("{} does not go on: {why}", path.display());
@@ -188,7 +163,7 @@ impl Controller {
         }
     }
 
-    async fn resume(self: &Arc<Self>, path: PathBuf) -> Result<(), Never> {
+    pub(super) async fn resume(self: &Arc<Self>, path: PathBuf) -> Result<(), Never> {
         let runtime = self.runtime();
         let folder = runtime.setup.record_directory.clone();
         let opened = tokio::task::spawn_blocking(move || {
@@ -279,7 +254,7 @@ impl Controller {
         Ok(())
     }
 
-    async fn close_interrupted(&self, path: &Path, reason: &str) -> bool {
+    pub(super) async fn close_interrupted(&self, path: &Path, reason: &str) -> bool {
         let (at, reason) = (self.runtime().clock.wall(), reason.to_owned());
         let file = path.to_owned();
         let closed = tokio::task::spawn_blocking(move || {

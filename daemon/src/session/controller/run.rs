@@ -16,6 +16,7 @@ use crate::acquisition::task::{
     Acquisition, AcquisitionEnd, AcquisitionProgress, FrameSource, Pause,
 };
 use crate::events::event::{BusEvent, Event as ReportedEvent};
+use crate::instruments::transcripts::{self, FailedFrame};
 use crate::monitoring::disk::free_bytes;
 use crate::preparation::Setup;
 use crate::recording::order::{Order, QUEUE};
@@ -23,10 +24,10 @@ use crate::recording::reconstruction_worker::{ReconstructionContext, Reconstruct
 use crate::recording::recorder::{Disk, Recorder, Task};
 use crate::recording::records::disk_fault;
 use crate::recording::session_status::{Facts, SessionEnd, SessionStatus};
-use crate::session::controller::Controller;
 use crate::session::controller::recovery::{MOST_FAILED, may_pass};
 use crate::session::controller::rig_events::Concerned;
 use crate::session::controller::session_options::Assignment;
+use crate::session::controller::{Controller, Inner};
 use crate::session::state::{Event, Work};
 use survey::error_chain as chain;
 
@@ -34,8 +35,6 @@ use survey::error_chain as chain;
 const REMEMBERED: usize = 16;
 /// Between looks whether the file is still in its place.
 const BETWEEN_LOOKS: Duration = Duration::from_secs(1);
-/// Transcripts of failed frames that a session leaves on disk: each is some 100 kB, and the first ones say most.
-const TRANSCRIPTS: u64 = 100;
 /// Summaries are at most five a second.
 const BETWEEN_SUMMARIES: Duration = Duration::from_millis(200);
 
@@ -96,7 +95,7 @@ impl Controller {
                 // without room, or under a lock, it waits in the recorder as everything else does, and hears of a stop
                 let waits = match writer.event(started, logbook::RESUMED, &text) {
                     Ok(()) => false,
-                    Err(error) if error.is_full() || error.is_locked() => true,
+                    Err(error) if error.may_pass() => true,
                     Err(error) => return Err(error),
                 };
                 Ok((writer, Some((text, waits))))
@@ -137,14 +136,15 @@ impl Controller {
             Arc::clone(&self.observed.counters),
         ));
         status.goes_on_after(writer.acknowledged());
-        if let Some((text, waits)) = gone_on {
-            order.first_event = waits.then(|| text.clone());
-            self.tell_of(started, logbook::RESUMED, &text, Some(&status.facts.id));
-        }
+        self.hand_over(&status);
         self.inner().active = Some(Arc::clone(&status));
         self.events
             .publish(&BusEvent::SessionAdded(status.facts.id.clone()));
         self.events.publish(&BusEvent::Daemon);
+        if let Some((text, waits)) = gone_on {
+            order.first_event = waits.then(|| text.clone());
+            self.tell_of(started, logbook::RESUMED, &text, Some(&status.facts.id));
+        }
         tokio::spawn(Arc::clone(self).tell_progress(Arc::clone(&status)));
         tokio::spawn(Arc::clone(self).mark_when_asked_to_end(Arc::clone(&status)));
         let task = tokio::spawn(Arc::clone(self).keep(Arc::clone(&status), writer, order));
@@ -385,35 +385,25 @@ impl Controller {
             .instrument(journal)
             .await;
         self.take_down(Some(whom), error).await;
-        if failures > TRANSCRIPTS {
-            if failures == TRANSCRIPTS + 1 {
-                let text = format!(
-                    "{TRANSCRIPTS} transcripts of failed frames are kept for this session; what was said for later ones \
-                     is not"
-                );
-                self.tell(Some(whom), "transcript", &text).await;
-            }
-            return;
-        }
-        let name = format!(
-            "{}-failed-{failures}.transcript.jsonl",
-            whom.status.facts.id
-        );
-        let path = self.runtime().setup.record_directory.join(name);
-        let transcript = self.transcript.clone();
-        let kept = path.clone();
+        let (transcript, session) = (self.transcript.clone(), whom.status.facts.id.clone());
+        let folder = self.runtime().setup.record_directory.clone();
         let written = tokio::task::spawn_blocking(move || {
-            crate::instruments::transcripts::write_last(&transcript, &kept)
+            transcripts::write_failed(&transcript, &folder, &session, failures)
         })
         .await;
-        match written {
-            Ok(Ok(())) => {
-                let text = format!("what was said for frame {number} is in {}", path.display());
-                self.tell(Some(whom), "transcript", &text).await;
+        let text = match written {
+            Ok(Ok(FailedFrame::Written(path))) => {
+                format!("what was said for frame {number} is in {}", path.display())
             }
-            Ok(Err(error)) => tracing::warn!("{}", chain(&error)),
-            Err(_) => tracing::warn!("the transcript could not be written"),
-        }
+            Ok(Ok(FailedFrame::LimitReached)) => format!(
+                "{} transcripts of failed frames are kept for this session; what was said for later ones is not",
+                transcripts::MOST_OF_A_SESSION
+            ),
+            Ok(Ok(FailedFrame::OverLimit)) => return,
+            Ok(Err(error)) => return tracing::warn!("{}", chain(&error)),
+            Err(_) => return tracing::warn!("the transcript could not be written"),
+        };
+        self.tell(Some(whom), "transcript", &text).await;
     }
 
     fn finish(
@@ -439,13 +429,7 @@ impl Controller {
                 inner.baseline = Some(Arc::new(baseline));
             }
             inner.active = None;
-            inner.recent.push_back(Arc::clone(status));
-            while inner.recent.len() > REMEMBERED {
-                if let Some(old) = inner.recent.pop_front() {
-                    self.events
-                        .publish(&BusEvent::SessionRemoved(old.facts.id.clone()));
-                }
-            }
+            self.remember(&mut inner, status);
             if matches!(ended, AcquisitionEnd::Rig(_)) {
                 inner.rig_fault = Some(ended.text());
             }
@@ -475,6 +459,17 @@ impl Controller {
             tokio::spawn(Arc::clone(self).look_for_rig());
         }
         self.take_waiting();
+    }
+
+    /// Keeps a session that has ended on the bus for a while.
+    pub(super) fn remember(&self, inner: &mut Inner, status: &Arc<SessionStatus>) {
+        inner.recent.push_back(Arc::clone(status));
+        while inner.recent.len() > REMEMBERED {
+            if let Some(old) = inner.recent.pop_front() {
+                self.events
+                    .publish(&BusEvent::SessionRemoved(old.facts.id.clone()));
+            }
+        }
     }
 
     /// Tells everybody of frames, at most five times a second, and of everything else about a session.

@@ -1,0 +1,126 @@
+//! An interrupted session that cannot be resumed yet, because its rig is missing or its file cannot be opened. It is
+//! published as a suspended session, so that a client can stop it.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use logbook::SessionKind;
+
+use crate::events::event::BusEvent;
+use crate::recording::session_status::{Facts, SessionEnd, SessionStatus};
+use crate::session::controller::Controller;
+use crate::session::controller::resume::Never;
+
+/// Between two attempts to resume.
+const RETRY: Duration = Duration::from_secs(1);
+/// Longest time between two attempts; the pause doubles up to it.
+const RETRY_AT_MOST: Duration = Duration::from_secs(10);
+/// How long a stop waits for the file to be closed; the end mark outside of the file is durable by then.
+const TO_CLOSE: Duration = Duration::from_millis(500);
+
+impl Controller {
+    /// Publishes the session, and tries until it is resumed, can never be, or is stopped.
+    pub(super) fn wait_to_go_on(self: &Arc<Self>, path: PathBuf, id: String, why: &str) {
+        let facts = Facts {
+            id,
+            kind: SessionKind::Measurement,
+            simulated: self.runtime().simulated,
+            baseline_id: String::new(),
+            method: String::new(),
+            every: Duration::ZERO,
+        };
+        let counters = Arc::clone(&self.observed.counters);
+        let status = Arc::new(SessionStatus::new(facts, path, false, counters));
+        status.set_suspended(true);
+        status.set_last_error(why);
+        self.inner().interrupted = Some(Arc::clone(&status));
+        self.events
+            .publish(&BusEvent::SessionAdded(status.facts.id.clone()));
+        self.events.publish(&BusEvent::Daemon);
+        tokio::spawn(Arc::clone(self).tell_progress(Arc::clone(&status)));
+        tokio::spawn(Arc::clone(self).mark_when_asked_to_end(Arc::clone(&status)));
+        tokio::spawn(Arc::clone(self).try_to_go_on(status));
+    }
+
+    async fn try_to_go_on(self: Arc<Self>, status: Arc<SessionStatus>) {
+        let mut stop = status.stop_wish();
+        let mut pause = RETRY;
+        loop {
+            tokio::select! {
+                biased;
+                () = stop.asked() => return self.stop_waiting(&status).await,
+                () = tokio::time::sleep(pause) => {}
+            }
+            if self.rig_fault().is_some() {
+                continue;
+            }
+            match self.resume(status.path()).await {
+                Ok(()) => return,
+                Err(Never::Later(why)) => {
+                    status.set_last_error(&why);
+                    pause = (pause * 2).min(RETRY_AT_MOST);
+                }
+                // another session has begun meanwhile, or the daemon is being stopped
+                Err(_) if stop.is_asked() => return self.stop_waiting(&status).await,
+                Err(never) => {
+                    self.does_not_go_on(&status.path(), never).await;
+                    return self.end_waiting(&status, "it does not go on".to_owned(), true);
+                }
+            }
+        }
+    }
+
+    /// Writes the end mark first, so that a locked file or a full disk does not delay the stop.
+    async fn stop_waiting(&self, status: &Arc<SessionStatus>) {
+        let reason = status.stop_reason();
+        let mut faulted = false;
+        if !status.is_left_open() {
+            self.mark_end(status, &reason).await;
+            let path = status.path();
+            let closing = self.close_interrupted(&path, &reason);
+            if let Ok(true) = tokio::time::timeout(TO_CLOSE, closing).await {
+                status.set_closed();
+            }
+            self.settle_end(status, &reason).await;
+            faulted = !status.end_is_kept();
+        }
+        self.end_waiting(status, reason, faulted);
+    }
+
+    fn end_waiting(&self, status: &Arc<SessionStatus>, reason: String, faulted: bool) {
+        {
+            let mut inner = self.inner();
+            let shown = inner.interrupted.take();
+            inner.interrupted = shown.filter(|shown| !Arc::ptr_eq(shown, status));
+            self.remember(&mut inner, status);
+        }
+        status.end(SessionEnd { reason, faulted });
+        self.events.publish(&BusEvent::Daemon);
+    }
+
+    /// Called when a session begins. If it is the waiting one, it takes its place on the bus; if it is another, the waiting
+    /// one ends.
+    pub(super) fn hand_over(self: &Arc<Self>, status: &Arc<SessionStatus>) {
+        let Some(waited) = self.inner().interrupted.take() else {
+            return;
+        };
+        if waited.facts.id != status.facts.id {
+            return waited.stop("interrupted, and a later session was begun");
+        }
+        self.events
+            .publish(&BusEvent::SessionRemoved(waited.facts.id.clone()));
+        let status = Arc::clone(status);
+        tokio::spawn(async move {
+            let mut stop = waited.stop_wish();
+            tokio::select! {
+                () = stop.asked() => match waited.is_left_open() {
+                    true => status.leave(&waited.stop_reason()),
+                    false => status.end_for_good(&waited.stop_reason()),
+                },
+                _ = status.ended() => {}
+            }
+            waited.end(status.ended().await);
+        });
+    }
+}
