@@ -3,7 +3,8 @@
 //!
 //! - **manager**: the daemon itself (`Manager1` on [`ROOT_PATH`]); **instrument**: one `Instrument1` object each
 //! - **session**: a baseline being recorded or a measurement (`Session1`), live or ended a short while ago
-//! - **fault**: one error name a kind ([`Fault`]); **options**: the last `a{sv}` argument of a method ([`Options`])
+//! - **fault**: one error name a kind ([`Fault`]); **options**: the last `a{sv}` argument of a method ([`SessionOptions`]...)
+//! - **dictionaries**: the `a{sv}` that the daemon sends ([`Health`], [`PlanDetails`], ...)
 //! - **record**: one frame, map or end in the full-rate stream ([`stream`])
 //!
 //! The proxies ask for every property that may change each time they are asked, so an answer is never older than the
@@ -21,6 +22,7 @@
 //! ```
 
 mod address;
+mod dictionaries;
 mod fault;
 mod instrument1;
 mod manager1;
@@ -34,14 +36,21 @@ use std::pin::Pin;
 use zbus::{ObjectPath, export::futures_core::Stream};
 
 pub use address::{Address, AddressError, BUSY, ConnectError, connect, search_order};
+pub use dictionaries::{
+    BaselineDetails, EventDetails, FrameQuality, FrameSummary, GeometryDetails, Health, MapDetails,
+    NotifyResult, PlanDetails, Recovery, SessionDetails, SettingCost, TestDetails,
+};
 pub use fault::Fault;
 pub use instrument1::Instrument1Proxy;
 pub use manager1::{
-    ABOUT_OPTIONS, BaselineReport, Discovery, Geometry, Happened, HappenedStream,
-    MEASURING_OPTIONS, Manager1Proxy, PlanReport, RelayWear, SESSION_OPTIONS, SeenInstrument,
-    SessionSummary, TestLine, TestProgress, TestProgressStream, TestReport,
+    BaselineReport, Discovery, Geometry, Happened, HappenedStream, Manager1Proxy, PlanReport,
+    RelayWear, SeenInstrument, SessionSummary, TestLine, TestProgress, TestProgressStream,
+    TestReport,
 };
-pub use options::Options;
+pub use options::{
+    ABOUT_OPTIONS, DiscoverOptions, InvalidOption, ListOptions, MEASURING_OPTIONS, Options,
+    SESSION_OPTIONS, SessionOptions, StreamOptions, TranscriptOptions,
+};
 pub use session1::{
     FrameDone, FrameDoneStream, LatestFrame, LatestMap, LatestPressure, Session1Proxy,
 };

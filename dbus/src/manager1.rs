@@ -1,37 +1,12 @@
 //! The daemon itself.
 
 use serde::{Deserialize, Serialize};
-use std::collections::HashMap;
+use zbus::{OwnedObjectPath, Type};
 
-use zbus::{OwnedObjectPath, OwnedVariant, Type};
-
-use crate::{Fault, Options};
-
-/// Options of `StartSession`: `every_s` (d, pause from start to start of frames; 0 back to back), `count` (t, frames),
-/// `for_s` (d, duration), `baseline` (s, id; else the current one), `model` (s, absolute path of a model file, or
-/// `one-step`; else the configured one), `speed` (d, recordings: 1 own rate, 10 ten times faster, 0 as fast as
-/// possible), `step` (b, a frame only when `Session1.Step` asks), `note` (s).
-pub const SESSION_OPTIONS: [&str; 8] = [
-    "every_s", "count", "for_s", "baseline", "model", "speed", "step", "note",
-];
-
-/// Options of `StartSession` and `RecordBaseline` that a lab needs to know later, free words (s), where they are other
-/// than configured.
-pub const ABOUT_OPTIONS: [&str; 4] = ["sheet", "foam", "ink", "operator"];
-
-/// Options of `StartSession` and `RecordBaseline` that say how a session measures, where that is not as configured:
-/// `nplc` (d), `averages` (t), `autozero` (b), `settle_ms` (d), `channel_delay_ms` (d), `reversal` (b), `zero_every` (t,
-/// 0 never), `ranges` (s, `fixed` or `planned`).
-pub const MEASURING_OPTIONS: [&str; 8] = [
-    "nplc",
-    "averages",
-    "autozero",
-    "settle_ms",
-    "channel_delay_ms",
-    "reversal",
-    "zero_every",
-    "ranges",
-];
+use crate::{
+    BaselineDetails, EventDetails, Fault, GeometryDetails, Health, NotifyResult, PlanDetails,
+    Recovery, SessionDetails, TestDetails,
+};
 
 /// `org.tactus.Tactus1.Manager1` on the root object.
 #[zbus::proxy(
@@ -40,36 +15,48 @@ pub const MEASURING_OPTIONS: [&str; 8] = [
     default_path = "/org/tactus/Tactus1"
 )]
 pub trait Manager1 {
-    /// Starts a measurement; see [`SESSION_OPTIONS`], [`ABOUT_OPTIONS`] and [`MEASURING_OPTIONS`]. Returns its object at once.
-    fn start_session(&self, options: &Options) -> Result<OwnedObjectPath, Fault>;
+    /// Starts a measurement; see [`crate::SessionOptions`]. Returns its object at once.
+    fn start_session<O>(&self, options: &O) -> Result<OwnedObjectPath, Fault>
+    where
+        O: Sync;
 
-    /// Records a baseline: options `frames` (t, default 10), `note` (s), [`ABOUT_OPTIONS`] and [`MEASURING_OPTIONS`]. Returns its session at
-    /// once; it ends by itself and is then the current baseline.
-    fn record_baseline(&self, options: &Options) -> Result<OwnedObjectPath, Fault>;
+    /// Records a baseline: see [`crate::SessionOptions`]. Returns its session at once; it ends by itself and is then the current baseline.
+    fn record_baseline<O>(&self, options: &O) -> Result<OwnedObjectPath, Fault>
+    where
+        O: Sync;
 
-    /// What the logbook holds, newest first, at most 1000 sessions: options `count` (t), `before` (s, the id behind which the
-    /// list goes on).
-    fn list_sessions(&self, options: &Options) -> Result<Vec<SessionSummary>, Fault>;
+    /// What the logbook holds, newest first, at most 1000 sessions: see [`crate::ListOptions`].
+    fn list_sessions<O>(&self, options: &O) -> Result<Vec<SessionSummary>, Fault>
+    where
+        O: Sync;
 
     /// The plan of a frame, without moving anything: that of the running session, else the configured one.
     fn plan(&self) -> Result<PlanReport, Fault>;
 
-    /// The plan of a frame of a session that would be started with these [`MEASURING_OPTIONS`], without moving anything.
-    fn plan_with(&self, options: &Options) -> Result<PlanReport, Fault>;
+    /// The plan of a frame of a session that would be started with these [`crate::MEASURING_OPTIONS`], without moving anything.
+    fn plan_with<O>(&self, options: &O) -> Result<PlanReport, Fault>
+    where
+        O: Sync;
 
     /// The region of interest, for drawing maps.
     fn geometry(&self) -> Result<Geometry, Fault>;
 
     /// Tests the rig and waits until that is done: every relay against the sheet's own resistances, contacts,
     /// reciprocity, noise. Refused while a session runs; the source is off and verified afterwards.
-    fn test_instruments(&self, options: &Options) -> Result<TestReport, Fault>;
+    fn test_instruments<O>(&self, options: &O) -> Result<TestReport, Fault>
+    where
+        O: Sync;
 
     /// How often each relay has closed, and how long that may go on. Refused while a session runs.
-    fn relays(&self, options: &Options) -> Result<Vec<RelayWear>, Fault>;
+    fn relays<O>(&self, options: &O) -> Result<Vec<RelayWear>, Fault>
+    where
+        O: Sync;
 
     /// Looks for instruments: mDNS, VXI-11 broadcast, and these addresses (`tcp:HOST:PORT`). Nothing but `*IDN?` is said to
-    /// them, and none is used. Options: `within_s` (d, default 3), `mdns` (b), `broadcast` (b).
-    fn discover(&self, addresses: &[&str], options: &Options) -> Result<Discovery, Fault>;
+    /// them, and none is used. See [`crate::DiscoverOptions`].
+    fn discover<O>(&self, addresses: &[&str], options: &O) -> Result<Discovery, Fault>
+    where
+        O: Sync;
 
     /// How far a self-test is: steps done, of how many, what is done now.
     #[zbus(signal)]
@@ -87,37 +74,34 @@ pub trait Manager1 {
     /// Reads the configuration again; a bad one changes nothing.
     fn reload(&self) -> Result<String, Fault>;
 
-    /// What was said over the wires for the last frames, a line of JSON each: option `frames` (t, default 1).
-    fn transcript(&self, options: &Options) -> Result<String, Fault>;
+    /// What was said over the wires for the last frames, a line of JSON each: see [`crate::TranscriptOptions`].
+    fn transcript<O>(&self, options: &O) -> Result<String, Fault>
+    where
+        O: Sync;
 
-    /// How the daemon is, all at once. `at_ns` (x), `well` (b), `troubles` (as, `kind: sentence`, most grave first), `state`,
-    /// `source_state` (s), `simulated` (b), `instruments` (as, `role: ready` or `role: fault: why`); since the daemon began
-    /// `total_frames`, `total_durable`, `total_failed`, `total_dropped`, `total_overloads` (t). Left out where there is none
-    /// or it is not known: of the running session `session`, `session_kind` (s), `frames_acquired`, `frames_durable`,
-    /// `frames_failed`, `frames_dropped`, `backlog` (t), `period_s`, `quiet_s` (d, since a frame was last due to come);
-    /// `last_frame_ns` (x), `last_frame_age_s` (d), `last_frame_sequence` (t), `last_frame_session` (s); `last_gap_ns` (x),
-    /// `last_gap` (s, why the last frame that is not in the record is not); `baseline` (s), `baseline_age_s` (d);
-    /// `disk_free_bytes` (t), `disk_bytes_per_day`, `disk_days` (d); `relay` (u, worn out first), `relay_used` (d, part of
-    /// its life), `relay_left_s` (d, of measuring); `metrics` (s, address and port where they are served).
-    fn health(&self) -> Result<Options, Fault>;
+    /// The state of the daemon in one answer; what is not known is left out.
+    fn health(&self) -> Result<Health, Fault>;
 
-    /// Runs the command of `[notify]` once and says how it fared: `done` (b), `stderr` (s, the beginning of it), `took_s` (d),
-    /// and `code` (x) or `trouble` (s, why there is none).
-    fn notify_test(&self) -> Result<Options, Fault>;
+    /// Runs the command of `[notify]` once and returns its result.
+    fn notify_test(&self) -> Result<NotifyResult, Fault>;
 
     /// Something happened to the rig, or to a session by it.
     #[zbus(signal)]
-    fn happened(&self, wall_ns: i64, kind: &str, text: &str, details: Options)
-    -> Result<(), Fault>;
+    fn happened(
+        &self,
+        wall_ns: i64,
+        kind: &str,
+        text: &str,
+        details: EventDetails,
+    ) -> Result<(), Fault>;
 
     /// `off` (verified), `in use`, `unknown`.
     #[zbus(property(emits_changed_signal = "false"))]
     fn source_state(&self) -> Result<String, Fault>;
 
-    /// A lost rig that is being looked for: `what` (s), `tries` (t), `next_s` (d), `since_ns` (x), `person` (b); empty
-    /// when none is.
+    /// A lost rig that is being looked for; empty when none is.
     #[zbus(property(emits_changed_signal = "false"))]
-    fn recovery(&self) -> Result<HashMap<String, OwnedVariant>, Fault>;
+    fn recovery(&self) -> Result<Recovery, Fault>;
 
     /// Version of the daemon.
     #[zbus(property(emits_changed_signal = "const"))]
@@ -177,8 +161,8 @@ pub struct SessionSummary {
     pub simulated: bool,
     /// Its file.
     pub path: String,
-    /// What may come: `note` (s), `reason` (s, why it ended), `ended_ns` (x).
-    pub more: Options,
+    /// What is known beside that.
+    pub more: SessionDetails,
 }
 
 /// What a self-test found (`(basa(sssddss)a{sv})`).
@@ -190,9 +174,8 @@ pub struct TestReport {
     pub findings: Vec<String>,
     /// One row each of the table.
     pub lines: Vec<TestLine>,
-    /// `at` (s, RFC 3339), `wiring` (s), `simulated` (b), `current_a` (d), and where they were found `sheet_ohm`, `misfit`,
-    /// `pauw_ohm`, `pauw_raw_ohm`, `reciprocity`, `noise_v`, `offset_v` (d).
-    pub more: Options,
+    /// Results for the rig as a whole.
+    pub more: TestDetails,
 }
 
 /// One row of a self-test (`(sssddss)`).
@@ -280,13 +263,8 @@ pub struct PlanReport {
     pub compliance_v: f64,
     /// One line a step.
     pub lines: Vec<String>,
-    /// `wiring` (s), `source_current_max_a`, `relay_current_max_a`, `relay_voltage_max_v` (d); how each reading is taken:
-    /// `nplc`, `settle_s`, `channel_delay_s`, `range_v` (d), `averages`, `zero_every`, `range_changes` (t), `autozero`,
-    /// `reversal`, `planned_ranges` (b); `range_time_s`, `noise_fixed_v`, `noise_v`, `noise_median_v` (d): what ranges of
-    /// their own cost a frame, and the noise without and with them; the pattern: `skip` (t), `half` (b). Of each setting
-    /// that is not left out: `cost_..._s`, what it costs a frame, s, and `gain_...`, noise without it over noise with it
-    /// (d; `nplc`, `averages`, `autozero`, `settle`, `channel_delay`, `reversal`, `zero_every`, `ranges`, `half`).
-    pub more: Options,
+    /// Wiring, limits, how each reading is taken, and what each setting costs.
+    pub more: PlanDetails,
 }
 
 /// What a client needs to draw a map (`(sadauadauada{sv})`). Metres.
@@ -304,8 +282,8 @@ pub struct Geometry {
     pub outline_lengths: Vec<u32>,
     /// Centres of the electrodes in their order: x, y, x, y ...
     pub electrodes: Vec<f64>,
-    /// What may come: `name` (s).
-    pub more: Options,
+    /// What is known beside that.
+    pub more: GeometryDetails,
 }
 
 impl Geometry {
@@ -365,6 +343,6 @@ pub struct BaselineReport {
     pub deviation: Vec<f64>,
     /// Whether voltages are simulated.
     pub simulated: bool,
-    /// Settings: `current_a`, `range_v`, `nplc`, `settle_s` (d), `wiring` (s), `protocol_hash` (s).
-    pub more: Options,
+    /// Settings.
+    pub more: BaselineDetails,
 }

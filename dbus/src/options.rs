@@ -1,26 +1,185 @@
-//! The last argument of every method that may grow: named, typed, and refused by name.
+//! The last argument of every method that may grow: read into a struct, wrong keys and values refused by name.
 
 use std::collections::HashMap;
 
-use serde::{Deserialize, Serialize};
-use zbus::{OwnedVariant, Str, Type, Variant};
+use serde::de::value::MapDeserializer;
+use serde::de::{self, DeserializeOwned, IntoDeserializer, Visitor};
+use serde::{Deserialize, Serialize, forward_to_deserialize_any};
+use zbus::{OwnedVariant, SerializeDict, Str, Type, Variant};
 
 use crate::Fault;
 
-/// Named values (`a{sv}`).
+/// Structs whose fields are the options of a method, and a constant with their names.
+macro_rules! options {
+    ($($(#[$meta:meta])* $name:ident { $($(#[$doc:meta])* $key:ident: $type:ty,)* })*) => {$(
+        $(#[$meta])*
+        #[derive(Debug, Clone, Default, PartialEq, Deserialize, SerializeDict, Type)]
+        #[zbus(signature = "a{sv}")]
+        #[serde(default, deny_unknown_fields)]
+        pub struct $name {
+            $($(#[$doc])* pub $key: Option<$type>,)*
+        }
+    )*};
+}
+
+/// Options of `StartSession` alone.
+pub const SESSION_OPTIONS: [&str; 8] = [
+    "every_s", "count", "for_s", "baseline", "model", "speed", "step", "note",
+];
+
+/// Options of `StartSession` and `RecordBaseline` that a lab needs to know later, free words, where they are other
+/// than configured.
+pub const ABOUT_OPTIONS: [&str; 4] = ["sheet", "foam", "ink", "operator"];
+
+/// Options of `StartSession`, `RecordBaseline` and `PlanWith` that say how a session measures, where that is not as
+/// configured.
+pub const MEASURING_OPTIONS: [&str; 8] = [
+    "nplc",
+    "averages",
+    "autozero",
+    "settle_ms",
+    "channel_delay_ms",
+    "reversal",
+    "zero_every",
+    "ranges",
+];
+
+options! {
+    /// Options of `StartSession` ([`SESSION_OPTIONS`], [`ABOUT_OPTIONS`], [`MEASURING_OPTIONS`]), of `RecordBaseline`
+    /// (`frames`, `note`, [`ABOUT_OPTIONS`], [`MEASURING_OPTIONS`]) and of `PlanWith` ([`MEASURING_OPTIONS`]).
+    SessionOptions {
+        /// Pause from start to start of frames, s; 0 back to back.
+        every_s: f64,
+        /// Frames of a measurement.
+        count: u64,
+        /// Duration, s.
+        for_s: f64,
+        /// Id of the baseline; else the current one.
+        baseline: String,
+        /// Absolute path of a model file, or `one-step`; else the configured one.
+        model: String,
+        /// Speed of a recording: 1 its own rate, 10 ten times faster, 0 as fast as possible.
+        speed: f64,
+        /// A frame only when `Session1.Step` asks.
+        step: bool,
+        /// Free words.
+        note: String,
+        /// Frames of a baseline, 10 by default.
+        frames: u64,
+        /// The sheet.
+        sheet: String,
+        /// The foam, with its batch.
+        foam: String,
+        /// The ink, with its batch.
+        ink: String,
+        /// Who measures.
+        operator: String,
+        /// Integration, power-line cycles.
+        nplc: f64,
+        /// Readings averaged to one.
+        averages: u64,
+        /// A zero reading after every reading.
+        autozero: bool,
+        /// Wait after the current has moved, ms.
+        settle_ms: f64,
+        /// Wait before each scanned channel, ms.
+        channel_delay_ms: f64,
+        /// Every injection with the current both ways.
+        reversal: bool,
+        /// A frame at 0 A before the first and after every so many; 0 never.
+        zero_every: u64,
+        /// `fixed` or `planned`.
+        ranges: String,
+    }
+
+    /// Options of `ListSessions`.
+    ListOptions {
+        /// At most so many sessions.
+        count: u64,
+        /// Id of the session behind which the list goes on.
+        before: String,
+    }
+
+    /// Options of `Discover`.
+    DiscoverOptions {
+        /// How long to listen, s; 3 by default.
+        within_s: f64,
+        /// Whether to ask by mDNS.
+        mdns: bool,
+        /// Whether to ask by VXI-11 broadcast.
+        broadcast: bool,
+    }
+
+    /// Options of `Transcript`.
+    TranscriptOptions {
+        /// The last so many frames, 1 by default.
+        frames: u64,
+    }
+
+    /// Options of `Session1.OpenStream`.
+    StreamOptions {
+        /// Frames, true by default.
+        frames: bool,
+        /// Maps, true by default.
+        maps: bool,
+        /// Pressure, false by default.
+        pressure: bool,
+        /// Records held for a slow reader, 64 by default.
+        ring: u64,
+    }
+}
+
+/// Named values (`a{sv}`) as they came, of any type.
 ///
 /// ```
-/// let options = dbus::Options::new().with("every_s", 0.5).with("note", "first");
-/// assert_eq!(options.number("every_s")?, Some(0.5));
-/// assert!(options.whole("note").is_err());
-/// assert!(options.only(&["every_s"]).unwrap_err().to_string().contains("note"));
-/// let told = dbus::Options::new().with_texts("troubles", &["one".to_owned()]);
-/// assert_eq!(told.texts("troubles")?, Some(vec!["one"]));
-/// # Ok::<(), dbus::Fault>(())
+/// let sent = dbus::Options::new().with("every_s", 1_u64).with("note", "first");
+/// let options: dbus::SessionOptions = sent.read()?;
+/// assert_eq!((options.every_s, options.note.as_deref()), (Some(1.0), Some("first")));
+/// let error = dbus::Options::new().with("averages", "four").read::<dbus::SessionOptions>().unwrap_err();
+/// assert_eq!(error.to_string(), "option 'averages' must be a whole number, 0 or more (t)");
+/// assert!(sent.only(&["every_s"]).unwrap_err().to_string().contains("note"));
+/// # Ok::<(), dbus::InvalidOption>(())
 /// ```
 #[derive(Debug, Default, Serialize, Deserialize, Type)]
 #[serde(transparent)]
 pub struct Options(pub HashMap<String, OwnedVariant>);
+
+/// Why options cannot be read.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{text}")]
+pub struct InvalidOption {
+    /// The option whose value is wrong; `None` for an option that doesn't exist.
+    pub key: Option<String>,
+    /// Names the option, the value, and what is allowed.
+    pub text: String,
+}
+
+impl From<InvalidOption> for Fault {
+    fn from(error: InvalidOption) -> Self {
+        Self::InvalidOption(error.text)
+    }
+}
+
+impl de::Error for InvalidOption {
+    fn custom<T: std::fmt::Display>(text: T) -> Self {
+        Self {
+            key: None,
+            text: text.to_string(),
+        }
+    }
+
+    fn unknown_field(key: &str, known: &'static [&'static str]) -> Self {
+        unknown(key, known)
+    }
+}
+
+fn unknown(key: &str, known: &[&str]) -> InvalidOption {
+    let known = match known {
+        [] => "none".to_owned(),
+        known => known.join(", "),
+    };
+    de::Error::custom(format!("there is no option '{key}'; known are: {known}"))
+}
 
 impl Options {
     /// None.
@@ -35,141 +194,147 @@ impl Options {
         self
     }
 
-    /// Adds a value if there is one.
-    #[must_use]
-    pub fn with_some(self, key: &str, value: Option<impl Into<Plain>>) -> Self {
-        match value {
-            Some(value) => self.with(key, value),
-            None => self,
-        }
-    }
-
-    /// Adds texts.
-    #[must_use]
-    pub fn with_texts(mut self, key: &str, texts: &[String]) -> Self {
-        let texts: Vec<&str> = texts.iter().map(String::as_str).collect();
-        // refused are only descriptors, and texts are none
-        if let Ok(value) = OwnedVariant::try_from(Variant::from(texts)) {
-            self.0.insert(key.to_owned(), value);
-        }
-        self
-    }
-
     /// Refuses keys other than these.
     ///
     /// # Errors
-    /// [`Fault::InvalidOption`] naming the key and those that exist.
-    pub fn only(&self, known: &[&str]) -> Result<(), Fault> {
+    /// The first key that is not among them, and those that are.
+    pub fn only(&self, known: &[&str]) -> Result<(), InvalidOption> {
         match self.0.keys().find(|key| !known.contains(&key.as_str())) {
             None => Ok(()),
-            Some(key) => Err(Fault::InvalidOption(format!(
-                "there is no option '{key}'; known are: {}",
-                if known.is_empty() {
-                    "none".to_owned()
-                } else {
-                    known.join(", ")
-                }
-            ))),
+            Some(key) => Err(unknown(key, known)),
         }
     }
 
-    /// A number (`d`, or any integer type).
+    /// Reads a struct. A field that is a number takes every numeric type, a text takes an object path too.
     ///
     /// # Errors
-    /// [`Fault::InvalidOption`] for another type, or a number that is not finite.
-    pub fn number(&self, key: &str) -> Result<Option<f64>, Fault> {
-        let Some(value) = self.0.get(key) else {
-            return Ok(None);
-        };
-        let number = match &**value {
-            Variant::F64(number) => *number,
-            Variant::U8(number) => f64::from(*number),
-            Variant::U16(number) => f64::from(*number),
-            Variant::I16(number) => f64::from(*number),
-            Variant::U32(number) => f64::from(*number),
-            Variant::I32(number) => f64::from(*number),
-            Variant::U64(number) => *number as f64,
-            Variant::I64(number) => *number as f64,
-            _ => return Err(wrong_type(key, "a number (d)")),
-        };
-        if !number.is_finite() {
-            return Err(Fault::InvalidOption(format!(
-                "option '{key}' is {number}; it must be a finite number"
-            )));
-        }
-        Ok(Some(number))
+    /// A key that the struct has not, a value of another type, a number that is not finite or is negative where that
+    /// cannot be.
+    pub fn read<T: DeserializeOwned>(&self) -> Result<T, InvalidOption> {
+        let values = self
+            .0
+            .iter()
+            .map(|(key, value)| (key.as_str(), Value { key, value }));
+        T::deserialize(MapDeserializer::new(values))
     }
 
-    /// A whole number that is not negative (any integer type).
-    ///
-    /// # Errors
-    /// [`Fault::InvalidOption`] for another type or a negative number.
-    pub fn whole(&self, key: &str) -> Result<Option<u64>, Fault> {
-        let Some(value) = self.0.get(key) else {
-            return Ok(None);
-        };
-        let whole = match &**value {
-            Variant::U8(number) => Some(u64::from(*number)),
-            Variant::U16(number) => Some(u64::from(*number)),
-            Variant::U32(number) => Some(u64::from(*number)),
-            Variant::U64(number) => Some(*number),
-            Variant::I16(number) => u64::try_from(*number).ok(),
-            Variant::I32(number) => u64::try_from(*number).ok(),
-            Variant::I64(number) => u64::try_from(*number).ok(),
+    /// The value of a numeric option; `None` where it is not there or no number.
+    pub fn number(&self, key: &str) -> Option<f64> {
+        let (key, value) = self.0.get_key_value(key)?;
+        Value { key, value }.number().ok()
+    }
+
+    /// The value of a text option; `None` where it is not there or no text.
+    pub fn text(&self, key: &str) -> Option<&str> {
+        match &**self.0.get(key)? {
+            Variant::Str(text) => Some(text),
             _ => None,
-        };
-        whole
-            .map(Some)
-            .ok_or_else(|| wrong_type(key, "a whole number, 0 or more (t)"))
-    }
-
-    /// A text (`s`, or an object path).
-    ///
-    /// # Errors
-    /// [`Fault::InvalidOption`] for another type.
-    pub fn text(&self, key: &str) -> Result<Option<&str>, Fault> {
-        match self.0.get(key).map(|value| &**value) {
-            None => Ok(None),
-            Some(Variant::Str(text)) => Ok(Some(text.as_str())),
-            Some(Variant::ObjectPath(path)) => Ok(Some(path.as_str())),
-            Some(_) => Err(wrong_type(key, "a text (s)")),
-        }
-    }
-
-    /// Texts (`as`).
-    ///
-    /// # Errors
-    /// [`Fault::InvalidOption`] for another type.
-    pub fn texts(&self, key: &str) -> Result<Option<Vec<&str>>, Fault> {
-        let Some(value) = self.0.get(key) else {
-            return Ok(None);
-        };
-        let wrong = || wrong_type(key, "texts (as)");
-        let Variant::Array(array) = &**value else {
-            return Err(wrong());
-        };
-        let each = array.iter().map(|text| match text {
-            Variant::Str(text) => Ok(text.as_str()),
-            _ => Err(wrong()),
-        });
-        each.collect::<Result<_, _>>().map(Some)
-    }
-
-    /// A truth value (`b`).
-    ///
-    /// # Errors
-    /// [`Fault::InvalidOption`] for another type.
-    pub fn flag(&self, key: &str) -> Result<Option<bool>, Fault> {
-        match self.0.get(key).map(|value| &**value) {
-            None => Ok(None),
-            Some(Variant::Bool(flag)) => Ok(Some(*flag)),
-            Some(_) => Err(wrong_type(key, "true or false (b)")),
         }
     }
 }
 
-fn wrong_type(key: &str, wanted: &str) -> Fault {
-    Fault::InvalidOption(format!("option '{key}' must be {wanted}"))
+/// One value, and its key for errors.
+#[derive(Clone, Copy)]
+struct Value<'a> {
+    key: &'a str,
+    value: &'a Variant<'a>,
+}
+
+impl Value<'_> {
+    fn invalid(self, text: &str) -> InvalidOption {
+        InvalidOption {
+            key: Some(self.key.to_owned()),
+            text: format!("option '{}' {text}", self.key),
+        }
+    }
+
+    fn number(self) -> Result<f64, InvalidOption> {
+        let number = match *self.value {
+            Variant::F64(number) => number,
+            Variant::U64(number) => number as f64,
+            Variant::I64(number) => number as f64,
+            Variant::U8(number) => number.into(),
+            Variant::U16(number) => number.into(),
+            Variant::I16(number) => number.into(),
+            Variant::U32(number) => number.into(),
+            Variant::I32(number) => number.into(),
+            _ => return Err(self.invalid("must be a number (d)")),
+        };
+        match number.is_finite() {
+            true => Ok(number),
+            false => Err(self.invalid(&format!("is {number}; it must be a finite number"))),
+        }
+    }
+
+    fn whole(self) -> Result<u64, InvalidOption> {
+        let whole = match *self.value {
+            Variant::U64(number) => Some(number),
+            Variant::I64(number) => u64::try_from(number).ok(),
+            Variant::U8(number) => Some(number.into()),
+            Variant::U16(number) => Some(number.into()),
+            Variant::I16(number) => u64::try_from(number).ok(),
+            Variant::U32(number) => Some(number.into()),
+            Variant::I32(number) => u64::try_from(number).ok(),
+            _ => None,
+        };
+        whole.ok_or_else(|| self.invalid("must be a whole number, 0 or more (t)"))
+    }
+}
+
+impl<'de> IntoDeserializer<'de, InvalidOption> for Value<'_> {
+    type Deserializer = Self;
+
+    fn into_deserializer(self) -> Self {
+        self
+    }
+}
+
+impl<'de> de::Deserializer<'de> for Value<'_> {
+    type Error = InvalidOption;
+
+    fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, InvalidOption> {
+        match self.value {
+            Variant::Bool(flag) => visitor.visit_bool(*flag),
+            Variant::Str(text) => visitor.visit_str(text),
+            Variant::ObjectPath(path) => visitor.visit_str(path),
+            _ => match self.whole() {
+                Ok(whole) => visitor.visit_u64(whole),
+                Err(_) => visitor.visit_f64(self.number()?),
+            },
+        }
+    }
+
+    fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, InvalidOption> {
+        visitor.visit_some(self)
+    }
+
+    fn deserialize_f64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, InvalidOption> {
+        visitor.visit_f64(self.number()?)
+    }
+
+    fn deserialize_u64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, InvalidOption> {
+        visitor.visit_u64(self.whole()?)
+    }
+
+    fn deserialize_bool<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, InvalidOption> {
+        match self.value {
+            Variant::Bool(flag) => visitor.visit_bool(*flag),
+            _ => Err(self.invalid("must be true or false (b)")),
+        }
+    }
+
+    fn deserialize_string<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, InvalidOption> {
+        match self.value {
+            Variant::Str(text) => visitor.visit_str(text),
+            Variant::ObjectPath(path) => visitor.visit_str(path),
+            _ => Err(self.invalid("must be a text (s)")),
+        }
+    }
+
+    forward_to_deserialize_any! {
+        i8 i16 i32 i64 i128 u8 u16 u32 u128 f32 char str bytes byte_buf unit unit_struct newtype_struct seq tuple
+        tuple_struct map struct enum identifier ignored_any
+    }
 }
 
 /// A value that cannot fail to become a variant.
@@ -196,5 +361,60 @@ impl From<&str> for Plain {
 impl From<String> for Plain {
     fn from(value: String) -> Self {
         Self(OwnedVariant::from(Str::from(value)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::options::*;
+
+    #[test]
+    fn every_listed_option_is_a_field_and_every_field_is_listed() {
+        let listed = [
+            &SESSION_OPTIONS[..],
+            &["frames"],
+            &ABOUT_OPTIONS,
+            &MEASURING_OPTIONS,
+        ]
+        .concat();
+        let unknown = Options::new().with("no_option", true);
+        let error = unknown.read::<SessionOptions>().unwrap_err();
+        assert_eq!(
+            error.text,
+            format!(
+                "there is no option 'no_option'; known are: {}",
+                listed.join(", ")
+            )
+        );
+    }
+
+    #[test]
+    fn a_wrong_type_names_the_option_and_the_type() {
+        for (options, wanted) in [
+            (
+                Options::new().with("step", 1_u64),
+                "option 'step' must be true or false (b)",
+            ),
+            (
+                Options::new().with("note", true),
+                "option 'note' must be a text (s)",
+            ),
+            (
+                Options::new().with("count", -1_i64),
+                "option 'count' must be a whole number, 0 or more (t)",
+            ),
+            (
+                Options::new().with("every_s", "x"),
+                "option 'every_s' must be a number (d)",
+            ),
+            (
+                Options::new().with("every_s", f64::NAN),
+                "option 'every_s' is NaN; it must be a finite number",
+            ),
+        ] {
+            let error = options.read::<SessionOptions>().unwrap_err();
+            assert_eq!(error.text, wanted);
+            assert!(error.key.is_some());
+        }
     }
 }

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use zbus::{OwnedFd, Type};
 
-use crate::{Fault, Options};
+use crate::{Fault, FrameQuality, FrameSummary, MapDetails};
 
 /// `org.tactus.Tactus1.Session1`, below `/org/tactus/Tactus1/session/`. The object outlives its session for a while.
 #[zbus::proxy(
@@ -36,13 +36,14 @@ pub trait Session1 {
     /// The same map as pressure; an error where the configured method is not calibrated.
     fn latest_pressure(&self) -> Result<LatestPressure, Fault>;
 
-    /// A descriptor from which every frame and map can be read (see `dbus::stream`): options `frames` (b), `maps` (b),
-    /// both true by default, `pressure` (b, false by default), `ring` (t, records held for a slow reader, default 64).
-    fn open_stream(&self, options: &Options) -> Result<OwnedFd, Fault>;
+    /// A descriptor from which every frame and map can be read (see `dbus::stream`): see [`crate::StreamOptions`].
+    fn open_stream<O>(&self, options: &O) -> Result<OwnedFd, Fault>
+    where
+        O: Sync;
 
     /// At most five a second, and one for the last frame.
     #[zbus(signal)]
-    fn frame_done(&self, sequence: u64, wall_ns: i64, summary: Options) -> Result<(), Fault>;
+    fn frame_done(&self, sequence: u64, wall_ns: i64, summary: FrameSummary) -> Result<(), Fault>;
 
     /// Its id.
     #[zbus(property(emits_changed_signal = "const"))]
@@ -112,10 +113,8 @@ pub struct LatestFrame {
     pub unit: String,
     /// Whether the voltages are simulated.
     pub simulated: bool,
-    /// `overloads`, `timeouts`, `not_measured`, `compliance`, `implausible` (t), `flags` (s, words of `survey::QualityFlag`
-    /// joined by commas), `reciprocity` (d, where twins exist), `loop_sum` (d, where the ring was read round),
-    /// `duration_s` (d).
-    pub quality: Options,
+    /// What its checks found.
+    pub quality: FrameQuality,
 }
 
 /// One map as pressure (`(txaddb)`).
@@ -150,8 +149,6 @@ pub struct LatestMap {
     pub method: String,
     /// Whether the voltages are simulated.
     pub simulated: bool,
-    /// `masked` (t), `reconstruction_s` (d, what the map took), `durable_s` (d, from the last reading until the frame was
-    /// on disk), and where conductance is lost: `largest_loss` (d), `found_x_m`, `found_y_m` (d); of a calibrated
-    /// method `newtons`, `largest_kpa` (d).
-    pub more: Options,
+    /// How it was made and what it shows.
+    pub more: MapDetails,
 }

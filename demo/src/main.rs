@@ -220,8 +220,8 @@ async fn press_all(
         };
         let found = latest
             .more
-            .number("found_x_m")?
-            .zip(latest.more.number("found_y_m")?)
+            .found_x_m
+            .zip(latest.more.found_y_m)
             .map(|(x, y)| [x, y]);
         say(
             begun,

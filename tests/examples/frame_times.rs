@@ -152,8 +152,9 @@ async fn times(stage: &Stage, frames: usize) -> Result<[Vec<f64>; 2], Failure> {
         if k < UNCOUNTED {
             continue;
         }
-        for (list, key) in found.iter_mut().zip(["reconstruction_s", "durable_s"]) {
-            list.push(1e3 * map.more.number(key)?.ok_or("the daemon says no times")?);
+        let times = [map.more.reconstruction_s, map.more.durable_s];
+        for (list, time) in found.iter_mut().zip(times) {
+            list.push(1e3 * time.ok_or("the daemon says no times")?);
         }
     }
     hand.release().await?;

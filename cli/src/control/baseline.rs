@@ -3,12 +3,12 @@
 use std::io::Write;
 
 use chrono::{DateTime, Local, SecondsFormat};
-use dbus::{BaselineReport, Options};
+use dbus::{BaselineReport, SessionOptions};
 use serde::Serialize;
 use survey::{Amps, Volts};
 
 use crate::args::BaselineRecord;
-use crate::connection::{Daemon, fault};
+use crate::connection::Daemon;
 use crate::control::session;
 use crate::failure::Failure;
 use crate::output::Printer;
@@ -44,9 +44,11 @@ pub(crate) async fn record(
     record: &BaselineRecord,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let options = Options::new()
-        .with("frames", u64::from(record.frames))
-        .with_some("note", record.note.clone());
+    let options = SessionOptions {
+        frames: Some(u64::from(record.frames)),
+        note: record.note.clone(),
+        ..SessionOptions::default()
+    };
     let options = record.about.with(record.measuring.with(options));
     let path = daemon
         .ask("baseline", daemon.manager.record_baseline(&options))
@@ -74,20 +76,11 @@ pub(crate) async fn show(
     let report = daemon
         .ask("the baseline", daemon.manager.baseline())
         .await?;
-    let (shown, wall) = from_report(report)?;
+    let (shown, wall) = from_report(report);
     printer.record(&shown, |shown| for_a_person(shown, wall))
 }
 
-fn from_report(report: BaselineReport) -> Result<(Shown, DateTime<chrono::Utc>), Failure> {
-    let refused = |error| fault("the baseline", &error);
-    let number = |key| report.more.number(key).map_err(refused);
-    let text = |key| {
-        report
-            .more
-            .text(key)
-            .map(|text| text.map(str::to_owned))
-            .map_err(refused)
-    };
+fn from_report(report: BaselineReport) -> (Shown, DateTime<chrono::Utc>) {
     let wall = DateTime::from_timestamp_nanos(report.wall_ns);
     let volts: Vec<Option<f64>> = report
         .volts
@@ -96,7 +89,7 @@ fn from_report(report: BaselineReport) -> Result<(Shown, DateTime<chrono::Utc>),
         .map(|(&volts, &flag)| Some(volts).filter(|volts| flag == 0 && volts.is_finite()))
         .collect();
     let shown = Shown {
-        id: report.id.clone(),
+        id: report.id,
         wall: wall.to_rfc3339_opts(SecondsFormat::Nanos, true),
         frames: report.frames,
         readings: volts.len(),
@@ -108,16 +101,16 @@ fn from_report(report: BaselineReport) -> Result<(Shown, DateTime<chrono::Utc>),
             .copied()
             .filter(|deviation| deviation.is_finite())),
         simulated: report.simulated,
-        current_a: number("current_a")?,
-        range_v: number("range_v")?,
-        nplc: number("nplc")?,
-        settle_s: number("settle_s")?,
-        wiring: text("wiring")?,
-        protocol_hash: text("protocol_hash")?,
+        current_a: report.more.current_a,
+        range_v: report.more.range_v,
+        nplc: report.more.nplc,
+        settle_s: report.more.settle_s,
+        wiring: report.more.wiring,
+        protocol_hash: report.more.protocol_hash,
         volts,
-        flags: report.flags.clone(),
+        flags: report.flags,
     };
-    Ok((shown, wall))
+    (shown, wall)
 }
 
 fn rms(values: impl Iterator<Item = f64>) -> Option<f64> {
@@ -171,9 +164,12 @@ mod tests {
             flags: vec![0, 1, 1],
             deviation: vec![2e-6, f64::NAN, f64::NAN],
             simulated: true,
-            more: Options::new().with("current_a", 1e-3).with("wiring", "w"),
-        })
-        .unwrap();
+            more: dbus::BaselineDetails {
+                current_a: Some(1e-3),
+                wiring: Some("w".into()),
+                ..dbus::BaselineDetails::default()
+            },
+        });
         assert_eq!(
             serde_json::to_string(&shown).unwrap(),
             "{\"id\":\"b1\",\"wall\":\"1970-01-01T00:00:01.500000000Z\",\"frames\":10,\"readings\":3,\"missing\":2,\

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use serde::Serialize;
 
-use crate::connection::{Daemon, fault};
+use crate::connection::Daemon;
 use crate::failure::Failure;
 use crate::output::Printer;
 
@@ -45,17 +45,14 @@ pub(crate) async fn test(
     let told = daemon
         .ask("the command", daemon.manager.notify_test())
         .await?;
-    let read = || -> Result<Fared, dbus::Fault> {
-        Ok(Fared {
-            event: "notified",
-            done: told.flag("done")?.unwrap_or(false),
-            code: told.number("code")?.map(|code| code as i64),
-            trouble: told.text("trouble")?.map(str::to_owned),
-            stderr: told.text("stderr")?.unwrap_or_default().to_owned(),
-            took_s: told.number("took_s")?.unwrap_or(0.0),
-        })
+    let fared = Fared {
+        event: "notified",
+        done: told.done.unwrap_or(false),
+        code: told.code,
+        trouble: told.trouble,
+        stderr: told.stderr.unwrap_or_default(),
+        took_s: told.took_s.unwrap_or(0.0),
     };
-    let fared = read().map_err(|error| fault("the command", &error))?;
     printer.record(&fared, Fared::for_a_person)?;
     if fared.done {
         return Ok(());

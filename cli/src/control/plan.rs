@@ -4,11 +4,11 @@
 use std::io::Write;
 use std::time::Duration;
 
-use dbus::{Options, PlanReport};
+use dbus::{PlanDetails, PlanReport, SessionOptions, SettingCost};
 use serde::Serialize;
 use survey::{Amps, Volts};
 
-use crate::connection::{Daemon, fault};
+use crate::connection::Daemon;
 use crate::failure::Failure;
 use crate::options::duration::display_span;
 use crate::output::Printer;
@@ -52,60 +52,29 @@ struct Measuring {
     noise_median_v: f64,
     skip: u64,
     half: bool,
-    costs: Vec<Cost>,
+    costs: Vec<SettingCost>,
 }
-
-/// What a setting costs a frame, and what it gains, against leaving it out.
-#[derive(Debug, Serialize)]
-struct Cost {
-    setting: &'static str,
-    seconds: f64,
-    /// Noise of a reading without it over noise with it.
-    gain: f64,
-}
-
-/// Settings that may cost a frame something.
-const COSTING: [&str; 9] = [
-    "nplc",
-    "averages",
-    "autozero",
-    "settle",
-    "channel_delay",
-    "reversal",
-    "zero_every",
-    "ranges",
-    "half",
-];
 
 pub(crate) async fn run(
     daemon: &Daemon,
     asked: &crate::args::Plan,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let options = asked.measuring.with(Options::new());
-    let report = if options.0.is_empty() {
+    let options = asked.measuring.with(SessionOptions::default());
+    let report = if options == SessionOptions::default() {
         daemon.ask("the plan", daemon.manager.plan()).await?
     } else {
         let plan = daemon.manager.plan_with(&options);
         daemon.ask("the plan", plan).await?
     };
-    let plan = from_report(report)?;
+    let plan = from_report(report);
     printer.record(&plan, |plan| for_a_person(plan, asked.steps))
 }
 
-fn from_report(report: PlanReport) -> Result<Plan, Failure> {
-    let number = |key| {
-        report
-            .more
-            .number(key)
-            .map_err(|error| fault("the plan", &error))
-    };
-    Ok(Plan {
-        wiring: report
-            .more
-            .text("wiring")
-            .map_err(|error| fault("the plan", &error))?
-            .map(str::to_owned),
+fn from_report(report: PlanReport) -> Plan {
+    let measuring = measuring(&report.more);
+    Plan {
+        wiring: report.more.wiring,
         steps: report.steps,
         injections: report.injections,
         readings: report.readings,
@@ -114,59 +83,40 @@ fn from_report(report: PlanReport) -> Result<Plan, Failure> {
         duration_s: report.duration_s,
         current_a: report.current_a,
         compliance_v: report.compliance_v,
-        source_current_max_a: number("source_current_max_a")?,
-        relay_current_max_a: number("relay_current_max_a")?,
-        relay_voltage_max_v: number("relay_voltage_max_v")?,
-        measuring: measuring(&report.more).map_err(|error| fault("the plan", &error))?,
+        source_current_max_a: report.more.source_current_max_a,
+        relay_current_max_a: report.more.relay_current_max_a,
+        relay_voltage_max_v: report.more.relay_voltage_max_v,
+        measuring,
         lines: report.lines,
+    }
+}
+
+fn measuring(more: &PlanDetails) -> Option<Measuring> {
+    let number = |value: Option<f64>| value.unwrap_or(0.0);
+    Some(Measuring {
+        nplc: more.nplc?,
+        averages: more.averages.unwrap_or(0),
+        autozero: more.autozero.unwrap_or(false),
+        settle_s: number(more.settle_s),
+        channel_delay_s: number(more.channel_delay_s),
+        reversal: more.reversal.unwrap_or(false),
+        zero_every: more.zero_every.unwrap_or(0),
+        range_v: number(more.range_v),
+        planned_ranges: more.planned_ranges.unwrap_or(false),
+        range_changes: more.range_changes.unwrap_or(0),
+        range_time_s: number(more.range_time_s),
+        noise_fixed_v: number(more.noise_fixed_v),
+        noise_v: number(more.noise_v),
+        noise_median_v: number(more.noise_median_v),
+        skip: more.skip.unwrap_or(0),
+        half: more.half.unwrap_or(false),
+        costs: more.costs(),
     })
 }
 
-fn measuring(more: &Options) -> Result<Option<Measuring>, dbus::Fault> {
-    let Some(nplc) = more.number("nplc")? else {
-        return Ok(None);
-    };
-    let number = |key| Ok::<f64, dbus::Fault>(more.number(key)?.unwrap_or(0.0));
-    let whole = |key| Ok::<u64, dbus::Fault>(more.whole(key)?.unwrap_or(0));
-    let flag = |key| Ok::<bool, dbus::Fault>(more.flag(key)?.unwrap_or(false));
-    Ok(Some(Measuring {
-        nplc,
-        averages: whole("averages")?,
-        autozero: flag("autozero")?,
-        settle_s: number("settle_s")?,
-        channel_delay_s: number("channel_delay_s")?,
-        reversal: flag("reversal")?,
-        zero_every: whole("zero_every")?,
-        range_v: number("range_v")?,
-        planned_ranges: flag("planned_ranges")?,
-        range_changes: whole("range_changes")?,
-        range_time_s: number("range_time_s")?,
-        noise_fixed_v: number("noise_fixed_v")?,
-        noise_v: number("noise_v")?,
-        noise_median_v: number("noise_median_v")?,
-        skip: whole("skip")?,
-        half: flag("half")?,
-        costs: costs(more)?,
-    }))
-}
-
-fn costs(more: &Options) -> Result<Vec<Cost>, dbus::Fault> {
-    let mut costs = Vec::new();
-    for setting in COSTING {
-        let seconds = more.number(&format!("cost_{setting}_s"))?;
-        let gain = more.number(&format!("gain_{setting}"))?;
-        costs.extend(seconds.zip(gain).map(|(seconds, gain)| Cost {
-            setting,
-            seconds,
-            gain,
-        }));
-    }
-    Ok(costs)
-}
-
 /// What the settings cost a frame and gain in noise, the dearest first.
-fn costs_told(costs: &[Cost]) -> String {
-    let mut costs: Vec<&Cost> = costs.iter().collect();
+fn costs_told(costs: &[SettingCost]) -> String {
+    let mut costs: Vec<&SettingCost> = costs.iter().collect();
     costs.sort_by(|a, b| b.seconds.total_cmp(&a.seconds));
     let each = costs.into_iter().map(|cost| {
         let seconds = Duration::try_from_secs_f64(cost.seconds.abs()).unwrap_or_default();
@@ -309,12 +259,13 @@ mod tests {
             current_a: 1e-3,
             compliance_v: 10.0,
             lines: vec!["1: source to 0 A".into()],
-            more: Options::new()
-                .with("wiring", "34924A pairs in slot 1")
-                .with("source_current_max_a", 0.1)
-                .with("relay_current_max_a", 0.01),
-        })
-        .unwrap();
+            more: PlanDetails {
+                wiring: Some("34924A pairs in slot 1".into()),
+                source_current_max_a: Some(0.1),
+                relay_current_max_a: Some(0.01),
+                ..PlanDetails::default()
+            },
+        });
         let short = for_a_person(&plan, false);
         assert!(
             short.contains("26 injections, 598 readings in 26 messages"),
@@ -337,17 +288,24 @@ mod tests {
 
     #[test]
     fn what_each_setting_costs_is_told_the_dearest_first() {
-        let more = Options::new()
-            .with("nplc", 1.0)
-            .with("averages", 4_u64)
-            .with("half", true)
-            .with("cost_half_s", -2.5)
-            .with("gain_half", 0.5_f64.sqrt())
-            .with("cost_averages_s", 9.0)
-            .with("gain_averages", 2.0)
-            .with("cost_settle_s", 0.05)
-            .with("gain_settle", 1.0);
-        let told = told(&measuring(&more).unwrap().unwrap());
+        let mut more = PlanDetails {
+            nplc: Some(1.0),
+            averages: Some(4),
+            half: Some(true),
+            ..PlanDetails::default()
+        };
+        for (setting, seconds, gain) in [
+            ("half", -2.5, 0.5_f64.sqrt()),
+            ("averages", 9.0, 2.0),
+            ("settle", 0.05, 1.0),
+        ] {
+            more.set_cost(SettingCost {
+                setting,
+                seconds,
+                gain,
+            });
+        }
+        let told = told(&measuring(&more).unwrap());
         assert!(
             told.contains("cost        averages 9.0 s (noise / 2.000), settle 50 ms, half saves 2.5 s (noise x 1.414)"),
             "{told}"

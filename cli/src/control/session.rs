@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use dbus::{Options, Session1Proxy};
+use dbus::{Session1Proxy, SessionOptions};
 use serde::Serialize;
 
 use crate::args::{Start, Step, Stop};
@@ -68,29 +68,24 @@ pub(crate) async fn start(
     follow(daemon, &session, whole, start.within, printer).await
 }
 
-fn start_options(start: &Start) -> Result<Options, Failure> {
+fn start_options(start: &Start) -> Result<SessionOptions, Failure> {
     let model = start
         .model
         .as_deref()
         .map(|model| as_the_daemon_sees_it(model).map(|path| path.to_string_lossy().into_owned()))
         .transpose()?;
-    let options = Options::new()
-        .with_some("every_s", start.every.map(|every| every.as_secs_f64()))
-        .with_some("count", start.count)
-        .with_some(
-            "for_s",
-            start.duration.map(|duration| duration.as_secs_f64()),
-        )
-        .with_some("baseline", start.baseline.clone())
-        .with_some("model", model)
-        .with_some("speed", start.speed)
-        .with_some("note", start.note.clone());
-    let options = start.about.with(start.measuring.with(options));
-    Ok(if start.step {
-        options.with("step", true)
-    } else {
-        options
-    })
+    let options = SessionOptions {
+        every_s: start.every.map(|every| every.as_secs_f64()),
+        count: start.count,
+        for_s: start.duration.map(|duration| duration.as_secs_f64()),
+        baseline: start.baseline.clone(),
+        model,
+        speed: start.speed,
+        step: start.step.then_some(true),
+        note: start.note.clone(),
+        ..SessionOptions::default()
+    };
+    Ok(start.about.with(start.measuring.with(options)))
 }
 
 /// A model file's absolute path: the daemon has another working directory. `one-step` is no file.
@@ -291,7 +286,7 @@ mod tests {
     use crate::args::{Arguments, Command};
     use crate::control::session::*;
 
-    fn options(words: &[&str]) -> Result<Options, Failure> {
+    fn options(words: &[&str]) -> Result<SessionOptions, Failure> {
         let words = ["tactus", "start"].iter().chain(words);
         let Command::Start(start) = Arguments::try_parse_from(words).unwrap().command else {
             panic!()
@@ -324,26 +319,27 @@ mod tests {
             "planned",
         ])
         .unwrap();
-        let known = [&dbus::SESSION_OPTIONS[..], &dbus::MEASURING_OPTIONS].concat();
-        options.only(&known).unwrap();
-        assert_eq!(options.whole("averages").unwrap(), Some(4));
-        assert_eq!(options.flag("reversal").unwrap(), Some(true));
-        assert_eq!(options.flag("autozero").unwrap(), Some(false));
-        assert_eq!(options.number("settle_ms").unwrap(), Some(2.0));
-        assert_eq!(options.text("ranges").unwrap(), Some("planned"));
-        assert_eq!(options.number("every_s").unwrap(), Some(10.0));
-        assert_eq!(options.whole("count").unwrap(), Some(3));
-        assert_eq!(options.number("for_s").unwrap(), Some(60.0));
-        assert_eq!(options.text("model").unwrap(), Some("one-step"));
+        let expected = SessionOptions {
+            every_s: Some(10.0),
+            count: Some(3),
+            for_s: Some(60.0),
+            baseline: Some("b1".to_owned()),
+            model: Some("one-step".to_owned()),
+            note: Some("n".to_owned()),
+            averages: Some(4),
+            reversal: Some(true),
+            autozero: Some(false),
+            settle_ms: Some(2.0),
+            ranges: Some("planned".to_owned()),
+            ..SessionOptions::default()
+        };
+        assert_eq!(options, expected);
     }
 
     #[test]
     fn nothing_asked_is_no_option() {
-        assert!(options(&[]).unwrap().0.is_empty());
-        assert_eq!(
-            options(&["--step"]).unwrap().flag("step").unwrap(),
-            Some(true)
-        );
+        assert_eq!(options(&[]).unwrap(), SessionOptions::default());
+        assert_eq!(options(&["--step"]).unwrap().step, Some(true));
     }
 
     #[test]

@@ -2,11 +2,11 @@
 
 use std::io::Write;
 
-use dbus::{Fault, Options, Session1Proxy};
+use dbus::{Fault, Session1Proxy};
 use serde::Serialize;
 use survey::MapUnit;
 
-use crate::connection::{Daemon, fault, nonempty};
+use crate::connection::{Daemon, nonempty};
 use crate::control::health::Health;
 use crate::failure::Failure;
 use crate::maps::drawing::map_summary;
@@ -41,16 +41,13 @@ struct Recovery {
 
 impl Recovery {
     /// `None` when nothing is lost.
-    fn from(options: &Options) -> Result<Option<Self>, Fault> {
-        let Some(what) = options.text("what")? else {
-            return Ok(None);
-        };
-        Ok(Some(Self {
-            what: what.to_owned(),
-            tries: options.whole("tries")?.unwrap_or(0),
-            next_s: options.number("next_s")?,
-            person: options.flag("person")?.unwrap_or(false),
-        }))
+    fn from(told: dbus::Recovery) -> Option<Self> {
+        Some(Self {
+            what: told.what?,
+            tries: told.tries.unwrap_or(0),
+            next_s: told.next_s,
+            person: told.person.unwrap_or(false),
+        })
     }
 
     fn for_a_person(&self) -> String {
@@ -101,18 +98,17 @@ impl Shown {
             Err(Fault::NoFrame(_)) => return Ok(None),
             Err(fault) => return Err(fault),
         };
-        let newtons = map.more.number("newtons")?;
         Ok(Some(Self {
             sequence: map.sequence,
-            unit: match newtons {
+            unit: match map.more.newtons {
                 Some(_) => MapUnit::Pressure.label(),
                 None => MapUnit::RelativeConductance.caption(),
             },
-            largest_loss: map.more.number("largest_loss")?,
-            newtons,
-            largest_kpa: map.more.number("largest_kpa")?,
-            reconstruction_s: map.more.number("reconstruction_s")?,
-            durable_s: map.more.number("durable_s")?,
+            largest_loss: map.more.largest_loss,
+            newtons: map.more.newtons,
+            largest_kpa: map.more.largest_kpa,
+            reconstruction_s: map.more.reconstruction_s,
+            durable_s: map.more.durable_s,
         }))
     }
 
@@ -156,7 +152,7 @@ pub(crate) async fn run(daemon: &Daemon, printer: &mut Printer<impl Write>) -> R
         source_state: daemon.ask("the source", manager.source_state()).await?,
         recovery: {
             let told = daemon.ask("the rig", manager.recovery()).await?;
-            Recovery::from(&Options(told)).map_err(|error| fault("the rig", &error))?
+            Recovery::from(told)
         },
         record_directory: daemon.ask("the record", manager.record_directory()).await?,
         last_error: nonempty(daemon.ask("the last error", manager.last_error()).await?),
@@ -164,7 +160,7 @@ pub(crate) async fn run(daemon: &Daemon, printer: &mut Printer<impl Write>) -> R
         bus: daemon.address.to_string(),
         health: {
             let told = daemon.ask("its health", manager.health()).await?;
-            Health::from(&told).map_err(|error| fault("its health", &error))?
+            Health::from(told)
         },
     };
     printer.record(&status, for_a_person)

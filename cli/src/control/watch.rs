@@ -4,7 +4,7 @@ use std::io::Write;
 use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
-use dbus::{Options, Session1Proxy};
+use dbus::{Session1Proxy, StreamOptions};
 use survey::printable;
 use tokio::time::Instant;
 
@@ -51,10 +51,12 @@ pub(crate) async fn run(
     } else {
         None
     };
-    let options = Options::new()
-        .with("frames", true)
-        .with("maps", maps)
-        .with("pressure", maps);
+    let options = StreamOptions {
+        frames: Some(true),
+        maps: Some(maps),
+        pressure: Some(maps),
+        ring: None,
+    };
     let descriptor = daemon
         .ask("the stream", session.open_stream(&options))
         .await?;
@@ -70,15 +72,10 @@ pub(crate) async fn run(
         let mut before = String::new();
         while let Some(signal) = dbus::next(&mut frames).await {
             let Ok(done) = signal.args() else { continue };
-            let flags = done
-                .summary
-                .text("flags")
-                .ok()
-                .flatten()
-                .unwrap_or_default();
+            let flags = done.summary.quality.flags.clone().unwrap_or_default();
             if flags != before {
-                complain(&quality(done.sequence, &printable(flags)));
-                flags.clone_into(&mut before);
+                complain(&quality(done.sequence, &printable(&flags)));
+                before = flags;
             }
         }
         std::future::pending().await

@@ -80,7 +80,7 @@ pub(super) async fn look(global: &Global, wanted: &Wanted) -> Told {
     match said.await {
         Ok((address, health, directory)) => {
             told.record_directory = Some(PathBuf::from(directory));
-            let troubles = health.texts("troubles").ok().flatten().unwrap_or_default();
+            let troubles = health.troubles.unwrap_or_default();
             told.findings.push(match troubles.as_slice() {
                 [] => Finding::ok("daemon", format!("answers at {address}, and is well")),
                 troubles => Finding::warn(

@@ -3,7 +3,7 @@
 
 use std::io::Write;
 
-use dbus::{Discovery, Options, SeenInstrument};
+use dbus::{DiscoverOptions, Discovery, SeenInstrument};
 use serde::Serialize;
 use survey::printable;
 
@@ -37,10 +37,11 @@ pub(crate) async fn run(
     asked: &Discover,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let options = Options::new()
-        .with("within_s", asked.within.as_secs_f64())
-        .with("mdns", !asked.no_mdns)
-        .with("broadcast", !asked.no_broadcast);
+    let options = DiscoverOptions {
+        within_s: Some(asked.within.as_secs_f64()),
+        mdns: Some(!asked.no_mdns),
+        broadcast: Some(!asked.no_broadcast),
+    };
     let addresses: Vec<&str> = asked.addresses.iter().map(String::as_str).collect();
     // listening takes its time; the daemon's own patience with each instrument comes on top
     let patience = daemon.patience + asked.within;

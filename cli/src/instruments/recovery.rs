@@ -3,7 +3,7 @@
 
 use std::io::Write;
 
-use dbus::Options;
+use dbus::TranscriptOptions;
 use serde::Serialize;
 
 use crate::args::Transcript;
@@ -59,7 +59,9 @@ pub(crate) async fn transcript(
     asked: &Transcript,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let options = Options::new().with("frames", u64::from(asked.frames));
+    let options = TranscriptOptions {
+        frames: Some(u64::from(asked.frames)),
+    };
     let lines = daemon
         .ask("the transcript", daemon.manager.transcript(&options))
         .await?;

@@ -103,21 +103,8 @@ pub(crate) async fn test(
 }
 
 fn show(report: TestReport, all: bool, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
-    let refused = |error| fault("the self-test", &error);
-    let number = |key: &str| report.more.number(key).map_err(refused);
-    let text = |key: &str| {
-        let text = report.more.text(key).map_err(refused)?;
-        Ok::<_, Failure>(text.map(str::to_owned))
-    };
     let finite = |value: f64| Some(value).filter(|value| value.is_finite());
-    let (sheet_ohm, misfit) = (number("sheet_ohm")?, number("misfit")?);
-    let (pauw_ohm, pauw_raw_ohm) = (number("pauw_ohm")?, number("pauw_raw_ohm")?);
-    let (reciprocity, noise_v, offset_v) = (
-        number("reciprocity")?,
-        number("noise_v")?,
-        number("offset_v")?,
-    );
-    let simulated = report.more.flag("simulated").map_err(refused)?;
+    let simulated = report.more.simulated;
     if printer.is_json() {
         for line in report.lines {
             let line = Tested::Line {
@@ -133,18 +120,18 @@ fn show(report: TestReport, all: bool, printer: &mut Printer<impl Write>) -> Res
         }
         let whole = Tested::Report {
             passed: report.passed,
-            at: text("at")?,
-            wiring: text("wiring")?,
-            current_a: number("current_a")?,
             findings: report.findings.clone(),
+            at: report.more.at,
+            wiring: report.more.wiring,
             simulated,
-            sheet_ohm,
-            misfit,
-            pauw_ohm,
-            pauw_raw_ohm,
-            reciprocity,
-            noise_v,
-            offset_v,
+            current_a: report.more.current_a,
+            sheet_ohm: report.more.sheet_ohm,
+            misfit: report.more.misfit,
+            pauw_ohm: report.more.pauw_ohm,
+            pauw_raw_ohm: report.more.pauw_raw_ohm,
+            reciprocity: report.more.reciprocity,
+            noise_v: report.more.noise_v,
+            offset_v: report.more.offset_v,
         };
         printer.record(&whole, |_| String::new())?;
     } else {
@@ -295,9 +282,11 @@ mod tests {
                 line("electrode 16", "ok", "ohm"),
                 line("electrode 17", "failed", "ohm"),
             ],
-            more: Options::new()
-                .with("sheet_ohm", 1000.0)
-                .with("simulated", true),
+            more: dbus::TestDetails {
+                sheet_ohm: Some(1000.0),
+                simulated: Some(true),
+                ..dbus::TestDetails::default()
+            },
         }
     }
 

@@ -162,7 +162,7 @@ mod tests {
             outline: vec![0.0, 0.0, 0.03, 0.0, 0.0, 0.03],
             outline_lengths: vec![3],
             electrodes: vec![0.0, 0.0],
-            more: dbus::Options::new(),
+            more: dbus::GeometryDetails::default(),
         }
     }
 

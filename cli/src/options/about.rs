@@ -1,7 +1,7 @@
 //! What a lab needs to know later of what it measures: options of `start` and of `baseline record`.
 
 use clap::Args;
-use dbus::Options;
+use dbus::SessionOptions;
 
 /// Free words, kept with the record.
 #[derive(Debug, Clone, Default, Args)]
@@ -23,11 +23,13 @@ pub struct About {
 
 impl About {
     /// Adds what is said to the options of a session.
-    pub(crate) fn with(&self, options: Options) -> Options {
-        options
-            .with_some("sheet", self.sheet.clone())
-            .with_some("foam", self.foam.clone())
-            .with_some("ink", self.ink.clone())
-            .with_some("operator", self.operator.clone())
+    pub(crate) fn with(&self, options: SessionOptions) -> SessionOptions {
+        SessionOptions {
+            sheet: self.sheet.clone(),
+            foam: self.foam.clone(),
+            ink: self.ink.clone(),
+            operator: self.operator.clone(),
+            ..options
+        }
     }
 }

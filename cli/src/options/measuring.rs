@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
-use dbus::Options;
+use dbus::SessionOptions;
 
 use crate::options::duration::parse_span as span;
 
@@ -51,22 +51,22 @@ pub enum Ranges {
 
 impl Measuring {
     /// Adds what is said to the options of a session.
-    pub(crate) fn with(&self, options: Options) -> Options {
+    pub(crate) fn with(&self, options: SessionOptions) -> SessionOptions {
         let milliseconds = |span: Duration| 1e3 * span.as_secs_f64();
-        options
-            .with_some("nplc", self.nplc)
-            .with_some("averages", self.averages)
-            .with_some("autozero", self.autozero)
-            .with_some("settle_ms", self.settle.map(milliseconds))
-            .with_some("channel_delay_ms", self.channel_delay.map(milliseconds))
-            .with_some("reversal", self.reversal)
-            .with_some("zero_every", self.zero_every)
-            .with_some(
-                "ranges",
-                self.ranges.map(|ranges| match ranges {
-                    Ranges::Fixed => "fixed".to_owned(),
-                    Ranges::Planned => "planned".to_owned(),
-                }),
-            )
+        let ranges = self.ranges.map(|ranges| match ranges {
+            Ranges::Fixed => "fixed".to_owned(),
+            Ranges::Planned => "planned".to_owned(),
+        });
+        SessionOptions {
+            nplc: self.nplc,
+            averages: self.averages,
+            autozero: self.autozero,
+            settle_ms: self.settle.map(milliseconds),
+            channel_delay_ms: self.channel_delay.map(milliseconds),
+            reversal: self.reversal,
+            zero_every: self.zero_every,
+            ranges,
+            ..options
+        }
     }
 }

@@ -103,11 +103,9 @@ pub(crate) async fn follow(
         let told = signal
             .args()
             .map_err(|error| fault("an event", &error.into()))?;
-        let session = told.details.text("session");
-        let session = session.map_err(|error| fault("an event", &error))?;
         let line = Line {
             at: DateTime::from_timestamp_nanos(told.wall_ns),
-            session: session.map(str::to_owned),
+            session: told.details.session.clone(),
             kind: told.kind.to_string(),
             text: told.text.to_string(),
         };

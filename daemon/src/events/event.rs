@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use chrono::{DateTime, Utc};
-use dbus::Options;
+use dbus::FrameSummary;
 use survey::printable;
 
 /// Something that happened to the daemon, its rig or a session.
@@ -41,7 +41,7 @@ pub(crate) enum BusEvent {
     SessionAdded(String),
     SessionChanged(String),
     SessionRemoved(String),
-    FrameDone(Arc<FrameSummary>),
+    FrameDone(Arc<FrameDone>),
     /// State, active session, baseline or error of the daemon.
     Daemon,
     /// State of the instruments.
@@ -61,11 +61,11 @@ pub(crate) enum BusEvent {
 
 /// A durable frame, as its signal reports it.
 #[derive(Debug)]
-pub(crate) struct FrameSummary {
+pub(crate) struct FrameDone {
     /// Id of its session.
     pub session: String,
     pub sequence: u64,
     /// Nanoseconds since 1970 UTC.
     pub wall_ns: i64,
-    pub summary: Options,
+    pub summary: FrameSummary,
 }

@@ -3,7 +3,6 @@
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
-use dbus::Options;
 use survey::duration;
 
 use crate::config::NotifySection;
@@ -174,76 +173,59 @@ impl Health {
         }
     }
 
-    /// In the plain types of the bus; what is not known is left out.
-    pub(crate) fn options(&self, limits: &NotifySection) -> Options {
+    /// As the bus shows it; what is not known is left out.
+    pub(crate) fn report(&self, limits: &NotifySection) -> dbus::Health {
         let alarms = self.alarms(limits);
-        let reported: Vec<String> = alarms
+        let troubles = alarms
             .iter()
-            .map(|alarm| format!("{}: {}", alarm.kind, alarm.text))
-            .collect();
+            .map(|alarm| format!("{}: {}", alarm.kind, alarm.text));
         let answers = |role: &str| match &self.rig_fault {
             None => format!("{role}: ready"),
             Some(why) => format!("{role}: fault: {why}"),
         };
-        let instruments: Vec<String> = self
-            .instruments
-            .iter()
-            .map(|(role, _)| answers(role))
-            .collect();
+        let instruments = self.instruments.iter().map(|(role, _)| answers(role));
         let seconds = |time: Duration| time.as_secs_f64();
-        let mut options = Options::new()
-            .with("at_ns", nanoseconds(self.at))
-            .with("well", alarms.is_empty())
-            .with_texts("troubles", &reported)
-            .with("state", self.state)
-            .with("source_state", self.source)
-            .with("simulated", self.simulated)
-            .with_texts("instruments", &instruments)
-            .with("total_frames", self.counts.acquired)
-            .with("total_durable", self.counts.durable)
-            .with("total_failed", self.counts.failed)
-            .with("total_dropped", self.counts.dropped)
-            .with("total_overloads", self.counts.overloads)
-            .with_some("last_frame_age_s", self.age.map(seconds))
-            .with_some("disk_free_bytes", self.room.free)
-            .with_some("disk_bytes_per_day", self.room.per_day)
-            .with_some("disk_days", self.room.days())
-            .with_some("metrics", self.metrics.map(|address| address.to_string()));
-        if let Some(frame) = &self.last_frame {
-            options = options
-                .with("last_frame_ns", nanoseconds(frame.wall))
-                .with("last_frame_sequence", frame.sequence)
-                .with("last_frame_session", frame.session.as_str());
+        let (frame, session) = (self.last_frame.as_ref(), self.session.as_ref());
+        let (gap, relays) = (self.last_gap.as_ref(), self.relays.as_ref());
+        let (baseline, baseline_age) = self.baseline.clone().unzip();
+        dbus::Health {
+            at_ns: Some(nanoseconds(self.at)),
+            well: Some(alarms.is_empty()),
+            troubles: Some(troubles.collect()),
+            state: Some(self.state.to_owned()),
+            source_state: Some(self.source.to_owned()),
+            simulated: Some(self.simulated),
+            instruments: Some(instruments.collect()),
+            total_frames: Some(self.counts.acquired),
+            total_durable: Some(self.counts.durable),
+            total_failed: Some(self.counts.failed),
+            total_dropped: Some(self.counts.dropped),
+            total_overloads: Some(self.counts.overloads),
+            session: session.map(|session| session.id.clone()),
+            session_kind: session.map(|session| session.kind.to_owned()),
+            frames_acquired: session.map(|session| session.acquired),
+            frames_durable: session.map(|session| session.durable),
+            frames_failed: session.map(|session| session.failed),
+            frames_dropped: session.map(|session| session.dropped),
+            backlog: session.map(Running::backlog),
+            period_s: session.map(|session| seconds(session.period)),
+            quiet_s: session.and_then(|session| session.quiet).map(seconds),
+            last_frame_ns: frame.map(|frame| nanoseconds(frame.wall)),
+            last_frame_age_s: self.age.map(seconds),
+            last_frame_sequence: frame.map(|frame| frame.sequence),
+            last_frame_session: frame.map(|frame| frame.session.clone()),
+            last_gap_ns: gap.map(|gap| nanoseconds(gap.at)),
+            last_gap: gap.map(|gap| gap.text.clone()),
+            baseline,
+            baseline_age_s: baseline_age.map(seconds),
+            disk_free_bytes: self.room.free,
+            disk_bytes_per_day: self.room.per_day,
+            disk_days: self.room.days(),
+            relay: relays.map(|life| life.relay),
+            relay_used: relays.map(|life| life.used),
+            relay_left_s: relays.and_then(RelayLife::left).map(seconds),
+            metrics: self.metrics.map(|address| address.to_string()),
         }
-        if let Some(session) = &self.session {
-            options = options
-                .with("session", session.id.as_str())
-                .with("session_kind", session.kind)
-                .with("frames_acquired", session.acquired)
-                .with("frames_durable", session.durable)
-                .with("frames_failed", session.failed)
-                .with("frames_dropped", session.dropped)
-                .with("backlog", session.backlog())
-                .with("period_s", seconds(session.period))
-                .with_some("quiet_s", session.quiet.map(seconds));
-        }
-        if let Some(gap) = &self.last_gap {
-            options = options
-                .with("last_gap_ns", nanoseconds(gap.at))
-                .with("last_gap", gap.text.as_str());
-        }
-        if let Some((id, age)) = &self.baseline {
-            options = options
-                .with("baseline", id.as_str())
-                .with("baseline_age_s", seconds(*age));
-        }
-        if let Some(life) = &self.relays {
-            options = options
-                .with("relay", life.relay)
-                .with("relay_used", life.used)
-                .with_some("relay_left_s", life.left().map(seconds));
-        }
-        options
     }
 }
 
@@ -355,21 +337,20 @@ mod tests {
     fn what_is_not_known_is_left_out() {
         let limits = NotifySection::default();
         let mut health = well();
-        let reported = health.options(&limits);
-        assert_eq!(reported.number("disk_days").unwrap(), Some(100.0));
-        assert_eq!(reported.flag("well").unwrap(), Some(true));
+        let reported = health.report(&limits);
         assert_eq!(
-            reported.texts("instruments").unwrap().unwrap(),
-            ["source: ready"]
+            (reported.disk_days, reported.well),
+            (Some(100.0), Some(true))
         );
-        assert_eq!(reported.whole("backlog").unwrap(), Some(1));
+        assert_eq!(reported.instruments.unwrap(), ["source: ready"]);
+        assert_eq!(reported.backlog, Some(1));
         health.room.per_day = None;
         health.relays = None;
         health.session = None;
         health.baseline = None;
-        let reported = health.options(&limits);
-        for key in ["disk_days", "relay_used", "backlog", "baseline", "last_gap"] {
-            assert!(!reported.0.contains_key(key), "{key}");
-        }
+        let reported = health.report(&limits);
+        assert_eq!((reported.disk_days, reported.relay_used), (None, None));
+        assert_eq!((reported.backlog, reported.baseline), (None, None));
+        assert_eq!(reported.last_gap, None);
     }
 }

@@ -3,7 +3,7 @@
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-use dbus::Options;
+use dbus::NotifyResult;
 use rustix::process::{Pid, Signal, kill_process_group};
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWriteExt};
 use tokio::process::Command;
@@ -47,13 +47,14 @@ impl HookResult {
         }
     }
 
-    pub(crate) fn options(&self) -> Options {
-        Options::new()
-            .with("done", self.is_done())
-            .with_some("code", self.code.map(i64::from))
-            .with_some("trouble", self.alarm.as_deref())
-            .with("stderr", self.stderr.as_str())
-            .with("took_s", self.took.as_secs_f64())
+    pub(crate) fn report(&self) -> NotifyResult {
+        NotifyResult {
+            done: Some(self.is_done()),
+            code: self.code.map(i64::from),
+            trouble: self.alarm.clone(),
+            stderr: Some(self.stderr.clone()),
+            took_s: Some(self.took.as_secs_f64()),
+        }
     }
 }
 

@@ -3,19 +3,10 @@
 use std::f64::consts::SQRT_2;
 use std::time::Duration;
 
+use dbus::SettingCost;
 use survey::{Injection, Plan, Protocol, Step, Timing};
 
 use crate::instruments::rig_plan::RigPlan;
-
-/// A setting against leaving it out, all others as they are.
-pub(crate) struct Cost {
-    /// As options and configuration call it.
-    pub setting: &'static str,
-    /// Time of a frame, s; below 0 where it saves some.
-    pub seconds: f64,
-    /// Noise of a reading without it over noise with it; 1 where it serves something else.
-    pub gain: f64,
-}
 
 /// The voltmeter's resolution as a part of its range, taken as the noise of one reading; 0 where its integration is none
 /// that it has.
@@ -26,14 +17,14 @@ pub(crate) fn resolution(nplc: f64) -> f64 {
 }
 
 /// Every setting that is not as if left out: shortest integration, one reading, one way, one range, a whole frame.
-pub(crate) fn costs(rig: &RigPlan) -> Vec<Cost> {
+pub(crate) fn costs(rig: &RigPlan) -> Vec<SettingCost> {
     let (plan, timing) = (&rig.plan, &rig.timing);
     let now = plan.duration(timing).as_secs_f64();
     let timed = |timing: Timing| now - plan.duration(&timing).as_secs_f64();
     let mut costs = Vec::new();
     let mut add = |applies: bool, setting, seconds, gain: f64| {
         if applies && gain.is_finite() {
-            let cost = Cost {
+            let cost = SettingCost {
                 setting,
                 seconds,
                 gain,

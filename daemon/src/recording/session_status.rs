@@ -5,14 +5,14 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use dbus::Options;
+use dbus::{FrameQuality, FrameSummary, MapDetails};
 use eit::Pressure;
 use logbook::SessionKind;
 use rig::{Stop, StopButton};
 use survey::{Frame, Map, Quality};
 use tokio::sync::{OnceCell, watch};
 
-use crate::events::event::FrameSummary;
+use crate::events::event::FrameDone;
 use crate::monitoring::Counters;
 use crate::monitoring::counters::LastFrame;
 use crate::recording::end_marks::Marked;
@@ -66,37 +66,37 @@ pub(crate) struct Published {
 
 impl Published {
     /// Counts of readings that are no voltages, and reciprocity.
-    pub(crate) fn quality_options(&self) -> Options {
+    pub(crate) fn quality_details(&self) -> FrameQuality {
         let quality = &self.quality;
-        Options::new()
-            .with("overloads", quality.overloads as u64)
-            .with("timeouts", quality.timeouts as u64)
-            .with("not_measured", quality.not_measured as u64)
-            .with("compliance", quality.compliance.len() as u64)
-            .with("duration_s", self.frame.duration.as_secs_f64())
-            .with("implausible", quality.implausible as u64)
-            .with("flags", quality.words())
-            .with_some("reciprocity", quality.reciprocity)
-            .with_some("loop_sum", quality.loop_sum)
+        FrameQuality {
+            overloads: Some(quality.overloads as u64),
+            timeouts: Some(quality.timeouts as u64),
+            not_measured: Some(quality.not_measured as u64),
+            compliance: Some(quality.compliance.len() as u64),
+            duration_s: Some(self.frame.duration.as_secs_f64()),
+            implausible: Some(quality.implausible as u64),
+            flags: Some(quality.words()),
+            reciprocity: quality.reciprocity,
+            loop_sum: quality.loop_sum,
+        }
     }
 
-    /// Where the load was found, and how large it is, added to `options`; nothing where there is no map.
-    pub(crate) fn map_options(&self, options: Options) -> Options {
+    /// Where the load was found, and how large it is; empty where there is no map.
+    pub(crate) fn map_details(&self) -> MapDetails {
         let Some(map) = &self.map else {
-            return options;
+            return MapDetails::default();
         };
-        options
-            .with("masked", map.masked as u64)
-            .with("reconstruction_s", self.reconstruction.as_secs_f64())
-            .with("durable_s", self.durable.as_secs_f64())
-            .with_some("largest_loss", map.largest_loss().map(|(_, loss)| loss))
-            .with_some("found_x_m", self.found.map(|[x, _]| x))
-            .with_some("found_y_m", self.found.map(|[_, y]| y))
-            .with_some("newtons", self.pressure.as_ref().map(|p| p.newtons))
-            .with_some(
-                "largest_kpa",
-                self.pressure.as_ref().map(Pressure::largest_kpa),
-            )
+        let pressure = self.pressure.as_ref();
+        MapDetails {
+            masked: Some(map.masked as u64),
+            reconstruction_s: Some(self.reconstruction.as_secs_f64()),
+            durable_s: Some(self.durable.as_secs_f64()),
+            largest_loss: map.largest_loss().map(|(_, loss)| loss),
+            found_x_m: self.found.map(|[x, _]| x),
+            found_y_m: self.found.map(|[_, y]| y),
+            newtons: pressure.map(|pressure| pressure.newtons),
+            largest_kpa: pressure.map(Pressure::largest_kpa),
+        }
     }
 }
 
@@ -384,17 +384,18 @@ impl SessionStatus {
     }
 
     /// What the signal of a frame reports.
-    pub(crate) fn summary(&self, published: &Published) -> FrameSummary {
-        let options = published
-            .quality_options()
-            .with("frames_acquired", self.acquired())
-            .with("frames_dropped", self.dropped())
-            .with("simulated", published.frame.simulated);
-        FrameSummary {
+    pub(crate) fn summary(&self, published: &Published) -> FrameDone {
+        FrameDone {
             session: self.facts.id.clone(),
             sequence: published.frame.sequence,
             wall_ns: survey::nanoseconds(published.frame.wall),
-            summary: published.map_options(options),
+            summary: FrameSummary {
+                frames_acquired: Some(self.acquired()),
+                frames_dropped: Some(self.dropped()),
+                simulated: Some(published.frame.simulated),
+                quality: published.quality_details(),
+                map: published.map_details(),
+            },
         }
     }
 

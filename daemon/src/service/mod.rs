@@ -14,7 +14,7 @@ pub(crate) mod read_pool;
 use std::sync::Arc;
 use std::time::Duration;
 
-use dbus::{Options, ROOT_PATH};
+use dbus::{EventDetails, ROOT_PATH};
 use zbus::connection::Builder;
 use zbus::object_server::{InterfaceRef, ObjectServer};
 use zbus::{Connection, fdo::ObjectManager};
@@ -179,7 +179,9 @@ async fn speak(
         BusEvent::ObjectsChanged => register_again(server, controller, gate).await,
         BusEvent::Happened(event) => {
             let manager = server.interface::<_, Guarded<Manager1>>(ROOT_PATH).await?;
-            let details = Options::new().with_some("session", event.session.as_deref());
+            let details = EventDetails {
+                session: event.session.clone(),
+            };
             let wall_ns = survey::nanoseconds(event.at);
             manager
                 .signal_emitter()

@@ -24,12 +24,12 @@ async fn an_overload_is_a_flag_and_not_a_number() {
         "neighbours of the driven pair are over 0.12 V: {:?}",
         frame.volts
     );
-    assert_eq!(frame.quality.whole("overloads").unwrap(), Some(over as u64));
+    assert_eq!(frame.quality.overloads, Some(over as u64));
     for (volts, flag) in frame.volts.iter().zip(&frame.flags) {
         assert_eq!(volts.is_nan(), *flag != 0, "{volts} with flag {flag}");
     }
     match session.latest_map().await {
-        Ok(map) => assert_eq!(map.more.whole("masked").unwrap(), Some(over as u64)),
+        Ok(map) => assert_eq!(map.more.masked, Some(over as u64)),
         Err(refused) => {
             assert!(matches!(refused, Fault::NoFrame(_)), "{refused:?}");
             let why = session.last_error().await.unwrap();
@@ -130,8 +130,8 @@ async fn a_lost_source_is_verified_off_before_the_session_goes_on() {
             "reconnecting" if again => {
                 assert_eq!(daemon.manager.state().await.unwrap(), "suspended");
                 assert!(source.state().await.unwrap().starts_with("fault"));
-                let recovery = Options(daemon.manager.recovery().await.unwrap());
-                assert!(recovery.whole("tries").unwrap() >= Some(2), "{recovery:?}");
+                let recovery = daemon.manager.recovery().await.unwrap();
+                assert!(recovery.tries >= Some(2), "{recovery:?}");
                 rig.set_wire(Instrument::Source, Wire::Sound);
             }
             "resumed" => break,
@@ -154,7 +154,8 @@ async fn a_lost_source_is_verified_off_before_the_session_goes_on() {
         ]
     );
     assert_eq!(daemon.manager.source_state().await.unwrap(), "in use");
-    assert!(daemon.manager.recovery().await.unwrap().is_empty());
+    let recovery = daemon.manager.recovery().await.unwrap();
+    assert_eq!(recovery, dbus::Recovery::default());
     let acquired = session.frames_acquired().await.unwrap();
     while session.frames_acquired().await.unwrap() < acquired + 2 {
         within(dbus::next(&mut frames)).await.unwrap();

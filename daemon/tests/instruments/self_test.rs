@@ -45,30 +45,23 @@ async fn a_sound_rig_passes_and_its_sheet_is_measured_two_ways() {
             report.lines.iter().all(|line| line.verdict == "ok"),
             "{wiring}"
         );
-        let number = |key: &str| report.more.number(key).unwrap().unwrap();
+        let found = &report.more;
+        let noise_v = found.noise_v.unwrap();
         println!(
             "{wiring}: sheet {:.2} ohm, misfit {:.1e}, van der Pauw {:.2} (raw {:.2}), reciprocity {:.1e}, noise {:.2} uV",
-            number("sheet_ohm"),
-            number("misfit"),
-            number("pauw_ohm"),
-            number("pauw_raw_ohm"),
-            number("reciprocity"),
-            1e6 * number("noise_v")
+            found.sheet_ohm.unwrap(),
+            found.misfit.unwrap(),
+            found.pauw_ohm.unwrap(),
+            found.pauw_raw_ohm.unwrap(),
+            found.reciprocity.unwrap(),
+            1e6 * noise_v
         );
         let truth = 1.0 / eit::DiscTank::default().conductance();
-        for key in ["sheet_ohm", "pauw_ohm"] {
-            let off = (number(key) / truth - 1.0).abs();
-            assert!(
-                off < 0.015,
-                "{wiring}: {key} is {}, {truth} is true",
-                number(key)
-            );
+        for measured in [found.sheet_ohm, found.pauw_ohm].map(Option::unwrap) {
+            let off = (measured / truth - 1.0).abs();
+            assert!(off < 0.015, "{wiring}: {measured} ohm, {truth} is true");
         }
-        assert!(
-            (0.5e-6..6e-6).contains(&number("noise_v")),
-            "{}",
-            number("noise_v")
-        );
+        assert!((0.5e-6..6e-6).contains(&noise_v), "{}", noise_v);
     }
 }
 
@@ -82,10 +75,9 @@ async fn a_sheet_that_is_not_as_configured_is_measured_as_it_is() {
             + "[effects.contact-spread]\nstd = 0.2\n";
         let report = of_scene("pairs-34924a", "[slots]\n1 = \"34924A\"", &scene).await;
         assert!(report.passed, "{:?}", report.findings);
-        for key in ["sheet_ohm", "pauw_ohm"] {
-            let measured = report.more.number(key).unwrap().unwrap();
-            println!("a sheet of {truth} ohm: {key} {measured:.2}");
-            assert!((measured / truth - 1.0).abs() < 0.015, "{key}: {measured}");
+        for measured in [report.more.sheet_ohm, report.more.pauw_ohm].map(Option::unwrap) {
+            println!("a sheet of {truth} ohm: {measured:.2}");
+            assert!((measured / truth - 1.0).abs() < 0.015, "{measured}");
         }
     }
 }
@@ -112,7 +104,7 @@ async fn a_noisy_channel_and_a_noisy_electrode_are_named() {
         let failed = lines.filter(|line| line.verdict == "failed");
         assert_eq!(failed.count(), channels.split(',').count(), "{channels}");
         // the voltmeter is not blamed for it
-        let noise = report.more.number("noise_v").unwrap().unwrap();
+        let noise = report.more.noise_v.unwrap();
         assert!((0.5e-6..6e-6).contains(&noise), "{noise}");
     }
 }

@@ -45,11 +45,7 @@ async fn another_serial_number_waits_for_a_person() {
     assert!(text.contains("7654321"), "{text}");
     assert_eq!(session.state().await.unwrap(), "suspended");
     assert_untouched(&stranger);
-    while Options(daemon.manager.recovery().await.unwrap())
-        .flag("person")
-        .unwrap()
-        != Some(true)
-    {
+    while daemon.manager.recovery().await.unwrap().person != Some(true) {
         within(dbus::next(&mut happened)).await.unwrap();
     }
     let agreed = daemon.manager.accept_instruments().await.unwrap();

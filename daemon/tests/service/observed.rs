@@ -10,7 +10,7 @@ use tokio::net::TcpStream;
 use crate::stage::{Measuring, SMALL, Stage, reported, within};
 
 /// The daemon's own answer.
-async fn health(daemon: &crate::stage::Running) -> Options {
+async fn health(daemon: &crate::stage::Running) -> dbus::Health {
     within(daemon.manager.health()).await.unwrap()
 }
 
@@ -19,31 +19,31 @@ async fn a_daemon_says_that_it_is_well_and_what_it_has() {
     let stage = Stage::new(SMALL);
     let daemon = stage.start().await;
     let before = health(&daemon).await;
-    assert_eq!(before.flag("well").unwrap(), Some(true), "{before:?}");
-    assert!(!before.0.contains_key("session") && !before.0.contains_key("last_frame_ns"));
-    assert!(before.whole("disk_free_bytes").unwrap().unwrap() > 0);
+    assert_eq!(before.well, Some(true), "{before:?}");
+    assert_eq!((before.session, before.last_frame_ns), (None, None));
+    assert!(before.disk_free_bytes.unwrap() > 0);
 
     daemon.baseline(2).await;
     let session = daemon.start(Options::new().with("step", true)).await;
     within(session.step(3)).await.unwrap();
     let now = health(&daemon).await;
     // on a busy machine a map may be late, and only that
-    let alarms = now.texts("troubles").unwrap().unwrap();
+    let alarms = now.troubles.clone().unwrap();
     assert!(
         alarms.iter().all(|text| text.starts_with("session: ")),
         "{now:?}"
     );
-    assert_eq!(now.whole("frames_durable").unwrap(), Some(3));
-    assert_eq!(now.whole("backlog").unwrap(), Some(0));
-    assert_eq!(now.whole("total_durable").unwrap(), Some(5));
-    assert_eq!(now.whole("last_frame_sequence").unwrap(), Some(3));
-    assert!(now.number("baseline_age_s").unwrap().unwrap() >= 0.0);
+    assert_eq!(now.frames_durable, Some(3));
+    assert_eq!(now.backlog, Some(0));
+    assert_eq!(now.total_durable, Some(5));
+    assert_eq!(now.last_frame_sequence, Some(3));
+    assert!(now.baseline_age_s.unwrap() >= 0.0);
     // whose counters nobody has asked for
-    assert!(now.number("relay_used").unwrap().unwrap() > 0.0, "{now:?}");
+    assert!(now.relay_used.unwrap() > 0.0, "{now:?}");
     // nobody awaits a frame that is taken on request
-    assert_eq!(now.number("quiet_s").unwrap(), None);
+    assert_eq!(now.quiet_s, None);
     assert_eq!(
-        now.texts("instruments").unwrap().unwrap(),
+        now.instruments.unwrap(),
         ["source: ready", "switch+voltmeter: ready"]
     );
     within(session.stop()).await.unwrap();
@@ -69,16 +69,16 @@ async fn a_lost_rig_and_its_failed_frame_are_trouble_until_it_is_back() {
     server.stop().await;
     reported(&mut happened, "suspended").await;
     let lost = health(&daemon).await;
-    assert_eq!(lost.flag("well").unwrap(), Some(false));
-    let alarms = lost.texts("troubles").unwrap().unwrap();
+    assert_eq!(lost.well, Some(false));
+    let alarms = lost.troubles.unwrap();
     assert!(
         alarms.iter().any(|text| text.starts_with("instrument: ")),
         "{alarms:?}"
     );
-    assert_eq!(lost.whole("total_failed").unwrap(), Some(1));
-    let why = lost.text("last_gap").unwrap().unwrap();
+    assert_eq!(lost.total_failed, Some(1));
+    let why = lost.last_gap.unwrap();
     assert!(why.contains("failed: "), "{why}");
-    let instruments = lost.texts("instruments").unwrap().unwrap();
+    let instruments = lost.instruments.unwrap();
     assert!(
         instruments[0].starts_with("source: fault: "),
         "{instruments:?}"
@@ -87,13 +87,13 @@ async fn a_lost_rig_and_its_failed_frame_are_trouble_until_it_is_back() {
     let _server = crate::stage::serve(&rig, ports).await;
     reported(&mut happened, "resumed").await;
     let back = health(&daemon).await;
-    let alarms = back.texts("troubles").unwrap().unwrap();
+    let alarms = back.troubles.unwrap();
     assert!(
         !alarms.iter().any(|text| text.starts_with("instrument")),
         "{alarms:?}"
     );
     assert_eq!(
-        back.texts("instruments").unwrap().unwrap(),
+        back.instruments.unwrap(),
         ["source: ready", "switch+voltmeter: ready"]
     );
     within(session.stop()).await.unwrap();
@@ -153,8 +153,8 @@ async fn metrics_are_scraped_and_every_line_is_understood() {
     let daemon = stage.start().await;
     let address = loop {
         // it is opened beside everything else
-        if let Some(address) = health(&daemon).await.text("metrics").unwrap() {
-            break address.to_owned();
+        if let Some(address) = health(&daemon).await.metrics {
+            break address;
         }
         tokio::task::yield_now().await;
     };
@@ -255,9 +255,9 @@ async fn the_notify_command_runs_and_its_test_reports_the_outcome() {
     let daemon = stage.start().await;
     let mut happened = daemon.manager.receive_happened().await.unwrap();
     let fared = within(daemon.manager.notify_test()).await.unwrap();
-    assert_eq!(fared.flag("done").unwrap(), Some(false));
-    assert_eq!(fared.number("code").unwrap(), Some(4.0));
-    assert_eq!(fared.text("stderr").unwrap(), Some("to the wind\n"));
+    assert_eq!(fared.done, Some(false));
+    assert_eq!(fared.code, Some(4));
+    assert_eq!(fared.stderr.as_deref(), Some("to the wind\n"));
     let read = |text: &str| -> serde_json::Value { serde_json::from_str(text).unwrap() };
     let text = std::fs::read_to_string(&payload).unwrap();
     let test = read(text.trim());

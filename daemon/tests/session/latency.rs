@@ -42,7 +42,7 @@ async fn a_frame_is_durable_before_its_signal() {
             "frame {} was said, {on_disk} are on disk",
             arguments.sequence
         );
-        let duration_s = arguments.summary.number("duration_s").unwrap().unwrap();
+        let duration_s = arguments.summary.quality.duration_s.unwrap();
         let last_reading =
             Duration::from_nanos(arguments.wall_ns as u64) + survey::duration(duration_s);
         took.push(now.saturating_sub(last_reading));

@@ -30,17 +30,17 @@ async fn a_press_is_found_measured_recorded_and_said() {
     assert_eq!(map.mesh_hash, geometry.mesh_hash);
     assert_eq!(map.values.len(), geometry.corners().unwrap().len());
     assert!(geometry.loops().is_some() && geometry.electrode_centres().len() == 16);
-    let found = |key| map.more.number(key).unwrap().unwrap();
-    let miss = (found("found_x_m") - 0.06).hypot(found("found_y_m") - 0.02);
+    let (x, y) = map.more.found_x_m.zip(map.more.found_y_m).unwrap();
+    let miss = (x - 0.06).hypot(y - 0.02);
     assert!(miss < 0.01, "found {miss} m away");
     let frame = session.latest_frame().await.unwrap();
     assert!(frame.simulated && frame.flags.iter().all(|flag| *flag == 0));
-    assert_eq!(frame.quality.whole("overloads").unwrap(), Some(0));
+    assert_eq!(frame.quality.overloads, Some(0));
 
     press.release().await.unwrap();
     assert_eq!(within(session.step(1)).await.unwrap(), 3);
     let empty = session.latest_map().await.unwrap();
-    let largest = |map: &dbus::LatestMap| map.more.number("largest_loss").unwrap().unwrap_or(0.0);
+    let largest = |map: &dbus::LatestMap| map.more.largest_loss.unwrap_or(0.0);
     assert!(
         largest(&empty) < 0.1 * largest(&map),
         "nothing is pressed any more"

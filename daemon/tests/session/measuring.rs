@@ -9,7 +9,7 @@ async fn a_session_measures_as_it_is_asked_to_and_the_plan_shows_it() {
     let daemon = stage.start().await;
     let manager = &daemon.manager;
     let configured = manager.plan().await.unwrap();
-    assert_eq!(configured.more.flag("reversal").unwrap(), Some(false));
+    assert_eq!(configured.more.reversal, Some(false));
     let how = || {
         Options::new()
             .with("reversal", true)
@@ -43,8 +43,8 @@ async fn a_session_measures_as_it_is_asked_to_and_the_plan_shows_it() {
     let session = daemon.start(how().with("step", true)).await;
     assert_eq!(within(session.step(1)).await.unwrap(), 1);
     let plan = manager.plan().await.unwrap();
-    assert_eq!(plan.more.flag("reversal").unwrap(), Some(true));
-    assert_eq!(plan.more.whole("averages").unwrap(), Some(4));
+    assert_eq!(plan.more.reversal, Some(true));
+    assert_eq!(plan.more.averages, Some(4));
     assert!(plan.duration_s > 4.0 * configured.duration_s);
     let frame = session.latest_frame().await.unwrap();
     assert!(frame.flags.iter().all(|flag| *flag == 0));
@@ -60,14 +60,7 @@ async fn a_plan_shows_what_each_setting_would_cost() {
     let daemon = stage.start().await;
     let manager = &daemon.manager;
     let plainest = manager.plan().await.unwrap();
-    let costs = |plan: &dbus::PlanReport| {
-        plan.more
-            .0
-            .keys()
-            .filter(|key| key.starts_with("cost_"))
-            .count()
-    };
-    assert_eq!(costs(&plainest), 0, "{:?}", plainest.more);
+    assert_eq!(plainest.more.costs(), [], "{:?}", plainest.more);
     let root = 2.0_f64.sqrt();
     for (option, setting, gain) in [
         (Options::new().with("nplc", 1.0), "nplc", 100.0 / 3.0),
@@ -82,29 +75,26 @@ async fn a_plan_shows_what_each_setting_would_cost() {
         (Options::new().with("reversal", true), "reversal", root),
     ] {
         let with = manager.plan_with(&option).await.unwrap();
-        let number = |key: String| with.more.number(&key).unwrap().unwrap();
-        let cost = number(format!("cost_{setting}_s"));
+        let costs = with.more.costs();
+        assert_eq!(costs.len(), 1, "{setting}: {costs:?}");
+        assert_eq!(costs[0].setting, setting);
+        let (cost, gained) = (costs[0].seconds, costs[0].gain);
         let longer = with.duration_s - plainest.duration_s;
-        println!(
-            "{setting}: {cost:.3} s a frame, noise / {:.2}",
-            number(format!("gain_{setting}"))
-        );
+        println!("{setting}: {cost:.3} s a frame, noise / {gained:.2}");
         assert!(
             cost > 0.0 && (cost - longer).abs() < 1e-9,
             "{setting}: {cost}, {longer}"
         );
-        let gained = number(format!("gain_{setting}"));
-        let noise = |plan: &dbus::PlanReport| plan.more.number("noise_v").unwrap().unwrap();
+        let noise = |plan: &dbus::PlanReport| plan.more.noise_v.unwrap();
         assert!((gained / gain - 1.0).abs() < 1e-9, "{setting}: {gained}");
         assert!(
             (noise(&plainest) / noise(&with) / gain - 1.0).abs() < 1e-9,
             "{setting}"
         );
-        assert_eq!(costs(&with), 1, "{setting}: {:?}", with.more);
     }
     let every_fifth = Options::new().with("zero_every", 5_u64);
     let with = manager.plan_with(&every_fifth).await.unwrap();
-    let cost = with.more.number("cost_zero_every_s").unwrap().unwrap();
+    let cost = with.more.cost_zero_every_s.unwrap();
     assert!((cost - plainest.duration_s / 5.0).abs() < 1e-9, "{cost}");
     let refused = manager
         .plan_with(&Options::new().with("count", 3_u64))
@@ -196,9 +186,9 @@ async fn an_overload_selects_the_next_larger_range_and_is_reported() {
     let mut happened = manager.receive_happened().await.unwrap();
     daemon.baseline(2).await;
     let before = manager.plan().await.unwrap();
-    assert_eq!(before.more.flag("planned_ranges").unwrap(), Some(true));
-    let noise = |plan: &dbus::PlanReport, key| plan.more.number(key).unwrap().unwrap();
-    assert!(noise(&before, "noise_v") < 0.2 * noise(&before, "noise_fixed_v"));
+    assert_eq!(before.more.planned_ranges, Some(true));
+    let noise = |plan: &dbus::PlanReport| plan.more.noise_v.unwrap();
+    assert!(noise(&before) < 0.2 * before.more.noise_fixed_v.unwrap());
 
     let session = daemon.start(Options::new().with("step", true)).await;
     assert_eq!(within(session.step(1)).await.unwrap(), 1);
@@ -206,21 +196,20 @@ async fn an_overload_selects_the_next_larger_range_and_is_reported() {
     hand.press("disc", 0.11, 0.0, 0.035, 0.9).await.unwrap();
     assert_eq!(within(session.step(1)).await.unwrap(), 2);
     let frame = session.latest_frame().await.unwrap();
-    let overloads = frame.quality.whole("overloads").unwrap().unwrap();
+    let overloads = frame.quality.overloads.unwrap();
     assert!((1..104).contains(&overloads), "{overloads} overloads");
     let signal = within(dbus::next(&mut happened)).await.unwrap();
     let reported = signal.args().unwrap();
     assert_eq!(reported.kind, "ranges");
     let says = format!("{overloads} of {overloads} overloaded readings have the next larger range");
     assert!(reported.text.contains(&says), "{}", reported.text);
-    let session_id = reported.details.text("session").unwrap();
-    assert_eq!(session_id, Some(session.id().await.unwrap().as_str()));
+    assert_eq!(reported.details.session, Some(session.id().await.unwrap()));
     let after = manager.plan().await.unwrap();
-    assert!(noise(&after, "noise_v") > noise(&before, "noise_v"));
+    assert!(noise(&after) > noise(&before));
 
     assert_eq!(within(session.step(1)).await.unwrap(), 3);
     let frame = session.latest_frame().await.unwrap();
-    assert_eq!(frame.quality.whole("overloads").unwrap(), Some(0));
+    assert_eq!(frame.quality.overloads, Some(0));
     within(session.stop()).await.unwrap();
     let record = logbook::SessionReader::open(session.path().await.unwrap()).unwrap();
     let events = record.events().unwrap();

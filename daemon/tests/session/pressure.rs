@@ -21,7 +21,7 @@ async fn a_calibrated_method_says_newtons() {
     within(session.step(1)).await.unwrap();
     let map = session.latest_map().await.unwrap();
     assert_eq!(map.unit, "relative change of conductance");
-    assert_eq!(map.more.number("newtons").unwrap(), None);
+    assert_eq!(map.more.newtons, None);
     match session.latest_pressure().await.unwrap_err() {
         Fault::Failed(why) => assert!(why.contains("tactus-lab calibrate"), "{why}"),
         other => panic!("{other:?}"),
@@ -74,9 +74,9 @@ async fn a_calibrated_method_says_newtons() {
         assert!((kpa - wanted).abs() < 1e-9, "{loss}: {kpa}, not {wanted}");
     }
     assert!(pressure.newtons > 1.0, "{} N", pressure.newtons);
-    assert_eq!(map.more.number("newtons").unwrap(), Some(pressure.newtons));
-    let took = map.more.number("reconstruction_s").unwrap().unwrap();
-    let whole = map.more.number("durable_s").unwrap().unwrap();
+    assert_eq!(map.more.newtons, Some(pressure.newtons));
+    let took = map.more.reconstruction_s.unwrap();
+    let whole = map.more.durable_s.unwrap();
     assert!(0.0 < took && took < whole, "{took} of {whole} s");
     within(session.stop()).await.unwrap();
     // the stream has it just before its map, for who asked

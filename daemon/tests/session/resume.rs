@@ -199,7 +199,7 @@ async fn a_session_killed_in_a_frame_goes_on_by_hand_too() {
     assert_eq!(session.id().await.unwrap(), id);
     durable(&session, session.frames_durable().await.unwrap() + 1).await;
     let health = daemon.manager.health().await.unwrap();
-    let instruments = health.texts("instruments").unwrap().unwrap();
+    let instruments = health.instruments.unwrap();
     assert!(
         instruments
             .iter()

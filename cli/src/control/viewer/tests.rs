@@ -49,7 +49,7 @@ fn field() -> Field {
         outline: vec![0.0, 0.0, 0.03, 0.0, 0.03, 0.03, 0.0, 0.03],
         outline_lengths: vec![4],
         electrodes: vec![0.0, 0.0],
-        more: dbus::Options::new(),
+        more: dbus::GeometryDetails::default(),
     })
     .unwrap()
 }

@@ -4,6 +4,7 @@
 //! What follows from two of them together is in [`crate::preparation`].
 
 use dbus::{Fault, Options};
+use serde::de::DeserializeOwned;
 use survey::Bounds::{self, Above, Between, OneOf, Within};
 use survey::LONGEST_S;
 use toml::de::{DeTable, DeValue};
@@ -14,8 +15,6 @@ const WAIT_MS: Bounds = Within(0.0, 60e3);
 pub(crate) const SETTLE_MS: Bounds = WAIT_MS;
 pub(crate) const CHANNEL_DELAY_MS: Bounds = WAIT_MS;
 pub(crate) const AVERAGES: Bounds = Within(1.0, 1000.0);
-/// The option has 0 for never; the key is left out instead.
-pub(crate) const ZERO_EVERY: Bounds = Within(0.0, 1e9);
 pub(crate) const EVERY_S: Bounds = Within(0.0, LONGEST_S);
 pub(crate) const FOR_S: Bounds = Above(0.0, LONGEST_S);
 /// Frames of a session.
@@ -165,8 +164,7 @@ fn take_out_below(
             DeValue::Float(number) => number.as_str().parse().unwrap_or(f64::NAN),
             _ => continue,
         };
-        let bounds = KEYS.iter().find(|(known, _)| *known == key);
-        if let Some(Err(error)) = bounds.map(|(_, bounds)| bounds.check(number)) {
+        if let Some(Err(error)) = allowed(&key).map(|bounds| bounds.check(number)) {
             found.push((span, format!("{key}: {error}")));
             bad.push(name.clone());
         }
@@ -176,59 +174,63 @@ fn take_out_below(
     }
 }
 
-/// A numeric option.
-///
-/// # Errors
-/// [`Fault::InvalidOption`] with the name, the value and what is allowed.
-pub(crate) fn number(options: &Options, key: &str, bounds: Bounds) -> Result<Option<f64>, Fault> {
-    match options.number(key) {
-        Ok(None) => Ok(None),
-        Ok(Some(value)) => checked(&format!("option '{key}'"), value, bounds).map(Some),
-        Err(error) => Err(allowed(error, bounds)),
+/// What is allowed for an option of `StartSession`, `RecordBaseline` and `PlanWith`: the same as for the key of the
+/// configuration.
+pub(crate) fn session_option(option: &str) -> Option<Bounds> {
+    match option {
+        "frames" => Some(BASELINE_FRAMES),
+        // 0 is never; in a file the key is left out instead
+        "zero_every" => Some(Within(0.0, 1e9)),
+        _ => ["survey", "schedule", "recording"]
+            .iter()
+            .find_map(|section| allowed(&format!("{section}.{option}"))),
     }
 }
 
-/// An option that is a whole number.
+/// What is allowed for a numeric key of the configuration.
+fn allowed(key: &str) -> Option<Bounds> {
+    let (_, bounds) = KEYS.iter().find(|(known, _)| *known == key)?;
+    Some(*bounds)
+}
+
+/// Options of free words.
+const FREE_WORDS: [&str; 5] = ["note", "sheet", "foam", "ink", "operator"];
+
+/// Reads the options of a method; `bounds` is what is allowed for each numeric one.
 ///
 /// # Errors
-/// As [`number`].
-pub(crate) fn whole(options: &Options, key: &str, bounds: Bounds) -> Result<Option<u64>, Fault> {
-    match options.whole(key) {
-        Ok(None) => Ok(None),
-        Ok(Some(value)) => {
-            checked(&format!("option '{key}'"), value as f64, bounds).map(|_| Some(value))
+/// [`Fault::InvalidOption`] with the name, the value and what is allowed.
+pub(crate) fn read<T: DeserializeOwned>(
+    options: &Options,
+    bounds: impl Fn(&str) -> Option<Bounds>,
+) -> Result<T, Fault> {
+    let read = options.read().map_err(|mut error| {
+        if let Some(bounds) = error.key.as_deref().and_then(&bounds) {
+            error.text = format!("{}, {bounds}", error.text);
         }
-        Err(error) => Err(allowed(error, bounds)),
+        error
+    })?;
+    for key in options.0.keys() {
+        if let Some((value, bounds)) = options.number(key).zip(bounds(key)) {
+            checked(&format!("option '{key}'"), value, bounds)?;
+        }
     }
+    for key in FREE_WORDS {
+        if let Some(why) = options.text(key).and_then(too_long) {
+            return Err(Fault::InvalidOption(format!("option '{key}' {why}")));
+        }
+    }
+    Ok(read)
 }
 
 /// A numeric argument.
 ///
 /// # Errors
-/// As [`number`].
+/// [`Fault::InvalidOption`] with the name, the value and what is allowed.
 pub(crate) fn checked(what: &str, value: f64, bounds: Bounds) -> Result<f64, Fault> {
     bounds
         .check(value)
         .map_err(|error| Fault::InvalidOption(format!("{what}: {error}")))
-}
-
-fn allowed(error: Fault, bounds: Bounds) -> Fault {
-    match error {
-        Fault::InvalidOption(text) => Fault::InvalidOption(format!("{text}, {bounds}")),
-        other => other,
-    }
-}
-
-/// An option of free words.
-///
-/// # Errors
-/// [`Fault::InvalidOption`]: it is longer than [`LONGEST_TEXT`], or no text.
-pub(crate) fn words<'a>(options: &'a Options, key: &str) -> Result<Option<&'a str>, Fault> {
-    let text = options.text(key)?;
-    match text.map(too_long) {
-        Some(Some(why)) => Err(Fault::InvalidOption(format!("option '{key}' {why}"))),
-        _ => Ok(text),
-    }
 }
 
 /// What is wrong with a text of free words that is too long.

@@ -311,11 +311,8 @@ fn what_is_within_bounds_never_panics() {
 #[test]
 fn an_option_is_refused_with_name_value_and_range() {
     for value in [f64::INFINITY, f64::NEG_INFINITY, f64::NAN, 1e308, -1.0] {
-        let refused = number(
-            &Options::new().with("settle_ms", value),
-            "settle_ms",
-            SETTLE_MS,
-        );
+        let options = Options::new().with("settle_ms", value);
+        let refused = read::<dbus::SessionOptions>(&options, session_option);
         let text = refused.unwrap_err().to_string();
         let value = if value == 1e308 {
             "1e308".to_owned()
@@ -330,17 +327,19 @@ fn an_option_is_refused_with_name_value_and_range() {
         );
     }
     let huge = Options::new().with("averages", u64::MAX);
-    let text = whole(&huge, "averages", AVERAGES).unwrap_err().to_string();
+    let error = read::<dbus::SessionOptions>(&huge, session_option).unwrap_err();
+    let text = error.to_string();
     assert!(
         text.contains("'averages'") && text.contains("from 1 to 1000"),
         "{text}"
     );
     let long = Options::new().with("note", "n".repeat(LONGEST_TEXT + 1));
-    let text = words(&long, "note").unwrap_err().to_string();
+    let error = read::<dbus::SessionOptions>(&long, session_option).unwrap_err();
+    let text = error.to_string();
     assert!(
         text.contains("'note' has 4097 bytes") && text.contains("4096"),
         "{text}"
     );
     let longest = Options::new().with("note", "n".repeat(LONGEST_TEXT));
-    assert!(words(&longest, "note").is_ok());
+    assert!(read::<dbus::SessionOptions>(&longest, session_option).is_ok());
 }

@@ -2,12 +2,15 @@
 
 use std::sync::Arc;
 
-use dbus::{Fault, Options, ROOT_PATH, RelayWear, SeenInstrument, SessionSummary, TestLine};
+use dbus::{
+    BaselineDetails, EventDetails, Fault, GeometryDetails, Health, ListOptions, NotifyResult,
+    Options, PlanDetails, ROOT_PATH, Recovery, RelayWear, SeenInstrument, SessionSummary,
+    TestDetails, TestLine, TranscriptOptions,
+};
 use zbus::object_server::{ObjectServer, SignalEmitter};
-use zbus::{ObjectPath, OwnedVariant, interface};
+use zbus::{ObjectPath, interface};
 
 use crate::config::numbers;
-use crate::config::numbers::whole;
 use crate::recording::session_status::SessionStatus;
 use crate::service::gate::Gate;
 use crate::service::objects::report;
@@ -56,10 +59,11 @@ impl Manager1 {
     /// answer. Options: `count` (t), fewer than that; `before` (s, an id), those that come after it in the list.
     #[zbus(out_args("sessions"))]
     async fn list_sessions(&self, options: Options) -> Result<Vec<SessionSummary>, Fault> {
-        options.only(&["count", "before"])?;
-        let count = whole(&options, "count", numbers::LISTED)?.unwrap_or(MOST_LISTED);
-        let count = usize::try_from(count.min(MOST_LISTED)).unwrap_or(usize::MAX);
-        let before = options.text("before")?.map(str::to_owned);
+        let options: ListOptions =
+            numbers::read(&options, |key| (key == "count").then_some(numbers::LISTED))?;
+        let count = options.count.unwrap_or(MOST_LISTED).min(MOST_LISTED);
+        let count = usize::try_from(count).unwrap_or(usize::MAX);
+        let before = options.before;
         let controller = Arc::clone(&self.0);
         let listed = read(move || controller.listed(count, before.as_deref())).await??;
         let active = self.0.active().map(|status| status.facts.id.clone());
@@ -85,7 +89,21 @@ impl Manager1 {
     ))]
     async fn plan(
         &self,
-    ) -> Result<(u64, u64, u64, u64, u64, f64, f64, f64, Vec<String>, Options), Fault> {
+    ) -> Result<
+        (
+            u64,
+            u64,
+            u64,
+            u64,
+            u64,
+            f64,
+            f64,
+            f64,
+            Vec<String>,
+            PlanDetails,
+        ),
+        Fault,
+    > {
         let plan = self.0.plan().ok_or_else(no_plan)?;
         Ok(planned(report::plan(&plan)))
     }
@@ -108,7 +126,21 @@ impl Manager1 {
     async fn plan_with(
         &self,
         options: Options,
-    ) -> Result<(u64, u64, u64, u64, u64, f64, f64, f64, Vec<String>, Options), Fault> {
+    ) -> Result<
+        (
+            u64,
+            u64,
+            u64,
+            u64,
+            u64,
+            f64,
+            f64,
+            f64,
+            Vec<String>,
+            PlanDetails,
+        ),
+        Fault,
+    > {
         let controller = Arc::clone(&self.0);
         let plan = read(move || controller.plan_with(&options)).await??;
         Ok(planned(report::plan(&plan)))
@@ -137,7 +169,7 @@ impl Manager1 {
             Vec<f64>,
             Vec<u32>,
             Vec<f64>,
-            Options,
+            GeometryDetails,
         ),
         Fault,
     > {
@@ -164,7 +196,7 @@ impl Manager1 {
     async fn test_instruments(
         &self,
         options: Options,
-    ) -> Result<(bool, Vec<String>, Vec<TestLine>, Options), Fault> {
+    ) -> Result<(bool, Vec<String>, Vec<TestLine>, TestDetails), Fault> {
         options.only(&[])?;
         let report = report::test(self.0.test_instruments().await?);
         Ok((report.passed, report.findings, report.lines, report.more))
@@ -219,7 +251,19 @@ impl Manager1 {
     ))]
     async fn baseline(
         &self,
-    ) -> Result<(String, i64, u64, Vec<f64>, Vec<u8>, Vec<f64>, bool, Options), Fault> {
+    ) -> Result<
+        (
+            String,
+            i64,
+            u64,
+            Vec<f64>,
+            Vec<u8>,
+            Vec<f64>,
+            bool,
+            BaselineDetails,
+        ),
+        Fault,
+    > {
         let baseline = self.0.baseline().ok_or_else(no_baseline)?;
         let report = report::baseline(&baseline);
         Ok((
@@ -258,9 +302,10 @@ impl Manager1 {
     /// Option: `frames` (t, default 1).
     #[zbus(out_args("lines"))]
     async fn transcript(&self, options: Options) -> Result<String, Fault> {
-        options.only(&["frames"])?;
-        let frames = whole(&options, "frames", numbers::TRANSCRIPT_FRAMES)?.unwrap_or(1);
-        let frames = usize::try_from(frames).unwrap_or(usize::MAX);
+        let options: TranscriptOptions = numbers::read(&options, |key| {
+            (key == "frames").then_some(numbers::TRANSCRIPT_FRAMES)
+        })?;
+        let frames = usize::try_from(options.frames.unwrap_or(1)).unwrap_or(usize::MAX);
         let entries = crate::instruments::transcripts::last(&self.0.transcript, frames);
         crate::instruments::transcripts::text(&entries)
             .map_err(|error| Fault::Failed(error.to_string()))
@@ -270,16 +315,16 @@ impl Manager1 {
     /// instruments, age of the baseline, days until the disk is full, life left of the relay that will be worn out first.
     /// Keys are documented in dbus/src/manager1.rs; what is not known is left out.
     #[zbus(out_args("health"))]
-    async fn health(&self) -> Result<Options, Fault> {
+    async fn health(&self) -> Result<Health, Fault> {
         let health = self.0.health().await;
-        Ok(health.options(&self.0.runtime().setup.config.notify))
+        Ok(health.report(&self.0.runtime().setup.config.notify))
     }
 
     /// Runs the command that tells people of troubles once, and says how it fared: `done` (b), `stderr` (s), `took_s` (d),
     /// and `code` (x) or `trouble` (s, why there is none).
     #[zbus(out_args("fared"))]
-    async fn notify_test(&self) -> Result<Options, Fault> {
-        Ok(self.0.notify_test().await.options())
+    async fn notify_test(&self) -> Result<NotifyResult, Fault> {
+        Ok(self.0.notify_test().await.report())
     }
 
     /// Something happened to the rig, or to a session by it: each is an event of that session's record, too. Kinds:
@@ -293,7 +338,7 @@ impl Manager1 {
         wall_ns: i64,
         kind: &str,
         text: &str,
-        details: Options,
+        details: EventDetails,
     ) -> zbus::Result<()>;
 
     /// What is known of the source: `off` (verified), `in use`, `unknown`.
@@ -305,8 +350,8 @@ impl Manager1 {
     /// A lost rig that is being looked for; empty when none is. `what` (s), `tries` (t), `next_s` (d, until the next try;
     /// absent while one is under way), `since_ns` (x), `person` (b, whether a person must agree first).
     #[zbus(property)]
-    fn recovery(&self) -> std::collections::HashMap<String, OwnedVariant> {
-        report::recovery(self.0.recovery().as_ref()).0
+    fn recovery(&self) -> Recovery {
+        report::recovery(self.0.recovery().as_ref())
     }
 
     /// Version of the daemon.
@@ -408,7 +453,18 @@ async fn shown(
 }
 
 /// A plan as its method returns it.
-type Planned = (u64, u64, u64, u64, u64, f64, f64, f64, Vec<String>, Options);
+type Planned = (
+    u64,
+    u64,
+    u64,
+    u64,
+    u64,
+    f64,
+    f64,
+    f64,
+    Vec<String>,
+    PlanDetails,
+);
 
 fn planned(plan: dbus::PlanReport) -> Planned {
     (

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use dbus::{
-    BaselineReport, Options, PlanReport, RelayWear, SeenInstrument, SessionSummary, TestLine,
-    TestReport,
+    BaselineDetails, BaselineReport, GeometryDetails, PlanDetails, PlanReport, RelayWear,
+    SeenInstrument, SessionDetails, SessionSummary, TestDetails, TestLine, TestReport,
 };
 use survey::{Baseline, printable, printable_json};
 
@@ -28,36 +28,34 @@ pub(crate) fn plan(rig: &RigPlan) -> PlanReport {
     let both_ways = if rig.plan.reversal { 2.0 } else { 1.0 };
     let readings = f64::from(rig.meter.averages) * both_ways;
     let fixed = fraction * rig.meter.range.0 / readings.sqrt();
-    let more = Options::new()
-        .with("wiring", rig.plan.wiring.name.as_str())
-        .with("electrodes", rig.plan.protocol.electrodes() as u64)
-        .with("extra_readings", counts.extra_readings as u64)
-        .with("nplc", rig.meter.nplc)
-        .with("autozero", rig.meter.autozero)
-        .with("averages", u64::from(rig.meter.averages))
-        .with("channel_delay_s", rig.meter.channel_delay.as_secs_f64())
-        .with("settle_s", rig.plan.settle.as_secs_f64())
-        .with("reversal", rig.plan.reversal)
-        .with("zero_every", rig.zero_every.unwrap_or(0))
-        .with("range_v", rig.meter.range.0)
-        .with("planned_ranges", rig.plan.has_ranges())
-        .with("range_changes", counts.range_changes as u64)
-        .with(
-            "range_time_s",
-            counts.range_changes as f64 * rig.timing.range_command.as_secs_f64(),
-        )
-        .with("noise_fixed_v", fixed)
-        .with("noise_v", planned.rms.0)
-        .with("noise_median_v", planned.median.0)
-        .with("skip", rig.skip as u64)
-        .with("half", rig.half)
-        .with("source_current_max_a", rig.limits.source_current.0)
-        .with("relay_current_max_a", rig.limits.relay_current.0)
-        .with("relay_voltage_max_v", rig.limits.relay_voltage.0);
-    let more = costs(rig).into_iter().fold(more, |more, cost| {
-        more.with(&format!("cost_{}_s", cost.setting), cost.seconds)
-            .with(&format!("gain_{}", cost.setting), cost.gain)
-    });
+    let mut more = PlanDetails {
+        wiring: Some(rig.plan.wiring.name.clone()),
+        electrodes: Some(rig.plan.protocol.electrodes() as u64),
+        extra_readings: Some(counts.extra_readings as u64),
+        nplc: Some(rig.meter.nplc),
+        autozero: Some(rig.meter.autozero),
+        averages: Some(u64::from(rig.meter.averages)),
+        channel_delay_s: Some(rig.meter.channel_delay.as_secs_f64()),
+        settle_s: Some(rig.plan.settle.as_secs_f64()),
+        reversal: Some(rig.plan.reversal),
+        zero_every: Some(rig.zero_every.unwrap_or(0)),
+        range_v: Some(rig.meter.range.0),
+        planned_ranges: Some(rig.plan.has_ranges()),
+        range_changes: Some(counts.range_changes as u64),
+        range_time_s: Some(counts.range_changes as f64 * rig.timing.range_command.as_secs_f64()),
+        noise_fixed_v: Some(fixed),
+        noise_v: Some(planned.rms.0),
+        noise_median_v: Some(planned.median.0),
+        skip: Some(rig.skip as u64),
+        half: Some(rig.half),
+        source_current_max_a: Some(rig.limits.source_current.0),
+        relay_current_max_a: Some(rig.limits.relay_current.0),
+        relay_voltage_max_v: Some(rig.limits.relay_voltage.0),
+        ..PlanDetails::default()
+    };
+    for cost in costs(rig) {
+        more.set_cost(cost);
+    }
     PlanReport {
         steps: counts.steps as u64,
         injections: counts.injections as u64,
@@ -73,19 +71,16 @@ pub(crate) fn plan(rig: &RigPlan) -> PlanReport {
 }
 
 /// How each reading of a plan is taken, what each setting costs and gains, as `tactus plan --json` names them.
-pub(crate) fn measuring(more: &Options) -> BTreeMap<String, serde_json::Value> {
+pub(crate) fn measuring(more: &PlanDetails) -> BTreeMap<String, serde_json::Value> {
     let of_the_rig = ["wiring", "electrodes", "extra_readings"];
-    let keys = more.0.keys().filter(|key| {
+    // each value is a variant: its signature and itself
+    let variants = serde_json::to_value(more).ok();
+    let variants = variants.as_ref().and_then(serde_json::Value::as_object);
+    let keys = variants.into_iter().flatten().filter(|(key, _)| {
         !of_the_rig.contains(&key.as_str()) && !key.ends_with("_max_a") && !key.ends_with("_max_v")
     });
-    keys.filter_map(|key| {
-        let whole = || Some(more.whole(key).ok()??.into());
-        let flag = || Some(more.flag(key).ok()??.into());
-        let number = || Some(more.number(key).ok()??.into());
-        let value: serde_json::Value = flag().or_else(whole).or_else(number)?;
-        Some((key.clone(), value))
-    })
-    .collect()
+    keys.map(|(key, variant)| (key.clone(), variant["value"].clone()))
+        .collect()
 }
 
 /// What is needed to draw a map.
@@ -110,24 +105,27 @@ pub(crate) fn geometry(geometry: &Geometry) -> dbus::Geometry {
 }
 
 /// What a person calls the geometry.
-pub(crate) fn geometry_name(geometry: &Geometry) -> Options {
-    Options::new().with("name", geometry.name.as_str())
+pub(crate) fn geometry_name(geometry: &Geometry) -> GeometryDetails {
+    GeometryDetails {
+        name: Some(geometry.name.clone()),
+    }
 }
 
 /// A self-test.
 pub(crate) fn test(report: Report) -> TestReport {
-    let more = Options::new()
-        .with("at", report.at)
-        .with("wiring", report.wiring)
-        .with("simulated", report.simulated)
-        .with("current_a", report.current_a)
-        .with_some("sheet_ohm", report.sheet_ohm)
-        .with_some("misfit", report.misfit)
-        .with_some("pauw_ohm", report.pauw_ohm)
-        .with_some("pauw_raw_ohm", report.pauw_raw_ohm)
-        .with_some("reciprocity", report.reciprocity)
-        .with_some("noise_v", report.noise_v)
-        .with_some("offset_v", report.offset_v);
+    let more = TestDetails {
+        at: Some(report.at),
+        wiring: Some(report.wiring),
+        simulated: Some(report.simulated),
+        current_a: Some(report.current_a),
+        sheet_ohm: report.sheet_ohm,
+        misfit: report.misfit,
+        pauw_ohm: report.pauw_ohm,
+        pauw_raw_ohm: report.pauw_raw_ohm,
+        reciprocity: report.reciprocity,
+        noise_v: report.noise_v,
+        offset_v: report.offset_v,
+    };
     let line = |line: ReportLine| TestLine {
         subject: line.subject,
         check: line.check.to_owned(),
@@ -237,13 +235,14 @@ pub(crate) fn baseline(baseline: &Baseline) -> BaselineReport {
             .map(|deviation| deviation.unwrap_or(f64::NAN))
             .collect(),
         simulated: baseline.simulated,
-        more: Options::new()
-            .with("current_a", settings.current.0)
-            .with("range_v", settings.range.0)
-            .with("nplc", settings.nplc)
-            .with("settle_s", settings.settle.as_secs_f64())
-            .with("wiring", settings.wiring.as_str())
-            .with("protocol_hash", settings.protocol_hash.as_str()),
+        more: BaselineDetails {
+            current_a: Some(settings.current.0),
+            range_v: Some(settings.range.0),
+            nplc: Some(settings.nplc),
+            settle_s: Some(settings.settle.as_secs_f64()),
+            wiring: Some(settings.wiring.clone()),
+            protocol_hash: Some(settings.protocol_hash.clone()),
+        },
     }
 }
 
@@ -263,10 +262,11 @@ pub(crate) fn session(summary: &logbook::SessionSummary, active: Option<&str>) -
         frames: summary.frames,
         simulated: summary.simulated,
         path: summary.path.display().to_string(),
-        more: Options::new()
-            .with("note", without_nul(&summary.note))
-            .with_some("reason", ended.map(|closing| without_nul(&closing.reason)))
-            .with_some("ended_ns", ended.map(|closing| nanoseconds(closing.at))),
+        more: SessionDetails {
+            note: Some(without_nul(&summary.note)),
+            reason: ended.map(|closing| without_nul(&closing.reason)),
+            ended_ns: ended.map(|closing| nanoseconds(closing.at)),
+        },
     }
 }
 
@@ -277,18 +277,18 @@ fn without_nul(text: &str) -> String {
 }
 
 /// A lost rig that is being looked for.
-pub(crate) fn recovery(recovery: Option<&Recovery>) -> Options {
+pub(crate) fn recovery(recovery: Option<&Recovery>) -> dbus::Recovery {
     let Some(recovery) = recovery else {
-        return Options::new();
+        return dbus::Recovery::default();
     };
     let now = tokio::time::Instant::now();
-    let next = recovery
-        .next
-        .map(|next| next.saturating_duration_since(now).as_secs_f64());
-    Options::new()
-        .with("what", recovery.what.as_str())
-        .with("tries", recovery.tries)
-        .with("since_ns", nanoseconds(recovery.since))
-        .with("person", recovery.person)
-        .with_some("next_s", next)
+    dbus::Recovery {
+        what: Some(recovery.what.clone()),
+        tries: Some(recovery.tries),
+        since_ns: Some(nanoseconds(recovery.since)),
+        person: Some(recovery.person),
+        next_s: recovery
+            .next
+            .map(|next| next.saturating_duration_since(now).as_secs_f64()),
+    }
 }

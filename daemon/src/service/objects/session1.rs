@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use dbus::{Fault, Options};
+use dbus::{Fault, FrameQuality, FrameSummary, MapDetails, Options, StreamOptions};
 use zbus::object_server::SignalEmitter;
 use zbus::{OwnedFd, interface};
 
 use crate::config::numbers;
-use crate::config::numbers::{checked, whole};
+use crate::config::numbers::checked;
 use crate::recording::recorder::volts;
 use crate::recording::session_status::SessionStatus;
 use crate::recording::stream::Wanted;
@@ -96,7 +96,7 @@ impl Session1 {
     ))]
     async fn latest_frame(
         &self,
-    ) -> Result<(u64, i64, Vec<f64>, Vec<u8>, String, bool, Options), Fault> {
+    ) -> Result<(u64, i64, Vec<f64>, Vec<u8>, String, bool, FrameQuality), Fault> {
         let latest = self
             .0
             .latest_frame()
@@ -113,7 +113,7 @@ impl Session1 {
                 .collect(),
             "V".to_owned(),
             frame.simulated,
-            latest.quality_options(),
+            latest.quality_details(),
         ))
     }
 
@@ -131,7 +131,7 @@ impl Session1 {
     ))]
     async fn latest_map(
         &self,
-    ) -> Result<(u64, i64, Vec<f64>, String, String, String, bool, Options), Fault> {
+    ) -> Result<(u64, i64, Vec<f64>, String, String, String, bool, MapDetails), Fault> {
         let nothing = || Fault::NoFrame("the session has no map yet".into());
         let latest = self.0.latest_map().ok_or_else(nothing)?;
         let map = latest.map.as_ref().ok_or_else(nothing)?;
@@ -143,7 +143,7 @@ impl Session1 {
             map.mesh_hash.clone(),
             map.method.clone(),
             latest.frame.simulated,
-            latest.map_options(Options::new()),
+            latest.map_details(),
         ))
     }
 
@@ -172,14 +172,14 @@ impl Session1 {
     /// default; `pressure` (b), false by default; `ring` (t), records held for a slow reader, 64 by default.
     #[zbus(out_args("stream"))]
     async fn open_stream(&self, options: Options) -> Result<OwnedFd, Fault> {
-        options.only(&["frames", "maps", "pressure", "ring"])?;
+        let options: StreamOptions =
+            numbers::read(&options, |key| (key == "ring").then_some(numbers::RING))?;
         self.running()?;
-        let ring = whole(&options, "ring", numbers::RING)?.unwrap_or(RING);
         let wanted = Wanted {
-            frames: options.flag("frames")?.unwrap_or(true),
-            maps: options.flag("maps")?.unwrap_or(true),
-            pressure: options.flag("pressure")?.unwrap_or(false),
-            ring: ring as usize,
+            frames: options.frames.unwrap_or(true),
+            maps: options.maps.unwrap_or(true),
+            pressure: options.pressure.unwrap_or(false),
+            ring: options.ring.unwrap_or(RING) as usize,
         };
         let place = STREAMS.take(User::calling())?;
         let descriptor = self
@@ -196,7 +196,7 @@ impl Session1 {
         emitter: &SignalEmitter<'_>,
         sequence: u64,
         wall_ns: i64,
-        summary: &Options,
+        summary: &FrameSummary,
     ) -> zbus::Result<()>;
 
     /// Its id.

@@ -320,22 +320,7 @@ fn span(time: TimeDelta) -> String {
 
 /// Options as a session's file keeps them.
 pub(super) fn to_json(options: &Options) -> serde_json::Map<String, serde_json::Value> {
-    options
-        .0
-        .keys()
-        .filter_map(|key| {
-            let value = if let Ok(Some(flag)) = options.flag(key) {
-                flag.into()
-            } else if let Ok(Some(text)) = options.text(key) {
-                text.into()
-            } else if let Ok(Some(whole)) = options.whole(key) {
-                whole.into()
-            } else {
-                options.number(key).ok()??.into()
-            };
-            Some((key.clone(), value))
-        })
-        .collect()
+    options.read().unwrap_or_default()
 }
 
 /// And back; `None` where it is something else.
@@ -369,11 +354,14 @@ mod tests {
             .with("note", "a \"note\"");
         let kept = serde_json::Value::Object(to_json(&options)).to_string();
         let back = from_json(&kept).unwrap();
-        assert_eq!(back.number("every_s").unwrap(), Some(10.0));
-        assert_eq!(back.whole("count").unwrap(), Some(1000));
-        assert_eq!(back.flag("step").unwrap(), Some(true));
-        assert_eq!(back.text("note").unwrap(), Some("a \"note\""));
-        assert_eq!(back.0.len(), 4);
+        let expected = dbus::SessionOptions {
+            every_s: Some(10.0),
+            count: Some(1000),
+            step: Some(true),
+            note: Some("a \"note\"".to_owned()),
+            ..dbus::SessionOptions::default()
+        };
+        assert_eq!(back.read::<dbus::SessionOptions>().unwrap(), expected);
         for other in ["", "[]", "{\"count\": null}", "{\"count\": [1]}"] {
             assert!(from_json(other).is_none(), "{other}");
         }

@@ -6,13 +6,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use chrono::SecondsFormat;
-use dbus::{Fault, Options};
+use dbus::{DiscoverOptions, Fault, Options};
 use rig::{Clock, Stop};
 use survey::Relay;
 
 use crate::acquisition::task::FrameSource;
 use crate::config::numbers;
-use crate::config::numbers::number;
 use crate::events::event::BusEvent;
 use crate::instruments::address::InstrumentAddress;
 use crate::instruments::discovery::{Discovered, Search, discover};
@@ -67,15 +66,16 @@ impl Controller {
         addresses: &[String],
         options: &Options,
     ) -> Result<Discovered, Fault> {
-        options.only(&["within_s", "mdns", "broadcast"])?;
-        let within = number(options, "within_s", numbers::WITHIN_S)?.unwrap_or(3.0);
+        let options: DiscoverOptions = numbers::read(options, |key| {
+            (key == "within_s").then_some(numbers::WITHIN_S)
+        })?;
         let addresses: Result<Vec<InstrumentAddress>, _> =
             addresses.iter().map(|text| text.parse()).collect();
         let in_use = self.identities().instruments.into_iter();
         let search = Search {
-            within: survey::duration(within),
-            mdns: options.flag("mdns")?.unwrap_or(true),
-            broadcast: options.flag("broadcast")?.unwrap_or(true),
+            within: survey::duration(options.within_s.unwrap_or(3.0)),
+            mdns: options.mdns.unwrap_or(true),
+            broadcast: options.broadcast.unwrap_or(true),
             addresses: addresses.map_err(|error| Fault::InvalidOption(error.to_string()))?,
             in_use: in_use
                 .map(|found| (found.address, found.identity))

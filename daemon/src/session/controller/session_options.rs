@@ -3,14 +3,13 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use dbus::{Fault, Options};
+use dbus::{ABOUT_OPTIONS, Fault, MEASURING_OPTIONS, Options, SESSION_OPTIONS, SessionOptions};
 use logbook::{About, LogbookError, Record};
 use survey::{Baseline, Settings, duration};
 
 use crate::acquisition::measuring::Measuring;
 use crate::acquisition::schedule::Schedule;
 use crate::config::numbers;
-use crate::config::numbers::{number, whole, words};
 use crate::config::{AboutSection, RangesName, SurveySection};
 use crate::instruments::rig_plan::RigPlan;
 use crate::panics::containment;
@@ -63,23 +62,22 @@ pub(super) struct Assignment {
 }
 
 /// What a lab needs to know: as configured, where the options do not say otherwise.
-fn about(options: &Options, given: &AboutSection) -> Result<About, Fault> {
-    let word = |key: &str, given: &str| -> Result<String, Fault> {
-        Ok(words(options, key)?.unwrap_or(given).to_owned())
-    };
-    Ok(About {
-        sheet: word("sheet", &given.sheet)?,
-        foam: word("foam", &given.foam)?,
-        ink: word("ink", &given.ink)?,
-        operator: word("operator", &given.operator)?,
+fn about(options: &SessionOptions, given: &AboutSection) -> About {
+    let word = |said: &Option<String>, given: &String| said.as_ref().unwrap_or(given).clone();
+    About {
+        sheet: word(&options.sheet, &given.sheet),
+        foam: word(&options.foam, &given.foam),
+        ink: word(&options.ink, &given.ink),
+        operator: word(&options.operator, &given.operator),
         wiring: given.wiring.clone(),
         calibration: given.calibration.clone(),
-    })
+    }
 }
 
-/// The options known, those that say how a session measures among them.
-fn identities(of_its_own: &[&'static str]) -> Vec<&'static str> {
-    [of_its_own, &dbus::MEASURING_OPTIONS].concat()
+/// Reads the options of a method that takes these groups of them.
+fn read(options: &Options, groups: &[&[&str]]) -> Result<SessionOptions, Fault> {
+    options.only(&groups.concat())?;
+    numbers::read(options, numbers::session_option)
 }
 
 /// The plan of a rig that is surveyed like this.
@@ -112,37 +110,34 @@ impl Controller {
         options: &Options,
         own: Option<Arc<Baseline>>,
     ) -> Result<Assignment, Fault> {
-        options.only(&identities(
-            &[&dbus::SESSION_OPTIONS[..], &dbus::ABOUT_OPTIONS].concat(),
-        ))?;
+        let mut requested = to_json(options);
+        let options = read(
+            options,
+            &[&SESSION_OPTIONS, &ABOUT_OPTIONS, &MEASURING_OPTIONS],
+        )?;
         let given = self.runtime().setup.schedule;
-        let step = options.flag("step")?.unwrap_or(false);
         let schedule = Schedule {
-            every: number(options, "every_s", numbers::EVERY_S)?.map_or(given.every, duration),
-            count: whole(options, "count", numbers::COUNT)?.or(given.count),
-            lasts: number(options, "for_s", numbers::FOR_S)?
-                .map(duration)
-                .or(given.lasts),
+            every: options.every_s.map_or(given.every, duration),
+            count: options.count.or(given.count),
+            lasts: options.for_s.map(duration).or(given.lasts),
         };
-        let speed = number(options, "speed", numbers::SPEED)?;
+        let speed = options.speed;
         if speed.is_some() && !self.is_recording() {
             return Err(Fault::InvalidOption(
                 "option 'speed' is for recordings; a rig has its own rate".into(),
             ));
         }
-        let note = words(options, "note")?.unwrap_or_default().to_owned();
         let baseline = match own {
             Some(own) => own,
-            None => self.chosen_baseline(options.text("baseline")?)?,
+            None => self.chosen_baseline(options.baseline.as_deref())?,
         };
-        let plan = self.own_plan(options).await?;
+        let plan = self.own_plan(&options).await?;
         let settings = match &plan {
             Some(plan) => Some(plan.settings()),
             None => self.runtime().settings.clone(),
         };
         self.check_baseline(&baseline, settings.as_ref())?;
-        let model = self.chosen_model(options.text("model")?).await?;
-        let mut requested = to_json(options);
+        let model = self.chosen_model(options.model.as_deref()).await?;
         // the configuration may be another one when the session goes on
         let every = schedule.every.as_secs_f64();
         requested.insert("every_s".to_owned(), every.into());
@@ -156,13 +151,13 @@ impl Controller {
             work: Work::Measurement,
             schedule,
             speed,
-            step,
-            note,
+            step: options.step.unwrap_or(false),
+            about: about(&options, &self.runtime().setup.config.about),
+            note: options.note.unwrap_or_default(),
             frames: 0,
             baseline: Some(baseline),
             model: Some(model),
             plan,
-            about: about(options, &self.runtime().setup.config.about)?,
             requested: serde_json::Value::Object(requested).to_string(),
             resumed: None,
             first_event: None,
@@ -178,10 +173,12 @@ impl Controller {
         self: &Arc<Self>,
         options: &Options,
     ) -> Result<Arc<SessionStatus>, Fault> {
-        options.only(&identities(
-            &[&["frames", "note"][..], &dbus::ABOUT_OPTIONS].concat(),
-        ))?;
-        let frames = whole(options, "frames", numbers::BASELINE_FRAMES)?.unwrap_or(BASELINE_FRAMES);
+        let requested = to_json(options);
+        let options = read(
+            options,
+            &[&["frames", "note"], &ABOUT_OPTIONS, &MEASURING_OPTIONS],
+        )?;
+        let frames = options.frames.unwrap_or(BASELINE_FRAMES);
         let schedule = Schedule {
             count: Some(frames),
             ..Schedule::default()
@@ -192,13 +189,13 @@ impl Controller {
             schedule,
             speed: self.is_recording().then_some(0.0),
             step: false,
-            note: words(options, "note")?.unwrap_or_default().to_owned(),
+            plan: self.own_plan(&options).await?,
+            about: about(&options, &self.runtime().setup.config.about),
+            note: options.note.unwrap_or_default(),
             frames,
             baseline: None,
             model: None,
-            plan: self.own_plan(options).await?,
-            about: about(options, &self.runtime().setup.config.about)?,
-            requested: serde_json::Value::Object(to_json(options)).to_string(),
+            requested: serde_json::Value::Object(requested).to_string(),
             resumed: None,
             first_event: None,
             before: None,
@@ -212,8 +209,8 @@ impl Controller {
     /// # Errors
     /// An option that cannot be; a recording.
     pub(crate) fn plan_with(&self, options: &Options) -> Result<Arc<RigPlan>, Fault> {
-        options.only(&dbus::MEASURING_OPTIONS)?;
-        let own = self.own_survey(options)?;
+        let options = read(options, &[&MEASURING_OPTIONS])?;
+        let own = self.own_survey(&options)?;
         let (runtime, baseline) = (self.runtime(), self.baseline());
         let plan = match own {
             Some(survey) => Arc::new(adjusted(&runtime.setup, survey)?),
@@ -252,7 +249,7 @@ impl Controller {
     }
 
     /// The plan of a session that says how it measures; `None` where it measures as configured.
-    async fn own_plan(&self, options: &Options) -> Result<Option<Arc<RigPlan>>, Fault> {
+    async fn own_plan(&self, options: &SessionOptions) -> Result<Option<Arc<RigPlan>>, Fault> {
         let Some(survey) = self.own_survey(options)? else {
             return Ok(None);
         };
@@ -264,25 +261,22 @@ impl Controller {
     }
 
     /// How a session measures that says so; `None` where it measures as configured.
-    fn own_survey(&self, options: &Options) -> Result<Option<SurveySection>, Fault> {
+    fn own_survey(&self, options: &SessionOptions) -> Result<Option<SurveySection>, Fault> {
         let runtime = self.runtime();
         let mut survey = runtime.setup.config.survey.clone();
         let configured = survey.clone();
-        let number = |key, bounds| number(options, key, bounds);
-        let flag = |key| options.flag(key);
-        survey.nplc = number("nplc", numbers::NPLC)?.unwrap_or(survey.nplc);
-        survey.settle_ms = number("settle_ms", numbers::SETTLE_MS)?.unwrap_or(survey.settle_ms);
-        survey.channel_delay_ms = number("channel_delay_ms", numbers::CHANNEL_DELAY_MS)?
-            .unwrap_or(survey.channel_delay_ms);
-        survey.autozero = flag("autozero")?.unwrap_or(survey.autozero);
-        survey.reversal = flag("reversal")?.unwrap_or(survey.reversal);
-        if let Some(averages) = whole(options, "averages", numbers::AVERAGES)? {
+        survey.nplc = options.nplc.unwrap_or(survey.nplc);
+        survey.settle_ms = options.settle_ms.unwrap_or(survey.settle_ms);
+        survey.channel_delay_ms = options.channel_delay_ms.unwrap_or(survey.channel_delay_ms);
+        survey.autozero = options.autozero.unwrap_or(survey.autozero);
+        survey.reversal = options.reversal.unwrap_or(survey.reversal);
+        if let Some(averages) = options.averages {
             survey.averages = u32::try_from(averages).unwrap_or(u32::MAX);
         }
-        if let Some(every) = whole(options, "zero_every", numbers::ZERO_EVERY)? {
+        if let Some(every) = options.zero_every {
             survey.zero_every = Some(every).filter(|every| *every > 0);
         }
-        survey.ranges = match options.text("ranges")? {
+        survey.ranges = match options.ranges.as_deref() {
             None => survey.ranges,
             Some("fixed") => RangesName::Fixed,
             Some("planned") => RangesName::Planned,

@@ -1,0 +1,479 @@
+//! The dictionaries (`a{sv}`) that the daemon sends, one struct each. Every key is optional: the daemon leaves out what
+//! it doesn't know, a daemon of another version may send fewer keys or more.
+
+use serde::{Deserialize, Serialize};
+use zbus::{DeserializeDict, SerializeDict, Type, as_variant};
+
+/// Structs whose fields are the keys of a dictionary.
+macro_rules! dictionaries {
+    ($($(#[$meta:meta])* $name:ident { $($(#[$doc:meta])* $key:ident: $type:ty,)* })*) => {$(
+        $(#[$meta])*
+        #[derive(Debug, Clone, Default, PartialEq, SerializeDict, DeserializeDict, Type)]
+        #[zbus(signature = "a{sv}")]
+        pub struct $name {
+            $($(#[$doc])* pub $key: Option<$type>,)*
+        }
+    )*};
+}
+
+dictionaries! {
+    /// The state of the daemon (`Manager1.Health`).
+    Health {
+        /// When this was found out, ns since 1970 UTC.
+        at_ns: i64,
+        /// Whether there is no trouble.
+        well: bool,
+        /// `kind: sentence`, most grave first.
+        troubles: Vec<String>,
+        /// `idle`, `baseline`, `acquiring`, `testing`, `suspended`, `faulted`.
+        state: String,
+        /// `off` (verified), `in use`, `unknown`.
+        source_state: String,
+        /// Whether voltages come from a simulated sheet.
+        simulated: bool,
+        /// `role: ready` or `role: fault: why`.
+        instruments: Vec<String>,
+        /// Frames acquired since the daemon began.
+        total_frames: u64,
+        /// Frames on disk since the daemon began.
+        total_durable: u64,
+        /// Frames that failed since the daemon began.
+        total_failed: u64,
+        /// Frames that missed their time since the daemon began.
+        total_dropped: u64,
+        /// Readings over their range since the daemon began.
+        total_overloads: u64,
+        /// Id of the running session.
+        session: String,
+        /// `baseline` or `measurement`.
+        session_kind: String,
+        /// Frames of the running session that the rig or recording gave.
+        frames_acquired: u64,
+        /// Frames of the running session on disk.
+        frames_durable: u64,
+        /// Frames of the running session that failed.
+        frames_failed: u64,
+        /// Frames of the running session that missed their time.
+        frames_dropped: u64,
+        /// Frames that wait for the disk.
+        backlog: u64,
+        /// From start to start of frames, s.
+        period_s: f64,
+        /// Time since a frame was last due, s.
+        quiet_s: f64,
+        /// Wall time of the last frame, ns since 1970 UTC.
+        last_frame_ns: i64,
+        /// Time since the last reading of that frame, s.
+        last_frame_age_s: f64,
+        /// Its sequence.
+        last_frame_sequence: u64,
+        /// Its session.
+        last_frame_session: String,
+        /// When the last frame that is not in the record was lost, ns since 1970 UTC.
+        last_gap_ns: i64,
+        /// Why it is not in the record.
+        last_gap: String,
+        /// Id of the current baseline.
+        baseline: String,
+        /// Its age, s.
+        baseline_age_s: f64,
+        /// Free bytes where the record goes.
+        disk_free_bytes: u64,
+        /// Growth of the record, bytes a day.
+        disk_bytes_per_day: f64,
+        /// Days until the disk is full.
+        disk_days: f64,
+        /// Number of the relay that will be worn out first.
+        relay: u32,
+        /// Part of its life that is used.
+        relay_used: f64,
+        /// Time of measuring until it is worn out, s.
+        relay_left_s: f64,
+        /// Address and port where metrics are served.
+        metrics: String,
+    }
+
+    /// Wiring, limits, measuring settings and their costs of a plan ([`crate::PlanReport`]).
+    PlanDetails {
+        /// Name of the wiring.
+        wiring: String,
+        /// Electrodes of the protocol.
+        electrodes: u64,
+        /// Readings of a frame that are taken and not kept.
+        extra_readings: u64,
+        /// Integration, power-line cycles.
+        nplc: f64,
+        /// Readings averaged to one.
+        averages: u64,
+        /// Whether a zero reading follows every reading.
+        autozero: bool,
+        /// Wait after the current has moved, s.
+        settle_s: f64,
+        /// Wait before each scanned channel, s.
+        channel_delay_s: f64,
+        /// Whether every injection is measured with the current both ways.
+        reversal: bool,
+        /// Frames between two frames at 0 A; 0 never.
+        zero_every: u64,
+        /// The one range, V.
+        range_v: f64,
+        /// Whether each reading has a range of its own.
+        planned_ranges: bool,
+        /// Commands that set a range, in a frame.
+        range_changes: u64,
+        /// Time that they take, s.
+        range_time_s: f64,
+        /// Noise of a reading in the one range, V.
+        noise_fixed_v: f64,
+        /// Root mean square of the readings' noise, V.
+        noise_v: f64,
+        /// Median of the readings' noise, V.
+        noise_median_v: f64,
+        /// Electrodes between those of a pair.
+        skip: u64,
+        /// Whether one of two readings that reciprocity makes equal is left out.
+        half: bool,
+        /// Largest current of the source, A.
+        source_current_max_a: f64,
+        /// Largest current of the relays, A.
+        relay_current_max_a: f64,
+        /// Largest voltage of the relays, V.
+        relay_voltage_max_v: f64,
+        /// Time that integration costs a frame, s; this and all further costs against leaving the setting out.
+        cost_nplc_s: f64,
+        /// Noise of a reading without it over noise with it; as all further gains.
+        gain_nplc: f64,
+        /// Cost of averaging, s.
+        cost_averages_s: f64,
+        /// Gain of averaging.
+        gain_averages: f64,
+        /// Cost of zero readings, s.
+        cost_autozero_s: f64,
+        /// Gain of zero readings.
+        gain_autozero: f64,
+        /// Cost of settling, s.
+        cost_settle_s: f64,
+        /// Gain of settling.
+        gain_settle: f64,
+        /// Cost of the delay before channels, s.
+        cost_channel_delay_s: f64,
+        /// Gain of the delay before channels.
+        gain_channel_delay: f64,
+        /// Cost of the current both ways, s.
+        cost_reversal_s: f64,
+        /// Gain of the current both ways.
+        gain_reversal: f64,
+        /// Cost of frames at 0 A, s.
+        cost_zero_every_s: f64,
+        /// Gain of frames at 0 A.
+        gain_zero_every: f64,
+        /// Cost of ranges of their own, s.
+        cost_ranges_s: f64,
+        /// Gain of ranges of their own.
+        gain_ranges: f64,
+        /// Cost of half a frame, s; below 0, it saves time.
+        cost_half_s: f64,
+        /// Gain of half a frame.
+        gain_half: f64,
+    }
+
+    /// Settings of a baseline ([`crate::BaselineReport`]).
+    BaselineDetails {
+        /// Injected current, A.
+        current_a: f64,
+        /// Range of the voltmeter, V.
+        range_v: f64,
+        /// Integration, power-line cycles.
+        nplc: f64,
+        /// Wait after the current has moved, s.
+        settle_s: f64,
+        /// Name of the wiring.
+        wiring: String,
+        /// Hash of the protocol.
+        protocol_hash: String,
+    }
+
+    /// Name of a geometry ([`crate::Geometry`]).
+    GeometryDetails {
+        /// For a person.
+        name: String,
+    }
+
+    /// Results of a self-test for the rig as a whole ([`crate::TestReport`]); results that were not found are left out.
+    TestDetails {
+        /// When it was done, RFC 3339.
+        at: String,
+        /// Name of the wiring.
+        wiring: String,
+        /// Whether the rig is simulated.
+        simulated: bool,
+        /// Injected current, A.
+        current_a: f64,
+        /// Sheet resistance, ohm.
+        sheet_ohm: f64,
+        /// Difference between the readings and those of a uniform sheet.
+        misfit: f64,
+        /// Sheet resistance by van der Pauw's method, ohm.
+        pauw_ohm: f64,
+        /// The same without the correction for the electrodes, ohm.
+        pauw_raw_ohm: f64,
+        /// Largest difference between reciprocal readings.
+        reciprocity: f64,
+        /// Noise of a reading, V.
+        noise_v: f64,
+        /// Offset of a reading, V.
+        offset_v: f64,
+    }
+
+    /// Optional facts of a session of the logbook ([`crate::SessionSummary`]).
+    SessionDetails {
+        /// The note that it was started with.
+        note: String,
+        /// Why it ended.
+        reason: String,
+        /// When it ended, ns since 1970 UTC.
+        ended_ns: i64,
+    }
+
+    /// Quality of a frame ([`crate::LatestFrame`]).
+    FrameQuality {
+        /// Readings over their range.
+        overloads: u64,
+        /// Readings that came too late.
+        timeouts: u64,
+        /// Readings that were not measured.
+        not_measured: u64,
+        /// Injections at the voltage limit.
+        compliance: u64,
+        /// Duration of the frame, s.
+        duration_s: f64,
+        /// Readings that no sheet can give.
+        implausible: u64,
+        /// Words of `survey::QualityFlag` joined by commas.
+        flags: String,
+        /// Largest difference between reciprocal readings, where there are any.
+        reciprocity: f64,
+        /// Sum of the voltages round the ring, where it was read round.
+        loop_sum: f64,
+    }
+
+    /// How a map was made and what it shows ([`crate::LatestMap`]).
+    MapDetails {
+        /// Readings that were left out.
+        masked: u64,
+        /// Time that the map took, s.
+        reconstruction_s: f64,
+        /// From the last reading until the frame was on disk, s.
+        durable_s: f64,
+        /// Largest relative loss of conductance.
+        largest_loss: f64,
+        /// Where the load was found, m.
+        found_x_m: f64,
+        /// Where the load was found, m.
+        found_y_m: f64,
+        /// Total load of a calibrated method, N.
+        newtons: f64,
+        /// Largest pressure of a calibrated method, kPa.
+        largest_kpa: f64,
+    }
+
+    /// What the signal of an event adds (`Manager1.Happened`).
+    EventDetails {
+        /// Id of the session that it belongs to.
+        session: String,
+    }
+
+    /// A lost rig that is being looked for (`Manager1.Recovery`); empty when none is.
+    Recovery {
+        /// What was lost.
+        what: String,
+        /// Tries so far.
+        tries: u64,
+        /// When it was lost, ns since 1970 UTC.
+        since_ns: i64,
+        /// Whether a person must agree first.
+        person: bool,
+        /// Time until the next try, s; absent while one is under way.
+        next_s: f64,
+    }
+
+    /// Result of the command of `[notify]` (`Manager1.NotifyTest`).
+    NotifyResult {
+        /// Whether it ended with exit code 0.
+        done: bool,
+        /// Its exit code.
+        code: i64,
+        /// Why there is no exit code.
+        trouble: String,
+        /// The beginning of its error stream.
+        stderr: String,
+        /// How long it ran, s.
+        took_s: f64,
+    }
+}
+
+/// One cost of a plan: a setting against leaving it out.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SettingCost {
+    /// As options and configuration call it.
+    pub setting: &'static str,
+    /// Time that it costs a frame, s; below 0 where it saves some.
+    pub seconds: f64,
+    /// Noise of a reading without it over noise with it.
+    pub gain: f64,
+}
+
+impl PlanDetails {
+    /// Setting, cost and gain of each setting that may cost a frame something.
+    fn cost_fields(&mut self) -> [(&'static str, &mut Option<f64>, &mut Option<f64>); 9] {
+        [
+            ("nplc", &mut self.cost_nplc_s, &mut self.gain_nplc),
+            (
+                "averages",
+                &mut self.cost_averages_s,
+                &mut self.gain_averages,
+            ),
+            (
+                "autozero",
+                &mut self.cost_autozero_s,
+                &mut self.gain_autozero,
+            ),
+            ("settle", &mut self.cost_settle_s, &mut self.gain_settle),
+            (
+                "channel_delay",
+                &mut self.cost_channel_delay_s,
+                &mut self.gain_channel_delay,
+            ),
+            (
+                "reversal",
+                &mut self.cost_reversal_s,
+                &mut self.gain_reversal,
+            ),
+            (
+                "zero_every",
+                &mut self.cost_zero_every_s,
+                &mut self.gain_zero_every,
+            ),
+            ("ranges", &mut self.cost_ranges_s, &mut self.gain_ranges),
+            ("half", &mut self.cost_half_s, &mut self.gain_half),
+        ]
+    }
+
+    /// The costs of all settings that are not left out.
+    pub fn costs(&self) -> Vec<SettingCost> {
+        let mut details = self.clone();
+        let fields = details.cost_fields().into_iter();
+        let costs = fields.filter_map(|(setting, seconds, gain)| {
+            Some(SettingCost {
+                setting,
+                seconds: (*seconds)?,
+                gain: (*gain)?,
+            })
+        });
+        costs.collect()
+    }
+
+    /// Adds the cost of a setting; one with another name is ignored.
+    pub fn set_cost(&mut self, cost: SettingCost) {
+        for (setting, seconds, gain) in self.cost_fields() {
+            if setting == cost.setting {
+                (*seconds, *gain) = (Some(cost.seconds), Some(cost.gain));
+            }
+        }
+    }
+}
+
+/// Quality and map of a frame, and counts of its session (`Session1.FrameDone`).
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, Type)]
+#[zbus(signature = "a{sv}")]
+#[serde(default)]
+pub struct FrameSummary {
+    /// Frames that the rig or recording gave.
+    #[serde(with = "as_variant::optional", skip_serializing_if = "Option::is_none")]
+    pub frames_acquired: Option<u64>,
+    /// Frames that missed their time.
+    #[serde(with = "as_variant::optional", skip_serializing_if = "Option::is_none")]
+    pub frames_dropped: Option<u64>,
+    /// Whether the voltages are simulated.
+    #[serde(with = "as_variant::optional", skip_serializing_if = "Option::is_none")]
+    pub simulated: Option<bool>,
+    /// Quality of the frame.
+    #[serde(flatten)]
+    pub quality: FrameQuality,
+    /// The map, where there is one.
+    #[serde(flatten)]
+    pub map: MapDetails,
+}
+
+#[cfg(test)]
+mod tests {
+    use zbus::wire::serialized::Context;
+    use zbus::wire::{LE, to_bytes};
+
+    use crate::Options;
+    use crate::dictionaries::*;
+
+    fn context() -> Context {
+        Context::new(LE, 0)
+    }
+
+    #[test]
+    fn unknown_keys_are_ignored_and_missing_ones_are_none() {
+        let sent = Options::new()
+            .with("well", true)
+            .with("relay", 1001_u32)
+            .with("a_key_of_the_next_version", 7_u64);
+        let bytes = to_bytes(context(), &sent).unwrap();
+        let (health, _): (Health, _) = bytes.deserialize().unwrap();
+        let expected = Health {
+            well: Some(true),
+            relay: Some(1001),
+            ..Health::default()
+        };
+        assert_eq!(health, expected);
+        let wrong = to_bytes(context(), &Options::new().with("backlog", "two")).unwrap();
+        assert!(wrong.deserialize::<Health>().is_err());
+    }
+
+    #[test]
+    fn absent_values_are_no_keys_on_the_wire() {
+        let mut plan = PlanDetails {
+            wiring: Some("pairs".to_owned()),
+            ..PlanDetails::default()
+        };
+        plan.set_cost(SettingCost {
+            setting: "half",
+            seconds: -2.5,
+            gain: 0.5,
+        });
+        let bytes = to_bytes(context(), &plan).unwrap();
+        let (sent, _): (Options, _) = bytes.deserialize().unwrap();
+        let mut keys: Vec<_> = sent.0.keys().map(String::as_str).collect();
+        keys.sort_unstable();
+        assert_eq!(keys, ["cost_half_s", "gain_half", "wiring"]);
+        let (back, _): (PlanDetails, _) = bytes.deserialize().unwrap();
+        assert_eq!(back, plan);
+        assert_eq!(back.costs().len(), 1);
+    }
+
+    #[test]
+    fn a_frame_summary_is_one_flat_dictionary() {
+        let summary = FrameSummary {
+            frames_acquired: Some(8),
+            quality: FrameQuality {
+                flags: Some("loop_sum".to_owned()),
+                ..FrameQuality::default()
+            },
+            map: MapDetails {
+                newtons: Some(19.6),
+                ..MapDetails::default()
+            },
+            ..FrameSummary::default()
+        };
+        let bytes = to_bytes(context(), &summary).unwrap();
+        let (sent, _): (Options, _) = bytes.deserialize().unwrap();
+        assert_eq!(sent.0.len(), 3, "{sent:?}");
+        let (back, _): (FrameSummary, _) = bytes.deserialize().unwrap();
+        assert_eq!(back, summary);
+    }
+}
