@@ -311,7 +311,7 @@ fn a_full_disk_is_announced_early_and_waited_for_and_nothing_is_lost() {
     let (maps, events) = scene.recorded();
     assert_eq!(maps, [true; 3]);
     assert_eq!(events, ["disk-low", "disk-room"]);
-    assert_eq!(scene.reported(), ["disk-low", "disk-full", "disk-room"]);
+    assert_eq!(scene.reported(), ["disk-full", "disk-room"]);
 }
 
 #[test]
