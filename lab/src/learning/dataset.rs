@@ -30,7 +30,7 @@ pub(crate) fn dataset(options: &DatasetOptions) -> Result<(), Failure> {
     }
     let part = shard(&options.shard)?;
     let bars = progress::Training::default();
-    let show = |done, of| bars.show(eit::Stage::Cases, done, of);
+    let show = |done, of| bars.show(training::samples::Stage::Cases, done, of);
     let made = make_shard(&case, &settings, part, &options.out, &show)?;
     drop(bars);
     match made.sha256 {

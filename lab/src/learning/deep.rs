@@ -5,8 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use eit::{
-    Case, DeepReport, DeepSettings, Jitter, Model, Network, Noise, Preset, Report, Samples,
-    TrainingSet, TrainingSettings, model,
+    Case, DeepReport, DeepSettings, Jitter, Model, Network, Preset, Report, TrainingSettings, model,
 };
 use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
@@ -16,6 +15,7 @@ use survey::Amps;
 use training::dataset::DataSet;
 use training::deep::{self, Moment, Recipe};
 use training::noise_figure::with_noise_figure;
+use training::samples::{Noise, Samples, TrainingSet};
 use training::single_current;
 
 use crate::args::{DeepOptions, Profile};

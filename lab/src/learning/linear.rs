@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
-use eit::{Jitter, Preset, Report, Samples, TrainingSettings, model};
+use eit::{Jitter, Preset, Report, TrainingSettings, model};
 use studies::methods::{positive, read_frames};
 use studies::{Failure, progress};
 use survey::Amps;
 use training::dataset::DataSet;
+use training::samples::Samples;
 use training::{linear, single_current};
 
 use crate::args::{LinearOptions, Profile};

@@ -1,10 +1,11 @@
 //! `tactus-lab train rbf`.
 
-use eit::{Jitter, Model, Preset, Report, Samples, TrainingReport, TrainingSettings, model};
+use eit::{Jitter, Model, Preset, Report, TrainingReport, TrainingSettings, model};
 use studies::methods::positive;
 use studies::{Failure, progress};
 use survey::Amps;
 use training::dataset::DataSet;
+use training::samples::Samples;
 use training::{rbf, single_current};
 
 use crate::args::{Profile, TrainOptions};

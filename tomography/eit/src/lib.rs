@@ -28,12 +28,11 @@ mod case;
 mod forward;
 pub mod inverse;
 mod jacobian;
-pub(crate) mod linear_algebra;
+pub mod linear_algebra;
 mod mesh;
 pub mod metrics;
 pub mod model;
 pub mod preset;
-mod training;
 
 pub use crate::inverse::error::OneStepError;
 pub use crate::inverse::hyper_parameter::{l_curve_lambda, probable_lambda};
@@ -60,13 +59,11 @@ pub use case::{
 pub use forward::{Admitted, FLOOR, Fields, Forward, ForwardError, Workspace};
 pub use jacobian::Parameters;
 pub use mesh::{ENOUGH_EDGES, Mesh, MeshError, MeshQuality};
-pub use model::{Model, ModelError, Network, Report, load_reconstructor};
+pub use model::{
+    CentresReading, ChangeReading, DistancesReading, Jitter, LossReading, Model, ModelError,
+    Network, OpenReadings, PointsReading, Report, SizeReading, SpreadReading, TrainingReport,
+    TrainingSettings, load_reconstructor,
+};
 /// What becomes of a file that has the name of a model or case already.
 pub use outfile::Existing;
 pub use preset::{DiscTank, PaperSheet, Preset, SheetElectrode};
-pub use training::{
-    CentresReading, ChangeReading, DistancesReading, Jitter, LossReading, Noise, OpenReadings,
-    PointsReading, Sample, SampleError, Samples, Simulation, SizeReading, SpreadReading, Stage,
-    TrainError, TrainingReport, TrainingSet, TrainingSettings, dense_target, train_rbf,
-    train_rbf_on,
-};

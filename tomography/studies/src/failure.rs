@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::Path;
 
 use outfile::{Existing, OutFileError};
-use training::FitError;
+use training::TrainError;
 use training::dataset::DataSetError;
 
 /// A failure with its whole chain of causes, and whether the command line is to blame.
@@ -57,8 +57,8 @@ impl From<DataSetError> for Failure {
     }
 }
 
-impl From<FitError> for Failure {
-    fn from(fault: FitError) -> Self {
+impl From<TrainError> for Failure {
+    fn from(fault: TrainError) -> Self {
         Self::of("the training", &fault)
     }
 }

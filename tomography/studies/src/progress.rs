@@ -1,8 +1,8 @@
 //! Progress bars on standard error; nothing where that is not a terminal.
 
 use std::sync::Mutex;
+use training::samples::Stage;
 
-use eit::Stage;
 use indicatif::{ProgressBar, ProgressStyle};
 
 /// A bar of `length` steps.

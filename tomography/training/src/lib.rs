@@ -2,19 +2,19 @@
 //!
 //! It computes and reports progress through closures; the command line, its files and its printing are `lab`'s.
 //!
-//! - **dataset**: training sets in files, in shards
+//! - **samples**: cases of Algorithm 1 and their jitter; **dataset**: training sets in files, in shards
 //! - **linear**, **rbf**, **deep**: the three kinds of models; **model_cache**: models that are kept for a case
 //! - **noise_figure**: what a method makes of noise, by draws
 //! - **symmetry**: a training set seen through every symmetry of its sheet
 
 pub mod dataset;
 pub mod deep;
-mod error;
 pub mod linear;
 mod model_cache;
 pub mod noise_figure;
 pub mod rbf;
+pub mod samples;
 pub mod symmetry;
 
-pub use error::FitError;
 pub use model_cache::{Cached, single_current};
+pub use samples::TrainError;

@@ -8,19 +8,16 @@ use std::sync::Arc;
 
 use eit::inverse::learned::network::{Layer, Rounding, TrainingDistribution, Weights};
 use eit::{
-    Case, DeepNetwork, DeepReport, DeepSettings, Jitter, Model, Network, Noise, Precision, Report,
-    Samples, Simulation, Stage, TrainingSettings, dense_target,
+    Case, DeepNetwork, DeepReport, DeepSettings, Jitter, Model, Network, Precision, Report,
+    TrainingSettings,
 };
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-use crate::error::FitError;
 use crate::model_cache::{Cached, kept, single_current};
 use crate::noise_figure::with_noise_figure;
+use crate::samples::{Noise, Progress, Samples, Simulation, Stage, TrainError, dense_target};
 use crate::symmetry::Symmetric;
-
-/// Called with the stage of a training, and how much of it is done of how much.
-pub type Progress<'a> = &'a (dyn Fn(Stage, usize, usize) + Sync);
 
 /// Samples read side by side, and summed in their order.
 const BLOCK: usize = 256;
@@ -36,7 +33,7 @@ pub fn cached(
     noise_v: Option<f64>,
     cases: usize,
     progress: Progress<'_>,
-) -> Result<Cached, FitError> {
+) -> Result<Cached, TrainError> {
     let settings = TrainingSettings {
         cases,
         repeats: 1,
@@ -86,7 +83,7 @@ pub fn fit(
     precision: Precision,
     name: &str,
     progress: Progress<'_>,
-) -> Result<Model, FitError> {
+) -> Result<Model, TrainError> {
     let sigma0 = case.unloaded_conductance();
     let simulation = Simulation::new(
         &case.mesh,
@@ -149,7 +146,7 @@ pub fn fit(
     noise.add_covariance(&mut with_noise);
     let factor = DMatrix::from_vec(inputs, inputs, with_noise)
         .cholesky()
-        .ok_or(FitError::Covariance)?;
+        .ok_or(TrainError::Covariance)?;
     // a column a triangle is a row of the layer
     let solved = factor.solve(&cross);
     let weights: Vec<f32> = solved.iter().map(|value| *value as f32).collect();
@@ -163,7 +160,7 @@ pub fn fit(
         vec![0.0; inputs],
         vec![layer],
     )
-    .map_err(FitError::Network)?;
+    .map_err(TrainError::Network)?;
     let network = exact.with_precision(precision);
     let (mut loss, mut kept_loss, mut empty, mut moved, mut size) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for k in learnt..once.len() {
@@ -182,7 +179,7 @@ pub fn fit(
         }
     }
     let judged = held_out.max(1) as f64;
-    let familiar = TrainingDistribution::learn(&seen, inputs).ok_or(FitError::Alike)?;
+    let familiar = TrainingDistribution::learn(&seen, inputs).ok_or(TrainError::Alike)?;
     let report = DeepReport {
         settings: DeepSettings {
             hidden_layers: 0,

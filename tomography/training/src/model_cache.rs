@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use eit::{Case, Model, TrainingSettings, model};
 use outfile::Existing;
 
-use crate::error::FitError;
+use crate::samples::TrainError;
 
 /// A model from the cache, or a new one that is kept there.
 #[derive(Debug)]
@@ -21,13 +21,13 @@ pub struct Cached {
 /// The one current of a case's readings, A.
 ///
 /// # Errors
-/// [`FitError::Currents`] where readings have several currents.
-pub fn single_current(case: &Case) -> Result<f64, FitError> {
+/// [`TrainError::Currents`] where readings have several currents.
+pub fn single_current(case: &Case) -> Result<f64, TrainError> {
     let first = case.currents.first().copied().unwrap_or(1.0);
     if case.currents.iter().all(|current| *current == first) {
         Ok(first.abs())
     } else {
-        Err(FitError::Currents)
+        Err(TrainError::Currents)
     }
 }
 
@@ -36,8 +36,8 @@ pub(crate) fn kept(
     case: &Case,
     settings: &TrainingSettings,
     kind: &str,
-    make: impl FnOnce() -> Result<Model, FitError>,
-) -> Result<Cached, FitError> {
+    make: impl FnOnce() -> Result<Model, TrainError>,
+) -> Result<Cached, TrainError> {
     let path = cache_file(case, settings, kind);
     if let Some(path) = &path
         && let Ok(model) = model::load(path)

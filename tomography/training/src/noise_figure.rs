@@ -3,13 +3,15 @@
 
 use std::sync::Arc;
 
-use eit::{Case, Forward, Model, Noise, Reconstructor};
+use eit::{Case, Forward, Model, Reconstructor};
 use nalgebra::DVector;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 use rayon::prelude::*;
 use survey::{Map, Reading, Volts};
+
+use crate::samples::Noise;
 
 /// Draws of the noise, and of a method that takes seconds for a frame.
 const DRAWS: usize = 24;

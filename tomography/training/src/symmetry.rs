@@ -2,8 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use eit::{Case, Sample, SampleError, Samples};
+use eit::Case;
 use survey::Dipole;
+
+use crate::samples::{Sample, SampleError, Samples};
 
 /// Largest distance of mirrored points from those they meet, of the sheet's size.
 const SAME: f64 = 1e-9;
@@ -184,11 +186,13 @@ fn met(
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use std::sync::Arc;
 
-    use eit::{Preset, Simulation, TrainingSettings};
+    use eit::{Preset, TrainingSettings};
     use survey::Protocol;
+
+    use super::*;
+    use crate::samples::Simulation;
 
     /// The paper's sheet with the Sheffield protocol, and its uniform conductance.
     fn sheet() -> (Case, Vec<f64>) {

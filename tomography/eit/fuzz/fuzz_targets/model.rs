@@ -10,7 +10,7 @@ use std::sync::{Arc, OnceLock};
 
 use eit::model::{load, save};
 use eit::{
-    DiscTank, Jitter, Model, ModelError, Network, Report, Stage, TrainingSettings, train_rbf,
+    DiscTank, Model, ModelError, Network, RbfNetwork, Report, TrainingReport, TrainingSettings,
 };
 use libfuzzer_sys::fuzz_target;
 use safetensors::tensor::{Dtype, SafeTensors, View};
@@ -216,27 +216,14 @@ fn make() -> Made {
         ..DiscTank::default()
     };
     let mesh = Arc::new(tank.mesh().expect("a small tank"));
-    let settings = TrainingSettings {
-        cases: 100,
-        repeats: 1,
-        neurons: 9,
-        radius_m: 0.06,
-        jitter: Jitter::matched(),
-        ..TrainingSettings::default()
-    };
     let protocol = Protocol::sheffield(8).expect("8 electrodes");
-    let sigma = vec![1e-3; mesh.triangles().len()];
-    let silent = |_: Stage, _: usize, _: usize| {};
-    let (network, report) =
-        train_rbf(&mesh, &[0.3; 8], &sigma, &protocol, &settings, &silent).expect("trained");
-    let network = Network::Rbf(network);
-    let report = Report::Rbf(report);
+    let (network, report) = small_network(protocol.len(), mesh.region().len());
     let model = Model::new(
         "fuzzed",
         mesh,
         &protocol,
         network,
-        settings,
+        TrainingSettings::default(),
         report,
         Some(0.5),
     )
@@ -265,7 +252,7 @@ fn make() -> Made {
             (name, tensor)
         })
         .collect();
-    // Sealing is as the house does it, else everything below would be refused for its checksum alone.
+    // Sealing is as the crate does it, else everything below would be refused for its checksum alone.
     assert_eq!(seal(&text, tensors.clone()).as_ref(), Some(&bytes));
     Made {
         path,
@@ -274,4 +261,31 @@ fn make() -> Made {
         text,
         tensors,
     }
+}
+
+/// A network of nine neurons that nobody has trained.
+fn small_network(inputs: usize, outputs: usize) -> (Network, Report) {
+    const NEURONS: usize = 9;
+    let wave = |count: usize| (0..count).map(|k| 0.01 * (k as f64).sin());
+    let network = RbfNetwork::new(
+        [inputs, outputs],
+        0.2,
+        wave(NEURONS * inputs).map(|value| value as f32).collect(),
+        wave(NEURONS * NEURONS).collect(),
+        wave(NEURONS * outputs).map(|value| value as f32).collect(),
+    )
+    .expect("parts that fit");
+    let report = TrainingReport {
+        unchanged: 0,
+        jitter: 1e-3,
+        rounds: 1,
+        reseeded: 0,
+        spread: 0.2,
+        spread_over_median: 1.0,
+        familiar: 1.0,
+        rank: NEURONS,
+        condition: 10.0,
+        largest_weight: 0.01,
+    };
+    (Network::Rbf(network), Report::Rbf(report))
 }

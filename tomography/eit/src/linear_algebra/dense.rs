@@ -41,8 +41,8 @@ fn by_columns(
     }
 }
 
-/// a b
-pub(crate) fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> DMatrix<f64> {
+/// The product a b: the same bits on any number of threads.
+pub fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> DMatrix<f64> {
     let (rows, columns) = (a.nrows(), b.ncols());
     let mut out = DMatrix::zeros(rows, columns);
     by_columns(&mut out, rows * columns * a.ncols(), |first, out| {

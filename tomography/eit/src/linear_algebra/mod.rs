@@ -5,3 +5,6 @@ pub(crate) mod dense;
 pub(crate) mod processor;
 pub(crate) mod simd;
 pub(crate) mod sparse;
+
+pub use dense::product;
+pub use simd::squared_distance;

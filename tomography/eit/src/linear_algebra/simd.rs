@@ -6,9 +6,9 @@ const LANES: usize = 16;
 
 /// Makes `name` call the version of `body` for the best instructions that the machine has.
 macro_rules! widened {
-    ($(#[$about:meta])* $name:ident by $body:ident ($($argument:ident: $type:ty),*) $(-> $result:ty)?) => {
+    ($(#[$about:meta])* $vis:vis $name:ident by $body:ident ($($argument:ident: $type:ty),*) $(-> $result:ty)?) => {
         $(#[$about])*
-        pub(crate) fn $name($($argument: $type),*) $(-> $result)? {
+        $vis fn $name($($argument: $type),*) $(-> $result)? {
             #[cfg(target_arch = "x86_64")]
             {
                 #[target_feature(enable = "avx512f")]
@@ -34,15 +34,15 @@ macro_rules! widened {
 
 widened!(
     /// Squared distance, by direct differences: of identical rows it is exactly 0.
-    squared_distance by distance_body(a: &[f32], b: &[f64]) -> f64
+    pub squared_distance by distance_body(a: &[f32], b: &[f64]) -> f64
 );
 widened!(
     /// Sum of products.
-    dot by dot_body(a: &[f64], b: &[f64]) -> f64
+    pub(crate) dot by dot_body(a: &[f64], b: &[f64]) -> f64
 );
 widened!(
     /// `to += sum_k amounts[k] rows[k]`, rows as long as `to`.
-    add_four by add_body(to: &mut [f32], rows: [&[f32]; 4], amounts: [f32; 4])
+    pub(crate) add_four by add_body(to: &mut [f32], rows: [&[f32]; 4], amounts: [f32; 4])
 );
 
 #[inline(always)]

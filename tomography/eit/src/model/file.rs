@@ -327,14 +327,14 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
             let centres = tensor("centres", Dtype::F32, protocol.len())?;
             // A single number, which has no shape, passes for a column of width 1.
             let neurons = centres.shape().first().copied().unwrap_or(1);
-            Network::Rbf(RbfNetwork {
-                inputs: protocol.len(),
-                outputs: mesh.region().len(),
-                spread: first("spread", f64s(&tensor("spread", Dtype::F64, 1)?))?,
-                centres: f32s(&centres),
-                mixing: f64s(&tensor("mixing", Dtype::F64, neurons)?),
-                weights: f32s(&tensor("weights", Dtype::F32, mesh.region().len())?),
-            })
+            let network = RbfNetwork::new(
+                [protocol.len(), mesh.region().len()],
+                first("spread", f64s(&tensor("spread", Dtype::F64, 1)?))?,
+                f32s(&centres),
+                f64s(&tensor("mixing", Dtype::F64, neurons)?),
+                f32s(&tensor("weights", Dtype::F32, mesh.region().len())?),
+            );
+            Network::Rbf(network.map_err(damaged)?)
         }
         Kind::Deep => {
             let floats =

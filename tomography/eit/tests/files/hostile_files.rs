@@ -10,8 +10,8 @@ use std::time::{Duration, Instant};
 
 use eit::model::{load, save};
 use eit::{
-    Case, CaseError, DiscTank, Existing, Jitter, Mesh, Model, Network, Report, Stage,
-    TrainingSettings, frames_text, load_reconstructor, read_frames, train_rbf,
+    Case, CaseError, DiscTank, Existing, Mesh, Model, Network, RbfNetwork, Report, TrainingReport,
+    TrainingSettings, frames_text, load_reconstructor, read_frames,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -31,21 +31,37 @@ fn model() -> Model {
         ..DiscTank::default()
     };
     let mesh = Arc::new(tank.mesh().unwrap());
-    let settings = TrainingSettings {
-        cases: 60,
-        repeats: 1,
-        neurons: 9,
-        radius_m: 0.06,
-        jitter: Jitter::matched(),
-        ..TrainingSettings::default()
-    };
     let protocol = Protocol::sheffield(8).unwrap();
-    let sigma = vec![1e-3; mesh.triangles().len()];
-    let silent = |_: Stage, _: usize, _: usize| {};
-    let (network, report) =
-        train_rbf(&mesh, &[0.3; 8], &sigma, &protocol, &settings, &silent).unwrap();
-    let (network, report) = (Network::Rbf(network), Report::Rbf(report));
+    let (network, report) = small_network(protocol.len(), mesh.region().len());
+    let settings = TrainingSettings::default();
     Model::new("small", mesh, &protocol, network, settings, report, None).unwrap()
+}
+
+/// A network of nine neurons that nobody has trained.
+fn small_network(inputs: usize, outputs: usize) -> (Network, Report) {
+    const NEURONS: usize = 9;
+    let wave = |count: usize| (0..count).map(|k| 0.01 * (k as f64).sin());
+    let network = RbfNetwork::new(
+        [inputs, outputs],
+        0.2,
+        wave(NEURONS * inputs).map(|value| value as f32).collect(),
+        wave(NEURONS * NEURONS).collect(),
+        wave(NEURONS * outputs).map(|value| value as f32).collect(),
+    )
+    .unwrap();
+    let report = TrainingReport {
+        unchanged: 0,
+        jitter: 1e-3,
+        rounds: 1,
+        reseeded: 0,
+        spread: 0.2,
+        spread_over_median: 1.0,
+        familiar: 1.0,
+        rank: NEURONS,
+        condition: 10.0,
+        largest_weight: 0.01,
+    };
+    (Network::Rbf(network), Report::Rbf(report))
 }
 
 /// Bytes with one to four changes: other bytes, bits that have turned, pieces that are gone, doubled or from elsewhere.

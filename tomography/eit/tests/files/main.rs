@@ -2,6 +2,5 @@
 
 mod case_folders;
 mod hostile_files;
-mod models;
 #[cfg(feature = "onnx")]
 mod onnx;

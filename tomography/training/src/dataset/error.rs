@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use eit::{SampleError, TrainError};
 use outfile::OutFileError;
+
+use crate::samples::{SampleError, TrainError};
 
 /// Why there is no training set, or no shard of one.
 #[derive(Debug, thiserror::Error)]

@@ -16,12 +16,13 @@ use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 use eit::model::fingerprint;
-use eit::{Case, Sample, Samples, Simulation, TrainingSettings};
+use eit::{Case, TrainingSettings};
 use outfile::Existing;
 use rayon::prelude::*;
 use rustix::fs::OFlags;
 use serde_json::json;
 
+use crate::samples::{Sample, Samples, Simulation};
 pub use error::DataSetError;
 pub use read::DataSet;
 

@@ -5,10 +5,11 @@ use std::io::{BufReader, Read};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
-use eit::{Case, Sample, SampleError, Samples, TrainingSettings};
+use eit::{Case, TrainingSettings};
 use sha2::{Digest, Sha256};
 
 use super::DataSetError;
+use crate::samples::{Sample, SampleError, Samples};
 
 /// Every shard of a set.
 pub struct DataSet {

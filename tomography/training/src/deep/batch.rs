@@ -1,12 +1,12 @@
 //! Samples with their jitter, in batches; and what the inputs of a training set are like.
 
 use eit::inverse::learned::network::TrainingDistribution;
-use eit::{Noise, Sample, SampleError, Samples};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::descent::Batch;
+use crate::samples::{Noise, Sample, SampleError, Samples};
 
 /// Stream of the seed that an epoch's order is drawn from.
 const ORDER: u64 = 201 << 48;

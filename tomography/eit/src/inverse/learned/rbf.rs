@@ -8,20 +8,11 @@
 
 use std::sync::Arc;
 
-use faer::linalg::solvers::Svd;
-use nalgebra::DMatrix;
-use rayon::prelude::*;
 use survey::{Map, Protocol, Reading};
 
-use crate::inverse::learned::kmeans::Rows;
-use crate::inverse::learned::network::FAMILIAR_SHARE;
 use crate::inverse::learned::trained::Trained;
-use crate::linear_algebra::dense;
 use crate::linear_algebra::simd::{add_four, dot, squared_distance};
 use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
-
-/// Singular values of Phi below this share of the largest are cut (Moore-Penrose).
-const CUT: f64 = 1e-10;
 
 /// Distance to the nearest centre, in spreads, beyond which nothing is said: every phi is below 2e-8 there, and "no load"
 /// would be the answer to anything.
@@ -44,23 +35,31 @@ pub struct RbfNetwork {
     pub(crate) weights: Vec<f32>,
 }
 
-/// How well the least-squares problem of Eq. 15 is posed.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Conditioning {
-    /// Distance from the nearest centre, in spreads, within which 99.9 % of the samples lie.
-    pub(crate) familiar: f64,
-    /// Directions kept.
-    pub(crate) rank: usize,
-    /// Largest over smallest singular value of Phi, cut ones included.
-    pub(crate) condition: f64,
-    /// Largest entry of W.
-    pub(crate) largest_weight: f64,
-}
-
-/// What a change of each sample is: (unknown, relative change) where it is not zero.
-pub(crate) type Sparse = Vec<(u32, f32)>;
-
 impl RbfNetwork {
+    /// Joins centres, mixing and weights, each row-major as the fields of a model file are, for so many readings and
+    /// triangles of the region; `spread` is b of Eq. 13.
+    ///
+    /// # Errors
+    /// Parts that do not fit each other, or numbers that are not finite, in words.
+    pub fn new(
+        [inputs, outputs]: [usize; 2],
+        spread: f64,
+        centres: Vec<f32>,
+        mixing: Vec<f64>,
+        weights: Vec<f32>,
+    ) -> Result<Self, String> {
+        let network = Self {
+            inputs,
+            outputs,
+            spread,
+            centres,
+            mixing,
+            weights,
+        };
+        network.is_sound()?;
+        Ok(network)
+    }
+
     /// Readings of the input.
     pub fn inputs(&self) -> usize {
         self.inputs
@@ -134,103 +133,8 @@ impl RbfNetwork {
         map.into_iter().map(f64::from).collect()
     }
 
-    /// Solves Eq. 15 for given centres and spread. `inputs` are `repeats` copies of the cases one after the other, each
-    /// with its own jitter; `targets` one for each case.
-    pub(crate) fn fit(
-        inputs: Rows<'_>,
-        centres: &[f64],
-        spread: f64,
-        targets: &[Sparse],
-        outputs: usize,
-    ) -> Option<(Self, Conditioning)> {
-        let centres: Vec<f32> = centres.iter().map(|value| *value as f32).collect();
-        let wide: Vec<f64> = centres.iter().map(|value| f64::from(*value)).collect();
-        let neurons = centres.len() / inputs.width;
-        let mut rows = vec![0.0; inputs.len() * neurons];
-        let mut nearest: Vec<f64> = rows
-            .par_chunks_mut(neurons)
-            .enumerate()
-            .map(|(sample, phi)| {
-                let row = inputs.row(sample);
-                let mut least = f64::INFINITY;
-                for (phi, centre) in phi.iter_mut().zip(wide.chunks(inputs.width)) {
-                    let square = squared_distance(row, centre);
-                    least = least.min(square);
-                    *phi = (-0.5 * square / (spread * spread)).exp();
-                }
-                least.sqrt() / spread
-            })
-            .collect();
-        nearest.sort_by(f64::total_cmp);
-        let last = (nearest.len() as f64 * FAMILIAR_SHARE) as usize;
-        let familiar = nearest[last.min(nearest.len() - 1)];
-        let phi = faer::MatRef::from_row_major_slice(&rows, inputs.len(), neurons);
-        let qr = phi.qr();
-        let svd = Svd::new(qr.thin_R()).ok()?;
-        let (u, s, v) = (svd.U(), svd.S(), svd.V());
-        let rank = (0..neurons).filter(|&i| s[i] > CUT * s[0]).count();
-        if rank == 0 {
-            return None;
-        }
-        // coordinates of every case in the directions kept, its repeats added: they share one target
-        let q = qr.compute_thin_Q();
-        let cases = targets.len();
-        let coordinates: Vec<f64> = (0..cases)
-            .into_par_iter()
-            .flat_map_iter(|case| {
-                let mut sum = vec![0.0; neurons];
-                for sample in (case..inputs.len()).step_by(cases) {
-                    for (j, sum) in sum.iter_mut().enumerate() {
-                        *sum += q[(sample, j)];
-                    }
-                }
-                (0..rank)
-                    .map(|direction| (0..neurons).map(|j| sum[j] * u[(j, direction)]).sum())
-                    .collect::<Vec<f64>>()
-            })
-            .collect();
-        let weights: Vec<Vec<f64>> = (0..rank)
-            .into_par_iter()
-            .map(|direction| {
-                let mut row = vec![0.0; outputs];
-                for (case, target) in targets.iter().enumerate() {
-                    let along = coordinates[case * rank + direction];
-                    for &(unknown, change) in target {
-                        row[unknown as usize] += along * f64::from(change);
-                    }
-                }
-                row
-            })
-            .collect();
-        let mixing: Vec<f64> = (0..rank)
-            .flat_map(|direction| (0..neurons).map(move |n| v[(n, direction)] / s[direction]))
-            .collect();
-        let largest_weight = largest_product(&mixing, &weights, neurons);
-        let network = Self {
-            inputs: inputs.width,
-            outputs,
-            spread,
-            centres,
-            mixing,
-            weights: weights
-                .iter()
-                .flatten()
-                .map(|value| *value as f32)
-                .collect(),
-        };
-        network.is_finite().then_some((
-            network,
-            Conditioning {
-                familiar,
-                rank,
-                condition: (s[0] / s[neurons - 1]).min(f64::MAX),
-                largest_weight,
-            },
-        ))
-    }
-
     /// Whether its parts fit each other, every number is finite and the spread positive.
-    pub(crate) fn is_sound(&self) -> Result<(), String> {
+    fn is_sound(&self) -> Result<(), String> {
         let neurons = self.neurons();
         if neurons == 0
             || self.mixing.is_empty()
@@ -255,14 +159,6 @@ impl RbfNetwork {
                 .chain(&self.weights)
                 .all(|value| value.is_finite())
     }
-}
-
-/// Largest entry of W = weights' mixing.
-fn largest_product(mixing: &[f64], weights: &[Vec<f64>], neurons: usize) -> f64 {
-    let rank = weights.len();
-    let weights = DMatrix::from_fn(weights[0].len(), rank, |i, j| weights[j][i]);
-    let mixing = faer::MatRef::from_row_major_slice(mixing, rank, neurons);
-    dense::product(dense::view(&weights), mixing).amax()
 }
 
 /// The network as a reconstructor: normalises by Eq. 6, refuses what is far from its training.

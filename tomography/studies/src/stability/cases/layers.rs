@@ -1,11 +1,9 @@
 //! Hard cases 25 to 29: normalisation, saturation, divergence and precision of the deep network.
 
 use eit::inverse::learned::network::{Layer, Weights, elu, elu_slope};
-use eit::{
-    DeepNetwork, DeepSettings, Jitter, Noise, Precision, SampleError, Samples, Simulation,
-    TrainingSettings,
-};
+use eit::{DeepNetwork, DeepSettings, Jitter, Precision, TrainingSettings};
 use training::deep::{DeepFault, Recipe, train};
+use training::samples::{Noise, SampleError, Samples, Simulation};
 
 use super::radial::Made;
 use crate::failure::Failure;

@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
-use eit::{Jitter, Model, Network, Report, Simulation, TrainingSettings, train_rbf};
+use eit::{Jitter, Model, Network, Report, TrainingSettings};
+use training::rbf::train_rbf;
+use training::samples::Simulation;
 
 use crate::failure::Failure;
 use crate::stability::outcome::{Check, Naive, Outcome};

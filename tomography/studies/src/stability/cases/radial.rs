@@ -3,10 +3,11 @@
 use std::sync::Arc;
 
 use eit::{
-    Jitter, Model, Network, RbfNetwork, ReconstructError, Report, Sample, SampleError, Samples,
-    TrainError, TrainingReport, TrainingSettings, train_rbf, train_rbf_on,
+    Jitter, Model, Network, RbfNetwork, ReconstructError, Report, TrainingReport, TrainingSettings,
 };
 use nalgebra::{DMatrix, DVector, SVD};
+use training::rbf::{train_rbf, train_rbf_on};
+use training::samples::{Sample, SampleError, Samples, TrainError};
 
 use crate::failure::Failure;
 use crate::stability::outcome::{Check, Naive, Outcome, naive, worst};

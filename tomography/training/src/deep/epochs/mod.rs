@@ -3,12 +3,13 @@
 use std::path::Path;
 
 use eit::inverse::learned::network::{Layer, Rounding, TrainingDistribution, Weights};
-use eit::{DeepNetwork, DeepReport, DeepSettings, Noise, Precision, SampleError, Samples};
+use eit::{DeepNetwork, DeepReport, DeepSettings, Precision};
 use rayon::prelude::*;
 
 use super::batch::{Described, Feed};
 use super::checkpoint::{self, CheckpointFault, Course};
 use super::descent::{Batch, Descent};
+use crate::samples::{Noise, SampleError, Samples};
 
 /// Held-out cases on which the cost of rounding the weights is found.
 const ROUNDED: usize = 100;

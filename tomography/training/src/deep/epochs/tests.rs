@@ -1,6 +1,7 @@
-use eit::{Jitter, Sample, Sample as Case};
+use eit::Jitter;
 
 use super::*;
+use crate::samples::Sample;
 
 /// Six readings of four triangles: each triangle moves two readings, and a little of the others, not linearly.
 struct Toy {
@@ -34,7 +35,7 @@ impl Samples for Toy {
 
     fn sample(&self, case: usize) -> Result<Sample, SampleError> {
         let loss = |t: usize| ((case * (t + 3)) as f32 * 0.618).fract();
-        let mut sample = Case {
+        let mut sample = Sample {
             input: (0..6)
                 .map(|r| {
                     (0..4)

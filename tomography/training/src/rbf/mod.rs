@@ -1,16 +1,17 @@
-//! The RBF network of a case (the paper's section 4.3) as a model file.
+//! The RBF network of a case (the paper's section 4.3) as a model file: k-means, the spread, least squares. Left to others:
+//! the network's own evaluation (`eit`).
+
+mod kmeans;
+mod least_squares;
 
 use std::sync::Arc;
 
-use eit::{
-    Case, Model, Network, Noise, Report, Samples, Simulation, TrainingReport, TrainingSettings,
-    train_rbf_on,
-};
+use eit::{Case, Model, Network, Report, TrainingReport, TrainingSettings};
 
-use crate::error::FitError;
-use crate::linear::Progress;
 use crate::model_cache::{Cached, kept};
 use crate::noise_figure::with_noise_figure;
+use crate::samples::{Noise, Progress, Samples, Simulation, TrainError};
+pub use least_squares::{train_rbf, train_rbf_on};
 
 /// Above this ratio of spread to median distance a few samples rule the spread of Eq. 13.
 pub const SPREAD_RULED: f64 = 10.0;
@@ -35,7 +36,7 @@ pub fn fit(
     samples: Option<&dyn Samples>,
     name: &str,
     progress: Progress<'_>,
-) -> Result<Model, FitError> {
+) -> Result<Model, TrainError> {
     let sigma0 = case.unloaded_conductance();
     let simulation = Simulation::new(
         &case.mesh,
@@ -72,7 +73,7 @@ pub fn cached(
     case: &Case,
     settings: &TrainingSettings,
     progress: Progress<'_>,
-) -> Result<Cached, FitError> {
+) -> Result<Cached, TrainError> {
     let mut cached = kept(case, settings, "rbf", || {
         fit(case, settings.clone(), None, "rbf", progress)
     })?;

@@ -3,15 +3,11 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use eit::{Mesh, TrainingSettings};
 use rayon::prelude::*;
 use survey::Protocol;
 
-use super::algorithm::Simulation;
-use super::noise::Noise;
-use super::samples::{Sample, SampleError, Samples};
-use super::{Stage, TrainError, TrainingSettings};
-use crate::Mesh;
-use crate::inverse::learned::rbf::Sparse;
+use super::{Noise, Progress, Sample, SampleError, Samples, Simulation, Sparse, Stage, TrainError};
 
 /// Cases without jitter, in memory.
 pub struct TrainingSet {
@@ -20,9 +16,9 @@ pub struct TrainingSet {
     /// Triangles of the region.
     outputs: usize,
     /// Normalised inputs (Eq. 6), one row a case.
-    pub(super) inputs: Vec<f32>,
+    pub(crate) inputs: Vec<f32>,
     /// Relative changes of the region's triangles.
-    pub(super) targets: Vec<Sparse>,
+    pub(crate) targets: Vec<Sparse>,
 }
 
 impl TrainingSet {
@@ -36,7 +32,7 @@ impl TrainingSet {
         sigma0: &[f64],
         protocol: &Protocol,
         settings: &TrainingSettings,
-        progress: &(dyn Fn(Stage, usize, usize) + Sync),
+        progress: Progress<'_>,
     ) -> Result<Self, TrainError> {
         let simulation = Simulation::new(mesh, contact_ohm_m, sigma0, protocol, settings)?;
         Self::read(&simulation, progress)
@@ -46,10 +42,7 @@ impl TrainingSet {
     ///
     /// # Errors
     /// A sample that cannot be had.
-    pub fn read(
-        samples: &dyn Samples,
-        progress: &(dyn Fn(Stage, usize, usize) + Sync),
-    ) -> Result<Self, TrainError> {
+    pub fn read(samples: &dyn Samples, progress: Progress<'_>) -> Result<Self, TrainError> {
         let done = AtomicUsize::new(0);
         let read = (0..samples.len())
             .into_par_iter()
@@ -76,7 +69,7 @@ impl TrainingSet {
     }
 
     /// Eq. 8: the inputs `repeats` times over, each with its own noise.
-    pub(super) fn jittered(&self, repeats: usize, noise: &Noise) -> Vec<f32> {
+    pub(crate) fn jittered(&self, repeats: usize, noise: &Noise) -> Vec<f32> {
         let (width, cases) = (self.baseline.len(), self.targets.len());
         let mut inputs = self.inputs.repeat(repeats);
         inputs

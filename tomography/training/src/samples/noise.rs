@@ -1,87 +1,9 @@
 //! Jitter: what noise is added to the inputs, and how a sample gets its own.
 
-use std::fmt;
-
+use eit::{Jitter, SpreadReading};
 use rand_distr::{Distribution, Normal, StandardNormal};
-use serde::{Deserialize, Serialize};
 
-use super::algorithm::SpreadReading;
 use super::{Purpose, TrainError, stream};
-
-/// The noise that training adds to the inputs (Eq. 8).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "profile", rename_all = "snake_case")]
-pub enum Jitter {
-    /// Eq. 9: a standard deviation of gamma times that of the normalised baseline, on every reading alike.
-    Paper {
-        /// gamma, 0.01 in the paper.
-        gamma: f64,
-    },
-    /// As the noise is: white, on baseline and frame.
-    Matched {
-        /// Standard deviation of one reading, V.
-        noise_v: f64,
-        /// Injected current at which it is met, A.
-        current_a: f64,
-    },
-    /// Several levels of [`Jitter::Matched`]: the copies of a case take them in turn.
-    Levels {
-        /// Standard deviations of one reading, V.
-        noise_v: Vec<f64>,
-        /// Injected current at which they are met, A.
-        current_a: f64,
-    },
-    /// The measured covariance of repeats of the baseline: a copy's noise is a random combination of the repeats'
-    /// deviations from their mean, on baseline and frame. It has the repeats' sample covariance.
-    Measured {
-        /// How many repeats were measured, each one a row of readings, V.
-        volts: Vec<Vec<f64>>,
-        /// Injected current at which they were measured, A.
-        current_a: f64,
-    },
-}
-
-impl Jitter {
-    /// The paper's value.
-    pub fn paper() -> Self {
-        Self::Paper { gamma: 0.01 }
-    }
-
-    /// 2 uV at 1 mA.
-    pub fn matched() -> Self {
-        Self::Matched {
-            noise_v: 2e-6,
-            current_a: 1e-3,
-        }
-    }
-}
-
-impl fmt::Display for Jitter {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let microvolts = |volts: &f64| format!("{:.3} uV", 1e6 * volts);
-        match self {
-            Self::Paper { gamma } => write!(f, "the paper's, gamma {gamma}"),
-            Self::Matched { noise_v, current_a } => {
-                write!(
-                    f,
-                    "{} white at {:.3} mA",
-                    microvolts(noise_v),
-                    1e3 * current_a
-                )
-            }
-            Self::Levels { noise_v, current_a } => {
-                let levels: Vec<String> = noise_v.iter().map(microvolts).collect();
-                write!(
-                    f,
-                    "{} white at {:.3} mA",
-                    levels.join(", "),
-                    1e3 * current_a
-                )
-            }
-            Self::Measured { volts, .. } => write!(f, "as measured on {} repeats", volts.len()),
-        }
-    }
-}
 
 /// Jitter in the units of a normalised input.
 #[derive(Debug, Clone)]

@@ -3,119 +3,15 @@
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
+use eit::{
+    CentresReading, ChangeReading, Forward, LossReading, Mesh, PointsReading, SizeReading,
+    TrainingSettings,
+};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
-use serde::{Deserialize, Serialize};
 use survey::Protocol;
 
-use super::samples::{Sample, SampleError, Samples};
-use super::{Purpose, TrainError, TrainingSettings, check, stream};
-use crate::inverse::learned::rbf::Sparse;
-use crate::{Forward, Mesh};
-
-/// What the paper's text leaves open, each with the reading that is taken where nothing is said.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct OpenReadings {
-    /// What R_p measures.
-    pub size: SizeReading,
-    /// How many points are drawn on a circle.
-    pub points: PointsReading,
-    /// How often a loss is drawn.
-    pub loss: LossReading,
-    /// Where centres lie.
-    pub centres: CentresReading,
-    /// What Eq. 7 divides by.
-    pub change: ChangeReading,
-    /// What the second argument of N(0, .) in Eq. 9 is.
-    pub spread: SpreadReading,
-    /// Which samples Eq. 13 takes distances of.
-    pub distances: DistancesReading,
-}
-
-impl OpenReadings {
-    /// Whether every reading is the default.
-    pub fn is_default(&self) -> bool {
-        *self == Self::default()
-    }
-}
-
-/// R_p = 70 mm: "radius size of a circumference" (section 4.1) or "maximum size of the polygons" (section 5.4).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum SizeReading {
-    /// The circle's largest radius (default).
-    #[default]
-    Radius,
-    /// The polygon's largest size: the circle's diameter.
-    Diameter,
-}
-
-/// Algorithm 1 draws a number of edges, then says "select K_p random points".
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum PointsReading {
-    /// As many points as edges were drawn, 0 to K_p; under three make no polygon (default).
-    #[default]
-    Drawn,
-    /// K_p points always.
-    All,
-}
-
-/// "Reduce the conductivity of each polygonal region of a random value", and "by a random value ... for each case".
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum LossReading {
-    /// One for each polygon; where polygons overlap, what is left multiplies (default).
-    #[default]
-    Polygon,
-    /// One for all polygons of a case; overlaps lose no more.
-    Case,
-}
-
-/// "A random location on the sensing surface", and "random polygons within a rectangular region of interest".
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum CentresReading {
-    /// Uniform over the region of interest (default).
-    #[default]
-    Region,
-    /// Uniform over the whole sheet; the loss still ends at the region's border.
-    Sheet,
-}
-
-/// Eq. 7 is a difference of conductivities; figures and Eq. 6 suggest a relative one.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum ChangeReading {
-    /// dsigma / sigma0 of each triangle (default).
-    #[default]
-    Relative,
-    /// dsigma over the mean sigma0 of the region: absolute but for one factor. The same on a uniform sheet.
-    Absolute,
-}
-
-/// N(0, gamma std(v0 / v-hat)).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum SpreadReading {
-    /// A standard deviation (default).
-    #[default]
-    Deviation,
-    /// A variance: the deviation is its root.
-    Variance,
-}
-
-/// "Distances between all the possible combinations" of delta v-tilde.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum DistancesReading {
-    /// Of samples with jitter, as the tilde says (default).
-    #[default]
-    Jittered,
-    /// Of samples without.
-    Clean,
-}
+use super::{Purpose, Sample, SampleError, Samples, Sparse, TrainError, check, stream};
 
 /// Cases of Algorithm 1 on a mesh, each solved when it is asked for.
 ///
@@ -345,7 +241,7 @@ fn holds(polygon: &[[f64; 2]], [x, y]: [f64; 2]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::DiscTank;
+    use eit::{DiscTank, OpenReadings, PaperSheet};
 
     #[test]
     fn a_polygon_of_fewer_than_three_vertices_holds_nothing() {
@@ -378,7 +274,7 @@ mod tests {
 
     #[test]
     fn every_open_reading_changes_what_is_drawn() {
-        let mesh = crate::PaperSheet::default().mesh().unwrap();
+        let mesh = PaperSheet::default().mesh().unwrap();
         let drawn = |open: OpenReadings| {
             let region = Region::new(&mesh, open.centres);
             let settings = TrainingSettings {

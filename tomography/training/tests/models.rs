@@ -5,11 +5,13 @@ use std::sync::{Arc, OnceLock};
 use eit::model::{load, save};
 use eit::{
     DiscTank, Forward, Jitter, Mesh, Model, ModelError, Network, ReconstructError, Reconstructor,
-    Report, Stage, TrainError, TrainingSettings, load_reconstructor, train_rbf,
+    Report, TrainingSettings, load_reconstructor,
 };
 use safetensors::SafeTensors;
 use sha2::{Digest, Sha256};
 use survey::{Protocol, Reading, Volts};
+use training::rbf::train_rbf;
+use training::samples::{Stage, TrainError};
 
 const CONTACT: [f64; 8] = [0.3; 8];
 

@@ -1,12 +1,10 @@
 //! k-means, the same bits on any number of threads: work is cut into fixed chunks whose sums are added in order.
 
+use eit::linear_algebra::{product, squared_distance};
 use faer::MatRef;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-
-use crate::linear_algebra::dense;
-use crate::linear_algebra::simd::squared_distance;
 
 /// Rows of one chunk of work.
 const CHUNK: usize = 1000;
@@ -196,7 +194,7 @@ fn assign(rows: Rows<'_>, centres: &[f64], places: &mut [Place]) -> bool {
             }
             let samples = MatRef::from_row_major_slice(&wide, doubtful.len(), rows.width);
             // centres x samples: each column is one sample's
-            let products = dense::product(by_row, samples.transpose());
+            let products = product(by_row, samples.transpose());
             let mut changed = false;
             for ((products, row), index) in products
                 .column_iter()
@@ -274,7 +272,7 @@ fn by_distance(rows: Rows<'_>, centres: &[f64], places: &[Place]) -> Vec<(usize,
 
 #[cfg(test)]
 mod tests {
-    use crate::inverse::learned::kmeans::*;
+    use super::*;
 
     #[test]
     fn three_heaps_are_found() {

@@ -1,0 +1,19 @@
+//! Random streams: one for each purpose and item, so that a case or a copy does not depend on the others.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+/// What a random stream is for: streams of different purposes never meet.
+#[derive(Clone, Copy)]
+pub(crate) enum Purpose {
+    Case = 1,
+    Jitter = 2,
+    Pairs = 3,
+}
+
+/// The stream of an item.
+pub(crate) fn stream(seed: u64, purpose: Purpose, item: usize) -> ChaCha8Rng {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(((purpose as u64) << 48) | item as u64);
+    random
+}
