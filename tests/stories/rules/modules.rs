@@ -9,15 +9,13 @@ use super::{crates, folder, from_root, metadata, only_exceptions, rust_files};
 
 /// Known cycles: the crate, the module in which the siblings lie, the siblings. A cycle may lose members; when it is
 /// gone, its line goes too.
-const KNOWN_CYCLES: &[(&str, &str, &[&str])] = &[
-    (
-        "phantom",
-        "",
-        &[
-            "effects", "history", "law", "press", "preview", "scan", "scene", "sheet",
-        ],
-    ),
-];
+const KNOWN_CYCLES: &[(&str, &str, &[&str])] = &[(
+    "phantom",
+    "",
+    &[
+        "effects", "history", "law", "press", "preview", "scan", "scene", "sheet",
+    ],
+)];
 
 /// Folders with more than twelve Rust files side by side. A catalogue of like things may stay.
 const LARGE_FOLDERS: &[&str] = &[
