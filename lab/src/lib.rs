@@ -171,12 +171,14 @@ mod outputs {
                 // replaced where it is a checkpoint of the same training, else refused
                 "train dnn --checkpoint",
                 "train dnn --dataset",
+                "train dnn --noise-frames",
                 "train dnn --settings",
                 "train linear --case",
                 "train linear --dataset",
-                "train linear --repeats",
+                "train linear --noise-frames",
                 "train rbf --case",
                 "train rbf --dataset",
+                "train rbf --noise-frames",
                 "transfer --case",
             ],
         };

@@ -4,22 +4,17 @@ use std::cell::RefCell;
 use std::path::Path;
 use std::sync::Arc;
 
-use eit::{
-    Case, DeepReport, DeepSettings, Jitter, Model, Network, Preset, Report, TrainingSettings, model,
-};
+use eit::{DeepReport, DeepSettings, Jitter, Model, Network, Report, TrainingSettings, model};
 use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
-use studies::methods::positive;
 use studies::{Failure, progress};
-use survey::Amps;
-use training::dataset::DataSet;
 use training::deep::{self, Moment, Recipe};
 use training::noise_figure::with_noise_figure;
 use training::samples::{Noise, Samples, TrainingSet};
-use training::single_current;
+use training::symmetry::Symmetric;
 
+use super::data::Data;
 use crate::args::{DeepOptions, Profile};
-use crate::geometry;
 
 /// Of the numbers in a checkpoint.
 const LAYOUT: u32 = 2;
@@ -34,16 +29,9 @@ struct Settings {
 
 /// Trains and writes the model file.
 pub(super) fn train(options: &DeepOptions) -> Result<(), Failure> {
-    let case = match &options.case {
-        Some(folder) => geometry::read(folder)?,
-        None => geometry::case(&Preset::default(), Amps(1e-3))?,
-    };
-    let mut settings = settings(options, &case)?;
-    let set = match &options.dataset {
-        Some(folder) => Some(DataSet::open(folder, &case)?),
-        None => None,
-    };
-    if let Some(set) = &set {
+    let data = Data::read(&options.data)?;
+    let mut settings = settings(options, &data.jitter)?;
+    if let Some(set) = &data.set {
         // what was drawn is the set's; jitter, copies and the seed of weights and order are this training's
         settings.data = TrainingSettings {
             jitter: settings.data.jitter,
@@ -53,10 +41,6 @@ pub(super) fn train(options: &DeepOptions) -> Result<(), Failure> {
             ..set.settings().clone()
         };
     }
-    let profile = match options.profile {
-        Profile::Paper => "paper",
-        Profile::Matched => "matched",
-    };
     let checkpoint = match &options.checkpoint {
         Some(path) => path.clone(),
         None if outfile::is_stream(&options.out) => {
@@ -67,14 +51,7 @@ pub(super) fn train(options: &DeepOptions) -> Result<(), Failure> {
         }
         None => options.out.with_extension("checkpoint"),
     };
-    let model = trained(
-        &case,
-        &settings,
-        set.as_ref(),
-        options,
-        &format!("dnn {profile}"),
-        &checkpoint,
-    )?;
+    let model = trained(&data, &settings, options, &checkpoint)?;
     model::save(&options.out, options.replacing.existing(), &model)
         .map_err(|fault| Failure::of("cannot write the model", &fault))?;
     // the model holds what the checkpoint was for
@@ -128,31 +105,17 @@ fn told(path: &Path, model: &Model, report: &DeepReport) -> String {
 }
 
 /// The profile's settings, changed by the file, then by flags.
-fn settings(options: &DeepOptions, case: &Case) -> Result<Settings, Failure> {
-    positive(
-        "--noise-v",
-        options.noise_v,
-        "the noise of one reading in volts, e.g. 2e-6",
-    )?;
-    positive("--gamma", options.gamma, "the paper's is 0.01")?;
+fn settings(options: &DeepOptions, jitter: &Jitter) -> Result<Settings, Failure> {
     let mut settings = Settings {
-        data: TrainingSettings::default(),
+        data: TrainingSettings {
+            jitter: jitter.clone(),
+            ..TrainingSettings::default()
+        },
         deep: DeepSettings::default(),
     };
-    match options.profile {
-        Profile::Paper => {
-            settings.data.jitter = Jitter::Paper {
-                gamma: options.gamma.unwrap_or(0.01),
-            };
-        }
-        Profile::Matched => {
-            settings.data.jitter = Jitter::Matched {
-                noise_v: options.noise_v.unwrap_or(2e-6),
-                current_a: single_current(case)?,
-            };
-            // 3e-5 of the largest reading, some 10 uV at 1 mA: small loads are not drowned by it
-            settings.deep.normalisation_epsilon = 1e-9;
-        }
+    if options.data.profile == Profile::Matched {
+        // 3e-5 of the largest reading, some 10 uV at 1 mA: small loads are not drowned by it
+        settings.deep.normalisation_epsilon = 1e-9;
     }
     if let Some(path) = &options.settings {
         let refused =
@@ -208,13 +171,12 @@ fn changed(settings: &Settings, given: toml::Table) -> Result<Settings, String> 
 }
 
 fn trained(
-    case: &Case,
+    data: &Data,
     settings: &Settings,
-    given: Option<&DataSet>,
     options: &DeepOptions,
-    name: &str,
     checkpoint: &Path,
 ) -> Result<Model, Failure> {
+    let (case, given) = (&data.case, data.samples());
     let failed = |fault: &dyn std::error::Error| Failure::of("the training", fault);
     let sigma0 = case.unloaded_conductance();
     // the held-out cases follow those that are trained on
@@ -239,10 +201,15 @@ fn trained(
             Some(set.map_err(|fault| failed(&fault))?)
         }
     };
-    let samples: &dyn Samples = match (&made, given) {
+    let once: &dyn Samples = match (&made, given) {
         (Some(set), _) => set,
         (None, Some(set)) => set,
         (None, None) => unreachable!("a set is given or made"),
+    };
+    let mirrored = Symmetric::new(once, case, &sigma0);
+    let (samples, views): (&dyn Samples, usize) = match options.data.symmetric {
+        true => (&mirrored, mirrored.views()),
+        false => (once, 1),
     };
     let noise = Noise::new(
         &drawn.jitter,
@@ -251,21 +218,28 @@ fn trained(
         drawn.seed,
     )
     .map_err(|fault| failed(&fault))?;
-    let said = serde_json::json!({
+    let mut said = serde_json::json!({
         "geometry": case.mesh.hash(),
         "survey": case.protocol.hash(),
         "contact": case.contact_ohm_m,
         "sigma0": sigma0,
         "settings": settings,
-        "drawn": given.map(|set| set.settings()),
+        "drawn": data.set.as_ref().map(|set| set.settings()),
         "layout": LAYOUT,
         "build": env!("CARGO_PKG_VERSION"),
     });
+    if options.data.symmetric {
+        said["views"] = views.into();
+    }
     let recipe = Recipe {
         samples,
         noise: &noise,
         repeats: settings.data.repeats,
-        settings: settings.deep.clone(),
+        // views of one case stay on one side
+        settings: DeepSettings {
+            held_out: settings.deep.held_out * views,
+            ..settings.deep.clone()
+        },
         seed: settings.data.seed,
         precision: options.precision.into(),
         checkpoint: Some((checkpoint, model::fingerprint(said.to_string().as_bytes()))),
@@ -275,7 +249,7 @@ fn trained(
         deep::train(&recipe, &|moment| watch.show(moment, &settings.deep))
             .map_err(|fault| failed(&fault))?;
     let model = Model::new(
-        name,
+        &format!("dnn {}", options.data.profile.name()),
         Arc::clone(&case.mesh),
         &case.protocol,
         Network::Deep(network, familiar),

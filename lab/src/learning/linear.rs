@@ -1,46 +1,19 @@
 //! `tactus-lab train linear`.
 
-use std::path::Path;
-
-use eit::{Jitter, Preset, Report, TrainingSettings, model};
-use studies::methods::{positive, read_frames};
+use eit::{Report, TrainingSettings, model};
 use studies::{Failure, progress};
-use survey::Amps;
-use training::dataset::DataSet;
-use training::samples::Samples;
-use training::{linear, single_current};
+use training::linear;
 
-use crate::args::{LinearOptions, Profile};
-use crate::geometry;
+use super::data::Data;
+use crate::args::LinearOptions;
 
 /// Trains and writes the model file.
 pub(super) fn train(options: &LinearOptions) -> Result<(), Failure> {
-    for level in &options.noise_v {
-        positive("--noise-v", Some(*level), "e.g. 2e-6")?;
-    }
-    positive("--gamma", Some(options.gamma), "the paper's is 0.01")?;
-    let case = match &options.case {
-        Some(folder) => geometry::read(folder)?,
-        None => geometry::case(&Preset::default(), Amps(1e-3))?,
-    };
-    let jitter = match (options.profile, &options.repeats) {
-        (Profile::Paper, _) => Jitter::Paper {
-            gamma: options.gamma,
-        },
-        (Profile::Matched, Some(path)) => Jitter::Measured {
-            volts: repeats(path, case.protocol.len())?,
-            current_a: single_current(&case)?,
-        },
-        (Profile::Matched, None) => linear::matched(&options.noise_v, single_current(&case)?),
-    };
-    let set = match &options.dataset {
-        Some(folder) => Some(DataSet::open(folder, &case)?),
-        None => None,
-    };
+    let data = Data::read(&options.data)?;
     let settings = TrainingSettings {
-        jitter,
+        jitter: data.jitter.clone(),
         repeats: 1,
-        ..match &set {
+        ..match &data.set {
             Some(set) => set.settings().clone(),
             None => TrainingSettings {
                 cases: options.cases,
@@ -49,20 +22,15 @@ pub(super) fn train(options: &LinearOptions) -> Result<(), Failure> {
             },
         }
     };
-    let profile = match options.profile {
-        Profile::Paper => "paper",
-        Profile::Matched => "matched",
-    };
-    let samples = set.as_ref().map(|set| set as &dyn Samples);
     let bars = progress::Training::default();
     let show = |stage, done, of| bars.show(stage, done, of);
     let model = linear::fit(
-        &case,
+        &data.case,
         settings,
-        samples,
-        options.symmetric,
+        data.samples(),
+        options.data.symmetric,
         options.precision.into(),
-        &format!("linear {profile}"),
+        &format!("linear {}", options.data.profile.name()),
         &show,
     )?;
     drop(bars);
@@ -92,25 +60,4 @@ pub(super) fn train(options: &LinearOptions) -> Result<(), Failure> {
         );
     }
     Ok(())
-}
-
-/// Repeats of the baseline, V: whole frames only.
-fn repeats(path: &Path, readings: usize) -> Result<Vec<Vec<f64>>, Failure> {
-    let recording = read_frames(path, "first:1", readings, false)?;
-    recording
-        .frames
-        .iter()
-        .map(|(name, frame)| {
-            frame
-                .iter()
-                .map(|reading| reading.volts().map(|volts| volts.0))
-                .collect::<Option<Vec<f64>>>()
-                .ok_or_else(|| {
-                    Failure::because(format!(
-                        "{}: repeat '{name}' has missing readings",
-                        path.display()
-                    ))
-                })
-        })
-        .collect()
 }

@@ -1,5 +1,6 @@
 //! Commands that make training sets and train models. Left to others: the training itself (`training`).
 
+mod data;
 mod dataset;
 mod deep;
 mod linear;

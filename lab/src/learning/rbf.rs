@@ -1,24 +1,14 @@
 //! `tactus-lab train rbf`.
 
-use eit::{Jitter, Model, Preset, Report, TrainingReport, TrainingSettings, model};
-use studies::methods::positive;
+use eit::{Model, Report, TrainingReport, TrainingSettings, model};
 use studies::{Failure, progress};
-use survey::Amps;
-use training::dataset::DataSet;
-use training::samples::Samples;
-use training::{rbf, single_current};
+use training::rbf;
 
-use crate::args::{Profile, TrainOptions};
-use crate::geometry;
+use super::data::Data;
+use crate::args::TrainOptions;
 
 /// Trains and writes the model file.
 pub(super) fn train(options: &TrainOptions) -> Result<(), Failure> {
-    positive(
-        "--noise-v",
-        Some(options.noise_v),
-        "the noise of one reading in volts, e.g. 2e-6",
-    )?;
-    positive("--gamma", Some(options.gamma), "the paper's is 0.01")?;
     if options.cases < options.neurons {
         eprintln!(
             "tactus-lab: {} cases for {} neurons: with fewer cases than neurons the network repeats the cases rather \
@@ -26,30 +16,8 @@ pub(super) fn train(options: &TrainOptions) -> Result<(), Failure> {
             options.cases, options.neurons
         );
     }
-    let case = match &options.case {
-        Some(folder) => geometry::read(folder)?,
-        None => geometry::case(&Preset::default(), Amps(1e-3))?,
-    };
-    let (jitter, profile) = match options.profile {
-        Profile::Paper => (
-            Jitter::Paper {
-                gamma: options.gamma,
-            },
-            "paper",
-        ),
-        Profile::Matched => (
-            Jitter::Matched {
-                noise_v: options.noise_v,
-                current_a: single_current(&case)?,
-            },
-            "matched",
-        ),
-    };
-    let set = match &options.dataset {
-        Some(folder) => Some(DataSet::open(folder, &case)?),
-        None => None,
-    };
-    let drawn = match &set {
+    let data = Data::read(&options.data)?;
+    let drawn = match &data.set {
         Some(set) => set.settings().clone(),
         None => TrainingSettings {
             cases: options.cases,
@@ -61,13 +29,19 @@ pub(super) fn train(options: &TrainOptions) -> Result<(), Failure> {
         neurons: options.neurons,
         spread_times: options.spread_times,
         seed: options.seed,
-        jitter,
+        jitter: data.jitter.clone(),
         ..drawn
     };
-    let samples = set.as_ref().map(|set| set as &dyn Samples);
     let bars = progress::Training::default();
     let show = |stage, done, of| bars.show(stage, done, of);
-    let model = rbf::fit(&case, settings, samples, &format!("rbf {profile}"), &show)?;
+    let model = rbf::fit(
+        &data.case,
+        settings,
+        data.samples(),
+        options.data.symmetric,
+        &format!("rbf {}", options.data.profile.name()),
+        &show,
+    )?;
     drop(bars);
     model::save(&options.out, options.replacing.existing(), &model)
         .map_err(|fault| Failure::of("cannot write the model", &fault))?;

@@ -163,6 +163,80 @@ fn a_linear_map_is_trained_loaded_and_finds_a_press() {
     assert!(like.correlation > 0.5, "{like:?}");
 }
 
+/// What each kind of network is trained with in the tests below: little.
+const KINDS: [&str; 3] = [
+    "rbf --neurons 5 --repeats 2",
+    "dnn --repeats 2 --epochs 1 --set width=8 --set hidden_layers=1 --set batch=10 --set held_out=4",
+    "linear",
+];
+
+/// The JSON line of a training with the profile `matched`.
+fn trained(line: &str, paths: &[&Path]) -> serde_json::Value {
+    let output = lab(&words(
+        &format!("train {line} --profile matched --cases 120 --json --force"),
+        paths,
+    ));
+    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{line}: {errors}");
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn every_kind_trains_on_levels_and_on_measured_noise() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = tank(folder.path());
+    let model = folder.path().join("model.safetensors");
+    // frames of the unloaded tank, more of them than readings
+    let readings = eit::Case::read(&case).unwrap().protocol.len();
+    let frames = folder.path().join("unloaded.csv");
+    let row = |frame: usize| -> String {
+        let value = |reading: usize| {
+            let item = frame * readings + reading;
+            0.1 + 1e-6 * ((item * item) as f64 * 0.618).fract()
+        };
+        let row: Vec<String> = (0..readings).map(|k| format!("{:e}", value(k))).collect();
+        row.join(",") + "\n"
+    };
+    std::fs::write(&frames, (0..2 * readings).map(row).collect::<String>()).unwrap();
+    for kind in KINDS {
+        let line = format!("{kind} --noise-v 1e-6 --noise-v 1e-4 --case {{}} --out {{}}");
+        let levels = trained(&line, &[&case, &model]);
+        assert_eq!(levels["training"]["jitter"]["profile"], "levels", "{kind}");
+        let line = format!("{kind} --noise-frames {{}} --case {{}} --out {{}}");
+        let measured = trained(&line, &[&frames, &case, &model]);
+        assert_eq!(measured["training"]["jitter"]["profile"], "measured");
+        assert_ne!(levels["hash"], measured["hash"]);
+    }
+    for kind in ["rbf --neurons 5", "dnn --epochs 1 --set held_out=4"] {
+        let line = format!(
+            "train {kind} --profile matched --cases 40 --repeats 1 --noise-v 1e-6 --noise-v 1e-4 --case {{}} --out {{}} --force"
+        );
+        let said = refused(&line, &[&case, &model]);
+        assert!(said.contains("levels of noise"), "{said}");
+    }
+}
+
+#[test]
+fn every_kind_trains_through_the_mirrors_of_a_sheet() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = folder.path().join("model.safetensors");
+    for kind in KINDS {
+        let count = |line: &str| {
+            let report = &trained(&format!("{kind} {line}"), &[&model])["report"];
+            report["samples"]
+                .as_u64()
+                .or_else(|| report["unchanged"].as_u64())
+                .unwrap()
+        };
+        // the paper's sheet has two mirrors and the half turn
+        assert_eq!(
+            count("--symmetric --out {}"),
+            4 * count("--out {}"),
+            "{kind}"
+        );
+    }
+}
+
 #[test]
 fn images_get_their_figures_with_all_digits() {
     let folder = tempfile::tempdir().unwrap();

@@ -132,7 +132,8 @@ pub fn fit(
             }
             if seen.len() < FAMILIAR * inputs {
                 let mut row = sample.input.clone();
-                noise.add(&mut row, 0, first * views + k, learnt * views);
+                let item = first * views + k;
+                noise.add(&mut row, item % noise.levels(), item, learnt * views);
                 seen.extend(row);
             }
         }
@@ -166,7 +167,7 @@ pub fn fit(
     for k in learnt..once.len() {
         let sample = once.sample(k)?;
         let mut row = sample.input.clone();
-        noise.add(&mut row, 0, k, once.len());
+        noise.add(&mut row, k % noise.levels(), k, once.len());
         let truth = dense_target(&sample.target, outputs);
         let (map, kept) = (exact.predict(&row), network.predict(&row));
         for ((map, kept), truth) in map.iter().zip(&kept).zip(&truth) {

@@ -93,7 +93,7 @@ impl Feed<'_> {
     /// The held-out cases, each with one draw of the jitter that training never sees.
     pub(super) fn kept_back(self) -> Vec<(usize, usize)> {
         (self.cases()..self.samples.len())
-            .map(|case| (self.repeats, case))
+            .map(|case| (self.repeats + case % self.noise.levels(), case))
             .collect()
     }
 
@@ -102,7 +102,10 @@ impl Feed<'_> {
     pub(super) fn describe(self, epsilon: f64) -> Result<Option<Described>, SampleError> {
         let rows = (0..self.cases().min(DESCRIBED))
             .into_par_iter()
-            .map(|case| self.jittered(0, case).map(|sample| sample.input))
+            .map(|case| {
+                let copy = case % self.noise.levels();
+                self.jittered(copy, case).map(|sample| sample.input)
+            })
             .collect::<Result<Vec<_>, _>>()?;
         let (width, count) = (self.samples.inputs(), rows.len() as f64);
         let mut mean = vec![0.0; width];

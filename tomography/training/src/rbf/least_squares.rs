@@ -71,6 +71,7 @@ pub fn train_rbf_on(
         &set.baseline,
         settings.seed,
     )?;
+    noise.check_copies(settings.repeats)?;
     let inputs = set.jittered(settings.repeats, &noise);
     let rows = Rows {
         values: &inputs,

@@ -11,6 +11,7 @@ use eit::{Case, Model, Network, Report, TrainingReport, TrainingSettings};
 use crate::model_cache::{Cached, kept};
 use crate::noise_figure::with_noise_figure;
 use crate::samples::{Noise, Progress, Samples, Simulation, TrainError};
+use crate::symmetry::Symmetric;
 pub use least_squares::{train_rbf, train_rbf_on};
 
 /// Above this ratio of spread to median distance a few samples rule the spread of Eq. 13.
@@ -26,7 +27,8 @@ pub fn spread_note(report: &TrainingReport) -> Option<String> {
     })
 }
 
-/// Trains on `samples`, else on cases simulated with `settings`.
+/// Trains on `samples`, else on cases simulated with `settings`; with `symmetric` each is seen through every symmetry of the
+/// sheet too.
 ///
 /// # Errors
 /// A set that cannot be simulated or read, settings without meaning, or a least-squares problem that cannot be solved.
@@ -34,6 +36,7 @@ pub fn fit(
     case: &Case,
     settings: TrainingSettings,
     samples: Option<&dyn Samples>,
+    symmetric: bool,
     name: &str,
     progress: Progress<'_>,
 ) -> Result<Model, TrainError> {
@@ -45,7 +48,9 @@ pub fn fit(
         &case.protocol,
         &settings,
     )?;
-    let samples = samples.unwrap_or(&simulation);
+    let once = samples.unwrap_or(&simulation);
+    let mirrored = Symmetric::new(once, case, &sigma0);
+    let samples: &dyn Samples = if symmetric { &mirrored } else { once };
     let (network, report) = train_rbf_on(samples, &settings, progress)?;
     let noise = Noise::new(
         &settings.jitter,
@@ -75,7 +80,7 @@ pub fn cached(
     progress: Progress<'_>,
 ) -> Result<Cached, TrainError> {
     let mut cached = kept(case, settings, "rbf", || {
-        fit(case, settings.clone(), None, "rbf", progress)
+        fit(case, settings.clone(), None, false, "rbf", progress)
     })?;
     if cached.is_new
         && let Report::Rbf(report) = &cached.model.metadata().report

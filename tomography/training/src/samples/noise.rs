@@ -114,6 +114,29 @@ impl Noise {
         Ok(Self { kind, seed })
     }
 
+    /// Number of levels that the copies of a case take in turn; 1 where all copies have the same noise.
+    pub fn levels(&self) -> usize {
+        match &self.kind {
+            Kind::White(levels) => levels.len(),
+            Kind::Rows(_) => 1,
+        }
+    }
+
+    /// Refuses fewer copies of a case than there are levels: some level would be met by no copy.
+    ///
+    /// # Errors
+    /// [`TrainError::Setting`].
+    pub fn check_copies(&self, copies: usize) -> Result<(), TrainError> {
+        if copies < self.levels() {
+            return Err(TrainError::Setting {
+                setting: "repeats",
+                value: copies as f64,
+                must: "as many as there are levels of noise, or more",
+            });
+        }
+        Ok(())
+    }
+
     /// Root mean square over readings and levels, in units of the normalised input.
     pub fn size(&self) -> f64 {
         match &self.kind {
@@ -236,6 +259,7 @@ mod tests {
             (row.iter().map(|v| f64::from(*v).powi(2)).sum::<f64>() / 500.0).sqrt()
         };
         assert!(size(1) > 500.0 * size(0) && size(3) > 500.0 * size(2));
+        assert!(noise.check_copies(2).is_ok() && noise.check_copies(1).is_err());
         let wrong = Jitter::Levels {
             noise_v: vec![-1.0],
             current_a: 1e-3,

@@ -134,6 +134,12 @@ pub fn train(
         held_out: settings.held_out.min(samples.len()),
     };
     let batches = feed.len() / settings.batch;
+    if recipe.repeats < recipe.noise.levels() {
+        return Err(DeepFault::Setting {
+            setting: "repeats",
+            must: "as many as there are levels of noise, or more",
+        });
+    }
     if batches == 0 {
         return Err(DeepFault::Few {
             cases: feed.cases(),

@@ -1,0 +1,179 @@
+//! Options of `tactus-lab train`.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand, ValueEnum};
+use outfile::OutPath;
+
+use super::Replacing;
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Network {
+    /// A radial-basis-function network (the paper's section 4.3)
+    Rbf(TrainOptions),
+    /// A deep network of fully connected layers (the paper's section 4.2)
+    Dnn(DeepOptions),
+    /// A linear map: the matrix of least mean square error over the training set and its noise
+    Linear(LinearOptions),
+}
+
+/// How the weights of a network are kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum PrecisionName {
+    /// Four bytes a weight
+    F32,
+    /// Two bytes a weight
+    F16,
+    /// One byte a weight and a scale a row
+    Int8,
+}
+
+impl From<PrecisionName> for eit::Precision {
+    fn from(name: PrecisionName) -> Self {
+        match name {
+            PrecisionName::F32 => Self::F32,
+            PrecisionName::F16 => Self::F16,
+            PrecisionName::Int8 => Self::Int8,
+        }
+    }
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct DeepOptions {
+    #[command(flatten)]
+    pub(crate) data: DataOptions,
+    /// Settings that differ from the profile's: a TOML file with tables [data] and [deep]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) settings: Option<PathBuf>,
+    /// One setting, after the file: width=512, hidden_layers=3, learning_rate=5e-4, data.radius_m=0.05 (repeatable)
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub(crate) set: Vec<String>,
+    /// Simulated cases [default: 15000]
+    #[arg(long, value_name = "N")]
+    pub(crate) cases: Option<usize>,
+    /// Jittered copies of each case [default: 5]
+    #[arg(long, value_name = "N")]
+    pub(crate) repeats: Option<usize>,
+    /// Passes over the training set [default: 30]
+    #[arg(long, value_name = "N")]
+    pub(crate) epochs: Option<usize>,
+    /// The same seed gives the same file [default: 1]
+    #[arg(long, value_name = "S")]
+    pub(crate) seed: Option<u64>,
+    /// How the weights are kept
+    #[arg(long, value_enum, default_value_t = PrecisionName::F32)]
+    pub(crate) precision: PrecisionName,
+    /// Where the training is kept after each epoch; the same command goes on from it [default: OUT with .checkpoint]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) checkpoint: Option<PathBuf>,
+    /// Model file to write
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: OutPath,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
+    /// Print what the training found as one JSON object
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Which noise a model is trained for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Profile {
+    /// The paper's jitter: gamma times the standard deviation of the normalised baseline
+    Paper,
+    /// Jitter as the noise is, on baseline and frame: white, in volts, or as frames of the unloaded sheet show it
+    Matched,
+}
+
+impl Profile {
+    /// As on the command line, and in the name of a model.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::Matched => "matched",
+        }
+    }
+}
+
+/// What every training is given: the noise, the case, the set.
+#[derive(Debug, Args)]
+pub(crate) struct DataOptions {
+    /// Which jitter, and the settings that go with it
+    #[arg(long, value_enum)]
+    pub(crate) profile: Profile,
+    /// gamma of the profile `paper`
+    #[arg(long, default_value_t = 0.01)]
+    pub(crate) gamma: f64,
+    /// Noise of one reading for the profile `matched`, V; several levels, several times: copies of a case take them in turn
+    #[arg(long, value_name = "SD", default_values_t = [2e-6])]
+    pub(crate) noise_v: Vec<f64>,
+    /// Frames of the unloaded sheet: the profile `matched` takes their covariance in place of --noise-v
+    #[arg(long, value_name = "FILE")]
+    pub(crate) noise_frames: Option<PathBuf>,
+    /// Every case through the sheet's mirrors too, where mesh and contacts have them
+    #[arg(long)]
+    pub(crate) symmetric: bool,
+    /// A training set in files, made by `dataset`, in place of cases made for the purpose
+    #[arg(long, value_name = "DIR", conflicts_with = "cases")]
+    pub(crate) dataset: Option<PathBuf>,
+    /// Case folder to train for; the preset of the paper's sheet at 1 mA if none is given
+    #[arg(long, value_name = "DIR")]
+    pub(crate) case: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct TrainOptions {
+    #[command(flatten)]
+    pub(crate) data: DataOptions,
+    /// Simulated cases
+    #[arg(long, value_name = "N", default_value_t = 15_000)]
+    pub(crate) cases: usize,
+    /// Jittered copies of each case
+    #[arg(long, value_name = "N", default_value_t = 5)]
+    pub(crate) repeats: usize,
+    /// Neurons
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub(crate) neurons: usize,
+    /// The same seed gives the same file
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Width of the neurons in times of Eq. 13's spread
+    #[arg(long, value_name = "X", default_value_t = 1.0)]
+    pub(crate) spread_times: f64,
+    /// Model file to write
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: OutPath,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
+    /// Print what the training found as one JSON object
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct LinearOptions {
+    #[command(flatten)]
+    pub(crate) data: DataOptions,
+    /// Simulated cases
+    #[arg(long, value_name = "N", default_value_t = 15_000)]
+    pub(crate) cases: usize,
+    /// The same seed gives the same file
+    #[arg(
+        long,
+        value_name = "S",
+        default_value_t = 1,
+        conflicts_with = "dataset"
+    )]
+    pub(crate) seed: u64,
+    /// How the weights are kept
+    #[arg(long, value_enum, default_value_t = PrecisionName::F32)]
+    pub(crate) precision: PrecisionName,
+    /// Model file to write
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: OutPath,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
+    /// Print what the training found as one JSON object
+    #[arg(long)]
+    pub(crate) json: bool,
+}

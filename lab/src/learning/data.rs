@@ -1,0 +1,80 @@
+//! What a training is given, from its options: the case, the noise, the set.
+
+use std::path::Path;
+
+use eit::{Case, Jitter, Preset};
+use studies::Failure;
+use studies::methods::{positive, read_frames};
+use survey::Amps;
+use training::dataset::DataSet;
+use training::samples::Samples;
+use training::{linear, single_current};
+
+use crate::args::{DataOptions, Profile};
+use crate::geometry;
+
+/// The case, the noise and the set of a training.
+pub(super) struct Data {
+    pub(super) case: Case,
+    pub(super) jitter: Jitter,
+    pub(super) set: Option<DataSet>,
+}
+
+impl Data {
+    /// Reads the files that the options name.
+    pub(super) fn read(options: &DataOptions) -> Result<Self, Failure> {
+        for level in &options.noise_v {
+            positive(
+                "--noise-v",
+                Some(*level),
+                "the noise of one reading in volts, e.g. 2e-6",
+            )?;
+        }
+        positive("--gamma", Some(options.gamma), "the paper's is 0.01")?;
+        let case = match &options.case {
+            Some(folder) => geometry::read(folder)?,
+            None => geometry::case(&Preset::default(), Amps(1e-3))?,
+        };
+        let jitter = match (options.profile, &options.noise_frames) {
+            (Profile::Paper, _) => Jitter::Paper {
+                gamma: options.gamma,
+            },
+            (Profile::Matched, Some(path)) => Jitter::Measured {
+                volts: noise_frames(path, case.protocol.len())?,
+                current_a: single_current(&case)?,
+            },
+            (Profile::Matched, None) => linear::matched(&options.noise_v, single_current(&case)?),
+        };
+        let set = match &options.dataset {
+            Some(folder) => Some(DataSet::open(folder, &case)?),
+            None => None,
+        };
+        Ok(Self { case, jitter, set })
+    }
+
+    /// The set as a training reads it; `None` where cases are simulated for the purpose.
+    pub(super) fn samples(&self) -> Option<&dyn Samples> {
+        self.set.as_ref().map(|set| set as &dyn Samples)
+    }
+}
+
+/// Frames of the unloaded sheet, V: whole ones only.
+fn noise_frames(path: &Path, readings: usize) -> Result<Vec<Vec<f64>>, Failure> {
+    let recording = read_frames(path, "first:1", readings, false)?;
+    recording
+        .frames
+        .iter()
+        .map(|(name, frame)| {
+            frame
+                .iter()
+                .map(|reading| reading.volts().map(|volts| volts.0))
+                .collect::<Option<Vec<f64>>>()
+                .ok_or_else(|| {
+                    Failure::because(format!(
+                        "{}: frame '{name}' has missing readings",
+                        path.display()
+                    ))
+                })
+        })
+        .collect()
+}
