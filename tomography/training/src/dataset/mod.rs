@@ -1,5 +1,5 @@
 //! Training sets in files, in shards that are made anywhere, in any order, and resumed. Left to others: where the cases come
-//! from (`eit::Simulation`), and the command line (`tactus-lab dataset`).
+//! from (`samples`), and the command line (`tactus-lab dataset`).
 //!
 //! A shard `shard-I-of-N.tset` holds the cases c with c * N / cases = I of one set: a header line of JSON, then a record a
 //! case, little-endian: the count of changed triangles (u32), the normalised readings (f32), and (u32, f32) for each change.
