@@ -23,7 +23,7 @@ use rig::{
     BoxStream, Link, MeterSettings, Rig, RingTranscript, Stop, SystemClock, acquire, connect_tcp,
 };
 use simulator::{Instrument, Pace, Profile, SimulatedRig, TranscriptLine};
-use survey::{Amps, Plan, Protocol, Timing, Volts, Wiring};
+use survey::{Amps, Plan, Protocol, Volts, Wiring};
 
 type AnyError = Box<dyn std::error::Error>;
 type MainframeRig =
@@ -46,8 +46,8 @@ async fn main() -> Result<(), AnyError> {
     let peer = python.as_deref().map(pyvisa).transpose()?;
     println!("| what (loopback) | goal | measured |\n|---|---|---|");
     conversations(peer).await?;
-    let pairs = Wiring::pairs_34924a(1, 26)?;
-    let matrix = Wiring::matrix_34932a(1, 26)?;
+    let pairs = keysight_34980a::pairs_34924a(1, 26)?;
+    let matrix = keysight_34980a::matrix_34932a(1, 26)?;
     for (what, goal, profile, wiring) in [
         ("26 x 26 scan frame", 5.0, "pairs-34924a", pairs.clone()),
         (
@@ -164,7 +164,7 @@ async fn messages() -> Result<(), AnyError> {
     let source = Keithley6221::connect(link(simulated.connect_6221(), "6221")).await?;
     let mainframe = Keysight34980a::connect(link(simulated.connect_34980a(), "34980a")).await?;
     let rig = Rig::simulated(source, mainframe.clone(), mainframe);
-    let plan = plan(&Wiring::pairs_34924a(1, 26)?, SETTLE)?;
+    let plan = plan(&keysight_34980a::pairs_34924a(1, 26)?, SETTLE)?;
     let meter = MeterSettings::new(Volts(1.0), 0.02);
     for _ in 0..3 {
         transcript.next_transcript();
@@ -338,7 +338,7 @@ async fn real_time(wiring: &Wiring, nplc: f64) -> Result<(f64, f64), AnyError> {
     let simulated = SimulatedRig::new(&Profile::load("pairs-34924a")?, Scene::quiet())?;
     let rig = connect(simulated.connect_6221(), simulated.connect_34980a()).await?;
     let plan = plan(wiring, SETTLE)?;
-    let timing = Timing::reed(nplc, 50.0);
+    let timing = keysight_34980a::Model::M34924A.timing(nplc, 50.0);
     let meter = MeterSettings {
         deadline: Some(plan.longest_answer(&timing)),
         ..MeterSettings::new(Volts(1.0), nplc)

@@ -22,10 +22,10 @@ const DEADLINE: Duration = Duration::from_secs(60);
 /// use simulator::{FrameTimes, Profile};
 /// use survey::{Amps, Plan, Protocol, Timing, Volts, Wiring};
 /// let mut times = FrameTimes::new(&Profile::default(), phantom::Scene::quiet())?;
-/// let wiring = Wiring::pairs_34924a(1, 26)?;
+/// let wiring = keysight_34980a::pairs_34924a(1, 26)?;
 /// let plan = Plan::new(&Protocol::sheffield(26)?, &wiring, Amps(1e-3), Volts(4.0), Duration::ZERO)?;
 /// let took = times.of(&plan, 1.0, 1)?.as_secs_f64();
-/// let formula = plan.duration(&Timing::reed(1.0, 50.0)).as_secs_f64();
+/// let formula = plan.duration(&keysight_34980a::Model::M34924A.timing(1.0, 50.0)).as_secs_f64();
 /// assert!((took / formula - 1.0).abs() < 0.01, "{took} s against {formula} s");
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

@@ -43,6 +43,13 @@ pub struct Precautions {
     pub zeroed: bool,
     /// Whether each reading had a range of its own; the settings' range is then the largest of those asked.
     pub planned_ranges: bool,
+    /// Resolution of the voltmeter at this integration as a part of its range, from its driver's table; 0: not known.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub resolution: f64,
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 impl Default for Precautions {
@@ -54,36 +61,25 @@ impl Default for Precautions {
             reversal: false,
             zeroed: false,
             planned_ranges: false,
+            resolution: 0.0,
         }
     }
 }
 
 impl Settings {
-    /// Noise of one reading, as the resolution of a 6.5-digit voltmeter (`instruments/keysight-34980a.md` section 5)
-    /// taken for a standard deviation, on the settings' range. Between the integration times of that table the next
-    /// shorter one's; nothing for settings that do not say (a CSV of somebody's).
+    /// Noise of one reading: the voltmeter's resolution taken for a standard deviation, on the settings' range; nothing
+    /// for settings that do not say (somebody's CSV).
     pub fn noise(&self) -> Volts {
-        const OF_RANGE: [(f64, f64); 5] = [
-            (0.02, 1e-4),
-            (0.2, 1e-5),
-            (1.0, 3e-6),
-            (10.0, 1e-6),
-            (100.0, 3e-7),
-        ];
-        let fraction = OF_RANGE
-            .iter()
-            .rev()
-            .find(|(nplc, _)| *nplc <= self.nplc)
-            .map_or(0.0, |(_, fraction)| *fraction);
         let Precautions {
             averages,
             reversal,
             zeroed,
+            resolution,
             ..
         } = &self.precautions;
         let readings = f64::from((*averages).max(1)) * if *reversal { 2.0 } else { 1.0 };
         let subtracted = if *zeroed { 2.0 } else { 1.0 };
-        Volts(fraction * self.range.0 * (subtracted / readings).sqrt())
+        Volts(resolution * self.range.0 * (subtracted / readings).sqrt())
     }
 
     /// The names of the settings in which two differ, with both values, for a message; empty when they agree.

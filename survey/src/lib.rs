@@ -35,8 +35,8 @@ pub use frame::{Baseline, BaselineError, Extra, Frame, Precautions, Settings};
 pub use map::{Map, MapUnit};
 pub use pattern::{Measurement, Protocol, ProtocolError, half, sheffield, skip};
 pub use plan::{
-    Channel, Counts, Injection, Limits, Plan, PlanError, RangeRule, Resolution, Routed, Step,
-    Timing,
+    Channel, Counts, Injection, Limits, Plan, PlanError, RangeRule, RelayLimits, Resolution,
+    Routed, SourceLimits, Step, Timing,
 };
 pub use printable::{error_chain, printable, printable_json, printable_lines, printable_within};
 pub use quality::{Checks, Quality, QualityFlag};

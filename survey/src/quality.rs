@@ -337,7 +337,10 @@ mod tests {
                 nplc: 1.0,
                 settle: Duration::ZERO,
                 wiring: "w".into(),
-                precautions: Precautions::default(),
+                precautions: Precautions {
+                    resolution: 3e-6,
+                    ..Precautions::default()
+                },
             },
             compliance: Vec::new(),
             simulated: true,
@@ -386,7 +389,7 @@ mod tests {
         let (checks, mut frame) = sound();
         scaled(&mut frame.readings[0], 1.01);
         // 1e-4 of 100 V: 10 mV a reading
-        frame.settings.nplc = 0.02;
+        frame.settings.precautions.resolution = 1e-4;
         frame.settings.range = Volts(100.0);
         assert_eq!(checks.of(&frame).flags, []);
     }

@@ -8,14 +8,6 @@ use survey::{Injection, Plan, Protocol, Step, Timing};
 
 use crate::instruments::rig_plan::RigPlan;
 
-/// The voltmeter's resolution as a part of its range, taken as the noise of one reading; 0 where its integration is none
-/// that it has.
-pub(crate) fn resolution(nplc: f64) -> f64 {
-    let identities = keysight_34980a::INTEGRATION.iter();
-    let mut identities = identities.filter(|(integration, _)| *integration == nplc);
-    identities.next().map_or(0.0, |(_, fraction)| *fraction)
-}
-
 /// Every setting that is not as if left out: shortest integration, one reading, one way, one range, a whole frame.
 pub(crate) fn costs(rig: &RigPlan) -> Vec<SettingCost> {
     let (plan, timing) = (&rig.plan, &rig.timing);
@@ -37,7 +29,7 @@ pub(crate) fn costs(rig: &RigPlan) -> Vec<SettingCost> {
         nplc: shortest,
         ..*timing
     };
-    let finer = coarsest / resolution(timing.nplc).max(f64::MIN_POSITIVE);
+    let finer = coarsest / rig.meter.resolution.max(f64::MIN_POSITIVE);
     add(timing.nplc > shortest, "nplc", timed(quickest), finer);
     let once = Timing {
         averages: 1,
@@ -72,7 +64,7 @@ pub(crate) fn costs(rig: &RigPlan) -> Vec<SettingCost> {
     }
     if plan.has_ranges() {
         let ranges = plan.counts().range_changes as f64 * timing.range_command.as_secs_f64();
-        let fraction = resolution(timing.nplc);
+        let fraction = rig.meter.resolution;
         let planned = plan.resolution(fraction, rig.meter.range, rig.meter.averages);
         let both_ways = if plan.reversal { 2.0 } else { 1.0 };
         let fixed = fraction * rig.meter.range.0 / (averages * both_ways).sqrt();

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use sha2::{Digest, Sha256};
 use survey::{Amps, Protocol, ProtocolError, duration};
 
-pub(crate) use crate::preparation::costs::{costs, resolution};
+pub(crate) use crate::preparation::costs::costs;
 
 use crate::acquisition::playback::Recording;
 use crate::acquisition::schedule::Schedule;

@@ -134,6 +134,7 @@ pub(super) fn rig_plan(
         limits,
         timing,
         meter: MeterSettings {
+            resolution: keysight_34980a::resolution(survey.nplc),
             autozero: survey.autozero,
             averages: survey.averages,
             channel_delay: timing.channel_delay,

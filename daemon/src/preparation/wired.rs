@@ -4,11 +4,9 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
 
-use keysight_34980a::Module;
+use keysight_34980a::{MapError, Module};
 use serde::Deserialize;
-use survey::{
-    Amps, Limits, OwnWiring, Relay, Sensing, Timing, Transition, Volts, Wiring, duration,
-};
+use survey::{Limits, OwnWiring, Relay, Sensing, Timing, Transition, Wiring, duration};
 
 use crate::config::{Config, WiringKind};
 use crate::preparation::Findings;
@@ -71,12 +69,12 @@ pub(super) fn wired(
             };
             return findings.taken("wiring.file", from_file(path));
         }
-        WiringKind::Pairs34924a => Wiring::pairs_34924a(slot, electrodes),
-        WiringKind::Pairs34922a => Wiring::pairs_34922a(slot, electrodes),
-        WiringKind::Fast34925a => Wiring::fast_34925a(slot, inject_slot, electrodes),
-        WiringKind::Matrix34932a => Wiring::matrix_34932a(slot, electrodes),
-        WiringKind::Matrix34934a => Wiring::matrix_34934a(slot, electrodes),
-        WiringKind::GpioBoard => Wiring::gpio_board(electrodes),
+        WiringKind::Pairs34924a => keysight_34980a::pairs_34924a(slot, electrodes),
+        WiringKind::Pairs34922a => keysight_34980a::pairs_34922a(slot, electrodes),
+        WiringKind::Fast34925a => keysight_34980a::fast_34925a(slot, inject_slot, electrodes),
+        WiringKind::Matrix34932a => keysight_34980a::matrix_34932a(slot, electrodes),
+        WiringKind::Matrix34934a => keysight_34980a::matrix_34934a(slot, electrodes),
+        WiringKind::GpioBoard => gpio_mux::wiring(electrodes).map_err(MapError::from),
     };
     let wiring = findings.taken("wiring", outcome.map_err(|cause| chain(&cause)))?;
     let modules = modules(section.kind, slot, inject_slot);
@@ -161,24 +159,24 @@ fn from_file(path: &Path) -> Result<Wired, String> {
     }
 }
 
-/// The smallest that any of the modules allows.
+/// What source and modules allow; without modules, what the multiplexer board allows.
 fn limits(modules: &BTreeMap<u32, Module>) -> Limits {
-    let mut each = modules.values().map(|module| module.model().limits());
-    let Some(first) = each.next() else {
-        return Limits::GPIO_BOARD_5V;
-    };
-    each.fold(first, |least, next| Limits {
-        relay_current: Amps(least.relay_current.0.min(next.relay_current.0)),
-        relay_voltage: Volts(least.relay_voltage.0.min(next.relay_voltage.0)),
-        ..least
-    })
+    let source = keithley_6221::LIMITS;
+    if modules.is_empty() {
+        return Limits::of(source, [gpio_mux::RELAY_LIMITS]);
+    }
+    let relays = modules.values().map(|module| module.model().relay_limits());
+    Limits::of(source, relays)
 }
 
 impl Wired {
     /// What the modules cost in time: the slowest relay and the slowest scan of them.
     pub(super) fn timing(&self, nplc: f64, line_hz: f64) -> Timing {
         if self.modules.is_empty() {
-            return Timing::gpio_board(nplc, line_hz);
+            return Timing {
+                round_trip: gpio_mux::ROUND_TRIP,
+                ..keysight_34980a::reading_timing(nplc, line_hz)
+            };
         }
         let slowest = |time: fn(&Module) -> Duration| {
             self.modules.values().map(time).max().unwrap_or_default()
@@ -192,7 +190,7 @@ impl Wired {
             relay_close: slowest(|module| module.model().close_time()),
             relay_open: slowest(|module| module.model().open_time()),
             scan_period: duration(1.0 / f64::from(rate.unwrap_or(100))),
-            ..Timing::reed(nplc, line_hz)
+            ..keysight_34980a::reading_timing(nplc, line_hz)
         }
     }
 

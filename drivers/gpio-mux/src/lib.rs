@@ -34,6 +34,7 @@ mod driver;
 mod lines;
 #[cfg(feature = "simulator")]
 mod simulator;
+mod wiring;
 
 pub use board::GpioBoard;
 #[cfg(target_os = "linux")]
@@ -44,6 +45,7 @@ pub use driver::{GpioMux, Options, await_banner};
 pub use lines::{Chip, LINES, Levels, Line, Step, steps};
 #[cfg(feature = "simulator")]
 pub use simulator::{Edge, EdgeRecord, Poles, Response, Settings, SimulatorGpioMux};
+pub use wiring::{RELAY_LIMITS, ROUND_TRIP, wiring};
 
 /// The model field of `*IDN?`.
 pub const MODEL: &str = "GPIO-MUX";

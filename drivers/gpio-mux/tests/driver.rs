@@ -6,7 +6,7 @@ use std::time::Duration;
 use gpio_mux::{GpioMux, Poles, Settings, SimulatorGpioMux, await_banner};
 use rig::{Link, Move, RigError, Switch};
 use scpi::Framer;
-use survey::{Electrode, Plan, Protocol, Relay, Step, Wiring};
+use survey::{Electrode, Plan, Protocol, Relay, Step};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::time::Instant;
 
@@ -119,7 +119,7 @@ async fn a_whole_plan_moves_the_poles_break_before_make() {
     let (bench, mut board) = connected().await;
     let plan = Plan::new(
         &Protocol::sheffield(26).unwrap(),
-        &Wiring::gpio_board(26).unwrap(),
+        &gpio_mux::wiring(26).unwrap(),
         survey::Amps(1e-3),
         survey::Volts(4.0),
         Duration::ZERO,

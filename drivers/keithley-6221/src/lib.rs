@@ -58,6 +58,8 @@ pub use kind::Kind;
 #[cfg(feature = "simulator")]
 pub use load::{Load, Resistor};
 pub use parameter::Parameter;
-pub use range::{LARGEST_CURRENT, LARGEST_LIMIT, LIMIT_STEP, RANGES, Range, SMALLEST_LIMIT};
+pub use range::{
+    LARGEST_CURRENT, LARGEST_LIMIT, LIMIT_STEP, LIMITS, RANGES, Range, SMALLEST_LIMIT,
+};
 #[cfg(feature = "simulator")]
 pub use simulator::{Response, Settings6221, Simulator6221, Trigger};

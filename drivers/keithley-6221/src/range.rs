@@ -1,6 +1,6 @@
 //! Ranges and limits of the instrument (fact sheet, section 7).
 
-use survey::{Amps, Volts};
+use survey::{Amps, SourceLimits, Volts};
 
 /// Largest current of either sign: the 100 mA range goes 5 % over.
 pub const LARGEST_CURRENT: Amps = Amps(0.105);
@@ -8,6 +8,11 @@ pub const LARGEST_CURRENT: Amps = Amps(0.105);
 pub const SMALLEST_LIMIT: Volts = Volts(0.1);
 /// Largest voltage limit.
 pub const LARGEST_LIMIT: Volts = Volts(105.0);
+/// Current and voltage limit, for a plan.
+pub const LIMITS: SourceLimits = SourceLimits {
+    current: LARGEST_CURRENT,
+    compliance: (SMALLEST_LIMIT, LARGEST_LIMIT),
+};
 /// The voltage limit is set in steps of this.
 pub const LIMIT_STEP: Volts = Volts(0.01);
 

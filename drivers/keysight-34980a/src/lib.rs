@@ -31,18 +31,21 @@
 
 mod command;
 mod driver;
+mod meter;
 mod modules;
 #[cfg(feature = "simulator")]
 mod simulator;
+mod wiring;
 
 pub use command::{
-    Channels, Command, Detail, Field, Function, Functions, Given, INTEGRATION, Measure, Message,
-    OVERRANGE, Protection, Quantity, RANGES, Range, Route, Sense, Setting, StatusGroup, System,
-    TriggerSource, Wanted, range_for,
+    Channels, Command, Detail, Field, Function, Functions, Given, Measure, Message, Protection,
+    Quantity, Range, Route, Sense, Setting, StatusGroup, System, TriggerSource, Wanted,
 };
 pub use driver::Keysight34980a;
+pub use meter::{INTEGRATION, OVERRANGE, RANGES, range_for, reading_timing, resolution};
 pub use modules::{Contact, Model, Module, ModuleError, Terminal, join, split};
 #[cfg(feature = "simulator")]
 pub use simulator::{
     Alternating, MeterRequest, Output, Response, Session, Settings34980a, Simulator34980a, Wires,
 };
+pub use wiring::{MapError, fast_34925a, matrix_34932a, matrix_34934a, pairs_34922a, pairs_34924a};

@@ -117,8 +117,10 @@ pub trait Switch: Send {
 pub struct MeterSettings {
     /// The range of every reading that has none of its own.
     pub range: Volts,
-    /// Integration, power-line cycles: 0.02, 0.2, 1, 2, 10, 20, 100 or 200.
+    /// Integration, power-line cycles: one of those that the voltmeter has.
     pub nplc: f64,
+    /// Resolution at this integration as a part of the range, from the driver's table; 0: not known.
+    pub resolution: f64,
     /// Whether a zero reading follows every reading.
     pub autozero: bool,
     /// Readings averaged to one, 1 or more.
@@ -136,6 +138,7 @@ impl MeterSettings {
         Self {
             range,
             nplc,
+            resolution: 0.0,
             autozero: false,
             averages: 1,
             channel_delay: Duration::ZERO,

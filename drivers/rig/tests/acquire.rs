@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use chrono::{DateTime, Utc};
 use rig::{AcquireError, Clock, MeterSettings, RigError, Stop, acquire, check_at_start, safe_off};
-use stand_in::{Fault, Part, StandIn};
+use stand_in::{Fault, Part, StandIn, wirings};
 use survey::{Amps, Electrode, Frame, Injection, Plan, Protocol, Reading, Relay, Volts, Wiring};
 
 const METER: MeterSettings = MeterSettings::new(Volts(1.0), 1.0);
@@ -30,9 +30,9 @@ fn plan(wiring: &Wiring, settle: Duration) -> Plan {
 
 fn wirings(electrodes: usize) -> [Wiring; 3] {
     [
-        Wiring::pairs_34924a(1, electrodes).unwrap(),
-        Wiring::matrix_34932a(1, electrodes).unwrap(),
-        Wiring::gpio_board(electrodes).unwrap(),
+        wirings::pairs(electrodes),
+        wirings::matrix(electrodes),
+        wirings::board(electrodes),
     ]
 }
 
@@ -118,7 +118,7 @@ async fn a_lost_switch_switches_the_source_off() {
 
 #[tokio::test(start_paused = true)]
 async fn when_everything_is_lost_both_halves_are_told() {
-    let wiring = Wiring::pairs_34924a(1, 5).unwrap();
+    let wiring = wirings::pairs(5);
     let stand_in = StandIn::new(&wiring).failing(9, Fault::Lost(Part::Everything));
     let fault = run(&stand_in, &plan(&wiring, Duration::ZERO))
         .await
@@ -153,7 +153,7 @@ async fn a_stop_is_heard_between_two_steps() {
 
 #[tokio::test(start_paused = true)]
 async fn a_stop_cuts_the_settling_short() {
-    let wiring = Wiring::pairs_34924a(1, 5).unwrap();
+    let wiring = wirings::pairs(5);
     let plan = plan(&wiring, Duration::from_secs(3600));
     let (button, stop) = Stop::button();
     let stand_in = StandIn::new(&wiring);
@@ -194,7 +194,7 @@ async fn a_dropped_future_leaves_the_rig_safe_to_whoever_comes_next() {
 
 #[tokio::test(start_paused = true)]
 async fn a_panic_in_a_driver_makes_the_rig_safe_before_it_is_handed_on() {
-    let wiring = Wiring::pairs_34924a(1, 5).unwrap();
+    let wiring = wirings::pairs(5);
     let stand_in = StandIn::new(&wiring).calling(12, || panic!("a broken invariant"));
     let rig = stand_in.rig();
     let plan = plan(&wiring, Duration::ZERO);
@@ -228,7 +228,7 @@ async fn compliance_at_an_injection_takes_its_readings_and_names_the_electrode()
 
 #[tokio::test(start_paused = true)]
 async fn what_is_said_before_the_relays_are_known_to_have_moved_voids_both_injections() {
-    let wiring = Wiring::pairs_34924a(1, 6).unwrap();
+    let wiring = wirings::pairs(6);
     let plan = plan(&wiring, Duration::from_millis(2));
     // the second injection's relays move long after the source is asked about it
     let (late, second) = (Duration::from_millis(80), 9);
@@ -248,7 +248,7 @@ async fn what_is_said_before_the_relays_are_known_to_have_moved_voids_both_injec
 
 #[tokio::test(start_paused = true)]
 async fn an_overload_or_a_missing_answer_is_a_flag_in_its_place() {
-    let wiring = Wiring::pairs_34924a(1, 6).unwrap();
+    let wiring = wirings::pairs(6);
     let plan = plan(&wiring, Duration::ZERO);
     for flag in [Reading::Overload, Reading::Timeout] {
         let asked = plan.protocol.measurements()[4];
@@ -268,7 +268,7 @@ async fn an_overload_or_a_missing_answer_is_a_flag_in_its_place() {
 
 #[tokio::test(start_paused = true)]
 async fn a_scan_that_answers_too_little_is_an_error_not_a_shift() {
-    let wiring = Wiring::pairs_34924a(1, 6).unwrap();
+    let wiring = wirings::pairs(6);
     let stand_in = StandIn::new(&wiring).losing_a_reading();
     let fault = run(&stand_in, &plan(&wiring, Duration::ZERO))
         .await
@@ -288,14 +288,14 @@ async fn a_scan_that_answers_too_little_is_an_error_not_a_shift() {
 
 #[tokio::test(start_paused = true)]
 async fn relays_found_closed_at_the_start_are_named_with_their_pair() {
-    let wiring = Wiring::matrix_34932a(2, 26).unwrap();
+    let wiring = wirings::matrix(26);
     let stand_in = StandIn::new(&wiring);
     let rig = stand_in.rig();
     check_at_start(&rig, &wiring).await.unwrap();
-    stand_in.close([Relay(2203), Relay(2610)]);
+    stand_in.close([Relay(1203), Relay(1226)]);
     let refusal = check_at_start(&rig, &wiring).await.unwrap_err().to_string();
     assert!(
-        refusal.contains("2203 (electrodes 3 and 4), 2610 (electrodes 1 and 26)"),
+        refusal.contains("1203 (electrodes 3 and 4), 1226 (electrodes 1 and 26)"),
         "{refusal}"
     );
     safe_off(&rig, &wiring).await.unwrap();
@@ -304,9 +304,9 @@ async fn relays_found_closed_at_the_start_are_named_with_their_pair() {
 
 #[tokio::test(start_paused = true)]
 async fn safe_off_opens_relays_even_when_the_source_does_not_answer() {
-    let wiring = Wiring::matrix_34932a(2, 26).unwrap();
+    let wiring = wirings::matrix(26);
     let stand_in = StandIn::new(&wiring).failing(0, Fault::Lost(Part::Source));
-    stand_in.close([Relay(2203), Relay(2921)]);
+    stand_in.close([Relay(1203), Relay(1921)]);
     let told = safe_off(&stand_in.rig(), &wiring).await.unwrap_err();
     assert!(
         told.source_state_unknown() && told.relays.is_none(),
@@ -381,7 +381,7 @@ async fn a_zero_current_frame_reads_offsets_only_and_subtracts_them() {
 
 #[tokio::test(start_paused = true)]
 async fn what_the_scan_reads_beside_the_protocol_is_kept_apart_and_fails_nothing() {
-    let wiring = Wiring::pairs_34924a(1, 6).unwrap();
+    let wiring = wirings::pairs(6);
     let plan = plan(&wiring, Duration::ZERO);
     let drive = survey::Dipole::adjacent(0, 6);
     let own = survey::Measurement {

@@ -5,8 +5,8 @@ mod stand_in;
 use std::time::Duration;
 
 use rig::{AcquireError, MeterSettings, RigError, Stop, SystemClock, acquire, safe_off};
-use stand_in::{Fault, Part, StandIn};
-use survey::{Amps, Plan, Protocol, Relay, Volts, Wiring};
+use stand_in::{Fault, Part, StandIn, wirings};
+use survey::{Amps, Plan, Protocol, Relay, Volts};
 use tokio::time::Instant;
 
 const METER: MeterSettings = MeterSettings {
@@ -18,7 +18,7 @@ const METER: MeterSettings = MeterSettings {
 const ALLOWED: Duration = Duration::from_millis(100);
 
 fn plan() -> Plan {
-    let wiring = Wiring::pairs_34924a(1, 5).unwrap();
+    let wiring = wirings::pairs(5);
     let protocol = Protocol::sheffield(5).unwrap();
     Plan::new(&protocol, &wiring, Amps(1e-3), Volts(10.0), Duration::ZERO).unwrap()
 }

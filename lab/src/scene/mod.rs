@@ -90,15 +90,20 @@ fn scan(scene: &Scene, options: &SessionOptions) -> Result<Scan, Failure> {
     };
     let usual = Scan::usual(scene.sheet.electrodes())
         .map_err(|fault| Failure::of("no protocol for this ring", &fault))?;
+    let current = Amps(options.current_ua * 1e-6);
+    let ranges = keithley_6221::RANGES.map(|range| range.full_scale);
+    let holds = ranges.into_iter().find(|range| *range >= current.abs());
     let mut scan = Scan {
+        current,
+        source_range: holds.unwrap_or(ranges[ranges.len() - 1]),
         nplc: options.nplc,
+        resolution: keysight_34980a::resolution(options.nplc),
         range: Volts(options.range_v),
         line_hz: options.line_hz,
         settle: seconds("--settle-ms", options.settle_ms)? / 1000,
         every: seconds("--every", options.every_s.unwrap_or(0.0))?,
         ..usual
-    }
-    .driving(Amps(options.current_ua * 1e-6));
+    };
     scan.frames = match options.frames {
         Some(0) => return Err(Failure::usage("--frames 0: a scene needs a frame")),
         Some(frames) => frames,

@@ -252,6 +252,7 @@ impl Sheet {
             integration: survey::duration(request.nplc / self.line_hz),
             range: request.range,
             nplc: request.nplc,
+            resolution: keysight_34980a::resolution(request.nplc),
             relay: request.relay,
             flowing: self.flowing,
             source_range: self.source_range,

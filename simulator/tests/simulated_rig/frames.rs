@@ -62,7 +62,7 @@ fn assert_off(simulated: &SimulatedRig) {
 
 #[tokio::test]
 async fn every_wiring_reads_the_bare_forward_solution_to_the_digits_sent() {
-    let pairs = Wiring::pairs_34924a(1, 26).unwrap();
+    let pairs = keysight_34980a::pairs_34924a(1, 26).unwrap();
     let rig = simulated("pairs-34924a", Scene::quiet());
     let scanned = frame(&mainframe_rig(&rig).await, &pairs).await.unwrap();
     let worst = assert_bare(&rig, &pairs, &scanned);
@@ -77,7 +77,7 @@ async fn every_wiring_reads_the_bare_forward_solution_to_the_digits_sent() {
     assert_eq!(source.received, source.answered);
     assert_off(&rig);
 
-    let matrix = Wiring::matrix_34932a(1, 26).unwrap();
+    let matrix = keysight_34980a::matrix_34932a(1, 26).unwrap();
     let rig = simulated("matrix-34932a", Scene::quiet());
     let routed = frame(&mainframe_rig(&rig).await, &matrix).await.unwrap();
     let worst = assert_bare(&rig, &matrix, &routed);
@@ -89,7 +89,7 @@ async fn every_wiring_reads_the_bare_forward_solution_to_the_digits_sent() {
     assert_eq!((messages.reading, messages.readings), (598, 598));
     assert_off(&rig);
 
-    let chips = Wiring::gpio_board(26).unwrap();
+    let chips = gpio_mux::wiring(26).unwrap();
     let rig = simulated("gpio-board", Scene::quiet());
     let multiplexed = frame(&board_rig(&rig).await, &chips).await.unwrap();
     let worst = assert_bare(&rig, &chips, &multiplexed);
@@ -101,9 +101,9 @@ async fn every_wiring_reads_the_bare_forward_solution_to_the_digits_sent() {
 
     // the armature twin of M, map F and map Z
     for (profile, wiring, reading_messages) in [
-        ("pairs-34922a", Wiring::pairs_34922a(1, 26), 26),
-        ("fast-34925a", Wiring::fast_34925a(1, 2, 26), 26),
-        ("matrix-34934a", Wiring::matrix_34934a(1, 26), 598),
+        ("pairs-34922a", keysight_34980a::pairs_34922a(1, 26), 26),
+        ("fast-34925a", keysight_34980a::fast_34925a(1, 2, 26), 26),
+        ("matrix-34934a", keysight_34980a::matrix_34934a(1, 26), 598),
     ] {
         let wiring = wiring.unwrap();
         let rig = simulated(profile, Scene::quiet());
@@ -169,7 +169,7 @@ async fn closing_the_pair_lets_the_current_flow_and_opening_it_stops_it() {
 
 #[tokio::test]
 async fn a_compliance_too_low_flags_every_reading_and_names_the_electrodes() {
-    let wiring = Wiring::pairs_34924a(1, 26).unwrap();
+    let wiring = keysight_34980a::pairs_34924a(1, 26).unwrap();
     let sim = simulated("pairs-34924a", Scene::quiet());
     let rig = mainframe_rig(&sim).await;
     let mut plan = plan(&wiring);
@@ -195,7 +195,7 @@ async fn a_compliance_too_low_flags_every_reading_and_names_the_electrodes() {
 
 #[tokio::test]
 async fn one_wrong_relay_number_and_the_readings_go_wrong() {
-    let right = Wiring::matrix_34932a(1, 26).unwrap();
+    let right = keysight_34980a::matrix_34932a(1, 26).unwrap();
     let sim = simulated("matrix-34932a", Scene::quiet());
     let rig = mainframe_rig(&sim).await;
     let bare = bare(&sim, &right);

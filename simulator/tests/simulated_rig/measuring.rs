@@ -24,7 +24,7 @@ fn whole() -> Protocol {
 }
 
 fn pairs() -> Wiring {
-    Wiring::pairs_34924a(1, 26).unwrap()
+    keysight_34980a::pairs_34924a(1, 26).unwrap()
 }
 
 /// A frame of the pair wiring on a sheet with this scene.
@@ -126,7 +126,7 @@ async fn a_half_frame_completed_by_reciprocity_is_the_whole_frame_within_the_noi
 async fn a_skip_pattern_through_the_board_reads_the_bare_forward_solution() {
     for skip in [1, 3, 6] {
         let protocol = Protocol::new(26, survey::skip(26, skip).collect()).unwrap();
-        let wiring = Wiring::gpio_board(26).unwrap().joining(&protocol);
+        let wiring = gpio_mux::wiring(26).unwrap().joining(&protocol);
         let simulated = simulated("gpio-board", Scene::quiet());
         let rig = board_rig(&simulated).await;
         let plan = plan(&protocol, &wiring, false);

@@ -3,7 +3,7 @@
 use crate::drivers::{board_rig, frame, mainframe_rig, simulated};
 use phantom::{Preview, Scan, Scene};
 use simulator::{Fault, Instrument, LoadNetwork, Pace, Profile, SimulatedRig};
-use survey::{Relay, Wiring};
+use survey::Relay;
 
 fn load_network(scene: &str) -> SimulatedRig {
     let mut profile = Profile::shipped("pairs-34924a").unwrap();
@@ -107,7 +107,7 @@ async fn a_relay_whose_life_is_over_sticks_and_can_be_replaced() {
 
 #[tokio::test]
 async fn a_board_that_does_not_wait_reads_before_its_relays_are_there() {
-    let wiring = Wiring::gpio_board(26).unwrap();
+    let wiring = gpio_mux::wiring(26).unwrap();
     let volts = |frame: survey::Frame| -> Vec<f64> {
         let readings = frame.readings.iter();
         readings.map(|reading| reading.volts().unwrap().0).collect()
@@ -138,7 +138,7 @@ async fn a_board_that_does_not_wait_reads_before_its_relays_are_there() {
 
 #[tokio::test]
 async fn what_channels_do_to_readings_is_as_large_as_predicted() {
-    let wiring = Wiring::pairs_34924a(1, 26).unwrap();
+    let wiring = keysight_34980a::pairs_34924a(1, 26).unwrap();
     let input = "[effects.input-resistance]\nmohm = 0.01\n";
     let channels = format!("{input}[effects.channel-resistance]\nohm = 20\ndirty_percent = 0.0\n");
     let mut frames = Vec::new();

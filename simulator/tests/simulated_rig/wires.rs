@@ -9,7 +9,7 @@ use simulator::{Instrument, Pace, Profile, SimulatedRig, Wire};
 use survey::{Amps, Relay, Volts, Wiring};
 
 fn pairs() -> Wiring {
-    Wiring::pairs_34924a(1, 26).unwrap()
+    keysight_34980a::pairs_34924a(1, 26).unwrap()
 }
 
 #[tokio::test]
@@ -19,7 +19,7 @@ async fn the_meter_sees_four_entries_of_z_times_the_current() {
     let mut switch = crate::drivers::mainframe(&sim).await;
     source.prepare(Amps(1e-3), Volts(4.0)).await.unwrap();
     source.set_output(true).await.unwrap();
-    let wiring = Wiring::matrix_34932a(1, 26).unwrap();
+    let wiring = keysight_34980a::matrix_34932a(1, 26).unwrap();
     switch
         .move_relays(&[Move::Close(vec![Relay(1921)])])
         .await

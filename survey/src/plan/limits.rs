@@ -5,6 +5,24 @@ use serde::{Deserialize, Serialize};
 use super::{Plan, Step};
 use crate::{Amps, Dipole, Relay, Volts, WiringError};
 
+/// What a source can be set to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SourceLimits {
+    /// Largest current.
+    pub current: Amps,
+    /// Smallest and largest compliance.
+    pub compliance: (Volts, Volts),
+}
+
+/// What a relay carries and withstands.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RelayLimits {
+    /// Largest current through it, closed.
+    pub current: Amps,
+    /// Largest voltage over it, open.
+    pub voltage: Volts,
+}
+
 /// What a rig allows: the smallest over source, switch modules and settings.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
@@ -21,29 +39,21 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// A 6221 behind the in-rush resistors of a 34924A: 105 mA and 0.1 to 105 V from the source, 50 mA and 150 V
-    /// through the relays.
-    pub const REED: Self = Self {
-        source_current: Amps(0.105),
-        source_compliance: (Volts(0.1), Volts(105.0)),
-        relay_current: Amps(0.05),
-        relay_voltage: Volts(150.0),
-        meter_on_current_range: false,
-    };
-
-    /// A 6221 behind the armature relays of a 34932A: 1 A, 300 V.
-    pub const ARMATURE: Self = Self {
-        relay_current: Amps(1.0),
-        relay_voltage: Volts(300.0),
-        ..Self::REED
-    };
-
-    /// A 6221 behind a CD74HC4067 board on 5 V: 25 mA, compliance half a volt below the supply.
-    pub const GPIO_BOARD_5V: Self = Self {
-        relay_current: Amps(0.025),
-        relay_voltage: Volts(4.5),
-        ..Self::REED
-    };
+    /// Of a source behind relays: the smallest that any of them allows.
+    pub fn of(source: SourceLimits, relays: impl IntoIterator<Item = RelayLimits>) -> Self {
+        let unlimited = Self {
+            source_current: source.current,
+            source_compliance: source.compliance,
+            relay_current: Amps(f64::INFINITY),
+            relay_voltage: Volts(f64::INFINITY),
+            meter_on_current_range: false,
+        };
+        relays.into_iter().fold(unlimited, |least, next| Self {
+            relay_current: Amps(least.relay_current.0.min(next.current.0)),
+            relay_voltage: Volts(least.relay_voltage.0.min(next.voltage.0)),
+            ..least
+        })
+    }
 }
 
 /// Why a plan cannot be made, or must not be run.

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Amps, Dipole, Protocol, Relay, Sensing, Transition, Volts, Wiring, WiringError};
 
-pub use limits::{Limits, PlanError};
+pub use limits::{Limits, PlanError, RelayLimits, SourceLimits};
 pub use ranges::{RangeRule, Resolution};
 pub use step::{Channel, Routed, Step};
 pub use timing::{Counts, Timing};
@@ -266,6 +266,19 @@ impl fmt::Display for Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::wiring::examples;
+
+    fn limits() -> Limits {
+        let source = SourceLimits {
+            current: Amps(0.105),
+            compliance: (Volts(0.1), Volts(105.0)),
+        };
+        let relay = |current, voltage| RelayLimits {
+            current: Amps(current),
+            voltage: Volts(voltage),
+        };
+        Limits::of(source, [relay(1.0, 150.0), relay(0.05, 300.0)])
+    }
 
     fn plan(wiring: &Wiring) -> Plan {
         Plan::new(
@@ -280,18 +293,18 @@ mod tests {
 
     #[test]
     fn pair_wiring_asks_26_times_and_a_matrix_598_times() {
-        let pairs = plan(&Wiring::pairs_34924a(1, 26).unwrap());
+        let pairs = plan(&examples::pairs(26));
         let counts = pairs.counts();
         assert_eq!((counts.injections, counts.readings), (26, 598));
         assert_eq!((counts.extra_readings, counts.reading_messages), (78, 26));
-        let matrix = plan(&Wiring::matrix_34932a(1, 26).unwrap());
+        let matrix = plan(&examples::matrix(26));
         assert_eq!(matrix.counts().reading_messages, 598);
-        for plan in [&pairs, &matrix, &plan(&Wiring::gpio_board(26).unwrap())] {
+        for plan in [&pairs, &matrix, &plan(&examples::board(26))] {
             assert_eq!(plan.counts().readings, 598);
             assert_eq!(
                 plan.check(&Limits {
                     relay_voltage: Volts(10.0),
-                    ..Limits::REED
+                    ..limits()
                 }),
                 Ok(())
             );
@@ -302,32 +315,21 @@ mod tests {
     }
 
     #[test]
-    fn duration_follows_the_table_of_lower_bounds() {
-        // 34924A, 26 per injection, 1 PLC at 50 Hz: 14.6 s; the 34932A matrix, 23 per injection: 17.0 s
-        let pairs = plan(&Wiring::pairs_34924a(1, 26).unwrap());
-        let seconds = pairs.duration(&Timing::reed(1.0, 50.0)).as_secs_f64();
-        assert!((seconds - 14.6).abs() < 0.05, "{seconds}");
-        let matrix = plan(&Wiring::matrix_34932a(1, 26).unwrap());
-        let seconds = matrix.duration(&Timing::armature(1.0, 50.0)).as_secs_f64();
-        assert!((seconds - 17.0).abs() < 0.3, "{seconds}");
-    }
-
-    #[test]
     fn limits_refuse_and_name_both_numbers() {
-        let mut plan = plan(&Wiring::pairs_34924a(1, 26).unwrap());
+        let mut plan = plan(&examples::pairs(26));
         plan.current = Amps(0.06);
         plan.compliance = Volts(200.0);
-        let faults = plan.check(&Limits::REED).unwrap_err();
+        let faults = plan.check(&limits()).unwrap_err();
         assert_eq!(faults.len(), 3, "{faults:?}");
         assert!(faults[0].to_string().contains("60 mA is over the 50 mA"));
     }
 
     #[test]
     fn a_meter_on_a_current_range_never_meets_the_source() {
-        let plan = plan(&Wiring::pairs_34924a(1, 26).unwrap());
+        let plan = plan(&examples::pairs(26));
         let limits = Limits {
             meter_on_current_range: true,
-            ..Limits::REED
+            ..limits()
         };
         let faults = plan.check(&limits).unwrap_err();
         assert!(
@@ -340,7 +342,7 @@ mod tests {
     fn a_wiring_for_another_ring_is_refused() {
         let refusal = Plan::new(
             &Protocol::sheffield(16).unwrap(),
-            &Wiring::pairs_34924a(1, 26).unwrap(),
+            &examples::pairs(26),
             Amps(1e-3),
             Volts(10.0),
             Duration::ZERO,

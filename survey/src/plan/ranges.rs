@@ -182,6 +182,7 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
+    use crate::wiring::examples;
     use crate::{Amps, Protocol, Wiring};
 
     fn rule() -> RangeRule {
@@ -208,7 +209,7 @@ mod tests {
 
     #[test]
     fn driven_and_neighbouring_pairs_have_ranges_of_their_own() {
-        let plan = plan(&Wiring::pairs_34924a(1, 26).unwrap());
+        let plan = plan(&examples::pairs(26));
         assert!(plan.ranges().iter().all(|range| *range == Some(Volts(0.1))));
         let Some(Step::Scan { channels }) = plan.steps.iter().find(|step| step.reads()) else {
             panic!("a scan");
@@ -227,7 +228,7 @@ mod tests {
 
     #[test]
     fn an_overload_gets_the_next_larger_range_and_the_largest_stays() {
-        let mut plan = plan(&Wiring::matrix_34932a(1, 8).unwrap().chained());
+        let mut plan = plan(&examples::matrix(8).chained());
         assert_eq!(plan.widen(&rule(), &[3]), [(3, Volts(1.0))]);
         assert_eq!(plan.widen(&rule(), &[3]), [(3, Volts(10.0))]);
         assert_eq!(plan.widen(&rule(), &[3]), []);
@@ -238,7 +239,7 @@ mod tests {
     #[test]
     fn a_half_frame_scans_only_what_it_asks() {
         let protocol = Protocol::new(26, crate::half(crate::sheffield(26)).collect()).unwrap();
-        let wiring = Wiring::pairs_34924a(1, 26).unwrap();
+        let wiring = examples::pairs(26);
         let plan = Plan::new(&protocol, &wiring, Amps(1e-3), Volts(10.0), Duration::ZERO).unwrap();
         let counts = plan.counts();
         assert_eq!(counts.readings, 299);
@@ -253,9 +254,9 @@ mod tests {
             let wiring = wiring.joining(&protocol);
             Plan::new(&protocol, &wiring, Amps(1e-3), Volts(4.0), Duration::ZERO)
         };
-        let board = made(Wiring::gpio_board(26).unwrap()).unwrap();
+        let board = made(examples::board(26)).unwrap();
         assert_eq!(board.counts().readings, protocol.len());
-        let refusal = made(Wiring::pairs_34924a(1, 26).unwrap()).unwrap_err();
+        let refusal = made(examples::pairs(26)).unwrap_err();
         assert!(
             refusal.to_string().contains("cannot join pair 1-5"),
             "{refusal}"

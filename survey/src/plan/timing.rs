@@ -35,13 +35,13 @@ pub struct Timing {
 }
 
 impl Timing {
-    /// A 34924A: 0.5 ms relays, 500 channels a second, 3,000 readings a second, autozero off.
-    pub fn reed(nplc: f64, line_hz: f64) -> Self {
+    /// Instruments that need no time but the integration.
+    pub const fn ideal(nplc: f64, line_hz: f64) -> Self {
         Self {
-            relay_close: Duration::from_micros(500),
-            relay_open: Duration::from_micros(500),
-            scan_period: Duration::from_millis(2),
-            reading_period: duration(1.0 / 3000.0),
+            relay_close: Duration::ZERO,
+            relay_open: Duration::ZERO,
+            scan_period: Duration::ZERO,
+            reading_period: Duration::ZERO,
             nplc,
             line_hz,
             autozero: false,
@@ -49,26 +49,6 @@ impl Timing {
             averages: 1,
             range_command: Duration::ZERO,
             round_trip: Duration::ZERO,
-        }
-    }
-
-    /// A 34932A: 4 ms armature relays.
-    pub fn armature(nplc: f64, line_hz: f64) -> Self {
-        Self {
-            relay_close: Duration::from_millis(4),
-            relay_open: Duration::from_millis(4),
-            scan_period: Duration::from_millis(10),
-            ..Self::reed(nplc, line_hz)
-        }
-    }
-
-    /// A multiplexer board: the chips need no time worth counting, its serial line 1.5 ms a message.
-    pub fn gpio_board(nplc: f64, line_hz: f64) -> Self {
-        Self {
-            relay_close: Duration::ZERO,
-            relay_open: Duration::ZERO,
-            round_trip: Duration::from_micros(1500),
-            ..Self::reed(nplc, line_hz)
         }
     }
 
@@ -181,7 +161,7 @@ impl Plan {
         counts
     }
 
-    /// How long the instruments need for a frame (`instruments/keysight-34980a.md` section 9, plus round trips).
+    /// How long the instruments need for a frame, round trips included.
     pub fn duration(&self, timing: &Timing) -> Duration {
         let round_trip = timing.round_trip.as_secs_f64();
         let seconds: f64 = self

@@ -70,24 +70,6 @@ pub enum WiringError {
         /// What fits.
         most: usize,
     },
-    /// A slot outside the mainframe.
-    #[error("wiring '{wiring}': slot {slot} does not exist, slots are 1 to 8")]
-    Slot {
-        /// The wiring's name.
-        wiring: String,
-        /// What was asked.
-        slot: u32,
-    },
-    /// Two modules are said to be in one slot.
-    #[error(
-        "wiring '{wiring}': slot {slot} cannot hold both the measuring and the injecting module"
-    )]
-    OneSlot {
-        /// The wiring's name.
-        wiring: String,
-        /// The slot.
-        slot: u32,
-    },
     /// As many pairs must be measured as injected.
     #[error(
         "wiring '{wiring}' has {inject} injecting and {measure} measuring pairs; every pair needs both"

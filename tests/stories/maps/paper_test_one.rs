@@ -1,7 +1,7 @@
 //! The paper's Test #1 as we read it: sixteen presses of a 10 mm disc, 2 uV of noise, data from a finer mesh.
 
 use phantom::Scene;
-use survey::{Baseline, Wiring};
+use survey::Baseline;
 
 use crate::test_rig::{NOISY, runtime};
 use crate::transport::frame_as_text::{drivers, frame, plan, simulated};
@@ -37,7 +37,7 @@ fn sixteen_presses_are_found_by_the_one_step_method() {
         let scene = Scene::parse("two-microvolts.toml", NOISY).expect("the scene is sound");
         let bench = simulated("pairs-34924a", scene);
         let rig = drivers(&bench).await;
-        let plan = plan(&Wiring::pairs_34924a(1, 26).expect("26 pairs fit"));
+        let plan = plan(&keysight_34980a::pairs_34924a(1, 26).expect("26 pairs fit"));
         let mut quiet = Vec::new();
         for _ in 0..10 {
             quiet.push(frame(&rig, &plan).await);

@@ -1,7 +1,6 @@
 //! The same sheet through a scan of pairs and through a matrix: the same voltages.
 
 use phantom::Scene;
-use survey::Wiring;
 
 use crate::test_rig::runtime;
 use crate::transport::frame_as_text::{drivers, frame, plan, simulated, volts};
@@ -25,13 +24,13 @@ fn scan_and_matrix_measure_the_same_voltages() {
         let pairs = simulated("pairs-34924a", scene.clone());
         let scanned = frame(
             &drivers(&pairs).await,
-            &plan(&Wiring::pairs_34924a(1, 26).expect("fits")),
+            &plan(&keysight_34980a::pairs_34924a(1, 26).expect("fits")),
         )
         .await;
         let matrix = simulated("matrix-34932a", scene);
         let routed = frame(
             &drivers(&matrix).await,
-            &plan(&Wiring::matrix_34932a(1, 26).expect("fits")),
+            &plan(&keysight_34980a::matrix_34932a(1, 26).expect("fits")),
         )
         .await;
         for (reading, (a, b)) in volts(&scanned).into_iter().zip(volts(&routed)).enumerate() {

@@ -71,7 +71,7 @@ fn frame_is_26_messages_and_their_replies() {
     runtime().block_on(async {
         let bench = simulated("pairs-34924a", Scene::quiet());
         let rig = drivers(&bench).await;
-        let plan = plan(&Wiring::pairs_34924a(1, 26).expect("26 pairs fit"));
+        let plan = plan(&keysight_34980a::pairs_34924a(1, 26).expect("26 pairs fit"));
         bench.keep_transcript();
         let before = bench.messages(Instrument::Mainframe);
         frame(&rig, &plan).await;
@@ -112,7 +112,7 @@ fn first_frame_is_the_forward_solution_in_instrument_digits() {
     runtime().block_on(async {
         let bench = simulated("pairs-34924a", Scene::quiet());
         let rig = drivers(&bench).await;
-        let plan = plan(&Wiring::pairs_34924a(1, 26).expect("26 pairs fit"));
+        let plan = plan(&keysight_34980a::pairs_34924a(1, 26).expect("26 pairs fit"));
         let measured = volts(&frame(&rig, &plan).await);
         let impedance = bench.with_phantom(|phantom| {
             phantom
@@ -140,7 +140,7 @@ fn one_wrong_relay_number_spoils_the_readings() {
     runtime().block_on(async {
         let bench = simulated("pairs-34924a", Scene::quiet());
         let rig = drivers(&bench).await;
-        let right = Wiring::pairs_34924a(1, 26).expect("26 pairs fit");
+        let right = keysight_34980a::pairs_34924a(1, 26).expect("26 pairs fit");
         let good = volts(&frame(&rig, &plan(&right)).await);
         let mut wrong = right.clone();
         // pair 6 is told to use the relay of a pair that is wired elsewhere: 62 is wired to nothing

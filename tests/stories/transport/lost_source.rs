@@ -7,7 +7,7 @@ use keithley_6221::Keithley6221;
 use phantom::Scene;
 use rig::{CurrentSource, Link, Stop, SystemClock};
 use simulator::{Instrument, Wire};
-use survey::{Amps, Wiring};
+use survey::Amps;
 
 use crate::test_rig::runtime;
 use crate::transport::frame_as_text::{METER, drivers, plan, simulated};
@@ -17,7 +17,7 @@ fn lost_source_opens_relays_and_is_verified_off_on_return() {
     runtime().block_on(async {
         let bench = simulated("pairs-34924a", Scene::quiet());
         let rig = drivers(&bench).await;
-        let wiring = Wiring::pairs_34924a(1, 26).expect("26 pairs fit");
+        let wiring = keysight_34980a::pairs_34924a(1, 26).expect("26 pairs fit");
         let plan = plan(&wiring);
         let cutter = bench.clone();
         let cut = tokio::spawn(async move {

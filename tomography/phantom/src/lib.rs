@@ -34,9 +34,7 @@ mod sheet;
 mod shipped;
 
 pub use effects::settings::*;
-pub use effects::{
-    EffectSettings, Needs, ParameterFault, PronyStep, ReadingContext, RelayContact, table_noise,
-};
+pub use effects::{EffectSettings, Needs, ParameterFault, PronyStep, ReadingContext, RelayContact};
 pub use law::Pressure;
 pub use load::{GRAVITY, Load, LoadError, Shape, loss_of_pressure, pressure_kpa};
 pub use press::{Amount, Contact, TimedLoad, Waypoint};

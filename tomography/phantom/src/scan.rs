@@ -23,6 +23,8 @@ pub struct Scan {
     pub range: Volts,
     /// Integration in power-line cycles.
     pub nplc: f64,
+    /// The voltmeter's resolution at this integration as a part of its range.
+    pub resolution: f64,
     /// Of the mains.
     pub line_hz: f64,
     /// Waited after the current has moved.
@@ -35,12 +37,9 @@ pub struct Scan {
     pub frames: usize,
 }
 
-/// The ranges of the 6221, A.
-const SOURCE_RANGES: [f64; 9] = [2e-9, 2e-8, 2e-7, 2e-6, 2e-5, 2e-4, 2e-3, 2e-2, 1e-1];
-
 impl Scan {
-    /// What a session asks that says nothing else: the adjacent pattern, 1 mA, 1 NPLC at 50 Hz on the 1 V range, reed
-    /// relays; one frame after the other.
+    /// What a session asks that says nothing else: the adjacent pattern, 1 mA, 1 NPLC at 50 Hz on the 1 V range of a
+    /// 6.5-digit voltmeter, reed relays; one frame after the other.
     ///
     /// # Errors
     /// A ring for which there is no pattern.
@@ -51,23 +50,13 @@ impl Scan {
             source_range: Amps(2e-3),
             range: Volts(1.0),
             nplc: 1.0,
+            resolution: 3e-6,
             line_hz: 50.0,
             settle: Duration::from_millis(2),
             switching: Duration::from_millis(2),
             every: Duration::ZERO,
             frames: 1,
         })
-    }
-
-    /// With another current, on the smallest range of the source that holds it.
-    #[must_use]
-    pub fn driving(mut self, current: Amps) -> Self {
-        let fits = SOURCE_RANGES
-            .into_iter()
-            .find(|range| *range >= current.0.abs());
-        self.source_range = Amps(fits.unwrap_or(SOURCE_RANGES[8]));
-        self.current = current;
-        self
     }
 
     /// How long the voltmeter integrates.
@@ -106,6 +95,7 @@ impl Scan {
                 integration,
                 range: self.range,
                 nplc: self.nplc,
+                resolution: self.resolution,
                 relay: Some(channel(asked.sense)),
                 flowing: self.current,
                 source_range: self.source_range,
@@ -171,7 +161,5 @@ mod tests {
             Duration::from_millis(26 * 2) + Duration::from_millis(22) * 598
         );
         assert_eq!(scan.begin(2), 2 * scan.frame_time());
-        let weak = scan.driving(Amps(1e-4));
-        assert_eq!(weak.source_range, Amps(2e-4));
     }
 }

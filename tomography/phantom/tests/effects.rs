@@ -120,6 +120,7 @@ fn seen(effects: &[(&str, &str)]) -> Vec<u64> {
                 integration: Duration::from_millis(4),
                 range: Volts(1.0),
                 nplc: 0.2,
+                resolution: 1e-5,
                 relay: Some(Relay(1001 + channel as u32)),
                 flowing: Amps(1e-3),
                 source_range: Amps(2e-3),

@@ -34,6 +34,7 @@ fn a_scene_that_asks_for_nothing_changes_no_bit() {
         integration: Duration::from_millis(20),
         range: Volts(1.0),
         nplc: 1.0,
+        resolution: 3e-6,
         relay: None,
         flowing: Amps(1e-3),
         source_range: Amps(2e-3),

@@ -93,6 +93,7 @@ fn scan(taken: Taken) -> Scan {
         },
         Hurried => Scan {
             nplc: 0.001,
+            resolution: 1e-4,
             settle: Duration::from_nanos(100),
             switching: Duration::ZERO,
             ..usual

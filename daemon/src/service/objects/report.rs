@@ -11,7 +11,7 @@ use survey::{Baseline, printable, printable_json};
 use crate::instruments::discovery::{Discovered, Seen};
 use crate::instruments::relay_wear::Wear;
 use crate::instruments::rig_plan::RigPlan;
-use crate::preparation::{costs, resolution};
+use crate::preparation::costs;
 use crate::recording::recorder::volts;
 use crate::session::controller::Recovery;
 use imaging::Geometry;
@@ -21,7 +21,7 @@ use survey::nanoseconds;
 /// The plan of a frame.
 pub(crate) fn plan(rig: &RigPlan) -> PlanReport {
     let counts = rig.plan.counts();
-    let fraction = resolution(rig.meter.nplc);
+    let fraction = rig.meter.resolution;
     let planned = rig
         .plan
         .resolution(fraction, rig.meter.range, rig.meter.averages);

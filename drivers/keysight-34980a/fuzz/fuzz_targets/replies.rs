@@ -33,7 +33,7 @@ fuzz_target!(|bytes: &[u8]| {
     RUNTIME.with(|runtime| {
         runtime.block_on(async {
             let Ok(mut unit) = Keysight34980a::connect(link).await else { return };
-            let wiring = Wiring::pairs_34924a(1, 4).expect("four pairs fit");
+            let wiring = keysight_34980a::pairs_34924a(1, 4).expect("four pairs fit");
             let fits = unit.check_wiring(&wiring).is_ok();
             let (inject, measure) = (wiring.injecting_relays(), wiring.measuring_relays());
             let scan = if way % 2 == 0 { measure.clone() } else { Vec::new() };

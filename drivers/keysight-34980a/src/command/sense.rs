@@ -3,42 +3,18 @@
 use std::fmt;
 
 use scpi::{Argument, Call, Numeric, ParseError, Unit};
-use survey::Volts;
+
+use crate::meter::{INTEGRATION, RANGES};
 
 use super::grammar::{Table, before_channels, limit, only_channels, value_and_channels};
 use super::{Asked, Behind, Channels, On};
-
-/// DC voltage ranges, V (section 5).
-pub const RANGES: [f64; 5] = [0.1, 1.0, 10.0, 100.0, 300.0];
-
-/// How far over its range the voltmeter reads (section 5: 20 %).
-pub const OVERRANGE: f64 = 1.2;
-
-/// The smallest range that reads so many volts; the largest where none does.
-pub fn range_for(most: Volts) -> Volts {
-    let fits = RANGES.into_iter().find(|range| range * OVERRANGE >= most.0);
-    Volts(fits.unwrap_or(RANGES[RANGES.len() - 1]))
-}
-
-/// Integration times, power-line cycles, and the resolution of each as a fraction of the range (section 5). For 2, 20
-/// and 200 cycles the sources give none; that of the next shorter is taken.
-pub const INTEGRATION: [(f64, f64); 8] = [
-    (0.02, 1e-4),
-    (0.2, 1e-5),
-    (1.0, 3e-6),
-    (2.0, 3e-6),
-    (10.0, 1e-6),
-    (20.0, 1e-6),
-    (100.0, 3e-7),
-    (200.0, 3e-7),
-];
 
 /// A DC voltage range.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Range {
     /// The instrument chooses at every reading.
     Auto,
-    /// One of [`RANGES`].
+    /// One of [`crate::RANGES`].
     Fixed(f64),
 }
 

@@ -4,6 +4,7 @@ use proptest::prelude::*;
 use scpi::Numeric;
 
 use super::*;
+use crate::meter::{INTEGRATION, RANGES};
 
 fn every_route(list: &ChannelList) -> Vec<Route> {
     use Route as R;

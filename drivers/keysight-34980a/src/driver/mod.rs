@@ -18,7 +18,8 @@ use scpi::Common;
 use survey::{Reading, Relay, Volts, Wiring};
 use tokio::sync::Mutex;
 
-use crate::command::{Command, INTEGRATION, MOST_SWEEPS, RANGES, Route, System};
+use crate::command::{Command, MOST_SWEEPS, Route, System};
+use crate::meter::{INTEGRATION, RANGES};
 use crate::modules::{Module, split};
 use unit::{Prepared, Unit, compact};
 

@@ -3,7 +3,9 @@
 use std::fmt;
 use std::time::Duration;
 
-use survey::{Amps, Limits, Volts};
+use survey::{Amps, RelayLimits, Timing, Volts};
+
+use crate::meter::reading_timing;
 
 /// A switch module that fits a slot of the mainframe.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -95,19 +97,27 @@ impl Model {
         )
     }
 
-    /// What a plan may ask of its relays, with a 6221 as the source: the current through a closed one, the voltage
-    /// over an open one. A 34933A is taken with its in-rush resistors.
-    pub fn limits(self) -> Limits {
-        let (relay_current, relay_voltage) = match self {
+    /// What its relays cost in time beside the readings. Where nothing is scanned the scan counts 100 channels a second.
+    pub fn timing(self, nplc: f64, line_hz: f64) -> Timing {
+        Timing {
+            relay_close: self.close_time(),
+            relay_open: self.open_time(),
+            scan_period: Duration::from_secs(1) / self.scan_rate().unwrap_or(100),
+            ..reading_timing(nplc, line_hz)
+        }
+    }
+
+    /// What a plan may ask of its relays. A 34933A is taken with its in-rush resistors.
+    pub fn relay_limits(self) -> RelayLimits {
+        let (current, voltage) = match self {
             Self::M34921A | Self::M34922A | Self::M34931A | Self::M34932A => (1.0, 300.0),
             Self::M34923A | Self::M34924A | Self::M34933A => (0.05, 150.0),
             Self::M34925A => (0.02, 80.0),
             Self::M34934A => (0.5, 100.0),
         };
-        Limits {
-            relay_current: Amps(relay_current),
-            relay_voltage: Volts(relay_voltage),
-            ..Limits::REED
+        RelayLimits {
+            current: Amps(current),
+            voltage: Volts(voltage),
         }
     }
 

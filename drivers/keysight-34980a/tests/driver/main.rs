@@ -13,7 +13,7 @@ use keysight_34980a::{Keysight34980a, Settings34980a, Simulator34980a};
 use rig::{Hop, Link, LinkError, MeterSettings, Move, RigError, Sample, Switch, Voltmeter};
 use scpi::Framer;
 use stand_in::{Sheet, mainframe};
-use survey::{Reading, Relay, Volts, Wiring};
+use survey::{Reading, Relay, Volts};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::time::Instant;
 

@@ -110,7 +110,7 @@ async fn quoted_and_unknown_cards_are_read() {
         (None, Some("34952A"))
     );
     let fault = unit
-        .check_wiring(&Wiring::pairs_34924a(2, 26).unwrap())
+        .check_wiring(&keysight_34980a::pairs_34924a(2, 26).unwrap())
         .unwrap_err();
     assert_eq!(
         fault.to_string(),
@@ -122,15 +122,18 @@ async fn quoted_and_unknown_cards_are_read() {
 #[tokio::test(start_paused = true)]
 async fn a_wiring_is_checked_against_the_modules_before_anything_moves() {
     let (shared, mut unit) = connected(&["34924A", "34932A"]).await;
-    unit.check_wiring(&Wiring::pairs_34924a(1, 35).unwrap())
+    unit.check_wiring(&keysight_34980a::pairs_34924a(1, 35).unwrap())
         .unwrap();
-    unit.check_wiring(&Wiring::matrix_34932a(2, 32).unwrap())
+    // relay numbers of another kind of switch
+    let mut strange = keysight_34980a::pairs_34924a(1, 26).unwrap();
+    strange.inject[0].1 = vec![Relay(101), Relay(202)];
+    unit.check_wiring(&keysight_34980a::matrix_34932a(2, 32).unwrap())
         .unwrap();
     for wiring in [
-        Wiring::pairs_34924a(2, 26).unwrap(),
-        Wiring::pairs_34924a(3, 26).unwrap(),
-        Wiring::matrix_34932a(1, 26).unwrap(),
-        Wiring::gpio_board(26).unwrap(),
+        keysight_34980a::pairs_34924a(2, 26).unwrap(),
+        keysight_34980a::pairs_34924a(3, 26).unwrap(),
+        keysight_34980a::matrix_34932a(1, 26).unwrap(),
+        strange,
     ] {
         assert!(unit.check_wiring(&wiring).is_err(), "{}", wiring.name);
     }

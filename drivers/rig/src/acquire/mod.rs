@@ -223,6 +223,7 @@ pub fn settings(plan: &Plan, meter: MeterSettings) -> Settings {
             reversal: plan.reversal,
             zeroed: false,
             planned_ranges,
+            resolution: meter.resolution,
         },
     }
 }

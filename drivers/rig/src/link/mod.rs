@@ -60,7 +60,7 @@ pub struct Link<S> {
 
 impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
     /// A link in step over a fresh stream. `instrument` is a name for messages, with its address
-    /// (`6221 at 10.0.0.7:1394`); `deadline` is how long an answer may take unless the question says otherwise.
+    /// (`source at 10.0.0.7:1394`); `deadline` is how long an answer may take unless the question says otherwise.
     pub fn new(stream: S, instrument: impl Into<String>, deadline: Duration) -> Self {
         Self {
             stream,

@@ -2,9 +2,9 @@
 //! it to a simulator.
 //!
 //! ```json
-//! {"t_s":0.0,"instrument":"34980a at 10.0.0.7:5025","sent":"*IDN?"}
-//! {"t_s":0.0031,"instrument":"34980a at 10.0.0.7:5025","received":"Agilent Technologies,34980A,MY44000001,2.43-2.43-0.00-0.00"}
-//! {"t_s":0.0032,"instrument":"34980a at 10.0.0.7:5025","note":"the door to the sheet was opened"}
+//! {"t_s":0.0,"instrument":"meter at 10.0.0.7:5025","sent":"*IDN?"}
+//! {"t_s":0.0031,"instrument":"meter at 10.0.0.7:5025","received":"A MAKER,A METER,MY44000001,2.43"}
+//! {"t_s":0.0032,"instrument":"meter at 10.0.0.7:5025","note":"the cover of the sheet was opened"}
 //! ```
 //!
 //! Messages and replies stand without their line ends, in the order in which they went over the wire.

@@ -4,6 +4,8 @@
 // each test file uses what it needs of it
 #![allow(dead_code)]
 
+pub mod wirings;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;

@@ -83,6 +83,8 @@ pub struct ReadingContext {
     pub range: Volts,
     /// Integration in power-line cycles.
     pub nplc: f64,
+    /// The voltmeter's resolution at this integration as a part of its range, which effects take for its noise.
+    pub resolution: f64,
     /// The channel that leads to the voltmeter; `None` for its bare input.
     pub relay: Option<Relay>,
     /// The current that the source was told to drive, or less in compliance.
@@ -416,38 +418,6 @@ fn stream(seed: u64, effect: &str) -> ChaCha8Rng {
     ChaCha8Rng::from_seed(hasher.finalize().into())
 }
 
-/// The voltmeter's resolution as a share of its range, by integration in power-line cycles (34970A family, integration-time
-/// table; the fact sheet, section 2.1, takes it as the rms noise of a reading): straight lines in log-log between the
-/// table's points.
-///
-/// ```
-/// assert_eq!(phantom::table_noise(1.0), 3e-6);
-/// ```
-pub fn table_noise(nplc: f64) -> f64 {
-    const TABLE: [[f64; 2]; 8] = [
-        [0.02, 1e-4],
-        [0.2, 1e-5],
-        [1.0, 3e-6],
-        [2.0, 2.2e-6],
-        [10.0, 1e-6],
-        [20.0, 8e-7],
-        [100.0, 3e-7],
-        [200.0, 2.2e-7],
-    ];
-    let nplc = nplc.clamp(TABLE[0][0], TABLE[TABLE.len() - 1][0]);
-    let upper = TABLE
-        .iter()
-        .position(|[at, _]| *at >= nplc)
-        .unwrap_or(TABLE.len() - 1);
-    let [right, high] = TABLE[upper];
-    if right == nplc {
-        return high;
-    }
-    let [left, low] = TABLE[upper - 1];
-    let share = (nplc / left).ln() / (right / left).ln();
-    low * (high / low).powf(share)
-}
-
 #[cfg(test)]
 mod tests {
     use super::settings::{QuantisationSettings, VoltmeterNoiseSettings};
@@ -459,6 +429,7 @@ mod tests {
             integration: survey::duration(nplc / 50.0),
             range: Volts(range),
             nplc,
+            resolution: 3e-6,
             relay: None,
             flowing: Amps(1e-3),
             source_range: Amps(2e-3),
@@ -536,14 +507,5 @@ mod tests {
         };
         assert_eq!(draw(&both, 7), draw(&alone, 7));
         assert_ne!(draw(&both, 7), draw(&both, 8));
-    }
-
-    #[test]
-    fn the_table_is_met_and_joined() {
-        assert_eq!(table_noise(1.0), 3e-6);
-        assert_eq!(table_noise(0.001), 1e-4);
-        assert_eq!(table_noise(1000.0), 2.2e-7);
-        let between = table_noise(5.0);
-        assert!(between < 2.2e-6 && between > 1e-6);
     }
 }

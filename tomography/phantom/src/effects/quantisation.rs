@@ -1,12 +1,12 @@
 //! Steps of the voltmeter's converter: a reading is rounded to the nearest multiple of a step.
 //!
-//! The step is fixed, or c(NPLC) x range (fact sheet, section 2.1). Overload is the instrument's business, not ours.
+//! The step is fixed, or the voltmeter's resolution at its integration time. Overload is the instrument's business, not ours.
 
 use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnReading, ReadingContext, table_noise};
+use super::{Effect, Effects, OnReading, ReadingContext};
 use crate::preview::Preview;
 
 /// How large a step is.
@@ -21,10 +21,8 @@ pub struct QuantisationSettings {
 impl QuantisationSettings {
     /// V
     fn step(&self, context: &ReadingContext) -> f64 {
-        self.step_uv.map_or_else(
-            || table_noise(context.nplc) * context.range.0,
-            |uv| uv * 1e-6,
-        )
+        self.step_uv
+            .map_or_else(|| context.resolution * context.range.0, |uv| uv * 1e-6)
     }
 }
 

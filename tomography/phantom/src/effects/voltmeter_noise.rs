@@ -1,7 +1,6 @@
 //! Noise of the voltmeter: n ~ N(0, s²) on each reading.
 //!
-//! s is fixed, or c(NPLC) x range with the resolution figures of the 34970A family taken as rms (fact sheet, section
-//! 2.1). Size: 0.3 uV at 1 PLC on 0.1 V, 1 mV at 0.02 PLC on 10 V.
+//! s is fixed, or the voltmeter's resolution at its integration time, taken as rms. Size: 0.3 uV at 1 PLC on 0.1 V, 1 mV at 0.02 PLC on 10 V.
 
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -9,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnReading, ReadingContext, stream, table_noise};
+use super::{Effect, Effects, OnReading, ReadingContext, stream};
 use crate::preview::Preview;
 
 /// How strong the noise is.
@@ -24,10 +23,8 @@ pub struct VoltmeterNoiseSettings {
 impl VoltmeterNoiseSettings {
     /// Rms of one reading.
     pub(crate) fn volts(&self, context: &ReadingContext) -> f64 {
-        self.uv.map_or_else(
-            || table_noise(context.nplc) * context.range.0,
-            |uv| uv * 1e-6,
-        )
+        self.uv
+            .map_or_else(|| context.resolution * context.range.0, |uv| uv * 1e-6)
     }
 }
 

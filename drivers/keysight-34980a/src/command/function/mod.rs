@@ -140,8 +140,8 @@ type Nature = (
     &'static str,
 );
 
-/// DC voltage ranges are [`super::RANGES`].
-const VOLTS: &[f64] = &super::RANGES;
+/// DC voltage ranges are [`crate::RANGES`].
+const VOLTS: &[f64] = &crate::meter::RANGES;
 const OHMS: &[f64] = &[1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8];
 const AMPS: &[f64] = &[0.01, 0.1, 1.0];
 

@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use survey::{Relay, Volts};
 
-use crate::command::{Function, RANGES, Range};
+use crate::command::{Function, Range};
+use crate::meter::RANGES;
 use crate::simulator::measurement::functions::{OVER_RANGE, Own, over};
 use crate::simulator::measurement::memory::{Memory, Stored};
 use crate::simulator::relays::{Joined, Relays};

@@ -4,7 +4,8 @@ use std::time::Duration;
 
 use scpi::{Numeric, ParseError, format_nr3_signed};
 
-use crate::command::{Function, INTEGRATION, Quantity, RANGES, Range, Setting};
+use crate::command::{Function, Quantity, Range, Setting};
+use crate::meter::{INTEGRATION, RANGES};
 use crate::simulator::errors::Trouble;
 
 /// Readings a second that the voltmeter alone can take (section 5).

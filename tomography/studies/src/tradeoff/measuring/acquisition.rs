@@ -4,8 +4,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use eit::{Hyper, Mesh, OneStep, OneStepOptions, PaperSheet, Preset, Reconstructor};
+use keysight_34980a::MapError;
 use nalgebra::{DMatrix, Matrix2};
-use phantom::{FINER, Load, Phantom, Scene, across, table_noise};
+use phantom::{FINER, Load, Phantom, Scene, across};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
@@ -37,7 +38,7 @@ const COMPLIANCE: f64 = 20.0;
 struct Module {
     name: &'static str,
     profile: &'static str,
-    wiring: fn(usize) -> Result<Wiring, survey::WiringError>,
+    wiring: fn(usize) -> Result<Wiring, MapError>,
     /// Whether any two electrodes can be a pair.
     free: bool,
 }
@@ -46,31 +47,31 @@ const MODULES: [Module; 5] = [
     Module {
         name: "34924A pairs, reed",
         profile: "pairs-34924a",
-        wiring: |n| Wiring::pairs_34924a(1, n),
+        wiring: |n| keysight_34980a::pairs_34924a(1, n),
         free: false,
     },
     Module {
         name: "34922A pairs, armature",
         profile: "pairs-34922a",
-        wiring: |n| Wiring::pairs_34922a(1, n),
+        wiring: |n| keysight_34980a::pairs_34922a(1, n),
         free: false,
     },
     Module {
         name: "34925A pairs, FET",
         profile: "fast-34925a",
-        wiring: |n| Wiring::fast_34925a(1, 2, n),
+        wiring: |n| keysight_34980a::fast_34925a(1, 2, n),
         free: false,
     },
     Module {
         name: "34934A matrix, reed",
         profile: "matrix-34934a",
-        wiring: |n| Wiring::matrix_34934a(1, n),
+        wiring: |n| keysight_34980a::matrix_34934a(1, n),
         free: true,
     },
     Module {
         name: "34932A matrix, armature",
         profile: "matrix-34932a",
-        wiring: |n| Wiring::matrix_34932a(1, n),
+        wiring: |n| keysight_34980a::matrix_34932a(1, n),
         free: false,
     },
 ];
@@ -109,7 +110,7 @@ impl Way {
 
     /// Noise of a reading over its range.
     fn noise_share(&self) -> f64 {
-        table_noise(self.nplc) / f64::from(self.averages).sqrt()
+        keysight_34980a::resolution(self.nplc) / f64::from(self.averages).sqrt()
     }
 }
 
@@ -427,25 +428,20 @@ fn bound(along_x: &[f64], along_y: &[f64], noise: &[f64]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use survey::Timing;
+    use keysight_34980a::Model;
 
     use super::*;
 
     #[test]
     fn frames_take_what_the_formula_says() {
         let sheet = PaperSheet::default();
-        // 0.35 ms to close, 0.1 ms to open (34980A manual, 34934A)
-        let small_reed = Timing {
-            relay_close: Duration::from_micros(350),
-            relay_open: Duration::from_micros(100),
-            ..Timing::reed(1.0, 50.0)
-        };
-        for (module, timing) in [
-            (&MODULES[0], Timing::reed(1.0, 50.0)),
-            (&MODULES[1], Timing::armature(1.0, 50.0)),
-            (&MODULES[3], small_reed),
-            (&MODULES[4], Timing::armature(1.0, 50.0)),
+        for (module, model) in [
+            (&MODULES[0], Model::M34924A),
+            (&MODULES[1], Model::M34922A),
+            (&MODULES[3], Model::M34934A),
+            (&MODULES[4], Model::M34932A),
         ] {
+            let timing = model.timing(1.0, 50.0);
             let plan = module.plan(26, 0, false).unwrap();
             let took = module.times(&sheet).unwrap().of(&plan, 1.0, 1).unwrap();
             let ratio = took.as_secs_f64() / plan.duration(&timing).as_secs_f64();

@@ -1,9 +1,9 @@
-//! Further maps of fact sheet 34980A section 8, and wirings told relay by relay.
+//! Wirings given relay by relay, and what each relay is for.
 
-use super::{Relay, Sensing, Wiring, WiringError, check_size};
-use crate::{Dipole, Electrode, Transition};
+use super::{Relay, Sensing, Wiring, WiringError};
+use crate::{Dipole, Transition};
 
-/// A wiring that somebody wrote down: relays of pair 1, pair 2, and so on.
+/// A wiring as a table: the relays of pair 1, pair 2, and so on.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OwnWiring {
     /// What a person calls it.
@@ -21,73 +21,7 @@ pub struct OwnWiring {
 }
 
 impl Wiring {
-    /// Map M on a 34922A: the numbers of [`Wiring::pairs_34924a`] on armature relays, quieter and slower.
-    ///
-    /// # Errors
-    /// As [`Wiring::pairs_34924a`].
-    pub fn pairs_34922a(slot: u32, electrodes: usize) -> Result<Self, WiringError> {
-        Ok(Self {
-            name: format!("34922A pairs in slot {slot}"),
-            ..Self::pairs_34924a(slot, electrodes)?
-        })
-    }
-
-    /// Map F: measuring pair k on channel k of a 34925A, across both banks; injecting pair k on channel 35 + k, bank 2
-    /// of a 34924A in another slot. Two to 35 electrodes.
-    ///
-    /// # Errors
-    /// A slot outside 1 to 8, one slot for both modules, or more pairs than a bank has.
-    pub fn fast_34925a(
-        slot: u32,
-        inject_slot: u32,
-        electrodes: usize,
-    ) -> Result<Self, WiringError> {
-        let name = format!("34925A pairs in slot {slot}, injected by slot {inject_slot}");
-        check_size(&name, slot, electrodes, 35)?;
-        check_size(&name, inject_slot, electrodes, 35)?;
-        if slot == inject_slot {
-            return Err(WiringError::OneSlot { wiring: name, slot });
-        }
-        let measuring = Self::pairs_34924a(slot, electrodes)?;
-        let injecting = Self::pairs_34924a(inject_slot, electrodes)?;
-        Ok(Self {
-            name,
-            inject: injecting.inject,
-            ..measuring
-        })
-    }
-
-    /// Map Z: single electrodes on a 34934A as 4 x 128, rows I+ (101 up), I- (301), V+ (501), V- (701), the voltmeter
-    /// at the rear connector. One reading a message. Up to 128 electrodes.
-    ///
-    /// # Errors
-    /// A slot outside 1 to 8, or more than 128 electrodes.
-    pub fn matrix_34934a(slot: u32, electrodes: usize) -> Result<Self, WiringError> {
-        let name = format!("34934A matrix in slot {slot}");
-        check_size(&name, slot, electrodes, 128)?;
-        let pairs = |plus: u32, minus: u32| {
-            (0..electrodes)
-                .map(|k| {
-                    let pair = Dipole::adjacent(k, electrodes);
-                    let relay = |row: u32, electrode: Electrode| {
-                        Relay(slot * 1000 + row * 100 + electrode.number() as u32)
-                    };
-                    (pair, vec![relay(plus, pair.plus), relay(minus, pair.minus)])
-                })
-                .collect()
-        };
-        Ok(Self {
-            electrodes,
-            sensing: Sensing::Single,
-            transition: Transition::Overlap,
-            inject: pairs(1, 3),
-            measure: pairs(5, 7),
-            bus: Vec::new(),
-            name,
-        })
-    }
-
-    /// A wiring written down by its owner; the ring has as many electrodes as there are pairs.
+    /// A wiring from a table; the ring has as many electrodes as there are pairs.
     ///
     /// # Errors
     /// Other numbers of injecting and measuring pairs, and whatever [`Wiring::check`] refuses.
@@ -142,40 +76,22 @@ impl Wiring {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn maps_z_and_f_of_the_fact_sheet() {
-        let large = Wiring::matrix_34934a(1, 26).unwrap();
-        let last = Dipole::adjacent(25, 26);
-        assert_eq!(large.injecting(last), Some(&[Relay(1126), Relay(1301)][..]));
-        assert_eq!(large.measuring(last), Some(&[Relay(1526), Relay(1701)][..]));
-        let fast = Wiring::fast_34925a(1, 2, 26).unwrap();
-        assert_eq!(fast.injecting(last), Some(&[Relay(2061)][..]));
-        assert_eq!(fast.measuring(last), Some(&[Relay(1026)][..]));
-        let quiet = Wiring::pairs_34922a(3, 26).unwrap();
-        assert_eq!(quiet.injecting(last), Some(&[Relay(3061)][..]));
-        for wiring in [large, fast, quiet] {
-            wiring.check().unwrap();
-        }
-        let refusal = Wiring::fast_34925a(2, 2, 26).unwrap_err();
-        assert!(refusal.to_string().contains("slot 2"), "{refusal}");
-        assert!(Wiring::matrix_34934a(1, 129).is_err());
-    }
+    use crate::wiring::examples;
 
     #[test]
     fn a_relay_says_what_it_is_for() {
-        let pairs = Wiring::pairs_34924a(1, 26).unwrap();
+        let pairs = examples::pairs(26);
         assert_eq!(
             pairs.purpose(Relay(1061)),
             "joins electrodes 26 and 1 to the source"
         );
-        let large = Wiring::matrix_34934a(1, 26).unwrap();
+        let large = examples::board(26);
         assert_eq!(
-            large.purpose(Relay(1703)),
+            large.purpose(Relay(403)),
             "joins electrode 3 to the voltmeter"
         );
         assert_eq!(pairs.purpose(Relay(9)), "is not part of this wiring");
-        let matrix = Wiring::matrix_34932a(1, 26).unwrap();
+        let matrix = examples::matrix(26);
         assert_eq!(
             matrix.purpose(Relay(1921)),
             "joins the voltmeter to its bus"

@@ -1,0 +1,65 @@
+//! The board's wiring, limits and time as plain data.
+
+use std::time::Duration;
+
+use survey::{
+    Amps, Dipole, OwnWiring, RelayLimits, Sensing, Transition, Volts, Wiring, WiringError,
+};
+
+use crate::command::Pole;
+
+/// Most electrodes: two 16-way chips a pole.
+const MOST_ELECTRODES: usize = 32;
+
+/// A CD74HC4067 on 5 V: 25 mA, and half a volt below the supply.
+pub const RELAY_LIMITS: RelayLimits = RelayLimits {
+    current: Amps(0.025),
+    voltage: Volts(4.5),
+};
+
+/// One message there and its answer back on the serial line; the chips need no time worth counting.
+pub const ROUND_TRIP: Duration = Duration::from_micros(1500);
+
+/// Four poles, any electrode on each. The current is taken to 0 A before a pole moves.
+///
+/// # Errors
+/// More than 32 electrodes.
+pub fn wiring(electrodes: usize) -> Result<Wiring, WiringError> {
+    let name = "gpio board".to_owned();
+    if electrodes > MOST_ELECTRODES {
+        return Err(WiringError::TooMany {
+            wiring: name,
+            electrodes,
+            most: MOST_ELECTRODES,
+        });
+    }
+    let pairs = |plus: Pole, minus: Pole| {
+        let each = (0..electrodes).map(|k| Dipole::adjacent(k, electrodes));
+        each.map(|pair| vec![plus.relay(pair.plus), minus.relay(pair.minus)])
+            .collect()
+    };
+    Wiring::own(OwnWiring {
+        name,
+        sensing: Sensing::Single,
+        transition: Transition::Break,
+        inject: pairs(Pole::IPlus, Pole::IMinus),
+        measure: pairs(Pole::VPlus, Pole::VMinus),
+        bus: Vec::new(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use survey::Relay;
+
+    use super::*;
+
+    #[test]
+    fn last_pair_wraps_round_on_both_poles() {
+        let board = wiring(26).unwrap();
+        let last = Dipole::adjacent(25, 26);
+        assert_eq!(board.injecting(last), Some(&[Relay(126), Relay(201)][..]));
+        assert_eq!(board.measuring(last), Some(&[Relay(326), Relay(401)][..]));
+        assert!(wiring(33).is_err());
+    }
+}
