@@ -9,7 +9,6 @@ pub(crate) mod disk;
 pub(crate) mod health;
 pub(crate) mod heartbeat;
 pub(crate) mod metrics;
-pub(crate) mod metrics_listener;
 pub(crate) mod notification;
 mod relay_life;
 

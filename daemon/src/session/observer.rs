@@ -3,9 +3,10 @@
 
 use std::net::SocketAddr;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 use std::time::Duration;
 
+use http_listener::{Hosts, HttpListener, NoPage, Page};
 use rig::Clock;
 use tokio::sync::mpsc;
 use tokio::time::Instant;
@@ -14,8 +15,8 @@ use crate::monitoring::alarm::{Alarm, Message, Phase};
 use crate::monitoring::daily_summary::{DailySummary, DayEnd};
 use crate::monitoring::health::{Counts, Health};
 use crate::monitoring::metrics;
-use crate::monitoring::metrics_listener::MetricsListener;
 use crate::monitoring::notification::{HookResult, payload, run_hook};
+use crate::panics::containment::{Ends, answer};
 use crate::session::controller::Controller;
 
 /// Between two looks.
@@ -176,12 +177,22 @@ fn worst_contact(directory: &Path) -> Option<String> {
     ))
 }
 
-/// The door for whoever scrapes, as configured.
+async fn metrics_page(controller: Weak<Controller>) -> Result<Page, NoPage> {
+    let controller = controller.upgrade().ok_or(NoPage::Failed)?;
+    let health = controller.health().await;
+    let maps = controller.observed.counters.reconstruction();
+    Ok(Page {
+        content: metrics::CONTENT_TYPE,
+        body: metrics::page(&health, maps, &controller.runtime().setup.config.notify),
+    })
+}
+
+/// The listener for metrics, as configured.
 #[derive(Debug, Default)]
 struct Listening {
     wanted: Option<SocketAddr>,
     names: Vec<String>,
-    listener: Option<MetricsListener>,
+    listener: Option<HttpListener>,
 }
 
 impl Listening {
@@ -196,26 +207,25 @@ impl Listening {
         let (Some(address), None) = (wanted, &self.listener) else {
             controller
                 .observed
-                .set_metrics(self.listener.as_ref().map(|listener| listener.address));
+                .set_metrics(self.listener.as_ref().map(HttpListener::address));
             return;
         };
         let requested = Arc::downgrade(controller);
-        let page = move || {
+        let pages = move |path: String, _| {
             let requested = requested.clone();
             async move {
-                let Some(controller) = requested.upgrade() else {
-                    return String::new();
-                };
-                let health = controller.health().await;
-                let maps = controller.observed.counters.reconstruction();
-                metrics::page(&health, maps, &controller.runtime().setup.config.notify)
+                match path.as_str() {
+                    "/metrics" => answer(Ends::Answer, metrics_page(requested))
+                        .await
+                        .unwrap_or(Err(NoPage::Failed)),
+                    _ => Err(NoPage::NotFound),
+                }
             }
         };
-        match MetricsListener::open(address, self.names.clone(), metrics::CONTENT_TYPE, page).await
-        {
+        match HttpListener::open(address, Hosts::Own(self.names.clone()), pages).await {
             Ok(listener) => {
-                tracing::info!("metrics at http://{}/metrics", listener.address);
-                controller.observed.set_metrics(Some(listener.address));
+                tracing::info!("metrics at http://{}/metrics", listener.address());
+                controller.observed.set_metrics(Some(listener.address()));
                 self.listener = Some(listener);
             }
             Err(cause) => {

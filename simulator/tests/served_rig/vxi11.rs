@@ -415,5 +415,5 @@ fn the_identification_document_is_that_of_the_instrument() {
     assert!(get("POST / HTTP/1.1\r\n\r\n").contains("Allow: GET"));
     assert!(get("nonsense\r\n\r\n").starts_with("HTTP/1.1 400"));
     let flood = format!("GET / HTTP/1.1\r\nX: {}", "x".repeat(8192));
-    assert!(get(&flood).starts_with("HTTP/1.1 400"));
+    assert!(get(&flood).starts_with("HTTP/1.1 431"));
 }

@@ -13,6 +13,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("vxi11", &[]),
     ("dbus", &[]),
     ("outfile", &[]),
+    ("http-listener", &[]),
     ("render", &["outfile", "survey"]),
     ("logbook", &["outfile", "survey"]),
     ("eit", &["outfile", "survey"]),
@@ -29,6 +30,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
         "simulator",
         &[
             "gpio-mux",
+            "http-listener",
             "keithley-6221",
             "keysight-34980a",
             "outfile",
@@ -81,6 +83,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "dbus",
             "eit",
             "gpio-mux",
+            "http-listener",
             "imaging",
             "keithley-6221",
             "keysight-34980a",

@@ -1,0 +1,450 @@
+//! A listener for a few read-only pages over HTTP/1.1: one request a connection, every length, time and number of clients
+//! bounded.
+//!
+//! What it is for: the daemon's metrics and the simulated mainframe's pages. It leaves everything else to a web framework:
+//! no bodies of requests, no connections kept open, no encryption.
+//!
+//! ```
+//! # #[tokio::main(flavor = "current_thread")] async fn main() -> std::io::Result<()> {
+//! use http_listener::{Hosts, HttpListener, NoPage, Page};
+//! use tokio::io::{AsyncReadExt, AsyncWriteExt};
+//!
+//! let pages = |path: String, _| async move {
+//!     match path.as_str() {
+//!         "/hello" => Ok(Page { content: "text/plain", body: "good day\n".to_owned() }),
+//!         _ => Err(NoPage::NotFound),
+//!     }
+//! };
+//! let listener = HttpListener::open(([127, 0, 0, 1], 0).into(), Hosts::Any, pages).await?;
+//! let mut client = tokio::net::TcpStream::connect(listener.address()).await?;
+//! client.write_all(b"GET /hello HTTP/1.1\r\nHost: here\r\n\r\n").await?;
+//! let mut answer = String::new();
+//! client.read_to_string(&mut answer).await?;
+//! assert!(answer.starts_with("HTTP/1.1 200 OK") && answer.ends_with("good day\n"));
+//! # Ok(()) }
+//! ```
+
+use std::collections::VecDeque;
+use std::net::{IpAddr, SocketAddr};
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
+use tokio::net::TcpListener;
+use tokio::task::AbortHandle;
+
+/// Bytes of a request with all its headers.
+const LONGEST: usize = 8192;
+/// Clients at once. One more takes the place of the one that has been there longest: a client that asks and reads is gone
+/// in a moment, so it is the slow ones that make way, and however many they are, the page is served.
+const CLIENTS: usize = 8;
+/// A connection is over by then.
+const DEADLINE: Duration = Duration::from_secs(5);
+
+/// A page.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Page {
+    /// Its media type.
+    pub content: &'static str,
+    /// Its text.
+    pub body: String,
+}
+
+/// Why there is no page.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NoPage {
+    /// There is none of this path: 404.
+    NotFound,
+    /// It could not be made: 500.
+    Failed,
+}
+
+/// By which names of this machine it is answered.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Hosts {
+    /// Any, and none.
+    Any,
+    /// `localhost`, a loopback address, the address at which the client came, and these; HTTP/1.1 must give one. A page of
+    /// a stranger in a browser on this machine, whose name was made to mean this machine, reads nothing.
+    Own(Vec<String>),
+}
+
+/// A listener that is open until it is dropped.
+#[derive(Debug)]
+pub struct HttpListener {
+    address: SocketAddr,
+    task: tokio::task::JoinHandle<()>,
+}
+
+impl Drop for HttpListener {
+    fn drop(&mut self) {
+        self.task.abort();
+    }
+}
+
+impl HttpListener {
+    /// Listens at an address. `pages` makes the page of a path for a client that came to an address of this machine.
+    ///
+    /// # Errors
+    /// The address cannot be had.
+    pub async fn open<F>(
+        address: SocketAddr,
+        hosts: Hosts,
+        pages: impl Fn(String, SocketAddr) -> F + Send + Sync + 'static,
+    ) -> std::io::Result<Self>
+    where
+        F: Future<Output = Result<Page, NoPage>> + Send + 'static,
+    {
+        let listener = TcpListener::bind(address).await?;
+        Ok(Self {
+            address: listener.local_addr()?,
+            task: tokio::spawn(serve(listener, hosts, pages)),
+        })
+    }
+
+    /// The address, with the port that was taken.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+}
+
+/// Serves pages on a listener, as [`HttpListener::open`] does; never returns.
+pub async fn serve<F>(
+    listener: TcpListener,
+    hosts: Hosts,
+    pages: impl Fn(String, SocketAddr) -> F + Send + Sync + 'static,
+) where
+    F: Future<Output = Result<Page, NoPage>> + Send + 'static,
+{
+    let mut clients = Clients::default();
+    let (hosts, pages) = (Arc::new(hosts), Arc::new(pages));
+    loop {
+        let Ok((stream, _)) = listener.accept().await else {
+            // no descriptors: a moment later there may be some
+            tokio::time::sleep(Duration::from_millis(100)).await;
+            continue;
+        };
+        clients.make_room();
+        let (hosts, pages) = (Arc::clone(&hosts), Arc::clone(&pages));
+        let client = tokio::spawn(async move {
+            if let Ok(here) = stream.local_addr() {
+                answer_once(stream, here, &hosts, pages.as_ref()).await.ok();
+            }
+        });
+        clients.0.push_back(client.abort_handle());
+    }
+}
+
+/// Connections, the oldest first; they end with the listener.
+#[derive(Debug, Default)]
+struct Clients(VecDeque<AbortHandle>);
+
+impl Clients {
+    fn make_room(&mut self) {
+        self.0.retain(|client| !client.is_finished());
+        while self.0.len() >= CLIENTS
+            && let Some(longest) = self.0.pop_front()
+        {
+            longest.abort();
+        }
+    }
+}
+
+impl Drop for Clients {
+    fn drop(&mut self) {
+        self.0.iter().for_each(AbortHandle::abort);
+    }
+}
+
+/// One request and its answer, on any stream; `here` is the address at which the client came.
+///
+/// # Errors
+/// A lost connection, or the deadline.
+pub async fn answer_once<S, F>(
+    stream: S,
+    here: SocketAddr,
+    hosts: &Hosts,
+    pages: &(impl Fn(String, SocketAddr) -> F + Sync),
+) -> std::io::Result<()>
+where
+    S: AsyncRead + AsyncWrite + Unpin,
+    F: Future<Output = Result<Page, NoPage>>,
+{
+    tokio::time::timeout(DEADLINE, exchange(stream, here, hosts, pages)).await?
+}
+
+async fn exchange<S, F>(
+    mut stream: S,
+    here: SocketAddr,
+    hosts: &Hosts,
+    pages: &(impl Fn(String, SocketAddr) -> F + Sync),
+) -> std::io::Result<()>
+where
+    S: AsyncRead + AsyncWrite + Unpin,
+    F: Future<Output = Result<Page, NoPage>>,
+{
+    let head = head(&mut stream).await?;
+    let request = match head.as_deref() {
+        None => Err("431 Request Header Fields Too Large"),
+        Some(head) => request(head, here.ip(), hosts),
+    };
+    let (status, page, with_body) = match request {
+        Err(status) => (status, None, true),
+        Ok((method, path)) => match pages(path, here).await {
+            Ok(page) => ("200 OK", Some(page), method == Method::Get),
+            Err(NoPage::NotFound) => ("404 Not Found", None, true),
+            Err(NoPage::Failed) => ("500 Internal Server Error", None, true),
+        },
+    };
+    let Page { content, body } = page.unwrap_or_else(|| Page {
+        content: "text/plain; charset=utf-8",
+        body: format!("{status}\n"),
+    });
+    let allow = match status.starts_with("405") {
+        true => "Allow: GET, HEAD\r\n",
+        false => "",
+    };
+    let mut text = format!(
+        "HTTP/1.1 {status}\r\nContent-Type: {content}\r\nContent-Length: {}\r\n{allow}Connection: close\r\n\r\n",
+        body.len()
+    );
+    if with_body {
+        text.push_str(&body);
+    }
+    stream.write_all(text.as_bytes()).await?;
+    stream.shutdown().await
+}
+
+/// Everything up to the empty line; `None` where that is too long.
+async fn head(stream: &mut (impl AsyncRead + Unpin)) -> std::io::Result<Option<Vec<u8>>> {
+    let mut head = Vec::with_capacity(512);
+    let mut piece = [0; 1024];
+    loop {
+        if let Some(end) = head.windows(4).position(|four| four == b"\r\n\r\n") {
+            head.truncate(end);
+            return Ok(Some(head));
+        }
+        if head.len() >= LONGEST {
+            return Ok(None);
+        }
+        let most = piece.len().min(LONGEST - head.len());
+        let read = stream.read(&mut piece[..most]).await?;
+        if read == 0 {
+            return Err(std::io::ErrorKind::UnexpectedEof.into());
+        }
+        head.extend_from_slice(&piece[..read]);
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Method {
+    Get,
+    Head,
+}
+
+/// Method and path, without its query; other headers than the host are of no interest.
+fn request(head: &[u8], own: IpAddr, hosts: &Hosts) -> Result<(Method, String), &'static str> {
+    const BAD: &str = "400 Bad Request";
+    let head = std::str::from_utf8(head).map_err(|_| BAD)?;
+    let mut lines = head.split("\r\n");
+    let line = lines.next().unwrap_or_default();
+    let words: Vec<&str> = line.split(' ').collect();
+    let [method, target, "HTTP/1.1" | "HTTP/1.0"] = words[..] else {
+        return Err(BAD);
+    };
+    let mut named = lines
+        .filter_map(|line| line.split_once(':'))
+        .filter(|(name, _)| name.eq_ignore_ascii_case("host"))
+        .map(|(_, value)| value.trim());
+    let host = named.next();
+    if named.next().is_some() {
+        return Err(BAD);
+    }
+    if let Hosts::Own(names) = hosts {
+        match host {
+            Some(host) if OwnNames { own, names }.is(host) => {}
+            Some(_) => return Err("421 Misdirected Request"),
+            None if words[2] == "HTTP/1.0" => {}
+            None => return Err(BAD),
+        }
+    }
+    let method = match method {
+        "GET" => Method::Get,
+        "HEAD" => Method::Head,
+        _ => return Err("405 Method Not Allowed"),
+    };
+    let path = target.split('?').next().unwrap_or_default();
+    Ok((method, path.to_owned()))
+}
+
+/// By what a client may know this machine. Any other name may be a stranger's.
+#[derive(Debug)]
+struct OwnNames<'a> {
+    /// The address at which the client came.
+    own: IpAddr,
+    /// As configured.
+    names: &'a [String],
+}
+
+impl OwnNames<'_> {
+    /// Whether a host, with or without a port, is this machine: `localhost`, a loopback address, the address at which the
+    /// client came, or a configured name.
+    fn is(&self, host: &str) -> bool {
+        let name = match host.strip_prefix('[') {
+            Some(rest) => rest.split(']').next().unwrap_or_default(),
+            None => host.split(':').next().unwrap_or_default(),
+        };
+        if let Ok(address) = name.parse::<IpAddr>() {
+            let address = address.to_canonical();
+            return address.is_loopback() || address == self.own.to_canonical();
+        }
+        let name = name.strip_suffix('.').unwrap_or(name);
+        let configured = self.names.iter().map(String::as_str);
+        configured
+            .chain(["localhost"])
+            .any(|known| known.eq_ignore_ascii_case(name))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tokio::io::DuplexStream;
+    use tokio::net::TcpStream;
+
+    use super::*;
+
+    const PATIENCE: Duration = Duration::from_secs(120);
+
+    async fn metrics(path: String, _: SocketAddr) -> Result<Page, NoPage> {
+        match path.as_str() {
+            "/metrics" => Ok(Page {
+                content: "text/x",
+                body: "tactus_well 1\n# EOF\n".to_owned(),
+            }),
+            "/broken" => Err(NoPage::Failed),
+            _ => Err(NoPage::NotFound),
+        }
+    }
+
+    async fn ask(request: &[u8]) -> String {
+        let (mut client, stream): (DuplexStream, _) = tokio::io::duplex(64 * 1024);
+        client.write_all(request).await.unwrap();
+        let hosts = Hosts::Own(vec!["rig.example".to_owned()]);
+        let here = ([192, 0, 2, 7], 9617).into();
+        answer_once(stream, here, &hosts, &metrics).await.ok();
+        let mut answer = Vec::new();
+        client.read_to_end(&mut answer).await.unwrap();
+        String::from_utf8(answer).unwrap()
+    }
+
+    #[tokio::test]
+    async fn one_page_is_served_and_nothing_else() {
+        let answer = ask(b"GET /metrics HTTP/1.1\r\nHost: localhost:9617\r\n\r\n").await;
+        assert!(answer.starts_with("HTTP/1.1 200 OK\r\nContent-Type: text/x\r\n"));
+        assert!(
+            answer.ends_with("\r\n\r\ntactus_well 1\n# EOF\n"),
+            "{answer}"
+        );
+        let answer = ask(b"HEAD /metrics?a=b HTTP/1.0\r\n\r\n").await;
+        assert!(answer.contains("Content-Length: 20") && answer.ends_with("\r\n\r\n"));
+        for (request, status) in [
+            (&b"GET / HTTP/1.1\r\nHost: [::1]\r\n\r\n"[..], "404"),
+            (
+                b"GET /metrics/../etc HTTP/1.1\r\nHost: [::1]\r\n\r\n",
+                "404",
+            ),
+            (b"GET /broken HTTP/1.1\r\nHost: [::1]\r\n\r\n", "500"),
+            (b"POST /metrics HTTP/1.1\r\nHost: [::1]\r\n\r\n", "405"),
+            (b"GET /metrics HTTP/9\r\n\r\n", "400"),
+            (b"GET /metrics\r\n\r\n", "400"),
+            (b"GET /metrics HTTP/1.1\r\n\r\n", "400"),
+            (b"\r\n\r\n", "400"),
+            (b"\xff\xfe\r\n\r\n", "400"),
+        ] {
+            let answer = ask(request).await;
+            let wanted = format!("HTTP/1.1 {status}");
+            assert!(answer.starts_with(&wanted), "{answer}");
+        }
+        let mut long = b"GET /metrics HTTP/1.1\r\n".to_vec();
+        while long.len() < 60_000 {
+            long.extend_from_slice(b"X-Header: of no interest\r\n");
+        }
+        assert!(ask(&long).await.starts_with("HTTP/1.1 431"));
+        let line = [b"GET /".to_vec(), vec![b'a'; 50_000]].concat();
+        assert!(ask(&line).await.starts_with("HTTP/1.1 431"));
+    }
+
+    #[tokio::test]
+    async fn any_host_and_none_is_answered_where_that_is_wanted() {
+        for request in [
+            &b"GET /metrics HTTP/1.1\r\n\r\n"[..],
+            b"GET /metrics HTTP/1.1\r\nHost: other.example\r\n\r\n",
+        ] {
+            let (mut client, stream) = tokio::io::duplex(64 * 1024);
+            client.write_all(request).await.unwrap();
+            let here = ([192, 0, 2, 7], 80).into();
+            answer_once(stream, here, &Hosts::Any, &metrics)
+                .await
+                .unwrap();
+            let mut answer = String::new();
+            client.read_to_string(&mut answer).await.unwrap();
+            assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+        }
+    }
+
+    #[tokio::test]
+    async fn a_host_that_is_not_ours_is_refused() {
+        for (host, status) in [
+            ("127.0.0.1:9617", "200"),
+            ("127.0.0.2", "200"),
+            ("[::1]:9617", "200"),
+            ("LocalHost.", "200"),
+            ("192.0.2.7:9617", "200"),
+            ("192.0.2.8:9617", "421"),
+            ("Rig.example:9617", "200"),
+            ("other.example", "421"),
+            ("attacker.example:9617", "421"),
+            ("localhost.attacker.example", "421"),
+            ("127.0.0.1.attacker.example", "421"),
+            ("[::1", "200"),
+            ("", "421"),
+            ("localhost\r\nHost: attacker.example", "400"),
+        ] {
+            for version in ["HTTP/1.0", "HTTP/1.1"] {
+                let request = format!("GET /metrics {version}\r\nhOST: {host}\r\n\r\n");
+                let answer = ask(request.as_bytes()).await;
+                let wanted = format!("HTTP/1.1 {status}");
+                assert!(answer.starts_with(&wanted), "{host}: {answer}");
+            }
+        }
+    }
+
+    #[tokio::test]
+    async fn silent_clients_make_way_and_are_disconnected() {
+        let local = SocketAddr::from(([127, 0, 0, 1], 0));
+        let hosts = Hosts::Own(Vec::new());
+        let listener = HttpListener::open(local, hosts, metrics).await.unwrap();
+        let silent = async |said: &[u8]| {
+            let mut client = TcpStream::connect(listener.address()).await.unwrap();
+            client.write_all(said).await.unwrap();
+            client
+        };
+        let mut clients = Vec::new();
+        for _ in 0..CLIENTS {
+            clients.push(silent(b"GET /met").await);
+        }
+        // in the order of connections: the first two make way for these
+        let mut late = silent(b"GET /metrics HTTP/1.0\r\n\r\n").await;
+        clients.push(silent(b"").await);
+        let mut answer = Vec::new();
+        let answered = tokio::time::timeout(PATIENCE, late.read_to_end(&mut answer)).await;
+        answered.unwrap().unwrap();
+        assert!(answer.starts_with(b"HTTP/1.1 200"));
+        for mut client in clients {
+            let mut answer = Vec::new();
+            let over = tokio::time::timeout(PATIENCE, client.read_to_end(&mut answer)).await;
+            let _ = over.unwrap();
+            assert!(answer.is_empty());
+        }
+    }
+}
