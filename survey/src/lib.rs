@@ -1,7 +1,7 @@
-//! The questions asked of the sheet, and its answers.
+//! Shared data types of a rig, its measurements and its maps.
 //!
 //! Here live electrodes, the Sheffield order, the plan of a frame, frames of voltages, baselines, maps, and their
-//! units. Refused at this door: instruments, clocks, threads, mathematics.
+//! units. It leaves to others instruments, clocks, threads and mathematics.
 //!
 //! - **electrode**: a contact on the edge of the sheet; **dipole**: two of them with a direction
 //! - **measurement**: one question (drive this pair, sense that pair); **protocol**: all questions of a frame, in order

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// An electrode: counted from 0 inside the house and in case folders, shown to people from 1 as in the paper.
+/// An electrode: counted from 0 in programs and case folders, shown to people from 1 as in the paper.
 /// [`Electrode::from_number`] and [`Electrode::number`] are the one place of that conversion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(transparent)]

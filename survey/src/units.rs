@@ -1,4 +1,4 @@
-//! Unit types for the seams of the house. Inside a formula plain `f64` in SI is used; a seam takes these.
+//! Unit types for interfaces. Inside a formula plain `f64` in SI is used; an interface takes these.
 //!
 //! ```
 //! use survey::{Amps, Ohms, Volts};

@@ -1,4 +1,4 @@
-//! The seam to a gpiochip, and a chip in memory that writes every edge down.
+//! The trait of a gpiochip, and a chip in memory that writes every edge down.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

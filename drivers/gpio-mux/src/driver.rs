@@ -15,7 +15,7 @@ use crate::command::{Command, MOST_ERRORS, Pair, Pole, State, refusal};
 /// What the driver may be told to do differently.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Options {
-    /// The board opens everything when it hears nothing for so long; zero: never. The longest reading must fit: 200
+    /// The board opens everything when no command comes for so long; zero: never. The longest reading must fit: 200
     /// cycles with a zero reading are 8 s.
     pub watchdog: Duration,
     /// Waited after every move (section 3: 5 x (R_on + R_sample) x C_cable, at least 50 us).

@@ -1,9 +1,9 @@
 //! The multiplexer board that puts any electrode on each of four poles, by lines of text over a serial port.
 //!
 //! Here live its line protocol in both directions, the driver that plays [`rig::Switch`] over it, and a simulator that
-//! keeps every edge of the board's lines. A board whose lines hang on a gpiochip of this machine is driven over a seam to
-//! that chip, with the kernel's character device or a chip in memory behind it. Refused at this door: two electrodes on one pole, one electrode on both
-//! current poles, and every relay number that is not pole x 100 + electrode.
+//! keeps every edge of the board's lines. A board whose lines hang on a gpiochip of this machine is driven over the trait
+//! [`GpioChip`], by the kernel's character device or a chip in memory. Refused are two electrodes on one pole, one electrode
+//! on both current poles, and every relay number that is not pole x 100 + electrode.
 //!
 //! - **pole**: one of I+, I-, V+, V-; **state**: the electrode on each of them
 //! - **line**: one of the 24 that lead to the multiplexers; **levels**: all of them

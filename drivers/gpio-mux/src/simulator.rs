@@ -11,7 +11,7 @@ use survey::{Electrode, Relay};
 use crate::command::{Command, MOST_ERRORS, Pole, Reply, State};
 use crate::lines::{Chip, Levels, Line, Step, steps};
 
-/// What the four poles are led to. The bench's sheet implements it.
+/// What the four poles are led to. The simulated rig implements it.
 pub trait Poles {
     /// Told whenever an electrode comes on or off a pole, in the order of [`Pole::ALL`].
     fn poles(&mut self, joined: [Option<Electrode>; 4], at: Duration);
@@ -195,7 +195,7 @@ impl SimulatorGpioMux {
         }
     }
 
-    /// Hears one line and answers it.
+    /// Receives one line and answers it.
     pub fn receive(&mut self, line: &str, at: Duration, poles: &mut dyn Poles) -> Response {
         self.pass(at, poles);
         if line.trim().is_empty() {
@@ -212,7 +212,7 @@ impl SimulatorGpioMux {
         self.answer(answer)
     }
 
-    /// Hears a line that is longer than its buffer. It has one reply too, so that its loss is noticed.
+    /// Receives a line that is longer than its buffer. It has one reply too, so that its loss is noticed.
     pub fn receive_oversized(&mut self, at: Duration, poles: &mut dyn Poles) -> Response {
         self.pass(at, poles);
         self.answer(Err(ErrorEntry::new(-363, "Input buffer overrun")))

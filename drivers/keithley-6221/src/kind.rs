@@ -1,4 +1,4 @@
-//! What values a setting takes, and how they are told.
+//! What values a setting takes, and how they are written.
 
 use scpi::{Argument, Numeric, ParseError, Unit, format_nr3};
 
@@ -36,7 +36,7 @@ impl Kind {
     ///
     /// # Errors
     /// -222 outside of the limits, -224 for another word, and what another type deserves.
-    pub fn hear(self, argument: &Argument) -> Result<f64, ParseError> {
+    pub fn read(self, argument: &Argument) -> Result<f64, ParseError> {
         let number = |unit, [min, max, def]: [f64; 3], endless| match argument.number(unit)? {
             Numeric::Infinity if endless => Ok(f64::INFINITY),
             Numeric::Def => Ok(def),
@@ -48,9 +48,9 @@ impl Kind {
                 limits,
                 endless,
             } => match argument.number(unit)? {
-                // A limit is told with six decimals: as it is told it can be set.
-                Numeric::Value(value) if is_told(limits[1], value) => Ok(limits[1]),
-                Numeric::Value(value) if is_told(limits[0], value) => Ok(limits[0]),
+                // A limit reads back with six decimals: as it reads back it can be set.
+                Numeric::Value(value) if reads_back_as(limits[1], value) => Ok(limits[1]),
+                Numeric::Value(value) if reads_back_as(limits[0], value) => Ok(limits[0]),
                 _ => number(unit, limits, endless),
             },
             Kind::Whole { limits, endless } => number(Unit::None, limits, endless).map(f64::round),
@@ -63,7 +63,7 @@ impl Kind {
         }
     }
 
-    /// Whether this value is one of those that [`Kind::hear`] gives.
+    /// Whether this value is one of those that [`Kind::read`] gives.
     pub fn allows(self, value: f64) -> bool {
         match self {
             Kind::Real {
@@ -96,8 +96,8 @@ impl Kind {
         }
     }
 
-    /// The value as a client says it: the fewest digits that read back to the same bits.
-    pub(crate) fn said(self, value: f64) -> String {
+    /// The value as a client writes it: the fewest digits that read back to the same bits.
+    pub(crate) fn written(self, value: f64) -> String {
         match self {
             Kind::Real { .. } | Kind::Whole { .. } if value.is_infinite() => "INF".to_owned(),
             Kind::Real { .. } => format!("{value:E}"),
@@ -126,7 +126,7 @@ impl Kind {
 }
 
 /// Whether a value is a limit as it is read back.
-fn is_told(limit: f64, value: f64) -> bool {
+fn reads_back_as(limit: f64, value: f64) -> bool {
     format_nr3(limit, DECIMALS).parse() == Ok(value)
 }
 

@@ -1,7 +1,7 @@
 //! The Keithley 6221 current source: its commands, its driver, its simulator.
 //!
 //! A floating current source with a voltage limit. It has no voltmeter: all it knows of its load is whether the limit
-//! holds the current back (*compliance*). Refused at this door: a current or limit that the instrument does not have
+//! holds the current back (*compliance*). It refuses a current or limit that the instrument does not have
 //! (an error, nothing is clipped), physics (the simulator asks its [`Load`] for a resistance), and delta modes: the
 //! simulator answers them as an instrument does that no 2182A is connected to.
 //!

@@ -264,7 +264,7 @@ proptest! {
     fn what_a_kind_hears_it_allows(at in 0..Parameter::ALL.len(), text in "(-?[0-9]{1,3}(\\.[0-9])?(e-?[0-9])?|INF|MIN|MAX|DEF|ON|[A-Z]{3,4}[0-9]?)") {
         let kind = Parameter::ALL[at].kind();
         let argument = parse_message(format!("X {text}"))[0].clone().unwrap().arguments.remove(0);
-        if let Ok(value) = kind.hear(&argument) {
+        if let Ok(value) = kind.read(&argument) {
             prop_assert!(kind.allows(value), "{text} gives {value}");
         }
     }

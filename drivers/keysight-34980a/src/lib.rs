@@ -1,8 +1,8 @@
 //! The Keysight (formerly Agilent) 34980A: relays and a voltmeter in one mainframe.
 //!
 //! Here live its commands in both directions, the numbers of its modules' channels, the driver that plays
-//! [`rig::Switch`] and [`rig::Voltmeter`], and a simulator of both. Refused at this door: physics (what a closed relay
-//! joins is the bench's), other instruments, overloads as numbers, and a channel that its module does not have.
+//! [`rig::Switch`] and [`rig::Voltmeter`], and a simulator of both. It leaves to others: physics (what a closed relay
+//! joins is the simulated rig's), other instruments, overloads as numbers, and a channel that its module does not have.
 //!
 //! - **module**: a card of relays in a slot, with its terminal block; **contact**: what one of its channels is
 //! - **scan list**: the channels that one READ? measures in turn; **bare voltmeter**: what it measures without one

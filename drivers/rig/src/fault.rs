@@ -1,11 +1,11 @@
-//! What can go wrong between the house and an instrument. The message names the instrument and what was asked of it.
+//! Errors of an instrument or of the wire to it. The message names the instrument and the command.
 
 use survey::{Amps, Relay, Volts};
 
 use crate::LinkError;
 use crate::found_relay::{FoundRelay, name_relays};
 
-/// Bad news from an instrument or from the wire to it.
+/// An error of an instrument or of the wire to it.
 #[derive(Debug, thiserror::Error)]
 pub enum RigError {
     /// The wire failed.

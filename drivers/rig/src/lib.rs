@@ -1,15 +1,16 @@
-//! The three seams of a rig, the one place that waits on a wire, and the acquisition of a plan.
+//! The three traits of a rig's instruments, the one place that waits on a wire, and the acquisition of a plan.
 //!
-//! What this room is for: to run a [`survey::Plan`] on whatever implements [`CurrentSource`], [`Switch`] and
+//! What it is for: to run a [`survey::Plan`] on whatever implements [`CurrentSource`], [`Switch`] and
 //! [`Voltmeter`], over wires that stall, split, merge and break, and to leave the source off and verified on every way
-//! out. Refused at this door: the commands of any particular instrument, mathematics, and a reply that comes too late.
+//! out. It leaves to others the commands of any particular instrument and mathematics. A reply that comes too late is
+//! refused.
 //!
-//! - **link**: a line-oriented conversation with deadlines; **out of step**: after a fault, until the stream is replaced
-//!   or the peer has proved that it answers the question asked
+//! - **link**: lines to and from one instrument, with deadlines; **out of step**: after a fault, until the stream is
+//!   replaced or the peer has proved that it answers the query sent
+//! - **conversation**: messages over a link that end with a query of the error queue
 //! - **rig**: source, switch and voltmeter, held by one user at a time
 //! - **acquire**: a plan in, a frame out; **safe off**: source off and relays open, each verified
-//! - **transcript**: everything said over the wires, line by line; **tape**: the last of it, kept in memory, a **reel**
-//!   a frame
+//! - **transcript**: every line over the wires; a **ring transcript** keeps the last frames in memory
 //!
 //! ```
 //! # #[tokio::main(flavor = "current_thread")] async fn main() -> Result<(), rig::LinkError> {

@@ -1,4 +1,4 @@
-//! Stopping: a wish heard between two steps of a plan, never a dropped future.
+//! Stopping: a request that is handled between two steps of a plan, never a dropped future.
 
 use tokio::sync::watch;
 
@@ -6,7 +6,7 @@ use tokio::sync::watch;
 #[derive(Debug, Clone)]
 pub struct StopButton(watch::Sender<bool>);
 
-/// Hears of it. Copies hear the same.
+/// Receives the request. Copies receive the same one.
 #[derive(Debug, Clone)]
 pub struct Stop(watch::Receiver<bool>);
 

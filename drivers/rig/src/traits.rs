@@ -1,4 +1,4 @@
-//! The three seams of a rig: what `acquire` needs of a source, a switch and a voltmeter, and nothing more.
+//! The traits of a rig's instruments: what `acquire` needs of a source, a switch and a voltmeter, and nothing more.
 
 use std::future::Future;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! The common commands of IEEE 488.2 that every instrument of the house answers, as values.
+//! The common commands of IEEE 488.2 that every instrument here answers, as values.
 
 use std::fmt;
 
@@ -112,12 +112,12 @@ mod tests {
     use super::*;
     use crate::parse_message;
 
-    fn heard(message: &str) -> Option<Result<Common, ParseError>> {
+    fn parsed(message: &str) -> Option<Result<Common, ParseError>> {
         Common::of(parse_message(message)[0].as_ref().unwrap())
     }
 
     #[test]
-    fn what_is_said_is_heard() {
+    fn what_is_said_is_parsed() {
         for said in [
             Common::Identify,
             Common::Reset,
@@ -134,19 +134,22 @@ mod tests {
             Common::SelfTest,
             Common::Trigger,
         ] {
-            assert_eq!(heard(&said.to_string()), Some(Ok(said)), "{said}");
+            assert_eq!(parsed(&said.to_string()), Some(Ok(said)), "{said}");
             assert_eq!(said.is_query(), said.to_string().ends_with('?'));
         }
     }
 
     #[test]
     fn what_is_not_common_or_not_allowed_is_told_apart() {
-        assert_eq!(heard("ESE 1"), None);
-        assert_eq!(heard("*XYZ?"), None);
-        assert_eq!(heard("*RST?"), None);
-        assert_eq!(heard("*ESE"), Some(Err(ParseError::MissingParameter)));
-        assert_eq!(heard("*ESE 256"), Some(Err(ParseError::OutOfRange)));
-        assert_eq!(heard("*ESE ON"), Some(Err(ParseError::CharacterNotAllowed)));
-        assert_eq!(heard("*RST 1"), Some(Err(ParseError::ParameterNotAllowed)));
+        assert_eq!(parsed("ESE 1"), None);
+        assert_eq!(parsed("*XYZ?"), None);
+        assert_eq!(parsed("*RST?"), None);
+        assert_eq!(parsed("*ESE"), Some(Err(ParseError::MissingParameter)));
+        assert_eq!(parsed("*ESE 256"), Some(Err(ParseError::OutOfRange)));
+        assert_eq!(
+            parsed("*ESE ON"),
+            Some(Err(ParseError::CharacterNotAllowed))
+        );
+        assert_eq!(parsed("*RST 1"), Some(Err(ParseError::ParameterNotAllowed)));
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! What a listener needs (framing, headers, arguments, error queue, status registers) and what a talker needs (numbers
 //! and lists as text, replies read back). Bytes come in as arguments; nothing here waits, knows a clock, or knows an
-//! instrument. Refused at this door: guessing. Text that is not of the grammar is a [`ParseError`] with the number that
+//! instrument. It does not guess: text that is not of the grammar is a [`ParseError`] with the number that
 //! the standard gives it, or a [`ReplyError`] on the talker's side; 9.9E37 is [`Answer::Overload`], never a voltage.
 //!
 //! - **message**: one line; **call**: one unit of it between semicolons, its header resolved by the path rule

@@ -1,4 +1,4 @@
-//! What is heard: headers in the manual's notation with what they mean.
+//! The headers in the manual's notation, with what they mean.
 
 use std::str::FromStr;
 use std::sync::LazyLock;
@@ -58,24 +58,24 @@ pub(super) const PLAIN: &[(&str, Command)] = &[
     ("SYSTem:COMMunicate:ETHernet:SAVE", Command::SaveAddresses),
 ];
 
-type Hearer = Box<dyn Fn(&Call) -> Result<Command, ParseError> + Send + Sync>;
+type Reader = Box<dyn Fn(&Call) -> Result<Command, ParseError> + Send + Sync>;
 
 /// A header, whether it is a query's, and what it means.
 struct Row {
     pattern: Pattern,
     query: bool,
-    hear: Hearer,
+    read: Reader,
 }
 
 fn row(
     rows: &mut Vec<Row>,
     notation: &str,
-    hear: impl Fn(&Call) -> Result<Command, ParseError> + Send + Sync + 'static,
+    read: impl Fn(&Call) -> Result<Command, ParseError> + Send + Sync + 'static,
 ) {
     rows.push(Row {
         pattern: Pattern::new(notation),
         query: notation.ends_with('?'),
-        hear: Box::new(hear),
+        read: Box::new(read),
     });
 }
 
@@ -91,7 +91,7 @@ static GRAMMAR: LazyLock<Vec<Row>> = LazyLock::new(|| {
     for &parameter in Parameter::ALL {
         row(&mut rows, parameter.notation(), move |call| {
             let [value] = call.exactly()?;
-            let value = parameter.kind().hear(value)?;
+            let value = parameter.kind().read(value)?;
             Ok(Command::SetParameter(parameter, value))
         });
         let question = format!("{}?", parameter.notation());
@@ -163,10 +163,10 @@ fn source(rows: &mut Vec<Row>) {
 fn lists(rows: &mut Vec<Row>) {
     for (values, more, list) in LISTS {
         row(rows, values, move |call| {
-            Ok(Command::SetList(list, heard(list, &call.arguments)?))
+            Ok(Command::SetList(list, list_values(list, &call.arguments)?))
         });
         row(rows, more, move |call| {
-            Ok(Command::AppendList(list, heard(list, &call.arguments)?))
+            Ok(Command::AppendList(list, list_values(list, &call.arguments)?))
         });
         row(rows, &format!("{values}?"), move |call| {
             plain(call, Command::List(list))
@@ -249,7 +249,7 @@ impl Command {
         GRAMMAR
             .iter()
             .find(|row| call.query == row.query && row.pattern.matches(call))
-            .map_or(Err(ParseError::UndefinedHeader), |row| (row.hear)(call))
+            .map_or(Err(ParseError::UndefinedHeader), |row| (row.read)(call))
     }
 }
 
@@ -313,7 +313,7 @@ fn place(call: &Call, first: u8, last: u8) -> Result<u8, ParseError> {
     Ok(place as u8)
 }
 
-fn heard(list: List, arguments: &[Argument]) -> Result<Vec<f64>, ParseError> {
+fn list_values(list: List, arguments: &[Argument]) -> Result<Vec<f64>, ParseError> {
     if arguments.is_empty() {
         return Err(ParseError::MissingParameter);
     }
@@ -321,7 +321,7 @@ fn heard(list: List, arguments: &[Argument]) -> Result<Vec<f64>, ParseError> {
         return Err(ParseError::TooMuchData);
     }
     let kind = list.kind();
-    arguments.iter().map(|value| kind.hear(value)).collect()
+    arguments.iter().map(|value| kind.read(value)).collect()
 }
 
 impl List {

@@ -1,4 +1,4 @@
-//! What is said.
+//! The commands as text.
 
 use std::fmt;
 
@@ -33,8 +33,8 @@ impl List {
             .unwrap_or_default()
     }
 
-    fn said(self, values: &[f64]) -> String {
-        let values: Vec<String> = values.iter().map(|v| self.kind().said(*v)).collect();
+    fn written(self, values: &[f64]) -> String {
+        let values: Vec<String> = values.iter().map(|v| self.kind().written(*v)).collect();
         values.join(",")
     }
 }
@@ -64,18 +64,18 @@ impl fmt::Display for Command {
             Command::SetSpeed(speed) => write!(f, "OUTP:RESP {speed}"),
             Command::SetParameter(parameter, value) => {
                 let header = short(parameter.notation());
-                write!(f, "{header} {}", parameter.kind().said(*value))
+                write!(f, "{header} {}", parameter.kind().written(*value))
             }
             Command::Parameter(parameter, ask) => {
                 write!(f, "{}{ask}", short(parameter.notation()))
             }
             Command::SetList(list, values) => {
                 let [header, ..] = list.headers();
-                write!(f, "{header} {}", list.said(values))
+                write!(f, "{header} {}", list.written(values))
             }
             Command::AppendList(list, values) => {
                 let [_, header, _] = list.headers();
-                write!(f, "{header} {}", list.said(values))
+                write!(f, "{header} {}", list.written(values))
             }
             Command::List(list) => write!(f, "{}?", list.headers()[0]),
             Command::ListLength(list) => write!(f, "{}?", list.headers()[2]),

@@ -99,7 +99,7 @@ impl Simulator6221 {
         new
     }
 
-    /// Hears one line (without its terminator) at a time since power on. A unit that is refused goes to the error queue
+    /// Receives one line (without its terminator) at a time since power on. A unit that is refused goes to the error queue
     /// and gets no reply; those after it are carried out.
     ///
     /// What comes behind a `*WAI` or `*OPC?` in the same line is carried out as of the end of what was waited for, and

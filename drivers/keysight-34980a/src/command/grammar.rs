@@ -5,22 +5,22 @@ use scpi::{Argument, Call, ChannelList, Numeric, ParseError, Pattern, Unit};
 use super::{Channels, Command};
 
 /// Makes a command of a call whose header is known.
-pub(super) type Hearer = Box<dyn Fn(&Call) -> Result<Command, ParseError> + Send + Sync>;
+pub(super) type Reader = Box<dyn Fn(&Call) -> Result<Command, ParseError> + Send + Sync>;
 
 /// Headers with what they mean.
 #[derive(Default)]
-pub(super) struct Table(Vec<(bool, Pattern, Hearer)>);
+pub(super) struct Table(Vec<(bool, Pattern, Reader)>);
 
 impl Table {
     /// Adds a header in the manual's notation, ending in `?` for queries.
-    pub(super) fn hear<C: Into<Command>>(
+    pub(super) fn add<C: Into<Command>>(
         &mut self,
         notation: &str,
-        hearer: impl Fn(&Call) -> Result<C, ParseError> + Send + Sync + 'static,
+        read: impl Fn(&Call) -> Result<C, ParseError> + Send + Sync + 'static,
     ) {
-        let hearer: Hearer = Box::new(move |call| hearer(call).map(Into::into));
+        let read: Reader = Box::new(move |call| read(call).map(Into::into));
         self.0
-            .push((notation.ends_with('?'), Pattern::new(notation), hearer));
+            .push((notation.ends_with('?'), Pattern::new(notation), read));
     }
 
     /// Reads a call by the first row that matches its header.

@@ -117,8 +117,8 @@ const MOST_READINGS: i64 = 1_000_000_000;
 
 pub(super) fn rows(table: &mut Table) {
     use Measure as M;
-    table.hear("READ?", |call| only_channels(call).map(M::Read));
-    table.hear("MEASure:VOLTage[:DC]?", |call| {
+    table.add("READ?", |call| only_channels(call).map(M::Read));
+    table.add("MEASure:VOLTage[:DC]?", |call| {
         let (range, resolution, channels) = volts(call)?;
         Ok(M::Volts {
             range,
@@ -126,33 +126,33 @@ pub(super) fn rows(table: &mut Table) {
             channels,
         })
     });
-    table.hear("INITiate[:IMMediate]", |call| plain(call, M::Initiate));
-    table.hear("FETCh?", |call| plain(call, M::Fetch));
-    table.hear("R?", |call| match call.at_most_one()? {
+    table.add("INITiate[:IMMediate]", |call| plain(call, M::Initiate));
+    table.add("FETCh?", |call| plain(call, M::Fetch));
+    table.add("R?", |call| match call.at_most_one()? {
         None => Ok(M::ReadAndErase(None)),
         Some(most) => Ok(M::ReadAndErase(
             Some(most.integer(1, MOST_READINGS)? as u32),
         )),
     });
-    table.hear("DATA:REMove?", |call| {
+    table.add("DATA:REMove?", |call| {
         let [count] = call.exactly()?;
         Ok(M::Remove(count.integer(1, MOST_READINGS)? as u32))
     });
-    table.hear("DATA:POINts?", |call| plain(call, M::Points));
-    table.hear("DATA:POINts:EVENt:THReshold", |call| {
+    table.add("DATA:POINts?", |call| plain(call, M::Points));
+    table.add("DATA:POINts:EVENt:THReshold", |call| {
         let [count] = call.exactly()?;
         Ok(M::SetThreshold(count.integer(1, MOST_READINGS)? as u32))
     });
-    table.hear("DATA:POINts:EVENt:THReshold?", |call| {
+    table.add("DATA:POINts:EVENt:THReshold?", |call| {
         plain(call, M::Threshold)
     });
-    table.hear("ABORt", |call| plain(call, M::Abort));
-    table.hear("TRIGger:SOURce", |call| {
+    table.add("ABORt", |call| plain(call, M::Abort));
+    table.add("TRIGger:SOURce", |call| {
         let [source] = call.exactly()?;
         source.choice(&SOURCES).map(M::SetSource)
     });
-    table.hear("TRIGger:SOURce?", |call| plain(call, M::Source));
-    table.hear("TRIGger:TIMer", |call| {
+    table.add("TRIGger:SOURce?", |call| plain(call, M::Source));
+    table.add("TRIGger:TIMer", |call| {
         let [time] = call.exactly()?;
         let time = time
             .number(Unit::Second)?
@@ -160,10 +160,10 @@ pub(super) fn rows(table: &mut Table) {
         // Milliseconds are what the instrument keeps.
         Ok(M::SetTimer((time * 1e3).round() / 1e3))
     });
-    table.hear("TRIGger:TIMer?", |call| {
+    table.add("TRIGger:TIMer?", |call| {
         limit(call.at_most_one()?).map(M::Timer)
     });
-    table.hear("TRIGger:COUNt", |call| {
+    table.add("TRIGger:COUNt", |call| {
         let [count] = call.exactly()?;
         Ok(M::SetCount(match count.number(Unit::None)? {
             Numeric::Infinity => None,
@@ -172,22 +172,22 @@ pub(super) fn rows(table: &mut Table) {
             _ => Some(count.integer(1, MOST_SWEEPS.into())? as u32),
         }))
     });
-    table.hear("TRIGger:COUNt?", |call| {
+    table.add("TRIGger:COUNt?", |call| {
         limit(call.at_most_one()?).map(M::Count)
     });
-    table.hear("FORMat:READing:TIME:TYPE", |call| {
+    table.add("FORMat:READing:TIME:TYPE", |call| {
         let [choice] = call.exactly()?;
         choice.choice(&TIMES).map(M::SetAbsoluteTime)
     });
-    table.hear("FORMat:READing:TIME:TYPE?", |call| {
+    table.add("FORMat:READing:TIME:TYPE?", |call| {
         plain(call, M::AbsoluteTime)
     });
     for (name, field) in FIELDS {
-        table.hear(&format!("FORMat:READing:{name}"), move |call: &Call| {
+        table.add(&format!("FORMat:READing:{name}"), move |call: &Call| {
             let [on] = call.exactly()?;
             on.boolean().map(|on| M::SetField(field, on))
         });
-        table.hear(&format!("FORMat:READing:{name}?"), move |call: &Call| {
+        table.add(&format!("FORMat:READing:{name}?"), move |call: &Call| {
             plain(call, M::Field(field))
         });
     }

@@ -84,64 +84,64 @@ const LONGEST_NAME: usize = 30;
 pub(super) fn rows(table: &mut Table) {
     use Route as R;
     let slot = |call: &Call, all: &str| one_or(call.at_most_one()?, "SLOT", all, 8);
-    table.hear("ROUTe:CLOSe", |call| list(call).map(R::Close));
-    table.hear("ROUTe:OPEN", |call| list(call).map(R::Open));
-    table.hear("ROUTe:CLOSe?", |call| list(call).map(R::Closed));
-    table.hear("ROUTe:OPEN?", |call| list(call).map(R::Opened));
-    table.hear("ROUTe:CLOSe:EXCLusive", |call| {
+    table.add("ROUTe:CLOSe", |call| list(call).map(R::Close));
+    table.add("ROUTe:OPEN", |call| list(call).map(R::Open));
+    table.add("ROUTe:CLOSe?", |call| list(call).map(R::Closed));
+    table.add("ROUTe:OPEN?", |call| list(call).map(R::Opened));
+    table.add("ROUTe:CLOSe:EXCLusive", |call| {
         list(call).map(R::CloseExclusive)
     });
-    table.hear("ROUTe:CLOSe:PAIR", |call| list(call).map(R::ClosePair));
-    table.hear("ROUTe:CLOSe:PAIR?", |call| list(call).map(R::ClosedPair));
-    table.hear("ROUTe:OPEN:PAIR", |call| list(call).map(R::OpenPair));
-    table.hear("ROUTe:OPEN:PAIR?", |call| list(call).map(R::OpenedPair));
-    table.hear("ROUTe:OPEN:ALL", move |call| {
+    table.add("ROUTe:CLOSe:PAIR", |call| list(call).map(R::ClosePair));
+    table.add("ROUTe:CLOSe:PAIR?", |call| list(call).map(R::ClosedPair));
+    table.add("ROUTe:OPEN:PAIR", |call| list(call).map(R::OpenPair));
+    table.add("ROUTe:OPEN:PAIR?", |call| list(call).map(R::OpenedPair));
+    table.add("ROUTe:OPEN:ALL", move |call| {
         slot(call, "ALL").map(R::OpenAll)
     });
-    table.hear("ROUTe:OPEN:ABUS", |call| {
+    table.add("ROUTe:OPEN:ABUS", |call| {
         one_or(call.at_most_one()?, "ABUS", "ALL", 4).map(R::OpenBuses)
     });
-    table.hear("ROUTe:OPERation:OVERlap[:ENABle]", |call| {
+    table.add("ROUTe:OPERation:OVERlap[:ENABle]", |call| {
         let [on] = call.exactly()?;
         on.boolean().map(R::SetOverlap)
     });
-    table.hear("ROUTe:OPERation:OVERlap[:ENABle]?", |call| {
+    table.add("ROUTe:OPERation:OVERlap[:ENABle]?", |call| {
         plain(call, R::Overlap)
     });
-    table.hear("ROUTe:MODule:BUSY?", move |call| {
+    table.add("ROUTe:MODule:BUSY?", move |call| {
         slot(call, "ANY").map(R::ModuleBusy)
     });
-    table.hear("ROUTe:MODule:WAIT", move |call| {
+    table.add("ROUTe:MODule:WAIT", move |call| {
         slot(call, "ALL").map(R::ModuleWait)
     });
-    table.hear("ROUTe:SCAN", |call| list(call).map(R::SetScan));
-    table.hear("ROUTe:SCAN:ADD", |call| list(call).map(R::AddScan));
-    table.hear("ROUTe:SCAN:REMove", |call| list(call).map(R::RemoveScan));
-    table.hear("ROUTe:SCAN?", |call| plain(call, R::Scan));
-    table.hear("ROUTe:SCAN:SIZE?", |call| plain(call, R::ScanSize));
-    table.hear("ROUTe:SCAN:ORDered", |call| {
+    table.add("ROUTe:SCAN", |call| list(call).map(R::SetScan));
+    table.add("ROUTe:SCAN:ADD", |call| list(call).map(R::AddScan));
+    table.add("ROUTe:SCAN:REMove", |call| list(call).map(R::RemoveScan));
+    table.add("ROUTe:SCAN?", |call| plain(call, R::Scan));
+    table.add("ROUTe:SCAN:SIZE?", |call| plain(call, R::ScanSize));
+    table.add("ROUTe:SCAN:ORDered", |call| {
         let [on] = call.exactly()?;
         on.boolean().map(R::SetOrdered)
     });
-    table.hear("ROUTe:SCAN:ORDered?", |call| plain(call, R::Ordered));
-    table.hear("ROUTe:SEQuence:DEFine", define);
-    table.hear("ROUTe:SEQuence:DEFine?", |call| {
+    table.add("ROUTe:SCAN:ORDered?", |call| plain(call, R::Ordered));
+    table.add("ROUTe:SEQuence:DEFine", define);
+    table.add("ROUTe:SEQuence:DEFine?", |call| {
         name(call).map(R::Definition)
     });
-    table.hear("ROUTe:SEQuence:TRIGger[:IMMediate]", |call| {
+    table.add("ROUTe:SEQuence:TRIGger[:IMMediate]", |call| {
         name(call).map(R::Run)
     });
-    table.hear("ROUTe:SEQuence:DELete[:NAME]", |call| {
+    table.add("ROUTe:SEQuence:DELete[:NAME]", |call| {
         name(call).map(|name| R::Delete(Some(name)))
     });
-    table.hear("ROUTe:SEQuence:DELete:ALL", |call| {
+    table.add("ROUTe:SEQuence:DELete:ALL", |call| {
         plain(call, R::Delete(None))
     });
-    table.hear("ROUTe:SEQuence:CATalog?", |call| plain(call, R::Catalog));
-    table.hear("ROUTe:SEQuence:BUSY?", |call| plain(call, R::SequenceBusy));
-    table.hear("ROUTe:SEQuence:WAIT", |call| plain(call, R::SequenceWait));
-    table.hear("ROUTe:SEQuence:ABORt", |call| plain(call, R::SequenceAbort));
-    table.hear("SYSTem:CPON", |call| {
+    table.add("ROUTe:SEQuence:CATalog?", |call| plain(call, R::Catalog));
+    table.add("ROUTe:SEQuence:BUSY?", |call| plain(call, R::SequenceBusy));
+    table.add("ROUTe:SEQuence:WAIT", |call| plain(call, R::SequenceWait));
+    table.add("ROUTe:SEQuence:ABORt", |call| plain(call, R::SequenceAbort));
+    table.add("SYSTem:CPON", |call| {
         let [slot] = call.exactly()?;
         if slot
             .word()

@@ -127,11 +127,11 @@ const HEADERS: [(Quantity, &str, &str); 10] = [
 
 pub(super) fn rows(table: &mut Table) {
     for (quantity, notation, _) in HEADERS {
-        table.hear(notation, move |call| {
+        table.add(notation, move |call| {
             let (value, channels) = value_and_channels(call)?;
             Ok(Sense::Set(setting(quantity, value)?, channels))
         });
-        table.hear(&format!("{notation}?"), move |call| {
+        table.add(&format!("{notation}?"), move |call| {
             let (values, channels) = before_channels(call)?;
             if values.len() > 1 {
                 return Err(ParseError::ParameterNotAllowed);
@@ -139,7 +139,7 @@ pub(super) fn rows(table: &mut Table) {
             Ok(Sense::Ask(quantity, limit(values.first())?, channels))
         });
     }
-    table.hear("CONFigure:VOLTage[:DC]", |call| {
+    table.add("CONFigure:VOLTage[:DC]", |call| {
         let (range, resolution, channels) = volts(call)?;
         Ok(Sense::Configure {
             range,
@@ -147,7 +147,7 @@ pub(super) fn rows(table: &mut Table) {
             channels,
         })
     });
-    table.hear("CONFigure?", |call| {
+    table.add("CONFigure?", |call| {
         only_channels(call).map(Sense::Configuration)
     });
 }

@@ -16,7 +16,7 @@ pub enum StatusGroup {
     Questionable,
 }
 
-/// How the rows of a 34934A are protected. The physics of it is the bench's.
+/// How the rows of a 34934A are protected. Its physics is the simulated rig's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Protection {
     /// 100 ohm in the row while a relay moves, and after.
@@ -118,32 +118,32 @@ pub(super) fn rows(table: &mut Table) {
         let [slot] = call.exactly()?;
         numbered(slot, "SLOT", 8)
     };
-    table.hear("SYSTem:ERRor[:NEXT]?", |call| plain(call, S::NextError));
-    table.hear("SYSTem:CTYPe?", move |call| slot(call).map(S::CardType));
-    table.hear("SYSTem:MODule:TERMinal:TYPE?", move |call| {
+    table.add("SYSTem:ERRor[:NEXT]?", |call| plain(call, S::NextError));
+    table.add("SYSTem:CTYPe?", move |call| slot(call).map(S::CardType));
+    table.add("SYSTem:MODule:TERMinal:TYPE?", move |call| {
         slot(call).map(S::TerminalType)
     });
-    table.hear("SYSTem:MODule:ROW:PROTection", |call| {
+    table.add("SYSTem:MODule:ROW:PROTection", |call| {
         let [slot, protection] = call.exactly()?;
         Ok(S::SetProtection(
             numbered(slot, "SLOT", 8)?,
             protection.choice(&PROTECTIONS)?,
         ))
     });
-    table.hear("SYSTem:MODule:ROW:PROTection?", move |call| {
+    table.add("SYSTem:MODule:ROW:PROTection?", move |call| {
         slot(call).map(S::Protection)
     });
-    table.hear("DIAGnostic:RELay:CYCLes?", |call| {
+    table.add("DIAGnostic:RELay:CYCLes?", |call| {
         list(call).map(S::RelayCycles)
     });
-    table.hear("DIAGnostic:RELay:CYCLes:CLEar", |call| {
+    table.add("DIAGnostic:RELay:CYCLes:CLEar", |call| {
         list(call).map(S::ClearRelayCycles)
     });
-    table.hear("INSTrument:DMM:INSTalled?", |call| {
+    table.add("INSTrument:DMM:INSTalled?", |call| {
         plain(call, S::VoltmeterInstalled)
     });
-    table.hear("SYSTem:VERSion?", |call| plain(call, S::Version));
-    table.hear("SYSTem:DATE", |call| {
+    table.add("SYSTem:VERSion?", |call| plain(call, S::Version));
+    table.add("SYSTem:DATE", |call| {
         let [year, month, day] = call.exactly()?;
         let number = |argument: &scpi::Argument, least, most| argument.integer(least, most);
         let (year, month) = (number(year, 1970, 2099)?, number(month, 1, 12)?);
@@ -151,52 +151,52 @@ pub(super) fn rows(table: &mut Table) {
         // The limits are far inside both types.
         Ok(S::SetDate(year as i32, month as u32, day as u32))
     });
-    table.hear("SYSTem:DATE?", |call| plain(call, S::Date));
-    table.hear("SYSTem:TIME", |call| {
+    table.add("SYSTem:DATE?", |call| plain(call, S::Date));
+    table.add("SYSTem:TIME", |call| {
         let [hour, minute, second] = call.exactly()?;
         let (hour, minute) = (hour.integer(0, 23)?, minute.integer(0, 59)?);
         // A client that rounds 59.9996 up says 60.000, which the next minute begins with.
         let second = second.number(Unit::Second)?.within(0.0, 60.0, 0.0)?;
         Ok(S::SetTime(hour as u32, minute as u32, second))
     });
-    table.hear("SYSTem:TIME?", |call| plain(call, S::Time));
-    table.hear("SYSTem:TIME:SCAN?", |call| plain(call, S::ScanTime));
-    table.hear("SYSTem:LOCK:REQuest?", |call| plain(call, S::RequestLock));
-    table.hear("SYSTem:LOCK:RELease", |call| plain(call, S::ReleaseLock));
-    table.hear("SYSTem:LOCK:NAME?", |call| plain(call, S::LockName));
-    table.hear("SYSTem:LOCK:OWNer?", |call| plain(call, S::LockOwner));
-    table.hear("SYSTem:DELay[:IMMediate]", |call| {
+    table.add("SYSTem:TIME?", |call| plain(call, S::Time));
+    table.add("SYSTem:TIME:SCAN?", |call| plain(call, S::ScanTime));
+    table.add("SYSTem:LOCK:REQuest?", |call| plain(call, S::RequestLock));
+    table.add("SYSTem:LOCK:RELease", |call| plain(call, S::ReleaseLock));
+    table.add("SYSTem:LOCK:NAME?", |call| plain(call, S::LockName));
+    table.add("SYSTem:LOCK:OWNer?", |call| plain(call, S::LockOwner));
+    table.add("SYSTem:DELay[:IMMediate]", |call| {
         let [time] = call.exactly()?;
         let time = time.number(Unit::Second)?.within(0.0, 60.0, 0.0)?;
         Ok(S::Delay((time * 1e3).round() / 1e3))
     });
-    table.hear("DISPlay:TEXT", |call| {
+    table.add("DISPlay:TEXT", |call| {
         let [text] = call.exactly()?;
         text.string().map(|text| S::SetDisplay(text.to_owned()))
     });
-    table.hear("DISPlay:TEXT?", |call| plain(call, S::Display));
-    table.hear("DISPlay:TEXT:CLEar", |call| plain(call, S::ClearDisplay));
-    table.hear("SYSTem:BEEPer[:IMMediate]", |call| plain(call, S::Beep));
-    table.hear("SYSTem:PRESet", |call| plain(call, S::Preset));
-    table.hear("STATus:PRESet", |call| plain(call, S::PresetStatus));
+    table.add("DISPlay:TEXT?", |call| plain(call, S::Display));
+    table.add("DISPlay:TEXT:CLEar", |call| plain(call, S::ClearDisplay));
+    table.add("SYSTem:BEEPer[:IMMediate]", |call| plain(call, S::Beep));
+    table.add("SYSTem:PRESet", |call| plain(call, S::Preset));
+    table.add("STATus:PRESet", |call| plain(call, S::PresetStatus));
     let place = |call: &Call| {
         let [place] = call.exactly()?;
         // The limits are those of u8.
         place.integer(0, MEMORIES - 1).map(|place| place as u8)
     };
-    table.hear("*SAV", move |call| place(call).map(S::Save));
-    table.hear("*RCL", move |call| place(call).map(S::Recall));
+    table.add("*SAV", move |call| place(call).map(S::Save));
+    table.add("*RCL", move |call| place(call).map(S::Recall));
     for (name, group) in GROUPS {
-        table.hear(&format!("STATus:{name}[:EVENt]?"), move |call: &Call| {
+        table.add(&format!("STATus:{name}[:EVENt]?"), move |call: &Call| {
             plain(call, S::Events(group))
         });
-        table.hear(&format!("STATus:{name}:CONDition?"), move |call: &Call| {
+        table.add(&format!("STATus:{name}:CONDition?"), move |call: &Call| {
             plain(call, S::Conditions(group))
         });
-        table.hear(&format!("STATus:{name}:ENABle?"), move |call: &Call| {
+        table.add(&format!("STATus:{name}:ENABle?"), move |call: &Call| {
             plain(call, S::Enable(group))
         });
-        table.hear(&format!("STATus:{name}:ENABle"), move |call: &Call| {
+        table.add(&format!("STATus:{name}:ENABle"), move |call: &Call| {
             let [mask] = call.exactly()?;
             // The limits are those of u16.
             Ok(S::SetEnable(group, mask.integer(0, 65_535)? as u16))
@@ -269,10 +269,10 @@ mod tests {
 
     #[test]
     fn the_calendar_knows_its_months() {
-        let heard = |text: &str| text.parse::<super::super::Command>();
-        assert!(heard("SYST:DATE 2024,2,29").is_ok());
-        assert_eq!(heard("SYST:DATE 2025,2,29"), Err(ParseError::OutOfRange));
-        assert_eq!(heard("SYST:DATE 2025,13,1"), Err(ParseError::OutOfRange));
-        assert_eq!(heard("SYST:TIME 24,0,0"), Err(ParseError::OutOfRange));
+        let parsed = |text: &str| text.parse::<super::super::Command>();
+        assert!(parsed("SYST:DATE 2024,2,29").is_ok());
+        assert_eq!(parsed("SYST:DATE 2025,2,29"), Err(ParseError::OutOfRange));
+        assert_eq!(parsed("SYST:DATE 2025,13,1"), Err(ParseError::OutOfRange));
+        assert_eq!(parsed("SYST:TIME 24,0,0"), Err(ParseError::OutOfRange));
     }
 }

@@ -1,4 +1,4 @@
-//! What the driver says, the simulator hears.
+//! What the driver writes, the simulator reads.
 
 use proptest::prelude::*;
 use scpi::Numeric;
@@ -289,47 +289,47 @@ fn what_the_driver_says_the_simulator_hears() {
 #[test]
 fn a_whole_message_is_heard_as_its_commands() {
     let said = Message(every_command());
-    let heard: Vec<Command> = scpi::parse_message(said.to_string())
+    let parsed: Vec<Command> = scpi::parse_message(said.to_string())
         .iter()
         .map(|call| Command::of(call.as_ref().unwrap()).unwrap())
         .collect();
-    assert_eq!(heard, said.0);
+    assert_eq!(parsed, said.0);
 }
 
 #[test]
 fn values_become_what_the_instrument_makes_of_them() {
-    let heard = |text: &str| text.parse::<Command>();
+    let parsed = |text: &str| text.parse::<Command>();
     let set = |setting, channels: Channels| Ok(Command::from(Sense::Set(setting, channels)));
     assert_eq!(
-        heard("sense:voltage:range 0.5"),
+        parsed("sense:voltage:range 0.5"),
         set(Setting::Range(Range::Fixed(1.0)), None)
     );
     assert_eq!(
-        heard("VOLT:DC:NPLC 0.5,(@1001)"),
+        parsed("VOLT:DC:NPLC 0.5,(@1001)"),
         set(Setting::Nplc(1.0), Some(ChannelList::of([1001])))
     );
     assert_eq!(
-        heard("VOLT:APER 301.7 us"),
+        parsed("VOLT:APER 301.7 us"),
         set(Setting::Aperture(300e-6), None)
     );
     assert_eq!(
-        heard("ROUT:OPEN:ALL slot3"),
+        parsed("ROUT:OPEN:ALL slot3"),
         Ok(Route::OpenAll(Some(3)).into())
     );
     assert_eq!(
-        heard("ROUT:OPEN:ABUS ABUS2"),
+        parsed("ROUT:OPEN:ABUS ABUS2"),
         Ok(Route::OpenBuses(Some(2)).into())
     );
     assert_eq!(
-        heard("TRIG:COUN 9.9E37"),
+        parsed("TRIG:COUN 9.9E37"),
         Ok(Measure::SetCount(None).into())
     );
     assert_eq!(
-        heard("TRIG:COUN MAX"),
+        parsed("TRIG:COUN MAX"),
         Ok(Measure::SetCount(Some(50_000)).into())
     );
     assert_eq!(
-        heard("SYSTem:MODule:ROW:PROTection 1, AUTO100"),
+        parsed("SYSTem:MODule:ROW:PROTection 1, AUTO100"),
         Ok(System::SetProtection(1, Protection::Auto100).into())
     );
 }

@@ -112,7 +112,7 @@ impl<S: Stream> Keysight34980a<S> {
         &self.about.identity
     }
 
-    /// The modules in slots 1 to 8, where they are known to this house.
+    /// The modules in slots 1 to 8, where this crate knows them.
     pub fn modules(&self) -> [Option<Module>; 8] {
         self.about.modules
     }

@@ -37,7 +37,7 @@ use sequences::Sequences;
 use sessions::Sessions;
 pub use sessions::{Output, Session};
 
-/// What the mainframe's relays and its voltmeter are joined to. The bench implements it.
+/// What the mainframe's relays and its voltmeter are joined to. The simulated rig implements it.
 pub trait Wires {
     /// Told which relays are closed now, whenever that changes; during a scan for every channel of it. A relay that is
     /// stuck is told as it is, whatever the mainframe believes.
@@ -255,12 +255,12 @@ impl Simulator34980a {
         self.relays.tell(at, wires);
     }
 
-    /// Hears one message (a line without its end) from the only session, and answers it.
+    /// Receives one message (a line without its end) from the only session, and answers it.
     pub fn receive(&mut self, line: &str, at: Duration, wires: &mut dyn Wires) -> Response {
         self.receive_from(Session::default(), line, at, wires)
     }
 
-    /// Hears one message of a session, and answers it. What the response's time is over, the session's next message may
+    /// Receives one message of a session, and answers it. What the response's time is over, the session's next message may
     /// be received; other sessions need not wait for that.
     pub fn receive_from(
         &mut self,

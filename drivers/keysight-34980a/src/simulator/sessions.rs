@@ -131,7 +131,7 @@ impl Simulator34980a {
         }
     }
 
-    /// Hears a message of a session whose replies are fetched (VXI-11, GPIB), and says how long it is busy. A reply
+    /// Receives a message of a session whose replies are fetched (VXI-11, GPIB); gives the time that it is busy. A reply
     /// that nobody fetched is lost: -410.
     pub fn write_from(
         &mut self,

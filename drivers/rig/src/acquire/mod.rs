@@ -131,7 +131,7 @@ impl AcquireError {
 /// Runs the plan once.
 ///
 /// Readings over range, and readings of an injection at which the source was in compliance, are flags in the frame and
-/// no error. A stop is heard between two steps. Dropping the future has the effect of a stop: the rig is then held until
+/// no error. A stop is handled between two steps. Dropping the future has the effect of a stop: the rig is then held until
 /// it is safe. Must be called inside a tokio runtime; a runtime shut down in the middle of a plan ends it without
 /// cleanup, which is what `tactusd --safe-off` is for.
 ///

@@ -76,7 +76,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         }
     }
 
-    /// Writes everything that is said down on a tape.
+    /// Writes every line to a transcript.
     #[must_use]
     pub fn with_transcript(mut self, transcript: RingTranscript) -> Self {
         self.transcript = Some(transcript);

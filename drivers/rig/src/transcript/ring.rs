@@ -1,6 +1,6 @@
 //! What was said lately over the wires of a rig, kept in memory so that a frame which fails can be looked into.
 //!
-//! A tape holds the *opening* (from connecting to the settings read back) and the last reels, one a frame. A reel played
+//! A ring transcript holds the *opening* (from connecting to the settings read back) and the last frames. A frame's messages, played
 //! after its opening is a whole conversation: what `tactus-sim replay` plays to instruments that were just switched on.
 
 use std::collections::VecDeque;
@@ -10,10 +10,10 @@ use tokio::time::Instant;
 
 use crate::transcript::{Entry, Said};
 
-/// Most entries of one reel: a frame of 598 messages has a tenth of it; beyond it the oldest are lost, and said so.
+/// Most entries of one frame: a frame of 598 messages has a tenth of it; beyond it the oldest are lost, and said so.
 const LONGEST_TRANSCRIPT: usize = 16 * 1024;
 
-/// Written by every link of a rig. A handle: copies write on the same tape.
+/// Written by every link of a rig. A handle: copies write to the same transcript.
 #[derive(Debug, Clone)]
 pub struct RingTranscript(Arc<Mutex<Held>>);
 
@@ -30,7 +30,7 @@ struct Held {
 /// What was said for one frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Transcript {
-    /// Counted from 1 since the tape was begun.
+    /// Counted from 1 since the transcript was begun.
     pub number: u64,
     /// From connecting to the settings read back.
     pub opening: Arc<Vec<Entry>>,
@@ -56,7 +56,7 @@ impl Transcript {
 }
 
 impl RingTranscript {
-    /// An empty tape that keeps the last `transcripts` frames; 0 keeps none, the frame under way excepted.
+    /// An empty transcript that keeps the last `transcripts` frames; 0 keeps none, the frame under way excepted.
     pub fn new(transcripts: usize) -> Self {
         Self(Arc::new(Mutex::new(Held {
             begun: Instant::now(),
@@ -74,7 +74,7 @@ impl RingTranscript {
         held.opens = true;
     }
 
-    /// A frame begins. Returns the number of its reel.
+    /// A frame begins. Returns its number.
     pub fn next_transcript(&self) -> u64 {
         let mut held = self.lock();
         let number = held

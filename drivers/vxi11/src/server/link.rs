@@ -266,7 +266,7 @@ fn take(queue: &mut Queue, request: ReadRequest) -> (u32, Vec<u8>) {
     (reason, given)
 }
 
-/// Hears a link's messages and triggers one after the other.
+/// Handles a link's messages and triggers one after the other.
 async fn listen<S: Session>(
     session: Arc<S>,
     shared: Arc<Shared>,

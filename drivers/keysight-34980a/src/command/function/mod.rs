@@ -236,12 +236,12 @@ pub(super) fn rows(table: &mut Table) {
                 Detail::Degrees => "UNIT:TEMPerature".to_owned(),
                 _ => format!("[SENSe]:{node}:{tail}"),
             };
-            table.hear(&notation, move |call| {
+            table.add(&notation, move |call| {
                 let (value, channels) = value_and_channels(call)?;
                 let value = given(function, takes, value)?;
                 Ok(Functions::Set(function, detail, value, channels))
             });
-            table.hear(&format!("{notation}?"), move |call| {
+            table.add(&format!("{notation}?"), move |call| {
                 let (values, channels) = before_channels(call)?;
                 if values.len() > 1 {
                     return Err(ParseError::ParameterNotAllowed);
@@ -251,21 +251,21 @@ pub(super) fn rows(table: &mut Table) {
             });
         }
         if function != Function::DcVolts {
-            table.hear(&format!("CONFigure:{node}"), move |call| {
+            table.add(&format!("CONFigure:{node}"), move |call| {
                 let (wanted, channels) = wanted(function, call)?;
                 Ok(Functions::Configure(wanted, channels))
             });
-            table.hear(&format!("MEASure:{node}?"), move |call| {
+            table.add(&format!("MEASure:{node}?"), move |call| {
                 let (wanted, channels) = wanted(function, call)?;
                 Ok(Functions::Measure(wanted, channels))
             });
         }
     }
-    table.hear("[SENSe]:FUNCtion", |call| {
+    table.add("[SENSe]:FUNCtion", |call| {
         let (value, channels) = value_and_channels(call)?;
         Ok(Functions::Select(named(value.string()?)?, channels))
     });
-    table.hear("[SENSe]:FUNCtion?", |call| {
+    table.add("[SENSe]:FUNCtion?", |call| {
         only_channels(call).map(Functions::Selected)
     });
 }

@@ -2,7 +2,7 @@
 //!
 //! A resistance is what the voltmeter has at its terminals, or on bus 2, while its test current flows, over that
 //! current: voltages of the circuit's own are in it, unless offset compensation takes them out. Nothing is joined to
-//! a current input in this house, so that currents are zero. Test currents, automatic delays and what a counter
+//! a current input here, so that currents are zero. Test currents, automatic delays and what a counter
 //! without a signal reads are those of the sister 34970A: known, not in the fact sheet.
 
 use std::time::Duration;

@@ -10,7 +10,7 @@ use crate::Stop;
 pub(super) async fn over(mut stop: Stop, mut caller: watch::Receiver<()>) {
     tokio::select! {
         () = stop.asked() => {}
-        // nothing is ever sent: only the caller's going away is heard
+        // nothing is ever sent: only the caller's end is noticed
         _ = caller.changed() => {}
     }
 }

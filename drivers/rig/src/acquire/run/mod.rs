@@ -19,7 +19,7 @@ use crate::{
 };
 
 /// How long relays that are switched in the same message as a scan are given before the source is asked about its
-/// compliance: longer than the slowest of them need to close and open, and the message to be heard.
+/// compliance: longer than the slowest of them need to close and open, and the message to arrive.
 const RELAYS_MOVE: Duration = Duration::from_millis(20);
 
 /// The longest settling that is left to a scan: a stop cannot cut it short, as it can what is waited for here.
