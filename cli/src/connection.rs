@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use dbus::{Address, ConnectError, Fault, Instrument1Proxy, Manager1Proxy, Session1Proxy};
 use zbus::DBusError;
-use zbus::proxy::CacheProperties;
+use zbus::proxy::{Builder, CacheProperties, Defaults};
 use zbus::{Connection, ObjectPath};
 
 use crate::args::Global;
@@ -68,21 +68,25 @@ impl Daemon {
             .map_err(|error| fault(what, &error))
     }
 
+    /// The object at a path, which asks the daemon for each property.
+    async fn object<P>(&self, what: &str, path: ObjectPath<'static>) -> Result<P, Failure>
+    where
+        P: Defaults + From<zbus::Proxy<'static>>,
+    {
+        Builder::new(&self.connection)
+            .path(path)
+            .cache_properties(CacheProperties::No)
+            .build()
+            .await
+            .map_err(|error| fault(what, &error.into()))
+    }
+
     /// The object of a session.
     pub(crate) async fn session(
         &self,
         path: ObjectPath<'static>,
     ) -> Result<Session1Proxy<'static>, Failure> {
-        let built = async {
-            Session1Proxy::builder(&self.connection)
-                .path(path)
-                .cache_properties(CacheProperties::No)
-                .build()
-                .await
-        };
-        built
-            .await
-            .map_err(|error| fault("the session", &error.into()))
+        self.object("the session", path).await
     }
 
     /// The object of an instrument.
@@ -90,16 +94,7 @@ impl Daemon {
         &self,
         path: ObjectPath<'static>,
     ) -> Result<Instrument1Proxy<'static>, Failure> {
-        let built = async {
-            Instrument1Proxy::builder(&self.connection)
-                .path(path)
-                .cache_properties(CacheProperties::No)
-                .build()
-                .await
-        };
-        built
-            .await
-            .map_err(|error| fault("the instrument", &error.into()))
+        self.object("the instrument", path).await
     }
 
     /// The session that runs now, if one does.

@@ -297,6 +297,58 @@ dictionaries! {
         next_s: f64,
     }
 
+    /// The daemon, its session and its health at one moment (`Manager1.Status`).
+    Status {
+        /// `idle`, `baseline`, `acquiring`, `testing`, `suspended`, `faulted`.
+        state: String,
+        /// Whether voltages come from a simulated sheet.
+        simulated: bool,
+        /// `rig` or `recording`.
+        source: String,
+        /// The configured method as a person would name it.
+        method: String,
+        /// Id of the current baseline.
+        baseline_id: String,
+        /// `off` (verified), `in use`, `unknown`.
+        source_state: String,
+        /// Where session files are written.
+        record_directory: String,
+        /// Why the daemon is faulted.
+        last_error: String,
+        /// Version of the daemon.
+        version: String,
+        /// The running session.
+        session: SessionStatus,
+        /// A lost rig that is being looked for.
+        recovery: Recovery,
+        /// The state of everything that can be in trouble.
+        health: Health,
+    }
+
+    /// A running session ([`Status`]).
+    SessionStatus {
+        /// Its id.
+        id: String,
+        /// `baseline` or `measurement`.
+        kind: String,
+        /// `running`, `suspended`, `ended`, `faulted`.
+        state: String,
+        /// Frames that the rig or recording gave.
+        frames_acquired: u64,
+        /// Frames on disk.
+        frames_durable: u64,
+        /// Frames that missed their time.
+        frames_dropped: u64,
+        /// Frames that failed.
+        frames_failed: u64,
+        /// Why it is faulted, or why the last frame has no map.
+        last_error: String,
+        /// Sequence of the last frame that has a map.
+        map_sequence: u64,
+        /// That map.
+        map: MapDetails,
+    }
+
     /// Result of the command of `[notify]` (`Manager1.NotifyTest`).
     NotifyResult {
         /// Whether it ended with exit code 0.

@@ -38,7 +38,8 @@ use zbus::{ObjectPath, export::futures_core::Stream};
 pub use address::{Address, AddressError, BUSY, ConnectError, connect, search_order};
 pub use dictionaries::{
     BaselineDetails, EventDetails, FrameQuality, FrameSummary, GeometryDetails, Health, MapDetails,
-    NotifyResult, PlanDetails, Recovery, SessionDetails, SettingCost, TestDetails,
+    NotifyResult, PlanDetails, Recovery, SessionDetails, SessionStatus, SettingCost, Status,
+    TestDetails,
 };
 pub use fault::Fault;
 pub use instrument1::Instrument1Proxy;

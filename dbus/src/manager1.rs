@@ -5,7 +5,7 @@ use zbus::{OwnedObjectPath, Type};
 
 use crate::{
     BaselineDetails, EventDetails, Fault, GeometryDetails, Health, NotifyResult, PlanDetails,
-    Recovery, SessionDetails, TestDetails,
+    Recovery, SessionDetails, Status, TestDetails,
 };
 
 /// `org.tactus.Tactus1.Manager1` on the root object.
@@ -81,6 +81,9 @@ pub trait Manager1 {
 
     /// The state of the daemon in one answer; what is not known is left out.
     fn health(&self) -> Result<Health, Fault>;
+
+    /// The daemon, its session and its health in one answer.
+    fn status(&self) -> Result<Status, Fault>;
 
     /// Runs the command of `[notify]` once and returns its result.
     fn notify_test(&self) -> Result<NotifyResult, Fault>;

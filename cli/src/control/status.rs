@@ -2,7 +2,6 @@
 
 use std::io::Write;
 
-use dbus::{Fault, Session1Proxy};
 use serde::Serialize;
 use survey::MapUnit;
 
@@ -92,24 +91,20 @@ struct Shown {
 
 impl Shown {
     /// `None` before the first map, and of a baseline session.
-    async fn of(session: &Session1Proxy<'_>) -> Result<Option<Self>, Fault> {
-        let map = match session.latest_map().await {
-            Ok(map) => map,
-            Err(Fault::NoFrame(_)) => return Ok(None),
-            Err(fault) => return Err(fault),
-        };
-        Ok(Some(Self {
-            sequence: map.sequence,
-            unit: match map.more.newtons {
+    fn from(told: &dbus::SessionStatus) -> Option<Self> {
+        let map = told.map.as_ref()?;
+        Some(Self {
+            sequence: told.map_sequence?,
+            unit: match map.newtons {
                 Some(_) => MapUnit::Pressure.label(),
                 None => MapUnit::RelativeConductance.caption(),
             },
-            largest_loss: map.more.largest_loss,
-            newtons: map.more.newtons,
-            largest_kpa: map.more.largest_kpa,
-            reconstruction_s: map.more.reconstruction_s,
-            durable_s: map.more.durable_s,
-        }))
+            largest_loss: map.largest_loss,
+            newtons: map.newtons,
+            largest_kpa: map.largest_kpa,
+            reconstruction_s: map.reconstruction_s,
+            durable_s: map.durable_s,
+        })
     }
 
     fn for_a_person(&self) -> String {
@@ -126,43 +121,45 @@ impl Shown {
     }
 }
 
+impl Running {
+    fn from(told: dbus::SessionStatus) -> Self {
+        Self {
+            map: Shown::from(&told),
+            id: told.id.unwrap_or_default(),
+            kind: told.kind.unwrap_or_default(),
+            state: told.state.unwrap_or_default(),
+            frames_acquired: told.frames_acquired.unwrap_or(0),
+            frames_durable: told.frames_durable.unwrap_or(0),
+            frames_dropped: told.frames_dropped.unwrap_or(0),
+            frames_failed: told.frames_failed.unwrap_or(0),
+            last_error: told.last_error.and_then(nonempty),
+        }
+    }
+}
+
+impl Status {
+    fn from(told: dbus::Status, bus: String) -> Self {
+        Self {
+            state: told.state.unwrap_or_default(),
+            simulated: told.simulated.unwrap_or(false),
+            source: told.source.unwrap_or_default(),
+            method: told.method.unwrap_or_default(),
+            baseline: told.baseline_id.and_then(nonempty),
+            session: told.session.map(Running::from),
+            source_state: told.source_state.unwrap_or_default(),
+            recovery: told.recovery.and_then(Recovery::from),
+            record_directory: told.record_directory.unwrap_or_default(),
+            last_error: told.last_error.and_then(nonempty),
+            version: told.version.unwrap_or_default(),
+            bus,
+            health: told.health.unwrap_or_default().into(),
+        }
+    }
+}
+
 pub(crate) async fn run(daemon: &Daemon, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
-    let manager = &daemon.manager;
-    let session = match daemon.active().await? {
-        None => None,
-        Some(session) => Some(Running {
-            id: daemon.ask("the session", session.id()).await?,
-            kind: daemon.ask("the session", session.kind()).await?,
-            state: daemon.ask("the session", session.state()).await?,
-            frames_acquired: daemon.ask("the session", session.frames_acquired()).await?,
-            frames_durable: daemon.ask("the session", session.frames_durable()).await?,
-            frames_dropped: daemon.ask("the session", session.frames_dropped()).await?,
-            frames_failed: daemon.ask("the session", session.frames_failed()).await?,
-            last_error: nonempty(daemon.ask("the session", session.last_error()).await?),
-            map: daemon.ask("the last map", Shown::of(&session)).await?,
-        }),
-    };
-    let status = Status {
-        state: daemon.ask("the state", manager.state()).await?,
-        simulated: daemon.ask("the rig", manager.simulated()).await?,
-        source: daemon.ask("the source of frames", manager.source()).await?,
-        method: daemon.ask("the method", manager.method()).await?,
-        baseline: nonempty(daemon.ask("the baseline", manager.baseline_id()).await?),
-        session,
-        source_state: daemon.ask("the source", manager.source_state()).await?,
-        recovery: {
-            let told = daemon.ask("the rig", manager.recovery()).await?;
-            Recovery::from(told)
-        },
-        record_directory: daemon.ask("the record", manager.record_directory()).await?,
-        last_error: nonempty(daemon.ask("the last error", manager.last_error()).await?),
-        version: daemon.ask("the version", manager.version()).await?,
-        bus: daemon.address.to_string(),
-        health: {
-            let told = daemon.ask("its health", manager.health()).await?;
-            Health::from(told)
-        },
-    };
+    let told = daemon.ask("the status", daemon.manager.status()).await?;
+    let status = Status::from(told, daemon.address.to_string());
     printer.record(&status, for_a_person)
 }
 

@@ -6,3 +6,4 @@ mod dbus_contract;
 mod foreign_clients;
 mod hostile_text;
 mod json_output;
+mod round_trips;

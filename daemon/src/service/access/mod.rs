@@ -104,6 +104,7 @@ const METHODS: &[(&str, &str, Action, Lane)] = &[
     (MANAGER_INTERFACE, "Geometry", Action::Observe, Lane::Large),
     (MANAGER_INTERFACE, "Baseline", Action::Observe, Lane::Look),
     (MANAGER_INTERFACE, "Health", Action::Observe, Lane::Look),
+    (MANAGER_INTERFACE, "Status", Action::Observe, Lane::Look),
     // runs a program that only the configuration names
     (MANAGER_INTERFACE, "NotifyTest", Action::Control, Lane::Act),
     // injects current and moves every relay

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use dbus::{
     BaselineDetails, EventDetails, Fault, GeometryDetails, Health, ListOptions, NotifyResult,
-    Options, PlanDetails, ROOT_PATH, Recovery, RelayWear, SeenInstrument, SessionSummary,
+    Options, PlanDetails, ROOT_PATH, Recovery, RelayWear, SeenInstrument, SessionSummary, Status,
     TestDetails, TestLine, TranscriptOptions,
 };
 use zbus::object_server::{ObjectServer, SignalEmitter};
@@ -14,6 +14,7 @@ use crate::config::numbers;
 use crate::recording::session_status::SessionStatus;
 use crate::service::gate::Gate;
 use crate::service::objects::report;
+use crate::service::objects::session1::Session1;
 use crate::service::read_pool::read;
 use crate::session::controller::{Controller, no_baseline, no_plan};
 
@@ -318,6 +319,30 @@ impl Manager1 {
     async fn health(&self) -> Result<Health, Fault> {
         let health = self.0.health().await;
         Ok(health.report(&self.0.runtime().setup.config.notify))
+    }
+
+    /// The daemon, its session and its health at one moment, with the names of the properties: `state`, `source`, `method`,
+    /// `baseline_id`, `source_state`, `record_directory`, `last_error`, `version` (s), `simulated` (b), `recovery`,
+    /// `health`; of a running session `session` with its counts, and `map_sequence`, `map` of its last map.
+    #[zbus(out_args("status"))]
+    async fn status(&self) -> Result<Status, Fault> {
+        // it waits for the disk; all else is read at one moment behind it
+        let health = self.health().await?;
+        let active = self.0.active();
+        Ok(Status {
+            state: Some(self.state().to_owned()),
+            simulated: Some(self.simulated()),
+            source: Some(self.source().to_owned()),
+            method: Some(self.method()),
+            baseline_id: Some(self.baseline_id()),
+            source_state: Some(self.source_state().to_owned()),
+            record_directory: Some(self.record_directory()),
+            last_error: Some(self.last_error()),
+            version: Some(self.version().to_owned()),
+            session: active.map(|session| Session1(session).report()),
+            recovery: Some(self.recovery()),
+            health: Some(health),
+        })
     }
 
     /// Runs the command that tells people of troubles once, and says how it fared: `done` (b), `stderr` (s), `took_s` (d),

@@ -289,6 +289,23 @@ impl Session1 {
 }
 
 impl Session1 {
+    /// Its properties and its last map.
+    pub(crate) fn report(&self) -> dbus::SessionStatus {
+        let map = self.0.latest_map();
+        dbus::SessionStatus {
+            id: Some(self.id().to_owned()),
+            kind: Some(self.kind().to_owned()),
+            state: Some(self.state().to_owned()),
+            frames_acquired: Some(self.frames_acquired()),
+            frames_durable: Some(self.frames_durable()),
+            frames_dropped: Some(self.frames_dropped()),
+            frames_failed: Some(self.frames_failed()),
+            last_error: Some(self.last_error()),
+            map_sequence: map.as_ref().map(|map| map.frame.sequence),
+            map: map.map(|map| map.map_details()),
+        }
+    }
+
     fn running(&self) -> Result<(), Fault> {
         match self.0.progress().ended {
             None => Ok(()),
