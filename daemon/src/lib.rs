@@ -22,7 +22,6 @@
 
 pub(crate) mod acquisition;
 mod args;
-mod config;
 pub(crate) mod events;
 pub(crate) mod instruments;
 mod man;
@@ -44,13 +43,13 @@ use rustix::process::umask;
 use tokio::signal::unix::{SignalKind, signal};
 
 use crate::args::Args;
-use crate::config::problems::Problem;
 use crate::instruments::assembly::{Assembled, AssemblyError, Closed, assemble, make_safe_each};
 use crate::instruments::identities::ExpectedIdentities;
 use crate::preparation::{FramesFrom, Prepared, prepare};
 use crate::recording::records::Records;
 use crate::service::Listener;
 use crate::session::controller::Controller;
+use config::problems::Problem;
 use survey::error_chain as chain;
 
 /// `EX_CONFIG`: systemd does not start a broken configuration again.

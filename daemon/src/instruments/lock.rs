@@ -101,8 +101,8 @@ fn claim(name: &str) -> Result<UnixListener, Option<u32>> {
 mod tests {
     use std::time::Duration;
 
-    use crate::config::EnableName;
     use crate::instruments::lock::*;
+    use config::EnableName;
 
     fn places(source: &str, mainframe: &str) -> Places {
         let place = |text: &str| (text.parse().unwrap(), Duration::ZERO);

@@ -7,7 +7,7 @@ use gpio_mux::{CharacterDevice, EnableLevel, GpioBoard, GpioMux};
 use rig::{BoxStream, Move, RigError, Switch};
 use survey::Relay;
 
-use crate::config::EnableName;
+use config::EnableName;
 
 /// Waited after lines have moved (fact sheet gpio-mux, section 3).
 const SETTLING: Duration = Duration::from_millis(1);

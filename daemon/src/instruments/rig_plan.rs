@@ -6,9 +6,9 @@ use std::time::Duration;
 use rig::MeterSettings;
 use survey::{Limits, Plan, RangeRule, Relay, Settings, Step, Timing};
 
-use crate::config::EnableName;
 use crate::instruments::address::InstrumentAddress;
 use crate::instruments::simulation::{Profile, Scene};
+use config::EnableName;
 
 /// What a rig is to do, and on which instruments.
 #[derive(Clone)]

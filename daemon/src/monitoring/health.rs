@@ -5,10 +5,10 @@ use std::time::Duration;
 use chrono::{DateTime, Utc};
 use survey::duration;
 
-use crate::config::NotifySection;
 use crate::monitoring::counters::{Gap, LastFrame, read};
 use crate::monitoring::disk::Room;
 use crate::monitoring::{Counters, RelayLife};
+use config::NotifySection;
 use survey::nanoseconds;
 
 /// How the daemon is.

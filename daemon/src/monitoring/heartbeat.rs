@@ -8,9 +8,9 @@ use std::time::Duration;
 use rig::{Clock, SystemClock};
 use sd_notify::NotifyState;
 
-use crate::config::BusSection;
 use crate::events::event::{BusEvent, Event};
 use crate::events::event_log::EventLog;
+use config::BusSection;
 
 /// Who promises.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -9,10 +9,10 @@ use prometheus_client::metrics::counter::ConstCounter;
 use prometheus_client::metrics::gauge::ConstGauge;
 use prometheus_client::registry::{Registry, Unit};
 
-use crate::config::NotifySection;
 use crate::monitoring::alarm::REPORTED;
 use crate::monitoring::counters::{RECONSTRUCTION_S, Reconstruction};
 use crate::monitoring::health::Health;
+use config::NotifySection;
 
 /// Of the text that [`page`] makes.
 pub(crate) const CONTENT_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";

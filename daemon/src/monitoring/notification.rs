@@ -8,9 +8,9 @@ use rustix::process::{Pid, Signal, kill_process_group};
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWriteExt};
 use tokio::process::Command;
 
-use crate::config::NotifySection;
 use crate::monitoring::alarm::Message;
 use crate::monitoring::health::Health;
+use config::NotifySection;
 
 /// Bytes kept of what it says on its error stream.
 const MOST_SAID: u64 = 4096;

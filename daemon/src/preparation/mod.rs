@@ -2,6 +2,8 @@
 
 mod costs;
 #[cfg(test)]
+mod extremes;
+#[cfg(test)]
 mod mutated;
 mod numbers;
 mod played;
@@ -18,11 +20,11 @@ pub(crate) use crate::preparation::costs::costs;
 
 use crate::acquisition::playback::Recording;
 use crate::acquisition::schedule::Schedule;
-use crate::config::problems::{Problem, Source};
-use crate::config::{Config, RigKind, SurveySection};
 use crate::instruments::assembly::Bench;
 use crate::instruments::rig_plan::RigPlan;
 use crate::instruments::simulation::SimulatedRig;
+use config::problems::{Problem, Source};
+use config::{Config, RigKind, SurveySection};
 use imaging::{Conditions, Geometry, Model};
 use survey::error_chain as chain;
 

@@ -93,7 +93,7 @@ fn mutated(text: &str, random: &mut Random) -> Vec<u8> {
     lines.join(&b'\n')
 }
 
-fn refused_with_its_file(path: &Path, problems: &[crate::config::problems::Problem], seed: u64) {
+fn refused_with_its_file(path: &Path, problems: &[config::problems::Problem], seed: u64) {
     assert!(!problems.is_empty(), "{seed}");
     for problem in problems {
         assert_eq!(problem.file, path, "{seed}");

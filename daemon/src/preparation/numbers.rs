@@ -1,11 +1,11 @@
 //! Settings that contradict each other, whatever the rest of the configuration says. Each number by itself has been checked
-//! when the file was read ([`crate::config::numbers`]).
+//! when the file was read ([`config::numbers`]).
 
-use crate::config::numbers::too_long;
+use config::numbers::too_long;
 use imaging::Method;
 
-use crate::config::Config;
 use crate::preparation::Findings;
+use config::Config;
 
 /// Adds a problem for each.
 pub(super) fn check(config: &Config, findings: &mut Findings<'_>) {

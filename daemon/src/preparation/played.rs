@@ -9,8 +9,8 @@ use imaging::recorded::IndexedFrames;
 use survey::{Amps, Baseline, Protocol, error_chain as chain};
 
 use crate::acquisition::playback::{Playing, Recording};
-use crate::config::{Config, RecordingSection};
 use crate::preparation::Findings;
+use config::{Config, RecordingSection};
 
 /// Opens what was measured before.
 pub(super) fn recorded(

@@ -11,13 +11,13 @@ use survey::{
     duration,
 };
 
-use crate::config::{Config, EnableName, InstrumentSection, RangesName, RigKind, WiringKind};
 use crate::instruments::address::InstrumentAddress;
 use crate::instruments::rig_plan::{Places, RigPlan};
 use crate::instruments::simulation::{self, Profile, Scene};
 use crate::preparation::Findings;
 use crate::preparation::wired;
 use crate::preparation::wired::Wired;
+use config::{Config, EnableName, InstrumentSection, RangesName, RigKind, WiringKind};
 use imaging::Geometry;
 use survey::error_chain as chain;
 

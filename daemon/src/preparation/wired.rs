@@ -8,8 +8,8 @@ use keysight_34980a::{MapError, Module};
 use serde::Deserialize;
 use survey::{Limits, OwnWiring, Relay, Sensing, Timing, Transition, Wiring, duration};
 
-use crate::config::{Config, WiringKind};
 use crate::preparation::Findings;
+use config::{Config, WiringKind};
 use survey::error_chain as chain;
 
 /// A wiring with the modules that it is made for.

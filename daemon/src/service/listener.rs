@@ -11,7 +11,6 @@ use zbus::Connection;
 use zbus::connection::Builder;
 use zbus::fdo::{RequestNameFlags, RequestNameReply};
 
-use crate::config::BusSection;
 use crate::monitoring::heartbeat::Part;
 use crate::panics::containment::{Ends, answer};
 use crate::service::access;
@@ -19,6 +18,7 @@ use crate::service::bus_socket::{BusSocket, Queue};
 use crate::service::gate::{Authorizer, Gate, Threads};
 use crate::service::peer;
 use crate::session::controller::Controller;
+use config::BusSection;
 
 /// A bus that went away is looked for again after so long, and then ever less often up to the second value.
 const LOOK_AGAIN: (Duration, Duration) = (Duration::from_millis(200), Duration::from_secs(5));

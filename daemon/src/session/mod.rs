@@ -5,5 +5,6 @@
 pub(crate) mod controller;
 mod health;
 pub(crate) mod observer;
+pub(crate) mod option_values;
 pub(crate) mod panics;
 pub(crate) mod state;

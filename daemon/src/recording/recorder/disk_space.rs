@@ -10,10 +10,10 @@ use chrono::{DateTime, Utc};
 use logbook::{DiskFault, LogbookError, Retention, SessionWriter};
 use rig::Clock;
 
-use crate::config::{FullName, RecordSection};
 use crate::events::event::Event;
 use crate::monitoring::heartbeat::Part;
 use crate::recording::recorder::{FOR_A_WRITE, Recorder, Row};
+use config::{FullName, RecordSection};
 use survey::error_chain as chain;
 
 /// Between two looks whether there is room again.

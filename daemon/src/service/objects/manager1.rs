@@ -10,13 +10,13 @@ use dbus::{
 use zbus::object_server::{ObjectServer, SignalEmitter};
 use zbus::{ObjectPath, interface};
 
-use crate::config::numbers;
 use crate::recording::session_status::SessionStatus;
 use crate::service::gate::Gate;
 use crate::service::objects::report;
 use crate::service::objects::session1::Session1;
 use crate::service::read_pool::read;
 use crate::session::controller::{Controller, no_baseline, no_plan};
+use crate::session::option_values;
 
 /// Sessions in one answer: some 300 kB. Who wants more asks for those before the last one.
 const MOST_LISTED: u64 = 1000;
@@ -60,8 +60,9 @@ impl Manager1 {
     /// answer. Options: `count` (t), fewer than that; `before` (s, an id), those that come after it in the list.
     #[zbus(out_args("sessions"))]
     async fn list_sessions(&self, options: Options) -> Result<Vec<SessionSummary>, Fault> {
-        let options: ListOptions =
-            numbers::read(&options, |key| (key == "count").then_some(numbers::LISTED))?;
+        let options: ListOptions = option_values::read(&options, |key| {
+            (key == "count").then_some(option_values::LISTED)
+        })?;
         let count = options.count.unwrap_or(MOST_LISTED).min(MOST_LISTED);
         let count = usize::try_from(count).unwrap_or(usize::MAX);
         let before = options.before;
@@ -303,8 +304,8 @@ impl Manager1 {
     /// Option: `frames` (t, default 1).
     #[zbus(out_args("lines"))]
     async fn transcript(&self, options: Options) -> Result<String, Fault> {
-        let options: TranscriptOptions = numbers::read(&options, |key| {
-            (key == "frames").then_some(numbers::TRANSCRIPT_FRAMES)
+        let options: TranscriptOptions = option_values::read(&options, |key| {
+            (key == "frames").then_some(option_values::TRANSCRIPT_FRAMES)
         })?;
         let frames = usize::try_from(options.frames.unwrap_or(1)).unwrap_or(usize::MAX);
         let entries = crate::instruments::transcripts::last(&self.0.transcript, frames);

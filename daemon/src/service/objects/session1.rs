@@ -6,12 +6,12 @@ use dbus::{Fault, FrameQuality, FrameSummary, MapDetails, Options, StreamOptions
 use zbus::object_server::SignalEmitter;
 use zbus::{OwnedFd, interface};
 
-use crate::config::numbers;
-use crate::config::numbers::checked;
 use crate::recording::recorder::volts;
 use crate::recording::session_status::SessionStatus;
 use crate::recording::stream::Wanted;
 use crate::service::limit::{STREAMS, User};
+use crate::session::option_values;
+use crate::session::option_values::checked;
 use survey::nanoseconds;
 
 /// Records held for a slow reader where nobody says.
@@ -56,7 +56,7 @@ impl Session1 {
     /// they are taken, or when a recording ends before.
     async fn step(&self, frames: u64) -> Result<u64, Fault> {
         self.running()?;
-        checked("frames", frames as f64, numbers::COUNT)?;
+        checked("frames", frames as f64, option_values::COUNT)?;
         let upto = self.0.grant(frames).ok_or_else(|| {
             Fault::Unsupported(
                 "this session has a schedule; start one with the option 'step'".into(),
@@ -172,8 +172,9 @@ impl Session1 {
     /// default; `pressure` (b), false by default; `ring` (t), records held for a slow reader, 64 by default.
     #[zbus(out_args("stream"))]
     async fn open_stream(&self, options: Options) -> Result<OwnedFd, Fault> {
-        let options: StreamOptions =
-            numbers::read(&options, |key| (key == "ring").then_some(numbers::RING))?;
+        let options: StreamOptions = option_values::read(&options, |key| {
+            (key == "ring").then_some(option_values::RING)
+        })?;
         self.running()?;
         let wanted = Wanted {
             frames: options.frames.unwrap_or(true),

@@ -5,10 +5,10 @@ use std::sync::Arc;
 use dbus::Fault;
 use zbus::interface;
 
-use crate::config::numbers;
-use crate::config::numbers::checked;
 use crate::instruments::simulation;
 use crate::session::controller::Controller;
+use crate::session::option_values;
+use crate::session::option_values::checked;
 
 /// Only on the root object of a simulated rig.
 pub(crate) struct Simulation1(pub(crate) Arc<Controller>);
@@ -28,10 +28,10 @@ impl Simulation1 {
         loss: f64,
     ) -> Result<(), Fault> {
         for (what, value, bounds) in [
-            ("x_m", x_m, numbers::PLACE_M),
-            ("y_m", y_m, numbers::PLACE_M),
-            ("size_m", size_m, numbers::SIZE_M),
-            ("loss", loss, numbers::LOSS),
+            ("x_m", x_m, option_values::PLACE_M),
+            ("y_m", y_m, option_values::PLACE_M),
+            ("size_m", size_m, option_values::SIZE_M),
+            ("loss", loss, option_values::LOSS),
         ] {
             checked(what, value, bounds)?;
         }

@@ -5,7 +5,6 @@ use std::sync::{Arc, OnceLock, PoisonError};
 use dbus::Fault;
 
 use crate::acquisition::task::FrameSource;
-use crate::config::Config;
 use crate::events::event::BusEvent;
 use crate::instruments::assembly::{Closed, assemble};
 use crate::instruments::identities::ExpectedIdentities;
@@ -13,6 +12,7 @@ use crate::instruments::simulation::SimulatedRig;
 use crate::preparation::{FramesFrom, Prepared, prepare};
 use crate::session::controller::{Controller, Runtime};
 use crate::session::state::Event;
+use config::Config;
 use survey::error_chain as chain;
 
 impl Controller {

@@ -11,13 +11,13 @@ use rig::{Clock, Stop};
 use survey::Relay;
 
 use crate::acquisition::task::FrameSource;
-use crate::config::numbers;
 use crate::events::event::BusEvent;
 use crate::instruments::address::InstrumentAddress;
 use crate::instruments::discovery::{Discovered, Search, discover};
 use crate::instruments::relay_wear::{Wear, wear};
 use crate::instruments::rig_plan::RigPlan;
 use crate::session::controller::Controller;
+use crate::session::option_values;
 use crate::session::state::{Event, Work};
 use imaging::noise::DEFAULT_NOISE_UV;
 use self_test::{ExpectedSheet, ProbeError, Report, Request, assess};
@@ -66,8 +66,8 @@ impl Controller {
         addresses: &[String],
         options: &Options,
     ) -> Result<Discovered, Fault> {
-        let options: DiscoverOptions = numbers::read(options, |key| {
-            (key == "within_s").then_some(numbers::WITHIN_S)
+        let options: DiscoverOptions = option_values::read(options, |key| {
+            (key == "within_s").then_some(option_values::WITHIN_S)
         })?;
         let addresses: Result<Vec<InstrumentAddress>, _> =
             addresses.iter().map(|text| text.parse()).collect();

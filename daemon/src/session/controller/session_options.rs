@@ -9,8 +9,6 @@ use survey::{Baseline, Settings, duration};
 
 use crate::acquisition::measuring::Measuring;
 use crate::acquisition::schedule::Schedule;
-use crate::config::numbers;
-use crate::config::{AboutSection, RangesName, SurveySection};
 use crate::instruments::rig_plan::RigPlan;
 use crate::panics::containment;
 use crate::preparation;
@@ -18,7 +16,9 @@ use crate::preparation::Setup;
 use crate::recording::session_status::SessionStatus;
 use crate::session::controller::Controller;
 use crate::session::controller::resume::{Interrupted, to_json};
+use crate::session::option_values;
 use crate::session::state::Work;
+use config::{AboutSection, RangesName, SurveySection};
 use imaging::{BuildError, Conditions, Method, Model, ReconstructionSettings};
 use survey::error_chain as chain;
 
@@ -77,7 +77,7 @@ fn about(options: &SessionOptions, given: &AboutSection) -> About {
 /// Reads the options of a method that takes these groups of them.
 fn read(options: &Options, groups: &[&[&str]]) -> Result<SessionOptions, Fault> {
     options.only(&groups.concat())?;
-    numbers::read(options, numbers::session_option)
+    option_values::read(options, option_values::session_option)
 }
 
 /// The plan of a rig that is surveyed like this.

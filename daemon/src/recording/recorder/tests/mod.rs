@@ -8,12 +8,12 @@ use eit::{ReconstructError, Reconstructor};
 use logbook::{SessionHeader, SessionReader};
 use survey::{Baseline, Protocol, Reading, Volts};
 
-use crate::config::{FullName, RecordSection};
 use crate::events::event::BusEvent;
 use crate::preparation::{Prepared, prepare};
 use crate::recording::reconstruction_worker::ReconstructionContext;
 use crate::recording::recorder::*;
 use crate::recording::session_status::Facts;
+use config::{FullName, RecordSection};
 use imaging::Model;
 
 const CONFIG: &str = "[rig]\nkind = \"simulated\"\n[geometry]\npreset = \"disc-tank\"\n[geometry.disc-tank]\n\

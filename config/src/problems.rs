@@ -7,11 +7,11 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use toml::de::{DeTable, DeValue};
 
-use crate::config::Config;
+use crate::Config;
 
 /// Something wrong in a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Problem {
+pub struct Problem {
     /// The file.
     pub file: PathBuf,
     /// Line and column from 1; `None` where the whole file is meant.
@@ -32,17 +32,19 @@ impl fmt::Display for Problem {
 
 /// A configuration file, kept so that what is found out later can be placed.
 #[derive(Debug)]
-pub(crate) struct Source {
+pub struct Source {
     file: PathBuf,
     text: String,
 }
 
 impl Source {
-    pub(crate) fn file(&self) -> &Path {
+    /// The file.
+    pub fn file(&self) -> &Path {
         &self.file
     }
 
-    pub(crate) fn new(file: &Path, text: String) -> Self {
+    /// The text of a file.
+    pub fn new(file: &Path, text: String) -> Self {
         Self {
             file: file.to_owned(),
             text,
@@ -51,7 +53,7 @@ impl Source {
 
     /// Parses; every unknown key and every value of the wrong kind is a problem of its own. Where only numbers are out of
     /// their bounds there is a configuration as well, with their defaults, so that the rest of it can be checked.
-    pub(crate) fn read(&self) -> (Option<Config>, Vec<Problem>) {
+    pub fn read(&self) -> (Option<Config>, Vec<Problem>) {
         let (mut table, faults) = DeTable::parse_recoverable(&self.text);
         if !faults.is_empty() {
             let problems = faults
@@ -60,7 +62,7 @@ impl Source {
                 .collect();
             return (None, problems);
         }
-        let mut problems: Vec<Problem> = crate::config::numbers::take_out(table.get_mut())
+        let mut problems: Vec<Problem> = crate::numbers::take_out(table.get_mut())
             .into_iter()
             .map(|(span, text)| self.at(Some(span), text))
             .collect();
@@ -81,7 +83,7 @@ impl Source {
     }
 
     /// Places a problem at a dotted key (`survey.electrodes`), or as near as the file has it.
-    pub(crate) fn problem(&self, key: &str, text: impl Into<String>) -> Problem {
+    pub fn problem(&self, key: &str, text: impl Into<String>) -> Problem {
         let (table, _) = DeTable::parse_recoverable(&self.text);
         let mut span = None;
         let mut level = table.get_ref();
@@ -186,7 +188,7 @@ fn distance(a: &str, b: &str) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use crate::config::problems::*;
+    use crate::problems::*;
 
     fn problems(text: &str) -> Vec<String> {
         let (_, problems) = Source::new(Path::new("c.toml"), text.to_owned()).read();

@@ -1,39 +1,21 @@
-//! Which numbers and texts may come from outside: every numeric key of the configuration, every numeric option and argument
-//! of the bus. They are checked here and nowhere else, before anything is calculated with them; units are in their names.
-//!
-//! What follows from two of them together is in [`crate::preparation`].
+//! Which numbers and texts a configuration may have: the bounds of every numeric key. They are checked before anything is
+//! calculated with them; units are in their names. What follows from two of them together is the daemon's preparation.
 
-use dbus::{Fault, Options};
-use serde::de::DeserializeOwned;
 use survey::Bounds::{self, Above, Between, OneOf, Within};
 use survey::LONGEST_S;
 use toml::de::{DeTable, DeValue};
 
 /// Integration times of the voltmeter, power-line cycles.
-pub(crate) const NPLC: Bounds = OneOf(&[0.02, 0.2, 1.0, 2.0, 10.0, 20.0, 100.0, 200.0]);
+const NPLC: Bounds = OneOf(&[0.02, 0.2, 1.0, 2.0, 10.0, 20.0, 100.0, 200.0]);
 const WAIT_MS: Bounds = Within(0.0, 60e3);
-pub(crate) const SETTLE_MS: Bounds = WAIT_MS;
-pub(crate) const CHANNEL_DELAY_MS: Bounds = WAIT_MS;
-pub(crate) const AVERAGES: Bounds = Within(1.0, 1000.0);
-pub(crate) const EVERY_S: Bounds = Within(0.0, LONGEST_S);
-pub(crate) const FOR_S: Bounds = Above(0.0, LONGEST_S);
+const SETTLE_MS: Bounds = WAIT_MS;
+const CHANNEL_DELAY_MS: Bounds = WAIT_MS;
+const AVERAGES: Bounds = Within(1.0, 1000.0);
+const EVERY_S: Bounds = Within(0.0, LONGEST_S);
+const FOR_S: Bounds = Above(0.0, LONGEST_S);
 /// Frames of a session.
-pub(crate) const COUNT: Bounds = Within(1.0, 1e15);
-pub(crate) const SPEED: Bounds = Within(0.0, 1e6);
-/// Frames of a baseline: all of them are in memory until their mean is taken.
-pub(crate) const BASELINE_FRAMES: Bounds = Within(1.0, 1000.0);
-/// Looking for instruments.
-pub(crate) const WITHIN_S: Bounds = Within(0.0, 60.0);
-/// Records held for a slow reader of a stream.
-pub(crate) const RING: Bounds = Within(1.0, 4096.0);
-/// Frames of a transcript; more than are kept are the kept ones.
-pub(crate) const TRANSCRIPT_FRAMES: Bounds = Within(0.0, 1e15);
-/// Sessions of a list; more than there are are all.
-pub(crate) const LISTED: Bounds = Within(0.0, u64::MAX as f64);
-/// A load on the simulated sheet, m.
-pub(crate) const PLACE_M: Bounds = Within(-10.0, 10.0);
-pub(crate) const SIZE_M: Bounds = Above(0.0, 10.0);
-pub(crate) const LOSS: Bounds = Within(0.0, 1.0);
+const COUNT: Bounds = Within(1.0, 1e15);
+const SPEED: Bounds = Within(0.0, 1e6);
 /// Largest ring: its 64,768 readings are far beyond any switch.
 const ELECTRODES: Bounds = Within(1.0, 256.0);
 const SLOT: Bounds = Within(1.0, 8.0);
@@ -49,7 +31,7 @@ const GROWTH: Bounds = Within(0.001, 10.0);
 const DAYS: Bounds = Above(0.0, 36_525.0);
 
 /// Every numeric key of the configuration.
-const KEYS: &[(&str, Bounds)] = &[
+pub const KEYS: &[(&str, Bounds)] = &[
     ("source.deadline_ms", ANSWER_MS),
     ("switch.deadline_ms", ANSWER_MS),
     ("voltmeter.deadline_ms", ANSWER_MS),
@@ -134,11 +116,11 @@ const KEYS: &[(&str, Bounds)] = &[
 ];
 
 /// Bytes of a text of free words: a note, what is said of sheet, foam, ink and operator.
-pub(crate) const LONGEST_TEXT: usize = 4096;
+pub const LONGEST_TEXT: usize = 4096;
 
 /// Takes out of a configuration every number that is not allowed, so that its default stands in while the rest is read, and
 /// tells where it stood and what is wrong.
-pub(crate) fn take_out(table: &mut DeTable<'_>) -> Vec<(std::ops::Range<usize>, String)> {
+pub fn take_out(table: &mut DeTable<'_>) -> Vec<(std::ops::Range<usize>, String)> {
     let mut found = Vec::new();
     take_out_below(table, "", &mut found);
     found
@@ -174,67 +156,14 @@ fn take_out_below(
     }
 }
 
-/// What is allowed for an option of `StartSession`, `RecordBaseline` and `PlanWith`: the same as for the key of the
-/// configuration.
-pub(crate) fn session_option(option: &str) -> Option<Bounds> {
-    match option {
-        "frames" => Some(BASELINE_FRAMES),
-        // 0 is never; in a file the key is left out instead
-        "zero_every" => Some(Within(0.0, 1e9)),
-        _ => ["survey", "schedule", "recording"]
-            .iter()
-            .find_map(|section| allowed(&format!("{section}.{option}"))),
-    }
-}
-
 /// What is allowed for a numeric key of the configuration.
-fn allowed(key: &str) -> Option<Bounds> {
+pub fn allowed(key: &str) -> Option<Bounds> {
     let (_, bounds) = KEYS.iter().find(|(known, _)| *known == key)?;
     Some(*bounds)
 }
 
-/// Options of free words.
-const FREE_WORDS: [&str; 5] = ["note", "sheet", "foam", "ink", "operator"];
-
-/// Reads the options of a method; `bounds` is what is allowed for each numeric one.
-///
-/// # Errors
-/// [`Fault::InvalidOption`] with the name, the value and what is allowed.
-pub(crate) fn read<T: DeserializeOwned>(
-    options: &Options,
-    bounds: impl Fn(&str) -> Option<Bounds>,
-) -> Result<T, Fault> {
-    let read = options.read().map_err(|mut error| {
-        if let Some(bounds) = error.key.as_deref().and_then(&bounds) {
-            error.text = format!("{}, {bounds}", error.text);
-        }
-        error
-    })?;
-    for key in options.0.keys() {
-        if let Some((value, bounds)) = options.number(key).zip(bounds(key)) {
-            checked(&format!("option '{key}'"), value, bounds)?;
-        }
-    }
-    for key in FREE_WORDS {
-        if let Some(why) = options.text(key).and_then(too_long) {
-            return Err(Fault::InvalidOption(format!("option '{key}' {why}")));
-        }
-    }
-    Ok(read)
-}
-
-/// A numeric argument.
-///
-/// # Errors
-/// [`Fault::InvalidOption`] with the name, the value and what is allowed.
-pub(crate) fn checked(what: &str, value: f64, bounds: Bounds) -> Result<f64, Fault> {
-    bounds
-        .check(value)
-        .map_err(|error| Fault::InvalidOption(format!("{what}: {error}")))
-}
-
 /// What is wrong with a text of free words that is too long.
-pub(crate) fn too_long(text: &str) -> Option<String> {
+pub fn too_long(text: &str) -> Option<String> {
     let length = text.len();
     (length > LONGEST_TEXT)
         .then(|| format!("has {length} bytes; it must have {LONGEST_TEXT} at most"))

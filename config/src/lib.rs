@@ -1,48 +1,73 @@
-//! What was written in `config.toml`: a document, every key optional, nothing opened yet.
+//! The schema of `config.toml`: every key with its type, default and range, all of them optional. Problems are reported with
+//! file, line and column.
 //!
-//! Defaults are those of the paper's sheet on a simulated rig. What it all means is found out in [`crate::preparation`].
+//! Nothing is opened: the daemon's preparation compares the values with what instruments, files and sheets can do.
+//! Defaults are those of the paper's sheet on a simulated rig.
+//!
+//! ```
+//! use config::problems::Source;
+//! let text = "[survey]\nnplc = 3\n".to_owned();
+//! let (_, problems) = Source::new("c.toml".as_ref(), text).read();
+//! assert!(problems[0].to_string().starts_with("c.toml:2:8: survey.nplc: 3 is none of"));
+//! ```
 
-pub(crate) mod numbers;
+pub mod numbers;
 mod observing;
-pub(crate) mod problems;
+pub mod problems;
 
 use std::path::{Path, PathBuf};
 
 use imaging::{GeometrySettings, ReconstructionSettings};
 use serde::{Deserialize, Serialize};
 
-pub(crate) use observing::{MetricsSection, NotifySection};
+pub use observing::{MetricsSection, NotifySection};
 
 /// The whole file.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct Config {
+pub struct Config {
+    /// `[rig]`.
     pub rig: RigSection,
+    /// `[source]`, the current source.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub source: Option<InstrumentSection>,
+    /// `[switch]`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub switch: Option<InstrumentSection>,
+    /// `[voltmeter]`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub voltmeter: Option<InstrumentSection>,
+    /// `[recording]`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recording: Option<RecordingSection>,
+    /// `[wiring]`.
     pub wiring: WiringSection,
+    /// `[survey]`.
     pub survey: SurveySection,
+    /// `[geometry]`.
     pub geometry: GeometrySettings,
+    /// `[model]`.
     pub model: ReconstructionSettings,
+    /// `[record]`.
     pub record: RecordSection,
+    /// `[about]`.
     pub about: AboutSection,
+    /// `[bus]`.
     pub bus: BusSection,
+    /// `[schedule]`.
     pub schedule: ScheduleSection,
+    /// `[care]`.
     pub care: CareSection,
+    /// `[notify]`.
     pub notify: NotifySection,
+    /// `[metrics]`.
     pub metrics: MetricsSection,
 }
 
 /// Where frames come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum RigKind {
+pub enum RigKind {
     /// Every instrument simulated, joined to one simulated sheet.
     #[default]
     Simulated,
@@ -54,12 +79,16 @@ pub(crate) enum RigKind {
     Recording,
 }
 
+/// `[rig]`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct RigSection {
+pub struct RigSection {
+    /// Where frames come from.
     pub kind: RigKind,
+    /// Profile of a simulated rig, a name or a file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub profile: Option<String>,
+    /// Scene of a simulated rig, a name or a file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scene: Option<String>,
 }
@@ -67,15 +96,20 @@ pub(crate) struct RigSection {
 /// The level at which a multiplexer chip is on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum EnableName {
+pub enum EnableName {
+    /// On at a low level.
     Low,
+    /// On at a high level.
     High,
 }
 
+/// One instrument.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct InstrumentSection {
+pub struct InstrumentSection {
+    /// `tcp:HOST:PORT`, `serial:PATH`, `gpio:PATH`, `vxi-11:HOST`, or empty.
     pub address: String,
+    /// The longest wait for an answer, ms.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub deadline_ms: Option<f64>,
     /// Of a board on a gpiochip.
@@ -83,26 +117,35 @@ pub(crate) struct InstrumentSection {
     pub enable: Option<EnableName>,
 }
 
+/// `[recording]`: frames measured before.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct RecordingSection {
+pub struct RecordingSection {
+    /// A session file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub session: Option<PathBuf>,
+    /// A case folder.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub case: Option<PathBuf>,
+    /// A file of frames in the case folder.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames: Option<PathBuf>,
+    /// A file, or `first:N`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub baseline: Option<String>,
+    /// Whether voltages change their sign.
     pub negate: bool,
+    /// Frames a second.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames_per_s: Option<f64>,
+    /// Speed: 1 its own rate, 0 as fast as possible.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub speed: Option<f64>,
 }
 
+/// Which modules connect the electrodes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub(crate) enum WiringKind {
+pub enum WiringKind {
     /// Measuring pairs on bank 1, injecting pairs on bank 2 of a 34924A: 26 reading messages a frame.
     #[default]
     #[serde(rename = "pairs-34924a")]
@@ -127,15 +170,21 @@ pub(crate) enum WiringKind {
     File,
 }
 
+/// `[wiring]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct WiringSection {
+pub struct WiringSection {
+    /// Which electrode is where.
     pub kind: WiringKind,
+    /// Slot of the first module.
     pub slot: u32,
+    /// Slot of the injecting pairs.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub inject_slot: Option<u32>,
+    /// A file with the wiring, relay by relay.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
+    /// Electrodes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub electrodes: Option<usize>,
 }
@@ -152,26 +201,44 @@ impl Default for WiringSection {
     }
 }
 
+/// `[survey]`: how a frame is measured.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct SurveySection {
+pub struct SurveySection {
+    /// Electrodes; else those of the sheet.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub electrodes: Option<usize>,
+    /// Injected current, uA.
     pub current_ua: f64,
+    /// Voltage limit of the source, V.
     pub compliance_v: f64,
+    /// Wait after the current has moved, ms.
     pub settle_ms: f64,
+    /// Range of the voltmeter, V.
     pub range_v: f64,
+    /// Integration, power-line cycles.
     pub nplc: f64,
+    /// A zero reading after every reading.
     pub autozero: bool,
+    /// Frequency of the mains, Hz.
     pub line_hz: f64,
+    /// Readings averaged to one.
     pub averages: u32,
+    /// Wait before each scanned channel, ms.
     pub channel_delay_ms: f64,
+    /// Every injection with the current both ways.
     pub reversal: bool,
+    /// Electrodes between those of a pair.
     pub skip: usize,
+    /// Of two readings that reciprocity makes equal only one.
     pub half: bool,
+    /// Where the voltmeter's ranges come from.
     pub ranges: RangesName,
+    /// Margin of planned ranges, a factor.
     pub range_margin: f64,
+    /// Whether triggers are chained.
     pub chained: bool,
+    /// A frame at 0 A before the first and after every so many; else never.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub zero_every: Option<u64>,
 }
@@ -179,7 +246,7 @@ pub(crate) struct SurveySection {
 /// Where the voltmeter's ranges come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum RangesName {
+pub enum RangesName {
     /// One for every reading.
     #[default]
     Fixed,
@@ -211,9 +278,11 @@ impl Default for SurveySection {
     }
 }
 
+/// `[record]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct RecordSection {
+pub struct RecordSection {
+    /// Where session files are written.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub directory: Option<PathBuf>,
     /// Frames of which everything said over the wires is kept in memory.
@@ -224,6 +293,7 @@ pub(crate) struct RecordSection {
     pub roll_mb: u64,
     /// The first frame of a day (UTC) begins the next part.
     pub roll_daily: bool,
+    /// What is done where there is no room.
     pub when_full: FullName,
     /// With less free it is said once.
     pub warn_below_mb: u64,
@@ -240,7 +310,7 @@ pub(crate) struct RecordSection {
 /// What is done where there is no room for the record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum FullName {
+pub enum FullName {
     /// Acquisition pauses, and goes on by itself when there is room.
     #[default]
     Stop,
@@ -269,22 +339,33 @@ impl Default for RecordSection {
 /// What a lab needs to know later of what it measured; free words, kept with every session.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct AboutSection {
+pub struct AboutSection {
+    /// The sheet.
     pub sheet: String,
+    /// The foam, with its batch.
     pub foam: String,
+    /// The ink, with its batch.
     pub ink: String,
+    /// Who measures.
     pub operator: String,
+    /// The cables.
     pub wiring: String,
+    /// The calibration of the instruments.
     pub calibration: String,
 }
 
+/// `[bus]`: the ways to the daemon.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct BusSection {
+pub struct BusSection {
+    /// Whether a unix socket is served.
     pub peer: bool,
+    /// Its path.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub peer_path: Option<PathBuf>,
+    /// Whether the session bus is served.
     pub session: bool,
+    /// Whether the system bus is served.
     pub system: bool,
 }
 
@@ -299,14 +380,19 @@ impl Default for BusSection {
     }
 }
 
+/// `[schedule]`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct ScheduleSection {
+pub struct ScheduleSection {
+    /// Whether a session starts with the daemon.
     pub start: bool,
+    /// From start to start of frames, s; 0 back to back.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub every_s: Option<f64>,
+    /// Frames.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub count: Option<u64>,
+    /// Duration, s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub for_s: Option<f64>,
 }
@@ -314,7 +400,7 @@ pub(crate) struct ScheduleSection {
 /// Wear of relays.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct CareSection {
+pub struct CareSection {
     /// Closures that a relay is rated for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub relay_life_cycles: Option<u64>,
@@ -322,7 +408,7 @@ pub(crate) struct CareSection {
 
 impl Config {
     /// The same with every path absolute or relative to `folder`, and with the paths that the environment decides.
-    pub(crate) fn resolved(mut self, folder: &Path) -> Self {
+    pub fn resolved(mut self, folder: &Path) -> Self {
         let paths = [
             &mut self.wiring.file,
             &mut self.geometry.case,
@@ -371,7 +457,7 @@ impl Config {
     }
 
     /// The folder for what lasts until the machine restarts: the peer socket's.
-    pub(crate) fn runtime_directory(&self) -> PathBuf {
+    pub fn runtime_directory(&self) -> PathBuf {
         let peer = self.bus.peer_path.clone().unwrap_or_else(default_peer_path);
         peer.parent().map_or_else(PathBuf::new, Path::to_owned)
     }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 /// From when on something is trouble; `tactus status` goes by it, too.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct NotifySection {
+pub struct NotifySection {
     /// Days until the disk is full.
     pub disk_days: f64,
     /// Part of a relay's life that is used.
@@ -28,7 +28,7 @@ pub(crate) struct NotifySection {
 
 impl NotifySection {
     /// Limits by which a trouble goes on that has begun by the narrower ones.
-    pub(crate) fn wider(&self) -> Self {
+    pub fn wider(&self) -> Self {
         Self {
             disk_days: 1.1 * self.disk_days,
             relay_life: 0.99 * self.relay_life,
@@ -43,7 +43,7 @@ impl NotifySection {
 /// Numbers for whoever scrapes.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct MetricsSection {
+pub struct MetricsSection {
     /// `127.0.0.1:9617`; port 0 is any that is free.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub listen: Option<String>,
@@ -55,7 +55,7 @@ pub(crate) struct MetricsSection {
 
 impl MetricsSection {
     /// Where to listen; `None` where nobody may scrape.
-    pub(crate) fn address(&self) -> Option<SocketAddr> {
+    pub fn address(&self) -> Option<SocketAddr> {
         self.listen.as_ref()?.parse().ok()
     }
 }
