@@ -33,7 +33,7 @@ pub const ABOUT_OPTIONS: [&str; 4] = ["sheet", "foam", "ink", "operator"];
 
 /// Options of `StartSession`, `RecordBaseline` and `PlanWith` that say how a session measures, where that is not as
 /// configured.
-pub const MEASURING_OPTIONS: [&str; 8] = [
+pub const MEASURING_OPTIONS: [&str; 10] = [
     "nplc",
     "averages",
     "autozero",
@@ -42,6 +42,8 @@ pub const MEASURING_OPTIONS: [&str; 8] = [
     "reversal",
     "zero_every",
     "ranges",
+    "skip",
+    "half",
 ];
 
 options! {
@@ -90,6 +92,10 @@ options! {
         zero_every: u64,
         /// `fixed` or `planned`.
         ranges: String,
+        /// Electrodes between those of a pair; 0 neighbours.
+        skip: u64,
+        /// Of two readings that reciprocity makes equal only one.
+        half: bool,
     }
 
     /// Options of `ListSessions`.

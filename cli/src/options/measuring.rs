@@ -38,6 +38,12 @@ pub struct Measuring {
     /// One range for every reading, or each its own
     #[arg(long, value_enum)]
     pub ranges: Option<Ranges>,
+    /// Electrodes between those of a pair: 0 neighbours, 1 every other ...
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=254))]
+    pub skip: Option<u64>,
+    /// Of two readings that reciprocity makes equal only one
+    #[arg(long, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
+    pub half: Option<bool>,
 }
 
 /// Where the voltmeter's ranges come from.
@@ -66,6 +72,8 @@ impl Measuring {
             reversal: self.reversal,
             zero_every: self.zero_every,
             ranges,
+            skip: self.skip,
+            half: self.half,
             ..options
         }
     }

@@ -110,12 +110,9 @@ pub(crate) fn adjusted(setup: &Setup, survey: SurveySection) -> Result<RigPlan, 
         found: Vec::new(),
     };
     numbers::check(&config, &mut findings);
-    let plan = rig_plan::rig_plan(
-        &config,
-        &setup.protocol,
-        Some(&setup.geometry),
-        &mut findings,
-    );
+    let protocol = pattern(setup.protocol.electrodes(), &config.survey)
+        .map_err(|cause| vec![format!("skip: {}", chain(&cause))])?;
+    let plan = rig_plan::rig_plan(&config, &protocol, Some(&setup.geometry), &mut findings);
     match plan {
         Some(plan) if findings.found.is_empty() => Ok(plan),
         _ => Err(findings.found.into_iter().map(|found| found.text).collect()),
@@ -273,11 +270,12 @@ fn requested(
         .or_else(|| geometry.map(Geometry::electrodes))?;
     findings.taken(
         "survey.electrodes",
-        protocol(electrodes, &config.survey).map_err(|cause| chain(&cause)),
+        pattern(electrodes, &config.survey).map_err(|cause| chain(&cause)),
     )
 }
 
-fn protocol(electrodes: usize, survey: &SurveySection) -> Result<Protocol, ProtocolError> {
+/// The readings of a frame that is surveyed like this.
+fn pattern(electrodes: usize, survey: &SurveySection) -> Result<Protocol, ProtocolError> {
     // a pair that left out so many would be the same pair the other way round, or none
     if survey.skip + 2 > electrodes {
         return Err(ProtocolError::Empty);

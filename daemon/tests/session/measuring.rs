@@ -53,6 +53,45 @@ async fn a_session_measures_as_it_is_asked_to_and_the_plan_shows_it() {
     assert_eq!(after.duration_s, configured.duration_s);
 }
 
+/// Only part of the readings, of pairs that are not neighbours: in the plan, the frame, the map and the record.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_session_can_have_a_pattern_of_its_own() {
+    let stage = Stage::new(SMALL);
+    let daemon = stage.start().await;
+    let manager = &daemon.manager;
+    let readings = survey::half(survey::skip(16, 1)).count();
+    let pattern = || Options::new().with("skip", 1_u64).with("half", true);
+    let plan = manager.plan_with(&pattern()).await.unwrap();
+    assert_eq!(plan.readings, readings as u64);
+    assert_eq!((plan.more.skip, plan.more.half), (Some(1), Some(true)));
+    let error = manager
+        .plan_with(&Options::new().with("skip", 15_u64))
+        .await;
+    assert!(matches!(error, Err(Fault::InvalidOption(_))), "{error:?}");
+
+    let path = manager
+        .record_baseline(&pattern().with("frames", 2_u64))
+        .await;
+    let baseline = daemon.session(&path.unwrap()).await;
+    within(baseline.wait()).await.unwrap();
+    let error = manager.start_session(&Options::new()).await.unwrap_err();
+    assert!(matches!(error, Fault::BaselineMismatch(_)), "{error:?}");
+    // ranges and costs of the configured pattern have nothing to do with that baseline
+    assert!(manager.plan_with(&Options::new()).await.is_ok());
+
+    let session = daemon.start(pattern().with("step", true)).await;
+    assert_eq!(within(session.step(1)).await.unwrap(), 1);
+    assert_eq!(session.latest_frame().await.unwrap().volts.len(), readings);
+    let map = session.latest_map().await.unwrap();
+    assert!(map.values.iter().all(|value| value.is_finite()));
+    within(session.stop()).await.unwrap();
+    let file = session.path().await.unwrap();
+    let record = logbook::SessionReader::open(file).unwrap();
+    let header = record.header();
+    assert_eq!(header.protocol.len(), readings);
+    assert!(header.asked.contains("\"half\":true"), "{}", header.asked);
+}
+
 /// Before anything runs: what a setting would cost and gain is what the plan with it takes longer than the one without.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_plan_shows_what_each_setting_would_cost() {

@@ -32,7 +32,7 @@ impl Manager1 {
     /// `one-step`), `speed` (d, recordings: 1 own rate, 0 as fast as possible), `step` (b, a frame only when
     /// Session1.Step asks), `note` (s). How it measures, where not as configured: `nplc` (d), `averages` (t), `autozero`
     /// (b), `settle_ms` (d), `channel_delay_ms` (d), `reversal` (b), `zero_every` (t, 0 never), `ranges` (s, `fixed` or
-    /// `planned`); the baseline must have been measured alike.
+    /// `planned`), `skip` (t, electrodes between those of a pair), `half` (b, of two reciprocal readings only one); the baseline must have been measured alike.
     #[zbus(out_args("session"))]
     async fn start_session(
         &self,

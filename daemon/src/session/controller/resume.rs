@@ -16,6 +16,7 @@ use crate::monitoring::disk::free_bytes;
 use crate::recording::end_marks::EndMarks;
 use crate::recording::order::SHUT_DOWN;
 use crate::session::controller::Controller;
+use survey::Protocol;
 use survey::error_chain as chain;
 
 /// Bytes that are enough to open a session.
@@ -197,11 +198,11 @@ impl Controller {
                  the daemon"
             )));
         }
-        self.same_rig(header)?;
-        let baseline = baseline.ok_or_else(|| Never::Closed("it has no baseline".to_owned()))?;
-        let age = now.signed_duration_since(baseline.wall);
         let options = from_json(&header.asked)
             .ok_or_else(|| Never::Closed("it does not say how it was started".to_owned()))?;
+        self.same_rig(header, &self.protocol_for(&options).await?)?;
+        let baseline = baseline.ok_or_else(|| Never::Closed("it has no baseline".to_owned()))?;
+        let age = now.signed_duration_since(baseline.wall);
         let mut order = self.measurement(&options, Some(Arc::new(baseline))).await?;
         if let Some(lasts) = order.schedule.lasts {
             let gone = now.signed_duration_since(header.started);
@@ -229,9 +230,9 @@ impl Controller {
     }
 
     /// The session's questions and instruments are those of the daemon that is to go on with it.
-    fn same_rig(&self, header: &SessionHeader) -> Result<(), Never> {
+    fn same_rig(&self, header: &SessionHeader, protocol: &Protocol) -> Result<(), Never> {
         let runtime = self.runtime();
-        if header.protocol != runtime.setup.protocol {
+        if header.protocol != *protocol {
             return Err(Never::Closed(
                 "the configuration asks other questions of the sheet now".to_owned(),
             ));

@@ -26,7 +26,7 @@ use crate::recording::records::disk_fault;
 use crate::recording::session_status::{Facts, SessionEnd, SessionStatus};
 use crate::session::controller::recovery::{MOST_FAILED, may_pass};
 use crate::session::controller::rig_events::Concerned;
-use crate::session::controller::session_options::Assignment;
+use crate::session::controller::session_options::{Assignment, protocol_of};
 use crate::session::controller::{Controller, Inner};
 use crate::session::state::{Event, Work};
 use survey::error_chain as chain;
@@ -174,10 +174,10 @@ impl Controller {
         let Setup {
             config_toml,
             config_hash,
-            protocol,
             geometry,
             ..
         } = &runtime.setup;
+        let protocol = protocol_of(order.plan.as_deref(), &runtime.setup);
         let id = format!("{payload}{}", started.format("%Y%m%dt%H%M%S_%3f"));
         SessionHeader {
             kind,
@@ -218,7 +218,7 @@ impl Controller {
         let (orders, queue) = mpsc::channel(QUEUE);
         let runtime = self.runtime();
         let mesh = &runtime.setup.geometry.mesh;
-        let checks = Checks::new(&runtime.setup.protocol);
+        let checks = Checks::new(protocol_of(order.plan.as_deref(), &runtime.setup));
         let checks = match &order.baseline {
             Some(baseline) => checks.against(&baseline.readings),
             None => checks,

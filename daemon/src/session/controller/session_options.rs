@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use dbus::{ABOUT_OPTIONS, Fault, MEASURING_OPTIONS, Options, SESSION_OPTIONS, SessionOptions};
 use logbook::{About, LogbookError, Record};
-use survey::{Baseline, Settings, duration};
+use survey::{Baseline, Protocol, Settings, duration};
 
 use crate::acquisition::measuring::Measuring;
 use crate::acquisition::schedule::Schedule;
@@ -80,6 +80,11 @@ fn read(options: &Options, groups: &[&[&str]]) -> Result<SessionOptions, Fault> 
     option_values::read(options, option_values::session_option)
 }
 
+/// The readings of a session: those of its own plan, else the configured ones.
+pub(super) fn protocol_of<'a>(plan: Option<&'a RigPlan>, setup: &'a Setup) -> &'a Protocol {
+    plan.map_or(&setup.protocol, |own| &own.plan.protocol)
+}
+
 /// The plan of a rig that is surveyed like this.
 fn adjusted(setup: &Setup, survey: SurveySection) -> Result<RigPlan, Fault> {
     preparation::adjusted(setup, survey)
@@ -136,8 +141,10 @@ impl Controller {
             Some(plan) => Some(plan.settings()),
             None => self.runtime().settings.clone(),
         };
-        self.check_baseline(&baseline, settings.as_ref())?;
-        let model = self.chosen_model(options.model.as_deref()).await?;
+        self.check_baseline(&baseline, settings.as_ref(), plan.as_deref())?;
+        let model = self
+            .chosen_model(options.model.as_deref(), plan.as_deref())
+            .await?;
         // the configuration may be another one when the session goes on
         let every = schedule.every.as_secs_f64();
         requested.insert("every_s".to_owned(), every.into());
@@ -216,6 +223,9 @@ impl Controller {
             Some(survey) => Arc::new(adjusted(&runtime.setup, survey)?),
             None => runtime.plan.clone().ok_or_else(no_plan)?,
         };
+        let hash = plan.settings().protocol_hash;
+        // a baseline of another pattern says nothing of the ranges
+        let baseline = baseline.filter(|baseline| baseline.settings.protocol_hash == hash);
         let measuring = Measuring::of(Some(Arc::clone(&plan)), baseline.as_deref());
         Ok(measuring.now().unwrap_or(plan))
     }
@@ -248,6 +258,16 @@ impl Controller {
         }
     }
 
+    /// The readings of a session with these options.
+    ///
+    /// # Errors
+    /// An option that cannot be.
+    pub(super) async fn protocol_for(&self, options: &Options) -> Result<Protocol, Fault> {
+        let options = option_values::read(options, option_values::session_option)?;
+        let plan = self.own_plan(&options).await?;
+        Ok(protocol_of(plan.as_deref(), &self.runtime().setup).clone())
+    }
+
     /// The plan of a session that says how it measures; `None` where it measures as configured.
     async fn own_plan(&self, options: &SessionOptions) -> Result<Option<Arc<RigPlan>>, Fault> {
         let Some(survey) = self.own_survey(options)? else {
@@ -270,6 +290,10 @@ impl Controller {
         survey.channel_delay_ms = options.channel_delay_ms.unwrap_or(survey.channel_delay_ms);
         survey.autozero = options.autozero.unwrap_or(survey.autozero);
         survey.reversal = options.reversal.unwrap_or(survey.reversal);
+        survey.half = options.half.unwrap_or(survey.half);
+        if let Some(skip) = options.skip {
+            survey.skip = usize::try_from(skip).unwrap_or(usize::MAX);
+        }
         if let Some(averages) = options.averages {
             survey.averages = u32::try_from(averages).unwrap_or(u32::MAX);
         }
@@ -301,46 +325,55 @@ impl Controller {
         &self,
         baseline: &Baseline,
         settings: Option<&Settings>,
+        plan: Option<&RigPlan>,
     ) -> Result<(), Fault> {
         let runtime = self.runtime();
         let Some(settings) = settings else {
             return Ok(());
         };
         baseline
-            .check(settings, runtime.setup.protocol.len(), runtime.simulated)
+            .check(
+                settings,
+                protocol_of(plan, &runtime.setup).len(),
+                runtime.simulated,
+            )
             .map_err(|error| Fault::BaselineMismatch(error.to_string()))
     }
 
     pub(super) async fn chosen_model(
         self: &Arc<Self>,
         requested: Option<&str>,
+        plan: Option<&RigPlan>,
     ) -> Result<Model, Fault> {
-        let Some(requested) = requested.map(str::to_owned) else {
-            return Ok(self.runtime().setup.model.clone());
-        };
-        if requested != "one-step" && !Path::new(&requested).is_absolute() {
-            return Err(Fault::InvalidOption(format!(
-                "option 'model' is '{requested}'; write an absolute path, or one-step"
-            )));
-        }
         let runtime = self.runtime();
+        let protocol = protocol_of(plan, &runtime.setup).clone();
+        let requested = match requested {
+            None if protocol == runtime.setup.protocol => return Ok(runtime.setup.model.clone()),
+            Some(other) if other != "one-step" && !Path::new(other).is_absolute() => {
+                return Err(Fault::InvalidOption(format!(
+                    "option 'model' is '{other}'; write an absolute path, or one-step"
+                )));
+            }
+            requested => requested.map(str::to_owned),
+        };
         let loaded = containment::blocking(move || {
             let Setup {
                 config,
                 geometry,
-                protocol,
                 current,
                 ..
             } = &runtime.setup;
-            let requested = match requested.as_str() {
-                "one-step" => ReconstructionSettings {
+            let requested = match requested.as_deref() {
+                // the configured method, for a pattern of the session's own
+                None => config.model.clone(),
+                Some("one-step") => ReconstructionSettings {
                     file: None,
                     method: Some(Method::OneStep),
                     calibration: None,
                     ..config.model.clone()
                 },
-                _ => ReconstructionSettings {
-                    file: Some(requested.into()),
+                Some(file) => ReconstructionSettings {
+                    file: Some(file.into()),
                     loss_only: config.model.loss_only,
                     ..ReconstructionSettings::default()
                 },
@@ -350,7 +383,7 @@ impl Controller {
                 &requested,
                 &Conditions {
                     geometry,
-                    protocol,
+                    protocol: &protocol,
                     current: *current,
                     noise_v: None,
                 },
