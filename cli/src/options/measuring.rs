@@ -35,15 +35,15 @@ pub struct Measuring {
     /// A frame at 0 A before the first and after every so many, subtracted; 0 never
     #[arg(long, value_name = "N")]
     pub zero_every: Option<u64>,
-    /// One range for every reading, or each its own
-    #[arg(long, value_enum)]
-    pub ranges: Option<Ranges>,
-    /// Electrodes between those of a pair: 0 neighbours, 1 every other ...
+    /// Electrodes between those of a pair, 0 for neighbours
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=254))]
     pub skip: Option<u64>,
     /// Of two readings that reciprocity makes equal only one
     #[arg(long, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
     pub half: Option<bool>,
+    /// One range for every reading, or each its own
+    #[arg(long, value_enum)]
+    pub ranges: Option<Ranges>,
 }
 
 /// Where the voltmeter's ranges come from.

@@ -32,7 +32,8 @@ impl Manager1 {
     /// `one-step`), `speed` (d, recordings: 1 own rate, 0 as fast as possible), `step` (b, a frame only when
     /// Session1.Step asks), `note` (s). How it measures, where not as configured: `nplc` (d), `averages` (t), `autozero`
     /// (b), `settle_ms` (d), `channel_delay_ms` (d), `reversal` (b), `zero_every` (t, 0 never), `ranges` (s, `fixed` or
-    /// `planned`), `skip` (t, electrodes between those of a pair), `half` (b, of two reciprocal readings only one); the baseline must have been measured alike.
+    /// `planned`), `skip` (t, electrodes between those of a pair), `half` (b, of two reciprocal readings only one); the
+    /// baseline must have been measured alike.
     #[zbus(out_args("session"))]
     async fn start_session(
         &self,
@@ -315,16 +316,15 @@ impl Manager1 {
 
     /// How the daemon is, all at once: whether it is well and what is not, the last frame, what waits for the disk, gaps,
     /// instruments, age of the baseline, days until the disk is full, life left of the relay that will be worn out first.
-    /// Keys are documented in dbus/src/manager1.rs; what is not known is left out.
+    /// Keys are documented in dbus/src/dictionaries.rs; what is not known is left out.
     #[zbus(out_args("health"))]
     async fn health(&self) -> Result<Health, Fault> {
         let health = self.0.health().await;
         Ok(health.report(&self.0.runtime().setup.config.notify))
     }
 
-    /// The daemon, its session and its health at one moment, with the names of the properties: `state`, `source`, `method`,
-    /// `baseline_id`, `source_state`, `record_directory`, `last_error`, `version` (s), `simulated` (b), `recovery`,
-    /// `health`; of a running session `session` with its counts, and `map_sequence`, `map` of its last map.
+    /// The daemon, its health, and the running session with its last map, at one moment. Keys are documented in
+    /// dbus/src/dictionaries.rs.
     #[zbus(out_args("status"))]
     async fn status(&self) -> Result<Status, Fault> {
         // it waits for the disk; all else is read at one moment behind it

@@ -18,7 +18,7 @@ use crate::session::controller::Controller;
 use crate::session::controller::resume::{Interrupted, to_json};
 use crate::session::option_values;
 use crate::session::state::Work;
-use config::{AboutSection, RangesName, SurveySection};
+use config::{AboutSection, SurveySection};
 use imaging::{BuildError, Conditions, Method, Model, ReconstructionSettings};
 use survey::error_chain as chain;
 
@@ -78,6 +78,21 @@ fn about(options: &SessionOptions, given: &AboutSection) -> About {
 fn read(options: &Options, groups: &[&[&str]]) -> Result<SessionOptions, Fault> {
     options.only(&groups.concat())?;
     option_values::read(options, option_values::session_option)
+}
+
+/// The configured survey with the options of the same names in their place.
+fn overlaid(
+    configured: &SurveySection,
+    options: &SessionOptions,
+) -> Result<SurveySection, serde_json::Error> {
+    let mut survey = serde_json::to_value(configured)?;
+    let options = serde_json::to_value(options)?;
+    for key in MEASURING_OPTIONS {
+        if let Some(variant) = options.get(key) {
+            survey[key] = variant["value"].clone();
+        }
+    }
+    serde_json::from_value(survey)
 }
 
 /// The readings of a session: those of its own plan, else the configured ones.
@@ -283,34 +298,19 @@ impl Controller {
     /// How a session measures that says so; `None` where it measures as configured.
     fn own_survey(&self, options: &SessionOptions) -> Result<Option<SurveySection>, Fault> {
         let runtime = self.runtime();
-        let mut survey = runtime.setup.config.survey.clone();
-        let configured = survey.clone();
-        survey.nplc = options.nplc.unwrap_or(survey.nplc);
-        survey.settle_ms = options.settle_ms.unwrap_or(survey.settle_ms);
-        survey.channel_delay_ms = options.channel_delay_ms.unwrap_or(survey.channel_delay_ms);
-        survey.autozero = options.autozero.unwrap_or(survey.autozero);
-        survey.reversal = options.reversal.unwrap_or(survey.reversal);
-        survey.half = options.half.unwrap_or(survey.half);
-        if let Some(skip) = options.skip {
-            survey.skip = usize::try_from(skip).unwrap_or(usize::MAX);
+        let configured = &runtime.setup.config.survey;
+        if let Some(other) = options.ranges.as_deref()
+            && !["fixed", "planned"].contains(&other)
+        {
+            return Err(Fault::InvalidOption(format!(
+                "option 'ranges' is '{other}'; it is 'fixed' or 'planned'"
+            )));
         }
-        if let Some(averages) = options.averages {
-            survey.averages = u32::try_from(averages).unwrap_or(u32::MAX);
-        }
-        if let Some(every) = options.zero_every {
-            survey.zero_every = Some(every).filter(|every| *every > 0);
-        }
-        survey.ranges = match options.ranges.as_deref() {
-            None => survey.ranges,
-            Some("fixed") => RangesName::Fixed,
-            Some("planned") => RangesName::Planned,
-            Some(other) => {
-                return Err(Fault::InvalidOption(format!(
-                    "option 'ranges' is '{other}'; it is 'fixed' or 'planned'"
-                )));
-            }
-        };
-        if survey == configured {
+        let mut survey = overlaid(configured, options)
+            .map_err(|error| Fault::InvalidOption(format!("how to measure: {error}")))?;
+        // 0 is never; in a file the key is left out instead
+        survey.zero_every = survey.zero_every.filter(|every| *every > 0);
+        if survey == *configured {
             return Ok(None);
         }
         if self.is_recording() {
