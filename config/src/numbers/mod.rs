@@ -14,7 +14,7 @@ const AVERAGES: Bounds = Within(1.0, 1000.0);
 const EVERY_S: Bounds = Within(0.0, LONGEST_S);
 const FOR_S: Bounds = Above(0.0, LONGEST_S);
 /// Frames of a session.
-const COUNT: Bounds = Within(1.0, 1e15);
+pub const COUNT: Bounds = Within(1.0, 1e15);
 const SPEED: Bounds = Within(0.0, 1e6);
 /// Largest ring: its 64,768 readings are far beyond any switch.
 const ELECTRODES: Bounds = Within(1.0, 256.0);

@@ -56,7 +56,7 @@ impl Session1 {
     /// they are taken, or when a recording ends before.
     async fn step(&self, frames: u64) -> Result<u64, Fault> {
         self.running()?;
-        checked("frames", frames as f64, option_values::COUNT)?;
+        checked("frames", frames as f64, config::numbers::COUNT)?;
         let upto = self.0.grant(frames).ok_or_else(|| {
             Fault::Unsupported(
                 "this session has a schedule; start one with the option 'step'".into(),
