@@ -2,7 +2,6 @@
 
 use std::fmt;
 
-use crate::effects::Foam;
 use crate::load::loss_of_pressure;
 use crate::paper;
 
@@ -33,6 +32,57 @@ pub(crate) trait Conduction: fmt::Debug + Send {
 
 /// Foam cannot be thinner than this share of itself.
 const THINNEST: f64 = 0.05;
+
+/// Stress and strain of foam, with the slopes of the curve.
+#[derive(Debug)]
+pub(crate) struct Foam {
+    /// Pressure (kPa), strain, slope; the first is nothing at nothing.
+    points: Vec<[f64; 3]>,
+}
+
+impl Foam {
+    /// A monotone cubic through pressures (kPa) and strains (%), both rising, from nothing at nothing.
+    pub(crate) fn new(kpa: &[f64], strain_percent: &[f64]) -> Self {
+        let given = kpa.iter().zip(strain_percent);
+        let mut points: Vec<[f64; 3]> = [[0.0; 3]]
+            .into_iter()
+            .chain(given.map(|(kpa, percent)| [*kpa, percent / 100.0, 0.0]))
+            .collect();
+        let secant = |a: [f64; 3], b: [f64; 3]| (b[1] - a[1]) / (b[0] - a[0]);
+        let last = points.len() - 1;
+        // Within, the weighted harmonic mean of both secants: it keeps the cubic monotone. At the ends the secant.
+        points[0][2] = secant(points[0], points[1]);
+        points[last][2] = secant(points[last - 1], points[last]);
+        for k in 1..last {
+            let [a, b, c] = [points[k - 1], points[k], points[k + 1]];
+            let (before, after) = (b[0] - a[0], c[0] - b[0]);
+            let (w, v) = (2.0 * after + before, after + 2.0 * before);
+            points[k][2] = (w + v) / (w / secant(a, b) + v / secant(b, c));
+        }
+        Self { points }
+    }
+
+    /// The strain under a pressure, kPa; 0 to 1.
+    pub(crate) fn strain(&self, kpa: f64) -> f64 {
+        let after = self.points.iter().position(|point| point[0] >= kpa);
+        match after {
+            Some(0) => 0.0,
+            Some(k) => {
+                let [a, b] = [self.points[k - 1], self.points[k]];
+                let wide = b[0] - a[0];
+                let t = (kpa - a[0]) / wide;
+                let rest = 1.0 - t;
+                // Hermite's cubic
+                rest * rest * ((1.0 + 2.0 * t) * a[1] + t * wide * a[2])
+                    + t * t * ((3.0 - 2.0 * t) * b[1] - rest * wide * b[2])
+            }
+            None => {
+                let [at, strain, _] = self.points[self.points.len() - 1];
+                1.0 - (1.0 - strain) * at / kpa
+            }
+        }
+    }
+}
 
 /// What a pressure does to the conductance, by the scene's effects.
 #[derive(Debug)]

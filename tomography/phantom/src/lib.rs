@@ -34,12 +34,12 @@ mod sheet;
 mod shipped;
 
 pub use effects::settings::*;
-pub use effects::{EffectSettings, Needs, ParameterFault, PronyStep, ReadingContext, RelayContact};
+pub use effects::{EffectSettings, Needs, ParameterFault, PronyStep, RelayContact};
 pub use law::Pressure;
 pub use load::{GRAVITY, Load, LoadError, Shape, loss_of_pressure, pressure_kpa};
 pub use press::{Amount, Contact, TimedLoad, Waypoint};
 pub use preview::{Prediction, Preview};
-pub use scan::{Scan, across};
+pub use scan::{ReadingContext, Scan, across};
 pub use scene::{FINER, Scene, SceneError, SceneFault};
 pub use sheet::{Phantom, PhantomError};
 pub use shipped::OpenError;

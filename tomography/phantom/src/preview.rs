@@ -12,8 +12,8 @@ use std::time::Duration;
 use eit::{Forward, Parameters, Preset};
 use nalgebra::DMatrix;
 
-use crate::effects::{EffectSettings, ReadingContext};
-use crate::scan::{Scan, across};
+use crate::effects::{EffectSettings, SheetResponse, UnloadedReading};
+use crate::scan::{ReadingContext, Scan, across};
 use crate::scene::Scene;
 use crate::sheet::{Phantom, PhantomError};
 
@@ -28,20 +28,11 @@ const LOADED: usize = 24;
 /// Frames at which the loads are solved with and without an effect on them.
 const PRESSED: usize = 12;
 
-/// One reading of the unloaded sheet.
-#[derive(Debug, Clone)]
-pub(crate) struct Sight {
-    /// V
-    pub(crate) exact: f64,
-    /// How it is taken in the first frame.
-    pub(crate) context: ReadingContext,
-}
-
 /// What a prediction may know of a scene and its scan.
 #[derive(Debug)]
 pub struct Preview {
     scan: Scan,
-    sights: Vec<Sight>,
+    sights: Vec<UnloadedReading>,
     effects: EffectSettings,
     /// With its loads, without effects, on a coarse mesh.
     pressed: Scene,
@@ -83,12 +74,12 @@ impl Preview {
         };
         let mut phantom = Phantom::new(untouched.clone())?;
         let z = phantom.transfer_impedance(Duration::ZERO)?.clone();
-        let sights: Vec<Sight> = scan
+        let sights: Vec<UnloadedReading> = scan
             .protocol
             .measurements()
             .iter()
             .zip(scan.contexts(Duration::ZERO))
-            .map(|(asked, context)| Sight {
+            .map(|(asked, context)| UnloadedReading {
                 exact: scan.current.0 * across(&z, asked.sense, asked.drive),
                 context: ReadingContext {
                     source_resistance: survey::Ohms(across(&z, asked.sense, asked.sense)),
@@ -178,12 +169,6 @@ impl Preview {
             .collect()
     }
 
-    /// Rms of something over the readings of a frame.
-    pub(crate) fn rms(&self, of: impl Fn(&Sight) -> f64) -> f64 {
-        let sum: f64 = self.sights.iter().map(|sight| of(sight).powi(2)).sum();
-        (sum / self.sights.len() as f64).sqrt()
-    }
-
     /// The middles of so many frames from the first to the last.
     fn moments(&self, most: usize) -> impl Iterator<Item = Duration> {
         let frames = self.scan.frames.max(1);
@@ -199,8 +184,50 @@ impl Preview {
         })
     }
 
-    /// Rms over the frames of something that changes with time, s.
-    pub(crate) fn over_time(&self, of: impl Fn(f64) -> f64) -> f64 {
+    /// The effects of the scene that say what a pressure does.
+    fn laws(&self) -> EffectSettings {
+        EffectSettings {
+            foam: self.effects.foam.clone(),
+            gauge_law: self.effects.gauge_law.clone(),
+            exponential_law: self.effects.exponential_law.clone(),
+            log_law: self.effects.log_law.clone(),
+            ..EffectSettings::default()
+        }
+    }
+
+    /// Rms of what readings differ by between two networks (ohm), V.
+    fn apart(&self, one: &DMatrix<f64>, other: &DMatrix<f64>) -> f64 {
+        let asked = self.scan.protocol.measurements().iter();
+        let differ = one - other;
+        let sum: f64 = asked
+            .map(|asked| (self.scan.current.0 * across(&differ, asked.sense, asked.drive)).powi(2))
+            .sum();
+        (sum / self.sights.len() as f64).sqrt()
+    }
+
+    fn changed_by(&self, z: &DMatrix<f64>) -> f64 {
+        let asked = self.scan.protocol.measurements().iter();
+        let sum: f64 = asked
+            .zip(&self.sights)
+            .map(|(asked, sight)| {
+                (self.scan.current.0 * across(z, asked.sense, asked.drive) - sight.exact).powi(2)
+            })
+            .sum();
+        (sum / self.sights.len() as f64).sqrt()
+    }
+}
+
+impl SheetResponse for Preview {
+    fn scan(&self) -> &Scan {
+        &self.scan
+    }
+
+    fn rms(&self, of: &dyn Fn(&UnloadedReading) -> f64) -> f64 {
+        let sum: f64 = self.sights.iter().map(|sight| of(sight).powi(2)).sum();
+        (sum / self.sights.len() as f64).sqrt()
+    }
+
+    fn over_time(&self, of: &dyn Fn(f64) -> f64) -> f64 {
         let (sum, count) = self
             .moments(MOMENTS)
             .map(|at| of(at.as_secs_f64()).powi(2))
@@ -210,22 +237,18 @@ impl Preview {
         (sum / f64::from(count)).sqrt()
     }
 
-    /// What readings change by for each unit of ln(conductance) of the whole sheet, V. By Euler's identity (fact sheet,
-    /// section 1) -V plus what the contacts take: sum(sigma dV/dsigma) = -V + sum(z dV/dz).
-    pub(crate) fn uniform(&self) -> f64 {
+    fn uniform(&self) -> f64 {
         let sum: f64 = (self.sights.iter().zip(self.contacts.row_iter()))
             .map(|(sight, contacts)| (contacts.sum() - sight.exact).powi(2))
             .sum();
         (sum / self.sights.len() as f64).sqrt()
     }
 
-    /// What readings change by when each contact's ln(impedance) has a standard deviation of one, each its own, V.
-    pub(crate) fn contacts(&self) -> f64 {
+    fn contacts(&self) -> f64 {
         (self.contacts.norm_squared() / self.sights.len() as f64).sqrt()
     }
 
-    /// What a random field of ln(conductance) changes readings by, its covariance given by distance (m), V.
-    pub(crate) fn random_field(&self, covariance: impl Fn(f64) -> f64) -> f64 {
+    fn random_field(&self, covariance: &dyn Fn(f64) -> f64) -> f64 {
         let together = self.cells.tr_mul(&self.cells);
         let mut sum = 0.0;
         for (i, a) in self.centres.iter().enumerate() {
@@ -236,16 +259,13 @@ impl Preview {
         (sum / self.sights.len() as f64).sqrt()
     }
 
-    /// Rms of what readings change by when the network between the electrodes (ohm) is changed, V.
-    pub(crate) fn network(&self, change: impl FnOnce(&mut DMatrix<f64>)) -> f64 {
+    fn network(&self, change: &dyn Fn(&mut DMatrix<f64>)) -> f64 {
         let mut z = self.z.clone();
         change(&mut z);
         self.changed_by(&z)
     }
 
-    /// The same for a change of conductances (S, at centroids in m) and contacts (ohm m), by one solution; infinite where
-    /// there is none.
-    pub(crate) fn solved(&self, change: impl FnOnce(&[[f64; 2]], &mut [f64], &mut [f64])) -> f64 {
+    fn solved(&self, change: &dyn Fn(&[[f64; 2]], &mut [f64], &mut [f64])) -> f64 {
         let mesh = self.phantom.mesh();
         let places: Vec<[f64; 2]> = (0..mesh.triangles().len())
             .map(|t| mesh.centroid(t))
@@ -258,20 +278,7 @@ impl Preview {
             .map_or(f64::INFINITY, |z| self.changed_by(&z))
     }
 
-    /// The effects of the scene that say what a pressure does.
-    fn laws(&self) -> EffectSettings {
-        EffectSettings {
-            foam: self.effects.foam.clone(),
-            gauge_law: self.effects.gauge_law.clone(),
-            exponential_law: self.effects.exponential_law.clone(),
-            log_law: self.effects.log_law.clone(),
-            ..EffectSettings::default()
-        }
-    }
-
-    /// What an effect on the loads changes readings by: rms over some frames of the scene's loads, solved with it and
-    /// without. Nothing without loads.
-    pub(crate) fn on_loads(&self, set: impl Fn(&mut EffectSettings, bool)) -> f64 {
+    fn on_loads(&self, set: &dyn Fn(&mut EffectSettings, bool)) -> f64 {
         if self.pressed.loads.is_empty() {
             return 0.0;
         }
@@ -298,8 +305,7 @@ impl Preview {
         (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
     }
 
-    /// What an effect on the unloaded sheet's mesh changes readings by, with the scene's own draws.
-    pub(crate) fn misplaced(&self, set: impl FnOnce(&mut EffectSettings)) -> f64 {
+    fn misplaced(&self, set: &dyn Fn(&mut EffectSettings)) -> f64 {
         let mut scene = Scene {
             loads: Vec::new(),
             ..self.pressed.clone()
@@ -318,31 +324,9 @@ impl Preview {
         }
     }
 
-    /// What the voltmeter's input has, ohm; without bound where the scene does not say.
-    pub(crate) fn input_ohm(&self) -> f64 {
+    fn input_ohm(&self) -> f64 {
         let named = self.effects.input_resistance.as_ref();
         named.map_or(f64::INFINITY, |input| input.mohm * 1e6)
-    }
-
-    /// Rms of what readings differ by between two networks (ohm), V.
-    fn apart(&self, one: &DMatrix<f64>, other: &DMatrix<f64>) -> f64 {
-        let asked = self.scan.protocol.measurements().iter();
-        let differ = one - other;
-        let sum: f64 = asked
-            .map(|asked| (self.scan.current.0 * across(&differ, asked.sense, asked.drive)).powi(2))
-            .sum();
-        (sum / self.sights.len() as f64).sqrt()
-    }
-
-    fn changed_by(&self, z: &DMatrix<f64>) -> f64 {
-        let asked = self.scan.protocol.measurements().iter();
-        let sum: f64 = asked
-            .zip(&self.sights)
-            .map(|(asked, sight)| {
-                (self.scan.current.0 * across(z, asked.sense, asked.drive) - sight.exact).powi(2)
-            })
-            .sum();
-        (sum / self.sights.len() as f64).sqrt()
     }
 }
 

@@ -1,14 +1,56 @@
-//! Frames straight from a phantom, in time that nobody waits for: what an ideal voltmeter is given, reading by reading.
+//! How frames are taken without instruments, in time that nobody waits for: the context of each reading.
 //!
-//! No instrument and no text is between sheet and frame here, so compliance, ranges and digits are the bench's to show.
 //! Times follow the fact sheet's formula (section 2.2): T = drives x settle + readings x (switching + NPLC / f_line).
 
 use std::time::Duration;
 
 use survey::{Amps, Dipole, Ohms, Protocol, ProtocolError, Relay, Volts};
 
-use crate::effects::ReadingContext;
-use crate::sheet::{Phantom, PhantomError};
+/// How a reading is taken, as far as an effect may depend on it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReadingContext {
+    /// When the reading ends.
+    pub at: Duration,
+    /// How long the voltmeter has integrated until then.
+    pub integration: Duration,
+    /// The voltmeter's range.
+    pub range: Volts,
+    /// Integration in power-line cycles.
+    pub nplc: f64,
+    /// The voltmeter's resolution at this integration as a part of its range, which effects take for its noise.
+    pub resolution: f64,
+    /// The channel that leads to the voltmeter; `None` for its bare input.
+    pub relay: Option<Relay>,
+    /// The current that the source was told to drive, or less in compliance.
+    pub flowing: Amps,
+    /// The source's range.
+    pub source_range: Amps,
+    /// From the last change of current or relays to the reading's end.
+    pub since_change: Duration,
+    /// Resistance between the voltmeter's terminals, looking into the sheet; asked for only where [`crate::Needs`] says so.
+    pub source_resistance: Ohms,
+    /// Resistance that the source drives its current through; asked for only where [`crate::Needs`] says so.
+    pub load_resistance: Ohms,
+}
+
+impl ReadingContext {
+    /// From the last change to the beginning of the integration.
+    pub(crate) fn settled(&self) -> Duration {
+        self.since_change.saturating_sub(self.integration)
+    }
+
+    /// Mean of exp(-t / tau) over the integration, t since the last change; tau in s.
+    pub(crate) fn mean_left_after(&self, tau: f64) -> f64 {
+        let begin = self.settled().as_secs_f64() / tau;
+        let length = self.integration.as_secs_f64() / tau;
+        let mean = if length > 0.0 {
+            -(-length).exp_m1() / length
+        } else {
+            1.0
+        };
+        (-begin).exp() * mean
+    }
+}
 
 /// How frames are taken.
 #[derive(Debug, Clone, PartialEq)]
@@ -104,35 +146,6 @@ impl Scan {
                 load_resistance: Ohms(0.0),
             }
         })
-    }
-
-    /// The readings of a frame that begins at a moment no earlier than the last.
-    ///
-    /// # Errors
-    /// A sheet that cannot be solved.
-    pub fn frame(
-        &self,
-        phantom: &mut Phantom,
-        begin: Duration,
-    ) -> Result<Vec<Volts>, PhantomError> {
-        let needs = phantom.needs();
-        let asked = self.protocol.measurements().iter();
-        asked
-            .zip(self.contexts(begin))
-            .map(|(asked, context)| {
-                let z = phantom.transfer_impedance(context.at)?;
-                let exact = self.current.0 * across(z, asked.sense, asked.drive);
-                let seen = |needed: bool, pair: Dipole| {
-                    Ohms(if needed { across(z, pair, pair) } else { 0.0 })
-                };
-                let context = ReadingContext {
-                    source_resistance: seen(needs.source_resistance, asked.sense),
-                    load_resistance: seen(needs.load_resistance, asked.drive),
-                    ..context
-                };
-                Ok(phantom.reading(Volts(exact), context))
-            })
-            .collect()
     }
 }
 

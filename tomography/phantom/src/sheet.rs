@@ -5,13 +5,14 @@ use std::time::Duration;
 
 use eit::{DiscTank, Forward, ForwardError, Mesh, MeshError, PaperSheet, Preset};
 use nalgebra::DMatrix;
-use survey::{Ohms, Relay, Volts};
+use survey::{Dipole, Ohms, Relay, Volts};
 
-use crate::effects::{Effects, Needs, Places, ReadingContext, RelayContact};
+use crate::effects::{Effects, Needs, Places, RelayContact};
 use crate::history::History;
 use crate::law::Law;
 use crate::load::{Load, LoadError};
 use crate::press::{Print, Stage};
+use crate::scan::{ReadingContext, Scan, across};
 use crate::scene::Scene;
 
 /// Solutions kept: the untouched sheet and a few recent states.
@@ -336,5 +337,37 @@ impl Phantom {
     /// where the scene names none.
     pub fn reading(&mut self, exact: Volts, context: ReadingContext) -> Volts {
         self.effects.reading(exact, &context)
+    }
+}
+
+impl Scan {
+    /// The readings of a frame that begins at a moment no earlier than the last, as an ideal voltmeter is given them: without
+    /// compliance, ranges and digits, which are the instruments'.
+    ///
+    /// # Errors
+    /// A sheet that cannot be solved.
+    pub fn frame(
+        &self,
+        phantom: &mut Phantom,
+        begin: Duration,
+    ) -> Result<Vec<Volts>, PhantomError> {
+        let needs = phantom.needs();
+        let asked = self.protocol.measurements().iter();
+        asked
+            .zip(self.contexts(begin))
+            .map(|(asked, context)| {
+                let z = phantom.transfer_impedance(context.at)?;
+                let exact = self.current.0 * across(z, asked.sense, asked.drive);
+                let seen = |needed: bool, pair: Dipole| {
+                    Ohms(if needed { across(z, pair, pair) } else { 0.0 })
+                };
+                let context = ReadingContext {
+                    source_resistance: seen(needs.source_resistance, asked.sense),
+                    load_resistance: seen(needs.load_resistance, asked.drive),
+                    ..context
+                };
+                Ok(phantom.reading(Volts(exact), context))
+            })
+            .collect()
     }
 }

@@ -166,7 +166,10 @@ fn lists(rows: &mut Vec<Row>) {
             Ok(Command::SetList(list, list_values(list, &call.arguments)?))
         });
         row(rows, more, move |call| {
-            Ok(Command::AppendList(list, list_values(list, &call.arguments)?))
+            Ok(Command::AppendList(
+                list,
+                list_values(list, &call.arguments)?,
+            ))
         });
         row(rows, &format!("{values}?"), move |call| {
             plain(call, Command::List(list))

@@ -7,7 +7,7 @@ use eit::Preset;
 use nalgebra::DMatrix;
 use survey::{Ohms, Relay, Volts};
 
-use super::ReadingContext;
+use crate::scan::ReadingContext;
 
 /// Acts on the phantom's own mesh, once.
 pub(crate) trait OnMesh: fmt::Debug + Send {

@@ -10,8 +10,8 @@ use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
 use super::wander::Wander;
-use super::{Effect, Effects, OnReading, ReadingContext, stream};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnReading, SheetResponse, stream};
+use crate::scan::ReadingContext;
 
 /// How far the zero wanders.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -51,8 +51,8 @@ impl Effect for AutozeroOffSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.rms(|sight| self.volts(&sight.context))
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.rms(&|sight| self.volts(&sight.context))
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {

@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnReading, ReadingContext};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnReading, SheetResponse};
+use crate::scan::ReadingContext;
 
 /// How much flows out of the input.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -29,8 +29,8 @@ impl Effect for BiasCurrentSettings {
         Bounds::new().within("pa", self.pa, [-1e6, 1e6], "pA").end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.rms(|sight| self.pa * 1e-12 * sight.context.source_resistance.0)
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.rms(&|sight| self.pa * 1e-12 * sight.context.source_resistance.0)
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {

@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 use survey::{Relay, Volts};
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnReading, ReadingContext, stream};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnReading, SheetResponse, stream};
+use crate::scan::ReadingContext;
 
 /// Which channels are noisy, and how much.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -44,8 +44,8 @@ impl Effect for ChannelNoiseSettings {
         Bounds::new().within("uv", self.uv, [0.0, 1e6], "uV").end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.rms(|sight| {
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.rms(&|sight| {
             let noisy = (sight.context.relay).is_some_and(|relay| self.channels.contains(&relay.0));
             if noisy { self.uv * 1e-6 } else { 0.0 }
         })

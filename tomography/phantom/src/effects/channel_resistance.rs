@@ -13,8 +13,7 @@ use serde::{Deserialize, Serialize};
 use survey::Relay;
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnWires, RelayContact, stream};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnWires, RelayContact, SheetResponse, stream};
 
 /// What relays add.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -51,12 +50,12 @@ impl Effect for ChannelResistanceSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
         // With the voltmeter's input it divides: two poles of a channel and two of the relay to the bus.
         let mean = self.ohm * (0.5 * self.std * self.std).exp();
         let each = mean + self.dirty_percent / 100.0 * self.dirty_ohm;
-        let share = 4.0 * each / about.input_ohm();
-        about.rms(|sight| sight.exact * share)
+        let share = 4.0 * each / response.input_ohm();
+        response.rms(&|sight| sight.exact * share)
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {

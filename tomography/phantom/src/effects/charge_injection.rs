@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnReading, ReadingContext};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnReading, SheetResponse};
+use crate::scan::ReadingContext;
 
 /// How much charge, into what.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -46,8 +46,8 @@ impl Effect for ChargeInjectionSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.rms(|sight| self.left(&sight.context))
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.rms(&|sight| self.left(&sight.context))
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {

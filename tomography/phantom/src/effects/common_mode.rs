@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnReading, ReadingContext};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnReading, SheetResponse};
+use crate::scan::ReadingContext;
 
 /// How well the voltmeter tells a difference from what is common.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -44,8 +44,8 @@ impl Effect for CommonModeSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.rms(|sight| self.volts(&sight.context))
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.rms(&|sight| self.volts(&sight.context))
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {

@@ -8,8 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
 use super::wander::Wander;
-use super::{Effect, Effects, OnContacts, stream};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnContacts, SheetResponse, stream};
 
 /// How contacts wander.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -42,8 +41,8 @@ impl Effect for ContactDriftSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.contacts() * self.percent / 100.0
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.contacts() * self.percent / 100.0
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {

@@ -10,8 +10,7 @@ use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnContacts, stream};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnContacts, SheetResponse, stream};
 
 /// How much contacts differ.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -32,8 +31,8 @@ impl Effect for ContactSpreadSettings {
         Bounds::new().within("std", self.std, [0.0, 3.0], "").end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.contacts() * self.std
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.contacts() * self.std
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {

@@ -8,8 +8,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnSheet};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnSheet, SheetResponse};
 
 /// Where the crack runs and how it grows.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -92,9 +91,9 @@ impl Effect for CrackSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        let lost = about.over_time(|at| -(-at / 86_400.0 / self.days).exp_m1());
-        about.solved(|places, sigma, _| self.cut(lost, places, sigma))
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        let lost = response.over_time(&|at| -(-at / 86_400.0 / self.days).exp_m1());
+        response.solved(&|places, sigma, _| self.cut(lost, places, sigma))
     }
 
     fn assumes(&self) -> Option<String> {

@@ -11,8 +11,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnLoss, Places};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnLoss, Places, SheetResponse};
 
 /// How the foam creeps.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -58,8 +57,8 @@ impl Effect for CreepSettings {
         .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.on_loads(|effects, on| effects.creep = on.then(|| self.clone()))
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.on_loads(&|effects, on| effects.creep = on.then(|| self.clone()))
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {

@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnReading, ReadingContext, stream};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnReading, SheetResponse, stream};
+use crate::scan::ReadingContext;
 
 /// How much the current trembles.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -33,9 +33,9 @@ impl Effect for CurrentNoiseSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
         let share = self.range_ppm * 1e-6;
-        about.rms(|sight| {
+        response.rms(&|sight| {
             sight.exact * share * sight.context.source_range.0 / sight.context.flowing.0
         })
     }

@@ -8,8 +8,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnContacts};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnContacts, SheetResponse};
 
 /// Which electrode comes off, and when.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -78,10 +77,10 @@ impl Effect for DetachmentSettings {
         Fault::beyond("electrode", self.electrode, electrodes)
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        let off = about.solved(|_, _, contacts| self.lift(1.0, contacts));
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        let off = response.solved(&|_, _, contacts| self.lift(1.0, contacts));
         // Of what becomes of it in the end that much is there: the contact's conductance goes, not its logarithm.
-        off * about.over_time(|at| 1.0 - self.times.powf(-self.share(at)))
+        off * response.over_time(&|at| 1.0 - self.times.powf(-self.share(at)))
     }
 
     fn assumes(&self) -> Option<String> {

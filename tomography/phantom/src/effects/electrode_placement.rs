@@ -11,8 +11,7 @@ use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnMesh, stream};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnMesh, SheetResponse, stream};
 
 /// How badly electrodes are placed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -41,8 +40,8 @@ impl Effect for ElectrodePlacementSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.misplaced(|effects| effects.electrode_placement = Some(self.clone()))
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.misplaced(&|effects| effects.electrode_placement = Some(self.clone()))
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {

@@ -8,8 +8,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects};
-use crate::preview::Preview;
+use super::{Effect, Effects, SheetResponse};
+use crate::law::Foam;
 
 /// Points of the curve.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -62,8 +62,8 @@ impl Effect for FoamSettings {
         Ok(())
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.on_loads(|effects, on| {
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.on_loads(&|effects, on| {
             effects.foam = on.then(|| self.clone());
             // A foam that the scene does not name would contradict it.
             if on {
@@ -73,57 +73,13 @@ impl Effect for FoamSettings {
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.foam = Some(Foam::new(self));
+        effects.foam = Some(self.curve());
     }
 }
 
-/// The curve, with its slopes.
-#[derive(Debug)]
-pub(crate) struct Foam {
-    /// Pressure (kPa), strain, slope; the first is nothing at nothing.
-    points: Vec<[f64; 3]>,
-}
-
-impl Foam {
-    fn new(settings: &FoamSettings) -> Self {
-        let given = settings.kpa.iter().zip(&settings.strain_percent);
-        let mut points: Vec<[f64; 3]> = [[0.0; 3]]
-            .into_iter()
-            .chain(given.map(|(kpa, percent)| [*kpa, percent / 100.0, 0.0]))
-            .collect();
-        let secant = |a: [f64; 3], b: [f64; 3]| (b[1] - a[1]) / (b[0] - a[0]);
-        let last = points.len() - 1;
-        // Within, the weighted harmonic mean of both secants: it keeps the cubic monotone. At the ends the secant.
-        points[0][2] = secant(points[0], points[1]);
-        points[last][2] = secant(points[last - 1], points[last]);
-        for k in 1..last {
-            let [a, b, c] = [points[k - 1], points[k], points[k + 1]];
-            let (before, after) = (b[0] - a[0], c[0] - b[0]);
-            let (w, v) = (2.0 * after + before, after + 2.0 * before);
-            points[k][2] = (w + v) / (w / secant(a, b) + v / secant(b, c));
-        }
-        Self { points }
-    }
-
-    /// The strain under a pressure, kPa; 0 to 1.
-    pub(crate) fn strain(&self, kpa: f64) -> f64 {
-        let after = self.points.iter().position(|point| point[0] >= kpa);
-        match after {
-            Some(0) => 0.0,
-            Some(k) => {
-                let [a, b] = [self.points[k - 1], self.points[k]];
-                let wide = b[0] - a[0];
-                let t = (kpa - a[0]) / wide;
-                let rest = 1.0 - t;
-                // Hermite's cubic
-                rest * rest * ((1.0 + 2.0 * t) * a[1] + t * wide * a[2])
-                    + t * t * ((3.0 - 2.0 * t) * b[1] - rest * wide * b[2])
-            }
-            None => {
-                let [at, strain, _] = self.points[self.points.len() - 1];
-                1.0 - (1.0 - strain) * at / kpa
-            }
-        }
+impl FoamSettings {
+    fn curve(&self) -> Foam {
+        Foam::new(&self.kpa, &self.strain_percent)
     }
 }
 
@@ -146,7 +102,7 @@ mod tests {
         ];
         for settings in curves {
             settings.check().unwrap();
-            let foam = Foam::new(&settings);
+            let foam = settings.curve();
             assert_eq!(foam.strain(0.0), 0.0);
             for (kpa, percent) in settings.kpa.iter().zip(&settings.strain_percent) {
                 assert!((foam.strain(*kpa) - percent / 100.0).abs() < 1e-14);
@@ -159,10 +115,7 @@ mod tests {
             }
         }
         // A straight line stays one.
-        let straight = Foam::new(&FoamSettings {
-            kpa: vec![1.0, 2.0, 4.0],
-            strain_percent: vec![10.0, 20.0, 40.0],
-        });
+        let straight = Foam::new(&[1.0, 2.0, 4.0], &[10.0, 20.0, 40.0]);
         assert!((straight.strain(2.7) - 0.27).abs() < 1e-15);
     }
 }

@@ -6,9 +6,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects};
+use super::{Effect, Effects, SheetResponse};
 use crate::law::Conduction;
-use crate::preview::Preview;
 
 /// How much conductance a strain costs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -31,8 +30,8 @@ impl Effect for GaugeLawSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.on_loads(|effects, on| {
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.on_loads(&|effects, on| {
             if on {
                 effects.exponential_law = None;
                 effects.log_law = None;

@@ -9,8 +9,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnSheet};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnSheet, SheetResponse};
 
 /// The room's humidity, and what the sheet makes of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -56,11 +55,11 @@ impl Effect for HumiditySettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
         let turn = TAU / (self.period_h * 3600.0);
         let slow = turn * self.tau_h * 3600.0;
         let size = self.percent_per_10_rh / 1000.0 * self.room_rh / slow.hypot(1.0);
-        about.uniform() * about.over_time(|at| size * (turn * at - slow.atan()).sin())
+        response.uniform() * response.over_time(&|at| size * (turn * at - slow.atan()).sin())
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {

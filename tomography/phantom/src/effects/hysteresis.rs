@@ -8,8 +8,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnLoss, Places};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnLoss, Places, SheetResponse};
 
 /// How wide the loop is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -38,8 +37,8 @@ impl Effect for HysteresisSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.on_loads(|effects, on| effects.hysteresis = on.then(|| self.clone()))
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.on_loads(&|effects, on| effects.hysteresis = on.then(|| self.clone()))
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {

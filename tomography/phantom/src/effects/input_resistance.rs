@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnReading, ReadingContext};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnReading, SheetResponse};
+use crate::scan::ReadingContext;
 
 /// How much the voltmeter loads what it measures.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -31,8 +31,8 @@ impl Effect for InputResistanceSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.rms(|sight| {
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.rms(&|sight| {
             let source = sight.context.source_resistance.0;
             sight.exact * source / (self.mohm * 1e6 + source)
         })

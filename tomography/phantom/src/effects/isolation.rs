@@ -10,8 +10,7 @@ use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnNetwork};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnNetwork, SheetResponse};
 
 /// How well wires are insulated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -46,8 +45,8 @@ impl Effect for IsolationSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.network(|z| self.leak(z))
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.network(&|z| self.leak(z))
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {

@@ -9,8 +9,7 @@ use serde::{Deserialize, Serialize};
 use survey::{Ohms, Relay};
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnWires, RelayContact};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnWires, RelayContact, SheetResponse};
 
 /// What the source's wires add.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -33,7 +32,7 @@ impl Effect for LeadResistanceSettings {
             .end()
     }
 
-    fn predict(&self, _about: &Preview) -> f64 {
+    fn predict(&self, _response: &dyn SheetResponse) -> f64 {
         // It is in no reading: the source drives its current all the same, until compliance.
         0.0
     }

@@ -7,9 +7,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects};
+use super::{Effect, Effects, SheetResponse};
 use crate::law::Conduction;
-use crate::preview::Preview;
 
 /// How much resistance a pressure takes away.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -44,8 +43,8 @@ impl Effect for LogLawSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.on_loads(|effects, on| {
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.on_loads(&|effects, on| {
             if on {
                 effects.gauge_law = None;
                 effects.exponential_law = None;

@@ -12,8 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
 use super::wander::Wander;
-use super::{Effect, Effects, OnSheet, stream};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnSheet, SheetResponse, stream};
 
 /// Time constants, h.
 const HOURS: [f64; 7] = [1.0, 3.0, 9.0, 27.0, 81.0, 243.0, 720.0];
@@ -62,14 +61,14 @@ impl Effect for LongDriftSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
         // Each part has its own variance at each moment.
-        let size = about.over_time(|at| {
+        let size = response.over_time(&|at| {
             let days = at / 86_400.0;
             let ran_in = -self.running_in_percent * (-days / self.running_in_days).exp_m1();
             (self.wander_percent.powi(2) + self.walk_percent.powi(2) * days + ran_in.powi(2)).sqrt()
         });
-        about.uniform() * size / 100.0
+        response.uniform() * size / 100.0
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {

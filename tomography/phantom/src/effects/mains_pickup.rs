@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnReading, ReadingContext};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnReading, SheetResponse};
+use crate::scan::ReadingContext;
 
 /// The mains as they reach the voltmeter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -48,9 +48,9 @@ impl Effect for MainsPickupSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
         // Every phase is as likely: a sine's rms is its amplitude by the root of two.
-        let time = about.scan().integration().as_secs_f64();
+        let time = response.scan().integration().as_secs_f64();
         let mains = self.line_hz * (1.0 + self.off_percent / 100.0);
         let both = kept(mains, time).hypot(self.third * kept(3.0 * mains, time));
         self.mv * 1e-3 * both * FRAC_1_SQRT_2

@@ -40,6 +40,7 @@ mod mains_pickup;
 mod output_resistance;
 mod quantisation;
 mod relay_bounce;
+mod response;
 mod self_heating;
 mod set;
 mod short;
@@ -60,63 +61,17 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use survey::{Amps, Ohms, Relay, Volts};
+use survey::Volts;
 
 pub use acts::RelayContact;
 pub(crate) use acts::{OnContacts, OnLoss, OnMesh, OnNetwork, OnReading, OnSheet, OnWires, Places};
 pub use bounds::Fault as ParameterFault;
 pub use creep::PronyStep;
-pub(crate) use foam::Foam;
 
-use crate::law::{Conduction, Law, Pressure};
+pub(crate) use response::{SheetResponse, UnloadedReading};
 
-use crate::preview::Preview;
-
-/// How a reading is taken, as far as an effect may depend on it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ReadingContext {
-    /// When the reading ends.
-    pub at: Duration,
-    /// How long the voltmeter has integrated until then.
-    pub integration: Duration,
-    /// The voltmeter's range.
-    pub range: Volts,
-    /// Integration in power-line cycles.
-    pub nplc: f64,
-    /// The voltmeter's resolution at this integration as a part of its range, which effects take for its noise.
-    pub resolution: f64,
-    /// The channel that leads to the voltmeter; `None` for its bare input.
-    pub relay: Option<Relay>,
-    /// The current that the source was told to drive, or less in compliance.
-    pub flowing: Amps,
-    /// The source's range.
-    pub source_range: Amps,
-    /// From the last change of current or relays to the reading's end.
-    pub since_change: Duration,
-    /// Resistance between the voltmeter's terminals, looking into the sheet; asked for only where [`Needs`] says so.
-    pub source_resistance: Ohms,
-    /// Resistance that the source drives its current through; asked for only where [`Needs`] says so.
-    pub load_resistance: Ohms,
-}
-
-impl ReadingContext {
-    /// From the last change to the beginning of the integration.
-    fn settled(&self) -> Duration {
-        self.since_change.saturating_sub(self.integration)
-    }
-
-    /// Mean of exp(-t / tau) over the integration, t since the last change; tau in s.
-    fn mean_left_after(&self, tau: f64) -> f64 {
-        let begin = self.settled().as_secs_f64() / tau;
-        let length = self.integration.as_secs_f64() / tau;
-        let mean = if length > 0.0 {
-            -(-length).exp_m1() / length
-        } else {
-            1.0
-        };
-        (-begin).exp() * mean
-    }
-}
+use crate::law::{Conduction, Foam, Law, Pressure};
+use crate::scan::ReadingContext;
 
 /// What a scene's effects must be told beside what is at hand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -139,7 +94,7 @@ pub(crate) trait Effect: fmt::Debug {
 
     /// How large it will be: rms over the readings and frames of a scan, V, from formulas, without running it. Effects that
     /// draw are predicted by what they are on average over seeds.
-    fn predict(&self, about: &Preview) -> f64;
+    fn predict(&self, response: &dyn SheetResponse) -> f64;
 
     /// What is assumed of a fault: absent from a healthy rig, it is not missed where a scene leaves it out.
     fn assumes(&self) -> Option<String> {
@@ -420,6 +375,8 @@ fn stream(seed: u64, effect: &str) -> ChaCha8Rng {
 
 #[cfg(test)]
 mod tests {
+    use survey::{Amps, Ohms};
+
     use super::settings::{QuantisationSettings, VoltmeterNoiseSettings};
     use super::*;
 

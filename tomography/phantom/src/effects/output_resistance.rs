@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnReading, ReadingContext};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnReading, SheetResponse};
+use crate::scan::ReadingContext;
 
 /// How stiff the source is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -31,8 +31,8 @@ impl Effect for OutputResistanceSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.rms(|sight| sight.exact * sight.context.load_resistance.0 / (self.mohm * 1e6))
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.rms(&|sight| sight.exact * sight.context.load_resistance.0 / (self.mohm * 1e6))
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {

@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnReading, ReadingContext};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnReading, SheetResponse};
+use crate::scan::ReadingContext;
 
 /// How large a step is.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -33,9 +33,9 @@ impl Effect for QuantisationSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
         // Uniform between two steps, but what is less than half a step is lost as a whole.
-        about.rms(|sight| match self.step(&sight.context) {
+        response.rms(&|sight| match self.step(&sight.context) {
             step if sight.exact.abs() < 0.5 * step => sight.exact,
             step => step / 12_f64.sqrt(),
         })

@@ -12,8 +12,8 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnReading, ReadingContext, stream};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnReading, SheetResponse, stream};
+use crate::scan::ReadingContext;
 
 /// How long a relay takes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -61,8 +61,8 @@ impl Effect for RelayBounceSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.rms(|sight| {
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.rms(&|sight| {
             let [bouncing, closed] = self.shares(&sight.context);
             // The share of the bounce is even between 0 and 1: its mean and its variance.
             let missing = 1.0 - closed - 0.5 * bouncing;

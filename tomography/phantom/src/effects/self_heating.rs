@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnReading, ReadingContext};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnReading, SheetResponse};
+use crate::scan::ReadingContext;
 
 /// How the sheet warms, and what follows.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -49,15 +49,15 @@ impl Effect for SelfHeatingSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
         // From the start, or from the middle of a scan without pauses.
-        let scan = about.scan();
+        let scan = response.scan();
         let warm = if scan.every > scan.frame_time() {
             0.0
         } else {
             scan.frame_time().as_secs_f64() * 0.5 * scan.frames.saturating_sub(1) as f64
         };
-        about.rms(|sight| {
+        response.rms(&|sight| {
             let power = sight.context.flowing.0.powi(2) * sight.context.load_resistance.0;
             let heated = sight.context.at.as_secs_f64() + warm;
             let warmer = self.c_per_w * power * -(-heated / self.tau_s).exp_m1();

@@ -7,8 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnLoss, Places};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnLoss, Places, SheetResponse};
 
 /// How much stays.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -43,8 +42,8 @@ impl Effect for SetSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.on_loads(|effects, on| effects.set = on.then(|| self.clone()))
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.on_loads(&|effects, on| effects.set = on.then(|| self.clone()))
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {

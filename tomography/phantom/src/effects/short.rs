@@ -9,8 +9,7 @@ use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnNetwork};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnNetwork, SheetResponse};
 
 /// Which electrodes are shorted, and when.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -85,9 +84,9 @@ impl Effect for ShortSettings {
             .try_for_each(|number| Fault::beyond("electrodes", number, electrodes))
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        let shorted = about.network(|z| self.bridge(z));
-        shorted * about.over_time(|at| f64::from(u8::from(self.is_on(at))))
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        let shorted = response.network(&|z| self.bridge(z));
+        shorted * response.over_time(&|at| f64::from(u8::from(self.is_on(at))))
     }
 
     fn assumes(&self) -> Option<String> {

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnReading, ReadingContext};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnReading, SheetResponse};
+use crate::scan::ReadingContext;
 
 /// How fast the current settles.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -39,8 +39,8 @@ impl Effect for SourceSettlingSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.rms(|sight| sight.exact * self.missing(&sight.context))
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.rms(&|sight| sight.exact * self.missing(&sight.context))
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {

@@ -13,8 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnSheet, stream};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnSheet, SheetResponse, stream};
 
 /// Waves that make up the field: its covariance is met within 1 / sqrt(waves).
 const WAVES: usize = 512;
@@ -50,8 +49,8 @@ impl Effect for SpraySettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.random_field(spectrum(self))
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.random_field(&spectrum(self))
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {

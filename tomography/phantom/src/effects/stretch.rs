@@ -7,8 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnLoss, Places};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnLoss, Places, SheetResponse};
 
 /// How much foam widens.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -37,8 +36,8 @@ impl Effect for StretchSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.on_loads(|effects, on| effects.stretch = on.then(|| self.clone()))
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.on_loads(&|effects, on| effects.stretch = on.then(|| self.clone()))
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {

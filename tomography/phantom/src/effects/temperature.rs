@@ -9,8 +9,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnSheet};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnSheet, SheetResponse};
 
 /// The room, and what the sheet makes of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -52,7 +51,7 @@ impl Effect for TemperatureSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
         // First order in the whole sheet's conductance.
         let Self {
             percent_per_c,
@@ -61,7 +60,8 @@ impl Effect for TemperatureSettings {
             ..
         } = self;
         let turn = TAU / (period_h * 3600.0);
-        about.uniform() * about.over_time(|at| percent_per_c / 100.0 * room_c * (turn * at).sin())
+        response.uniform()
+            * response.over_time(&|at| percent_per_c / 100.0 * room_c * (turn * at).sin())
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {

@@ -11,8 +11,8 @@ use survey::{Relay, Volts};
 
 use super::bounds::{Bounds, Fault};
 use super::wander::Wander;
-use super::{Effect, Effects, OnReading, ReadingContext, stream};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnReading, SheetResponse, stream};
+use crate::scan::ReadingContext;
 
 /// How large the thermal voltages are.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -41,7 +41,7 @@ impl Effect for ThermalEmfSettings {
             .end()
     }
 
-    fn predict(&self, _about: &Preview) -> f64 {
+    fn predict(&self, _response: &dyn SheetResponse) -> f64 {
         self.uv * 1e-6
     }
 

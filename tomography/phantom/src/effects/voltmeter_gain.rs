@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnReading, ReadingContext};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnReading, SheetResponse};
+use crate::scan::ReadingContext;
 
 /// How far the voltmeter is off.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -37,8 +37,8 @@ impl Effect for VoltmeterGainSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.rms(|sight| {
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.rms(&|sight| {
             sight.exact * self.gain_ppm * 1e-6 + self.offset_ppm * 1e-6 * sight.context.range.0
         })
     }

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use survey::Volts;
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnReading, ReadingContext, stream};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnReading, SheetResponse, stream};
+use crate::scan::ReadingContext;
 
 /// How strong the noise is.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -35,8 +35,8 @@ impl Effect for VoltmeterNoiseSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
-        about.rms(|sight| self.volts(&sight.context))
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.rms(&|sight| self.volts(&sight.context))
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {

@@ -11,8 +11,7 @@ use serde::{Deserialize, Serialize};
 use survey::Relay;
 
 use super::bounds::{Bounds, Fault};
-use super::{Effect, Effects, OnWires, RelayContact, stream};
-use crate::preview::Preview;
+use super::{Effect, Effects, OnWires, RelayContact, SheetResponse, stream};
 
 /// How long relays live.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -55,14 +54,14 @@ impl Effect for WearSettings {
             .end()
     }
 
-    fn predict(&self, about: &Preview) -> f64 {
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
         // A worn channel reads nothing. Each relay of the sheet closes about once for every reading of its pair.
-        let scan = about.scan();
+        let scan = response.scan();
         let closures = (scan.frames * scan.protocol.len()) as f64;
         let each = closures / scan.protocol.drives().len().max(1) as f64;
         let used = (self.behind_closures + 0.5 * each) / self.life_closures;
         let worn = -(-used.powf(self.shape)).exp_m1();
-        about.rms(|sight| sight.exact) * (worn * (1.0 - self.closed_percent / 100.0)).sqrt()
+        response.rms(&|sight| sight.exact) * (worn * (1.0 - self.closed_percent / 100.0)).sqrt()
     }
 
     fn assumes(&self) -> Option<String> {
