@@ -369,7 +369,7 @@ mod tests {
     }
 
     #[test]
-    fn a_baseline_averages_what_is_valid_and_keeps_the_flag_of_what_never_was() {
+    fn baseline_averages_valid_readings_and_flags_the_never_valid() {
         let frames = [
             frame(vec![
                 Reading::Ok(Volts(1.0)),

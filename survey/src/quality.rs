@@ -404,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn more_than_the_driven_pair_has_and_a_turned_sign_are_implausible() {
+    fn reading_above_the_drive_or_of_wrong_sign_is_implausible() {
         let (checks, mut frame) = sound();
         let question = checks.protocol.measurements()[0];
         let twin = checks.twins[0].unwrap();

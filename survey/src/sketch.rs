@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn one_triangle_and_an_order_are_seen_and_nothing_is_near_itself() {
+    fn distance_sees_one_triangle_and_order_and_is_zero_to_itself() {
         let here = noise(7);
         let kept = map(here.clone()).signed_sum(3);
         assert_eq!(map(here.clone()).distance(kept, 3), 0.0);

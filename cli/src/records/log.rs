@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn events_of_the_daemon_and_of_all_sessions_come_in_the_order_of_time() {
+    fn events_of_daemon_and_sessions_are_listed_in_order_of_time() {
         let folder = folder();
         let all = Log::default();
         assert_eq!(

@@ -3,7 +3,7 @@
 use crate::scene::{PRESSED, done, lines, refused, session, session_in_parts, session_of};
 
 #[test]
-fn a_replay_of_a_session_finds_the_load_and_so_does_one_of_its_case_folder() {
+fn replay_of_session_and_of_its_case_folder_finds_the_load() {
     let folder = tempfile::tempdir().unwrap();
     session(folder.path());
     let from_session = lines(&done(

@@ -95,7 +95,7 @@ fn verify_of_all_fails_where_a_file_is_no_session_any_more() {
 }
 
 #[test]
-fn a_repair_is_a_new_file_with_all_that_is_good_and_leaves_the_old_one_as_it_is() {
+fn repair_writes_good_frames_to_new_file_and_keeps_the_old() {
     let folder = tempfile::tempdir().unwrap();
     let path = session_of(folder.path(), "m1", NOISE);
     let before = std::fs::read(&path).unwrap();

@@ -103,7 +103,7 @@ async fn what_must_not_be_is_refused_before_a_line_is_touched() {
 }
 
 #[tokio::test]
-async fn a_line_that_does_not_follow_stops_the_change_with_everything_off() {
+async fn gpio_line_that_does_not_follow_turns_all_lines_off() {
     let (chip, mut board) = board();
     chip.stick(Line::Address(Pole::VPlus, 2), false);
     let fault = board.move_relays(&[close(&[101, 305])]).await.unwrap_err();

@@ -63,7 +63,7 @@ fn section_5_one_reply_per_command() {
 }
 
 #[test]
-fn section_3_illegal_requests_are_refused_before_a_line_is_touched() {
+fn section_3_illegal_requests_are_refused_before_any_change() {
     holds(
         "> PAIR I 1
          < 1,2,OFF,OFF

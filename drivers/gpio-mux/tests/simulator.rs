@@ -118,7 +118,7 @@ fn a_reset_is_all_off_and_a_new_banner() {
 }
 
 #[test]
-fn noise_does_not_keep_the_watchdog_quiet_and_too_long_a_line_has_its_reply() {
+fn watchdog_ignores_noise_and_oversized_line_gets_a_reply() {
     let (mut board, mut sheet) = board();
     let ms = Duration::from_millis;
     board.receive("PAIR I 5", ms(0), &mut sheet);

@@ -226,7 +226,7 @@ async fn another_instrument_is_refused() {
 }
 
 #[tokio::test]
-async fn errors_left_by_others_are_emptied_and_new_ones_name_the_command() {
+async fn old_errors_are_drained_and_new_ones_name_the_command() {
     let bench = bench(500.0);
     simulator(&bench, |b| {
         for _ in 0..20 {

@@ -42,7 +42,7 @@ fn the_level_flows_until_the_limit_holds_it_back() {
 }
 
 #[test]
-fn nothing_connected_is_compliance_as_soon_as_the_level_is_not_zero() {
+fn open_output_is_in_compliance_at_any_nonzero_level() {
     let (mut source, mut load) = (instrument(), Resistor::open());
     source.receive("OUTP 1", START, &mut load);
     assert!(!source.in_compliance());

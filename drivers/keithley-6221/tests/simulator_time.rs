@@ -97,7 +97,7 @@ proptest! {
     }
 
     #[test]
-    fn whatever_is_heard_and_whenever_the_instrument_stays_within_its_limits(
+    fn any_message_at_any_time_keeps_instrument_within_limits(
         said in proptest::collection::vec((line(), 0.0..1e7f64, any::<u8>()), 0..20),
         ohms in prop_oneof![Just(f64::INFINITY), Just(0.0), Just(f64::NAN), 1e-3..1e12],
     ) {

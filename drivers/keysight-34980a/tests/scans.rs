@@ -25,7 +25,7 @@ fn ask(unit: &mut Simulator34980a, sheet: &mut Sheet, message: &str, at: Duratio
 }
 
 #[test]
-fn readings_appear_one_by_one_and_are_taken_at_their_own_instants() {
+fn readings_are_taken_and_appear_at_their_own_instants() {
     let (mut unit, mut sheet) = scanner();
     ask(&mut unit, &mut sheet, "INIT", START);
     for taken in 0..10_u32 {
@@ -156,7 +156,7 @@ fn a_timer_shorter_than_a_sweep_does_not_hurry_it() {
 }
 
 #[test]
-fn a_pulse_outside_triggers_and_one_that_nobody_waits_for_does_nothing() {
+fn external_pulse_triggers_a_waiting_scan_and_nothing_else() {
     let (mut unit, mut sheet) = scanner();
     say(
         &mut unit,

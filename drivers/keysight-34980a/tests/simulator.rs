@@ -17,7 +17,7 @@ fn set(numbers: &[u32]) -> BTreeSet<Relay> {
 }
 
 #[test]
-fn a_scan_closes_one_channel_with_its_bus_relay_and_leaves_the_other_bank_alone() {
+fn scan_closes_one_channel_and_its_bus_relay_of_one_bank_only() {
     let (mut unit, mut sheet) = (mainframe(&["34924A", "34932A"]), Sheet::default());
     say(&mut unit, &mut sheet, "ROUT:CLOS (@1005,1036,2921,2922)");
     say(&mut unit, &mut sheet, "CONF:VOLT:DC 10,(@1001:1002)");

@@ -82,7 +82,7 @@ async fn whichever_call_fails_once_the_source_ends_off_and_verified() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_lost_source_opens_the_relays_and_its_state_is_called_unknown() {
+async fn lost_source_opens_the_relays_and_is_reported_as_unknown() {
     for wiring in wirings(5) {
         let plan = plan(&wiring, Duration::ZERO);
         // The last two calls are about the relays of a source that is verified off: nothing of it can be lost then.
@@ -193,7 +193,7 @@ async fn a_dropped_future_leaves_the_rig_safe_to_whoever_comes_next() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_panic_in_a_driver_makes_the_rig_safe_before_it_is_handed_on() {
+async fn driver_panic_makes_the_rig_safe_before_it_propagates() {
     let wiring = wirings::pairs(5);
     let stand_in = StandIn::new(&wiring).calling(12, || panic!("a broken invariant"));
     let rig = stand_in.rig();
@@ -208,7 +208,7 @@ async fn a_panic_in_a_driver_makes_the_rig_safe_before_it_is_handed_on() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn compliance_at_an_injection_takes_its_readings_and_names_the_electrode() {
+async fn compliance_voids_readings_of_its_drive_and_names_electrode() {
     for wiring in wirings(6) {
         let stand_in = StandIn::new(&wiring).in_compliance_at(Electrode(2));
         let plan = plan(&wiring, Duration::ZERO);
@@ -227,7 +227,7 @@ async fn compliance_at_an_injection_takes_its_readings_and_names_the_electrode()
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_is_said_before_the_relays_are_known_to_have_moved_voids_both_injections() {
+async fn compliance_before_relays_are_confirmed_voids_both_drives() {
     let wiring = wirings::pairs(6);
     let plan = plan(&wiring, Duration::from_millis(2));
     // the second injection's relays move long after the source is asked about it
@@ -380,7 +380,7 @@ async fn a_zero_current_frame_reads_offsets_only_and_subtracts_them() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_the_scan_reads_beside_the_protocol_is_kept_apart_and_fails_nothing() {
+async fn extra_readings_of_a_scan_are_kept_apart_and_fail_nothing() {
     let wiring = wirings::pairs(6);
     let plan = plan(&wiring, Duration::ZERO);
     let drive = survey::Dipole::adjacent(0, 6);

@@ -87,7 +87,7 @@ async fn relays_open_cold_where_the_source_answers() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_relay_that_is_not_as_it_was_switched_fails_the_frame_by_name() {
+async fn relay_in_wrong_state_fails_the_frame_and_is_named() {
     let plan = plan();
     let counted = StandIn::new(&plan.wiring);
     let never = Stop::never();

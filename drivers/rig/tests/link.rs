@@ -122,7 +122,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 1000, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn a_late_reply_is_never_the_next_answer_on_a_connection_that_is_dropped(
+    fn late_reply_is_discarded_on_a_reconnecting_link(
         script in prop::collection::vec(manner(), 1..25),
     ) {
         paused().block_on(async {
@@ -150,7 +150,7 @@ proptest! {
     }
 
     #[test]
-    fn a_late_reply_is_never_the_next_answer_on_a_line_that_cannot_be_dropped(
+    fn late_reply_is_discarded_on_a_permanent_line(
         script in prop::collection::vec(manner(), 1..25),
         value in 0..=255_u8,
     ) {
@@ -341,7 +341,7 @@ async fn a_board_without_ese_is_brought_in_step_by_probes_of_its_own() {
 
 /// An instrument that serves one client keeps its place for one whose cable was pulled, until it hears from that port.
 #[tokio::test]
-async fn every_other_try_after_a_loss_comes_from_where_the_lost_connection_was() {
+async fn every_other_reconnection_uses_the_lost_local_port() {
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap().to_string();
     let mut ports = Vec::new();

@@ -30,7 +30,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn equal_resistances_give_the_closed_form_and_others_solve_the_equation() {
+    fn van_der_pauw_solves_equal_and_unequal_resistances() {
         let square = sheet_resistance(220.635_600, 220.635_600).unwrap();
         assert!((square - 220.635_600 * PI / std::f64::consts::LN_2).abs() < 1e-9);
         let oblong = sheet_resistance(100.0, 400.0).unwrap();

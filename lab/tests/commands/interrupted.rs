@@ -32,7 +32,7 @@ fn words_of(output: &Output) -> String {
 }
 
 #[test]
-fn a_training_that_is_killed_and_finds_no_room_ends_with_the_same_bits() {
+fn killed_training_on_full_disk_resumes_to_the_same_bits() {
     let folder = tempfile::tempdir().unwrap();
     let case = tank(folder.path());
     let [whole, broken] =

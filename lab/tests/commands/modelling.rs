@@ -51,7 +51,7 @@ fn refused(line: &str, paths: &[&Path]) -> String {
 }
 
 #[test]
-fn many_conductances_have_the_same_readings_on_any_number_of_threads() {
+fn batch_of_conductances_gives_same_readings_on_any_threads() {
     let tank = Tank::new();
     let elements = tank.elements();
     let rows: Vec<Vec<f64>> = (0..12)

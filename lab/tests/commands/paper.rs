@@ -68,7 +68,7 @@ fn stamps(folder: &Path) -> BTreeMap<PathBuf, SystemTime> {
 }
 
 #[test]
-fn a_run_that_is_killed_goes_on_with_what_is_missing_and_damage_is_named() {
+fn killed_run_resumes_with_missing_parts_and_names_damage() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("paper");
     let mut killed = Command::new(env!("CARGO_BIN_EXE_tactus-lab"))

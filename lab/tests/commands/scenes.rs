@@ -45,7 +45,7 @@ fn explain_lists_every_effect_and_says_what_matters() {
 }
 
 #[test]
-fn a_run_is_a_case_folder_with_its_truth_and_the_same_every_time() {
+fn scene_run_writes_a_reproducible_case_folder_with_truth() {
     let folder = tempfile::tempdir().unwrap();
     let [one, two] = ["one", "two"].map(|name| folder.path().join(name));
     for out in [&one, &two] {

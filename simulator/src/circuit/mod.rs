@@ -387,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn one_injecting_and_one_measuring_pair_read_four_entries_of_z_to_the_bit() {
+    fn pair_circuit_reads_four_entries_of_z_to_the_bit() {
         let z = ring(6, 1000.0);
         let inject = pair(0, SOURCE_HI, SOURCE_LO, 100.1, 6);
         let measure = pair(3, METER_HI, METER_LO, 100.1, 6);
@@ -419,7 +419,7 @@ mod tests {
     }
 
     #[test]
-    fn two_neighbouring_pairs_short_the_source_through_their_electrode() {
+    fn neighbouring_pairs_short_the_source_at_shared_electrode() {
         // HI on electrodes 0 and 1, LO on 1 and 2: 0.1 + 0.1 ohm at electrode 1 carry nearly all
         let z = ring(6, 1000.0);
         let both = [

@@ -357,7 +357,7 @@ async fn all_hold(profile: &str, faults: &[(&str, bool)]) {
 }
 
 #[tokio::test]
-async fn every_fault_of_source_and_mainframe_is_seen_live_and_on_the_time_line() {
+async fn every_fault_acts_live_and_from_the_time_line() {
     all_hold("pairs-34924a", &ON_THE_PAIRS).await;
 }
 

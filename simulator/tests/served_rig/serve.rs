@@ -39,7 +39,7 @@ async fn drivers_talk_to_the_program_over_tcp_and_it_ends_cleanly() {
 }
 
 #[tokio::test]
-async fn the_mainframe_serves_several_clients_and_the_source_one_after_the_other() {
+async fn mainframe_serves_many_clients_and_source_one_at_a_time() {
     let served = Served::start(&[]);
     let mut first = link(&served, "34980a").await;
     let mut second = link(&served, "34980a").await;

@@ -269,7 +269,7 @@ const LONG_SWEEP: &[u8] =
     b"SOUR:SWE:SPAC LIST;:SOUR:LIST:CURR 1e-3;DEL 10000;COMP 10;:SOUR:SWE:ARM;:INIT\n*OPC?\n";
 
 #[test]
-fn a_client_that_breaks_off_while_the_source_is_busy_leaves_its_place() {
+fn client_reset_while_source_is_busy_frees_its_slot() {
     let served = Served::start_in_time(&[]);
     let mut first = Client::of(&served, "6221");
     first.send(LONG_SWEEP);

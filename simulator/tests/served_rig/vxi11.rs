@@ -231,7 +231,7 @@ fn unread_and_unasked_replies_are_errors() {
 }
 
 #[test]
-fn a_trigger_waits_for_the_messages_before_it_and_leaves_a_reply() {
+fn vxi11_trigger_follows_earlier_messages_and_has_a_reply() {
     let served = Served::start_in_time(&["--port-vxi11", "0"]);
     let mut client = Client::of(&served);
     let link = client.create(b"inst0").unwrap();
@@ -257,7 +257,7 @@ fn a_trigger_waits_for_the_messages_before_it_and_leaves_a_reply() {
 const LONG_SCAN: &[u8] = b"CONF:VOLT:DC 1,(@1001:1010);:VOLT:DC:NPLC 100,(@1001:1010);:READ?\n";
 
 #[test]
-fn a_device_clear_cuts_a_measurement_short_and_a_poll_does_not_wait_for_it() {
+fn device_clear_aborts_measurement_and_poll_does_not_wait() {
     let served = Served::start_in_time(&["--port-vxi11", "0"]);
     let mut client = Client::of(&served);
     let link = client.create(b"inst0").unwrap();

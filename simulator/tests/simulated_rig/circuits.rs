@@ -26,7 +26,7 @@ fn near(value: f64, wanted: f64) {
 }
 
 #[tokio::test]
-async fn the_test_current_meets_relays_and_load_and_four_wires_the_load_alone() {
+async fn two_wires_measure_relays_and_load_four_the_load_alone() {
     let rig = simulated("resistor 1 2 470".parse().unwrap());
     // two poles of a reed with its in-rush resistor, two of the relay to the bus
     near(
@@ -82,7 +82,7 @@ async fn a_wave_of_the_source_is_read_as_ac_volts_and_frequency() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_the_source_does_during_a_scan_is_in_the_readings_that_follow() {
+async fn source_change_during_a_scan_shows_in_later_readings() {
     let mut profile = Profile::shipped("pairs-34924a").unwrap();
     profile.load = "resistor 1 2 470".parse().unwrap();
     let rig = SimulatedRig::new(&profile.at_pace(Pace::Real), Scene::quiet()).unwrap();

@@ -61,7 +61,7 @@ fn assert_off(simulated: &SimulatedRig) {
 }
 
 #[tokio::test]
-async fn every_wiring_reads_the_bare_forward_solution_to_the_digits_sent() {
+async fn every_wiring_reads_forward_solution_to_the_digits_sent() {
     let pairs = keysight_34980a::pairs_34924a(1, 26).unwrap();
     let rig = simulated("pairs-34924a", Scene::quiet());
     let scanned = frame(&mainframe_rig(&rig).await, &pairs).await.unwrap();
@@ -135,7 +135,7 @@ async fn nothing_connected_is_compliance_and_no_current() {
 }
 
 #[tokio::test]
-async fn closing_the_pair_lets_the_current_flow_and_opening_it_stops_it() {
+async fn current_flows_while_the_driving_pair_is_closed() {
     let rig = simulated("pairs-34924a", Scene::quiet());
     let mut source = crate::drivers::source(&rig).await;
     let mut switch = crate::drivers::mainframe(&rig).await;
@@ -168,7 +168,7 @@ async fn closing_the_pair_lets_the_current_flow_and_opening_it_stops_it() {
 }
 
 #[tokio::test]
-async fn a_compliance_too_low_flags_every_reading_and_names_the_electrodes() {
+async fn low_compliance_flags_all_readings_and_names_electrodes() {
     let wiring = keysight_34980a::pairs_34924a(1, 26).unwrap();
     let sim = simulated("pairs-34924a", Scene::quiet());
     let rig = mainframe_rig(&sim).await;

@@ -49,7 +49,7 @@ fn apart_uv(one: &[f64], other: &[f64]) -> f64 {
 }
 
 #[tokio::test]
-async fn reversal_and_a_zero_frame_cancel_the_thermal_voltages_of_the_relays() {
+async fn reversal_and_zero_frame_cancel_thermal_voltages() {
     let mut warm = Scene::quiet();
     warm.effects.thermal_emf = Some(ThermalEmfSettings {
         uv: 10.0,
@@ -100,7 +100,7 @@ async fn averages_take_noise_down_by_the_root_of_their_number() {
 }
 
 #[tokio::test]
-async fn a_half_frame_completed_by_reciprocity_is_the_whole_frame_within_the_noise() {
+async fn half_frame_by_reciprocity_equals_whole_within_noise() {
     let half = Protocol::new(26, survey::half(survey::sheffield(26)).collect()).unwrap();
     assert_eq!(half.len(), 299);
     let (asked_half, asked_whole) = (
@@ -123,7 +123,7 @@ async fn a_half_frame_completed_by_reciprocity_is_the_whole_frame_within_the_noi
 }
 
 #[tokio::test]
-async fn a_skip_pattern_through_the_board_reads_the_bare_forward_solution() {
+async fn skip_pattern_through_the_board_reads_forward_solution() {
     for skip in [1, 3, 6] {
         let protocol = Protocol::new(26, survey::skip(26, skip).collect()).unwrap();
         let wiring = gpio_mux::wiring(26).unwrap().joining(&protocol);

@@ -50,7 +50,7 @@ async fn the_meter_sees_four_entries_of_z_times_the_current() {
 }
 
 #[tokio::test]
-async fn a_source_cut_off_in_mid_frame_opens_the_relays_and_is_told_unknown() {
+async fn source_lost_in_mid_frame_opens_relays_and_is_unknown() {
     let sim = simulated("pairs-34924a", Scene::quiet());
     let rig = mainframe_rig(&sim).await;
     let cutting = sim.clone();
@@ -76,7 +76,7 @@ async fn a_source_cut_off_in_mid_frame_opens_the_relays_and_is_told_unknown() {
 }
 
 #[tokio::test]
-async fn a_mainframe_that_loses_power_in_mid_frame_leaves_the_source_off() {
+async fn mainframe_power_loss_in_mid_frame_turns_the_source_off() {
     let sim = simulated("pairs-34924a", Scene::quiet());
     let rig = mainframe_rig(&sim).await;
     let cutting = sim.clone();
@@ -121,7 +121,7 @@ async fn real_time_takes_what_the_instruments_need() {
 }
 
 #[tokio::test]
-async fn a_press_changes_the_frame_and_release_brings_it_back_to_the_digit() {
+async fn press_changes_the_frame_and_release_restores_every_digit() {
     let sim = simulated("pairs-34924a", Scene::quiet());
     let rig = mainframe_rig(&sim).await;
     let untouched = frame(&rig, &pairs()).await.unwrap();

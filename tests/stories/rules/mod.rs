@@ -4,6 +4,7 @@
 //! - **dependencies**: the table of dependencies, and packages that no crate or no workspace member may name
 //! - **modules**: import cycles and folder sizes; `source_reader`, `module_tree` and `cycles` find them
 //! - **map**: the folders of ARCHITECTURE.md's map are those of the tree
+//! - **test_names**: names of tests have at most 60 characters
 //! - **words**: model names, forbidden names, unfinished code, paths of a machine
 
 mod cycles;
@@ -12,6 +13,7 @@ mod map;
 mod module_tree;
 mod modules;
 mod source_reader;
+mod test_names;
 mod words;
 
 use std::collections::BTreeMap;

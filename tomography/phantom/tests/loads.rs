@@ -94,7 +94,7 @@ fn left(phantom: &mut Phantom, at: f64) -> f64 {
 }
 
 #[test]
-fn creep_under_a_load_is_its_closed_form_however_often_it_is_asked() {
+fn creep_equals_closed_form_however_often_it_is_computed() {
     let text = format!(
         "{PRESS}loss_percent = 40\nfrom_s = 100\nto_s = 5000\n\
          [effects.creep]\npercent = [10, 20]\ntau_s = [30, 1000]\nevery_s = 10\n"
@@ -133,7 +133,7 @@ fn creep_under_a_load_is_its_closed_form_however_often_it_is_asked() {
 }
 
 #[test]
-fn the_way_back_shows_more_loss_and_a_moving_load_leaves_a_trail() {
+fn hysteresis_shows_on_release_and_moving_load_leaves_trail() {
     let mut phantom1 = phantom(&format!(
         "{PRESS}mass_g = 100\npath = [{{ at_s = 10, mass_g = 2000 }}, {{ at_s = 20, mass_g = 100 }}]\n[effects.hysteresis]\n"
     ));

@@ -158,7 +158,7 @@ fn every_effect_is_as_large_as_predicted_within_a_factor_of_two() {
 }
 
 #[test]
-fn those_that_are_not_named_are_predicted_too_and_faults_say_what_they_assume() {
+fn unnamed_effects_are_predicted_and_faults_state_assumptions() {
     let preview = Preview::new(&scene(0, Day, None), scan(Day)).unwrap();
     let all = preview.predictions();
     assert_eq!(all.len(), EffectSettings::ALL.len());

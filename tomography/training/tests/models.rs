@@ -117,7 +117,7 @@ fn a_model_comes_back_from_its_file_as_it_was() {
 }
 
 #[test]
-fn the_same_settings_give_the_same_bytes_on_any_number_of_threads() {
+fn same_settings_give_same_bytes_on_any_number_of_threads() {
     let few = TrainingSettings {
         cases: 60,
         neurons: 10,
@@ -264,7 +264,7 @@ fn forged(good: &[u8], from: &str, to: &str) -> Vec<u8> {
 }
 
 #[test]
-fn a_number_that_only_asks_for_memory_is_refused_whatever_the_checksum_says() {
+fn huge_count_is_refused_before_memory_is_allocated() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("m.safetensors");
     save(&path, eit::Existing::Refuse, model()).unwrap();

@@ -92,7 +92,7 @@ fn section_4_wave_settings() {
 }
 
 #[test]
-fn section_4_an_arbitrary_wave_of_more_than_100_points_is_too_much() {
+fn section_4_arbitrary_wave_has_at_most_100_points() {
     let mut talk = Talk::new(500.0);
     let points = vec!["0.5"; 101].join(",");
     talk.say(&format!("SOUR:WAVE:ARB:DATA {points}"));

@@ -86,7 +86,7 @@ fn section_4_zero_and_off() {
 }
 
 #[test]
-fn section_5_compliance_is_a_condition_and_an_event_not_an_error() {
+fn section_5_compliance_is_condition_and_event_not_error() {
     conversation(&[
         // 1 mA through 500 ohm wants 0.5 V.
         ("CURR:COMP 0.4;:CURR 1e-3;:OUTP 1", "-"),

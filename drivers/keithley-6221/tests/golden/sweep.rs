@@ -185,7 +185,7 @@ fn section_4_an_endless_sweep_repeats_itself() {
 }
 
 #[test]
-fn section_5_completion_behind_a_trigger_is_told_when_it_has_come() {
+fn section_5_opc_behind_a_trigger_is_reported_on_completion() {
     let mut talk = staircase(100.0);
     talk.hold(&[("ARM:SOUR BUS;:INIT;*OPC?", "-"), ("OUTP?", "1")]);
     let now = talk.now();
@@ -256,7 +256,7 @@ fn section_5_completion_is_told_when_a_sweep_is_done() {
 }
 
 #[test]
-fn section_4_a_sweep_starts_with_the_settings_of_its_start_and_may_be_started_again() {
+fn section_4_sweep_uses_settings_of_its_start_and_can_restart() {
     let mut talk = staircase(100.0);
     talk.hold(&[("SOUR:CURR:STOP 1e-3;:SOUR:DEL 0.1;:INIT", "-")]);
     talk.at(0.2);

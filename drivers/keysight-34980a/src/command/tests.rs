@@ -367,7 +367,7 @@ fn what_cannot_be_is_refused_by_its_own_number() {
 
 proptest! {
     #[test]
-    fn whatever_is_understood_is_written_so_that_it_is_understood_again(text in "[ -~]{0,40}") {
+    fn every_parsed_command_parses_again_after_writing(text in "[ -~]{0,40}") {
         if let Ok(command) = text.parse::<Command>() {
             prop_assert_eq!(command.to_string().parse(), Ok(command));
         }

@@ -106,7 +106,7 @@ async fn matrix_wiring_reads_the_bare_voltmeter_behind_the_bus_relay() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn readings_come_in_the_order_asked_for_though_the_instrument_scans_ascending() {
+async fn readings_keep_requested_order_though_scan_is_ascending() {
     let (shared, mut switch) = connected(&["34924A"]).await;
     let mut meter = switch.clone();
     meter

@@ -60,7 +60,7 @@ async fn a_refused_move_fails_its_own_message_and_is_named() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn another_instrument_is_refused_and_both_names_of_the_maker_are_taken() {
+async fn other_models_are_refused_and_both_maker_names_accepted() {
     let mut settings = Settings34980a {
         vendor: "Keysight Technologies".to_owned(),
         ..Settings34980a::default()
@@ -120,7 +120,7 @@ async fn quoted_and_unknown_cards_are_read() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_wiring_is_checked_against_the_modules_before_anything_moves() {
+async fn wiring_is_checked_against_modules_before_any_relay_moves() {
     let (shared, mut unit) = connected(&["34924A", "34932A"]).await;
     unit.check_wiring(&keysight_34980a::pairs_34924a(1, 35).unwrap())
         .unwrap();

@@ -3,7 +3,7 @@
 use super::*;
 
 #[tokio::test(start_paused = true)]
-async fn each_channel_is_scanned_on_its_own_range_set_in_the_same_message_where_it_changes() {
+async fn channel_range_is_set_in_the_scan_message_where_it_changes() {
     let (shared, mut switch) = connected(&["34924A"]).await;
     let mut meter = switch.clone();
     meter.prepare(METER, &relays(1001..=1004)).await.unwrap();
@@ -47,7 +47,7 @@ async fn each_channel_is_scanned_on_its_own_range_set_in_the_same_message_where_
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_wait_is_the_delay_of_its_channel_set_in_the_same_message_where_it_changes() {
+async fn channel_delay_is_set_in_the_scan_message_where_it_changes() {
     let (shared, mut switch) = connected(&["34924A"]).await;
     let mut meter = switch.clone();
     let patient = MeterSettings {
@@ -99,7 +99,7 @@ async fn a_wait_is_the_delay_of_its_channel_set_in_the_same_message_where_it_cha
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_shorter_scan_has_its_list_in_the_same_message_and_a_stranger_is_refused() {
+async fn shorter_scan_sends_its_list_and_unknown_channel_is_refused() {
     let (shared, mut switch) = connected(&["34924A"]).await;
     let mut meter = switch.clone();
     meter.prepare(METER, &relays(1001..=1006)).await.unwrap();
@@ -133,7 +133,7 @@ async fn a_shorter_scan_has_its_list_in_the_same_message_and_a_stranger_is_refus
 }
 
 #[tokio::test(start_paused = true)]
-async fn averages_are_sweeps_of_one_message_and_one_overload_voids_its_mean() {
+async fn averages_are_one_message_and_an_overload_voids_the_mean() {
     let (shared, mut switch) = connected(&["34924A"]).await;
     let mut meter = switch.clone();
     let thrice = MeterSettings {

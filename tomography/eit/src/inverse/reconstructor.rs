@@ -343,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn of_twins_that_contradict_each_other_the_model_tells_the_wrong_one() {
+    fn model_finds_the_wrong_one_of_contradicting_twins() {
         assert!(wrong(|_| (), Some(&MODEL)).is_empty());
         assert_eq!(wrong(|v| v[3] *= 100.0, Some(&MODEL)), [3]);
         assert_eq!(wrong(|v| v[1] = 0.0, Some(&MODEL)), [1]);

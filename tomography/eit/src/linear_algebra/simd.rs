@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn every_set_of_instructions_gives_the_same_bits_and_the_formula() {
+    fn every_instruction_set_gives_same_bits_as_the_formula() {
         let (a, b) = (wave(0.7), wave(0.3));
         let short = narrow(&a);
         let found = squared_distance(&short, &b);

@@ -66,7 +66,7 @@ fn units_scale_together() {
 }
 
 #[test]
-fn a_sheet_twice_as_large_with_twice_the_contact_impedance_reads_the_same() {
+fn scaled_sheet_with_scaled_contacts_reads_the_same() {
     let contacts = [0.5, 1e-3, 7.0, 40.0, 0.0, 1.0, 2.0, 3.0];
     let (forward, sigma) = model(eight(0.5), &contacts);
     let mesh = forward.mesh();
@@ -113,7 +113,7 @@ fn slopes(remainder: impl Fn(f64) -> f64) -> Vec<f64> {
 }
 
 #[test]
-fn the_remainder_of_the_first_order_falls_as_the_square_of_the_step() {
+fn first_order_remainder_falls_with_the_square_of_the_step() {
     let contacts = [0.5, 1e-3, 7.0, 40.0, 0.2, 1.0, 2.0, 300.0];
     let (forward, sigma) = model(eight(0.5), &contacts);
     let protocol = all_pairs();

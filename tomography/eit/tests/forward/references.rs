@@ -271,7 +271,7 @@ fn reference_04_an_eccentric_disc() {
 }
 
 #[test]
-fn reference_05_the_resistance_of_two_points_grows_with_the_logarithm() {
+fn reference_05_two_point_resistance_grows_logarithmically() {
     let resistance = |width_mm: f64| {
         let (forward, sigma) = four(width_mm, width_mm / 16.0);
         volts(&forward, &sigma, pair(0, 2), pair(0, 2))

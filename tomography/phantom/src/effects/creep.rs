@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn any_step_from_a_billionth_to_a_billion_time_constants_is_exact_where_euler_breaks() {
+    fn creep_is_exact_for_steps_of_1e_minus_9_to_1e9_time_constants() {
         let share = 0.4;
         let mut worst = [0.0_f64; 3];
         for exponent in -9..=9 {

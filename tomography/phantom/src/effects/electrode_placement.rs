@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn electrodes_are_off_and_wide_as_drawn_and_the_sheet_keeps_its_edge() {
+    fn electrodes_are_displaced_as_drawn_and_edge_is_kept() {
         let sheets = [
             Preset::default(),
             Preset::PaperSheet(PaperSheet {

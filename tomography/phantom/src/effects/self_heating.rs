@@ -111,7 +111,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_warms_exponentially_to_the_power_times_the_resistance_to_the_room() {
+    fn self_heating_approaches_power_times_thermal_resistance() {
         let mut effects = Effects::default();
         let settings = SelfHeatingSettings {
             c_per_w: 1000.0,

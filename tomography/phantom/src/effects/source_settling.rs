@@ -67,7 +67,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_hundred_microseconds_leave_a_hundredth_and_integration_averages_it() {
+    fn settling_leaves_a_hundredth_and_integration_averages_it() {
         let mut settling = SourceSettling(SourceSettlingSettings {
             tau_us: 100.0 / 100_f64.ln(),
         });

@@ -104,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_wide_press_widens_by_its_ratio_and_a_line_fades_over_the_thickness() {
+    fn wide_press_widens_by_ratio_and_line_fades_over_thickness() {
         // Squares of 0.5 mm; the left half is pressed.
         let side = 81;
         let centroids: Vec<[f64; 2]> = (0..side * side)

@@ -98,7 +98,7 @@ fn check((forward, backward, gradient): Three) {
 }
 
 #[test]
-fn the_products_are_what_their_formulas_say_in_every_set_of_instructions() {
+fn products_equal_their_formulas_in_every_instruction_set() {
     check((forward, backward, gradient));
     check((portable::forward, portable::backward, portable::gradient));
     #[cfg(target_arch = "x86_64")]
