@@ -175,12 +175,12 @@ fn plainly(reason: &str) -> String {
 
 /// The daemon's refusal, with what to do next where its own words do not say it.
 pub(crate) fn fault(what: &str, fault: &Fault) -> Failure {
-    let said = fault.text();
+    let message = fault.text();
     let advise = |advice: &str| {
-        if said.contains("`tactus") || said.contains(advice) {
-            said.clone()
+        if message.contains("`tactus") || message.contains(advice) {
+            message.clone()
         } else {
-            format!("{said}; {advice}")
+            format!("{message}; {advice}")
         }
     };
     match fault {
@@ -199,7 +199,7 @@ pub(crate) fn fault(what: &str, fault: &Fault) -> Failure {
         Fault::ModelMismatch(_) | Fault::ModelFile(_) => Failure::Configuration(advise(
             "name a model made for this sheet with --model, or use --model one-step",
         )),
-        Fault::RecordingFault(_) | Fault::Configuration(_) => Failure::Configuration(said),
+        Fault::RecordingFault(_) | Fault::Configuration(_) => Failure::Configuration(message),
         Fault::InstrumentFault(_) => {
             Failure::Instrument(advise("`tactus instruments` shows which ones answer"))
         }
@@ -210,46 +210,46 @@ pub(crate) fn fault(what: &str, fault: &Fault) -> Failure {
         Fault::LimitsExceeded(_) => {
             Failure::Busy(advise("end what is not needed any more, or try again"))
         }
-        Fault::InvalidOption(_) => Failure::Usage(said),
+        Fault::InvalidOption(_) => Failure::Usage(message),
         Fault::NoFrame(_) => Failure::Failed(advise("`tactus watch` waits for the first")),
-        Fault::Unsupported(_) | Fault::Failed(_) => Failure::Failed(said),
+        Fault::Unsupported(_) | Fault::Failed(_) => Failure::Failed(message),
         Fault::Connection(zbus::Error::FDO(standard)) => {
             let name = standard.name();
-            let said = standard.description().unwrap_or_default();
-            undelivered(what, name.as_str(), said)
+            let message = standard.description().unwrap_or_default();
+            undelivered(what, name.as_str(), message)
         }
-        Fault::Connection(zbus::Error::MethodError(name, said, _)) => {
-            undelivered(what, name.as_str(), said.as_deref().unwrap_or_default())
+        Fault::Connection(zbus::Error::MethodError(name, message, _)) => {
+            undelivered(what, name.as_str(), message.as_deref().unwrap_or_default())
         }
-        Fault::Connection(zbus::Error::InputOutput(_)) => gone(what, &said),
-        Fault::Connection(_) => Failure::Failed(format!("{what}: {said}")),
+        Fault::Connection(zbus::Error::InputOutput(_)) => gone(what, &message),
+        Fault::Connection(_) => Failure::Failed(format!("{what}: {message}")),
     }
 }
 
 /// An error that is not the daemon's own: the bus, or the library at the other end, says it.
-fn undelivered(what: &str, name: &str, said: &str) -> Failure {
+fn undelivered(what: &str, name: &str, message: &str) -> Failure {
     match name.rsplit('.').next().unwrap_or(name) {
         "AccessDenied" | "AuthFailed" | "InteractiveAuthorizationRequired" => {
             Failure::NotAuthorised(format!(
-                "{what}: {said}; ask for the group tactus, or run as root"
+                "{what}: {message}; ask for the group tactus, or run as root"
             ))
         }
-        "UnknownObject" => Failure::Missing(format!("{what}: {said}")),
+        "UnknownObject" => Failure::Missing(format!("{what}: {message}")),
         "UnknownMethod" | "UnknownInterface" | "UnknownProperty" => Failure::Missing(format!(
-            "{what}: the daemon does not know it ({said}); is it of another version than this tactus?"
+            "{what}: the daemon does not know it ({message}); is it of another version than this tactus?"
         )),
         "ServiceUnknown" | "NameHasNoOwner" | "NoReply" | "Disconnected" | "NoServer" => {
-            gone(what, said)
+            gone(what, message)
         }
-        "LimitsExceeded" | "NoMemory" => Failure::Busy(format!("{what}: {said}; try again")),
-        "Timeout" | "TimedOut" => Failure::Timeout(format!("{what}: {said}")),
-        _ => Failure::Failed(format!("{what}: {said} ({name})")),
+        "LimitsExceeded" | "NoMemory" => Failure::Busy(format!("{what}: {message}; try again")),
+        "Timeout" | "TimedOut" => Failure::Timeout(format!("{what}: {message}")),
+        _ => Failure::Failed(format!("{what}: {message} ({name})")),
     }
 }
 
-fn gone(what: &str, said: &str) -> Failure {
+fn gone(what: &str, message: &str) -> Failure {
     Failure::Missing(format!(
-        "{what}: the daemon went away ({said}); look at its journal, then start it with `systemctl start tactusd`"
+        "{what}: the daemon went away ({message}); look at its journal, then start it with `systemctl start tactusd`"
     ))
 }
 
@@ -279,8 +279,11 @@ mod tests {
         ] {
             let failure = fault("it", &refusal);
             assert_eq!(failure.code(), code, "{refusal}");
-            let said = failure.to_string();
-            assert!(said.contains("so it is") && said.contains(advice), "{said}");
+            let message = failure.to_string();
+            assert!(
+                message.contains("so it is") && message.contains(advice),
+                "{message}"
+            );
         }
     }
 
@@ -324,10 +327,10 @@ mod tests {
             panic!("nobody is there")
         };
         assert_eq!(failure.code(), 3);
-        let said = failure.to_string();
+        let message = failure.to_string();
         assert!(
-            said.contains("/peer (nothing is there)\nStart one with `tactusd --config"),
-            "{said}"
+            message.contains("/peer (nothing is there)\nStart one with `tactusd --config"),
+            "{message}"
         );
         let wrong = Global {
             bus: Some("tcp:host".into()),

@@ -8,8 +8,8 @@ use logbook::{LogbookError, SessionReader};
 use crate::args::Global;
 use crate::failure::Failure;
 
-/// A running daemon that has not said within this where it records is passed over.
-const DAEMON_SAYS_WITHIN: Duration = Duration::from_secs(2);
+/// A running daemon that does not answer within this is passed over.
+const DAEMON_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Where session files are looked for: `--state` or `TACTUS_STATE` alone where one is given; else the directory of the
 /// running daemon, `$XDG_STATE_HOME/tactus`, `~/.local/state/tactus`, `/var/lib/tactus`.
@@ -49,16 +49,16 @@ fn daemon_directory(global: &Global) -> Result<Option<PathBuf>, Failure> {
         return Ok(None);
     };
     let hurried = Global {
-        timeout: global.timeout.min(DAEMON_SAYS_WITHIN),
+        timeout: global.timeout.min(DAEMON_TIMEOUT),
         ..global.clone()
     };
-    let said = runtime.block_on(async {
+    let answer = runtime.block_on(async {
         let daemon = crate::connection::open(&hurried).await?;
         daemon
             .ask("the record", daemon.manager.record_directory())
             .await
     });
-    match said {
+    match answer {
         Ok(directory) => Ok(Some(PathBuf::from(directory))),
         Err(Failure::Usage(wrong)) => Err(Failure::Usage(wrong)),
         Err(_) => Ok(None),

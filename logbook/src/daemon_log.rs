@@ -13,17 +13,17 @@ const MOST: u64 = 2 << 20;
 /// Bytes of a sentence; what is longer is cut.
 const LONGEST: usize = 4096;
 
-/// Writes events; each is on disk when [`Chronicle::note`] returns.
+/// Writes events; each is on disk when [`DaemonLog::append`] returns.
 #[derive(Debug)]
-pub struct Chronicle {
+pub struct DaemonLog {
     directory: PathBuf,
     file: File,
     bytes: u64,
     most: u64,
 }
 
-impl Chronicle {
-    /// Goes on with the chronicle of a folder, or begins one.
+impl DaemonLog {
+    /// Opens the log of a directory for appending, or begins one.
     ///
     /// # Errors
     /// The disk refuses.
@@ -65,7 +65,7 @@ impl Chronicle {
     ///
     /// # Errors
     /// The disk refuses.
-    pub fn note(&mut self, event: &Event) -> Result<(), LogbookError> {
+    pub fn append(&mut self, event: &Event) -> Result<(), LogbookError> {
         if self.bytes >= self.most {
             let [path, before] = FILES.map(|name| self.directory.join(name));
             std::fs::rename(&path, before).map_err(|source| failed(&path, "rename", source))?;
@@ -95,7 +95,7 @@ impl Chronicle {
 ///
 /// # Errors
 /// A file that is there and cannot be read.
-pub fn chronicle(directory: impl AsRef<Path>) -> Result<Vec<Event>, LogbookError> {
+pub fn read_daemon_log(directory: impl AsRef<Path>) -> Result<Vec<Event>, LogbookError> {
     let mut events = Vec::new();
     for name in FILES.into_iter().rev() {
         let path = directory.as_ref().join(name);
@@ -134,18 +134,18 @@ mod tests {
     #[test]
     fn events_come_back_and_a_torn_line_takes_no_other_with_it() {
         let folder = tempfile::tempdir().unwrap();
-        let mut writer = Chronicle::open(folder.path()).unwrap();
-        writer.note(&event(1, "one\ntwo lines")).unwrap();
+        let mut writer = DaemonLog::open(folder.path()).unwrap();
+        writer.append(&event(1, "one\ntwo lines")).unwrap();
         let long = "\u{e9}".repeat(LONGEST);
-        writer.note(&event(2, &long)).unwrap();
+        writer.append(&event(2, &long)).unwrap();
         drop(writer);
         let path = folder.path().join(FILES[0]);
         let mut bytes = std::fs::read(&path).unwrap();
         bytes.extend_from_slice(b"{\"at\":\"2026-");
         std::fs::write(&path, bytes).unwrap();
-        let mut writer = Chronicle::open(folder.path()).unwrap();
-        writer.note(&event(3, "after the power cut")).unwrap();
-        let read = chronicle(folder.path()).unwrap();
+        let mut writer = DaemonLog::open(folder.path()).unwrap();
+        writer.append(&event(3, "after the power cut")).unwrap();
+        let read = read_daemon_log(folder.path()).unwrap();
         let numbers: Vec<i64> = read
             .iter()
             .filter_map(|event| event.at.timestamp_nanos_opt())
@@ -153,22 +153,26 @@ mod tests {
         assert_eq!(numbers, [1, 2, 3]);
         assert_eq!(read[0], event(1, "one\ntwo lines"));
         assert_eq!(read[1].text.len(), LONGEST);
-        assert!(chronicle(folder.path().join("gone")).unwrap().is_empty());
+        assert!(
+            read_daemon_log(folder.path().join("gone"))
+                .unwrap()
+                .is_empty()
+        );
     }
 
     #[test]
     fn it_is_bounded_and_keeps_the_newest() {
         let folder = tempfile::tempdir().unwrap();
-        let mut writer = Chronicle::bounded(folder.path(), 10_000).unwrap();
+        let mut writer = DaemonLog::bounded(folder.path(), 10_000).unwrap();
         for number in 0..1000 {
-            writer.note(&event(number, "something happened")).unwrap();
+            writer.append(&event(number, "something happened")).unwrap();
         }
         let on_disk: u64 = std::fs::read_dir(folder.path())
             .unwrap()
             .map(|entry| entry.unwrap().metadata().unwrap().len())
             .sum();
         assert!(on_disk < 2 * 10_100, "{on_disk}");
-        let read = chronicle(folder.path()).unwrap();
+        let read = read_daemon_log(folder.path()).unwrap();
         assert_eq!(read.last(), Some(&event(999, "something happened")));
         assert!(read.len() > 100 && read.len() < 300, "{}", read.len());
         assert!(read.windows(2).all(|pair| pair[0].at < pair[1].at));

@@ -1,21 +1,21 @@
-//! What is remembered: sessions, baselines, frames, events.
+//! Session files: sessions, baselines, frames, events.
 //!
 //! One SQLite file a session, `<id>.tactus`, in one folder. A frame that [`SessionWriter::append`] has acknowledged is
 //! on disk: it survives `kill -9` and, as far as the disk tells the truth, a power cut. Voltages are the record, to the
-//! last bit; of a map only its hash is kept. Refused at this door: clocks (time comes in as an argument),
-//! instruments, mathematics, and numbers that are not finite.
+//! last bit; of a map only its hash is kept. The crate knows no clocks (time comes in as an
+//! argument), instruments or mathematics, and refuses numbers that are not finite.
 //!
 //! - **session**: one run of measurement, or the recording of a **baseline**; its **header** says with what it was taken
 //! - **record**: a frame as it comes back, with its quality and the hash of its map
 //! - **event**: something a person should find later, with its time
 //! - **part**: one file of a session that was rolled over; it says which one it goes on from
-//! - **chronicle**: events that belong to no session, as lines of JSON, bounded in size
+//! - **daemon log**: events that belong to no session, as lines of JSON, bounded in size
 //! - **index**: what the sessions of a folder are, remembered; a cache and nothing else
 //! - **closed**: how a session ended; a session whose writer was killed has no such entry, and is read all the same
 //!
-//! What may befall it: [`SessionWriter::resume`] goes on after a crash, [`SessionWriter::roll`] in the next part,
-//! [`SessionWriter::successor`] behind a disk that broke; [`verify`](fn@verify), [`repair`](fn@repair) and
-//! [`prune`](fn@prune) look after what lies there.
+//! [`SessionWriter::resume`] continues after a crash, [`SessionWriter::roll`] in the next part,
+//! [`SessionWriter::successor`] after an I/O error; [`verify`](fn@verify), [`repair`](fn@repair) and
+//! [`prune`](fn@prune) maintain a folder of sessions.
 //!
 //! The layout of the file is in [`schema`], that of a frame's readings in [`codec`].
 //!
@@ -57,7 +57,7 @@ mod row;
 pub mod schema;
 mod writer;
 
-pub use crate::daemon_log::{Chronicle, chronicle};
+pub use crate::daemon_log::{DaemonLog, read_daemon_log};
 pub use crate::directory::index::Index;
 pub use crate::directory::lock::{StateLock, lock};
 pub use crate::directory::{

@@ -2,8 +2,8 @@
 //!
 //! Every picture states its units, numbers its electrodes from 1, and says SIMULATED when the voltages were. Zero has
 //! one colour everywhere, loss goes to blue, gain to brown, lightness falls with the amount on both sides: readable
-//! without red and green, and in grey. A value that is not a number has no colour. Refused at this door: files,
-//! clocks, meshes as such, and a map that does not fit its sheet.
+//! without red and green, and in grey. A value that is not a number has no colour. The crate knows no
+//! files, clocks or meshes, and refuses a map that does not fit its sheet.
 //!
 //! - **sheet**: what is drawn on: triangles of the region in the order of the map's values, outline, electrodes, in metres
 //! - **style**: what is said beside it: title, scale, the true load if one is known, what was found

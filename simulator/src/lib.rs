@@ -1,9 +1,9 @@
 //! The simulated rig: the drivers' simulators joined to one phantom, in memory or on TCP.
 //!
-//! What this room is for: to let every reading follow from the current that really flows and the relays that are really
-//! closed. The simulators bring behaviour, the phantom brings physics and imperfections; here are the wires between them,
-//! and the streams of bytes that drivers and strangers talk over. Refused at this door: any way from the sheet to a
-//! reading that is not text on a wire, and imperfections of its own.
+//! Every reading follows from the current that really flows and the relays that are really closed. The drivers' simulators
+//! bring behaviour, the phantom brings physics and imperfections; this crate connects them and serves the streams of bytes
+//! that drivers and other clients use. A reading reaches a client only as text on a wire, and the crate adds no
+//! imperfections of its own.
 //!
 //! - **profile**: the instruments and their time; **scene**: the sheet, its loads and effects (see `phantom`)
 //! - **fixture**: which relay joins what to what; **circuit**: what then flows, for any combination of closed relays

@@ -4,9 +4,9 @@
 //! units. It leaves to others instruments, clocks, threads and mathematics.
 //!
 //! - **electrode**: a contact on the edge of the sheet; **dipole**: two of them with a direction
-//! - **measurement**: one question (drive this pair, sense that pair); **protocol**: all questions of a frame, in order
+//! - **measurement**: drive one pair, sense another; **protocol**: all measurements of a frame, in order
 //! - **wiring**: which relays join which pair to source and voltmeter; **plan**: the steps of a frame, as data
-//! - **reading**: one answer, a voltage or the reason why there is none; **frame**: all answers
+//! - **reading**: the result of one measurement, a voltage or the reason why there is none; **frame**: all readings
 //! - **baseline**: the mean of some frames of the unloaded sheet; **map**: a value for each triangle of the region
 //!
 //! ```

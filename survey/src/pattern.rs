@@ -282,16 +282,16 @@ mod tests {
     fn a_half_frame_answers_a_whole_one_by_reciprocity() {
         let whole = Protocol::sheffield(8).unwrap();
         let asked = Protocol::new(8, half(sheffield(8)).collect()).unwrap();
-        let told = |question: &Measurement| {
+        let reading_of = |question: &Measurement| {
             let pairs = [question.drive.plus.0, question.sense.plus.0];
             let (low, high) = (pairs[0].min(pairs[1]), pairs[0].max(pairs[1]));
             Reading::Ok(crate::Volts((10 * low + high) as f64))
         };
-        let readings: Vec<Reading> = asked.measurements().iter().map(told).collect();
+        let readings: Vec<Reading> = asked.measurements().iter().map(reading_of).collect();
         let completed = whole.answered_by(&asked, &readings).unwrap();
         assert_eq!(completed.len(), 2 * readings.len());
         for (question, reading) in whole.measurements().iter().zip(&completed) {
-            assert_eq!(*reading, told(question));
+            assert_eq!(*reading, reading_of(question));
         }
         assert_eq!(whole.answered_by(&asked, &readings[1..]), None);
         let skipped = Protocol::new(8, skip(8, 1).collect()).unwrap();

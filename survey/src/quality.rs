@@ -235,7 +235,7 @@ impl Checks {
     /// Readings larger than their driven pair's own voltage (all potentials of a passive sheet lie between those of the
     /// two driven electrodes), or of the other sign than in the baseline.
     fn implausible(&self, frame: &Frame, largest: f64) -> usize {
-        let room = Self::TOLERANCE * largest;
+        let tolerance = Self::TOLERANCE * largest;
         let driven = |drive: Dipole| {
             frame
                 .extra
@@ -259,7 +259,7 @@ impl Checks {
                         most
                     }
                 };
-                let too_large = most.is_some_and(|most| volts.0.abs() > most + room);
+                let too_large = most.is_some_and(|most| volts.0.abs() > most + tolerance);
                 let before = self.baseline.get(*index).and_then(|before| before.volts());
                 let least = Self::SIGN_FROM * largest;
                 let turned = before.is_some_and(|before| {

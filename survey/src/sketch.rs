@@ -93,10 +93,15 @@ mod tests {
                 .collect();
             let truth = size * length(&noise(2)) / length(&there);
             let (here, there) = (map(here), map(there));
-            let told: Vec<f64> = (0..seeds)
+            let distances: Vec<f64> = (0..seeds)
                 .map(|seed| there.distance(here.signed_sum(seed), seed) / truth)
                 .collect();
-            let within = |most: f64| told.iter().filter(|told| **told < most).count() as f64;
+            let within = |most: f64| {
+                distances
+                    .iter()
+                    .filter(|distance| **distance < most)
+                    .count() as f64
+            };
             // 68.3, 8.0 and 99.73 per cent, and three standard deviations of 2,000 draws
             let part = |most: f64| within(most) / f64::from(seeds);
             assert!((0.65..0.715).contains(&part(1.0)), "{}", part(1.0));

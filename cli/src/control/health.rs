@@ -67,7 +67,7 @@ struct RelayLife {
 }
 
 impl From<dbus::Health> for Health {
-    fn from(told: dbus::Health) -> Self {
+    fn from(reported: dbus::Health) -> Self {
         let pairs = |texts: Option<Vec<String>>| {
             texts
                 .unwrap_or_default()
@@ -79,41 +79,41 @@ impl From<dbus::Health> for Health {
         };
         let time = |at_ns| utc(DateTime::from_timestamp_nanos(at_ns));
         Self {
-            well: told.well.unwrap_or(false),
-            troubles: pairs(told.troubles)
+            well: reported.well.unwrap_or(false),
+            troubles: pairs(reported.troubles)
                 .map(|(kind, text)| Trouble { kind, text })
                 .collect(),
-            last_frame: told.last_frame_session.map(|session| LastFrame {
+            last_frame: reported.last_frame_session.map(|session| LastFrame {
                 session,
-                sequence: told.last_frame_sequence.unwrap_or(0),
-                wall: time(told.last_frame_ns.unwrap_or(0)),
-                age_s: told.last_frame_age_s.unwrap_or(0.0),
+                sequence: reported.last_frame_sequence.unwrap_or(0),
+                wall: time(reported.last_frame_ns.unwrap_or(0)),
+                age_s: reported.last_frame_age_s.unwrap_or(0.0),
             }),
-            period_s: told.period_s,
-            backlog: told.backlog,
+            period_s: reported.period_s,
+            backlog: reported.backlog,
             gaps: Gaps {
-                failed: told.total_failed.unwrap_or(0),
-                dropped: told.total_dropped.unwrap_or(0),
-                last: told.last_gap.map(|text| {
-                    let at_ns = told.last_gap_ns.unwrap_or(0);
+                failed: reported.total_failed.unwrap_or(0),
+                dropped: reported.total_dropped.unwrap_or(0),
+                last: reported.last_gap.map(|text| {
+                    let at_ns = reported.last_gap_ns.unwrap_or(0);
                     let at = time(at_ns);
                     Gap { at, text, at_ns }
                 }),
             },
-            instruments: pairs(told.instruments)
+            instruments: pairs(reported.instruments)
                 .map(|(role, state)| Answering {
                     role,
                     fault: state.strip_prefix("fault: ").map(str::to_owned),
                 })
                 .collect(),
-            baseline_age_s: told.baseline_age_s,
-            disk_free_bytes: told.disk_free_bytes,
-            disk_bytes_per_day: told.disk_bytes_per_day,
-            disk_days: told.disk_days,
-            relay: told.relay.map(|relay| RelayLife {
+            baseline_age_s: reported.baseline_age_s,
+            disk_free_bytes: reported.disk_free_bytes,
+            disk_bytes_per_day: reported.disk_bytes_per_day,
+            disk_days: reported.disk_days,
+            relay: reported.relay.map(|relay| RelayLife {
                 relay,
-                used: told.relay_used.unwrap_or(0.0),
-                left_s: told.relay_left_s,
+                used: reported.relay_used.unwrap_or(0.0),
+                left_s: reported.relay_left_s,
             }),
         }
     }
@@ -213,7 +213,7 @@ impl Health {
 mod tests {
     use crate::control::health::*;
 
-    fn told() -> dbus::Health {
+    fn reported() -> dbus::Health {
         dbus::Health {
             well: Some(false),
             troubles: Some(vec![
@@ -247,7 +247,7 @@ mod tests {
 
     #[test]
     fn what_is_told_is_the_line_of_json() {
-        let health = Health::from(told());
+        let health = Health::from(reported());
         let line = serde_json::to_value(&health).unwrap();
         assert_eq!(line["well"], false);
         assert_eq!(line["troubles"][1]["kind"], "disk-days");
@@ -269,7 +269,7 @@ mod tests {
 
     #[test]
     fn a_person_reads_what_is_wrong_first() {
-        let health = Health::from(told());
+        let health = Health::from(reported());
         let verdict = health.verdict();
         assert_eq!(
             verdict,

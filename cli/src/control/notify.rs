@@ -1,4 +1,4 @@
-//! `tactus notify test`: whether people would be told.
+//! `tactus notify test`: whether people would be notified.
 
 use std::io::Write;
 
@@ -42,16 +42,16 @@ pub(crate) async fn test(
     daemon: &Daemon,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let told = daemon
+    let result = daemon
         .ask("the command", daemon.manager.notify_test())
         .await?;
     let fared = Fared {
         event: "notified",
-        done: told.done.unwrap_or(false),
-        code: told.code,
-        trouble: told.trouble,
-        stderr: told.stderr.unwrap_or_default(),
-        took_s: told.took_s.unwrap_or(0.0),
+        done: result.done.unwrap_or(false),
+        code: result.code,
+        trouble: result.trouble,
+        stderr: result.stderr.unwrap_or_default(),
+        took_s: result.took_s.unwrap_or(0.0),
     };
     printer.record(&fared, Fared::for_a_person)?;
     if fared.done {

@@ -136,7 +136,7 @@ fn costs_told(costs: &[SettingCost]) -> String {
 }
 
 /// How each reading is taken, and what its range costs and gains.
-fn told(measuring: &Measuring) -> String {
+fn describe(measuring: &Measuring) -> String {
     let seconds =
         |seconds: f64| display_span(Duration::try_from_secs_f64(seconds).unwrap_or_default());
     let mut words = vec![format!("{} PLC", measuring.nplc)];
@@ -231,7 +231,7 @@ fn for_a_person(plan: &Plan, steps: bool) -> String {
                 .map(|volts| Volts(volts).to_string())
         ),
     );
-    text.push_str(&plan.measuring.as_ref().map(told).unwrap_or_default());
+    text.push_str(&plan.measuring.as_ref().map(describe).unwrap_or_default());
     if steps {
         for line in &plan.lines {
             text.push_str(line);
@@ -305,14 +305,14 @@ mod tests {
                 gain,
             });
         }
-        let told = told(&measuring(&more).unwrap());
+        let text = describe(&measuring(&more).unwrap());
         assert!(
-            told.contains("cost        averages 9.0 s (noise / 2.000), settle 50 ms, half saves 2.5 s (noise x 1.414)"),
-            "{told}"
+            text.contains("cost        averages 9.0 s (noise / 2.000), settle 50 ms, half saves 2.5 s (noise x 1.414)"),
+            "{text}"
         );
         assert!(
-            told.contains("neighbouring pairs, of two readings"),
-            "{told}"
+            text.contains("neighbouring pairs, of two readings"),
+            "{text}"
         );
     }
 }

@@ -40,12 +40,12 @@ struct Recovery {
 
 impl Recovery {
     /// `None` when nothing is lost.
-    fn from(told: dbus::Recovery) -> Option<Self> {
+    fn from(reported: dbus::Recovery) -> Option<Self> {
         Some(Self {
-            what: told.what?,
-            tries: told.tries.unwrap_or(0),
-            next_s: told.next_s,
-            person: told.person.unwrap_or(false),
+            what: reported.what?,
+            tries: reported.tries.unwrap_or(0),
+            next_s: reported.next_s,
+            person: reported.person.unwrap_or(false),
         })
     }
 

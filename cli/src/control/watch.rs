@@ -80,11 +80,11 @@ pub(crate) async fn run(
         }
         std::future::pending().await
     };
-    // a suspended session sends no frames: why, and which try this is, is told beside the maps
-    let told = async {
+    // a suspended session sends no frames: why, and which try this is, is printed beside the maps
+    let events = async {
         while let Some(signal) = dbus::next(&mut news).await {
-            if let Ok(told) = signal.args() {
-                complain(&format!("{}: {}", told.kind, printable(told.text)));
+            if let Ok(event) = signal.args() {
+                complain(&format!("{}: {}", event.kind, printable(event.text)));
             }
         }
         std::future::pending().await
@@ -92,7 +92,7 @@ pub(crate) async fn run(
     let mut viewer = Viewer::new(id, watch, field, printer);
     let ended = tokio::select! {
         ended = viewer.follow(stream, deadline) => ended?,
-        ended = told => ended,
+        ended = events => ended,
         ended = judged => ended,
     };
     match ended {
@@ -101,7 +101,7 @@ pub(crate) async fn run(
     }
 }
 
-/// What a frame's checks say, told when it changes.
+/// What a frame's checks report, printed when it changes.
 fn quality(frame: u64, flags: &str) -> String {
     match flags {
         "" => format!("quality: from frame {frame} on nothing is the matter"),
@@ -118,7 +118,7 @@ async fn first(
     deadline: Option<Instant>,
     printer: &mut Printer<impl Write>,
 ) -> Result<Option<Session1Proxy<'static>>, Failure> {
-    let mut told = false;
+    let mut announced = false;
     loop {
         if let Some(session) = daemon.active().await? {
             return Ok(Some(session));
@@ -126,9 +126,9 @@ async fn first(
         if deadline.is_some_and(|deadline| Instant::now() >= deadline) {
             return Ok(None);
         }
-        if !told {
+        if !announced {
             printer.text("no session is running; waiting for one (`tactus start`)")?;
-            told = true;
+            announced = true;
         }
         tokio::time::sleep(LOOK_AGAIN).await;
     }

@@ -148,13 +148,13 @@ pub(crate) fn run(
         .enable_all()
         .build()
         .map_err(|error| Failure::failed("the program cannot wait for anything", &error))?;
-    let told = runtime.block_on(running::look(global, &wanted));
+    let running = runtime.block_on(running::check(global, &wanted));
     // where a daemon runs it knows best where it records
-    let directory = told
+    let directory = running
         .record_directory
         .or_else(|| wanted.record.directory.clone());
     findings.extend(machine.record(directory.as_deref()));
-    findings.extend(told.findings);
+    findings.extend(running.findings);
     let count = |verdict| findings.iter().filter(|one| one.verdict == verdict).count();
     let (bad, warned) = (count(Verdict::Bad), count(Verdict::Warn));
     for finding in &findings {

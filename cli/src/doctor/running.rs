@@ -13,9 +13,9 @@ use crate::args::Global;
 /// What does not answer within this is not there.
 const PATIENCE: Duration = Duration::from_secs(3);
 
-/// What was found out from those that run.
+/// What is found out from running programs.
 #[derive(Debug, Default)]
-pub(super) struct Told {
+pub(super) struct Running {
     pub findings: Vec<Finding>,
     /// Where the running daemon records.
     pub record_directory: Option<PathBuf>,
@@ -50,26 +50,26 @@ fn judged(file: &Path, ran: std::io::Result<std::process::Output>) -> Finding {
             Finding::ok("configuration", format!("{file}: no problem found"))
         }
         Ok(ran) => {
-            let said = String::from_utf8_lossy(&ran.stderr);
+            let message = String::from_utf8_lossy(&ran.stderr);
             Finding::bad(
                 "configuration",
-                said.trim_end().to_owned(),
+                message.trim_end().to_owned(),
                 format!("correct it, then `tactusd --config {file} --check`"),
             )
         }
     }
 }
 
-/// Asks everybody that runs.
-pub(super) async fn look(global: &Global, wanted: &Wanted) -> Told {
-    let mut told = Told::default();
-    told.findings.push(unit());
-    told.findings.extend(system_bus(wanted).await);
+/// Checks the unit, the buses and the daemon.
+pub(super) async fn check(global: &Global, wanted: &Wanted) -> Running {
+    let mut running = Running::default();
+    running.findings.push(unit());
+    running.findings.extend(system_bus(wanted).await);
     let hurried = Global {
         timeout: global.timeout.min(PATIENCE),
         ..global.clone()
     };
-    let said = async {
+    let answer = async {
         let daemon = crate::connection::open(&hurried).await?;
         let health = daemon.ask("its health", daemon.manager.health()).await?;
         let directory = daemon
@@ -77,11 +77,11 @@ pub(super) async fn look(global: &Global, wanted: &Wanted) -> Told {
             .await?;
         Ok::<_, crate::failure::Failure>((daemon.address.to_string(), health, directory))
     };
-    match said.await {
+    match answer.await {
         Ok((address, health, directory)) => {
-            told.record_directory = Some(PathBuf::from(directory));
+            running.record_directory = Some(PathBuf::from(directory));
             let troubles = health.troubles.unwrap_or_default();
-            told.findings.push(match troubles.as_slice() {
+            running.findings.push(match troubles.as_slice() {
                 [] => Finding::ok("daemon", format!("answers at {address}, and is well")),
                 troubles => Finding::warn(
                     "daemon",
@@ -93,7 +93,7 @@ pub(super) async fn look(global: &Global, wanted: &Wanted) -> Told {
         Err(failure) => {
             let text = failure.to_string();
             let first = text.lines().next().unwrap_or_default().to_owned();
-            told.findings.push(match failure.code() {
+            running.findings.push(match failure.code() {
                 4 => Finding::bad("daemon", first, "ask for the group tactus, or run as root"),
                 _ => Finding::warn(
                     "daemon",
@@ -103,8 +103,8 @@ pub(super) async fn look(global: &Global, wanted: &Wanted) -> Told {
             });
         }
     }
-    told.findings.extend(peer_socket(wanted));
-    told
+    running.findings.extend(peer_socket(wanted));
+    running
 }
 
 /// Where the daemon's own socket is configured, it is there and can be reached.

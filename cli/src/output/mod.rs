@@ -75,10 +75,10 @@ impl<W: Write> Printer<W> {
             .then(|| rustix::termios::tcgetwinsize(std::io::stdout()).ok())
             .flatten()
             .map(|size| usize::from(size.ws_col));
-        let told = || std::env::var("COLUMNS").ok()?.parse().ok();
+        let from_environment = || std::env::var("COLUMNS").ok()?.parse().ok();
         asked
             .filter(|&columns| columns > 0)
-            .or_else(told)
+            .or_else(from_environment)
             .unwrap_or(80)
             .clamp(20, 400)
     }

@@ -86,7 +86,7 @@ pub(crate) async fn follow(
     log: &Log,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    // heard before the records are read, so that nothing falls between
+    // subscribed before the records are read, so that no event is missed
     let listening = daemon.manager.receive_happened();
     let mut happened = daemon
         .ask("its events", async { Ok(listening.await?) })
@@ -100,14 +100,14 @@ pub(crate) async fn follow(
         line.print(printer)?;
     }
     while let Some(signal) = next(&mut happened).await {
-        let told = signal
+        let event = signal
             .args()
             .map_err(|error| fault("an event", &error.into()))?;
         let line = Line {
-            at: DateTime::from_timestamp_nanos(told.wall_ns),
-            session: told.details.session.clone(),
-            kind: told.kind.to_string(),
-            text: told.text.to_string(),
+            at: DateTime::from_timestamp_nanos(event.wall_ns),
+            session: event.details.session.clone(),
+            kind: event.kind.to_string(),
+            text: event.text.to_string(),
         };
         if line.is_asked_for(log, None) && !lines.contains(&line) {
             line.print(printer)?;
@@ -127,7 +127,7 @@ fn since(log: &Log, now: DateTime<Utc>) -> Option<DateTime<Utc>> {
 fn recorded(place: &Path, log: &Log, since: Option<DateTime<Utc>>) -> impl Iterator<Item = Line> {
     let mut lines = Vec::new();
     if log.session.is_none() {
-        match logbook::chronicle(place) {
+        match logbook::read_daemon_log(place) {
             Ok(events) => lines.extend(events.into_iter().map(|event| Line {
                 at: event.at,
                 session: None,
@@ -198,7 +198,7 @@ fn of_session(file: &Path) -> Result<Vec<Line>, logbook::LogbookError> {
 #[cfg(test)]
 mod tests {
     use crate::records::log::*;
-    use logbook::{Chronicle, Event, SessionHeader, SessionWriter};
+    use logbook::{DaemonLog, Event, SessionHeader, SessionWriter};
     use survey::Protocol;
 
     fn at(second: i64) -> DateTime<Utc> {
@@ -209,14 +209,14 @@ mod tests {
     fn folder() -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
         let protocol = Protocol::sheffield(4).unwrap();
-        let mut chronicle = Chronicle::open(folder.path()).unwrap();
+        let mut daemon_log = DaemonLog::open(folder.path()).unwrap();
         for (second, kind) in [(5, "started"), (40, "daily")] {
             let event = Event {
                 at: at(second),
                 kind: kind.into(),
                 text: "of the daemon".into(),
             };
-            chronicle.note(&event).unwrap();
+            daemon_log.append(&event).unwrap();
         }
         for (id, begin) in [("m1", 10), ("m2", 30)] {
             let mut header = SessionHeader::new(id, at(begin), protocol.clone());
@@ -230,7 +230,7 @@ mod tests {
         folder
     }
 
-    fn told(folder: &tempfile::TempDir, log: &Log, since: Option<DateTime<Utc>>) -> Vec<String> {
+    fn shown(folder: &tempfile::TempDir, log: &Log, since: Option<DateTime<Utc>>) -> Vec<String> {
         let lines: BTreeSet<Line> = recorded(folder.path(), log, since).collect();
         let each = lines.iter();
         each.map(|line| {
@@ -245,7 +245,7 @@ mod tests {
         let folder = folder();
         let all = Log::default();
         assert_eq!(
-            told(&folder, &all, None),
+            shown(&folder, &all, None),
             [
                 "5 - started",
                 "10 m1 session-started",
@@ -257,20 +257,20 @@ mod tests {
             ]
         );
         assert_eq!(
-            told(&folder, &all, Some(at(31))),
+            shown(&folder, &all, Some(at(31))),
             ["31 m2 suspended", "40 - daily"]
         );
         let of_one = Log {
             session: Some("m1".into()),
             ..Log::default()
         };
-        assert_eq!(told(&folder, &of_one, None).len(), 3);
+        assert_eq!(shown(&folder, &of_one, None).len(), 3);
         let of_a_kind = Log {
             kind: Some("suspended".into()),
             ..Log::default()
         };
         assert_eq!(
-            told(&folder, &of_a_kind, None),
+            shown(&folder, &of_a_kind, None),
             ["11 m1 suspended", "31 m2 suspended"]
         );
     }
@@ -279,7 +279,7 @@ mod tests {
     fn a_file_that_is_no_session_takes_no_other_with_it() {
         let folder = folder();
         std::fs::write(folder.path().join("m3.tactus"), "no database").unwrap();
-        assert_eq!(told(&folder, &Log::default(), None).len(), 7);
+        assert_eq!(shown(&folder, &Log::default(), None).len(), 7);
     }
 
     #[test]

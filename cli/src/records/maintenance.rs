@@ -63,7 +63,7 @@ fn verify(
             found,
         };
         broken += u32::from(!line.whole);
-        printer.record(&line, told)?;
+        printer.record(&line, describe)?;
     }
     match broken {
         0 => Ok(()),
@@ -95,7 +95,7 @@ fn all(global: &Global) -> Result<Vec<PathBuf>, Failure> {
     Ok(files)
 }
 
-fn told(line: &Checked) -> String {
+fn describe(line: &Checked) -> String {
     let found = &line.found;
     let explained = found.gaps.iter().filter(|gap| gap.explained.is_some());
     let mut text = format!(

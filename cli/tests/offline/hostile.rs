@@ -1,7 +1,7 @@
 //! What somebody else wrote into a record is shown, and acts on nothing.
 
 use chrono::{DateTime, Utc};
-use logbook::{Chronicle, Event, SessionHeader, SessionWriter};
+use logbook::{DaemonLog, Event, SessionHeader, SessionWriter};
 use serde_json::Value;
 use survey::Protocol;
 
@@ -29,9 +29,9 @@ fn a_hostile_record_prints_no_control_characters() {
         kind: HOSTILE.into(),
         text: HOSTILE.into(),
     };
-    Chronicle::open(folder.path())
+    DaemonLog::open(folder.path())
         .unwrap()
-        .note(&event)
+        .append(&event)
         .unwrap();
     std::fs::write(folder.path().join("\u{1b}[2J\n.tactus"), "no session").unwrap();
     for words in [

@@ -116,9 +116,9 @@ pub fn session_with(
         ..OneStepOptions::default()
     };
     let sigma = vec![tank.conductance(); mesh.triangles().len()];
-    let eye = OneStep::new(mesh, &tank.contact_ohm_m(), &sigma, &protocol(), options)
+    let reconstructor = OneStep::new(mesh, &tank.contact_ohm_m(), &sigma, &protocol(), options)
         .expect("a sound method");
-    record(folder, header, Some(&eye), kept, false)
+    record(folder, header, Some(&reconstructor), kept, false)
 }
 
 fn protocol() -> Protocol {
@@ -128,7 +128,7 @@ fn protocol() -> Protocol {
 fn record(
     folder: &Path,
     header: SessionHeader,
-    eye: Option<&OneStep>,
+    reconstructor: Option<&OneStep>,
     kept: impl Fn(&Map, MapRecord, i64) -> MapRecord,
     rolled: bool,
 ) -> PathBuf {
@@ -183,8 +183,10 @@ fn record(
         })
         .expect("written");
     for (second, readings) in [(1, unloaded.clone()), (2, gap), (3, loaded)] {
-        let map = eye.map(|eye| {
-            let map = eye.reconstruct(&unloaded, &readings).expect("a map");
+        let map = reconstructor.map(|reconstructor| {
+            let map = reconstructor
+                .reconstruct(&unloaded, &readings)
+                .expect("a map");
             let build = format!("tactusd {}", env!("CARGO_PKG_VERSION"));
             let record = MapRecord::new(&map, None, build, eit::cpu_features());
             kept(&map, record, second)

@@ -102,9 +102,9 @@ fn write(directory: &std::path::Path, events: &Receiver<logbook::Event>) {
     let mut refused = false;
     while let Ok(event) = events.recv() {
         let written = match &mut daemon_log {
-            Some(daemon_log) => logbook::Chronicle::note(daemon_log, &event),
-            None => logbook::Chronicle::open(directory).and_then(|mut opened| {
-                opened.note(&event)?;
+            Some(daemon_log) => logbook::DaemonLog::append(daemon_log, &event),
+            None => logbook::DaemonLog::open(directory).and_then(|mut opened| {
+                opened.append(&event)?;
                 daemon_log = Some(opened);
                 Ok(())
             }),
@@ -133,18 +133,24 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let daemon_log = DaemonLogWriter::new(folder.path().to_owned());
         daemon_log.close().await;
-        assert!(logbook::chronicle(folder.path()).unwrap().is_empty());
+        assert!(logbook::read_daemon_log(folder.path()).unwrap().is_empty());
         for number in 0..QUEUE as i64 {
             let at = DateTime::from_timestamp_nanos(number);
             daemon_log.note(&Event::new(at, "daily", "a day", None));
         }
         daemon_log.close().await;
-        assert_eq!(logbook::chronicle(folder.path()).unwrap().len(), QUEUE);
+        assert_eq!(
+            logbook::read_daemon_log(folder.path()).unwrap().len(),
+            QUEUE
+        );
         // and it goes on
         let at = DateTime::from_timestamp_nanos(QUEUE as i64);
         daemon_log.note(&Event::new(at, "stopped", "SIGTERM", None));
         daemon_log.close().await;
-        let last = logbook::chronicle(folder.path()).unwrap().pop().unwrap();
+        let last = logbook::read_daemon_log(folder.path())
+            .unwrap()
+            .pop()
+            .unwrap();
         assert_eq!(last.kind, "stopped");
     }
 }

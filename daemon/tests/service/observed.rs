@@ -232,7 +232,7 @@ async fn the_daemons_own_events_are_on_disk() {
     daemon.manager.reload().await.unwrap_err();
     let (status, log) = daemon.terminate().await;
     assert!(status.success(), "{log}");
-    let events = logbook::chronicle(stage.path().join("state")).unwrap();
+    let events = logbook::read_daemon_log(stage.path().join("state")).unwrap();
     let kinds: Vec<&str> = events.iter().map(|event| event.kind.as_str()).collect();
     assert_eq!(
         kinds,

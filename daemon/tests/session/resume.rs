@@ -208,7 +208,7 @@ async fn a_session_killed_in_a_frame_goes_on_by_hand_too() {
     );
     within(session.stop()).await.unwrap();
     assert!(!rig.source_output().0 && rig.closed().is_empty());
-    let events = logbook::chronicle(stage.path().join("state")).unwrap();
+    let events = logbook::read_daemon_log(stage.path().join("state")).unwrap();
     assert!(
         events
             .iter()

@@ -18,29 +18,29 @@ impl Poles for Sheet {
     }
 }
 
-struct Bench {
+struct TestInstrument {
     board: SimulatorGpioMux,
     received: Vec<String>,
     /// Answered instead of the truth to the next line.
     lie: Option<&'static str>,
 }
 
-type Shared = Arc<Mutex<Bench>>;
+type Shared = Arc<Mutex<TestInstrument>>;
 
-fn bench() -> Shared {
-    Arc::new(Mutex::new(Bench {
+fn device() -> Shared {
+    Arc::new(Mutex::new(TestInstrument {
         board: SimulatorGpioMux::new(Settings::default()),
         received: Vec::new(),
         lie: None,
     }))
 }
 
-fn plug(bench: &Shared) -> DuplexStream {
+fn plug(device: &Shared) -> DuplexStream {
     let (here, mut there) = tokio::io::duplex(4096);
-    let bench = Arc::clone(bench);
+    let device = Arc::clone(device);
     let start = Instant::now();
     tokio::spawn(async move {
-        let banner = bench.lock().unwrap().board.banner();
+        let banner = device.lock().unwrap().board.banner();
         let greeting = format!("{banner}\n");
         there.write_all(greeting.as_bytes()).await.unwrap();
         let mut framer = Framer::new(200);
@@ -50,10 +50,10 @@ fn plug(bench: &Shared) -> DuplexStream {
             for line in framer.by_ref() {
                 let line = String::from_utf8(line.unwrap()).unwrap();
                 let (text, busy) = {
-                    let bench = &mut *bench.lock().unwrap();
-                    let answer = bench.board.receive(&line, start.elapsed(), &mut Sheet);
-                    bench.received.push(line);
-                    let lie = bench.lie.take().map(str::to_owned);
+                    let device = &mut *device.lock().unwrap();
+                    let answer = device.board.receive(&line, start.elapsed(), &mut Sheet);
+                    device.received.push(line);
+                    let lie = device.lie.take().map(str::to_owned);
                     (lie.or(answer.text), answer.busy)
                 };
                 // The board's own time; the test's clock does not wait.
@@ -70,22 +70,22 @@ fn plug(bench: &Shared) -> DuplexStream {
     here
 }
 
-async fn link(bench: &Shared) -> Link<DuplexStream> {
-    let mut stream = plug(bench);
+async fn link(device: &Shared) -> Link<DuplexStream> {
+    let mut stream = plug(device);
     let banner = await_banner(&mut stream, Duration::from_secs(2)).await;
     assert_eq!(banner.as_deref(), Some("Tactus,GPIO-MUX,0001,1.0 ready"));
     Link::new(stream, "board in a test", Duration::from_secs(1))
 }
 
 async fn connected() -> (Shared, GpioMux<DuplexStream>) {
-    let bench = bench();
-    let board = GpioMux::connect(link(&bench).await).await.unwrap();
-    bench.lock().unwrap().received.clear();
-    (bench, board)
+    let device = device();
+    let board = GpioMux::connect(link(&device).await).await.unwrap();
+    device.lock().unwrap().received.clear();
+    (device, board)
 }
 
-fn received(bench: &Shared) -> Vec<String> {
-    std::mem::take(&mut bench.lock().unwrap().received)
+fn received(device: &Shared) -> Vec<String> {
+    std::mem::take(&mut device.lock().unwrap().received)
 }
 
 fn relays(numbers: &[u32]) -> Vec<Relay> {
@@ -102,12 +102,12 @@ fn open(numbers: &[u32]) -> Move {
 
 #[tokio::test(start_paused = true)]
 async fn connecting_asks_who_it_is_and_sets_the_watchdog() {
-    let bench = bench();
-    let board = GpioMux::connect(link(&bench).await).await.unwrap();
+    let device = device();
+    let board = GpioMux::connect(link(&device).await).await.unwrap();
     assert_eq!(board.identity(), "Tactus,GPIO-MUX,0001,1.0");
-    assert_eq!(received(&bench), ["*IDN?", "WDOG 10000"]);
-    bench.lock().unwrap().lie = Some("Acme,OTHER,1,1");
-    let refusal = GpioMux::connect(link(&bench).await).await.unwrap_err();
+    assert_eq!(received(&device), ["*IDN?", "WDOG 10000"]);
+    device.lock().unwrap().lie = Some("Acme,OTHER,1,1");
+    let refusal = GpioMux::connect(link(&device).await).await.unwrap_err();
     assert!(
         refusal.to_string().contains("expected GPIO-MUX"),
         "{refusal}"
@@ -116,7 +116,7 @@ async fn connecting_asks_who_it_is_and_sets_the_watchdog() {
 
 #[tokio::test(start_paused = true)]
 async fn a_whole_plan_moves_the_poles_break_before_make() {
-    let (bench, mut board) = connected().await;
+    let (device, mut board) = connected().await;
     let plan = Plan::new(
         &Protocol::sheffield(26).unwrap(),
         &gpio_mux::wiring(26).unwrap(),
@@ -136,22 +136,22 @@ async fn a_whole_plan_moves_the_poles_break_before_make() {
             Step::Route { open, close, sense } => {
                 let moves = [Move::Open(open.clone()), Move::Close(close.clone())];
                 board.move_relays(&moves).await.unwrap();
-                let bench = bench.lock().unwrap();
-                let state = bench.board.state();
+                let device = device.lock().unwrap();
+                let state = device.board.state();
                 assert_eq!(state.0[2..], [Some(sense.plus), Some(sense.minus)]);
             }
             _ => {}
         }
     }
-    let bench = bench.lock().unwrap();
-    let pairs = bench
+    let device = device.lock().unwrap();
+    let pairs = device
         .received
         .iter()
         .filter(|line| line.starts_with("PAIR"));
     // One message a move, but for the pair that closes the ring.
     assert!(pairs.count() > 590);
     let mut on = [false; 4];
-    for record in bench.board.edges() {
+    for record in device.board.edges() {
         if let gpio_mux::Edge::Enable(_, enable) = record.edge {
             assert_ne!(on[record.pole.index()], enable, "{record:?}");
             on[record.pole.index()] = enable;
@@ -161,9 +161,9 @@ async fn a_whole_plan_moves_the_poles_break_before_make() {
 
 #[tokio::test(start_paused = true)]
 async fn illegal_combinations_are_refused_before_the_wire_is_touched() {
-    let (bench, mut board) = connected().await;
+    let (device, mut board) = connected().await;
     board.move_relays(&[close(&[101, 202])]).await.unwrap();
-    assert_eq!(received(&bench), ["PAIR I 1"]);
+    assert_eq!(received(&device), ["PAIR I 1"]);
     for (moves, reason) in [
         (vec![close(&[102])], "a pole carries one electrode"),
         (
@@ -177,7 +177,7 @@ async fn illegal_combinations_are_refused_before_the_wire_is_touched() {
         assert!(matches!(refusal, RigError::Unable { .. }));
         assert!(refusal.to_string().contains(reason), "{refusal}");
     }
-    assert!(received(&bench).is_empty());
+    assert!(received(&device).is_empty());
     // The board itself refuses what only it knows: electrode 27 is not wired.
     let refusal = board.move_relays(&[close(&[327])]).await.unwrap_err();
     assert!(
@@ -186,12 +186,12 @@ async fn illegal_combinations_are_refused_before_the_wire_is_touched() {
     );
     // And is asked where it stands before the next move.
     board.move_relays(&[close(&[303])]).await.unwrap();
-    assert_eq!(received(&bench), ["SET V+ 27", "STAT?", "SET V+ 3"]);
+    assert_eq!(received(&device), ["SET V+ 27", "STAT?", "SET V+ 3"]);
 }
 
 #[tokio::test(start_paused = true)]
 async fn opening_is_verified() {
-    let (bench, mut board) = connected().await;
+    let (device, mut board) = connected().await;
     let moves = [close(&[126, 201]), close(&[303, 304 + 100])];
     board.move_relays(&moves).await.unwrap();
     let asked = relays(&[126, 201, 127, 303]);
@@ -206,20 +206,20 @@ async fn opening_is_verified() {
     );
     board.open_verified(&relays(&[303, 404])).await.unwrap();
     assert_eq!(
-        bench.lock().unwrap().board.state(),
+        device.lock().unwrap().board.state(),
         gpio_mux::State::default()
     );
-    received(&bench);
-    bench.lock().unwrap().lie = Some("5,OFF,OFF,OFF");
+    received(&device);
+    device.lock().unwrap().lie = Some("5,OFF,OFF,OFF");
     let fault = board.open_verified(&relays(&[105])).await;
     // It says that it is off, so the OFF that follows the lie is answered truly, and the read-back agrees.
     fault.unwrap();
-    assert_eq!(received(&bench), ["STAT?", "OFF", "STAT?"]);
+    assert_eq!(received(&device), ["STAT?", "OFF", "STAT?"]);
 }
 
 #[tokio::test(start_paused = true)]
 async fn a_board_that_opened_by_itself_is_noticed_at_the_next_move() {
-    let (bench, mut board) = connected().await;
+    let (device, mut board) = connected().await;
     board.move_relays(&[close(&[101, 202])]).await.unwrap();
     tokio::time::advance(Duration::from_secs(11)).await;
     let fault = board.move_relays(&[close(&[303, 404])]).await.unwrap_err();
@@ -228,7 +228,7 @@ async fn a_board_that_opened_by_itself_is_noticed_at_the_next_move() {
         "{fault}"
     );
     board.open_verified(&relays(&[303, 404])).await.unwrap();
-    bench.lock().unwrap().lie = Some("3,4");
+    device.lock().unwrap().lie = Some("3,4");
     let fault = board.state().await.unwrap_err();
     assert!(matches!(fault, RigError::Garbled { .. }), "{fault}");
 }

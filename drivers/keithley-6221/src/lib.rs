@@ -5,7 +5,7 @@
 //! (an error, nothing is clipped), physics (the simulator asks its [`Load`] for a resistance), and delta modes: the
 //! simulator answers them as an instrument does that no 2182A is connected to.
 //!
-//! - **level**: the current asked for; **range**: the scale it is made on, 5 % over allowed
+//! - **level**: the requested current; **range**: the scale it is made on, 5 % over allowed
 //! - **compliance**: the voltage limit, and the state of being held back by it
 //! - **parameter**: a setting that is one value; **sweep**, **wave**: levels that follow from the time
 //! - **command**: one unit of a message as a value

@@ -10,15 +10,15 @@ use survey::{Amps, Ohms, Volts};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 
 /// An instrument with a resistor, and what it has received. It outlives its connections.
-struct Bench {
+struct TestInstrument {
     simulator: Simulator6221,
     load: Resistor,
     received: Vec<String>,
     /// What to do with the next replies instead of sending them as they are.
-    mishaps: Vec<Mishap>,
+    reply_faults: Vec<ReplyFault>,
 }
 
-enum Mishap {
+enum ReplyFault {
     /// The reply is lost.
     Silence,
     /// The reply is another.
@@ -27,21 +27,21 @@ enum Mishap {
     HangUp,
 }
 
-type Shared = Arc<Mutex<Bench>>;
+type Shared = Arc<Mutex<TestInstrument>>;
 
-fn bench(resistance: f64) -> Shared {
-    Arc::new(Mutex::new(Bench {
+fn device(resistance: f64) -> Shared {
+    Arc::new(Mutex::new(TestInstrument {
         simulator: Simulator6221::new(Settings6221::default()),
         load: Resistor::new(Ohms(resistance)),
         received: Vec::new(),
-        mishaps: Vec::new(),
+        reply_faults: Vec::new(),
     }))
 }
 
 /// Plugs the instrument in.
-fn plug(bench: &Shared) -> DuplexStream {
+fn plug(device: &Shared) -> DuplexStream {
     let (here, mut there) = tokio::io::duplex(4096);
-    let bench = Arc::clone(bench);
+    let device = Arc::clone(device);
     tokio::spawn(async move {
         let mut framer = Framer::new(4096);
         let mut bytes = [0; 512];
@@ -49,7 +49,7 @@ fn plug(bench: &Shared) -> DuplexStream {
             framer.push(&bytes[..count]);
             for line in framer.by_ref() {
                 let line = String::from_utf8(line.unwrap()).unwrap();
-                let answer = bench.lock().unwrap().answer(line);
+                let answer = device.lock().unwrap().answer(line);
                 match answer {
                     Some(Some(text)) => there
                         .write_all(format!("{text}\n").as_bytes())
@@ -64,17 +64,22 @@ fn plug(bench: &Shared) -> DuplexStream {
     here
 }
 
-impl Bench {
+impl TestInstrument {
     /// The line to send, if any; `None` to hang up.
     fn answer(&mut self, line: String) -> Option<Option<String>> {
         let reply = self
             .simulator
             .receive(&line, Duration::ZERO, &mut self.load);
         self.received.push(line);
-        match reply.text.is_some().then(|| self.mishaps.pop()).flatten() {
-            Some(Mishap::Silence) => Some(None),
-            Some(Mishap::Says(text)) => Some(Some(text.to_owned())),
-            Some(Mishap::HangUp) => None,
+        match reply
+            .text
+            .is_some()
+            .then(|| self.reply_faults.pop())
+            .flatten()
+        {
+            Some(ReplyFault::Silence) => Some(None),
+            Some(ReplyFault::Says(text)) => Some(Some(text.to_owned())),
+            Some(ReplyFault::HangUp) => None,
             None => Some(reply.text),
         }
     }
@@ -84,65 +89,65 @@ fn link(stream: DuplexStream) -> Link<DuplexStream> {
     Link::new(stream, "6221 in memory", Duration::from_secs(2))
 }
 
-async fn connected(bench: &Shared) -> Keithley6221<DuplexStream> {
-    Keithley6221::connect(link(plug(bench))).await.unwrap()
+async fn connected(device: &Shared) -> Keithley6221<DuplexStream> {
+    Keithley6221::connect(link(plug(device))).await.unwrap()
 }
 
-fn simulator<T>(bench: &Shared, look: impl FnOnce(&mut Bench) -> T) -> T {
-    look(&mut bench.lock().unwrap())
+fn simulator<T>(device: &Shared, look: impl FnOnce(&mut TestInstrument) -> T) -> T {
+    look(&mut device.lock().unwrap())
 }
 
 #[tokio::test]
 async fn a_current_flows_and_is_switched_off() {
-    let bench = bench(500.0);
-    let mut source = connected(&bench).await;
+    let device = device(500.0);
+    let mut source = connected(&device).await;
     assert!(source.identity().contains("MODEL 6221"));
     source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
     source.set_output(true).await.unwrap();
     source.set_current(Amps(1e-3)).await.unwrap();
     assert_eq!(source.output().await.unwrap(), (Amps(1e-3), true));
     assert!(!source.in_compliance().await.unwrap());
-    assert_eq!(simulator(&bench, |b| b.load.flowing), Amps(1e-3));
-    assert_eq!(simulator(&bench, |b| b.simulator.range()), Amps(2e-3));
+    assert_eq!(simulator(&device, |b| b.load.flowing), Amps(1e-3));
+    assert_eq!(simulator(&device, |b| b.simulator.range()), Amps(2e-3));
     source.off().await.unwrap();
-    assert_eq!(simulator(&bench, |b| b.load.flowing), Amps(0.0));
-    assert!(!simulator(&bench, |b| b.simulator.output()));
+    assert_eq!(simulator(&device, |b| b.load.flowing), Amps(0.0));
+    assert!(!simulator(&device, |b| b.simulator.output()));
 }
 
 #[tokio::test]
 async fn all_the_driver_says_is_heard() {
-    let bench = bench(500.0);
-    let mut source = connected(&bench).await;
+    let device = device(500.0);
+    let mut source = connected(&device).await;
     source.prepare(Amps(-2e-6), Volts(0.1)).await.unwrap();
     source.set_output(true).await.unwrap();
     source.set_current(Amps(-2.1e-6)).await.unwrap();
     source.in_compliance().await.unwrap();
     source.off().await.unwrap();
-    for line in simulator(&bench, |b| b.received.clone()) {
+    for line in simulator(&device, |b| b.received.clone()) {
         for call in parse_message(&line) {
             Command::of(&call.unwrap()).unwrap();
         }
     }
-    assert_eq!(simulator(&bench, |b| b.simulator.errors()), 0);
+    assert_eq!(simulator(&device, |b| b.simulator.errors()), 0);
 }
 
 #[tokio::test]
 async fn setting_a_level_is_one_segment() {
-    let bench = bench(500.0);
-    let mut source = connected(&bench).await;
+    let device = device(500.0);
+    let mut source = connected(&device).await;
     source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
-    simulator(&bench, |b| b.received.clear());
+    simulator(&device, |b| b.received.clear());
     source.set_current(Amps(1e-3)).await.unwrap();
     assert_eq!(
-        simulator(&bench, |b| b.received.clone()),
+        simulator(&device, |b| b.received.clone()),
         ["SOUR:CURR 1E-3;:SOUR:CURR?;:SYST:ERR?"]
     );
 }
 
 #[tokio::test]
 async fn compliance_is_seen_now_and_after_the_fact() {
-    let bench = bench(1e6);
-    let mut source = connected(&bench).await;
+    let device = device(1e6);
+    let mut source = connected(&device).await;
     source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
     source.set_output(true).await.unwrap();
     source.set_current(Amps(1e-3)).await.unwrap();
@@ -156,14 +161,14 @@ async fn compliance_is_seen_now_and_after_the_fact() {
 
 #[tokio::test]
 async fn an_interlock_that_opens_is_no_reading_of_nothing() {
-    let bench = bench(500.0);
+    let device = device(500.0);
     let interlock = |closed| {
-        simulator(&bench, |b| {
+        simulator(&device, |b| {
             b.simulator
                 .set_interlock(closed, Duration::ZERO, &mut b.load);
         });
     };
-    let mut source = connected(&bench).await;
+    let mut source = connected(&device).await;
     source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
     source.set_output(true).await.unwrap();
     source.set_current(Amps(1e-3)).await.unwrap();
@@ -186,15 +191,15 @@ async fn an_interlock_that_opens_is_no_reading_of_nothing() {
 
 #[tokio::test]
 async fn what_cannot_be_set_is_refused_before_a_byte_is_sent() {
-    let bench = bench(500.0);
-    let mut source = connected(&bench).await;
+    let device = device(500.0);
+    let mut source = connected(&device).await;
     let unprepared = source.set_current(Amps(1e-9)).await;
     assert!(matches!(
         unprepared,
         Err(RigError::CurrentOutOfRange { .. })
     ));
     source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
-    simulator(&bench, |b| b.received.clear());
+    simulator(&device, |b| b.received.clear());
     for current in [2.2e-3, -1.0, f64::NAN, f64::INFINITY] {
         let refused = source.set_current(Amps(current)).await;
         assert!(
@@ -213,30 +218,30 @@ async fn what_cannot_be_set_is_refused_before_a_byte_is_sent() {
             "{limit}"
         );
     }
-    assert!(simulator(&bench, |b| b.received.is_empty()));
+    assert!(simulator(&device, |b| b.received.is_empty()));
 }
 
 #[tokio::test]
 async fn another_instrument_is_refused() {
-    let bench = bench(500.0);
+    let device = device(500.0);
     let other = "KEITHLEY INSTRUMENTS INC.,MODEL 6220,1234567,D04";
-    simulator(&bench, |b| b.mishaps.push(Mishap::Says(other)));
-    let refused = Keithley6221::connect(link(plug(&bench))).await;
+    simulator(&device, |b| b.reply_faults.push(ReplyFault::Says(other)));
+    let refused = Keithley6221::connect(link(plug(&device))).await;
     assert!(matches!(refused, Err(RigError::WrongInstrument { .. })));
 }
 
 #[tokio::test]
 async fn old_errors_are_drained_and_new_ones_name_the_command() {
-    let bench = bench(500.0);
-    simulator(&bench, |b| {
+    let device = device(500.0);
+    simulator(&device, |b| {
         for _ in 0..20 {
             b.simulator.receive("XYZ", Duration::ZERO, &mut b.load);
         }
     });
-    let mut source = connected(&bench).await;
-    assert_eq!(simulator(&bench, |b| b.simulator.errors()), 0);
+    let mut source = connected(&device).await;
+    assert_eq!(simulator(&device, |b| b.simulator.errors()), 0);
     source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
-    simulator(&bench, |b| {
+    simulator(&device, |b| {
         b.simulator
             .set_interlock(false, Duration::ZERO, &mut b.load);
         b.simulator.receive("XYZ", Duration::ZERO, &mut b.load);
@@ -255,11 +260,11 @@ async fn old_errors_are_drained_and_new_ones_name_the_command() {
 
 #[tokio::test]
 async fn a_read_back_that_differs_is_a_mismatch() {
-    let bench = bench(500.0);
-    let mut source = connected(&bench).await;
+    let device = device(500.0);
+    let mut source = connected(&device).await;
     source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
     for reply in ["1.100000E-03;0,\"No error\"", "0.000000E+00;0,\"No error\""] {
-        simulator(&bench, |b| b.mishaps.push(Mishap::Says(reply)));
+        simulator(&device, |b| b.reply_faults.push(ReplyFault::Says(reply)));
         let refused = source.set_current(Amps(1e-3)).await;
         assert!(
             matches!(refused, Err(RigError::Mismatch { .. })),
@@ -267,7 +272,7 @@ async fn a_read_back_that_differs_is_a_mismatch() {
         );
     }
     for reply in ["9.9E37;0,\"No error\"", "0,\"No error\"", "", "1E-3;x"] {
-        simulator(&bench, |b| b.mishaps.push(Mishap::Says(reply)));
+        simulator(&device, |b| b.reply_faults.push(ReplyFault::Says(reply)));
         let refused = source.set_current(Amps(1e-3)).await;
         assert!(
             matches!(refused, Err(RigError::Garbled { .. })),
@@ -278,11 +283,12 @@ async fn a_read_back_that_differs_is_a_mismatch() {
 
 #[tokio::test]
 async fn a_source_that_stays_on_is_not_off() {
-    let bench = bench(500.0);
-    let mut source = connected(&bench).await;
+    let device = device(500.0);
+    let mut source = connected(&device).await;
     let live = "1.000000E-03;1;0,\"No error\"";
-    simulator(&bench, |b| {
-        b.mishaps.extend([Mishap::Says(live), Mishap::Says(live)]);
+    simulator(&device, |b| {
+        b.reply_faults
+            .extend([ReplyFault::Says(live), ReplyFault::Says(live)]);
     });
     match source.off().await {
         Err(RigError::NotOff { output, level, .. }) => {
@@ -294,52 +300,52 @@ async fn a_source_that_stays_on_is_not_off() {
 
 #[tokio::test(start_paused = true)]
 async fn a_lost_answer_leaves_the_source_off_all_the_same() {
-    let bench = bench(500.0);
-    let mut source = connected(&bench).await;
+    let device = device(500.0);
+    let mut source = connected(&device).await;
     source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
     source.set_output(true).await.unwrap();
-    simulator(&bench, |b| b.mishaps.push(Mishap::Silence));
+    simulator(&device, |b| b.reply_faults.push(ReplyFault::Silence));
     let lost = source.set_current(Amps(1e-3)).await;
     assert!(matches!(
         lost,
         Err(RigError::Link(LinkError::Timeout { .. }))
     ));
-    assert_eq!(simulator(&bench, |b| b.load.flowing), Amps(1e-3));
+    assert_eq!(simulator(&device, |b| b.load.flowing), Amps(1e-3));
     source.off().await.unwrap();
-    assert_eq!(simulator(&bench, |b| b.load.flowing), Amps(0.0));
+    assert_eq!(simulator(&device, |b| b.load.flowing), Amps(0.0));
 }
 
 #[tokio::test]
 async fn the_output_survives_its_client_and_is_switched_off_on_return() {
-    let bench = bench(500.0);
-    let mut source = connected(&bench).await;
+    let device = device(500.0);
+    let mut source = connected(&device).await;
     source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
     source.set_output(true).await.unwrap();
     source.set_current(Amps(1e-3)).await.unwrap();
-    simulator(&bench, |b| b.mishaps.push(Mishap::HangUp));
+    simulator(&device, |b| b.reply_faults.push(ReplyFault::HangUp));
     assert!(matches!(
         source.in_compliance().await,
         Err(RigError::Link(LinkError::Lost { .. }))
     ));
-    assert_eq!(simulator(&bench, |b| b.load.flowing), Amps(1e-3));
-    source.reconnect(plug(&bench)).await.unwrap();
+    assert_eq!(simulator(&device, |b| b.load.flowing), Amps(1e-3));
+    source.reconnect(plug(&device)).await.unwrap();
     assert_eq!(source.output().await.unwrap(), (Amps(1e-3), true));
     // What had been prepared must be prepared again.
     assert!(source.set_current(Amps(1e-3)).await.is_err());
     source.off().await.unwrap();
-    assert_eq!(simulator(&bench, |b| b.load.flowing), Amps(0.0));
+    assert_eq!(simulator(&device, |b| b.load.flowing), Amps(0.0));
 }
 
 #[tokio::test]
 async fn another_unit_of_the_same_model_is_not_the_one_that_was_lost() {
-    let (bench, other) = (bench(500.0), bench(500.0));
+    let (device, other) = (device(500.0), device(500.0));
     simulator(&other, |b| {
         b.simulator = Simulator6221::new(Settings6221 {
             serial: "7654321".to_owned(),
             ..Settings6221::default()
         });
     });
-    let mut source = connected(&bench).await;
+    let mut source = connected(&device).await;
     let refused = source.reconnect(plug(&other)).await;
     assert!(matches!(refused, Err(RigError::WrongInstrument { .. })));
 }

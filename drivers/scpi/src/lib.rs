@@ -7,7 +7,7 @@
 //!
 //! - **message**: one line; **call**: one unit of it between semicolons, its header resolved by the path rule
 //! - **notation**: a header as manuals print it, `[SOURce]:CURRent[:LEVel]`; **argument**: one typed datum of a call
-//! - **answer**: one number of a reply; **register**, **queue**: what an instrument remembers of its troubles
+//! - **answer**: one number of a reply; **register**, **queue**: what an instrument keeps of its errors
 //!
 //! ```
 //! use scpi::{Numeric, Unit, parse_message};

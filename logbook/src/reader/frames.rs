@@ -92,7 +92,7 @@ impl SessionReader {
     }
 
     fn page(&self, from: i64) -> Result<VecDeque<StoredFrame>, LogbookError> {
-        let room = self.bytes()?;
+        let available = self.bytes()?;
         let read = || -> rusqlite::Result<VecDeque<StoredFrame>> {
             let mut statement = self.ask().prepare_cached(
                 "SELECT * FROM frame WHERE sequence >= ?1 ORDER BY sequence LIMIT ?2",
@@ -103,7 +103,7 @@ impl SessionReader {
                 let stored = StoredFrame::read(row)?;
                 let size = stored.row.blob.as_ref().map_or(0, Vec::len) as i64;
                 bytes += size as u64;
-                if bytes > room {
+                if bytes > available {
                     // pages that several rows claim: no more of it comes into memory
                     return Err(rusqlite::Error::IntegralValueOutOfRange(10, size));
                 }

@@ -310,7 +310,7 @@ impl SessionReader {
     /// Events that agree with their checksums, and the numbers of those that do not.
     pub(crate) fn events_and_damaged(&self) -> Result<(Vec<Event>, Vec<i64>), LogbookError> {
         let mut damaged = Vec::new();
-        let room = self.bytes()?;
+        let available = self.bytes()?;
         let mut read = || -> rusqlite::Result<Vec<Event>> {
             let (mut events, mut bytes) = (Vec::new(), 0);
             let mut statement = self
@@ -325,7 +325,7 @@ impl SessionReader {
                     row.get::<_, String>(3)?,
                 );
                 bytes += (kind.len() + text.len()) as u64;
-                if bytes > room {
+                if bytes > available {
                     // pages that several rows claim: no more of it comes into memory
                     return Err(rusqlite::Error::IntegralValueOutOfRange(
                         3,

@@ -6,8 +6,8 @@ use crate::LogbookError;
 /// No row of a frame is smaller than so many bytes, so a file of some size has no more of them than that.
 pub(crate) const SMALLEST: i64 = 20;
 
-/// Numbers that are told, of however many.
-const TOLD: usize = 5;
+/// How many numbers are reported.
+const MOST_REPORTED: usize = 5;
 
 impl SessionReader {
     /// Sequence of the last frame; of a session without frames one less than its first will have.
@@ -96,7 +96,7 @@ impl SessionReader {
                 before = number;
             } else {
                 found.push(number);
-                if found.len() == TOLD {
+                if found.len() == MOST_REPORTED {
                     break;
                 }
             }

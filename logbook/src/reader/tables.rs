@@ -8,7 +8,7 @@ use crate::LogbookError;
 use crate::row::{End, Tally};
 
 /// Complaints of SQLite about the structure of a file that are repeated; one would do.
-const TOLD: u32 = 3;
+const MOST_REPORTED: u32 = 3;
 /// Late maps that are looked up at a time.
 const PAGE: i64 = 1000;
 
@@ -54,7 +54,7 @@ impl SessionReader {
     /// What SQLite says about pages, order of rows, and types.
     fn structure(&self, faults: &mut Vec<(&'static str, String)>) {
         let mut found = Vec::new();
-        let sql = format!("PRAGMA integrity_check({TOLD})");
+        let sql = format!("PRAGMA integrity_check({MOST_REPORTED})");
         let asked = self.ask().prepare(&sql).and_then(|mut statement| {
             let mut rows = statement.query([])?;
             while let Some(row) = rows.next()? {
@@ -66,12 +66,12 @@ impl SessionReader {
             found.push(refusal.to_string());
         }
         found.retain(|text| text != "ok");
-        let told = found.iter().map(|text| {
+        let reported = found.iter().map(|text| {
             // the first line only names the database
             let lines = text.lines().filter(|line| !line.starts_with("***"));
             ("damaged", lines.collect::<Vec<_>>().join("; "))
         });
-        faults.extend(told);
+        faults.extend(reported);
     }
 
     /// How many rows each table has; where numbers are left out between them, that is a fault.

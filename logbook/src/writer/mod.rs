@@ -200,7 +200,7 @@ impl SessionWriter {
         };
         match write(connection) {
             Ok((connection, seal)) => Ok((connection, in_writing, seal)),
-            Err(unwritten) => Err(unwritten.told(path, "write the header of")),
+            Err(unwritten) => Err(unwritten.into_error(path, "write the header of")),
         }
     }
 

@@ -196,8 +196,8 @@ pub(super) enum Unwritten {
 }
 
 impl Unwritten {
-    /// As the caller is told.
-    pub(super) fn told(self, path: &Path, attempt: &'static str) -> LogbookError {
+    /// As an error of the file at `path`.
+    pub(super) fn into_error(self, path: &Path, attempt: &'static str) -> LogbookError {
         match self {
             Self::Refused(refusal) => refusal,
             Self::Store(source) => LogbookError::writing(path, attempt, source),

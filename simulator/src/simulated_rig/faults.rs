@@ -31,8 +31,8 @@ impl SimulatedRig {
             }
             Fault::Reset(Instrument::Board) => {
                 self.need_board()?;
-                let said = self.instruments().power_cycle(Instrument::Board);
-                self.shared.banner.send_replace(said.unwrap_or_default());
+                let banner = self.instruments().power_cycle(Instrument::Board);
+                self.shared.banner.send_replace(banner.unwrap_or_default());
             }
             Fault::Reset(instrument) => self.power_cycle(*instrument),
             Fault::Serial(plugged) => {

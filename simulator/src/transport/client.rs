@@ -247,7 +247,7 @@ impl ClientSession {
     }
 }
 
-/// Waits for an answer and keeps an eye on the client: bytes that it sends meanwhile are kept, up to a bound; a client
+/// Waits for an answer and watches the client: bytes that it sends meanwhile are kept, up to a bound; a client
 /// that has broken off is let go at once, one that has closed its side after [`GRACE`], because nothing tells it from
 /// one that has left.
 async fn attended<S>(

@@ -71,7 +71,7 @@ fn python((name, packages): (&str, &[&str])) -> PathBuf {
     python
 }
 
-/// Runs a script of this room with a client's packages, unless nobody asks for it.
+/// Runs a script of this folder with a client's packages, unless nobody asks for it.
 fn script(client: (&str, &[&str]), script: &str, arguments: &[&str]) {
     // Each environment is made once.
     static ONE_AT_A_TIME: std::sync::Mutex<()> = std::sync::Mutex::new(());

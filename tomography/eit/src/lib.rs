@@ -1,7 +1,7 @@
 //! The mathematics: mesh, forward model, sensitivity, reconstructors, model files.
 //!
-//! From conductances to voltages (complete electrode model) and back to a map. Refused at this door: clocks, tokio, the
-//! bus, instruments, and the phantom: a reconstructor that could see the truth would be an inverse crime.
+//! From conductances to voltages (complete electrode model) and back to a map. The crate knows no clocks, tokio,
+//! bus, instruments or phantom: a reconstructor that could see the truth would be an inverse crime.
 //!
 //! - **mesh**: triangles with electrodes on boundary edges and a region of interest; **preset**: a ready-made one
 //! - **case**: a mesh, contacts, a protocol and conductances as a folder of CSV files

@@ -2,7 +2,8 @@
 //!
 //! A phantom has a mesh of its own, finer than any reconstruction's and not a refinement of it, and the complete
 //! electrode model on it. It is an ideal sheet under ideal contacts until a scene names an effect; an effect not named
-//! is not built. Refused at this door: clocks (time comes in), randomness without a seed, instruments, reconstruction.
+//! is not built. The crate knows no clocks (time comes in as an argument), no randomness without a seed, no instruments and no
+//! reconstruction.
 //!
 //! - **load**: a shape at a place with a loss of conductance; **scene**: sheet, loads on a time line, effects, seed
 //! - **fault**: what a scene says goes wrong with the instruments; its words are for whoever has them

@@ -59,10 +59,10 @@ async fn shown(
     field: Option<Field>,
     records: &[Record],
 ) -> (String, Result<Option<String>, Failure>) {
-    said(true, words, field, records).await
+    shown_as(true, words, field, records).await
 }
 
-async fn said(
+async fn shown_as(
     json: bool,
     words: &[&str],
     field: Option<Field>,
@@ -106,7 +106,7 @@ fn pressure(sequence: u64) -> Record {
 #[tokio::test]
 async fn with_a_calibration_everything_is_in_kilopascals_and_newtons() {
     let records = [frame(1, 0), pressure(1), map(1), end()];
-    let (text, _) = said(false, &[], Some(field()), &records).await;
+    let (text, _) = shown_as(false, &[], Some(field()), &records).await;
     assert!(
         text.contains("5.6 N, largest pressure 12.5 kPa") && text.contains("pressure\n"),
         "{text}"
@@ -125,7 +125,7 @@ async fn with_a_calibration_everything_is_in_kilopascals_and_newtons() {
 
 #[tokio::test]
 async fn without_a_calibration_nothing_is_in_kilopascals() {
-    let (text, _) = said(false, &[], Some(field()), &[frame(1, 0), map(1), end()]).await;
+    let (text, _) = shown_as(false, &[], Some(field()), &[frame(1, 0), map(1), end()]).await;
     assert!(
         text.contains("largest relative loss of conductance 0.500")
             && text.contains("relative loss of conductance\n"),

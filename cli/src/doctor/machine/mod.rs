@@ -347,8 +347,8 @@ impl Machine {
             Some(kind) => Finding::ok("disk", format!("{shown} is on {kind}")),
             None => Finding::warn("disk", "its file system is not known", "is /proc mounted?"),
         });
-        if let Ok(told) = rustix::fs::statvfs(&path) {
-            findings.push(room(told.f_bavail.saturating_mul(told.f_frsize)));
+        if let Ok(found) = rustix::fs::statvfs(&path) {
+            findings.push(free_space(found.f_bavail.saturating_mul(found.f_frsize)));
         }
         findings
     }
@@ -370,7 +370,7 @@ impl Machine {
     }
 }
 
-fn room(free: u64) -> Finding {
+fn free_space(free: u64) -> Finding {
     let text = format!("{:.1} GB are free", free as f64 / 1e9);
     let advice = "free some, or name another folder in [record] directory; `tactus status` says how long it lasts";
     match free {

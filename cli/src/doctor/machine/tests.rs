@@ -152,7 +152,7 @@ fn folder_and_disk_of_the_record_are_judged() {
         (TOO_LITTLE, Verdict::Warn),
         (LITTLE, Verdict::Ok),
     ] {
-        assert_eq!(room(free).verdict, verdict);
+        assert_eq!(free_space(free).verdict, verdict);
     }
 }
 

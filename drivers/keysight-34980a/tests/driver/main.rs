@@ -18,7 +18,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::time::Instant;
 
 /// A mainframe, its sheet, and what it has received.
-struct Bench {
+struct TestInstrument {
     unit: Simulator34980a,
     sheet: Sheet,
     received: Vec<String>,
@@ -41,11 +41,11 @@ fn bend(line: &str, answer: String, lies: &[(&str, &str)]) -> String {
 }
 
 #[derive(Clone)]
-struct Shared(Arc<Mutex<Bench>>);
+struct Shared(Arc<Mutex<TestInstrument>>);
 
 impl Shared {
     fn of(unit: Simulator34980a) -> Self {
-        Self(Arc::new(Mutex::new(Bench {
+        Self(Arc::new(Mutex::new(TestInstrument {
             unit,
             sheet: Sheet::default(),
             received: Vec::new(),
@@ -68,15 +68,15 @@ impl Shared {
 
     /// Does something to the mainframe behind the driver's back.
     fn say(&self, message: &str) {
-        let bench = &mut *self.0.lock().unwrap();
-        bench
+        let device = &mut *self.0.lock().unwrap();
+        device
             .unit
-            .receive(message, Duration::ZERO, &mut bench.sheet);
+            .receive(message, Duration::ZERO, &mut device.sheet);
     }
 
     fn closed(&self) -> Vec<u32> {
-        let bench = self.0.lock().unwrap();
-        bench.unit.closed().iter().map(|relay| relay.0).collect()
+        let device = self.0.lock().unwrap();
+        device.unit.closed().iter().map(|relay| relay.0).collect()
     }
 
     fn plug(&self) -> Link<DuplexStream> {
@@ -91,15 +91,17 @@ impl Shared {
                 for line in framer.by_ref() {
                     let line = String::from_utf8(line.unwrap()).unwrap();
                     let (text, busy) = {
-                        let bench = &mut *shared.0.lock().unwrap();
-                        bench.received.push(line.clone());
-                        let answer = bench.unit.receive(&line, start.elapsed(), &mut bench.sheet);
-                        let lie = bench.lies.iter().find(|(end, _)| line.ends_with(end));
+                        let device = &mut *shared.0.lock().unwrap();
+                        device.received.push(line.clone());
+                        let answer = device
+                            .unit
+                            .receive(&line, start.elapsed(), &mut device.sheet);
+                        let lie = device.lies.iter().find(|(end, _)| line.ends_with(end));
                         match lie {
                             Some((_, "")) => (None, answer.busy),
                             Some((_, text)) => (Some((*text).to_owned()), answer.busy),
                             None => {
-                                let among = |text| bend(&line, text, &bench.lies);
+                                let among = |text| bend(&line, text, &device.lies);
                                 (answer.text.map(among), answer.busy)
                             }
                         }

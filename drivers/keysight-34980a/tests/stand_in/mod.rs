@@ -1,4 +1,4 @@
-//! A stand-in for sheet and bench: remembers what it was told, answers voltages by a rule.
+//! A stand-in for sheet and rig: stores relay states, gives voltages by a rule.
 #![allow(dead_code, reason = "each test file uses its part")]
 
 use std::collections::BTreeSet;

@@ -1,6 +1,6 @@
 //! Replies of a READ? that are written when its readings have been taken, each at its own instant.
 //!
-//! [`Simulator34980a::receive_from`] knows the answer at once, with readings ahead of their time: what else moves on the bench
+//! [`Simulator34980a::receive_from`] knows the answer at once, with readings ahead of their time: what else changes in the rig
 //! meanwhile is not in them. A server that keeps time lets a message begin, waits, and fetches the answer.
 
 use std::time::Duration;
