@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_kept_is_recalled_and_compared_by_serial_number_and_module() {
+    fn identities_are_compared_by_serial_number_and_module() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(ExpectedIdentities::recall(folder.path()).unwrap(), None);
         let first = expected("1", "tcp:h:1", "34924A MY7");

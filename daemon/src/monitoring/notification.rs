@@ -83,6 +83,24 @@ pub(crate) fn payload(message: &Message, health: &Health, limits: &NotifySection
     format!("{payload}\n")
 }
 
+/// The processes of a command, killed when this is dropped: also when the daemon ends while the command runs.
+struct ProcessGroup(Option<Pid>);
+
+impl ProcessGroup {
+    /// The command has ended; what it started may go on.
+    fn leave(mut self) {
+        self.0 = None;
+    }
+}
+
+impl Drop for ProcessGroup {
+    fn drop(&mut self) {
+        if let Some(group) = self.0 {
+            let _ = kill_process_group(group, Signal::KILL);
+        }
+    }
+}
+
 /// Runs the command with this on its standard input; after `deadline` it is killed, and all that it has begun.
 pub(crate) async fn run_hook(command: &[String], payload: &str, deadline: Duration) -> HookResult {
     let begun = Instant::now();
@@ -107,7 +125,7 @@ pub(crate) async fn run_hook(command: &[String], payload: &str, deadline: Durati
         Ok(child) => child,
         Err(cause) => return failed(format!("{program} cannot be run: {cause}")),
     };
-    let group = child.id().and_then(|id| Pid::from_raw(id.cast_signed()));
+    let group = ProcessGroup(child.id().and_then(|id| Pid::from_raw(id.cast_signed())));
     let (stdin, stderr) = (child.stdin.take(), child.stderr.take());
     let mut received = tokio::spawn(beginning(stderr));
     let run = async {
@@ -126,11 +144,11 @@ pub(crate) async fn run_hook(command: &[String], payload: &str, deadline: Durati
             (None, Some(text))
         }
     };
-    if alarm.is_some()
-        && let Some(group) = group
-    {
-        let _ = kill_process_group(group, Signal::KILL);
+    if alarm.is_some() {
+        drop(group);
         let _ = child.wait().await;
+    } else {
+        group.leave();
     }
     let stderr = match tokio::time::timeout(AFTER_IT, &mut received).await {
         Ok(text) => text.unwrap_or_default(),
@@ -170,7 +188,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn the_command_reads_the_letter_and_its_words_and_code_come_back() {
+    async fn hook_gets_the_payload_and_its_stderr_and_code_come_back() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("letter");
         let script = format!("cat > {}; echo no route >&2; exit 3", file.display());

@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_reader_that_goes_is_noticed_and_one_that_only_says_no_more_is_served() {
+    async fn reader_that_leaves_is_noticed_half_closed_one_is_served() {
         let readers = Readers::default();
         let wanted = Wanted {
             frames: true,

@@ -123,7 +123,7 @@ pub(crate) mod tests {
 
     /// A frame is under way on instruments behind TCP, and the task that has everything in its hands panics.
     #[test]
-    fn where_the_daemons_head_fails_the_source_is_switched_off_over_fresh_connections() {
+    fn failed_controller_leaves_the_source_off() {
         let _alone = ALONE.blocking_lock();
         let folder = tempfile::tempdir().unwrap();
         let others = Builder::new_multi_thread().enable_all().build().unwrap();

@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn no_sequence_of_five_events_runs_two_sessions_or_loses_a_fault() {
+    fn five_events_never_run_two_sessions_or_lose_a_fault() {
         let mut reached = vec![(State::Idle, 0_i32)];
         for _ in 0..5 {
             reached = reached

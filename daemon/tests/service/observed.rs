@@ -284,8 +284,12 @@ async fn the_notify_command_runs_and_its_test_reports_the_outcome() {
 /// The command hangs; frames come all the same, and the end of the daemon is not held up.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_command_that_hangs_holds_no_frame_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("pid");
     let with = format!(
-        "{SMALL}[notify]\ncommand = [\"/bin/sh\", \"-c\", \"sleep 3600\"]\nbaseline_days = 1e-9\ndeadline_s = 600\n"
+        "{SMALL}[notify]\ncommand = [\"/bin/sh\", \"-c\", \"sleep 3600 & echo $! > {}; wait\"]\n\
+         baseline_days = 1e-9\ndeadline_s = 600\n",
+        file.display()
     );
     let stage = Stage::new(&with);
     let daemon = stage.start().await;
@@ -302,6 +306,15 @@ async fn a_command_that_hangs_holds_no_frame_back() {
         begun.elapsed() < Duration::from_secs(600),
         "it waited for the command"
     );
+    // the command and what it started end with the daemon
+    let pid = std::fs::read_to_string(&file).unwrap();
+    let stat = format!("/proc/{}/stat", pid.trim());
+    within(async {
+        while std::fs::read_to_string(&stat).is_ok_and(|text| !text.contains(") Z")) {
+            tokio::task::yield_now().await;
+        }
+    })
+    .await;
 }
 
 #[test]

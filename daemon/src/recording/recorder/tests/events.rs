@@ -64,7 +64,7 @@ fn held(status: &SessionStatus) {
 }
 
 #[test]
-fn an_event_that_meets_a_full_disk_waits_for_room_and_ends_no_session() {
+fn event_on_a_full_disk_waits_for_room_and_ends_no_session() {
     let (scene, mut recorder, queue, tell) = Scene::new();
     let setup = &scene.prepared.setup;
     let header = SessionHeader::new("m2", DateTime::UNIX_EPOCH, setup.protocol.clone());

@@ -256,7 +256,7 @@ fn a_method_that_panics_costs_maps_and_no_frame() {
 }
 
 #[test]
-fn a_map_that_is_late_comes_after_its_frame_and_the_next_frames_go_without() {
+fn late_map_follows_its_frame_and_later_frames_have_none() {
     let (scene, recorder, queue, tell) = Scene::new();
     let (go, gate) = sync::channel();
     tell.send(Do::MapAfter(gate)).unwrap();
@@ -284,7 +284,7 @@ fn a_map_that_is_late_comes_after_its_frame_and_the_next_frames_go_without() {
 }
 
 #[test]
-fn a_full_disk_is_announced_early_and_waited_for_and_nothing_is_lost() {
+fn full_disk_is_announced_and_waited_for_without_loss() {
     let (scene, recorder, queue, tell) = Scene::new();
     for _ in 0..3 {
         tell.send(Do::Map).unwrap();
@@ -336,7 +336,7 @@ fn whoever_stops_a_session_on_a_full_disk_is_not_kept_waiting() {
 }
 
 #[test]
-fn a_day_begins_the_next_part_no_sequence_is_missing_and_a_clock_that_was_set_is_said() {
+fn new_day_begins_a_part_and_a_set_clock_is_reported() {
     let (scene, recorder, queue, tell) = Scene::with(RecordSection {
         roll_daily: true,
         ..RecordSection::default()
