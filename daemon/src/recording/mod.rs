@@ -1,7 +1,11 @@
-//! The way of a frame after acquisition: recorder, reconstruction worker, session status, stream.
+//! The way of a frame after acquisition: the recorder and its sinks (logbook, session status, stream), the reconstruction
+//! worker, the marks of ended sessions, the index of the record.
 //! Session files are the crate `logbook`'s.
 
 pub(crate) mod end_marks;
+pub(crate) mod frame_sink;
+pub(crate) mod live;
+pub(crate) mod logbook_sink;
 pub(crate) mod order;
 pub(crate) mod reconstruction_worker;
 pub(crate) mod recorder;

@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 use dbus::{FrameQuality, FrameSummary, MapDetails};
 use eit::Pressure;
-use logbook::SessionKind;
+use logbook::{MapRecord, SessionKind};
 use rig::{Stop, StopButton};
 use survey::{Frame, Map, Quality};
 use tokio::sync::{OnceCell, watch};
@@ -48,8 +48,8 @@ pub(crate) struct SessionEnd {
     pub faulted: bool,
 }
 
-/// A durable frame and what was made of it.
-#[derive(Debug)]
+/// A frame and what was made of it.
+#[derive(Debug, Clone)]
 pub(crate) struct Published {
     pub frame: Frame,
     pub quality: Quality,
@@ -60,11 +60,27 @@ pub(crate) struct Published {
     pub pressure: Option<Pressure>,
     /// What the map took.
     pub reconstruction: Duration,
-    /// From the last reading until the frame was on disk, the map included.
-    pub durable: Duration,
+    /// How the record says by what the map was made.
+    pub record: Option<MapRecord>,
+    /// From the last reading until the frame was on disk, the map included; set by the logbook.
+    pub durable: OnceLock<Duration>,
 }
 
 impl Published {
+    /// A frame without a map, and not on disk yet.
+    pub(crate) fn new(quality: Quality, frame: Frame) -> Self {
+        Self {
+            frame,
+            quality,
+            map: None,
+            found: None,
+            pressure: None,
+            reconstruction: Duration::ZERO,
+            record: None,
+            durable: OnceLock::new(),
+        }
+    }
+
     /// Counts of readings that are no voltages, and reciprocity.
     pub(crate) fn quality_details(&self) -> FrameQuality {
         let quality = &self.quality;
@@ -90,7 +106,7 @@ impl Published {
         MapDetails {
             masked: Some(map.masked as u64),
             reconstruction_s: Some(self.reconstruction.as_secs_f64()),
-            durable_s: Some(self.durable.as_secs_f64()),
+            durable_s: self.durable.get().map(Duration::as_secs_f64),
             largest_loss: map.largest_loss().map(|(_, loss)| loss),
             found_x_m: self.found.map(|[x, _]| x),
             found_y_m: self.found.map(|[_, y]| y),
@@ -337,8 +353,7 @@ impl SessionStatus {
     }
 
     /// A frame is on disk.
-    pub(crate) fn publish(&self, published: Published) {
-        let published = Arc::new(published);
+    pub(crate) fn publish(&self, published: Arc<Published>) {
         let sequence = published.frame.sequence;
         let frame = &published.frame;
         let last = LastFrame {
@@ -369,10 +384,10 @@ impl SessionStatus {
     }
 
     /// The map of a frame that was published without it.
-    pub(crate) fn publish_map(&self, published: Published) {
+    pub(crate) fn publish_map(&self, published: Arc<Published>) {
         self.counters.count_map(published.reconstruction);
         let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
-        latest.with_map = Some(Arc::new(published));
+        latest.with_map = Some(published);
     }
 
     pub(crate) fn latest_frame(&self) -> Option<Arc<Published>> {

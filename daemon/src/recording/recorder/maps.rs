@@ -1,11 +1,14 @@
 //! Maps beside the record: asked for with each frame, waited for a little, written later where they are late.
 
+use std::sync::Arc;
+
 use logbook::LogbookError;
 use survey::Frame;
 
+use crate::recording::frame_sink::FrameSink;
 use crate::recording::reconstruction_worker::{Failure, Made, MapOutcome};
-use crate::recording::recorder::{Recorder, Row, Task};
-use survey::error_chain as chain;
+use crate::recording::recorder::{Recorder, Task};
+use crate::recording::session_status::Published;
 
 impl Recorder {
     pub(super) fn ask_for_map(
@@ -19,14 +22,17 @@ impl Recorder {
         }
     }
 
-    /// Puts what was made on its row, and says what went wrong.
-    pub(super) fn made(&mut self, made: Made, row: &mut Row) -> Result<(), LogbookError> {
-        row.reconstruction = made.took;
+    /// Adds what was made to its frame, and reports what went wrong.
+    pub(super) fn made(&mut self, made: Made, frame: &mut Published) -> Result<(), LogbookError> {
+        frame.reconstruction = made.took;
         match made.outcome {
             Ok(mapped) => {
                 let refused = mapped.refused.as_deref().unwrap_or_default();
                 self.status.set_last_error(refused);
-                row.mapped = Some(mapped);
+                frame.found = mapped.found;
+                frame.pressure = mapped.pressure;
+                frame.record = Some(mapped.record);
+                frame.map = Some(mapped.map);
             }
             Err(Failure::Refused(why)) => self.status.set_last_error(&why),
             Err(Failure::Broken(why)) => {
@@ -36,7 +42,7 @@ impl Recorder {
                     self.status.facts.method
                 );
                 self.status.set_last_error(&text);
-                self.say("method-suspended", &text)?;
+                self.logbook.say("method-suspended", &text)?;
             }
         }
         Ok(())
@@ -57,21 +63,17 @@ impl Recorder {
         let Task::Maps { late, .. } = &mut self.task else {
             return Ok(());
         };
-        let Some(mut row) = late.take() else {
+        let Some(without_map) = late.take() else {
             return Ok(());
         };
-        self.made(made, &mut row)?;
-        if let Some(mapped) = &row.mapped {
-            let (sequence, record) = (row.frame.sequence, &mapped.record);
-            match self.writer.late_map(sequence, record) {
-                // a roll-over lay between, or the disk: the frame is there, and the map can be made again
-                Err(LogbookError::NoSuchFrame { .. }) => {}
-                Err(error) if error.is_disk() || error.is_locked() => {
-                    tracing::debug!("{}", chain(&error));
-                }
-                other => other?,
+        let mut frame = Published::clone(&without_map);
+        self.made(made, &mut frame)?;
+        if frame.map.is_some() {
+            let frame = Arc::new(frame);
+            self.logbook.late_map(&frame)?;
+            for sink in &mut self.sinks {
+                sink.late_map(&frame)?;
             }
-            self.publish_map(*row);
         }
         Ok(())
     }
@@ -100,6 +102,6 @@ impl Recorder {
             "method {} is slower than frames come: {missed} recorded without a map so far (`tactus replay` makes them)",
             self.status.facts.method
         );
-        self.say("maps-missed", &text)
+        self.logbook.say("maps-missed", &text)
     }
 }

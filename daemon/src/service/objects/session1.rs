@@ -6,7 +6,7 @@ use dbus::{Fault, FrameQuality, FrameSummary, MapDetails, Options, StreamOptions
 use zbus::object_server::SignalEmitter;
 use zbus::{OwnedFd, interface};
 
-use crate::recording::recorder::volts;
+use crate::recording::live::volts;
 use crate::recording::session_status::SessionStatus;
 use crate::recording::stream::Wanted;
 use crate::service::limit::{STREAMS, User};

@@ -19,9 +19,10 @@ use crate::events::event::{BusEvent, Event as ReportedEvent};
 use crate::instruments::transcripts::{self, FailedFrame};
 use crate::monitoring::disk::free_bytes;
 use crate::preparation::Setup;
+use crate::recording::logbook_sink::{DiskPolicy, LogbookSink};
 use crate::recording::order::{Order, QUEUE};
 use crate::recording::reconstruction_worker::{ReconstructionContext, ReconstructionWorker};
-use crate::recording::recorder::{Disk, Recorder, Task};
+use crate::recording::recorder::{Recorder, Task};
 use crate::recording::records::disk_fault;
 use crate::recording::session_status::{Facts, SessionEnd, SessionStatus};
 use crate::session::controller::recovery::{MOST_FAILED, may_pass};
@@ -250,19 +251,17 @@ impl Controller {
                 wanted: order.frames,
             },
         };
-        let recorder = Recorder {
+        let logbook = LogbookSink {
             status: Arc::clone(&status),
             writer,
             clock: runtime.clock,
-            checks,
-            task,
-            heartbeats: Arc::clone(&self.heartbeats),
-            before: order.before,
-            patient: self.is_recording(),
-            began: None,
-            disk: Disk::new(runtime.setup.config.record.clone(), Box::new(free_bytes)),
             events: self.events.clone(),
+            heartbeats: Arc::clone(&self.heartbeats),
+            disk: DiskPolicy::new(runtime.setup.config.record.clone(), Box::new(free_bytes)),
+            before: order.before,
+            began: None,
         };
+        let recorder = Recorder::new(logbook, checks, task, self.is_recording());
         if let Some(text) = order.first_event {
             let (at, kind) = (runtime.clock.wall(), logbook::RESUMED);
             let event = ReportedEvent::new(at, kind, &text, Some(&status.facts.id));

@@ -76,7 +76,7 @@ fn event_on_a_full_disk_waits_for_room_and_ends_no_session() {
     let baseline = Baseline::from_frames("b1", &[frame(&scene.prepared, 0)]).unwrap();
     writer.baseline(&baseline).unwrap();
     scene.status.set_path(writer.path());
-    recorder.writer = writer;
+    recorder.logbook.writer = writer;
     let recording = std::thread::spawn(move || recorder.run(queue));
     tell.send(Do::Map).unwrap();
     scene.frame(1);
@@ -135,7 +135,7 @@ fn event_on_a_full_disk_waits_for_room_and_ends_no_session() {
 #[test]
 fn a_lock_that_lasts_is_left_behind_for_the_next_part() {
     let (scene, mut recorder, queue, tell) = Scene::new();
-    recorder.disk.lock_patience = Duration::ZERO;
+    recorder.logbook.disk.lock_patience = Duration::ZERO;
     let first = scene.status.path();
     let other = Connection::open(&first).unwrap();
     other.execute_batch("BEGIN IMMEDIATE").unwrap();

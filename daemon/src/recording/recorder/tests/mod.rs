@@ -5,11 +5,14 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc as sync;
 
 use eit::{ReconstructError, Reconstructor};
-use logbook::{SessionHeader, SessionReader};
-use survey::{Baseline, Protocol, Reading, Volts};
+use logbook::{SessionHeader, SessionReader, SessionWriter};
+use rig::SystemClock;
+use survey::{Baseline, Map, Protocol, Reading, Volts};
 
 use crate::events::event::BusEvent;
+use crate::events::event_log::EventLog;
 use crate::preparation::{Prepared, prepare};
+use crate::recording::logbook_sink::DiskPolicy;
 use crate::recording::reconstruction_worker::ReconstructionContext;
 use crate::recording::recorder::*;
 use crate::recording::session_status::Facts;
@@ -130,19 +133,18 @@ impl Scene {
         ));
         let events = EventLog::new(setup.record_directory.clone());
         let reported_events = Mutex::new(events.subscribe());
-        let recorder = Recorder {
+        let task = Task::maps(ReconstructionWorker::start(context, orders.downgrade()).unwrap());
+        let logbook = LogbookSink {
             status: Arc::clone(&status),
             writer,
             clock: SystemClock::new(),
-            checks: Checks::new(&setup.protocol),
-            task: Task::maps(ReconstructionWorker::start(context, orders.downgrade()).unwrap()),
-            heartbeats: Arc::default(),
-            before: None,
-            patient: false,
-            began: None,
-            disk: Disk::new(section, Box::new(move |_| Ok(left.load(Ordering::SeqCst)))),
             events,
+            heartbeats: Arc::default(),
+            disk: DiskPolicy::new(section, Box::new(move |_| Ok(left.load(Ordering::SeqCst)))),
+            before: None,
+            began: None,
         };
+        let recorder = Recorder::new(logbook, Checks::new(&setup.protocol), task, false);
         let scene = Self {
             _folder: folder,
             prepared,

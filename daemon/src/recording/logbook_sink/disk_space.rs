@@ -4,6 +4,7 @@
 
 use std::collections::VecDeque;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
@@ -12,7 +13,8 @@ use rig::Clock;
 
 use crate::events::event::Event;
 use crate::monitoring::heartbeat::Part;
-use crate::recording::recorder::{FOR_A_WRITE, Recorder, Row};
+use crate::recording::logbook_sink::{FOR_A_WRITE, LogbookSink};
+use crate::recording::session_status::Published;
 use config::{FullName, RecordSection};
 use survey::error_chain as chain;
 
@@ -26,8 +28,8 @@ const LOCK_PATIENCE: Duration = Duration::from_secs(30);
 
 type Free = Box<dyn Fn(&Path) -> std::io::Result<u64> + Send>;
 
-/// What is done about room.
-pub(crate) struct Disk {
+/// What is done where there is little room, none, or a lock.
+pub(crate) struct DiskPolicy {
     section: RecordSection,
     free: Free,
     /// Whether it has been said that little is left.
@@ -37,9 +39,9 @@ pub(crate) struct Disk {
     /// Why nothing can be written at present.
     paused: Option<Pause>,
     /// How long a lock is waited for.
-    pub(super) lock_patience: Duration,
+    pub(in crate::recording) lock_patience: Duration,
     /// Events that wait for room.
-    pub(super) unwritten: VecDeque<Event>,
+    pub(in crate::recording) unwritten: VecDeque<Event>,
 }
 
 /// A wait of the record, with acquisition held.
@@ -50,7 +52,7 @@ struct Pause {
     locked: bool,
 }
 
-impl Disk {
+impl DiskPolicy {
     pub(crate) fn new(section: RecordSection, free: Free) -> Self {
         Self {
             section,
@@ -64,17 +66,17 @@ impl Disk {
     }
 
     /// How long frames are gathered for one sync.
-    pub(super) fn gathers(&self) -> Duration {
+    pub(in crate::recording) fn gathers(&self) -> Duration {
         Duration::from_millis(self.section.group_ms)
     }
 }
 
-impl Recorder {
-    /// Writes frames with one sync, however long it takes until there is room; returns the last one's sequence.
+impl LogbookSink {
+    /// Writes frames with one sync, however long it takes until there is room.
     ///
     /// # Errors
     /// The disk refuses in a way that does not pass, or the session was asked to end while there was no room.
-    pub(super) fn store(&mut self, rows: &[Row]) -> Result<u64, LogbookError> {
+    pub(super) fn store(&mut self, frames: &[Arc<Published>]) -> Result<(), LogbookError> {
         let mut free = self.free();
         self.warn_early(free)?;
         let mut renewed = false;
@@ -90,13 +92,14 @@ impl Recorder {
                 free = self.free();
                 continue;
             }
-            let frames = rows
+            let each = frames
                 .iter()
-                .map(|row| (&row.frame, row.mapped.as_ref().map(|mapped| &mapped.record)));
-            match self.writer.append_all(frames) {
+                .map(|published| (&published.frame, published.record.as_ref()));
+            match self.writer.append_all(each) {
                 Ok(last) => {
+                    debug_assert_eq!(Some(last), frames.last().map(|last| last.frame.sequence));
                     self.go_on();
-                    return Ok(last);
+                    return Ok(());
                 }
                 Err(error) => {
                     self.meet(error, &mut renewed)?;
@@ -143,7 +146,7 @@ impl Recorder {
     }
 
     /// Writes something else, under the same rules.
-    pub(super) fn persist(
+    pub(in crate::recording) fn persist(
         &mut self,
         write: impl Fn(&mut SessionWriter) -> Result<(), LogbookError>,
     ) -> Result<(), LogbookError> {
@@ -161,7 +164,7 @@ impl Recorder {
 
     /// The file grew enough, or a day began: the session goes on in its next part. Where that cannot be, it goes on in
     /// this one.
-    pub(super) fn roll(&mut self, at: DateTime<Utc>) -> Result<(), LogbookError> {
+    pub(in crate::recording) fn roll(&mut self, at: DateTime<Utc>) -> Result<(), LogbookError> {
         let section = &self.disk.section;
         let before = self.disk.day.replace(at.date_naive());
         let new_day = section.roll_daily && before.is_some_and(|before| before != at.date_naive());
@@ -183,7 +186,7 @@ impl Recorder {
 
     /// Behind what was acknowledged the session goes on in another file. After an I/O error nobody knows what of the old
     /// one is on disk, and asking again may be answered by memory; of one that was deleted the frames are copied.
-    pub(super) fn renew(&mut self, error: &LogbookError) -> Result<(), LogbookError> {
+    pub(in crate::recording) fn renew(&mut self, error: &LogbookError) -> Result<(), LogbookError> {
         let at = self.clock.wall();
         let why = chain(error);
         let rescued = error.is_gone().then(|| self.writer.rescue());
@@ -217,7 +220,7 @@ impl Recorder {
     }
 
     /// Looks whether the file is still in its place, where no frame comes by for a while.
-    pub(super) fn look_at_place(&mut self) -> Result<(), LogbookError> {
+    pub(in crate::recording) fn look_at_place(&mut self) -> Result<(), LogbookError> {
         match self.writer.check_place() {
             Err(gone) => self.renew(&gone),
             Ok(()) => Ok(()),

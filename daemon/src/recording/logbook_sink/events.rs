@@ -6,42 +6,51 @@ use logbook::LogbookError;
 use rig::Clock;
 
 use crate::events::event::Event;
-use crate::recording::recorder::Recorder;
+use crate::recording::logbook_sink::LogbookSink;
 
-impl Recorder {
+impl LogbookSink {
     /// Reports an event, and writes it, however long it takes until there is room.
     ///
     /// # Errors
-    /// As [`Recorder::settle`].
-    pub(super) fn say(&mut self, kind: &'static str, text: &str) -> Result<(), LogbookError> {
+    /// As [`LogbookSink::settle`].
+    pub(in crate::recording) fn say(
+        &mut self,
+        kind: &'static str,
+        text: &str,
+    ) -> Result<(), LogbookError> {
         self.note(kind, text);
         self.settle()
     }
 
-    /// Reports an event, and writes it when the next [`Recorder::settle`] comes by: for what happens while room is waited
+    /// Reports an event, and writes it when the next [`LogbookSink::settle`] comes by: for what happens while room is waited
     /// for.
-    pub(super) fn note(&mut self, kind: &'static str, text: &str) {
+    pub(in crate::recording) fn note(&mut self, kind: &'static str, text: &str) {
         let event = self.report(kind, text);
         self.disk.unwritten.push_back(event);
     }
 
     /// Reports an event that is not written to the record, or not here.
-    pub(super) fn report(&self, kind: &'static str, text: &str) -> Event {
+    pub(in crate::recording) fn report(&self, kind: &'static str, text: &str) -> Event {
         let event = self.event_at(self.clock.wall(), kind, text);
         self.events.report(event.clone());
         event
     }
 
     /// An event of this session.
-    pub(super) fn event_at(&self, at: DateTime<Utc>, kind: &'static str, text: &str) -> Event {
+    pub(in crate::recording) fn event_at(
+        &self,
+        at: DateTime<Utc>,
+        kind: &'static str,
+        text: &str,
+    ) -> Event {
         Event::new(at, kind, text, Some(&self.status.facts.id))
     }
 
     /// Writes an event that has been reported.
     ///
     /// # Errors
-    /// As [`Recorder::settle`].
-    pub(super) fn event(&mut self, event: Event) -> Result<(), LogbookError> {
+    /// As [`LogbookSink::settle`].
+    pub(in crate::recording) fn event(&mut self, event: Event) -> Result<(), LogbookError> {
         self.disk.unwritten.push_back(event);
         self.settle()
     }
@@ -50,7 +59,7 @@ impl Recorder {
     ///
     /// # Errors
     /// The disk refuses in a way that does not pass, or the session was asked to end while there was no room.
-    pub(super) fn settle(&mut self) -> Result<(), LogbookError> {
+    pub(in crate::recording) fn settle(&mut self) -> Result<(), LogbookError> {
         // taken out first: what is said while it waits for room is written past it, and does not write it, too
         while let Some(event) = self.disk.unwritten.pop_front() {
             let written = self.persist(|writer| writer.event(event.at, event.kind, &event.text));
@@ -66,7 +75,7 @@ impl Recorder {
     ///
     /// # Errors
     /// The disk refuses in a way that does not pass.
-    pub(super) fn settle_what_fits(&mut self) -> Result<(), LogbookError> {
+    pub(in crate::recording) fn settle_what_fits(&mut self) -> Result<(), LogbookError> {
         while let Some(event) = self.disk.unwritten.front() {
             match self.writer.event(event.at, event.kind, &event.text) {
                 Ok(()) => {}

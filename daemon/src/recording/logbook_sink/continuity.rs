@@ -4,14 +4,14 @@ use chrono::TimeDelta;
 use logbook::LogbookError;
 use survey::{Frame, relative_changes};
 
-use crate::recording::recorder::{Recorder, Row};
+use crate::recording::logbook_sink::LogbookSink;
 
 /// What a clock that is kept by NTP does not move at once.
 const CLOCK_STEP: TimeDelta = TimeDelta::try_seconds(1).unwrap();
 /// A sheet that was left alone changes by less while the daemon is away: of a reading, in the median.
 const PLAUSIBLE: f64 = 0.1;
 
-impl Recorder {
+impl LogbookSink {
     /// Schedules keep to the monotonic clock; where the other one is set, or the machine sleeps, that is an event.
     pub(super) fn watch_the_clock(&mut self, frame: &Frame) -> Result<(), LogbookError> {
         let Ok(since) = TimeDelta::from_std(frame.monotonic) else {
@@ -35,11 +35,11 @@ impl Recorder {
     }
 
     /// Whether the first frame after a gap is of the same sheet as the last one before it.
-    pub(super) fn compare_with_before(&mut self, first: &Row) -> Result<(), LogbookError> {
+    pub(super) fn compare_with_before(&mut self, first: &Frame) -> Result<(), LogbookError> {
         let Some(before) = self.before.take() else {
             return Ok(());
         };
-        let changes = relative_changes(&before.frame.readings, &first.frame.readings);
+        let changes = relative_changes(&before.frame.readings, &first.readings);
         let mut changes: Vec<f64> = changes.map(f64::abs).collect();
         let middle = changes.len() / 2;
         if changes.is_empty() {

@@ -1,0 +1,103 @@
+//! The sinks behind the logbook: the status of the session, and the readers of its full-rate stream.
+
+use std::sync::Arc;
+
+use dbus::stream::{Body, Record};
+use eit::Pressure;
+use logbook::LogbookError;
+use survey::{Frame, Map, Reading};
+
+use crate::recording::frame_sink::FrameSink;
+use crate::recording::session_status::{Published, SessionStatus};
+
+/// What clients see of the session: counters, the last frame, the last map.
+pub(super) struct LiveStatus(pub Arc<SessionStatus>);
+
+impl FrameSink for LiveStatus {
+    fn frames(&mut self, frames: &[Arc<Published>]) -> Result<(), LogbookError> {
+        for frame in frames {
+            self.0.publish(Arc::clone(frame));
+        }
+        Ok(())
+    }
+
+    fn late_map(&mut self, frame: &Arc<Published>) -> Result<(), LogbookError> {
+        self.0.publish_map(Arc::clone(frame));
+        Ok(())
+    }
+}
+
+/// The readers of the full-rate stream.
+pub(super) struct StreamSink(pub Arc<SessionStatus>);
+
+impl FrameSink for StreamSink {
+    fn frames(&mut self, frames: &[Arc<Published>]) -> Result<(), LogbookError> {
+        if self.0.readers.is_empty() {
+            return Ok(());
+        }
+        for published in frames {
+            self.publish(&published.frame, frame_body(&published.frame));
+            self.late_map(published)?;
+        }
+        Ok(())
+    }
+
+    fn late_map(&mut self, published: &Arc<Published>) -> Result<(), LogbookError> {
+        if self.0.readers.is_empty() {
+            return Ok(());
+        }
+        if let Some(pressure) = &published.pressure {
+            self.publish(&published.frame, pressure_body(pressure));
+        }
+        if let Some(map) = &published.map {
+            self.publish(&published.frame, map_body(map));
+        }
+        Ok(())
+    }
+}
+
+impl StreamSink {
+    fn publish(&self, frame: &Frame, body: Body) {
+        self.0.readers.publish(&Record {
+            sequence: frame.sequence,
+            wall_ns: survey::nanoseconds(frame.wall),
+            gap: 0,
+            simulated: frame.simulated,
+            body,
+        });
+    }
+}
+
+fn frame_body(frame: &Frame) -> Body {
+    Body::Frame {
+        volts: volts(&frame.readings),
+        flags: frame
+            .readings
+            .iter()
+            .map(|reading| reading.flag())
+            .collect(),
+    }
+}
+
+fn map_body(map: &Map) -> Body {
+    Body::Map {
+        values: map.values.clone(),
+        mesh_hash: map.mesh_hash.clone(),
+        method: map.method.clone(),
+    }
+}
+
+fn pressure_body(pressure: &Pressure) -> Body {
+    Body::Pressure {
+        kpa: pressure.kpa.clone(),
+        newtons: pressure.newtons,
+    }
+}
+
+/// Voltages as numbers for the bus; NaN, which its flag explains, where there is none.
+pub(crate) fn volts(readings: &[Reading]) -> Vec<f64> {
+    readings
+        .iter()
+        .map(|reading| reading.volts().map_or(f64::NAN, |volts| volts.0))
+        .collect()
+}

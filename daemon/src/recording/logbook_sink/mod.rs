@@ -1,0 +1,111 @@
+//! The session file as a sink: frames, events, the end, and what is done where the disk refuses them.
+//! Which frames and maps there are is the recorder's to say.
+
+mod continuity;
+mod disk_space;
+mod events;
+
+pub(crate) use crate::recording::logbook_sink::disk_space::DiskPolicy;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use chrono::{DateTime, Utc};
+use logbook::{LogbookError, SessionWriter};
+use rig::{Clock, SystemClock};
+
+use crate::events::event_log::EventLog;
+use crate::monitoring::heartbeat::{Heartbeats, Part, Rests};
+use crate::recording::frame_sink::FrameSink;
+use crate::recording::session_status::{Published, SessionStatus};
+use survey::error_chain as chain;
+
+/// A disk that takes longer for a write is one that hangs.
+const FOR_A_WRITE: Duration = Duration::from_secs(60);
+
+/// Writes one session.
+pub(crate) struct LogbookSink {
+    pub status: Arc<SessionStatus>,
+    pub writer: SessionWriter,
+    pub clock: SystemClock,
+    pub events: EventLog,
+    pub heartbeats: Arc<Heartbeats>,
+    pub disk: DiskPolicy,
+    /// The last frame before a gap that the session goes on after; its next frame is compared with it.
+    pub before: Option<logbook::Record>,
+    /// Wall time when the monotonic clock began, by the last frame.
+    pub began: Option<DateTime<Utc>>,
+}
+
+impl FrameSink for LogbookSink {
+    fn frames(&mut self, frames: &[Arc<Published>]) -> Result<(), LogbookError> {
+        let Some(first) = frames.first() else {
+            return Ok(());
+        };
+        self.roll(first.frame.wall)?;
+        self.compare_with_before(&first.frame)?;
+        self.watch_the_clock(&first.frame)?;
+        if let Err(error) = self.store(frames) {
+            self.status.count_dropped(frames.len() as u64);
+            return Err(error);
+        }
+        let now = self.clock.monotonic();
+        for published in frames {
+            let frame = &published.frame;
+            let durable = now.saturating_sub(frame.monotonic + frame.duration);
+            let _ = published.durable.set(durable);
+            tracing::debug!(
+                session = self.status.facts.id,
+                frame = frame.sequence,
+                us = durable.as_micros() as u64,
+                "durable"
+            );
+        }
+        Ok(())
+    }
+
+    fn late_map(&mut self, frame: &Arc<Published>) -> Result<(), LogbookError> {
+        let Some(record) = &frame.record else {
+            return Ok(());
+        };
+        match self.writer.late_map(frame.frame.sequence, record) {
+            // a roll-over lay between, or the disk: the frame is there, and the map can be made again
+            Err(LogbookError::NoSuchFrame { .. }) => Ok(()),
+            Err(error) if error.is_disk() || error.is_locked() => {
+                tracing::debug!("{}", chain(&error));
+                Ok(())
+            }
+            other => other,
+        }
+    }
+}
+
+impl LogbookSink {
+    /// Sequence of the last frame that is on disk.
+    pub(super) fn acknowledged(&self) -> u64 {
+        self.writer.acknowledged()
+    }
+
+    /// Something is written next; a sign of life follows within [`FOR_A_WRITE`], or this is dropped.
+    pub(super) fn begins_to_write(&self) -> Rests {
+        let now = self.clock.monotonic();
+        self.heartbeats.promise(Part::Record, now, FOR_A_WRITE);
+        Rests(Arc::clone(&self.heartbeats), Part::Record)
+    }
+
+    /// A file that another process holds locked, or that is gone, is left: the next part says the end.
+    pub(super) fn end(&mut self, at: DateTime<Utc>, reason: &str) -> Result<(), LogbookError> {
+        let ended = match self.writer.end(at, reason) {
+            // the writer has waited a quarter of a second, and whoever stops a session does not wait longer
+            Err(error) if error.is_locked() || error.is_gone() => {
+                self.renew(&error)?;
+                self.writer.end(at, reason)
+            }
+            ended => ended,
+        };
+        if ended.is_ok() {
+            self.status.set_closed();
+        }
+        ended
+    }
+}
