@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use imaging::recorded::RecordedError;
 use rig::{AcquireError, Clock, RingTranscript, Stop, SystemClock};
-use survey::Frame;
+use tokio::sync::mpsc::error::TrySendError;
 use tokio::sync::{mpsc, oneshot, watch};
 
 use crate::acquisition::measuring::Measuring;
@@ -172,7 +172,24 @@ impl Acquisition {
                 Waited::Due => {}
             }
             self.promise(self.longest(source));
-            let frame = match self.take(source, &stop).await {
+            let taken = match source {
+                FrameSource::Rig {
+                    rig: Some(rig),
+                    plan,
+                } => {
+                    self.transcript.next_transcript();
+                    let frame = self.measuring.frame(rig, plan, self.clock, &stop).await;
+                    self.report_measuring().await;
+                    frame
+                        .map(Some)
+                        .map_err(|error| AcquisitionEnd::Rig(Box::new(error)))
+                }
+                FrameSource::Rig { rig: None, .. } => Ok(None),
+                FrameSource::Recording(recording) => recording
+                    .next(self.clock.monotonic(), self.clock.wall())
+                    .map_err(|error| AcquisitionEnd::Recording(Box::new(error))),
+            };
+            let frame = match taken {
                 Ok(Some(frame)) => frame,
                 Ok(None) => return AcquisitionEnd::Done("the recording is over".to_owned()),
                 Err(AcquisitionEnd::Rig(error))
@@ -185,10 +202,15 @@ impl Acquisition {
             self.progress.taken += 1;
             self.progress.last = Some(due);
             self.status.count_acquired();
-            if !self
-                .hand_over(frame, matches!(source, FrameSource::Recording(_)))
-                .await
-            {
+            let handed_over = match self.recorder.try_send(Order::Frame(Box::new(frame))) {
+                Ok(()) => true,
+                Err(TrySendError::Closed(_)) => false,
+                Err(TrySendError::Full(frame)) => match source {
+                    FrameSource::Recording(_) => self.recorder.send(frame).await.is_ok(),
+                    FrameSource::Rig { .. } => self.wait_for_the_logbook(frame).await,
+                },
+            };
+            if !handed_over {
                 return AcquisitionEnd::Done(self.status.stop_reason());
             }
         }
@@ -212,48 +234,21 @@ impl Acquisition {
         planned.saturating_mul(4).saturating_add(BEYOND_ITS_TIME)
     }
 
-    async fn take(
-        &mut self,
-        source: &mut FrameSource,
-        stop: &Stop,
-    ) -> Result<Option<Frame>, AcquisitionEnd> {
-        match source {
-            FrameSource::Rig {
-                rig: Some(rig),
-                plan,
-            } => {
-                self.transcript.next_transcript();
-                let frame = self.measuring.frame(rig, plan, self.clock, stop).await;
-                for (kind, text) in self.measuring.said() {
-                    let at = self.clock.wall();
-                    let event = Event::new(at, kind, &text, Some(&self.status.facts.id));
-                    self.plan.send_replace(self.measuring.now());
-                    self.events.publish(&BusEvent::Happened(event.clone()));
-                    let order = Order::Event(event);
-                    // a recorder that has gone is noticed at the frame
-                    let _ = self.recorder.send(order).await;
-                }
-                frame
-                    .map(Some)
-                    .map_err(|error| AcquisitionEnd::Rig(Box::new(error)))
-            }
-            FrameSource::Rig { rig: None, .. } => Ok(None),
-            FrameSource::Recording(recording) => recording
-                .next(self.clock.monotonic(), self.clock.wall())
-                .map_err(|error| AcquisitionEnd::Recording(Box::new(error))),
+    /// Reports what has been done about ranges and offsets, and how the session measures from then on.
+    async fn report_measuring(&mut self) {
+        for (kind, text) in self.measuring.said() {
+            let at = self.clock.wall();
+            let event = Event::new(at, kind, &text, Some(&self.status.facts.id));
+            self.plan.send_replace(self.measuring.now());
+            self.events.publish(&BusEvent::Happened(event.clone()));
+            // a recorder that has gone is noticed at the frame
+            let _ = self.recorder.send(Order::Event(event)).await;
         }
     }
 
-    /// The logbook is the one sink that may hold acquisition back: between frames, with the source off, and said.
-    async fn hand_over(&self, frame: Frame, recording: bool) -> bool {
-        let frame = match self.recorder.try_send(Order::Frame(Box::new(frame))) {
-            Ok(()) => return true,
-            Err(mpsc::error::TrySendError::Closed(_)) => return false,
-            Err(mpsc::error::TrySendError::Full(frame)) => frame,
-        };
-        if recording {
-            return self.recorder.send(frame).await.is_ok();
-        }
+    /// The logbook is the one sink that may hold acquisition back: between frames, with the source off, and reported.
+    /// Whether it took the frame in the end.
+    async fn wait_for_the_logbook(&self, frame: Order) -> bool {
         // the record has promised
         self.heartbeats.rest(Part::Acquisition);
         self.report_pause(true).await;

@@ -2,14 +2,20 @@
 //! session. Its recorder writes the events of a session to the record.
 
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
-use tokio::sync::mpsc;
+use tokio::sync::mpsc::{self, error::TrySendError};
 
-use crate::events::broadcast::Broadcast;
 use crate::events::daemon_log::DaemonLogWriter;
 use crate::events::event::{BusEvent, Event};
 use crate::events::rate_limit::RateLimit;
+
+/// Events that may wait for one connection; beyond it they are lost for that one, which will soon be found frozen.
+const QUEUE: usize = 256;
+/// At the end, looks whether every queue is empty, and the time between them.
+const FLUSH_LOOKS: usize = 50;
+const BETWEEN_LOOKS: Duration = Duration::from_millis(10);
 
 /// Reports events; clones report to the same destinations. Nothing waits.
 #[derive(Debug, Clone)]
@@ -19,7 +25,8 @@ pub(crate) struct EventLog(Arc<Destinations>);
 struct Destinations {
     journal: RateLimit,
     daemon_log: DaemonLogWriter,
-    bus: Broadcast,
+    /// The queue of every connection to the bus.
+    connections: Mutex<Vec<mpsc::Sender<BusEvent>>>,
 }
 
 impl EventLog {
@@ -28,7 +35,7 @@ impl EventLog {
         Self(Arc::new(Destinations {
             journal: RateLimit::default(),
             daemon_log: DaemonLogWriter::new(directory),
-            bus: Broadcast::default(),
+            connections: Mutex::default(),
         }))
     }
 
@@ -39,12 +46,17 @@ impl EventLog {
         if session.is_none() {
             self.0.daemon_log.note(&event);
         }
-        self.0.bus.send(&BusEvent::Happened(event));
+        self.publish(&BusEvent::Happened(event));
     }
 
-    /// To the bus alone.
+    /// To the bus alone. A connection whose queue is full loses the event.
     pub(crate) fn publish(&self, event: &BusEvent) {
-        self.0.bus.send(event);
+        self.connections().retain(|connection| {
+            !matches!(
+                connection.try_send(event.clone()),
+                Err(TrySendError::Closed(_))
+            )
+        });
     }
 
     /// To the journal alone, at a limited rate: what clients cause.
@@ -52,9 +64,11 @@ impl EventLog {
         self.0.journal.log(kind, None, text);
     }
 
-    /// What is sent to the bus from now on; ends when the receiver is dropped.
+    /// What is sent to the bus from now on, for one more connection; ends when the receiver is dropped.
     pub(crate) fn subscribe(&self) -> mpsc::Receiver<BusEvent> {
-        self.0.bus.subscribe()
+        let (connection, events) = mpsc::channel(QUEUE);
+        self.connections().push(connection);
+        events
     }
 
     /// Writes to the journal what was left out and is due; called now and then.
@@ -64,7 +78,20 @@ impl EventLog {
 
     /// Waits until every connection has what was sent and the daemon log is on disk, but not long.
     pub(crate) async fn close(&self) {
-        self.0.bus.flush().await;
+        for _ in 0..FLUSH_LOOKS {
+            let sent = |connection: &mpsc::Sender<BusEvent>| {
+                connection.capacity() == QUEUE || connection.is_closed()
+            };
+            if self.connections().iter().all(sent) {
+                break;
+            }
+            tokio::time::sleep(BETWEEN_LOOKS).await;
+        }
         self.0.daemon_log.close().await;
+    }
+
+    fn connections(&self) -> MutexGuard<'_, Vec<mpsc::Sender<BusEvent>>> {
+        let connections = self.0.connections.lock();
+        connections.unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -1,7 +1,6 @@
 //! Events on their way to the journal, the bus and the daemon log.
 //! Which events a session records is decided by `recording`.
 
-mod broadcast;
 mod daemon_log;
 pub(crate) mod event;
 pub(crate) mod event_log;

@@ -4,7 +4,6 @@
 
 pub(crate) mod end_marks;
 pub(crate) mod frame_sink;
-pub(crate) mod live;
 pub(crate) mod logbook_sink;
 pub(crate) mod order;
 pub(crate) mod reconstruction_worker;
@@ -13,3 +12,4 @@ pub(crate) mod records;
 pub(crate) mod ring;
 pub(crate) mod session_status;
 pub(crate) mod stream;
+pub(crate) mod stream_sink;

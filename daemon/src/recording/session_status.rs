@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use dbus::{FrameQuality, FrameSummary, MapDetails};
 use eit::Pressure;
-use logbook::{MapRecord, SessionKind};
+use logbook::{LogbookError, MapRecord, SessionKind};
 use rig::{Stop, StopButton};
 use survey::{Frame, Map, Quality};
 use tokio::sync::{OnceCell, watch};
@@ -16,6 +16,7 @@ use crate::events::event::FrameDone;
 use crate::monitoring::Counters;
 use crate::monitoring::counters::LastFrame;
 use crate::recording::end_marks::Marked;
+use crate::recording::frame_sink::FrameSink;
 use crate::recording::stream::Readers;
 
 /// What never changes.
@@ -352,44 +353,6 @@ impl SessionStatus {
         }
     }
 
-    /// A frame is on disk.
-    pub(crate) fn publish(&self, published: Arc<Published>) {
-        let sequence = published.frame.sequence;
-        let frame = &published.frame;
-        let last = LastFrame {
-            session: self.facts.id.clone(),
-            sequence,
-            wall: frame.wall,
-            taken: frame.monotonic + frame.duration,
-        };
-        let overloads = published.quality.overloads as u64;
-        self.counters.count_durable(last, overloads);
-        if published.map.is_some() {
-            self.counters.count_map(published.reconstruction);
-        }
-        {
-            let mut pace = self.pace.lock().unwrap_or_else(PoisonError::into_inner);
-            let at = published.frame.monotonic;
-            pace.first.get_or_insert(at);
-            pace.last = Some(at);
-        }
-        {
-            let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
-            if published.map.is_some() {
-                latest.with_map = Some(Arc::clone(&published));
-            }
-            latest.frame = Some(published);
-        }
-        self.durable.send_replace(sequence);
-    }
-
-    /// The map of a frame that was published without it.
-    pub(crate) fn publish_map(&self, published: Arc<Published>) {
-        self.counters.count_map(published.reconstruction);
-        let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
-        latest.with_map = Some(published);
-    }
-
     pub(crate) fn latest_frame(&self) -> Option<Arc<Published>> {
         self.latest
             .lock()
@@ -514,5 +477,48 @@ impl SessionStatus {
     /// Hears of frames granted; `None` for a session with a schedule.
     pub(crate) fn grants(&self) -> Option<watch::Receiver<u64>> {
         self.granted.as_ref().map(watch::Sender::subscribe)
+    }
+}
+
+/// What clients see of the session: counters, the last frame, the last map.
+impl FrameSink for Arc<SessionStatus> {
+    fn frames(&mut self, frames: &[Arc<Published>]) -> Result<(), LogbookError> {
+        for published in frames {
+            let sequence = published.frame.sequence;
+            let frame = &published.frame;
+            let last = LastFrame {
+                session: self.facts.id.clone(),
+                sequence,
+                wall: frame.wall,
+                taken: frame.monotonic + frame.duration,
+            };
+            let overloads = published.quality.overloads as u64;
+            self.counters.count_durable(last, overloads);
+            if published.map.is_some() {
+                self.counters.count_map(published.reconstruction);
+            }
+            {
+                let mut pace = self.pace.lock().unwrap_or_else(PoisonError::into_inner);
+                let at = published.frame.monotonic;
+                pace.first.get_or_insert(at);
+                pace.last = Some(at);
+            }
+            {
+                let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
+                if published.map.is_some() {
+                    latest.with_map = Some(Arc::clone(published));
+                }
+                latest.frame = Some(Arc::clone(published));
+            }
+            self.durable.send_replace(sequence);
+        }
+        Ok(())
+    }
+
+    fn late_map(&mut self, published: &Arc<Published>) -> Result<(), LogbookError> {
+        self.counters.count_map(published.reconstruction);
+        let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
+        latest.with_map = Some(Arc::clone(published));
+        Ok(())
     }
 }

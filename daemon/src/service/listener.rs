@@ -182,7 +182,7 @@ async fn system_bus(
     })
 }
 
-/// Carries news to one bus, and comes back when the bus does.
+/// Announces events on one bus, and connects again when the bus does.
 async fn stay(
     authorizer: Authorizer,
     mut connected: Connected,
@@ -190,7 +190,7 @@ async fn stay(
     acting: Handle,
 ) {
     let which = word(authorizer);
-    let mut news = controller.events.subscribe();
+    let mut events = controller.events.subscribe();
     let part = match which {
         "system" => Part::SystemBus,
         _ => Part::SessionBus,
@@ -202,17 +202,17 @@ async fn stay(
         loop {
             tokio::select! {
                 () = connection.closed() => break,
-                event = news.recv() => {
+                event = events.recv() => {
                     let Some(event) = event else { return };
-                    let said = crate::service::say(connection, &controller, gate, event);
-                    if !matches!(answer(Ends::Answer, said).await, Ok(true)) {
+                    let sent = crate::service::announce(connection, &controller, gate, event);
+                    if !matches!(answer(Ends::Answer, sent).await, Ok(true)) {
                         break;
                     }
                     controller.heartbeats.rest(part);
                 }
             }
         }
-        let _ = tokio::time::timeout(crate::service::TO_SAY, connection.clone().close()).await;
+        let _ = tokio::time::timeout(crate::service::TO_SEND, connection.clone().close()).await;
         gate.all_left();
         tracing::warn!("the {which} bus is gone; acquisition goes on");
         let mut pause = LOOK_AGAIN.0;
@@ -220,7 +220,7 @@ async fn stay(
             tokio::time::sleep(pause).await;
             controller.heartbeats.rest(part);
             pause = (pause * 2).min(LOOK_AGAIN.1);
-            news = controller.events.subscribe();
+            events = controller.events.subscribe();
             // a bus that is there and frozen does not answer at all
             let again = tokio::time::timeout(TO_CONNECT, connect(authorizer, &controller, &acting));
             let again = match answer(Ends::Answer, again).await {

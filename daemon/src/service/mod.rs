@@ -1,4 +1,5 @@
-//! The daemon on D-Bus: one set of objects on every connection, and the news that goes out on it.
+//! The daemon on D-Bus: one set of objects on every connection, and the events that are announced on it.
+//! What the objects do is left to `session`.
 
 mod access;
 mod bus_socket;
@@ -34,15 +35,15 @@ pub(crate) use crate::service::listener::Listener;
 /// Every role that an instrument may have.
 const ROLES: [&str; 4] = ["source", "switch", "voltmeter", "switch+voltmeter"];
 
-/// One frozen listener must not hold the others back: what cannot be said in this time ends the connection.
-const TO_SAY: Duration = Duration::from_millis(500);
+/// One frozen client must not hold the others back: an event that cannot be sent in this time ends the connection.
+const TO_SEND: Duration = Duration::from_millis(500);
 
-/// A bus is one connection for all who are on it: a notice waits behind the answers of everybody's calls, and leaving the bus
+/// A bus is one connection for all who are on it: an event waits behind the answers of everybody's calls, and leaving the bus
 /// would lose the answer to a stop. Its other end is the broker, which does not stop reading; one that has died is found by
 /// this, well within systemd's patience.
-const TO_SAY_ON_A_BUS: Duration = Duration::from_secs(5);
+const TO_SEND_ON_A_BUS: Duration = Duration::from_secs(5);
 
-/// Puts the manager, the instruments and the sessions on a connection before it hears anything.
+/// Puts the manager, the instruments and the sessions on a connection before it receives anything.
 fn register_objects<'a>(
     mut builder: Builder<'a>,
     controller: &Arc<Controller>,
@@ -81,18 +82,64 @@ async fn show(
     Ok(())
 }
 
-/// Says one piece of news; `false` when the connection is of no use any more.
-async fn say(
+/// Announces one event on a connection; `false` when the connection is of no use any more.
+async fn announce(
     connection: &Connection,
     controller: &Arc<Controller>,
     gate: &Arc<Gate>,
     event: BusEvent,
 ) -> bool {
     let patience = match gate.authorizer {
-        Authorizer::Peer => TO_SAY,
-        Authorizer::Session | Authorizer::System => TO_SAY_ON_A_BUS,
+        Authorizer::Peer => TO_SEND,
+        Authorizer::Session | Authorizer::System => TO_SEND_ON_A_BUS,
     };
-    match tokio::time::timeout(patience, speak(connection, controller, gate, event)).await {
+    let server = connection.object_server();
+    let sent = tokio::time::timeout(patience, async {
+        match event {
+            BusEvent::SessionAdded(id) => session(server, controller, &id, gate).await.map(drop),
+            BusEvent::SessionRemoved(id) => match dbus::session_path(&id) {
+                Ok(path) => gone(server.remove::<Guarded<Session1>, _>(path).await),
+                Err(_) => Ok(()),
+            },
+            BusEvent::SessionChanged(id) => match session(server, controller, &id, gate).await? {
+                Some(session) => session_changed(&session).await,
+                None => Ok(()),
+            },
+            BusEvent::FrameDone(frame) => {
+                match session(server, controller, &frame.session, gate).await? {
+                    Some(session) => {
+                        session
+                            .signal_emitter()
+                            .frame_done(frame.sequence, frame.wall_ns, &frame.summary)
+                            .await
+                    }
+                    None => Ok(()),
+                }
+            }
+            BusEvent::Daemon => daemon_changed(server).await,
+            BusEvent::TestProgress { done, total, what } => {
+                let manager = server.interface::<_, Guarded<Manager1>>(ROOT_PATH).await?;
+                Manager1::test_progress(manager.signal_emitter(), done, total, &what).await
+            }
+            BusEvent::Instruments => instruments_changed(server, controller).await,
+            // a broker answers this itself; a peer that has gone is noticed without
+            BusEvent::Heartbeats if connection.is_bus() => ping(connection).await,
+            BusEvent::Heartbeats => Ok(()),
+            BusEvent::ObjectsChanged => register_again(server, controller, gate).await,
+            BusEvent::Happened(event) => {
+                let manager = server.interface::<_, Guarded<Manager1>>(ROOT_PATH).await?;
+                let details = EventDetails {
+                    session: event.session.clone(),
+                };
+                let wall_ns = survey::nanoseconds(event.at);
+                manager
+                    .signal_emitter()
+                    .happened(wall_ns, event.kind, &event.text, details)
+                    .await
+            }
+        }
+    });
+    match sent.await {
         Ok(Ok(())) => true,
         Ok(Err(error)) => {
             tracing::debug!("a connection failed: {error}");
@@ -105,93 +152,52 @@ async fn say(
     }
 }
 
-async fn speak(
-    connection: &Connection,
-    controller: &Arc<Controller>,
-    gate: &Arc<Gate>,
-    event: BusEvent,
-) -> zbus::Result<()> {
-    let server = connection.object_server();
-    match event {
-        BusEvent::SessionAdded(id) => session(server, controller, &id, gate).await.map(drop),
-        BusEvent::SessionRemoved(id) => {
-            if let Ok(path) = dbus::session_path(&id) {
-                gone(server.remove::<Guarded<Session1>, _>(path).await)?;
-            }
-            Ok(())
-        }
-        BusEvent::SessionChanged(id) => {
-            let Some(session) = session(server, controller, &id, gate).await? else {
-                return Ok(());
-            };
-            let emitter = session.signal_emitter();
-            let object = session.get().await;
-            object.state_changed(emitter).await?;
-            object.last_error_changed(emitter).await?;
-            object.end_reason_changed(emitter).await
-        }
-        BusEvent::FrameDone(frame) => {
-            let Some(session) = session(server, controller, &frame.session, gate).await? else {
-                return Ok(());
-            };
-            session
-                .signal_emitter()
-                .frame_done(frame.sequence, frame.wall_ns, &frame.summary)
-                .await
-        }
-        BusEvent::Daemon => {
-            let manager = server.interface::<_, Guarded<Manager1>>(ROOT_PATH).await?;
-            let emitter = manager.signal_emitter();
-            let object = manager.get().await;
-            object.state_changed(emitter).await?;
-            object.active_session_changed(emitter).await?;
-            object.baseline_id_changed(emitter).await?;
-            object.last_error_changed(emitter).await?;
-            object.source_state_changed(emitter).await?;
-            object.recovery_changed(emitter).await
-        }
-        BusEvent::TestProgress { done, total, what } => {
-            let manager = server.interface::<_, Guarded<Manager1>>(ROOT_PATH).await?;
-            Manager1::test_progress(manager.signal_emitter(), done, total, &what).await
-        }
-        BusEvent::Instruments => {
-            for found in controller.identities().instruments {
-                let path = Instrument1::new(Arc::clone(controller), found.role).path();
-                let instrument = server.interface::<_, Guarded<Instrument1>>(path).await?;
-                let emitter = instrument.signal_emitter();
-                let object = instrument.get().await;
-                object.state_changed(emitter).await?;
-                object.identity_changed(emitter).await?;
-            }
-            Ok(())
-        }
-        // a broker answers this itself; a peer that has gone is noticed without
-        BusEvent::Heartbeats if connection.is_bus() => {
-            let broker = Some("org.freedesktop.DBus");
-            let peer = Some("org.freedesktop.DBus.Peer");
-            let path = "/org/freedesktop/DBus";
-            connection
-                .call_method(broker, path, peer, "Ping", &())
-                .await?;
-            Ok(())
-        }
-        BusEvent::Heartbeats => Ok(()),
-        BusEvent::ObjectsChanged => register_again(server, controller, gate).await,
-        BusEvent::Happened(event) => {
-            let manager = server.interface::<_, Guarded<Manager1>>(ROOT_PATH).await?;
-            let details = EventDetails {
-                session: event.session.clone(),
-            };
-            let wall_ns = survey::nanoseconds(event.at);
-            manager
-                .signal_emitter()
-                .happened(wall_ns, event.kind, &event.text, details)
-                .await
-        }
-    }
+async fn session_changed(session: &InterfaceRef<Guarded<Session1>>) -> zbus::Result<()> {
+    let emitter = session.signal_emitter();
+    let object = session.get().await;
+    object.state_changed(emitter).await?;
+    object.last_error_changed(emitter).await?;
+    object.end_reason_changed(emitter).await
 }
 
-/// After a reload: the instruments that there are now, and a hand on the sheet where it is simulated.
+async fn daemon_changed(server: &ObjectServer) -> zbus::Result<()> {
+    let manager = server.interface::<_, Guarded<Manager1>>(ROOT_PATH).await?;
+    let emitter = manager.signal_emitter();
+    let object = manager.get().await;
+    object.state_changed(emitter).await?;
+    object.active_session_changed(emitter).await?;
+    object.baseline_id_changed(emitter).await?;
+    object.last_error_changed(emitter).await?;
+    object.source_state_changed(emitter).await?;
+    object.recovery_changed(emitter).await
+}
+
+async fn instruments_changed(
+    server: &ObjectServer,
+    controller: &Arc<Controller>,
+) -> zbus::Result<()> {
+    for found in controller.identities().instruments {
+        let path = Instrument1::new(Arc::clone(controller), found.role).path();
+        let instrument = server.interface::<_, Guarded<Instrument1>>(path).await?;
+        let emitter = instrument.signal_emitter();
+        let object = instrument.get().await;
+        object.state_changed(emitter).await?;
+        object.identity_changed(emitter).await?;
+    }
+    Ok(())
+}
+
+async fn ping(connection: &Connection) -> zbus::Result<()> {
+    let broker = Some("org.freedesktop.DBus");
+    let peer = Some("org.freedesktop.DBus.Peer");
+    let path = "/org/freedesktop/DBus";
+    connection
+        .call_method(broker, path, peer, "Ping", &())
+        .await
+        .map(drop)
+}
+
+/// After a reload: the instruments that there are now, and the load on the sheet where it is simulated.
 async fn register_again(
     server: &ObjectServer,
     controller: &Arc<Controller>,

@@ -140,7 +140,7 @@ async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle)
         return;
     };
     // listened to before it can speak: nothing is missed between
-    let mut news = controller.events.subscribe();
+    let mut events = controller.events.subscribe();
     let mut builder = Builder::unix_stream(stream)
         .server(zbus::Guid::generate())
         .p2p();
@@ -160,9 +160,9 @@ async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle)
     loop {
         tokio::select! {
             () = connection.closed() => break,
-            event = news.recv() => {
+            event = events.recv() => {
                 let Some(event) = event else { break };
-                if !super::say(&connection, &controller, &gate, event).await {
+                if !super::announce(&connection, &controller, &gate, event).await {
                     // answers that wait for a reader who never reads end with the socket
                     let _ = hang_up.shutdown(std::net::Shutdown::Both);
                     break;

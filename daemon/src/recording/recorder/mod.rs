@@ -16,11 +16,11 @@ use survey::{Baseline, Checks, Frame};
 use tokio::sync::mpsc::{self, error::TryRecvError};
 
 use crate::recording::frame_sink::FrameSink;
-use crate::recording::live::{LiveStatus, StreamSink};
 use crate::recording::logbook_sink::LogbookSink;
 use crate::recording::order::{Order, QUEUE, SHUT_DOWN};
 use crate::recording::reconstruction_worker::{MapOutcome, ReconstructionWorker};
 use crate::recording::session_status::{Published, SessionStatus};
+use crate::recording::stream_sink::StreamSink;
 use survey::error_chain as chain;
 
 /// With so many waiting, nobody waits for a map.
@@ -75,7 +75,7 @@ impl Recorder {
         Self {
             sinks: [
                 Box::new(StreamSink(Arc::clone(&status))),
-                Box::new(LiveStatus(Arc::clone(&status))),
+                Box::new(Arc::clone(&status)),
             ],
             status,
             logbook,

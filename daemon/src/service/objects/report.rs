@@ -12,7 +12,7 @@ use crate::instruments::discovery::{Discovered, Seen};
 use crate::instruments::relay_wear::Wear;
 use crate::instruments::rig_plan::RigPlan;
 use crate::preparation::costs;
-use crate::recording::live::volts;
+use crate::recording::stream_sink::volts;
 use crate::session::controller::Recovery;
 use imaging::Geometry;
 use self_test::{Report, ReportLine};

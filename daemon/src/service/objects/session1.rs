@@ -6,9 +6,9 @@ use dbus::{Fault, FrameQuality, FrameSummary, MapDetails, Options, StreamOptions
 use zbus::object_server::SignalEmitter;
 use zbus::{OwnedFd, interface};
 
-use crate::recording::live::volts;
 use crate::recording::session_status::SessionStatus;
 use crate::recording::stream::Wanted;
+use crate::recording::stream_sink::volts;
 use crate::service::limit::{STREAMS, User};
 use crate::session::option_values;
 use crate::session::option_values::checked;

@@ -146,7 +146,7 @@ impl Controller {
             order.first_event = waits.then(|| text.clone());
             self.tell_of(started, logbook::RESUMED, &text, Some(&status.facts.id));
         }
-        tokio::spawn(Arc::clone(self).tell_progress(Arc::clone(&status)));
+        tokio::spawn(Arc::clone(self).announce_frames(Arc::clone(&status)));
         tokio::spawn(Arc::clone(self).mark_when_asked_to_end(Arc::clone(&status)));
         let task = tokio::spawn(Arc::clone(self).keep(Arc::clone(&status), writer, order));
         let (controller, kept) = (Arc::clone(self), Arc::clone(&status));
@@ -471,8 +471,8 @@ impl Controller {
         }
     }
 
-    /// Tells everybody of frames, at most five times a second, and of everything else about a session.
-    pub(super) async fn tell_progress(self: Arc<Self>, status: Arc<SessionStatus>) {
+    /// Announces frames, at most five times a second, and every other change of a session.
+    pub(super) async fn announce_frames(self: Arc<Self>, status: Arc<SessionStatus>) {
         let mut durable = status.follow_durable();
         let mut progress = status.follow();
         let mut reported = 0;

@@ -1,4 +1,4 @@
-//! The sinks behind the logbook: the status of the session, and the readers of its full-rate stream.
+//! Frames and maps on the full-rate stream.
 
 use std::sync::Arc;
 
@@ -9,23 +9,6 @@ use survey::{Frame, Map, Reading};
 
 use crate::recording::frame_sink::FrameSink;
 use crate::recording::session_status::{Published, SessionStatus};
-
-/// What clients see of the session: counters, the last frame, the last map.
-pub(super) struct LiveStatus(pub Arc<SessionStatus>);
-
-impl FrameSink for LiveStatus {
-    fn frames(&mut self, frames: &[Arc<Published>]) -> Result<(), LogbookError> {
-        for frame in frames {
-            self.0.publish(Arc::clone(frame));
-        }
-        Ok(())
-    }
-
-    fn late_map(&mut self, frame: &Arc<Published>) -> Result<(), LogbookError> {
-        self.0.publish_map(Arc::clone(frame));
-        Ok(())
-    }
-}
 
 /// The readers of the full-rate stream.
 pub(super) struct StreamSink(pub Arc<SessionStatus>);
