@@ -38,7 +38,7 @@ impl Controller {
         self.events
             .publish(&BusEvent::SessionAdded(status.facts.id.clone()));
         self.events.publish(&BusEvent::Daemon);
-        tokio::spawn(Arc::clone(self).tell_progress(Arc::clone(&status)));
+        tokio::spawn(Arc::clone(self).announce_frames(Arc::clone(&status)));
         tokio::spawn(Arc::clone(self).mark_when_asked_to_end(Arc::clone(&status)));
         tokio::spawn(Arc::clone(self).try_to_go_on(status));
     }
