@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use logbook::LogbookError;
 
-use crate::recording::session_status::Published;
+use crate::recording::published::Published;
 
 /// A destination of frames. The recorder hands each frame to the logbook first, which makes it durable, and then to the
 /// others.

@@ -6,6 +6,7 @@ pub(crate) mod end_marks;
 pub(crate) mod frame_sink;
 pub(crate) mod logbook_sink;
 pub(crate) mod order;
+pub(crate) mod published;
 pub(crate) mod reconstruction_worker;
 pub(crate) mod recorder;
 pub(crate) mod records;

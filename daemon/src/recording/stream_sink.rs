@@ -8,7 +8,8 @@ use logbook::LogbookError;
 use survey::{Frame, Map, Reading};
 
 use crate::recording::frame_sink::FrameSink;
-use crate::recording::session_status::{Published, SessionStatus};
+use crate::recording::published::Published;
+use crate::recording::session_status::SessionStatus;
 
 /// The readers of the full-rate stream.
 pub(super) struct StreamSink(pub Arc<SessionStatus>);

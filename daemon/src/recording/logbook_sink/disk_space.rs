@@ -14,7 +14,7 @@ use rig::Clock;
 use crate::events::event::Event;
 use crate::monitoring::heartbeat::Part;
 use crate::recording::logbook_sink::{FOR_A_WRITE, LogbookSink};
-use crate::recording::session_status::Published;
+use crate::recording::published::Published;
 use config::{FullName, RecordSection};
 use survey::error_chain as chain;
 

@@ -17,7 +17,8 @@ use rig::{Clock, SystemClock};
 use crate::events::event_log::EventLog;
 use crate::monitoring::heartbeat::{Heartbeats, Part, Rests};
 use crate::recording::frame_sink::FrameSink;
-use crate::recording::session_status::{Published, SessionStatus};
+use crate::recording::published::Published;
+use crate::recording::session_status::SessionStatus;
 use survey::error_chain as chain;
 
 /// A disk that takes longer for a write is one that hangs.

@@ -6,9 +6,9 @@ use logbook::LogbookError;
 use survey::Frame;
 
 use crate::recording::frame_sink::FrameSink;
+use crate::recording::published::Published;
 use crate::recording::reconstruction_worker::{Failure, Made, MapOutcome};
 use crate::recording::recorder::{Recorder, Task};
-use crate::recording::session_status::Published;
 
 impl Recorder {
     pub(super) fn ask_for_map(

@@ -18,8 +18,9 @@ use tokio::sync::mpsc::{self, error::TryRecvError};
 use crate::recording::frame_sink::FrameSink;
 use crate::recording::logbook_sink::LogbookSink;
 use crate::recording::order::{Order, QUEUE, SHUT_DOWN};
+use crate::recording::published::Published;
 use crate::recording::reconstruction_worker::{MapOutcome, ReconstructionWorker};
-use crate::recording::session_status::{Published, SessionStatus};
+use crate::recording::session_status::SessionStatus;
 use crate::recording::stream_sink::StreamSink;
 use survey::error_chain as chain;
 
