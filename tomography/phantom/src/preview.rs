@@ -12,7 +12,7 @@ use std::time::Duration;
 use eit::{Forward, Parameters, Preset};
 use nalgebra::DMatrix;
 
-use crate::effects::{EffectSettings, SheetResponse, UnloadedReading};
+use crate::effects::{EffectSettings, SheetChange, SheetResponse, UnloadedReading};
 use crate::scan::{ReadingContext, Scan, across};
 use crate::scene::Scene;
 use crate::sheet::{Phantom, PhantomError};
@@ -265,7 +265,7 @@ impl SheetResponse for Preview {
         self.changed_by(&z)
     }
 
-    fn solved(&self, change: &dyn Fn(&[[f64; 2]], &mut [f64], &mut [f64])) -> f64 {
+    fn solved(&self, change: &SheetChange<'_>) -> f64 {
         let mesh = self.phantom.mesh();
         let places: Vec<[f64; 2]> = (0..mesh.triangles().len())
             .map(|t| mesh.centroid(t))

@@ -68,7 +68,7 @@ pub(crate) use acts::{OnContacts, OnLoss, OnMesh, OnNetwork, OnReading, OnSheet,
 pub use bounds::Fault as ParameterFault;
 pub use creep::PronyStep;
 
-pub(crate) use response::{SheetResponse, UnloadedReading};
+pub(crate) use response::{SheetChange, SheetResponse, UnloadedReading};
 
 use crate::law::{Conduction, Foam, Law, Pressure};
 use crate::scan::ReadingContext;

@@ -5,6 +5,9 @@ use nalgebra::DMatrix;
 use super::EffectSettings;
 use crate::scan::{ReadingContext, Scan};
 
+/// A change of conductances (S) at centroids (m) and of contacts (ohm m): centroids, conductances, contacts.
+pub(crate) type SheetChange<'a> = dyn Fn(&[[f64; 2]], &mut [f64], &mut [f64]) + 'a;
+
 /// One reading of the unloaded sheet.
 #[derive(Debug, Clone)]
 pub(crate) struct UnloadedReading {
@@ -40,7 +43,7 @@ pub(crate) trait SheetResponse {
 
     /// The same for a change of conductances (S, at centroids in m) and contacts (ohm m), by one solution; infinite where
     /// there is none.
-    fn solved(&self, change: &dyn Fn(&[[f64; 2]], &mut [f64], &mut [f64])) -> f64;
+    fn solved(&self, change: &SheetChange<'_>) -> f64;
 
     /// What an effect on the loads changes readings by: rms over some frames of the scene's loads, solved with it and
     /// without. Nothing without loads.
