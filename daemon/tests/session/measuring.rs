@@ -56,7 +56,13 @@ async fn a_session_measures_as_it_is_asked_to_and_the_plan_shows_it() {
 /// Only part of the readings, of pairs that are not neighbours: in the plan, the frame, the map and the record.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_session_can_have_a_pattern_of_its_own() {
-    let stage = Stage::new(SMALL);
+    // the board joins any two electrodes
+    let config = SMALL
+        .replace("PROFILE", "board.toml")
+        .replace("[survey]\n", "[survey]\ncompliance_v = 4.0\n");
+    let stage = Stage::new(&format!("{config}[wiring]\nkind = \"gpio-board\"\n"));
+    let board = "time = \"instant\"\n[board]\n";
+    std::fs::write(stage.path().join("board.toml"), board).unwrap();
     let daemon = stage.start().await;
     let manager = &daemon.manager;
     let readings = survey::half(survey::skip(16, 1)).count();
