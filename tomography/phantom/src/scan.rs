@@ -149,7 +149,7 @@ impl Scan {
     }
 }
 
-/// Transfer impedance from one pair to another, ohm, out of the matrix Z of [`Phantom::transfer_impedance`].
+/// Transfer impedance from one pair to another, ohm, out of the matrix Z of [`crate::Phantom::transfer_impedance`].
 pub fn across(z: &nalgebra::DMatrix<f64>, sense: Dipole, drive: Dipole) -> f64 {
     let seen = |electrode: usize| z[(sense.plus.0, electrode)] - z[(sense.minus.0, electrode)];
     seen(drive.plus.0) - seen(drive.minus.0)
