@@ -14,6 +14,7 @@ use training::samples::{Noise, Samples, TrainingSet};
 use training::symmetry::Symmetric;
 
 use super::data::Data;
+use super::model_file;
 use crate::args::{DeepOptions, Profile};
 
 /// Of the numbers in a checkpoint.
@@ -52,22 +53,15 @@ pub(super) fn train(options: &DeepOptions) -> Result<(), Failure> {
         None => options.out.with_extension("checkpoint"),
     };
     let model = trained(&data, &settings, options, &checkpoint)?;
-    model::save(&options.out, options.replacing.existing(), &model)
-        .map_err(|fault| Failure::of("cannot write the model", &fault))?;
+    model_file::save(&options.out, &options.replacing, &model)?;
     // the model holds what the checkpoint was for
     let _ = std::fs::remove_file(&checkpoint);
     let Report::Deep(report) = &model.metadata().report else {
         unreachable!("a deep network was trained");
     };
     if options.json {
-        let line = serde_json::json!({
-            "model": options.out.display().to_string(),
-            "hash": model.hash(),
-            "name": model.metadata().name,
-            "training": model.metadata().training,
-            "report": report,
-            "noise_figure": model.metadata().noise_figure,
-        });
+        let mut line = model_file::json(&options.out, &model, report);
+        line["noise_figure"] = model.metadata().noise_figure.into();
         println!("{}", survey::printable_json(line.to_string()));
     } else {
         println!("{}", told(&options.out, &model, report));

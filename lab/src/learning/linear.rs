@@ -1,10 +1,11 @@
 //! `tactus-lab train linear`.
 
-use eit::{Report, TrainingSettings, model};
+use eit::{Report, TrainingSettings};
 use studies::{Failure, progress};
 use training::linear;
 
 use super::data::Data;
+use super::model_file;
 use crate::args::LinearOptions;
 
 /// Trains and writes the model file.
@@ -34,19 +35,12 @@ pub(super) fn train(options: &LinearOptions) -> Result<(), Failure> {
         &show,
     )?;
     drop(bars);
-    model::save(&options.out, options.replacing.existing(), &model)
-        .map_err(|fault| Failure::of("cannot write the model", &fault))?;
+    model_file::save(&options.out, &options.replacing, &model)?;
     let Report::Deep(report) = &model.metadata().report else {
         unreachable!("a network of one layer was trained");
     };
     if options.json {
-        let line = serde_json::json!({
-            "model": options.out.display().to_string(),
-            "hash": model.hash(),
-            "name": model.metadata().name,
-            "training": model.metadata().training,
-            "report": report,
-        });
+        let line = model_file::json(&options.out, &model, report);
         println!("{}", survey::printable_json(line.to_string()));
     } else {
         println!(

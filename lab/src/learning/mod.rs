@@ -4,6 +4,7 @@ mod data;
 mod dataset;
 mod deep;
 mod linear;
+mod model_file;
 mod rbf;
 
 use studies::Failure;

@@ -1,10 +1,11 @@
 //! `tactus-lab train rbf`.
 
-use eit::{Model, Report, TrainingReport, TrainingSettings, model};
+use eit::{Model, Report, TrainingReport, TrainingSettings};
 use studies::{Failure, progress};
 use training::rbf;
 
 use super::data::Data;
+use super::model_file;
 use crate::args::TrainOptions;
 
 /// Trains and writes the model file.
@@ -43,20 +44,13 @@ pub(super) fn train(options: &TrainOptions) -> Result<(), Failure> {
         &show,
     )?;
     drop(bars);
-    model::save(&options.out, options.replacing.existing(), &model)
-        .map_err(|fault| Failure::of("cannot write the model", &fault))?;
+    model_file::save(&options.out, &options.replacing, &model)?;
     let report = found(&model);
     if let Some(note) = rbf::spread_note(report) {
         eprintln!("tactus-lab: {note}");
     }
     if options.json {
-        let line = serde_json::json!({
-            "model": options.out.display().to_string(),
-            "hash": model.hash(),
-            "name": model.metadata().name,
-            "training": model.metadata().training,
-            "report": report,
-        });
+        let line = model_file::json(&options.out, &model, report);
         println!("{}", survey::printable_json(line.to_string()));
     } else {
         println!(

@@ -1,0 +1,27 @@
+//! What every training ends with: its model file, and what `--json` prints of it.
+
+use std::path::Path;
+
+use eit::{Model, model};
+use serde::Serialize;
+use serde_json::{Value, json};
+use studies::Failure;
+
+use crate::args::Replacing;
+
+/// Writes the model file.
+pub(super) fn save(path: &Path, replacing: &Replacing, trained: &Model) -> Result<(), Failure> {
+    model::save(path, replacing.existing(), trained)
+        .map_err(|fault| Failure::of("cannot write the model", &fault))
+}
+
+/// The model and what its training found.
+pub(super) fn json(path: &Path, model: &Model, report: &impl Serialize) -> Value {
+    json!({
+        "model": path.display().to_string(),
+        "hash": model.hash(),
+        "name": model.metadata().name,
+        "training": model.metadata().training,
+        "report": report,
+    })
+}
