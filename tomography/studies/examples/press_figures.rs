@@ -147,7 +147,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                     strength: Strength::Relative(number(1, 1.0)?),
                     gap: number(2, 1e-3)?,
                     loss_only,
-                    warm: parts.contains(&"warm"),
                     ..TvOptions::default()
                 },
             )?),

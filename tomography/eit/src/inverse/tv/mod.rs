@@ -12,7 +12,7 @@ mod problem;
 mod pursuit;
 mod regions;
 
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 use survey::{Map, MapUnit, Protocol, Reading};
@@ -51,8 +51,6 @@ pub struct Tv {
     weights: Vec<f64>,
     alpha: f64,
     options: TvOptions,
-    /// Regions of the last frame, where warm starts are asked for.
-    last: Mutex<Option<Vec<usize>>>,
 }
 
 /// A map with the accuracy that was reached.
@@ -124,7 +122,6 @@ impl Tv {
             weights,
             alpha,
             options,
-            last: Mutex::new(None),
         })
     }
 
@@ -148,22 +145,12 @@ impl Tv {
         frame: &[Reading],
     ) -> Result<(TvSolution, usize), ReconstructError> {
         let (data, missing) = self.data(baseline, frame)?;
-        let start = if self.options.warm {
-            self.last.lock().ok().and_then(|last| last.clone())
-        } else {
-            None
-        };
         let outcome = self
-            .minimum(&data, &missing, start.as_deref(), self.options.gap)
+            .minimum(&data, &missing)
             .ok_or_else(|| ReconstructError::Numerical {
                 method: self.method.clone(),
                 cause: "the problem on the regions could not be solved".to_owned(),
             })?;
-        if self.options.warm
-            && let Ok(mut last) = self.last.lock()
-        {
-            *last = Some(outcome.label.clone());
-        }
         let solution = TvSolution {
             regions: outcome.label.iter().max().map_or(0, |top| top + 1),
             values: outcome.x,
@@ -264,13 +251,8 @@ impl Tv {
         }
     }
 
-    fn minimum(
-        &self,
-        data: &[f64],
-        missing: &[usize],
-        start: Option<&[usize]>,
-        goal: f64,
-    ) -> Option<Outcome> {
+    fn minimum(&self, data: &[f64], missing: &[usize]) -> Option<Outcome> {
+        let goal = self.options.gap;
         let seen = self.linear.fold.seen(data, missing);
         let beside = self.beside(data, missing, &seen);
         if seen.complete() {
@@ -278,11 +260,11 @@ impl Tv {
             let constant = (0.5 * (seen.data.norm_squared() - along.norm_squared())).max(0.0);
             return self
                 .problem(&self.along, along, beside + constant)
-                .minimise(start, goal);
+                .minimise(goal);
         }
         let sensitivity = seen.rows(&self.whitened);
         self.problem(&sensitivity, seen.data.clone(), beside)
-            .minimise(start, goal)
+            .minimise(goal)
     }
 }
 
@@ -342,12 +324,6 @@ impl Reconstructor for Tv {
         }
         if options.loss_only {
             told.push("loads only take conductance away: -1 <= dsigma/sigma0 <= 0".to_owned());
-        }
-        if options.warm {
-            told.push(
-                "each frame starts from the regions of the last: maps depend on the order of frames within the gap"
-                    .to_owned(),
-            );
         }
         told
     }

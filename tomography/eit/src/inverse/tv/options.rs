@@ -43,9 +43,6 @@ pub struct TvOptions {
     pub loss_only: bool,
     /// Stop when the objective is within this share of the minimum.
     pub gap: f64,
-    /// Start each frame from the regions of the last one: faster, but the map then depends on the order of the frames,
-    /// within the gap.
-    pub warm: bool,
     /// The baseline's scale.
     pub scale: Scale,
     /// Relative standard deviation of each reading, as in [`OneStepOptions`](crate::OneStepOptions).
@@ -53,7 +50,7 @@ pub struct TvOptions {
 }
 
 impl Default for TvOptions {
-    /// 2 uV of noise at 1 mA, a gap of 1e-3, cold starts, losses and gains.
+    /// 2 uV of noise at 1 mA, a gap of 1e-3, losses and gains.
     fn default() -> Self {
         Self {
             noise_v: 2e-6,
@@ -61,7 +58,6 @@ impl Default for TvOptions {
             strength: Strength::Relative(TV_STRENGTH),
             loss_only: false,
             gap: 1e-3,
-            warm: false,
             scale: Scale::default(),
             deviations: None,
         }

@@ -58,18 +58,15 @@ impl Problem<'_> {
             weights: self.weights,
             bounds: self.bounds,
         };
-        let close = self.minimise(None, 1e-6)?.objective;
+        let close = self.minimise(1e-6)?.objective;
         let x = exact.solve(share * close)?.x;
         Some(self.objective(x.as_slice()))
     }
 
-    /// The minimum, to a gap of at most `goal` of the objective where that can be reached. `start` are regions to begin
-    /// with. `None` where the numbers gave out.
-    pub(crate) fn minimise(&self, start: Option<&[usize]>, goal: f64) -> Option<Outcome> {
-        let (label, count) = match start {
-            Some(label) => self.graph.parts(|a, b| label[a] == label[b]),
-            None => self.graph.parts(|_, _| true),
-        };
+    /// The minimum, to a gap of at most `goal` of the objective where that can be reached. `None` where the numbers
+    /// gave out.
+    pub(crate) fn minimise(&self, goal: f64) -> Option<Outcome> {
+        let (label, count) = self.graph.parts(|_, _| true);
         let at_zero = 0.5 * self.data.norm_squared() + self.constant;
         // the objective is at most that at zero: a first goal for the regions' own problem
         let inner = |objective: f64| (INNER * objective).max(ROUNDING * at_zero);

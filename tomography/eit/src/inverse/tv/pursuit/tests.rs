@@ -62,7 +62,7 @@ fn the_minimum_is_found_and_the_gap_is_true() {
                 };
                 let least = problem.minimum_offline(1e-11).unwrap();
                 for goal in [1e-2, 1e-6, 1e-9] {
-                    let own = problem.minimise(None, goal).unwrap();
+                    let own = problem.minimise(goal).unwrap();
                     let excess = own.objective - least;
                     let text = format!(
                         "seed {seed}, alpha {alpha:e}, bounds {bounds:?}, goal {goal:e}: excess {excess:e}, gap {:e} of \
@@ -101,6 +101,6 @@ fn no_change_is_no_map() {
         bounds: [-1.0, 0.0],
         constant: 0.0,
     };
-    let own = problem.minimise(None, 1e-6).unwrap();
+    let own = problem.minimise(1e-6).unwrap();
     assert!(own.x.iter().all(|x| x.abs() < 1e-9), "{:?}", own.x);
 }
