@@ -51,6 +51,6 @@ pub use fault::{Fault, FaultError, ReplyFault, TimedFault};
 pub use frame_times::{FrameTimeError, FrameTimes};
 pub use instrument::{Instrument, Wire};
 pub use phantom::{Load, LoadError, PhantomError, Scene, SceneError, Shape};
-pub use profile::{Board, Mainframe, Pace, Profile, ProfileError, SecondClient, Source};
+pub use profile::{Board, Headers, Mainframe, Pace, Profile, ProfileError, SecondClient, Source};
 pub use program::{command, run};
 pub use serve::{Ready, ServeError, ServeOptions, Server, serve};

@@ -99,6 +99,29 @@ pub struct Mainframe {
     /// What its clock shows at the start, seconds since 1970-01-01; without it the year 2000, and the present where the
     /// program serves it.
     pub clock_unix_s: Option<u32>,
+    /// Whose headers of autozero and input impedance it has.
+    pub headers: Headers,
+}
+
+/// Whose headers of autozero and input impedance the simulated 34980A has; the others are undefined.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+pub enum Headers {
+    /// `VOLT:DC:ZERO:AUTO` and `VOLT:DC:IMP:AUTO`, as its help documents them.
+    #[default]
+    #[serde(rename = "34980A")]
+    Documented,
+    /// `ZERO:AUTO` and `INP:IMP:AUTO`, as the 34970A's manual documents them.
+    #[serde(rename = "34970A")]
+    Of34970A,
+}
+
+impl From<Headers> for keysight_34980a::HeaderForm {
+    fn from(headers: Headers) -> Self {
+        match headers {
+            Headers::Documented => Self::Documented,
+            Headers::Of34970A => Self::Of34970A,
+        }
+    }
 }
 
 impl Default for Mainframe {
@@ -107,6 +130,7 @@ impl Default for Mainframe {
             serial: "MY44001234".to_owned(),
             command_ms: 2.0,
             clock_unix_s: None,
+            headers: Headers::default(),
         }
     }
 }
@@ -443,6 +467,9 @@ mod tests {
         }
         assert_eq!(Profile::default().slots[0], "34924A".parse().ok());
         assert!(Profile::shipped("gpio-board").unwrap().board.is_some());
+        let older = Profile::parse("p.toml", "[mainframe]\nheaders = \"34970A\"").unwrap();
+        assert_eq!(older.mainframe.headers, Headers::Of34970A);
+        assert_eq!(Profile::default().mainframe.headers, Headers::Documented);
     }
 
     #[test]
@@ -456,6 +483,10 @@ mod tests {
             ("[slots]\n9 = \"34924A\"", "p.toml:2:1: slots are 1 to 8"),
             ("[slots]\n1 = \"34999A\"", "p.toml:2:5: no module '34999A'"),
             ("colour = 3", "p.toml:1:1: unknown field `colour`"),
+            (
+                "[mainframe]\nheaders = \"2000\"",
+                "p.toml:2:11: unknown variant `2000`, expected `34980A` or `34970A`",
+            ),
             ("line_hz = 400", "p.toml:1:11: line_hz is 50 or 60"),
             ("speed = -1\ntime = \"scaled\"", "p.toml:1:9: speed must be"),
             (

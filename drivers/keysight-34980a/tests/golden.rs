@@ -130,9 +130,9 @@ fn section_5_configuring() {
          < +1.00000000E+01
          > VOLT:DC:RANG? (@1001)
          < +1.00000000E+01
-         > ZERO:AUTO OFF,(@1001);:ZERO:AUTO? (@1001)
+         > VOLT:DC:ZERO:AUTO OFF,(@1001);:VOLT:DC:ZERO:AUTO? (@1001)
          < 0
-         > INP:IMP:AUTO ON,(@1001);:INP:IMP:AUTO? (@1001)
+         > VOLT:DC:IMP:AUTO ON,(@1001);:VOLT:DC:IMP:AUTO? (@1001)
          < 1
          > TRIG:SOUR?;COUN?
          < IMM;+1
@@ -153,7 +153,7 @@ fn section_5_readings_to_the_byte() {
          > FORM:READ:UNIT ON;CHAN ON
          > READ?
          < +2.00100000E+00 VDC,1001,+2.00200000E+00 VDC,1002
-         > FORM:READ:TIME ON;ALAR ON;:ROUT:SCAN (@1001);:VOLT:NPLC 10,(@1001);:ZERO:AUTO OFF;:READ?
+         > FORM:READ:TIME ON;ALAR ON;:ROUT:SCAN (@1001);:VOLT:NPLC 10,(@1001);:VOLT:DC:ZERO:AUTO OFF;:READ?
          < +2.00100000E+00 VDC,000000000.204,1001,0
          > VOLT:DC:RANG 1,(@1001);:FORM:READ:TIME OFF;ALAR OFF;UNIT OFF;CHAN OFF;:READ?
          < +9.90000000E+37
@@ -216,7 +216,7 @@ fn section_9_the_fastest_legal_sequence() {
          > CONF:VOLT:DC 10,(@1001:1003)
          > VOLT:DC:NPLC 1,(@1001:1003)
          > ROUT:CHAN:DEL 0,(@1001:1003)
-         > ZERO:AUTO OFF,(@1001:1003)
+         > VOLT:DC:ZERO:AUTO OFF,(@1001:1003)
          > TRIG:COUN 1
          > ROUT:CLOS (@1036)
          .
@@ -300,7 +300,7 @@ fn section_5_time_stamps() {
         &["34922A"],
         "> SYST:DATE 2024,2,28;TIME 23,59,59.9;DATE?;TIME?
          < 2024,02,28;23,59,59.900
-         > CONF:VOLT:DC 10,(@1001:1002);:ZERO:AUTO OFF
+         > CONF:VOLT:DC 10,(@1001:1002);:VOLT:DC:ZERO:AUTO OFF
          > FORM:READ:TIME ON;TIME:TYPE ABS;TYPE?
          < ABS
          > FORM:READ:UNIT ON;CHAN ON;ALAR ON

@@ -72,6 +72,7 @@ fn of_profile(
         slots: profile.slots,
         line_hz: profile.line_hz,
         message_time: milliseconds(profile.mainframe.command_ms),
+        headers: profile.mainframe.headers.into(),
         clock: Duration::from_secs(u64::from(
             profile.mainframe.clock_unix_s.unwrap_or(YEAR_2000),
         )),

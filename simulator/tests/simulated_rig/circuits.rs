@@ -92,7 +92,7 @@ async fn source_change_during_a_scan_shows_in_later_readings() {
     let mut reader = BufReader::new(reader);
     let mut said = String::new();
     // five readings of 200 ms and their delay each
-    let scan = "CONF:VOLT:DC 10,(@1001);:VOLT:DC:NPLC 10,(@1001);:ZERO:AUTO OFF,(@1001);:TRIG:COUN 5;*OPC?\n";
+    let scan = "CONF:VOLT:DC 10,(@1001);:VOLT:DC:NPLC 10,(@1001);:VOLT:DC:ZERO:AUTO OFF,(@1001);:TRIG:COUN 5;*OPC?\n";
     writer.write_all(scan.as_bytes()).await.unwrap();
     reader.read_line(&mut said).await.unwrap();
     writer.write_all(b"*IDN?;:READ?\n").await.unwrap();

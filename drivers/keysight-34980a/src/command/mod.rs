@@ -27,7 +27,7 @@ pub use measure::{Field, Measure, TriggerSource};
 #[cfg(feature = "simulator")]
 pub(crate) use measure::{LONGEST_TIMER, time_word};
 pub use route::Route;
-pub use sense::{Quantity, Range, Sense, Setting};
+pub use sense::{HeaderForm, Quantity, Range, Sense, Setting};
 #[cfg(feature = "simulator")]
 pub(crate) use system::MEMORIES;
 pub use system::{Protection, StatusGroup, System};

@@ -43,8 +43,8 @@ pub enum Setting {
     DelayAuto(bool),
 }
 
-/// Which setting is asked for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// A setting without its value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Quantity {
     /// See [`Setting::Range`].
     Range,
@@ -68,6 +68,17 @@ pub enum Quantity {
     DelayAuto,
 }
 
+/// The form of the headers that the 34980A's help and the sister 34970A's manual spell differently: those of
+/// [`Quantity::Autozero`] and [`Quantity::InputAuto`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum HeaderForm {
+    /// `VOLT:DC:ZERO:AUTO` and `VOLT:DC:IMP:AUTO`, as the 34980A's help has them.
+    #[default]
+    Documented,
+    /// `ZERO:AUTO` and `INP:IMP:AUTO`, as the 34970A's manual has them.
+    Of34970A,
+}
+
 /// Setting up channels; without a list those of the scan list.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Sense {
@@ -86,6 +97,10 @@ pub enum Sense {
     Set(Setting, Channels),
     /// Read one setting, or a limit of it (MIN, MAX, DEF).
     Ask(Quantity, Option<Numeric>, Channels),
+    /// As [`Sense::Set`], by the 34970A's header.
+    SetOlder(Setting, Channels),
+    /// As [`Sense::Ask`], by the 34970A's header.
+    AskOlder(Quantity, Option<Numeric>, Channels),
 }
 
 const HEADERS: [(Quantity, &str, &str); 10] = [
@@ -115,8 +130,16 @@ const HEADERS: [(Quantity, &str, &str); 10] = [
         "[SENSe]:VOLTage[:DC]:RESolution",
         "VOLT:DC:RES",
     ),
-    (Quantity::Autozero, "[SENSe]:ZERO:AUTO", "ZERO:AUTO"),
-    (Quantity::InputAuto, "INPut:IMPedance:AUTO", "INP:IMP:AUTO"),
+    (
+        Quantity::Autozero,
+        "[SENSe]:VOLTage[:DC]:ZERO:AUTO",
+        "VOLT:DC:ZERO:AUTO",
+    ),
+    (
+        Quantity::InputAuto,
+        "[SENSe]:VOLTage[:DC]:IMPedance:AUTO",
+        "VOLT:DC:IMP:AUTO",
+    ),
     (Quantity::Delay, "ROUTe:CHANnel:DELay", "ROUT:CHAN:DEL"),
     (
         Quantity::DelayAuto,
@@ -125,18 +148,29 @@ const HEADERS: [(Quantity, &str, &str); 10] = [
     ),
 ];
 
+/// The 34970A's headers, where they differ.
+const OLDER_HEADERS: [(Quantity, &str, &str); 2] = [
+    (Quantity::Autozero, "[SENSe]:ZERO:AUTO", "ZERO:AUTO"),
+    (Quantity::InputAuto, "INPut:IMPedance:AUTO", "INP:IMP:AUTO"),
+];
+
+type Set = fn(Setting, Channels) -> Sense;
+type Ask = fn(Quantity, Option<Numeric>, Channels) -> Sense;
+
 pub(super) fn rows(table: &mut Table) {
-    for (quantity, notation, _) in HEADERS {
+    let documented = HEADERS.map(|row| (row, Sense::Set as Set, Sense::Ask as Ask));
+    let older = OLDER_HEADERS.map(|row| (row, Sense::SetOlder as Set, Sense::AskOlder as Ask));
+    for ((quantity, notation, _), set, ask) in documented.into_iter().chain(older) {
         table.add(notation, move |call| {
             let (value, channels) = value_and_channels(call)?;
-            Ok(Sense::Set(setting(quantity, value)?, channels))
+            Ok(set(setting(quantity, value)?, channels))
         });
         table.add(&format!("{notation}?"), move |call| {
             let (values, channels) = before_channels(call)?;
             if values.len() > 1 {
                 return Err(ParseError::ParameterNotAllowed);
             }
-            Ok(Sense::Ask(quantity, limit(values.first())?, channels))
+            Ok(ask(quantity, limit(values.first())?, channels))
         });
     }
     table.add("CONFigure:VOLTage[:DC]", |call| {
@@ -257,11 +291,36 @@ impl Setting {
 }
 
 impl Quantity {
-    fn header(self) -> &'static str {
-        HEADERS
+    /// The short form of its header; the documented one where the 34970A's does not differ.
+    pub fn header(self, form: HeaderForm) -> &'static str {
+        let older = OLDER_HEADERS
             .into_iter()
+            .filter(|_| form == HeaderForm::Of34970A);
+        older
+            .chain(HEADERS)
             .find(|(quantity, ..)| *quantity == self)
             .map_or("", |(_, _, short)| short)
+    }
+
+    /// Whether the 34970A's header differs.
+    #[cfg(feature = "simulator")]
+    fn has_two_headers(self) -> bool {
+        OLDER_HEADERS.iter().any(|(quantity, ..)| *quantity == self)
+    }
+}
+
+#[cfg(feature = "simulator")]
+impl Sense {
+    /// The form of its header, where there are two.
+    pub(crate) fn header_form(&self) -> Option<HeaderForm> {
+        match self {
+            Self::SetOlder(..) | Self::AskOlder(..) => Some(HeaderForm::Of34970A),
+            Self::Set(setting, _) if setting.quantity().has_two_headers() => {
+                Some(HeaderForm::Documented)
+            }
+            Self::Ask(quantity, ..) if quantity.has_two_headers() => Some(HeaderForm::Documented),
+            _ => None,
+        }
     }
 }
 
@@ -274,9 +333,9 @@ impl fmt::Display for Range {
     }
 }
 
+/// The value alone, as it follows the header.
 impl fmt::Display for Setting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} ", self.quantity().header())?;
         match self {
             Self::Range(range) => write!(f, "{range}"),
             Self::Nplc(value) | Self::Aperture(value) | Self::Delay(value) => write!(f, "{value}"),
@@ -302,13 +361,38 @@ impl fmt::Display for Sense {
                 write_volts(f, *range, *resolution, channels)
             }
             Self::Configuration(list) => write!(f, "CONF?{}", Asked(list)),
-            Self::Set(setting, list) => write!(f, "{setting}{}", Behind(list)),
-            Self::Ask(quantity, None, list) => {
-                write!(f, "{}?{}", quantity.header(), Asked(list))
+            Self::Set(setting, list) => write_setting(f, *setting, list, HeaderForm::Documented),
+            Self::SetOlder(setting, list) => write_setting(f, *setting, list, HeaderForm::Of34970A),
+            Self::Ask(quantity, limit, list) => {
+                write_query(f, *quantity, *limit, list, HeaderForm::Documented)
             }
-            Self::Ask(quantity, Some(limit), list) => {
-                write!(f, "{}? {limit}{}", quantity.header(), Behind(list))
+            Self::AskOlder(quantity, limit, list) => {
+                write_query(f, *quantity, *limit, list, HeaderForm::Of34970A)
             }
         }
+    }
+}
+
+fn write_setting(
+    f: &mut fmt::Formatter<'_>,
+    setting: Setting,
+    list: &Channels,
+    form: HeaderForm,
+) -> fmt::Result {
+    let header = setting.quantity().header(form);
+    write!(f, "{header} {setting}{}", Behind(list))
+}
+
+fn write_query(
+    f: &mut fmt::Formatter<'_>,
+    quantity: Quantity,
+    limit: Option<Numeric>,
+    list: &Channels,
+    form: HeaderForm,
+) -> fmt::Result {
+    let header = quantity.header(form);
+    match limit {
+        None => write!(f, "{header}?{}", Asked(list)),
+        Some(limit) => write!(f, "{header}? {limit}{}", Behind(list)),
     }
 }

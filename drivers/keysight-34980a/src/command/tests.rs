@@ -98,6 +98,10 @@ fn every_sense(channels: &Channels) -> Vec<Sense> {
         said.push(Sense::Ask(quantity, None, channels()));
         said.push(Sense::Ask(quantity, Some(Numeric::Max), channels()));
     }
+    for setting in [Setting::Autozero(true), Setting::InputAuto(false)] {
+        said.push(Sense::SetOlder(setting, channels()));
+        said.push(Sense::AskOlder(setting.quantity(), None, channels()));
+    }
     said
 }
 

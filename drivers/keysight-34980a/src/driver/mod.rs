@@ -18,7 +18,7 @@ use scpi::Common;
 use survey::{Reading, Relay, Volts, Wiring};
 use tokio::sync::Mutex;
 
-use crate::command::{Command, MOST_SWEEPS, Route, System};
+use crate::command::{Command, HeaderForm, MOST_SWEEPS, Quantity, Route, System};
 use crate::meter::{INTEGRATION, RANGES};
 use crate::modules::{Module, split};
 use unit::{Prepared, Unit, compact};
@@ -125,6 +125,12 @@ impl<S: Stream> Keysight34980a<S> {
     /// What the slots say they hold, known or not.
     pub fn cards(&self) -> &[Option<String>; 8] {
         &self.about.cards
+    }
+
+    /// The form of header that the instrument has accepted for autozero and input impedance; empty before the first
+    /// preparation.
+    pub async fn accepted_headers(&self) -> BTreeMap<Quantity, HeaderForm> {
+        self.unit.lock().await.headers.clone()
     }
 
     /// Whether every relay of a wiring is there, and can be scanned if it is to be.

@@ -25,7 +25,7 @@ use std::time::Duration;
 use scpi::{ErrorEntry, ErrorQueue, ParseError, StandardEvent, StatusModel};
 use survey::{Amps, Relay, Volts};
 
-use crate::command::{Command, MEMORIES};
+use crate::command::{Command, HeaderForm, MEMORIES};
 use crate::modules::Module;
 use crate::simulator::errors::Trouble;
 use crate::simulator::execute::Turn;
@@ -118,6 +118,8 @@ pub struct Settings34980a {
     pub memory: usize,
     /// What its clock shows at time zero: since 1970-01-01.
     pub clock: Duration,
+    /// The form of autozero's and input impedance's header that it has; the other one is -113.
+    pub headers: HeaderForm,
 }
 
 impl Default for Settings34980a {
@@ -132,6 +134,7 @@ impl Default for Settings34980a {
             setting_time: Duration::ZERO,
             memory: 500_000,
             clock: Duration::from_secs(946_684_800),
+            headers: HeaderForm::default(),
         }
     }
 }
@@ -283,7 +286,7 @@ impl Simulator34980a {
         for (place, call) in calls.into_iter().enumerate() {
             turn.last = place + 1 == count;
             self.pass(turn.now, turn.wires);
-            let received = call.and_then(|call| Ok((call.query, Command::of(&call)?)));
+            let received = call.and_then(|call| Ok((call.query, self.command(&call)?)));
             let (query, command) = match received {
                 Ok(received) => received,
                 Err(refusal) => {
@@ -312,6 +315,20 @@ impl Simulator34980a {
         Response {
             text: (!replies.is_empty()).then(|| replies.join(";")),
             busy: done - at,
+        }
+    }
+
+    fn command(&self, call: &scpi::Call) -> Result<Command, ParseError> {
+        let command = Command::of(call)?;
+        match &command {
+            Command::Sense(sense)
+                if sense
+                    .header_form()
+                    .is_some_and(|form| form != self.settings.headers) =>
+            {
+                Err(ParseError::UndefinedHeader)
+            }
+            _ => Ok(command),
         }
     }
 

@@ -14,8 +14,8 @@ async fn pair_wiring_costs_26_reading_messages_of_one_segment_each() {
     for setting in [
         "VOLT:DC:NPLC 1,(@1001:1026);:SYST:ERR?",
         "ROUT:CHAN:DEL 0,(@1001:1026);:SYST:ERR?",
-        "ZERO:AUTO OFF,(@1001:1026);:SYST:ERR?",
-        "INP:IMP:AUTO ON,(@1001:1026);:SYST:ERR?",
+        "VOLT:DC:ZERO:AUTO OFF,(@1001:1026)",
+        "VOLT:DC:IMP:AUTO ON,(@1001:1026)",
         "TRIG:COUN 1;:SYST:ERR?",
         "FORM:READ:UNIT OFF;:SYST:ERR?",
     ] {

@@ -9,10 +9,10 @@ mod stand_in;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use keysight_34980a::{Keysight34980a, Settings34980a, Simulator34980a};
+use keysight_34980a::{HeaderForm, Keysight34980a, Quantity, Settings34980a, Simulator34980a};
 use rig::{Hop, Link, LinkError, MeterSettings, Move, RigError, Sample, Switch, Voltmeter};
 use scpi::Framer;
-use stand_in::{Sheet, mainframe};
+use stand_in::{Sheet, mainframe, mainframe_slots};
 use survey::{Reading, Relay, Volts};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::time::Instant;
@@ -68,10 +68,16 @@ impl Shared {
 
     /// Does something to the mainframe behind the driver's back.
     fn say(&self, message: &str) {
+        self.ask(message);
+    }
+
+    /// The reply to a message from beside the driver.
+    fn ask(&self, message: &str) -> Option<String> {
         let device = &mut *self.0.lock().unwrap();
-        device
+        let response = device
             .unit
             .receive(message, Duration::ZERO, &mut device.sheet);
+        response.text
     }
 
     fn closed(&self) -> Vec<u32> {

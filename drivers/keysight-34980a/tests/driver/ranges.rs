@@ -221,11 +221,11 @@ async fn settings_that_do_not_hold_are_told_by_name() {
     ));
     shared.truth();
     shared.lie(
-        "ZERO:AUTO OFF,(@1001:1003);:SYST:ERR?",
-        "-113,\"Undefined header\"",
+        "VOLT:DC:NPLC 1,(@1001:1003);:SYST:ERR?",
+        "-221,\"Settings conflict\"",
     );
     let fault = unit.prepare(METER, &scan).await.unwrap_err();
-    assert!(fault.to_string().contains("ZERO:AUTO OFF"), "{fault}");
+    assert!(fault.to_string().contains("VOLT:DC:NPLC 1"), "{fault}");
     shared.truth();
     assert!(matches!(unit.scan().await, Err(RigError::Unable { .. })));
     unit.prepare(METER, &scan).await.unwrap();
@@ -236,4 +236,54 @@ async fn settings_that_do_not_hold_are_told_by_name() {
         Err(RigError::Mismatch { .. })
     ));
     unit.prepare(METER, &scan).await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
+async fn older_headers_are_sent_where_new_ones_are_undefined() {
+    let scan = relays(1001..=1003);
+    for (headers, sent, undefined) in [
+        (
+            HeaderForm::Documented,
+            [
+                "VOLT:DC:ZERO:AUTO OFF,(@1001:1003)",
+                "VOLT:DC:IMP:AUTO ON,(@1001:1003)",
+            ],
+            "ZERO:AUTO? (@1001)",
+        ),
+        (
+            HeaderForm::Of34970A,
+            ["ZERO:AUTO OFF,(@1001:1003)", "INP:IMP:AUTO ON,(@1001:1003)"],
+            "VOLT:DC:IMP:AUTO? (@1001)",
+        ),
+    ] {
+        let settings = Settings34980a {
+            headers,
+            slots: mainframe_slots(&["34924A"]),
+            ..Settings34980a::default()
+        };
+        let shared = Shared::of(Simulator34980a::new(settings));
+        let mut unit = Keysight34980a::connect(shared.plug()).await.unwrap();
+        assert!(unit.accepted_headers().await.is_empty());
+        unit.prepare(METER, &scan).await.unwrap();
+        let received = shared.received();
+        for message in sent {
+            assert!(received.iter().any(|one| one == message), "{received:?}");
+        }
+        for quantity in [Quantity::Autozero, Quantity::InputAuto] {
+            assert_eq!(unit.accepted_headers().await[&quantity], headers);
+        }
+        // a later preparation sends the accepted form alone
+        unit.prepare(MeterSettings::new(Volts(10.0), 1.0), &scan)
+            .await
+            .unwrap();
+        let again = shared.received();
+        let form = |text: &&String| text.contains("ZERO:AUTO OFF");
+        assert_eq!(again.iter().filter(form).count(), 1, "{again:?}");
+        // the other form is undefined, and says nothing
+        assert_eq!(shared.ask(undefined), None);
+        assert_eq!(
+            shared.ask("SYST:ERR?").as_deref(),
+            Some("-113,\"Undefined header\"")
+        );
+    }
 }

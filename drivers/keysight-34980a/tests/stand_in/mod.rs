@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use keysight_34980a::{MeterRequest, Settings34980a, Simulator34980a, Wires};
+use keysight_34980a::{MeterRequest, Module, Settings34980a, Simulator34980a, Wires};
 use survey::{Relay, Volts};
 
 /// The voltage of a measuring channel is its own number times 1 mV plus 1 V for injecting pair 1, 2 V for pair 2, ...
@@ -57,11 +57,19 @@ impl Wires for Sheet {
 
 /// A mainframe with modules in its first slots.
 pub fn mainframe(modules: &[&str]) -> Simulator34980a {
-    let mut settings = Settings34980a::default();
-    for (slot, module) in settings.slots.iter_mut().zip(modules) {
+    Simulator34980a::new(Settings34980a {
+        slots: mainframe_slots(modules),
+        ..Settings34980a::default()
+    })
+}
+
+/// The first slots with these modules in them; an empty name is an empty slot.
+pub fn mainframe_slots(modules: &[&str]) -> [Option<Module>; 8] {
+    let mut slots = [None; 8];
+    for (slot, module) in slots.iter_mut().zip(modules) {
         *slot = (!module.is_empty()).then(|| module.parse().unwrap());
     }
-    Simulator34980a::new(settings)
+    slots
 }
 
 /// Says one message at time 0 and gives the answer.

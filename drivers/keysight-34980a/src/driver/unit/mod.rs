@@ -11,7 +11,7 @@ use rig::{Conversation, MeterSettings, Replies, RigError, Stream};
 use scpi::{ChannelEntry, ChannelList, join_units};
 use survey::Relay;
 
-use crate::command::Command;
+use crate::command::{Command, HeaderForm, Quantity};
 
 #[derive(Debug)]
 pub(super) struct Unit<S> {
@@ -31,6 +31,8 @@ pub(super) struct Unit<S> {
     doubted: bool,
     /// `*RST` is sent once, before the first preparation.
     reset: bool,
+    /// The form of header that the instrument has accepted, of the settings that have two.
+    pub(super) headers: BTreeMap<Quantity, HeaderForm>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -71,6 +73,7 @@ impl<S: Stream> Unit<S> {
             listed: Vec::new(),
             doubted: false,
             reset: false,
+            headers: BTreeMap::new(),
         }
     }
 

@@ -9,8 +9,11 @@ use survey::{Relay, Volts};
 
 use super::{Prepared, Unit, compact};
 use crate::command::{
-    Command, Field, Measure, Quantity, Range, Route, Sense, Setting, TriggerSource,
+    Command, Field, HeaderForm, Measure, Quantity, Range, Route, Sense, Setting, TriggerSource,
 };
+
+/// Undefined header.
+const UNDEFINED_HEADER: i32 = -113;
 
 impl<S: Stream> Unit<S> {
     /// Sets up what is wanted, or only what the last frame has left otherwise.
@@ -44,16 +47,22 @@ impl<S: Stream> Unit<S> {
         }
         let list = || Some(wanted.list());
         let set = |setting: Setting| Command::from(Sense::Set(setting, list()));
-        let mut settings = vec![
+        for setting in [
             Command::from(Sense::Configure {
                 range: Range::Fixed(wanted.meter.range.0),
                 resolution: None,
                 channels: list(),
             }),
             set(Setting::Nplc(wanted.meter.nplc)),
-            set(Setting::Autozero(wanted.meter.autozero)),
-            set(Setting::InputAuto(true)),
-            Measure::SetSource(TriggerSource::Immediate).into(),
+        ] {
+            self.set(vec![setting]).await?;
+        }
+        let autozero = Setting::Autozero(wanted.meter.autozero);
+        self.set_by_accepted_header(autozero, wanted).await?;
+        self.set_by_accepted_header(Setting::InputAuto(true), wanted)
+            .await?;
+        let mut settings = vec![
+            Command::from(Measure::SetSource(TriggerSource::Immediate)),
             Measure::SetCount(Some(wanted.meter.averages)).into(),
         ];
         if !wanted.scan.is_empty() {
@@ -76,9 +85,60 @@ impl<S: Stream> Unit<S> {
         Ok(())
     }
 
+    /// Sends a setting by the documented header and, where that is undefined, by the 34970A's; remembers and logs which
+    /// form was accepted. A command error ends its message, so that the error queue is read by a message of its own.
+    async fn set_by_accepted_header(
+        &mut self,
+        setting: Setting,
+        wanted: &Prepared,
+    ) -> Result<(), RigError> {
+        let quantity = setting.quantity();
+        let forms = match self.headers.get(&quantity) {
+            Some(form) => vec![*form],
+            None => vec![HeaderForm::Documented, HeaderForm::Of34970A],
+        };
+        let mut first_refusal = None;
+        for form in forms {
+            let list = Some(wanted.list());
+            let command = match form {
+                HeaderForm::Documented => Sense::Set(setting, list),
+                HeaderForm::Of34970A => Sense::SetOlder(setting, list),
+            };
+            let sent = command.to_string();
+            self.conversation.link_mut().send(&sent).await?;
+            let error = self.conversation.send(&[] as &[Command]).await?.error;
+            let undefined = error.code == UNDEFINED_HEADER;
+            match error.code {
+                0 => {
+                    if self.headers.insert(quantity, form).is_none() {
+                        let instrument = self.conversation.instrument();
+                        let header = quantity.header(form);
+                        tracing::info!(instrument, header, ?form, "header accepted");
+                    }
+                    return Ok(());
+                }
+                _ => {
+                    let refusal = self.conversation.refused(sent, error);
+                    if !undefined {
+                        return Err(refusal);
+                    }
+                    first_refusal.get_or_insert(refusal);
+                }
+            }
+        }
+        first_refusal.map_or(Ok(()), Err)
+    }
+
     /// Reads every setting back that a reading depends on, in one message.
     pub(in crate::driver) async fn verify(&mut self, wanted: &Prepared) -> Result<(), RigError> {
-        let ask = |quantity| Command::from(Sense::Ask(quantity, None, Some(wanted.list())));
+        let headers = self.headers.clone();
+        let ask = |quantity| {
+            let list = Some(wanted.list());
+            Command::from(match headers.get(&quantity) {
+                Some(HeaderForm::Of34970A) => Sense::AskOlder(quantity, None, list),
+                _ => Sense::Ask(quantity, None, list),
+            })
+        };
         let channels = wanted.scan.len().max(1);
         let number = |value: f64| vec![value; channels];
         let mut settings = vec![

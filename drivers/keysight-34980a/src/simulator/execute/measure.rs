@@ -23,12 +23,12 @@ impl Simulator34980a {
                     .configure(&self.relays, range, resolution, &channels)?;
                 self.configured(channels, turn);
             }
-            Sense::Set(setting, channels) => {
+            Sense::Set(setting, channels) | Sense::SetOlder(setting, channels) => {
                 self.wait_for_measurement(turn)?;
                 let channels = self.meter.set(&self.relays, setting, &channels)?;
                 self.configured(channels, turn);
             }
-            Sense::Ask(quantity, limit, channels) => {
+            Sense::Ask(quantity, limit, channels) | Sense::AskOlder(quantity, limit, channels) => {
                 let answer = self.meter.ask(&self.relays, quantity, limit, &channels);
                 return answer.map(Some);
             }
