@@ -102,7 +102,15 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
         Err(problems) => return complain(&problems),
     };
     if args.check {
-        say(&format!("{}: no problem found", args.config.display()));
+        let warnings = prepared.warnings();
+        for warning in &warnings {
+            say(&format!("{}: warning: {warning}", args.config.display()));
+        }
+        let found = match warnings.is_empty() {
+            true => "no problem found",
+            false => "no error found",
+        };
+        say(&format!("{}: {found}", args.config.display()));
         return ExitCode::SUCCESS;
     }
     if args.plan {

@@ -191,6 +191,8 @@ dictionaries! {
         wiring: String,
         /// Hash of the protocol.
         protocol_hash: String,
+        /// What a person should know before it is used, a sentence each.
+        remarks: Vec<String>,
     }
 
     /// Name of a geometry ([`crate::Geometry`]).

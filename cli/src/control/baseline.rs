@@ -36,6 +36,8 @@ struct Shown {
     volts: Vec<Option<f64>>,
     /// 0 ok, 1 overload, 2 timeout, 3 not measured.
     flags: Vec<u8>,
+    /// What a person should know before it is used.
+    remarks: Vec<String>,
 }
 
 /// Records a baseline and, unless told otherwise, waits until it is done.
@@ -65,7 +67,19 @@ pub(crate) async fn record(
         record.within,
         printer,
     )
-    .await
+    .await?;
+    let (id, report) = daemon
+        .ask("the baseline", async {
+            Ok((session.id().await?, daemon.manager.baseline().await?))
+        })
+        .await?;
+    // stopped before it was complete, it is not the baseline
+    for text in report.more.remarks.unwrap_or_default() {
+        if report.id == id {
+            session::warn(&id, text, printer)?;
+        }
+    }
+    Ok(())
 }
 
 /// Shows the baseline that the next session will use.
@@ -109,6 +123,7 @@ fn from_report(report: BaselineReport) -> (Shown, DateTime<chrono::Utc>) {
         protocol_hash: report.more.protocol_hash,
         volts,
         flags: report.flags,
+        remarks: report.more.remarks.unwrap_or_default(),
     };
     (shown, wall)
 }
@@ -147,6 +162,9 @@ fn for_a_person(shown: &Shown, wall: DateTime<chrono::Utc>) -> String {
     if let Some(wiring) = &shown.wiring {
         text.push_str(&format!("\nwiring     {wiring}"));
     }
+    for remark in &shown.remarks {
+        text.push_str(&format!("\nwarning    {remark}"));
+    }
     text
 }
 
@@ -167,6 +185,7 @@ mod tests {
             more: dbus::BaselineDetails {
                 current_a: Some(1e-3),
                 wiring: Some("w".into()),
+                remarks: Some(vec!["the noise".into()]),
                 ..dbus::BaselineDetails::default()
             },
         });
@@ -174,12 +193,13 @@ mod tests {
             serde_json::to_string(&shown).unwrap(),
             "{\"id\":\"b1\",\"wall\":\"1970-01-01T00:00:01.500000000Z\",\"frames\":10,\"readings\":3,\"missing\":2,\
              \"rms_v\":0.3,\"noise_v\":2e-6,\"simulated\":true,\"current_a\":0.001,\"range_v\":null,\"nplc\":null,\
-             \"settle_s\":null,\"wiring\":\"w\",\"protocol_hash\":null,\"volts\":[-0.3,null,null],\"flags\":[0,1,1]}"
+             \"settle_s\":null,\"wiring\":\"w\",\"protocol_hash\":null,\"volts\":[-0.3,null,null],\"flags\":[0,1,1],\"remarks\":[\"the noise\"]}"
         );
         let text = for_a_person(&shown, wall);
         assert!(
             text.contains("SIMULATED") && text.contains("2 uV"),
             "{text}"
         );
+        assert!(text.contains("\nwarning    the noise"), "{text}");
     }
 }

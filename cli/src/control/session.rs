@@ -30,6 +30,8 @@ pub(crate) enum Line {
     },
     /// So many frames are on disk.
     Stepped { session: String, sequence: u64 },
+    /// What a person should know before the session's data are used.
+    Warning { session: String, text: String },
     /// The session is over, its record closed, the source off.
     Ended {
         session: String,
@@ -169,7 +171,23 @@ pub(crate) async fn announce(
             "{kind} {session} started{}",
             if *simulated { " (SIMULATED)" } else { "" }
         ),
-        Line::Stepped { .. } | Line::Ended { .. } => String::new(),
+        _ => String::new(),
+    })
+}
+
+/// Says what a person should know before the session's data are used.
+pub(crate) fn warn(
+    session: &str,
+    text: String,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let line = Line::Warning {
+        session: session.to_owned(),
+        text,
+    };
+    printer.record(&line, |line| match line {
+        Line::Warning { text, .. } => format!("warning: {text}"),
+        _ => String::new(),
     })
 }
 
@@ -260,7 +278,7 @@ async fn ended(
             frames,
             path,
         } => format!("{session} ended: {reason}; {frames} frames in {path}"),
-        Line::Started { .. } | Line::Stepped { .. } => String::new(),
+        _ => String::new(),
     })?;
     judge(daemon, session).await
 }
@@ -376,6 +394,13 @@ mod tests {
                 sequence: 2
             }),
             r#"{"event":"stepped","session":"m1","sequence":2}"#
+        );
+        assert_eq!(
+            line(Line::Warning {
+                session: "b1".into(),
+                text: "noise".into()
+            }),
+            r#"{"event":"warning","session":"b1","text":"noise"}"#
         );
     }
 }

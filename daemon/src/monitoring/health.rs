@@ -33,6 +33,8 @@ pub(crate) struct Health {
     /// Why they do not answer.
     pub rig_fault: Option<String>,
     pub baseline: Option<(String, Duration)>,
+    /// How the configured noise contradicts that baseline.
+    pub noise: Option<String>,
     pub room: Room,
     /// Free bytes that are too few whatever the rate.
     pub warn_below: u64,
@@ -140,6 +142,9 @@ impl Health {
                 );
                 add("baseline-stale", text);
             }
+        }
+        if let Some(text) = &self.noise {
+            add("noise", text.clone());
         }
         alarms
     }
@@ -259,6 +264,7 @@ mod tests {
             instruments: vec![("source", "memory".into())],
             rig_fault: None,
             baseline: Some(("b1".into(), Duration::from_secs(86_400))),
+            noise: None,
             room: Room {
                 free: Some(100_000_000_000),
                 per_day: Some(1e9),
@@ -284,7 +290,7 @@ mod tests {
     #[test]
     fn every_trouble_is_found_and_no_other() {
         type Change = fn(&mut Health);
-        let cases: [(&[&str], Change); 16] = [
+        let cases: [(&[&str], Change); 17] = [
             (&[], |_| ()),
             (&["source-unverified"], |health| health.source = "unknown"),
             (&["faulted"], |health| {
@@ -320,6 +326,9 @@ mod tests {
             }),
             (&["baseline-stale"], |health| {
                 health.baseline = Some(("b".into(), Duration::from_secs(31 * 86_400)));
+            }),
+            (&["noise"], |health| {
+                health.noise = Some("another than the baseline's".into());
             }),
         ];
         for (number, (wanted, change)) in cases.into_iter().enumerate() {

@@ -25,7 +25,7 @@ use crate::instruments::rig_plan::RigPlan;
 use crate::instruments::simulation::SimulatedRig;
 use config::problems::{Problem, Source};
 use config::{Config, RigKind, SurveySection};
-use imaging::{Conditions, Geometry, Model};
+use imaging::{Conditions, Geometry, Model, noise};
 use survey::error_chain as chain;
 
 /// A configuration understood.
@@ -230,13 +230,9 @@ fn understand(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepare
     let built = imaging::check_live(&config.model)
         .and_then(|()| imaging::build(&config.model, &conditions));
     let model = findings.taken(key, built.map_err(|error| chain(&error)));
-    let config_toml = findings.taken(
-        "rig",
-        toml::to_string(&config).map_err(|cause| cause.to_string()),
-    )?;
-    let hash = Sha256::digest(config_toml.as_bytes());
+    let (config_toml, config_hash) = findings.taken("rig", effective(&config))?;
     let setup = Setup {
-        config_hash: hash.iter().map(|byte| format!("{byte:02x}")).collect(),
+        config_hash,
         config_toml,
         schedule: Schedule {
             every: duration(config.schedule.every_s.unwrap_or(0.0)),
@@ -256,6 +252,31 @@ fn understand(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepare
         frames: frames?,
         file: findings.source.file().to_owned(),
     })
+}
+
+/// A configuration as a session keeps it, and its hash.
+fn effective(config: &Config) -> Result<(String, String), String> {
+    let text = toml::to_string(config).map_err(|cause| cause.to_string())?;
+    let hash = Sha256::digest(text.as_bytes());
+    let hash = hash.iter().map(|byte| format!("{byte:02x}")).collect();
+    Ok((text, hash))
+}
+
+impl Setup {
+    /// As a session keeps it whose method is set by this noise of one reading, uV: with it in it, so that the maps can be
+    /// made again from the session alone. With its hash.
+    pub(crate) fn kept(&self, noise_uv: Option<f64>) -> (String, String) {
+        let with_noise = noise_uv.map(|noise_uv| {
+            let mut config = self.config.clone();
+            config.model.noise_uv = Some(noise_uv);
+            effective(&config)
+        });
+        match with_noise {
+            Some(Ok(kept)) => kept,
+            // it could be written before
+            Some(Err(_)) | None => (self.config_toml.clone(), self.config_hash.clone()),
+        }
+    }
 }
 
 /// The questions asked of a rig.
@@ -295,6 +316,27 @@ impl Prepared {
             FramesFrom::Rig(rig) => rig.bench.is_some(),
             FramesFrom::Recording { recording, .. } => recording.frames().is_simulated(),
         }
+    }
+
+    /// What contradicts itself and is no error, a sentence each. Reads the record for its last baseline, where it can.
+    pub(crate) fn warnings(&self) -> Vec<String> {
+        let (FramesFrom::Rig(rig), Some(noise_uv)) =
+            (&self.frames, self.setup.config.model.noise_uv)
+        else {
+            return Vec::new();
+        };
+        let meter = &rig.meter;
+        let resolution = rig
+            .plan
+            .resolution(meter.resolution, meter.range, meter.averages);
+        let mut records = logbook::Index::load(&self.setup.record_directory);
+        let last = match records.refresh() {
+            Ok(()) => records.latest_baseline(chrono::Utc::now()).ok().flatten(),
+            Err(_) => None,
+        };
+        let measured = last.and_then(|(_, baseline)| noise::contradiction(noise_uv, &baseline));
+        let resolution = noise::below_the_voltmeter(noise_uv, resolution.rms.0);
+        measured.or(resolution).into_iter().collect()
     }
 
     /// What the simulated instruments are connected to; `None` where none is simulated.

@@ -102,7 +102,7 @@ pub(super) fn complete(
     }
     match gain(baseline, geometry, protocol) {
         Some(gain) => {
-            let noise = noise_of(baseline);
+            let noise = Noise::of(baseline).map_or(DEFAULT_NOISE_UV * 1e-6, Noise::deviation);
             tracing::info!("noise of one reading: {noise:.2e} in the recording's unit");
             config.model.noise_uv = Some(noise / gain * current_ua);
         }
@@ -111,13 +111,6 @@ pub(super) fn complete(
              set negate = true in [recording]"
         ),
     }
-}
-
-/// In the baseline's own unit.
-fn noise_of(baseline: &Baseline) -> f64 {
-    let deviation = noise::rms(baseline.deviation.iter().flatten().copied());
-    Noise::of_baseline(deviation, &baseline.readings)
-        .map_or(DEFAULT_NOISE_UV * 1e-6, Noise::deviation)
 }
 
 /// By how much the baseline exceeds the geometry's own readings at 1 A; `None` where they do not agree.

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use imaging::noise;
 use rig::Clock;
 
 use crate::monitoring::health::{Counts, Health, Running};
@@ -12,6 +13,18 @@ use crate::session::controller::Controller;
 use crate::session::state::State;
 
 impl Controller {
+    /// What a person should know before the current baseline is used, a sentence each.
+    pub(crate) fn baseline_remarks(&self) -> Vec<String> {
+        self.noise_contradiction().into_iter().collect()
+    }
+
+    /// How the configured noise contradicts what the current baseline shows.
+    pub(crate) fn noise_contradiction(&self) -> Option<String> {
+        let noise_uv = self.runtime().setup.config.model.noise_uv;
+        let baseline = self.baseline().filter(|_| !self.is_recording());
+        noise::contradiction(noise_uv?, &*baseline?)
+    }
+
     /// How the daemon is. Asks the disk, and waits for it two seconds at most; asks no instrument.
     pub(crate) async fn health(self: &Arc<Self>) -> Health {
         let (runtime, counters) = (self.runtime(), &self.observed.counters);
@@ -55,6 +68,7 @@ impl Controller {
                 let age = wall.signed_duration_since(baseline.wall);
                 (baseline.id.clone(), age.to_std().unwrap_or_default())
             }),
+            noise: self.noise_contradiction(),
             room,
             warn_below: runtime.setup.config.record.warn_below_mb * 1_000_000,
             metrics: self.observed.metrics(),

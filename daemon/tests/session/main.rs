@@ -5,6 +5,7 @@ mod endings;
 mod latency;
 mod lifecycle;
 mod measuring;
+mod noise;
 mod pressure;
 mod recording;
 mod resume;

@@ -2,7 +2,7 @@
 //! while every program assumes the same.
 
 use eit::{Forward, ForwardError};
-use survey::{Protocol, Reading};
+use survey::{Baseline, Protocol, Reading, Volts};
 
 /// Standard deviation of one reading where neither settings nor frames say it, uV: a 34980A on its 1 V range at 1 PLC.
 pub const DEFAULT_NOISE_UV: f64 = 2.0;
@@ -11,6 +11,8 @@ pub const DEFAULT_NOISE_UV: f64 = 2.0;
 pub const ASSUMED_SHARE: f64 = 1e-3;
 /// What rounding alone leaves of a mean, as a share of the readings' rms; a smaller deviation says nothing about noise.
 pub const ROUNDING_SHARE: f64 = 1e-12;
+/// A stated noise contradicts a measured one that is so many times as large or as small.
+pub const CONTRADICTION: f64 = 2.0;
 
 /// Standard deviation of one reading of a recording, in the recording's unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,12 +39,74 @@ impl Noise {
         )
     }
 
+    /// As [`Noise::of_baseline`], from the deviations that the baseline keeps.
+    pub fn of(baseline: &Baseline) -> Option<Self> {
+        let deviation = rms(baseline.deviation.iter().flatten().copied());
+        Self::of_baseline(deviation, &baseline.readings)
+    }
+
+    /// What the baseline's frames show, in the recording's unit; `None` where it is assumed.
+    pub fn measured(self) -> Option<f64> {
+        match self {
+            Self::Measured(deviation) => Some(deviation),
+            Self::Assumed(_) => None,
+        }
+    }
+
     /// The deviation, in the recording's unit.
     pub fn deviation(self) -> f64 {
         match self {
             Self::Measured(deviation) | Self::Assumed(deviation) => deviation,
         }
     }
+}
+
+/// Standard deviation of one reading that a method is set by, V, where the settings do not name it: what the baseline's
+/// frames show; of a single frame, which shows none, the voltmeter's resolution; else [`DEFAULT_NOISE_UV`].
+pub fn against(baseline: &Baseline) -> f64 {
+    let resolution = || Some(baseline.settings.noise().0).filter(|_| baseline.frames < 2);
+    Noise::of(baseline)
+        .and_then(Noise::measured)
+        .or_else(resolution)
+        .filter(|noise| *noise > 0.0)
+        .unwrap_or(DEFAULT_NOISE_UV * 1e-6)
+}
+
+/// What is wrong with a configured noise, uV, where the baseline shows another by more than [`CONTRADICTION`]; `None`
+/// where they agree or the baseline shows none.
+pub fn contradiction(noise_uv: f64, baseline: &Baseline) -> Option<String> {
+    let measured = Noise::of(baseline)?.measured()?;
+    let factor = measured / (noise_uv * 1e-6);
+    let agrees = (1.0 / CONTRADICTION..=CONTRADICTION).contains(&factor);
+    let shows = format!("baseline {} shows", baseline.id);
+    (!agrees).then(|| contradicted(noise_uv, &shows, measured))
+}
+
+/// What is wrong with a configured noise, uV, that is below the voltmeter's own, V, by more than [`CONTRADICTION`]; `None`
+/// where it is not. More than the voltmeter's own is what a real rig has.
+pub fn below_the_voltmeter(noise_uv: f64, resolution: f64) -> Option<String> {
+    let below = resolution > CONTRADICTION * noise_uv * 1e-6;
+    below.then(|| {
+        contradicted(
+            noise_uv,
+            "the voltmeter at this integration has",
+            resolution,
+        )
+    })
+}
+
+fn contradicted(noise_uv: f64, other: &str, noise: f64) -> String {
+    let noise_v = noise_uv * 1e-6;
+    let effect = match noise > noise_v {
+        true => "maps show noise as loads",
+        false => "maps are smoother than need be",
+    };
+    format!(
+        "model.noise_uv is {} for one reading, {other} {}: {effect}; delete noise_uv, and the noise is measured on the \
+         baseline",
+        Volts(noise_v),
+        Volts(noise)
+    )
 }
 
 /// Root mean square; `None` of no values, or of nothing but zeros.
@@ -124,6 +188,61 @@ mod tests {
         assert_eq!(of(Some(1e-13)), Some(Noise::Assumed(3e-3)));
         assert_eq!(of(None).map(Noise::deviation), Some(3e-3));
         assert_eq!(Noise::of_baseline(None, &[Reading::Overload]), None);
+    }
+
+    fn baseline(frames: &[f64]) -> Baseline {
+        let settings = survey::Settings {
+            protocol_hash: "p".into(),
+            current: survey::Amps(1e-3),
+            range: Volts(1.0),
+            nplc: 0.02,
+            settle: std::time::Duration::ZERO,
+            wiring: "w".into(),
+            precautions: survey::Precautions {
+                resolution: 1e-4,
+                ..survey::Precautions::default()
+            },
+        };
+        let (count, mean) = (frames.len() as f64, frames.iter().sum::<f64>());
+        let mean = mean / count;
+        let squares: f64 = frames.iter().map(|volts| (volts - mean).powi(2)).sum();
+        Baseline {
+            id: "b1".into(),
+            readings: vec![Reading::Ok(Volts(mean))],
+            deviation: vec![(frames.len() > 1).then(|| (squares / (count - 1.0)).sqrt())],
+            frames: frames.len(),
+            wall: chrono::DateTime::UNIX_EPOCH,
+            settings,
+            simulated: false,
+        }
+    }
+
+    #[test]
+    fn a_method_is_set_by_the_noise_of_the_baseline() {
+        let noisy = baseline(&[0.0499, 0.0501]);
+        assert!((against(&noisy) / (0.0002 / 2_f64.sqrt()) - 1.0).abs() < 1e-9);
+        // one frame shows none: the voltmeter's resolution on its range
+        assert_eq!(against(&baseline(&[0.05])), 1e-4);
+        // simulated without noise
+        assert_eq!(against(&baseline(&[0.05, 0.05])), DEFAULT_NOISE_UV * 1e-6);
+    }
+
+    #[test]
+    fn a_stated_noise_that_the_baseline_contradicts_is_named() {
+        let noisy = baseline(&[0.0499, 0.0501]);
+        let text = contradiction(2.0, &noisy).unwrap();
+        assert!(
+            text.contains("2 uV for one reading, baseline b1 shows 141.42"),
+            "{text}"
+        );
+        assert!(text.contains("noise as loads"), "{text}");
+        let smooth = contradiction(400.0, &noisy).unwrap();
+        assert!(smooth.contains("smoother"), "{smooth}");
+        assert_eq!(contradiction(100.0, &noisy), None);
+        assert_eq!(contradiction(2.0, &baseline(&[0.05, 0.05])), None);
+        assert!(below_the_voltmeter(2.0, 1.04e-4).is_some());
+        // more than the voltmeter's own is what a real rig has
+        assert_eq!(below_the_voltmeter(500.0, 1.04e-4), None);
     }
 
     #[test]

@@ -52,7 +52,7 @@ pub struct ReconstructionSettings {
     /// Correlation length of the Gaussian prior, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub length_mm: Option<f64>,
-    /// Standard deviation of the noise of one reading, uV.
+    /// Standard deviation of the noise of one reading, uV, in place of the baseline's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_uv: Option<f64>,
     /// Hyper-parameter of the one-step method.
@@ -76,6 +76,14 @@ pub struct ReconstructionSettings {
 }
 
 impl ReconstructionSettings {
+    /// Whether the method is set by the noise of the baseline: nothing else is named to set it by.
+    pub fn takes_noise_of_baseline(&self) -> bool {
+        self.file.is_none()
+            && self.noise_uv.is_none()
+            && self.lambda.is_none()
+            && self.noise_figure.is_none()
+    }
+
     /// The prior of the one-step method with its parameters.
     pub fn one_step_prior(&self) -> Prior {
         match self.prior.unwrap_or_default() {

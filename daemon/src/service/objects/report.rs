@@ -216,8 +216,8 @@ pub(crate) fn wear(wear: Wear) -> RelayWear {
     }
 }
 
-/// A baseline.
-pub(crate) fn baseline(baseline: &Baseline) -> BaselineReport {
+/// A baseline, with what a person should know before it is used.
+pub(crate) fn baseline(baseline: &Baseline, remarks: Vec<String>) -> BaselineReport {
     let settings = &baseline.settings;
     BaselineReport {
         id: baseline.id.clone(),
@@ -242,6 +242,7 @@ pub(crate) fn baseline(baseline: &Baseline) -> BaselineReport {
             settle_s: Some(settings.settle.as_secs_f64()),
             wiring: Some(settings.wiring.clone()),
             protocol_hash: Some(settings.protocol_hash.clone()),
+            remarks: Some(remarks),
         },
     }
 }

@@ -18,7 +18,6 @@ use crate::acquisition::task::{
 use crate::events::event::{BusEvent, Event as ReportedEvent};
 use crate::instruments::transcripts::{self, FailedFrame};
 use crate::monitoring::disk::free_bytes;
-use crate::preparation::Setup;
 use crate::recording::logbook_sink::{DiskPolicy, LogbookSink};
 use crate::recording::order::{Order, QUEUE};
 use crate::recording::reconstruction_worker::{ReconstructionContext, ReconstructionWorker};
@@ -172,12 +171,8 @@ impl Controller {
         order: &Assignment,
     ) -> SessionHeader {
         let (runtime, identities) = (self.runtime(), self.identities());
-        let Setup {
-            config_toml,
-            config_hash,
-            geometry,
-            ..
-        } = &runtime.setup;
+        let geometry = &runtime.setup.geometry;
+        let (config_toml, config_hash) = runtime.setup.kept(order.noise_uv);
         let protocol = protocol_of(order.plan.as_deref(), &runtime.setup);
         let id = format!("{payload}{}", started.format("%Y%m%dt%H%M%S_%3f"));
         SessionHeader {
@@ -192,8 +187,8 @@ impl Controller {
                 })
                 .collect(),
             modules: identities.modules,
-            config_toml: config_toml.clone(),
-            config_hash: config_hash.clone(),
+            config_toml,
+            config_hash,
             model_hash: order.model.as_ref().and_then(|model| model.hash.clone()),
             geometry_hash: Some(geometry.mesh.hash().to_owned()),
             build: runtime.build.clone(),

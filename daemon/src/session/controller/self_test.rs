@@ -19,7 +19,7 @@ use crate::instruments::rig_plan::RigPlan;
 use crate::session::controller::Controller;
 use crate::session::option_values;
 use crate::session::state::{Event, Work};
-use imaging::noise::DEFAULT_NOISE_UV;
+use imaging::noise::{self, DEFAULT_NOISE_UV};
 use self_test::{ExpectedSheet, ProbeError, Report, Request, assess};
 use survey::error_chain as chain;
 
@@ -223,7 +223,14 @@ impl Controller {
             .to_rfc3339_opts(SecondsFormat::Millis, true);
         let judged = tokio::task::spawn_blocking(move || {
             let setup = &controller.runtime().setup;
-            let noise_uv = setup.config.model.noise_uv.unwrap_or(DEFAULT_NOISE_UV);
+            let noise_uv = setup.config.model.noise_uv;
+            let noise_v = noise_uv.map_or_else(
+                || match controller.baseline() {
+                    Some(baseline) => noise::against(&baseline),
+                    None => DEFAULT_NOISE_UV * 1e-6,
+                },
+                |noise_uv| noise_uv * 1e-6,
+            );
             let geometry = &setup.geometry;
             let expected = ExpectedSheet {
                 mesh: Arc::clone(&geometry.mesh),
@@ -235,7 +242,7 @@ impl Controller {
                 &plan.plan.wiring,
                 plan.plan.current.0,
                 &expected,
-                noise_uv * 1e-6,
+                noise_v,
                 at,
             );
             let report = Report {

@@ -19,7 +19,7 @@ use crate::session::controller::resume::{Interrupted, to_json};
 use crate::session::option_values;
 use crate::session::state::Work;
 use config::{AboutSection, SurveySection};
-use imaging::{BuildError, Conditions, Method, Model, ReconstructionSettings};
+use imaging::{BuildError, Conditions, Method, Model, ReconstructionSettings, noise};
 use survey::error_chain as chain;
 
 /// Frames of a baseline where nobody says.
@@ -48,6 +48,8 @@ pub(super) struct Assignment {
     pub frames: u64,
     pub baseline: Option<Arc<Baseline>>,
     pub model: Option<Model>,
+    /// Noise of one reading that the method is set by, uV, where it is the baseline's.
+    pub noise_uv: Option<f64>,
     /// How it measures, where not as configured.
     pub plan: Option<Arc<RigPlan>>,
     pub about: About,
@@ -157,8 +159,8 @@ impl Controller {
             None => self.runtime().settings.clone(),
         };
         self.check_baseline(&baseline, settings.as_ref(), plan.as_deref())?;
-        let model = self
-            .chosen_model(options.model.as_deref(), plan.as_deref())
+        let (model, noise_uv) = self
+            .chosen_model(options.model.as_deref(), plan.as_deref(), &baseline)
             .await?;
         // the configuration may be another one when the session goes on
         let every = schedule.every.as_secs_f64();
@@ -179,6 +181,7 @@ impl Controller {
             frames: 0,
             baseline: Some(baseline),
             model: Some(model),
+            noise_uv,
             plan,
             requested: serde_json::Value::Object(requested).to_string(),
             resumed: None,
@@ -217,6 +220,7 @@ impl Controller {
             frames,
             baseline: None,
             model: None,
+            noise_uv: None,
             requested: serde_json::Value::Object(requested).to_string(),
             resumed: None,
             first_event: None,
@@ -340,15 +344,25 @@ impl Controller {
             .map_err(|error| Fault::BaselineMismatch(error.to_string()))
     }
 
-    pub(super) async fn chosen_model(
+    /// The reconstructor of a session, and the noise of one reading that it is set by, uV, where that is the baseline's.
+    async fn chosen_model(
         self: &Arc<Self>,
         requested: Option<&str>,
         plan: Option<&RigPlan>,
-    ) -> Result<Model, Fault> {
+        baseline: &Baseline,
+    ) -> Result<(Model, Option<f64>), Fault> {
         let runtime = self.runtime();
         let protocol = protocol_of(plan, &runtime.setup).clone();
+        // preparation has set the method by the noise of a recording's baseline, where that has a unit
+        let by_baseline = !self.is_recording();
+        let noise_uv = by_baseline.then(|| 1e6 * noise::against(baseline));
+        let configured = &runtime.setup.config.model;
         let requested = match requested {
-            None if protocol == runtime.setup.protocol => return Ok(runtime.setup.model.clone()),
+            None if protocol == runtime.setup.protocol
+                && (noise_uv.is_none() || !configured.takes_noise_of_baseline()) =>
+            {
+                return Ok((runtime.setup.model.clone(), None));
+            }
             Some(other) if other != "one-step" && !Path::new(other).is_absolute() => {
                 return Err(Fault::InvalidOption(format!(
                     "option 'model' is '{other}'; write an absolute path, or one-step"
@@ -363,7 +377,7 @@ impl Controller {
                 current,
                 ..
             } = &runtime.setup;
-            let requested = match requested.as_deref() {
+            let mut settings = match requested.as_deref() {
                 // the configured method, for a pattern of the session's own
                 None => config.model.clone(),
                 Some("one-step") => ReconstructionSettings {
@@ -378,19 +392,22 @@ impl Controller {
                     ..ReconstructionSettings::default()
                 },
             };
-            imaging::check_live(&requested)?;
-            imaging::build(
-                &requested,
+            let noise_uv = noise_uv.filter(|_| settings.takes_noise_of_baseline());
+            settings.noise_uv = settings.noise_uv.or(noise_uv);
+            imaging::check_live(&settings)?;
+            let model = imaging::build(
+                &settings,
                 &Conditions {
                     geometry,
                     protocol: &protocol,
                     current: *current,
                     noise_v: None,
                 },
-            )
+            )?;
+            Ok::<_, BuildError>((model, noise_uv))
         });
         match loaded.await {
-            Ok(Ok(model)) => Ok(model),
+            Ok(Ok(chosen)) => Ok(chosen),
             Ok(Err(fault)) if fault.is_mismatch() => Err(Fault::ModelMismatch(chain(&fault))),
             Ok(Err(fault @ (BuildError::File { .. } | BuildError::Onnx(_)))) => {
                 Err(Fault::ModelFile(chain(&fault)))

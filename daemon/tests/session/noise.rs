@@ -1,0 +1,70 @@
+//! The noise that a method is set by is measured on the baseline; a stated one that contradicts it is reported.
+
+use dbus::Options;
+use logbook::SessionReader;
+
+use crate::stage::{SMALL, Stage, within};
+
+/// By the voltmeter's table: 0.1 mV at 0.02 power-line cycles on the 1 V range.
+const NOISY: &str = "[disc-tank]\nelectrodes = 16\n[effects.voltmeter-noise]\n";
+
+fn noisy(more: &str) -> Stage {
+    let quick = SMALL.replace("[record]", "nplc = 0.02\n[record]");
+    let stage = Stage::new(&format!("{quick}{more}"));
+    std::fs::write(stage.path().join("scene.toml"), NOISY).unwrap();
+    stage
+}
+
+/// The noise in a session's configuration, uV, and the largest loss on the untouched sheet.
+async fn untouched(stage: &Stage) -> (f64, f64) {
+    let daemon = stage.start().await;
+    within(daemon.baseline(10).await.wait()).await.unwrap();
+    let session = daemon.start(Options::new().with("count", 1_u64)).await;
+    within(session.wait()).await.unwrap();
+    let map = session.latest_map().await.unwrap();
+    let path = session.path().await.unwrap();
+    let header = SessionReader::open(&path).unwrap().header().clone();
+    let kept: toml::Table = toml::from_str(&header.config_toml).unwrap();
+    let noise_uv = kept["model"]["noise_uv"].as_float().unwrap();
+    assert!(daemon.terminate().await.0.success());
+    (noise_uv, -map.values.iter().copied().fold(0.0, f64::min))
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_method_is_set_by_the_noise_of_its_baseline() {
+    let (noise_uv, loss) = untouched(&noisy("")).await;
+    assert!((50.0..200.0).contains(&noise_uv), "{noise_uv} uV");
+    let (stated, drawn) = untouched(&noisy("[model]\nnoise_uv = 2.0\n")).await;
+    assert_eq!(stated, 2.0, "the configuration overrides it");
+    assert!(
+        loss < 0.5 * drawn,
+        "an untouched sheet: {loss} by its own noise, {drawn} by 2 uV"
+    );
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_contradicted_noise_is_a_warning_everywhere() {
+    let stage = noisy("[model]\nnoise_uv = 2.0\n");
+    let said = stage.run(&["--check"]);
+    let said = String::from_utf8_lossy(&said.stdout).into_owned();
+    assert!(
+        said.contains("warning: model.noise_uv is 2 uV for one reading, the voltmeter"),
+        "{said}"
+    );
+    let daemon = stage.start().await;
+    within(daemon.baseline(10).await.wait()).await.unwrap();
+    let health = daemon.manager.health().await.unwrap();
+    assert_eq!(health.well, Some(false));
+    let troubles = health.troubles.unwrap().join("\n");
+    assert!(
+        troubles.contains("noise: model.noise_uv is 2 uV"),
+        "{troubles}"
+    );
+    let remarks = daemon.manager.baseline().await.unwrap().more.remarks;
+    assert!(remarks.unwrap()[0].contains("noise_uv"));
+    assert!(daemon.terminate().await.0.success());
+    // now the record has a baseline to compare with
+    let said = stage.run(&["--check"]);
+    let said = String::from_utf8_lossy(&said.stdout).into_owned();
+    assert!(said.contains(" shows "), "{said}");
+}
