@@ -149,7 +149,7 @@ fn currents_are_measured_on_current_channels_only() {
         ),
         ("MEAS:CURR:AC? (@1044)", "+0.00000000E+00"),
         ("FORM:READ:UNIT ON;:READ?", "+0.00000000E+00 AAC"),
-        ("ROUT:SCAN (@1043);:FUNC?", "\"CURR\""),
+        ("ROUT:SCAN (@1043);:FUNC? (@1043)", "\"CURR\""),
         (
             "CURR:RANG? MIN;RANG? MAX",
             "+1.00000000E-02;+1.00000000E+00",
@@ -298,4 +298,31 @@ fn each_function_keeps_its_own_settings() {
     talk.refuses("FUNC VOLT", "-");
     talk.refuses("RES:RANG 1E9,(@1001)", "-222");
     talk.refuses("CONF:RES AUTO,0.1,(@1001)", "-221");
+}
+
+#[test]
+fn settings_without_a_list_leave_the_channels_alone() {
+    let mut talk = Talk::with(&["34924A"], 470.0);
+    talk.holds(&[
+        ("CONF:VOLT:DC 10,(@1001:1003);:VOLT:DC:NPLC 10", ""),
+        (
+            "VOLT:DC:NPLC? (@1001:1003);NPLC?",
+            "+1.00000000E+00,+1.00000000E+00,+1.00000000E+00;+1.00000000E+01",
+        ),
+        ("CONF:RES 1E3;:FUNC? (@1001);FUNC?", "\"VOLT\";\"RES\""),
+        ("CONF?", "\"RES +1.000000E+03,+3.000000E-03\""),
+        (
+            "CONF:VOLT:DC 0.1;:CONF? (@1002)",
+            "\"VOLT +1.000000E+01,+3.000000E-05\"",
+        ),
+        // one reading of the internal voltmeter, the scan list as it was
+        ("MEAS:VOLT:DC?", "+0.00000000E+00"),
+        ("MEAS:RES? 1E3", "+4.70000000E+02"),
+        ("ROUT:SCAN:SIZE?;:DATA:POIN?", "+3;+1"),
+        ("READ?", "+0.00000000E+00,+0.00000000E+00,+0.00000000E+00"),
+        // a delay is one of channels
+        ("ROUT:CHAN:DEL 0.5;DEL? (@1003)", "+5.00000000E-01"),
+    ]);
+    let scanned = talk.1.requests.iter().filter(|one| one.channel.is_some());
+    assert_eq!(scanned.count(), 3);
 }

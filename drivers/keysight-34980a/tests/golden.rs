@@ -153,7 +153,7 @@ fn section_5_readings_to_the_byte() {
          > FORM:READ:UNIT ON;CHAN ON
          > READ?
          < +2.00100000E+00 VDC,1001,+2.00200000E+00 VDC,1002
-         > FORM:READ:TIME ON;ALAR ON;:ROUT:SCAN (@1001);:VOLT:NPLC 10,(@1001);:VOLT:DC:ZERO:AUTO OFF;:READ?
+         > FORM:READ:TIME ON;ALAR ON;:ROUT:SCAN (@1001);:VOLT:NPLC 10,(@1001);:VOLT:DC:ZERO:AUTO OFF,(@1001);:READ?
          < +2.00100000E+00 VDC,000000000.204,1001,0
          > VOLT:DC:RANG 1,(@1001);:FORM:READ:TIME OFF;ALAR OFF;UNIT OFF;CHAN OFF;:READ?
          < +9.90000000E+37
@@ -267,19 +267,19 @@ fn section_5_limits_and_integration() {
         &["34922A"],
         "> CONF:VOLT:DC 10,MIN,(@1001);:VOLT:DC:NPLC? (@1001)
          < +1.00000000E+02
-         > CONF:VOLT:DC 10.0, 0.003, (@1001);:VOLT:DC:NPLC?
+         > CONF:VOLT:DC 10.0, 0.003, (@1001);:VOLT:DC:NPLC? (@1001)
          < +2.00000000E-02
          > VOLT:DC:NPLC? MIN,(@1001);NPLC? MAX
          < +2.00000000E-02;+2.00000000E+02
          > VOLT:DC:RANG? MIN;RANG? MAX
          < +1.00000000E-01;+3.00000000E+02
-         > VOLT:DC:APER 301 us,(@1001);APER?;APER:ENAB?
+         > VOLT:DC:APER 301 us,(@1001);APER? (@1001);APER:ENAB? (@1001)
          < +3.00000000E-04;1
-         > VOLT:DC:NPLC 1;APER:ENAB?
+         > VOLT:DC:NPLC 1,(@1001);APER:ENAB? (@1001)
          < 0
-         > VOLT:DC:RES 1E-5;RES?;NPLC?
+         > VOLT:DC:RES 1E-5,(@1001);RES? (@1001);NPLC? (@1001)
          < +1.00000000E-05;+1.00000000E+01
-         > VOLT:DC:RANG:AUTO ON;:VOLT:DC:RANG:AUTO?;:CONF?
+         > VOLT:DC:RANG:AUTO ON,(@1001);:VOLT:DC:RANG:AUTO? (@1001);:CONF? (@1001)
          < 1;\"VOLT AUTO\"
          > CONF:VOLT:DC AUTO,0.001,(@1001);:SYST:ERR?
          < -221,\"Settings conflict\"
@@ -300,7 +300,7 @@ fn section_5_time_stamps() {
         &["34922A"],
         "> SYST:DATE 2024,2,28;TIME 23,59,59.9;DATE?;TIME?
          < 2024,02,28;23,59,59.900
-         > CONF:VOLT:DC 10,(@1001:1002);:VOLT:DC:ZERO:AUTO OFF
+         > CONF:VOLT:DC 10,(@1001:1002);:VOLT:DC:ZERO:AUTO OFF,(@1001:1002)
          > FORM:READ:TIME ON;TIME:TYPE ABS;TYPE?
          < ABS
          > FORM:READ:UNIT ON;CHAN ON;ALAR ON

@@ -11,8 +11,7 @@ use stand_in::{Sheet, mainframe, say};
 const START: Duration = Duration::from_secs(3);
 /// One channel of a 34924A at 1 PLC, autozero off, delay 0, 50 Hz (section 9).
 const PERIOD: Duration = Duration::from_micros(21_600);
-const SET_UP: &str =
-    "*CLS;:CONF:VOLT 10,(@1001:1010);:VOLT:DC:ZERO:AUTO OFF;:ROUT:CHAN:DEL 0;:ROUT:CLOS (@1036)";
+const SET_UP: &str = "*CLS;:CONF:VOLT 10,(@1001:1010);:VOLT:DC:ZERO:AUTO OFF,(@1001:1010);:ROUT:CHAN:DEL 0;:ROUT:CLOS (@1036)";
 
 fn scanner() -> (Simulator34980a, Sheet) {
     let (mut unit, mut sheet) = (mainframe(&["34924A"]), Sheet::default());

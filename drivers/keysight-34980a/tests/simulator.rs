@@ -56,7 +56,7 @@ fn relays_and_readings_take_their_time() {
     // Section 9: 1/rate - 0.02 PLC + integration, at 50 Hz.
     let frame = |nplc: &str| {
         let setup = format!(
-            "CONF:VOLT 1,(@1001:1026);:VOLT:NPLC {nplc};:VOLT:DC:ZERO:AUTO OFF;:ROUT:CHAN:DEL 0"
+            "CONF:VOLT 1,(@1001:1026);:VOLT:NPLC {nplc},(@1001:1026);:VOLT:DC:ZERO:AUTO OFF,(@1001:1026);:ROUT:CHAN:DEL 0"
         );
         busy(&["34924A"], &[&setup, "READ?"])
     };
@@ -116,7 +116,7 @@ fn a_measurement_in_memory_ends_in_its_own_time() {
     say(
         &mut unit,
         &mut sheet,
-        "*CLS;:CONF:VOLT 10,(@1001:1010);:VOLT:DC:ZERO:AUTO OFF;:ROUT:CHAN:DEL 0;:ROUT:CLOS (@1036)",
+        "*CLS;:CONF:VOLT 10,(@1001:1010);:VOLT:DC:ZERO:AUTO OFF,(@1001:1010);:ROUT:CHAN:DEL 0;:ROUT:CLOS (@1036)",
     );
     let length = 10.0 * 21.6e-3;
     assert_eq!(

@@ -32,7 +32,7 @@ pub use sense::{HeaderForm, Quantity, Range, Sense, Setting};
 pub(crate) use system::MEMORIES;
 pub use system::{Protection, StatusGroup, System};
 
-/// Channels that a setting is for; `None`: those of the scan list.
+/// Channels that a setting is for; `None`: the internal voltmeter.
 pub type Channels = Option<ChannelList>;
 
 /// One command.

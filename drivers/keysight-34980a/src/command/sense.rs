@@ -79,7 +79,7 @@ pub enum HeaderForm {
     Of34970A,
 }
 
-/// Setting up channels; without a list those of the scan list.
+/// Setting up channels; without a list the internal voltmeter.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Sense {
     /// Measure DC volts: sets the scan list, and everything else to its default.

@@ -113,7 +113,7 @@ pub struct Wanted {
     pub probe: Option<(&'static str, &'static str)>,
 }
 
-/// Setting up and measuring anything; without a list what the scan list holds, or the bare voltmeter.
+/// Setting up and measuring anything; without a list the internal voltmeter.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Functions {
     /// Choose a function, set it to its defaults, and make the list the scan list.

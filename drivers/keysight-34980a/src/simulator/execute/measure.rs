@@ -69,7 +69,7 @@ impl Simulator34980a {
                     .meter
                     .configure(&self.relays, range, resolution, &channels)?;
                 self.configured(set_up, turn);
-                return self.read_once(turn);
+                return self.read_once(channels.is_some(), turn);
             }
             Measure::Initiate => self
                 .meter
@@ -147,7 +147,7 @@ impl Simulator34980a {
                 let meter = &mut self.meter;
                 let set_up = meter.configure_function(&self.relays, wanted, &channels)?;
                 self.configured(set_up, turn);
-                return self.read_once(turn);
+                return self.read_once(channels.is_some(), turn);
             }
             Functions::Select(function, channels) => {
                 self.wait_for_measurement(turn)?;
@@ -173,9 +173,9 @@ impl Simulator34980a {
     }
 
     /// What MEAS? reads.
-    fn read_once(&mut self, turn: &mut Turn<'_>) -> Reply {
+    fn read_once(&mut self, scans: bool, turn: &mut Turn<'_>) -> Reply {
         let meter = &mut self.meter;
-        let end = meter.read_once(turn.now, &mut self.relays, turn.wires)?;
+        let end = meter.read_once(scans, turn.now, &mut self.relays, turn.wires)?;
         self.answer_readings(end, turn)
     }
 

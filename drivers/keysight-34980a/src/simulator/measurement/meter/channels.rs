@@ -1,6 +1,6 @@
 //! How each channel is set up.
 
-use scpi::Numeric;
+use scpi::{ChannelList, Numeric};
 use survey::Relay;
 
 use crate::command::{Channels, Function, Quantity, Range, Setting};
@@ -11,7 +11,7 @@ use crate::simulator::measurement::setup::{Setup, Timing};
 use crate::simulator::relays::Relays;
 
 impl Meter {
-    /// CONF: sets the scan list, everything else to its default, and the fields of readings off.
+    /// CONF: sets the scan list where there is a list, everything else to its default, and the fields of readings off.
     pub(crate) fn configure(
         &mut self,
         relays: &Relays,
@@ -35,7 +35,7 @@ impl Meter {
             self.set_scan(relays, list)?;
         }
         self.form.fields.clear();
-        self.change(relays, &None, |target, _| {
+        self.change(relays, channels, |target, _| {
             *target = setup;
             Ok(())
         })
@@ -48,7 +48,8 @@ impl Meter {
         setting: Setting,
         channels: &Channels,
     ) -> Result<usize, Trouble> {
-        self.change(relays, channels, |setup, timing| {
+        let channels = self.channels_of(setting.quantity(), channels);
+        self.change(relays, &channels, |setup, timing| {
             setup.change(setting, timing)
         })
     }
@@ -84,7 +85,8 @@ impl Meter {
         limit: Option<Numeric>,
         channels: &Channels,
     ) -> Result<String, Trouble> {
-        self.answers(relays, channels, |target, setup| {
+        let channels = self.channels_of(quantity, channels);
+        self.answers(relays, &channels, |target, setup| {
             let (_, timing, _) = self.plan(target, &setup);
             setup.answer(quantity, limit, self.line_hz, timing)
         })
@@ -119,7 +121,19 @@ impl Meter {
         Ok(answers?.join(","))
     }
 
-    /// The channels that a setting is for: without a list those of the scan list. `None` stands for the bare voltmeter.
+    /// A delay only means something to channels: without a list it is for those of the scan list.
+    fn channels_of(&self, quantity: Quantity, channels: &Channels) -> Channels {
+        match (quantity, channels) {
+            (Quantity::Delay | Quantity::DelayAuto, None) => {
+                let scan = self.scan.iter().map(|relay| relay.0);
+                Some(ChannelList::of(scan))
+            }
+            _ => channels.clone(),
+        }
+    }
+
+    /// The channels that a setting is for. Without a list it is for the internal voltmeter, which `None` stands for, and
+    /// leaves the channels of the scan list alone (corrections of 2026-11-22).
     pub(crate) fn targets(
         &self,
         relays: &Relays,
@@ -132,7 +146,7 @@ impl Meter {
                 self.arranged(relays, list.clone())?;
                 list
             }
-            None => self.scan.clone(),
+            None => Vec::new(),
         };
         if list.is_empty() {
             Ok(vec![None])

@@ -199,14 +199,18 @@ impl Meter {
         self.read_sweeps(list, self.pace(), count, now, relays, wires)
     }
 
-    /// One sweep through the scan list at once, whatever the trigger is set to.
+    /// One sweep at once, whatever the trigger is set to: through the scan list, or one reading of the bare voltmeter.
     pub(crate) fn read_once(
         &mut self,
+        scans: bool,
         now: Duration,
         relays: &mut Relays,
         wires: &mut dyn Wires,
     ) -> Result<Duration, Trouble> {
-        let list = self.scan.clone();
+        let list = match scans {
+            true => self.scan.clone(),
+            false => Vec::new(),
+        };
         self.read_sweeps(&list, Pace::Continuous, 1, now, relays, wires)
     }
 
