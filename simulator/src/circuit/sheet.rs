@@ -230,8 +230,27 @@ impl Sheet {
         }
     }
 
-    /// What the voltmeter is given to measure: the ideal voltage, bent by the scene's effects.
-    pub(crate) fn measured(&mut self, at: Duration, request: ReadingRequest) -> Volts {
+    /// How long an integration of so many power-line cycles takes.
+    pub(crate) fn integration(&self, nplc: f64) -> Duration {
+        survey::duration(nplc / self.line_hz)
+    }
+
+    /// What the voltmeter is given to measure: the ideal voltage, bent by the scene's effects. `mean` is what flowed on
+    /// average during the reading, where a source knows it.
+    pub(crate) fn measured(
+        &mut self,
+        at: Duration,
+        request: ReadingRequest,
+        mean: Option<Amps>,
+    ) -> Volts {
+        let flowing = self.flowing;
+        self.flowing = mean.unwrap_or(flowing);
+        let volts = self.read(at, request);
+        self.flowing = flowing;
+        volts
+    }
+
+    fn read(&mut self, at: Duration, request: ReadingRequest) -> Volts {
         if self.overload {
             return Volts(f64::INFINITY);
         }
@@ -249,7 +268,7 @@ impl Sheet {
             source_resistance: seen(needs.source_resistance, [METER_HI, METER_LO]),
             load_resistance: Ohms(seen(needs.load_resistance, SOURCE).0 + leads),
             at,
-            integration: survey::duration(request.nplc / self.line_hz),
+            integration: self.integration(request.nplc),
             range: request.range,
             nplc: request.nplc,
             resolution: keysight_34980a::resolution(request.nplc),

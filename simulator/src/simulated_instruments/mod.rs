@@ -414,7 +414,14 @@ impl Wires for Surroundings<'_> {
             test: request.test_current,
             bus: if request.four_wire { 2 } else { 1 },
         };
-        let volts = self.sheet.measured(at, reading);
+        // What is read is the mean over the aperture, which ends now.
+        let from = at.saturating_sub(self.sheet.integration(request.nplc));
+        let places = self.others.iter().flat_map(|places| places.iter());
+        let mut sources = places.filter_map(|place| place.instrument.current_source());
+        let mean = sources
+            .next()
+            .map(|source| source.mean_current(from, at, self.sheet));
+        let volts = self.sheet.measured(at, reading, mean);
         self.sheet.set_scanned(None);
         volts
     }

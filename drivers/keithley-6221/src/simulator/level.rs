@@ -1,13 +1,19 @@
 //! Level, range, voltage limit, output: what flows.
 
+use std::time::Duration;
+
 use scpi::ParseError;
 use survey::{Amps, Volts};
 
 use super::Simulator6221;
+use super::plan::Point;
 use super::state::{Mode, Outcome, is_limited};
 use crate::command::COMPLIANCE_BIT;
 use crate::range::{LIMIT_STEP, RANGES};
 use crate::{Load, Range};
+
+/// Changes of the current that are remembered; the longest aperture is a few seconds.
+const MOST_STEPS: usize = 4096;
 
 impl Simulator6221 {
     pub(super) fn set_level(&mut self, level: Amps) -> Result<(), ParseError> {
@@ -85,6 +91,67 @@ impl Simulator6221 {
             Mode::Wave(wave) => wave.range,
             Mode::Source | Mode::Sweep(_) => self.panel.range,
         }
+    }
+
+    /// The mean of what flowed between two instants, the second of which is the time told last: of waves, sweeps, and
+    /// levels that messages have set. What the load changes counts as of when it was seen.
+    pub fn mean_current(&self, from: Duration, to: Duration, load: &mut dyn Load) -> Amps {
+        let most = |limit: Volts, load: &mut dyn Load| {
+            let Amps(most) = (limit / load.resistance(self.now)).abs();
+            if most.is_nan() { 0.0 } else { most }
+        };
+        if to <= from {
+            return self.flowing;
+        }
+        match &self.mode {
+            Mode::Wave(wave) if self.panel.output || !wave.is_running() => {
+                wave.mean(from, to, Amps(most(self.panel.compliance, load)))
+            }
+            Mode::Sweep(sweep) if self.panel.output => {
+                let ohms = load.resistance(self.now);
+                let limit = self.panel.compliance;
+                let flows = |point: &Point| {
+                    let limit = point.limit.unwrap_or(limit);
+                    match is_limited(point.level, ohms, limit) {
+                        false => point.level.0,
+                        true if ohms.0.is_finite() => (limit / ohms).0 * point.level.0.signum(),
+                        true => 0.0,
+                    }
+                };
+                sweep.mean(from, to, flows).map_or(self.flowing, Amps)
+            }
+            _ => self.mean_of_steps(from, to),
+        }
+    }
+
+    fn mean_of_steps(&self, from: Duration, to: Duration) -> Amps {
+        let mut sum = 0.0;
+        let mut end = to;
+        let mut flowing = self.flowing;
+        for (at, before) in self.steps.iter().rev() {
+            if *at <= from {
+                break;
+            }
+            let at = (*at).min(end);
+            sum += flowing.0 * (end - at).as_secs_f64();
+            (end, flowing) = (at, *before);
+        }
+        if end == to && flowing == self.flowing {
+            return flowing;
+        }
+        sum += flowing.0 * (end - from).as_secs_f64();
+        Amps(sum / (to - from).as_secs_f64())
+    }
+
+    /// Remembers that a message has changed what flows.
+    pub(super) fn note_step(&mut self, before: Amps) {
+        if before == self.flowing {
+            return;
+        }
+        if self.steps.len() == MOST_STEPS {
+            self.steps.pop_front();
+        }
+        self.steps.push_back((self.now, before));
     }
 
     /// Works out what flows: the level, or what the voltage limit lets through (fact sheet, section 9).

@@ -18,6 +18,7 @@ mod sweep;
 mod values;
 mod wave;
 
+use std::collections::VecDeque;
 use std::net::Ipv4Addr;
 use std::time::Duration;
 
@@ -54,6 +55,8 @@ pub struct Simulator6221 {
     /// `*OPC?` was received behind what has no foreseeable end; its answer comes once that has been ended.
     answer_awaited: bool,
     flowing: Amps,
+    /// When messages changed what flows, and what flowed before.
+    steps: VecDeque<(Duration, Amps)>,
     told_range: Range,
     interlock_closed: bool,
     /// When the opened interlock switches the output off.
@@ -87,6 +90,7 @@ impl Simulator6221 {
             completion_awaited: false,
             answer_awaited: false,
             flowing: Amps(0.0),
+            steps: VecDeque::new(),
             told_range: state::RESET.range,
             interlock_closed: true,
             trips_at: None,
@@ -140,7 +144,9 @@ impl Simulator6221 {
                 busy += self.settings.range_time;
             }
             self.pass(self.now, load);
+            let before = self.flowing;
             self.flow(load);
+            self.note_step(before);
             if self.answer_awaited
                 && let Some(left) = self.remaining()
             {

@@ -248,6 +248,47 @@ impl Sweep {
         self.now_at.map(|at| self.points[at])
     }
 
+    /// Mean over the time between two instants of what `level` makes of each point; `None` before the first pass and where
+    /// each point waits for a trigger. Passes before the one under way were like it.
+    pub(super) fn mean(
+        &self,
+        from: Duration,
+        to: Duration,
+        level: impl Fn(&Point) -> f64,
+    ) -> Option<f64> {
+        if self.phase == Phase::Ready || self.line.is_some() || !self.looked {
+            return None;
+        }
+        // Of a time since the pass began: amperes times nanoseconds until then. The last point is rested on.
+        let until = |time: Nanos| {
+            let mut start = 0;
+            let last = self.points.len() - 1;
+            let parts = self.points.iter().zip(&self.ends).enumerate();
+            let parts = parts.map(|(at, (point, end))| {
+                let end = if at == last { time } else { (*end).min(time) };
+                let length = end.saturating_sub(start);
+                start = end.max(start);
+                level(point) * length as f64
+            });
+            parts.sum::<f64>()
+        };
+        let (from, to, began) = (from.as_nanos(), to.as_nanos(), self.pass_since);
+        if to <= began {
+            return None;
+        }
+        let in_pass = from.max(began);
+        let mut sum = until(to - began) - until(in_pass - began);
+        let mut length = to - in_pass;
+        let period = self.period();
+        if from < began && self.passes_done > 0 && period > 0 {
+            let (passes, rest) = ((began - from) / period, (began - from) % period);
+            let whole = until(period);
+            sum += passes as f64 * whole + (whole - until(period - rest));
+            length += began - from;
+        }
+        (length > 0).then(|| sum / length as f64)
+    }
+
     /// Lets an event in; false when nothing waits for it.
     pub(super) fn receive(&mut self, event: Trigger, now: Duration) -> bool {
         match self.phase {

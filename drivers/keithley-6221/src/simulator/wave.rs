@@ -34,7 +34,24 @@ enum Phase {
         /// Periods made before that.
         turns: f64,
     },
-    Stopped,
+    /// At the end of its duration; the rest as it was while running.
+    Stopped {
+        began: Duration,
+        since: Duration,
+        turns: f64,
+        ended: Duration,
+    },
+}
+
+/// Samples of a period where it is integrated.
+const STEPS: u32 = 4000;
+
+/// From one instant to another, s; negative where the other one is earlier.
+fn seconds(from: Duration, to: Duration) -> f64 {
+    match to.checked_sub(from) {
+        Some(later) => later.as_secs_f64(),
+        None => -(from - to).as_secs_f64(),
+    }
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -85,8 +102,52 @@ impl Wave {
             Phase::Running { since, turns, .. } => {
                 turns + now.saturating_sub(since).as_secs_f64() * self.hertz
             }
-            Phase::Ready | Phase::Stopped => 0.0,
+            Phase::Ready | Phase::Stopped { .. } => 0.0,
         }
+    }
+
+    /// Mean of what is asked to flow between two instants, no value larger than `most`. Nothing flows before the start and
+    /// after the end.
+    pub(super) fn mean(&self, from: Duration, to: Duration, most: Amps) -> Amps {
+        let (began, since, turns, ended) = match self.phase {
+            Phase::Ready => return Amps(0.0),
+            Phase::Running {
+                began,
+                since,
+                turns,
+            } => (began, since, turns, to),
+            Phase::Stopped {
+                began,
+                since,
+                turns,
+                ended,
+            } => (began, since, turns, ended),
+        };
+        let (first, last) = (from.max(began), to.min(ended));
+        let (flows, whole) = (seconds(first, last), seconds(from, to));
+        if flows <= 0.0 {
+            return Amps(0.0);
+        }
+        let start = turns + seconds(since, first) * self.hertz;
+        let made = flows * self.hertz;
+        let part = made.fract();
+        let sum = made.trunc() * self.mean_of_turns(0.0, 1.0, most)
+            + part * self.mean_of_turns(start, part, most);
+        Amps(sum / made * flows / whole)
+    }
+
+    /// Mean over a part of a period.
+    fn mean_of_turns(&self, start: f64, length: f64, most: Amps) -> f64 {
+        self.samples(start, length, most).sum::<f64>() / f64::from(STEPS)
+    }
+
+    /// Values over a part of a period, no value larger than `most`.
+    fn samples(&self, start: f64, length: f64, most: Amps) -> impl Iterator<Item = f64> {
+        (0..STEPS).map(move |step| {
+            let turn = start + length * (f64::from(step) + 0.5) / f64::from(STEPS);
+            let Amps(value) = self.at_phase(turn.rem_euclid(1.0));
+            value.clamp(-most.0, most.0)
+        })
     }
 
     /// How often the marked part of a period has been passed so far.
@@ -128,24 +189,41 @@ impl Wave {
         let Phase::Running { began, .. } = self.phase else {
             return Some(Duration::ZERO);
         };
-        let seconds = match self.lasting {
-            Lasting::Seconds(whole) => whole - now.saturating_sub(began).as_secs_f64(),
-            Lasting::Cycles(whole) => (whole - self.turns(now)) / self.hertz,
-        };
+        let seconds = self.seconds_left(began, now);
         seconds
             .is_finite()
             .then(|| Duration::try_from_secs_f64(seconds.max(0.0)).unwrap_or(Duration::MAX))
     }
 
+    /// How long a running wave still lasts, s; negative where its end is past.
+    fn seconds_left(&self, began: Duration, now: Duration) -> f64 {
+        match self.lasting {
+            Lasting::Seconds(whole) => whole - now.saturating_sub(began).as_secs_f64(),
+            Lasting::Cycles(whole) => (whole - self.turns(now)) / self.hertz,
+        }
+    }
+
     /// Brings time forward; true when the wave ended meanwhile.
     pub(super) fn advance(&mut self, now: Duration) -> bool {
-        // Half a nanosecond: an end that has been waited for is reached.
-        let over = self.is_running()
-            && self
-                .remaining(now)
-                .is_some_and(|left| left <= Duration::from_nanos(1));
+        let Phase::Running {
+            began,
+            since,
+            turns,
+        } = self.phase
+        else {
+            return false;
+        };
+        let left = self.seconds_left(began, now);
+        // A nanosecond: an end that has been waited for is reached.
+        let over = left <= 1e-9;
         if over {
-            self.phase = Phase::Stopped;
+            let past = Duration::try_from_secs_f64(-left).unwrap_or_default();
+            self.phase = Phase::Stopped {
+                began,
+                since,
+                turns,
+                ended: now.saturating_sub(past),
+            };
         }
         over
     }
@@ -160,11 +238,8 @@ impl Wave {
 
     /// R.m.s. over one period of what alternates, no value larger than `most`.
     pub(super) fn alternating(&self, most: Amps) -> Amps {
-        const STEPS: u32 = 4000;
         let (mut sum, mut squares) = (0.0, 0.0);
-        for step in 0..STEPS {
-            let Amps(value) = self.at_phase((f64::from(step) + 0.5) / f64::from(STEPS));
-            let value = value.clamp(-most.0, most.0);
+        for value in self.samples(0.0, 1.0, most) {
             sum += value;
             squares += value * value;
         }
