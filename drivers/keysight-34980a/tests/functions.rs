@@ -326,3 +326,62 @@ fn settings_without_a_list_leave_the_channels_alone() {
     let scanned = talk.1.requests.iter().filter(|one| one.channel.is_some());
     assert_eq!(scanned.count(), 3);
 }
+
+#[test]
+fn commands_of_the_help_that_scripts_use_are_known() {
+    let mut talk = Talk::with(&["34924A"], 470.0);
+    talk.holds(&[
+        (
+            "CONF:SCAL:VOLT:DC 10,(@1001);:SENS1:VOLT:DC:RANG? (@1001)",
+            "+1.00000000E+01",
+        ),
+        ("MEASure:SCALar:RESistance? 1E3,(@1001)", "+4.70000000E+02"),
+        ("CONF:SCAL:RES 1E3,(@1001);:FUNC? (@1001)", "\"RES\""),
+        ("VOLT:DC:APER:ENAB? (@1001);:VOLT:DC:APER:ENABLED?", "0;0"),
+        ("CONF:RES 1E3,(@1001);:RES:ZERO:AUTO? (@1001)", "1"),
+        ("RES:ZERO:AUTO ONCE,(@1001);AUTO? (@1001)", "0"),
+        ("VOLT:DC:ZERO:AUTO ON,(@1001);AUTO? (@1001)", "1"),
+        ("VOLT:DC:ZERO:AUTO ONCE,(@1001);AUTO? (@1001)", "0"),
+    ]);
+    talk.refuses("RES:ZERO:AUTO TWICE,(@1001)", "-224");
+    talk.refuses("SENS2:VOLT:DC:RANG 1", "-113");
+}
+
+#[test]
+fn integration_below_a_cycle_turns_autozero_off() {
+    let mut talk = Talk::with(&["34924A"], 470.0);
+    for (set_up, autozero) in [
+        ("CONF:VOLT:DC 10,(@1001)", "1"),
+        ("CONF:VOLT:DC 10,1E-3,(@1001)", "0"),
+        ("CONF:VOLT:DC 10,(@1001);:VOLT:DC:NPLC 0.2,(@1001)", "0"),
+        ("CONF:VOLT:DC 10,(@1001);:VOLT:DC:NPLC 1,(@1001)", "1"),
+        ("CONF:VOLT:DC 10,(@1001);:VOLT:DC:APER 0.01,(@1001)", "0"),
+        ("CONF:VOLT:DC 10,(@1001);:VOLT:DC:RES 1E-3,(@1001)", "0"),
+        ("CONF:RES 1E3,(@1001);:RES:NPLC 0.02,(@1001)", "0"),
+        // whoever wants it nevertheless has it
+        (
+            "CONF:VOLT:DC 10,(@1001);:VOLT:DC:NPLC 0.2,(@1001);ZERO:AUTO ON,(@1001)",
+            "1",
+        ),
+    ] {
+        talk.say(set_up);
+        assert_eq!(talk.say("VOLT:DC:ZERO:AUTO? (@1001)"), autozero, "{set_up}");
+    }
+    assert_eq!(talk.say("SYST:ERR?"), "+0,\"No error\"");
+}
+
+#[test]
+fn memory_zero_is_that_of_the_power_down_state() {
+    let mut talk = Talk::with(&["34924A"], 470.0);
+    talk.refuses("*SAV 0", "-222");
+    talk.refuses("*RCL 0", "+291");
+    talk.say("CONF:VOLT:DC 100,(@1001:1002)");
+    talk.0.power_cycle(talk.2, &mut talk.1);
+    talk.holds(&[
+        ("ROUT:SCAN:SIZE?", "+0"),
+        (
+            "*RCL 0;:ROUT:SCAN:SIZE?;:VOLT:DC:RANG? (@1002)",
+            "+2;+1.00000000E+02",
+        ),
+    ]);
+}

@@ -1,6 +1,7 @@
 //! Clients at an instrument: who is connected, each with a session of its own, and how replies reach them.
 
 use std::io;
+use std::net::SocketAddr;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
@@ -53,7 +54,11 @@ impl ClientSession {
         let session = rig.shared.sessions.fetch_add(1, Ordering::Relaxed);
         let line = rig.shared.wires[instrument.index()].subscribe();
         let cuts = line.borrow().cuts;
-        rig.name_session(instrument, session, address);
+        // The instrument names a client of its network port by the address (`SYST:LOCK:OWN?`).
+        let socket = address.rsplit(' ').next().unwrap_or(address);
+        if let Ok(socket) = socket.parse::<SocketAddr>() {
+            rig.name_session(instrument, session, &format!("LAN{}", socket.ip()));
+        }
         rig.clients()
             .insert(session, (instrument, address.to_owned()));
         rig.shared.changed.notify_waiters();
@@ -65,6 +70,12 @@ impl ClientSession {
             cuts,
             serial: false,
         }
+    }
+
+    /// Gives the session the name that the instrument has for its interface.
+    pub(crate) fn named(self, name: &str) -> Self {
+        self.rig.name_session(self.instrument, self.session, name);
+        self
     }
 
     /// Bytes as they are received: a carriage return ends a message where the serial port is set so. Beside a line feed it

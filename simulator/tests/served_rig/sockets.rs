@@ -81,6 +81,14 @@ fn reset(client: Client) {
 }
 
 #[test]
+fn owner_of_the_lock_is_named_by_its_address() {
+    let served = Served::start(&[]);
+    let mut client = Client::of(&served, "34980a");
+    assert_eq!(client.ask("SYST:LOCK:NAME?;OWN?"), "LAN127.0.0.1;NONE");
+    assert_eq!(client.ask("SYST:LOCK:REQ?;OWN?"), "+1;LAN127.0.0.1");
+}
+
+#[test]
 fn fragments_line_ends_and_pipelines_are_all_one() {
     let served = Served::start(&[]);
     for (instrument, model) in [("6221", "MODEL 6221"), ("34980a", "34980A")] {

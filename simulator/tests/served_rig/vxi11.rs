@@ -172,6 +172,7 @@ fn a_link_reads_in_pieces_and_says_why_it_stops() {
     let mut client = Client::of(&served);
     assert_eq!(client.create(b"gpib0,9"), Err(3));
     let link = client.create(b"inst0").unwrap();
+    assert_eq!(client.ask(link, "SYST:LOCK:NAME?"), "VXI11");
     let identity = client.ask(link, "*IDN?");
     assert!(identity.contains("34980A"));
     // A message in three writes, ended by END or by a line feed.

@@ -89,6 +89,8 @@ impl Simulator6221 {
                     }
                 }
                 if wave.advance(now) {
+                    // Corrections of 2026-11-22: scripts poll for it.
+                    panel.output = false;
                     self.outcome = Outcome::WaveStopped;
                 }
             }

@@ -81,7 +81,16 @@ impl Values {
 
     /// Sets a value that its kind allows. Centre and span may reach beyond the instrument's current one after the other;
     /// a sweep that still does so is refused when it is armed.
+    ///
+    /// Where the ends of a sweep change its points stay, and the step follows (corrections of 2026-11-22).
     pub(super) fn set(&mut self, parameter: Parameter, value: f64) {
+        if matches!(
+            parameter,
+            Parameter::Start | Parameter::Stop | Parameter::Center | Parameter::Span
+        ) {
+            self.held[Parameter::Points as usize] = self.get(Parameter::Points);
+            self.points_lead = true;
+        }
         match parameter {
             Parameter::Center => self.sweep_over(value, self.get(Parameter::Span)),
             Parameter::Span => self.sweep_over(self.get(Parameter::Center), value),

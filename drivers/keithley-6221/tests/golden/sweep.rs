@@ -258,11 +258,43 @@ fn section_5_completion_is_told_when_a_sweep_is_done() {
 #[test]
 fn section_4_sweep_uses_settings_of_its_start_and_can_restart() {
     let mut talk = staircase(100.0);
-    talk.hold(&[("SOUR:CURR:STOP 1e-3;:SOUR:DEL 0.1;:INIT", "-")]);
+    talk.hold(&[("SOUR:CURR:STOP 1e-3;STEP 1e-3;:SOUR:DEL 0.1;:INIT", "-")]);
     talk.at(0.2);
     assert_eq!(talk.operation(), DONE | IDLE);
     assert_eq!(talk.load.flowing, Amps(1e-3));
     talk.hold(&[("INIT", "-")]);
     assert_eq!(talk.operation(), SWEEPING);
     assert_eq!(talk.load.flowing, Amps(0.0));
+}
+
+#[test]
+fn section_4_points_stay_when_the_ends_of_a_sweep_change() {
+    Talk::new(100.0).hold(&[
+        (
+            "SOUR:CURR:STAR 0;STOP 4e-3;STEP 1e-3;:SOUR:SWE:SPAC LIN;POIN?",
+            "5",
+        ),
+        (
+            "SOUR:CURR:STOP 8e-3;STEP?;:SOUR:SWE:POIN?",
+            "2.000000E-03;5",
+        ),
+        (
+            "SOUR:CURR:STAR 4e-3;STEP?;:SOUR:SWE:POIN?",
+            "1.000000E-03;5",
+        ),
+        (
+            "SOUR:CURR:SPAN 2e-3;STEP?;STAR?;:SOUR:SWE:POIN?",
+            "5.000000E-04;5.000000E-03;5",
+        ),
+        (
+            "SOUR:CURR:CENT 0;STEP?;STAR?;:SOUR:SWE:POIN?",
+            "5.000000E-04;-1.000000E-03;5",
+        ),
+        ("SOUR:CURR:STEP 1e-3;:SOUR:SWE:POIN?", "3"),
+        // Header suffix 1 is optional.
+        (
+            "SOUR1:SWE1:POIN?;:ARM:SEQ1:LAY1:SOUR?;:SYST:ERR?",
+            "3;IMM;0,\"No error\"",
+        ),
+    ]);
 }

@@ -46,6 +46,8 @@ fn section_4_a_sine_flows_while_it_lasts() {
     assert_eq!(talk.operation(), STOPPED | IDLE);
     assert_eq!(talk.load.flowing, Amps(0.0));
     assert_eq!(talk.source.range(), Amps(20e-3));
+    // A wave of finite duration switches the output off at its end.
+    talk.hold(&[("OUTP?;:SYST:ERR?", "0;0,\"No error\"")]);
     // A second time, to its own end.
     talk.hold(&[("SOUR:WAVE:INIT", "-")]);
     assert_eq!(talk.operation(), STARTED);

@@ -118,7 +118,7 @@ const MOST_READINGS: i64 = 1_000_000_000;
 pub(super) fn rows(table: &mut Table) {
     use Measure as M;
     table.add("READ?", |call| only_channels(call).map(M::Read));
-    table.add("MEASure:VOLTage[:DC]?", |call| {
+    table.add("MEASure[:SCALar]:VOLTage[:DC]?", |call| {
         let (range, resolution, channels) = volts(call)?;
         Ok(M::Volts {
             range,

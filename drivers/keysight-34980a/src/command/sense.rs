@@ -35,6 +35,8 @@ pub enum Setting {
     Resolution(Numeric),
     /// Take a zero reading after every reading, or not.
     Autozero(bool),
+    /// Take one zero reading, and none after readings.
+    AutozeroOnce,
     /// Over 10 Gohm on the low ranges (on), or 10 Mohm on all.
     InputAuto(bool),
     /// Delay before each scanned reading, s.
@@ -122,7 +124,7 @@ const HEADERS: [(Quantity, &str, &str); 10] = [
     ),
     (
         Quantity::ApertureEnabled,
-        "[SENSe]:VOLTage[:DC]:APERture:ENABle",
+        "[SENSe]:VOLTage[:DC]:APERture:ENABled",
         "VOLT:DC:APER:ENAB",
     ),
     (
@@ -173,7 +175,7 @@ pub(super) fn rows(table: &mut Table) {
             Ok(ask(quantity, limit(values.first())?, channels))
         });
     }
-    table.add("CONFigure:VOLTage[:DC]", |call| {
+    table.add("CONFigure[:SCALar]:VOLTage[:DC]", |call| {
         let (range, resolution, channels) = volts(call)?;
         Ok(Sense::Configure {
             range,
@@ -231,7 +233,10 @@ fn setting(quantity: Quantity, value: &Argument) -> Result<Setting, ParseError> 
         }
         Quantity::ApertureEnabled => Setting::ApertureEnabled(value.boolean()?),
         Quantity::Resolution => Setting::Resolution(value.number(Unit::Volt)?),
-        Quantity::Autozero => Setting::Autozero(value.boolean()?),
+        Quantity::Autozero => match autozero(value)? {
+            Some(on) => Setting::Autozero(on),
+            None => Setting::AutozeroOnce,
+        },
         Quantity::InputAuto => Setting::InputAuto(value.boolean()?),
         Quantity::Delay => {
             // Milliseconds are what the instrument keeps.
@@ -240,6 +245,14 @@ fn setting(quantity: Quantity, value: &Argument) -> Result<Setting, ParseError> 
         }
         Quantity::DelayAuto => Setting::DelayAuto(value.boolean()?),
     })
+}
+
+/// On, off, or `None` for ONCE.
+pub(super) fn autozero(value: &Argument) -> Result<Option<bool>, ParseError> {
+    match value {
+        Argument::Word(word) if word.eq_ignore_ascii_case("ONCE") => Ok(None),
+        value => value.boolean().map(Some),
+    }
 }
 
 /// The smallest range that holds a value.
@@ -282,7 +295,7 @@ impl Setting {
             Self::Aperture(_) => Quantity::Aperture,
             Self::ApertureEnabled(_) => Quantity::ApertureEnabled,
             Self::Resolution(_) => Quantity::Resolution,
-            Self::Autozero(_) => Quantity::Autozero,
+            Self::Autozero(_) | Self::AutozeroOnce => Quantity::Autozero,
             Self::InputAuto(_) => Quantity::InputAuto,
             Self::Delay(_) => Quantity::Delay,
             Self::DelayAuto(_) => Quantity::DelayAuto,
@@ -345,6 +358,7 @@ impl fmt::Display for Setting {
             | Self::Autozero(on)
             | Self::InputAuto(on)
             | Self::DelayAuto(on) => write!(f, "{}", On(*on)),
+            Self::AutozeroOnce => f.write_str("ONCE"),
         }
     }
 }

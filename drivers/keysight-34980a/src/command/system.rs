@@ -84,7 +84,7 @@ pub enum System {
     Beep,
     /// As `*RST`.
     Preset,
-    /// Keep the settings of the voltmeter in one of the memories 0 to 5.
+    /// Keep the settings of the voltmeter in one of the memories 1 to 5; 0 is the power-down state's.
     Save(u8),
     /// Take them out of a memory.
     Recall(u8),
@@ -179,13 +179,13 @@ pub(super) fn rows(table: &mut Table) {
     table.add("SYSTem:BEEPer[:IMMediate]", |call| plain(call, S::Beep));
     table.add("SYSTem:PRESet", |call| plain(call, S::Preset));
     table.add("STATus:PRESet", |call| plain(call, S::PresetStatus));
-    let place = |call: &Call| {
+    let place = |call: &Call, first: i64| {
         let [place] = call.exactly()?;
         // The limits are those of u8.
-        place.integer(0, MEMORIES - 1).map(|place| place as u8)
+        place.integer(first, MEMORIES - 1).map(|place| place as u8)
     };
-    table.add("*SAV", move |call| place(call).map(S::Save));
-    table.add("*RCL", move |call| place(call).map(S::Recall));
+    table.add("*SAV", move |call| place(call, 1).map(S::Save));
+    table.add("*RCL", move |call| place(call, 0).map(S::Recall));
     for (name, group) in GROUPS {
         table.add(&format!("STATus:{name}[:EVENt]?"), move |call: &Call| {
             plain(call, S::Events(group))

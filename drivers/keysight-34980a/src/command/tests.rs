@@ -86,6 +86,7 @@ fn every_sense(channels: &Channels) -> Vec<Sense> {
         Setting::Resolution(Numeric::Min),
         Setting::Resolution(Numeric::Value(1e-5)),
         Setting::Autozero(false),
+        Setting::AutozeroOnce,
         Setting::InputAuto(true),
         Setting::Delay(0.002),
         Setting::DelayAuto(true),
@@ -114,6 +115,7 @@ fn every_function(channels: &Channels) -> Vec<Functions> {
         for detail in details(function) {
             let given = match takes(function, detail).unwrap() {
                 Takes::Switch => vec![Given::Switch(true), Given::Switch(false)],
+                Takes::Autozero => vec![Given::Switch(true), Given::Word("ONCE")],
                 Takes::Range => vec![
                     Given::Range(Range::Auto),
                     Given::Range(Range::Fixed(function.ranges()[1])),

@@ -247,6 +247,8 @@ impl Simulator34980a {
     pub fn power_cycle(&mut self, at: Duration, wires: &mut dyn Wires) {
         self.relays.lose_power();
         self.deferred = None;
+        // Memory 0 is that of the power-down state.
+        self.kept[0] = Some(self.meter.settings());
         self.meter.as_new();
         self.sequences.abort();
         self.sessions = Sessions::default();

@@ -11,13 +11,15 @@ struct Node {
 }
 
 impl Node {
-    /// The numeric suffix if the keyword is this node: `Some(None)` for a node that takes none.
+    /// The numeric suffix if the keyword is this node: `Some(None)` for a node that takes none. A suffix of 1 may stand on
+    /// any node (SCPI-99 volume 1, 6.2.5.2).
     fn suffix(&self, keyword: &str) -> Option<Option<u32>> {
         let whole = |word: &str| {
             word.eq_ignore_ascii_case(&self.short) || word.eq_ignore_ascii_case(&self.long)
         };
         if !self.numbered {
-            return whole(keyword).then_some(None);
+            let with_one = || keyword.strip_suffix('1').is_some_and(whole);
+            return (whole(keyword) || with_one()).then_some(None);
         }
         let stem = keyword.trim_end_matches(|c: char| c.is_ascii_digit());
         if !whole(stem) {
@@ -115,7 +117,15 @@ impl Pattern {
             return None;
         }
         let mut suffixes = Vec::new();
-        walk(&self.nodes, &call.header, &mut suffixes).then_some(suffixes)
+        let found = match (self.common, call.header.as_slice()) {
+            // A common command has no suffix.
+            (true, [keyword]) => {
+                let is = |node: &Node| keyword.eq_ignore_ascii_case(&node.long);
+                self.nodes.iter().all(is)
+            }
+            _ => walk(&self.nodes, &call.header, &mut suffixes),
+        };
+        found.then_some(suffixes)
     }
 
     /// The nodes as (short, long) forms in capitals.
@@ -195,6 +205,24 @@ mod tests {
         // 622x Reference Manual: `SYSTe:PRES` is an error.
         assert!(!matches("SYSTem:PRESet", "SYSTe:PRES"));
         assert!(!matches("SYSTem:PRESet", "SYS:PRES"));
+    }
+
+    #[test]
+    fn any_node_may_have_the_suffix_one_and_no_other() {
+        let matches = |notation: &str, header: &str| {
+            let call = parse_message(header).remove(0).unwrap();
+            Pattern::new(notation).matches(&call)
+        };
+        assert!(matches("[SENSe]:VOLTage[:DC]", "SENS1:VOLT:DC1 1"));
+        assert!(matches(
+            "ARM[:SEQuence][:LAYer]:SOURce",
+            "ARM:SEQ1:LAYER1:SOUR BUS"
+        ));
+        for other in ["SENS2:VOLT 1", "SENS11:VOLT 1", "SENS01:VOLT 1"] {
+            assert!(!matches("[SENSe]:VOLTage[:DC]", other), "{other}");
+        }
+        assert!(matches("*RST", "*rst"));
+        assert!(!matches("*RST", "*RST1"));
     }
 
     #[test]

@@ -4,6 +4,7 @@ use scpi::{Argument, Numeric, ParseError, Unit};
 
 use super::{Detail, Function, Given};
 use crate::command::Range;
+use crate::command::sense::autozero;
 
 pub(super) const PROBES: &[(&str, &str)] = &[
     ("TCouple", "TC"),
@@ -31,6 +32,8 @@ const THERMISTORS: &[f64] = &[2252.0, 5000.0, 10_000.0];
 #[derive(Clone, Copy)]
 pub(crate) enum Takes {
     Switch,
+    /// A switch that may also be ONCE.
+    Autozero,
     Range,
     Resolution,
     /// Least, most, default.
@@ -68,7 +71,7 @@ pub(super) const ROWS: &[Row] = &[
     (Detail::Bandwidth, "BANDwidth", "BAND", Function::alternates, Takes::Step(Unit::Hertz, LOWEST, 20.0)),
     (Detail::Bandwidth, "RANGe:LOWer", "RANG:LOW", Function::counts, Takes::Step(Unit::Hertz, LOWEST, 20.0)),
     (Detail::Compensated, "OCOMpensated", "OCOM", Function::is_ohms, Takes::Switch),
-    (Detail::Autozero, "ZERO:AUTO", "ZERO:AUTO", integrates_too, Takes::Switch),
+    (Detail::Autozero, "ZERO:AUTO", "ZERO:AUTO", integrates_too, Takes::Autozero),
     (Detail::Probe, "TRANsducer:TYPE", "TRAN:TYPE", is_temperature, Takes::Words(PROBES, "TC")),
     (Detail::Couple, "TRANsducer:TCouple:TYPE", "TRAN:TC:TYPE", is_temperature, Takes::Words(COUPLES, "J")),
     (Detail::JunctionSource, "TRANsducer:TCouple:RJUNction:TYPE", "TRAN:TC:RJUN:TYPE", is_temperature, Takes::Words(JUNCTIONS, "FIX")),
@@ -146,6 +149,7 @@ pub(super) fn given(
 ) -> Result<Given, ParseError> {
     Ok(match takes {
         Takes::Switch => Given::Switch(value.boolean()?),
+        Takes::Autozero => autozero(value)?.map_or(Given::Word("ONCE"), Given::Switch),
         Takes::Range => Given::Range(range(function, value)?),
         Takes::Resolution => Given::Resolution(value.number(function.nature().4)?),
         Takes::Number(unit, [least, most, default]) => {

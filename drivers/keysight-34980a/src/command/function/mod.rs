@@ -251,11 +251,11 @@ pub(super) fn rows(table: &mut Table) {
             });
         }
         if function != Function::DcVolts {
-            table.add(&format!("CONFigure:{node}"), move |call| {
+            table.add(&format!("CONFigure[:SCALar]:{node}"), move |call| {
                 let (wanted, channels) = wanted(function, call)?;
                 Ok(Functions::Configure(wanted, channels))
             });
-            table.add(&format!("MEASure:{node}?"), move |call| {
+            table.add(&format!("MEASure[:SCALar]:{node}?"), move |call| {
                 let (wanted, channels) = wanted(function, call)?;
                 Ok(Functions::Measure(wanted, channels))
             });

@@ -61,11 +61,21 @@ impl Setup {
             Some(resolution) => integration_for(range, resolution)?,
             None => 1.0,
         };
-        Ok(Self {
+        let mut setup = Self {
             range,
             nplc,
             ..Self::default()
-        })
+        };
+        setup.without_zero_below_a_cycle(nplc);
+        Ok(setup)
+    }
+
+    /// The instrument turns autozero off where the integration is set below one power-line cycle (section 5); says
+    /// whether it is.
+    pub(crate) fn without_zero_below_a_cycle(&mut self, cycles: f64) -> bool {
+        let below = cycles < 1.0;
+        self.autozero &= !below;
+        below
     }
 
     /// The same for another function.
@@ -117,7 +127,12 @@ impl Setup {
     }
 
     /// `timing` is that of what the channel measures.
-    pub(crate) fn change(&mut self, setting: Setting, timing: Timing) -> Result<(), Trouble> {
+    pub(crate) fn change(
+        &mut self,
+        setting: Setting,
+        timing: Timing,
+        line_hz: f64,
+    ) -> Result<(), Trouble> {
         match setting {
             Setting::Range(range) => self.range = range,
             Setting::RangeAuto(true) => self.range = Range::Auto,
@@ -137,10 +152,17 @@ impl Setup {
                 self.aperture_enabled = false;
             }
             Setting::Autozero(on) => self.autozero = on,
+            Setting::AutozeroOnce => self.autozero = false,
             Setting::InputAuto(on) => self.input_auto = on,
             Setting::Delay(delay) => self.delay = Some(delay),
             Setting::DelayAuto(true) => self.delay = None,
             Setting::DelayAuto(false) => self.delay = Some(self.delay(timing)),
+        }
+        if matches!(
+            setting.quantity(),
+            Quantity::Nplc | Quantity::Aperture | Quantity::ApertureEnabled | Quantity::Resolution
+        ) {
+            self.without_zero_below_a_cycle(self.cycles(line_hz));
         }
         Ok(())
     }

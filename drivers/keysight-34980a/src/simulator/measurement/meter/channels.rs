@@ -49,8 +49,9 @@ impl Meter {
         channels: &Channels,
     ) -> Result<usize, Trouble> {
         let channels = self.channels_of(setting.quantity(), channels);
+        let line_hz = self.line_hz;
         self.change(relays, &channels, |setup, timing| {
-            setup.change(setting, timing)
+            setup.change(setting, timing, line_hz)
         })
     }
 

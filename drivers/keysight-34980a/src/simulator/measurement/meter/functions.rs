@@ -89,8 +89,12 @@ impl Meter {
         given: Given,
         channels: &Channels,
     ) -> Result<usize, Trouble> {
-        if let (Detail::Autozero, Given::Switch(on)) = (detail, given) {
-            return self.set(relays, Setting::Autozero(on), channels);
+        match (detail, given) {
+            (Detail::Autozero, Given::Switch(on)) => {
+                return self.set(relays, Setting::Autozero(on), channels);
+            }
+            (Detail::Autozero, _) => return self.set(relays, Setting::AutozeroOnce, channels),
+            _ => {}
         }
         self.need_voltmeter()?;
         let mut new = Vec::new();
@@ -104,8 +108,13 @@ impl Meter {
         }
         self.memory.clear();
         let count = new.len();
+        let times = matches!(detail, Detail::Nplc | Detail::Aperture | Detail::Resolution);
         for (target, own) in new {
             self.others.insert(key(target, function), own);
+            let mut setup = self.setup(relays, target);
+            if times && setup.without_zero_below_a_cycle(own.cycles(self.line_hz)) {
+                self.put(target, setup);
+            }
         }
         Ok(count)
     }
