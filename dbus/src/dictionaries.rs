@@ -269,6 +269,10 @@ dictionaries! {
         durable_s: f64,
         /// Largest relative loss of conductance.
         largest_loss: f64,
+        /// Whether that is more than `noise`.
+        significant: bool,
+        /// The largest loss that noise alone makes; absent where the noise of a reading is not known.
+        noise: f64,
         /// Where the load was found, m.
         found_x_m: f64,
         /// Where the load was found, m.
@@ -345,6 +349,8 @@ dictionaries! {
         frames_failed: u64,
         /// Why it is faulted, or why the last frame has no map.
         last_error: String,
+        /// The largest loss that noise alone makes of a map; absent where the noise of a reading is not known.
+        map_noise: f64,
         /// Sequence of the last frame that has a map.
         map_sequence: u64,
         /// That map.

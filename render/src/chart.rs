@@ -321,13 +321,24 @@ pub(crate) fn legend<DB: DrawingBackend>(
     Ok(())
 }
 
-/// What stands under the title: the method, and how many readings it had to do without.
-pub(crate) fn caption(map: &Map) -> String {
-    match map.masked {
+/// What stands under the title: the method, how many readings it had to do without, and where the map shows nothing that.
+pub(crate) fn caption(map: &Map, style: &Style) -> String {
+    let method = match map.masked {
         0 => map.method.clone(),
         1 => format!("{}, 1 reading left out", map.method),
         several => format!("{}, {several} readings left out", map.method),
+    };
+    match style.nothing_above {
+        Some(noise) => format!("{}; {method}", nothing_above(noise)),
+        None => method,
     }
+}
+
+/// What is said of a map that shows nothing above its noise, a relative loss.
+pub fn nothing_above(noise: f64) -> String {
+    let percent = 100.0 * noise;
+    let (_, decimals) = step(percent, 10);
+    format!("nothing above the noise ({percent:.decimals$} %)")
 }
 
 /// The title over one map of a grid, no wider than its room.

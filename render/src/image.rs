@@ -110,7 +110,7 @@ impl<'a> Page<'a> {
         };
         let [across, down] = panel.size();
         let frame = down + 2.0 * RING;
-        let range = Range::of([(map, style.scale)])?;
+        let range = Range::styled(map, style)?;
         // Words at the ends of the bar need room between frame and bar.
         let inset = if range.below || range.above {
             22.0
@@ -120,7 +120,7 @@ impl<'a> Page<'a> {
         Ok(Self {
             sheet,
             title: &style.title,
-            below: caption(map),
+            below: caption(map, style),
             size: [
                 width.min(left + right + 2.0 * RING + across),
                 top + frame + bottom,
@@ -193,7 +193,7 @@ impl<'a> Page<'a> {
                 top + heading + RING + row as f64 * size[1],
             ];
             let range = match each {
-                true => Range::of([(map, style.scale)])?,
+                true => Range::styled(map, style)?,
                 false => common,
             };
             if each {

@@ -36,6 +36,7 @@ mod mesh;
 mod raster;
 mod terminal;
 
+pub use crate::chart::nothing_above;
 pub use crate::charts::curves::{Axis, Curve, Curves, curves_png, curves_svg};
 pub use crate::charts::work_precision::{WorkPoint, work_precision_png};
 pub use crate::drawing::colour::{Rgb, colour};
@@ -94,6 +95,9 @@ pub struct Style {
     pub true_outline: Vec<[f64; 2]>,
     /// Where it was found, m: a cross.
     pub found: Option<[f64; 2]>,
+    /// Where nothing of the map is above its noise: the noise, as a relative loss. The picture is then grey, on a scale
+    /// that does not depend on the map unless one is fixed, and says so.
+    pub nothing_above: Option<f64>,
 }
 
 /// How the colours of a grid's maps are scaled.

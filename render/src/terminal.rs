@@ -76,10 +76,13 @@ pub fn terminal(sheet: &Sheet, map: &Map, style: &TerminalStyle) -> Result<Strin
     }
     let (columns, rows) = (columns.max(1), rows.max(1));
     let mut canvas = Canvas::new(extent, columns, rows);
-    let range = Range::of([(map, style.style.scale)])?;
+    let range = Range::styled(map, &style.style)?;
     canvas.paint(&raster(sheet, map, columns, 2 * rows)?);
     canvas.number(sheet);
-    let mut spots = hot_spots(sheet, map)?;
+    let mut spots = match style.style.nothing_above {
+        Some(_) => Vec::new(),
+        None => hot_spots(sheet, map)?,
+    };
     spots.truncate(SPOTS);
     for (index, spot) in spots.iter().enumerate() {
         canvas.mark(spot.place, char::from(b'1' + index as u8));
@@ -112,7 +115,7 @@ fn head(text: &mut String, map: &Map, style: &Style, ink: Ink) {
         };
         line(text, &format!("{}{simulated}", style.title));
     }
-    line(text, &crate::chart::caption(map));
+    line(text, &crate::chart::caption(map, style));
 }
 
 fn scale(text: &mut String, map: &Map, range: &Range, columns: usize, ink: Ink) {

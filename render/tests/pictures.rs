@@ -363,3 +363,43 @@ fn a_load_that_is_no_disc_has_its_outline_dashed() {
     };
     assert!(lines(&outlined) > lines(&bare) + 20);
 }
+
+#[test]
+fn a_map_of_noise_is_grey_on_a_fixed_scale_and_says_so() {
+    let (sheet, mut map) = scene();
+    map.values.iter_mut().for_each(|value| *value *= 0.004);
+    let style = TerminalStyle {
+        colour: TerminalColour::Plain,
+        style: Style {
+            nothing_above: Some(0.003),
+            ..Style::default()
+        },
+        ..TerminalStyle::default()
+    };
+    let text = render::terminal(&sheet, &map, &style).unwrap();
+    assert!(text.contains("nothing above the noise (0.3"), "{text}");
+    assert!(!text.contains("hot spot"), "{text}");
+    assert!(text.contains("100 %"), "{text}");
+    let grey = render::terminal(
+        &sheet,
+        &map,
+        &TerminalStyle {
+            colour: TerminalColour::TrueColour,
+            ..style
+        },
+    )
+    .unwrap();
+    let colours: Vec<&str> = grey
+        .split("\u{1b}[38;2;")
+        .skip(1)
+        .filter_map(|rest| rest.split('m').next())
+        .collect();
+    assert!(!colours.is_empty());
+    for colour in colours {
+        let channels: Vec<&str> = colour.split(';').collect();
+        assert!(
+            channels.iter().all(|channel| *channel == channels[0]),
+            "{colour}"
+        );
+    }
+}

@@ -89,6 +89,13 @@ impl Map {
             .max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
+    /// Whether the map shows more than noise, which alone makes this largest loss of an untouched sheet; `None` where the
+    /// noise is not known.
+    pub fn is_significant(&self, noise: Option<f64>) -> Option<bool> {
+        let largest = self.largest_loss().map_or(0.0, |(_, loss)| loss);
+        noise.map(|noise| largest > noise)
+    }
+
     /// The loss-weighted centroid of the triangles at or above half the largest loss, in the units of `centroids`
     /// (one point a triangle of the region), weighted by loss times `areas`. `None` where nothing is lost.
     ///
@@ -129,6 +136,15 @@ mod tests {
         let found = map(vec![-0.5, -1.0, -0.5, -0.1]).found(&centroids, &[1.0; 4]);
         assert_eq!(found, Some([1.0, 0.0]));
         assert_eq!(map(vec![0.0, 0.2]).found(&centroids, &[1.0; 4]), None);
+    }
+
+    #[test]
+    fn a_map_is_significant_above_its_noise() {
+        let pressed = map(vec![-0.2, 0.1]);
+        assert_eq!(pressed.is_significant(Some(0.1)), Some(true));
+        assert_eq!(pressed.is_significant(Some(0.2)), Some(false));
+        assert_eq!(pressed.is_significant(None), None);
+        assert_eq!(map(vec![0.3]).is_significant(Some(0.1)), Some(false));
     }
 
     #[test]

@@ -83,6 +83,8 @@ struct Shown {
     /// `kPa` with a calibration; without one never.
     unit: &'static str,
     largest_loss: Option<f64>,
+    significant: Option<bool>,
+    noise: Option<f64>,
     newtons: Option<f64>,
     largest_kpa: Option<f64>,
     reconstruction_s: Option<f64>,
@@ -100,6 +102,8 @@ impl Shown {
                 None => MapUnit::RelativeConductance.caption(),
             },
             largest_loss: map.largest_loss,
+            significant: map.significant,
+            noise: map.noise,
             newtons: map.newtons,
             largest_kpa: map.largest_kpa,
             reconstruction_s: map.reconstruction_s,
@@ -112,7 +116,7 @@ impl Shown {
         let mut text = format!(
             "frame {}: {}",
             self.sequence,
-            map_summary(self.largest_loss.unwrap_or(0.0), pressed)
+            map_summary(self.largest_loss.unwrap_or(0.0), pressed, self.noise)
         );
         if let Some(seconds) = self.reconstruction_s {
             text.push_str(&format!(", made in {:.3} ms", 1e3 * seconds));
@@ -235,6 +239,8 @@ mod tests {
                     sequence: 7,
                     unit: "relative loss of conductance",
                     largest_loss: Some(0.25),
+                    significant: Some(true),
+                    noise: Some(0.01),
                     newtons: None,
                     largest_kpa: None,
                     reconstruction_s: Some(0.00125),
@@ -260,7 +266,7 @@ mod tests {
             "{\"state\":\"acquiring\",\"simulated\":true,\"source\":\"rig\",\"method\":\"one-step noser\",\"baseline\":null,\
              \"session\":{\"id\":\"m1\",\"kind\":\"measurement\",\"state\":\"running\",\"frames_acquired\":8,\
              \"frames_durable\":7,\"frames_dropped\":0,\"frames_failed\":0,\"last_error\":null,\"map\":{\"sequence\":7,\
-             \"unit\":\"relative loss of conductance\",\"largest_loss\":0.25,\"newtons\":null,\"largest_kpa\":null,\
+             \"unit\":\"relative loss of conductance\",\"largest_loss\":0.25,\"significant\":true,\"noise\":0.01,\"newtons\":null,\"largest_kpa\":null,\
              \"reconstruction_s\":0.00125,\"durable_s\":0.005}},\"source_state\":\"in use\",\"recovery\":null,\
              \"record_directory\":\"/r\",\
              \"last_error\":null,\"version\":\"0.1.0\",\"bus\":\"unix:/p\",\"health\":{\"well\":false,\"troubles\":[],\
@@ -299,6 +305,10 @@ mod tests {
             "{text}"
         );
         assert!(!text.contains("loss"), "{text}");
+        let map = status.session.as_mut().unwrap().map.as_mut().unwrap();
+        map.noise = Some(0.3);
+        let text = for_a_person(&status);
+        assert!(text.contains("nothing above the noise (30 %)"), "{text}");
     }
 
     #[test]

@@ -89,9 +89,18 @@ pub(crate) async fn run(
         }
         std::future::pending().await
     };
+    let noise = {
+        let id = id.clone();
+        async move || {
+            let session = daemon.manager.status().await.ok()?.session?;
+            session
+                .map_noise
+                .filter(|_| session.id.as_deref() == Some(&id))
+        }
+    };
     let mut viewer = Viewer::new(id, watch, field, printer);
     let ended = tokio::select! {
-        ended = viewer.follow(stream, deadline) => ended?,
+        ended = viewer.follow(stream, deadline, noise) => ended?,
         ended = events => ended,
         ended = judged => ended,
     };

@@ -73,9 +73,12 @@ impl Field {
         map.mesh_hash == self.mesh_hash && map.values.len() == self.areas.len()
     }
 
-    /// Where the load lies, m: [`Map::found`].
-    pub(crate) fn found(&self, map: &Map) -> Option<[f64; 2]> {
-        map.found(&self.centroids, &self.areas)
+    /// Where the load lies, m: [`Map::found`]; nothing where no loss is above the noise.
+    pub(crate) fn found(&self, map: &Map, noise: Option<f64>) -> Option<[f64; 2]> {
+        match map.is_significant(noise) {
+            Some(false) => None,
+            Some(true) | None => map.found(&self.centroids, &self.areas),
+        }
     }
 }
 
@@ -140,8 +143,22 @@ pub(crate) fn millimetres(found: Option<[f64; 2]>) -> Option<[f64; 2]> {
     found.map(|place| place.map(|metres| metres * 1e3))
 }
 
-/// The map in words: newtons and kPa where there is a calibration, never without one.
-pub(crate) fn map_summary(largest_loss: f64, pressed: Option<(f64, f64)>) -> String {
+/// The noise that no loss of the map is above, as a relative loss; `None` where the map shows more, or the noise is not
+/// known.
+pub(crate) fn nothing_above(map: &Map, noise: Option<f64>) -> Option<f64> {
+    noise.filter(|_| map.is_significant(noise) == Some(false))
+}
+
+/// The map in words: newtons and kPa where there is a calibration, never without one; that it shows nothing where it does
+/// not show more than this noise.
+pub(crate) fn map_summary(
+    largest_loss: f64,
+    pressed: Option<(f64, f64)>,
+    noise: Option<f64>,
+) -> String {
+    if let Some(noise) = noise.filter(|noise| largest_loss <= *noise) {
+        return render::nothing_above(noise);
+    }
     match pressed {
         Some((newtons, kpa)) => format!("{newtons:.1} N, largest pressure {kpa:.1} kPa"),
         None => format!("largest relative loss of conductance {largest_loss:.3}"),
@@ -177,7 +194,13 @@ mod tests {
             masked: 0,
         };
         assert!(field.fits(&map));
-        assert_eq!(place(millimetres(field.found(&map))), "(10.0, 10.0) mm");
+        assert_eq!(
+            place(millimetres(field.found(&map, None))),
+            "(10.0, 10.0) mm"
+        );
+        assert_eq!(field.found(&map, Some(0.6)), None);
+        assert_eq!(nothing_above(&map, Some(0.6)), Some(0.6));
+        assert_eq!(nothing_above(&map, Some(0.4)), None);
         assert_eq!(place(None), "nothing");
         assert!(!field.fits(&Map {
             mesh_hash: "other".into(),

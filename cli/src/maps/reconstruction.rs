@@ -21,6 +21,8 @@ pub(crate) struct Reconstruction {
     pub(crate) field: Field,
     /// What was assumed or derived on the way, a sentence each.
     pub(crate) remarks: Vec<String>,
+    /// The largest loss that noise alone makes; `None` where the noise of a reading is not known.
+    pub(crate) noise: Option<f64>,
 }
 
 /// What is known of the record before anything is reconstructed.
@@ -59,7 +61,16 @@ impl Reconstruction {
                 prepare(&mut chosen, geometry, known)?
             }
         };
+        // what is assumed of the noise says nothing of a map
+        let readings = &known.unloaded.readings;
+        let measured = Noise::of_baseline(known.unloaded.noise, readings)
+            .and_then(Noise::measured)
+            .or(chosen.noise_v)
+            .or(chosen.settings.noise_uv.map(|noise_uv| 1e-6 * noise_uv));
+        let noise = measured
+            .and_then(|noise| imaging::map_noise(model.reconstructor.as_ref(), readings, noise));
         Ok(Self {
+            noise,
             field: Field::from_mesh(model.reconstructor.mesh()),
             model,
             remarks: chosen.remarks,

@@ -4,6 +4,7 @@ use std::io::Write;
 
 use imaging::recorded::{RecordedFrame, Recording};
 use outfile::OutFile;
+use render::Style;
 use serde::Serialize;
 use survey::Map;
 
@@ -25,6 +26,10 @@ struct Line<'a> {
     method: &'a str,
     found_mm: Option<[f64; 2]>,
     largest_loss: f64,
+    /// Whether that is more than `noise`; `None` where that is not known.
+    significant: Option<bool>,
+    /// The largest loss that noise alone makes.
+    noise: Option<f64>,
     masked: usize,
     map_hash: String,
     /// Whether the recorded map had the same bits; `None` where none was recorded.
@@ -72,18 +77,23 @@ pub(crate) fn run(
                 }
                 other => other,
             })?;
-        let found = reconstruction.field.found(&map);
+        let noise = reconstruction.noise;
+        let found = reconstruction.field.found(&map, noise);
         verdict.take(&recorded, &map);
         if let Some(file) = &mut maps {
             file.put(&row(&map))?;
         }
         let style = || {
-            drawing::style(
+            let style = drawing::style(
                 format!("frame {}", recorded.label),
                 replay.scale,
                 recording.simulated == Some(true),
                 found,
-            )
+            );
+            Style {
+                nothing_above: drawing::nothing_above(&map, noise),
+                ..style
+            }
         };
         let png = match &replay.png {
             None => None,
@@ -101,6 +111,8 @@ pub(crate) fn run(
             method: reconstruction.method(),
             found_mm: drawing::millimetres(found),
             largest_loss: map.largest_loss().map_or(0.0, |(_, loss)| loss),
+            significant: map.is_significant(noise),
+            noise,
             masked: map.masked,
             map_hash: map.hash(),
             verified: recorded.map.as_ref().map(|kept| kept.is_of(&map.hash())),
@@ -261,15 +273,21 @@ fn introduce(
 
 fn sentence(line: &Line<'_>) -> String {
     let mut text = format!(
-        "frame {}{}: found {}, largest relative loss of conductance {:.3}",
+        "frame {}{}: {}",
         line.frame,
         if line.label.parse::<u64>().is_ok() {
             String::new()
         } else {
             format!(" ({})", line.label)
         },
-        drawing::place(line.found_mm),
-        line.largest_loss
+        match (line.significant, line.noise) {
+            (Some(false), Some(noise)) => render::nothing_above(noise),
+            _ => format!(
+                "found {}, largest relative loss of conductance {:.3}",
+                drawing::place(line.found_mm),
+                line.largest_loss
+            ),
+        },
     );
     if line.masked > 0 {
         text.push_str(&format!(", {} readings left out", line.masked));

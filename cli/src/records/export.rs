@@ -34,6 +34,8 @@ struct Written {
     method: Option<String>,
     found_mm: Option<[f64; 2]>,
     largest_loss: Option<f64>,
+    significant: Option<bool>,
+    noise: Option<f64>,
 }
 
 /// Writes what was asked and says where it lies.
@@ -74,6 +76,8 @@ fn tables(
             method: None,
             found_mm: None,
             largest_loss: None,
+            significant: None,
+            noise: None,
         };
         printer.record(&written, |written| {
             format!("{:<9} {}", written.what, written.path)
@@ -314,13 +318,17 @@ fn picture(
         },
     )?;
     let map = reconstruction.map(&unloaded.readings, &record.frame.readings)?;
-    let found = reconstruction.field.found(&map);
+    let found = reconstruction.field.found(&map, reconstruction.noise);
     let title = format!(
         "{}, frame {sequence}, {}",
         header.id,
         local(record.frame.wall),
     );
-    let style = drawing::style(title, export.scale, header.simulated, found);
+    let nothing_above = drawing::nothing_above(&map, reconstruction.noise);
+    let style = render::Style {
+        nothing_above,
+        ..drawing::style(title, export.scale, header.simulated, found)
+    };
     let (what, bytes) = match export.format {
         Format::Svg => (
             "svg",
@@ -342,13 +350,18 @@ fn picture(
         method: Some(map.method.clone()),
         found_mm: drawing::millimetres(found),
         largest_loss: Some(map.largest_loss().map_or(0.0, |(_, loss)| loss)),
+        significant: map.is_significant(reconstruction.noise),
+        noise: reconstruction.noise,
     };
     printer.record(&written, |written| {
         format!(
-            "{} {}: frame {sequence}, found {}",
+            "{} {}: frame {sequence}, {}",
             written.what,
             written.path,
-            drawing::place(written.found_mm)
+            match nothing_above {
+                Some(noise) => render::nothing_above(noise),
+                None => format!("found {}", drawing::place(written.found_mm)),
+            }
         )
     })
 }

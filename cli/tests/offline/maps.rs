@@ -42,6 +42,8 @@ fn replay_of_session_and_of_its_case_folder_finds_the_load() {
             "method",
             "found_mm",
             "largest_loss",
+            "significant",
+            "noise",
             "masked",
             "map_hash",
             "verified",

@@ -14,8 +14,10 @@ pub(crate) struct Published {
     pub frame: Frame,
     pub quality: Quality,
     pub map: Option<Map>,
-    /// Where the load was found, m.
+    /// Where the load was found, m; `None` where no loss is above the noise.
     pub found: Option<[f64; 2]>,
+    /// The largest loss that noise alone makes of the map.
+    pub noise: Option<f64>,
     /// The map as pressure, where the method is calibrated.
     pub pressure: Option<Pressure>,
     /// What the map took.
@@ -34,6 +36,7 @@ impl Published {
             quality,
             map: None,
             found: None,
+            noise: None,
             pressure: None,
             reconstruction: Duration::ZERO,
             record: None,
@@ -68,6 +71,8 @@ impl Published {
             reconstruction_s: Some(self.reconstruction.as_secs_f64()),
             durable_s: self.durable.get().map(Duration::as_secs_f64),
             largest_loss: map.largest_loss().map(|(_, loss)| loss),
+            significant: map.is_significant(self.noise),
+            noise: self.noise,
             found_x_m: self.found.map(|[x, _]| x),
             found_y_m: self.found.map(|[_, y]| y),
             newtons: pressure.map(|pressure| pressure.newtons),

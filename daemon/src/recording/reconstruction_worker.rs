@@ -27,6 +27,8 @@ pub(crate) struct ReconstructionContext {
     pub model: Model,
     pub centroids: Vec<[f64; 2]>,
     pub areas: Vec<f64>,
+    /// Standard deviation of one reading, in the baseline's unit; `None` where it is not known.
+    pub reading_noise: Option<f64>,
     pub build: String,
 }
 
@@ -42,8 +44,10 @@ pub(crate) struct Made {
 #[derive(Debug)]
 pub(crate) struct Mapped {
     pub map: Map,
-    /// Where the load was found, m.
+    /// Where the load was found, m; `None` where no loss is above the noise.
     pub found: Option<[f64; 2]>,
+    /// The largest loss that noise alone makes.
+    pub noise: Option<f64>,
     pub pressure: Option<Pressure>,
     pub record: MapRecord,
     /// Why there is no pressure, where the method is calibrated.
@@ -91,10 +95,12 @@ impl ReconstructionWorker {
         std::thread::Builder::new()
             .name("maps".to_owned())
             .spawn(move || {
+                // a method that fails here fails with the first frame, which says so
+                let noise = containment::run(|| context.noise()).ok().flatten();
                 while let Ok(readings) = requested.recv() {
                     let begun = Instant::now();
                     // it costs maps, not the session
-                    let outcome = containment::run(|| context.make(&readings))
+                    let outcome = containment::run(|| context.make(&readings, noise))
                         .unwrap_or_else(|panicked| Err(Failure::Broken(panicked.message)));
                     let broken = matches!(outcome, Err(Failure::Broken(_)));
                     let made = Made {
@@ -189,7 +195,13 @@ fn patience(hurry: bool) -> Duration {
 }
 
 impl ReconstructionContext {
-    fn make(&self, readings: &[Reading]) -> Result<Mapped, Failure> {
+    /// The largest loss that noise alone makes of a map.
+    fn noise(&self) -> Option<f64> {
+        let reconstructor = self.model.reconstructor.as_ref();
+        imaging::map_noise(reconstructor, &self.baseline.readings, self.reading_noise?)
+    }
+
+    fn make(&self, readings: &[Reading], noise: Option<f64>) -> Result<Mapped, Failure> {
         let reconstructor = &self.model.reconstructor;
         let map = reconstructor
             .reconstruct(&self.baseline.readings, readings)
@@ -212,7 +224,11 @@ impl ReconstructionContext {
             Err(error) => (None, Some(chain(&error))),
         };
         Ok(Mapped {
-            found: map.found(&self.centroids, &self.areas),
+            found: match map.is_significant(noise) {
+                Some(false) => None,
+                Some(true) | None => map.found(&self.centroids, &self.areas),
+            },
+            noise,
             map,
             pressure,
             record,

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 use dbus::FrameSummary;
@@ -67,6 +67,8 @@ pub(crate) struct SessionStatus {
     dropped: AtomicU64,
     progress: watch::Sender<Progress>,
     latest: Mutex<Latest>,
+    /// The largest loss that noise alone makes of a map; set with the first map, where the noise of a reading is known.
+    pub map_noise: OnceLock<f64>,
     button: StopButton,
     stop: Stop,
     suspend: watch::Sender<bool>,
@@ -126,6 +128,7 @@ impl SessionStatus {
             dropped: AtomicU64::new(0),
             progress: watch::Sender::new(Progress::default()),
             latest: Mutex::default(),
+            map_noise: OnceLock::new(),
             button,
             stop,
             suspend: watch::Sender::new(false),

@@ -22,6 +22,11 @@ async fn untouched(stage: &Stage) -> (f64, f64) {
     let session = daemon.start(Options::new().with("count", 1_u64)).await;
     within(session.wait()).await.unwrap();
     let map = session.latest_map().await.unwrap();
+    // whatever the method is set by, an untouched sheet shows nothing
+    assert_eq!(map.more.significant, Some(false));
+    assert_eq!(map.more.found_x_m, None);
+    let noise = map.more.noise.unwrap();
+    assert!(map.more.largest_loss.unwrap_or(0.0) <= noise, "{noise}");
     let path = session.path().await.unwrap();
     let header = SessionReader::open(&path).unwrap().header().clone();
     let kept: toml::Table = toml::from_str(&header.config_toml).unwrap();

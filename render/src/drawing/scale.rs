@@ -2,8 +2,8 @@
 
 use survey::{Map, MapUnit};
 
-use crate::drawing::colour::colour;
-use crate::{PictureError, Rgb, Scale};
+use crate::drawing::colour::{colour, luminance};
+use crate::{PictureError, Rgb, Scale, Style};
 
 /// Ends of a colour scale, in the map's unit; zero is never outside.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -18,7 +18,12 @@ pub struct Range {
     pub above: bool,
     /// What the values mean.
     pub unit: MapUnit,
+    /// Whether values are drawn in grey: they are noise.
+    pub grey: bool,
 }
+
+/// The upper end of a scale of pressures that are noise, kPa.
+const GREY_KPA: f64 = 100.0;
 
 impl Range {
     /// The range that serves one or more maps. With [`Scale::Own`] of maps without a value: a loss of
@@ -62,7 +67,23 @@ impl Range {
             below: least < low,
             above: most > high,
             unit,
+            grey: false,
         })
+    }
+
+    /// The range of one map drawn like this: where nothing is above its noise, grey and from no loss to all of it.
+    ///
+    /// # Errors
+    /// As [`Range::of`].
+    pub(crate) fn styled(map: &Map, style: &Style) -> Result<Self, PictureError> {
+        let grey = style.nothing_above.is_some();
+        let scale = match (style.scale, map.unit) {
+            (Scale::Own, MapUnit::RelativeConductance) if grey => Scale::Fixed(-1.0, 0.0),
+            (Scale::Own, MapUnit::Pressure) if grey => Scale::Fixed(0.0, GREY_KPA),
+            (scale, _) => scale,
+        };
+        let range = Self::of([(map, scale)])?;
+        Ok(Self { grey, ..range })
     }
 
     /// A value as a part of the larger end: negative where it is a load.
@@ -72,7 +93,11 @@ impl Range {
 
     /// The colour of a value: loads have the colours of losses, whether they are shown as such or as pressure.
     pub fn colour(&self, value: f64) -> Option<Rgb> {
-        colour(self.share(value))
+        let colour = colour(self.share(value))?;
+        Some(match self.grey {
+            true => [(255.0 * luminance(colour).powf(1.0 / 2.2)).round() as u8; 3],
+            false => colour,
+        })
     }
 
     /// Places of the ticks, ascending, with what is written there: as the unit is shown, without it.

@@ -16,6 +16,7 @@
 //! ```
 
 mod geometry;
+mod map_noise;
 pub mod noise;
 mod reconstruction;
 pub mod recorded;
@@ -23,6 +24,7 @@ mod settings;
 mod stored_models;
 
 pub use geometry::{Geometry, GeometryError, GeometrySettings, PresetName, has_mesh};
+pub use map_noise::map_noise;
 pub use reconstruction::{BuildError, Conditions, Model, build, check_live, load};
 pub use settings::{Method, PriorName, ReconstructionSettings};
 pub use stored_models::{find_model, find_model_in, short_hash};

@@ -48,6 +48,10 @@ struct Seen {
     /// `None` where no map was made.
     method: Option<String>,
     largest_loss: Option<f64>,
+    /// Whether that is more than `noise`; `None` where that is not known.
+    significant: Option<bool>,
+    /// The largest loss that noise alone makes.
+    noise: Option<f64>,
     found_mm: Option<[f64; 2]>,
     /// What the map shown is in; `None` where no map was made.
     unit: Option<&'static str>,
@@ -68,6 +72,8 @@ pub(crate) struct Viewer<'a, W> {
     id: String,
     watch: &'a Watch,
     field: Option<Field>,
+    /// The largest loss that noise alone makes of the session's maps, and whether the daemon has been asked for it.
+    noise: (Option<f64>, bool),
     shown: u64,
     /// Sequence of the frame shown last.
     last: Option<u64>,
@@ -89,6 +95,7 @@ impl<'a, W: Write> Viewer<'a, W> {
             id,
             watch,
             field,
+            noise: (None, false),
             shown: 0,
             last: None,
             waiting: None,
@@ -102,6 +109,7 @@ impl<'a, W: Write> Viewer<'a, W> {
         &mut self,
         mut stream: impl tokio::io::AsyncRead + Unpin,
         deadline: Option<Instant>,
+        noise: impl AsyncFn() -> Option<f64>,
     ) -> Result<Option<String>, Failure> {
         let mut decoder = Decoder::new();
         let mut bytes = vec![0; 64 * 1024];
@@ -110,6 +118,10 @@ impl<'a, W: Write> Viewer<'a, W> {
                 .next_record()
                 .map_err(|error| Failure::failed("the stream cannot be understood", &error))?
             {
+                // the daemon knows it with the first map
+                if matches!(record.body, Body::Map { .. }) && !self.noise.1 {
+                    self.noise = (noise().await, true);
+                }
                 if let Some(reason) = self.take(record)? {
                     return Ok(Some(reason));
                 }
@@ -234,7 +246,7 @@ impl<'a, W: Write> Viewer<'a, W> {
         let fits = map
             .zip(self.field.as_ref())
             .filter(|(map, field)| field.fits(map));
-        let found = fits.and_then(|(map, field)| field.found(map));
+        let found = fits.and_then(|(map, field)| field.found(map, self.noise.0));
         let pressed = self
             .pressed
             .take()
@@ -257,6 +269,8 @@ impl<'a, W: Write> Viewer<'a, W> {
             not_measured: count(3),
             method: map.map(|map| map.method.clone()),
             largest_loss: map.map(|map| map.largest_loss().map_or(0.0, |(_, loss)| loss)),
+            significant: map.and_then(|map| map.is_significant(self.noise.0)),
+            noise: map.and(self.noise.0),
             found_mm: drawing::millimetres(found),
             unit: map.map(|map| unit(pressure.as_ref().unwrap_or(map))),
             newtons: pressed.as_ref().map(|pressed| pressed.newtons),
@@ -277,7 +291,10 @@ impl<'a, W: Write> Viewer<'a, W> {
                 Some(_) => Scale::Own,
                 None => self.watch.scale,
             };
-            let style = drawing::style(title, scale, frame.simulated, found);
+            let style = render::Style {
+                nothing_above: drawing::nothing_above(map, self.noise.0),
+                ..drawing::style(title, scale, frame.simulated, found)
+            };
             let style = drawing::terminal_style(self.printer, style);
             let shown = pressure.as_ref().unwrap_or(map);
             self.printer
@@ -330,10 +347,14 @@ fn sentence(line: &Line, wall: DateTime<chrono::Utc>) -> String {
             ));
             match seen.largest_loss {
                 Some(loss) => {
-                    text.push_str(&format!("  found {}  ", drawing::place(seen.found_mm)));
+                    match seen.significant {
+                        Some(false) => text.push_str("  "),
+                        _ => text.push_str(&format!("  found {}  ", drawing::place(seen.found_mm))),
+                    }
                     text.push_str(&drawing::map_summary(
                         loss,
                         seen.newtons.zip(seen.largest_kpa),
+                        seen.noise,
                     ));
                 }
                 None => text.push_str("  no map"),

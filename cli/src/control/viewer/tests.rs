@@ -59,7 +59,7 @@ async fn shown(
     field: Option<Field>,
     records: &[Record],
 ) -> (String, Result<Option<String>, Failure>) {
-    shown_as(true, words, field, records).await
+    shown_with(true, Some(0.1), words, field, records).await
 }
 
 async fn shown_as(
@@ -68,11 +68,21 @@ async fn shown_as(
     field: Option<Field>,
     records: &[Record],
 ) -> (String, Result<Option<String>, Failure>) {
+    shown_with(json, None, words, field, records).await
+}
+
+async fn shown_with(
+    json: bool,
+    noise: Option<f64>,
+    words: &[&str],
+    field: Option<Field>,
+    records: &[Record],
+) -> (String, Result<Option<String>, Failure>) {
     let watch = watch(words);
     let mut printer = Printer::into(json, Vec::new());
     let bytes: Vec<u8> = records.iter().flat_map(Record::encode).collect();
     let ended = Viewer::new("m1".into(), &watch, field, &mut printer)
-        .follow(bytes.as_slice(), None)
+        .follow(bytes.as_slice(), None, async || noise)
         .await;
     (String::from_utf8(printer.sink()).unwrap(), ended)
 }
@@ -89,10 +99,26 @@ async fn a_frame_and_its_map_are_one_line() {
         text,
         "{\"event\":\"frame\",\"session\":\"m1\",\"sequence\":1,\"wall\":\"1970-01-01T00:00:01.000000000Z\",\
          \"simulated\":true,\"gap\":0,\"readings\":2,\"overloads\":1,\"timeouts\":0,\"not_measured\":0,\
-         \"method\":\"one-step\",\"largest_loss\":0.5,\"found_mm\":[10.0,10.0],\
+         \"method\":\"one-step\",\"largest_loss\":0.5,\"significant\":true,\"noise\":0.1,\"found_mm\":[10.0,10.0],\
          \"unit\":\"relative loss of conductance\",\"newtons\":null,\"largest_kpa\":null}\n"
     );
     assert_eq!(ended.unwrap().as_deref(), Some("count reached"));
+}
+
+#[tokio::test]
+async fn what_noise_explains_is_not_found() {
+    let records = [frame(1, 0), map(1), end()];
+    let (text, _) = shown_with(true, Some(0.6), &[], Some(field()), &records).await;
+    assert!(
+        text.contains("\"largest_loss\":0.5,\"significant\":false,\"noise\":0.6,\"found_mm\":null"),
+        "{text}"
+    );
+    let (text, _) = shown_with(false, Some(0.6), &[], Some(field()), &records).await;
+    assert!(text.contains("nothing above the noise (60 %)"), "{text}");
+    assert!(
+        !text.contains("found") && !text.contains("hot spot"),
+        "{text}"
+    );
 }
 
 fn pressure(sequence: u64) -> Record {
@@ -191,7 +217,7 @@ async fn a_frame_is_not_held_back_for_a_map_that_does_not_come() {
         .await
         .unwrap();
     let ended = Viewer::new("m1".into(), &watch, Some(field()), &mut printer)
-        .follow(client, None)
+        .follow(client, None, async || None)
         .await;
     assert_eq!(ended.unwrap(), None);
     assert_eq!(

@@ -29,6 +29,10 @@ impl Recorder {
             Ok(mapped) => {
                 let refused = mapped.refused.as_deref().unwrap_or_default();
                 self.status.set_last_error(refused);
+                if let Some(noise) = mapped.noise {
+                    self.status.map_noise.get_or_init(|| noise);
+                }
+                frame.noise = mapped.noise;
                 frame.found = mapped.found;
                 frame.pressure = mapped.pressure;
                 frame.record = Some(mapped.record);

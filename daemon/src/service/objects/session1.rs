@@ -303,6 +303,7 @@ impl Session1 {
             frames_failed: Some(self.frames_failed()),
             last_error: Some(self.last_error()),
             map_sequence: map.as_ref().map(|map| map.frame.sequence),
+            map_noise: self.0.map_noise.get().copied(),
             map: map.map(|map| map.map_details()),
         }
     }

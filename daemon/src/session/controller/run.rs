@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use chrono::{DateTime, Utc};
 use dbus::Fault;
+use imaging::noise::Noise;
 use logbook::{InstrumentRecord, LogbookError, SessionHeader, SessionKind, SessionWriter};
 use rig::Clock;
 use survey::{Baseline, Checks};
@@ -224,7 +225,11 @@ impl Controller {
         self.session_plan.send_replace(measuring.now());
         let task = match (order.baseline, order.model) {
             (Some(baseline), Some(model)) => {
+                let measured = Noise::of(&baseline).and_then(Noise::measured);
+                let stated = order.noise_uv.or(runtime.setup.config.model.noise_uv);
+                let stated = stated.filter(|_| !self.is_recording());
                 let context = ReconstructionContext {
+                    reading_noise: measured.or(stated.map(|noise_uv| 1e-6 * noise_uv)),
                     baseline: baseline.as_ref().clone(),
                     model,
                     centroids: mesh.region_centroids(),

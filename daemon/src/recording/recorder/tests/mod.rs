@@ -109,6 +109,7 @@ impl Scene {
         };
         let mesh = &setup.geometry.mesh;
         let context = ReconstructionContext {
+            reading_noise: None,
             baseline,
             model,
             centroids: mesh.region_centroids(),

@@ -1,0 +1,118 @@
+//! What the noise of readings alone makes of a map: below it nothing is found.
+
+use eit::Reconstructor;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use survey::{Reading, Volts};
+
+/// Frames of an untouched sheet that are drawn.
+const DRAWS: usize = 8;
+/// A map is significant beyond so many standard deviations of the largest loss of an untouched sheet.
+const DEVIATIONS: f64 = 5.0;
+/// Least standard deviation of that loss, as a share of it: a few draws may happen to agree.
+const LEAST_SPREAD: f64 = 0.1;
+
+/// The largest relative loss that noise of one reading (standard deviation, in the unit of the baseline) makes of an
+/// untouched sheet, by maps of seeded draws: five standard deviations above the mean. A map whose largest loss is not
+/// above it shows nothing. `None` where the method makes no map of an untouched sheet.
+pub fn map_noise(
+    reconstructor: &dyn Reconstructor,
+    baseline: &[Reading],
+    noise: f64,
+) -> Option<f64> {
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    let mut losses = Vec::with_capacity(DRAWS);
+    for _ in 0..DRAWS {
+        let frame: Vec<Reading> = baseline
+            .iter()
+            .map(|reading| match reading {
+                Reading::Ok(Volts(volts)) => {
+                    let draw: f64 = StandardNormal.sample(&mut random);
+                    Reading::Ok(Volts(volts + noise * draw))
+                }
+                other => *other,
+            })
+            .collect();
+        let map = reconstructor.reconstruct(baseline, &frame).ok()?;
+        losses.push(map.largest_loss().map_or(0.0, |(_, loss)| loss));
+    }
+    let count = losses.len() as f64;
+    let mean = losses.iter().sum::<f64>() / count;
+    let squares: f64 = losses.iter().map(|loss| (loss - mean).powi(2)).sum();
+    let spread = (squares / (count - 1.0)).sqrt().max(LEAST_SPREAD * mean);
+    Some(mean + DEVIATIONS * spread)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Conditions, GeometrySettings, PresetName, ReconstructionSettings, build};
+    use eit::{DiscTank, Forward};
+    use std::sync::Arc;
+    use survey::{Amps, Protocol};
+
+    #[test]
+    fn an_untouched_sheet_is_within_its_noise_and_a_press_is_not() {
+        let geometry = GeometrySettings {
+            preset: Some(PresetName::DiscTank),
+            disc_tank: Some(DiscTank {
+                fineness: 0.25,
+                ..DiscTank::default()
+            }),
+            ..GeometrySettings::default()
+        }
+        .geometry(None)
+        .unwrap();
+        let protocol = Protocol::sheffield(geometry.electrodes()).unwrap();
+        let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m).unwrap();
+        let answers = |sigma: &[f64]| -> Vec<f64> {
+            let ohms = forward.readings(sigma, &protocol).unwrap();
+            ohms.iter().map(|ohms| 1e-3 * ohms).collect()
+        };
+        let readings = |volts: &[f64]| -> Vec<Reading> {
+            volts.iter().map(|v| Reading::Ok(Volts(*v))).collect()
+        };
+        let volts = answers(&geometry.sigma0);
+        let baseline = readings(&volts);
+        let size = volts
+            .iter()
+            .fold(0.0_f64, |most, volts| most.max(volts.abs()));
+        let noise_v = 1e-4 * size;
+        let conditions = Conditions {
+            geometry: &geometry,
+            protocol: &protocol,
+            current: Amps(1e-3),
+            noise_v: Some(noise_v),
+        };
+        let model = build(&ReconstructionSettings::default(), &conditions).unwrap();
+        let reconstructor = model.reconstructor.as_ref();
+        let noise = map_noise(reconstructor, &baseline, noise_v).unwrap();
+        assert!(noise > 0.0 && noise < 0.2, "{noise}");
+        let mut random = ChaCha8Rng::seed_from_u64(7);
+        let mut noisy = |volts: &[f64]| {
+            let draw = |volts: &f64| {
+                let draw: f64 = StandardNormal.sample(&mut random);
+                volts + noise_v * draw
+            };
+            let frame: Vec<f64> = volts.iter().map(draw).collect();
+            let map = reconstructor
+                .reconstruct(&baseline, &readings(&frame))
+                .unwrap();
+            map.largest_loss().map_or(0.0, |(_, loss)| loss)
+        };
+        for _ in 0..50 {
+            let loss = noisy(&volts);
+            assert!(loss <= noise, "{loss} of an untouched sheet, noise {noise}");
+        }
+        let mut sigma = geometry.sigma0.clone();
+        for (triangle, sigma) in sigma.iter_mut().enumerate() {
+            let [x, y] = geometry.mesh.corners(triangle)[0];
+            if x.hypot(y) < 0.03 {
+                *sigma *= 0.5;
+            }
+        }
+        let loss = noisy(&answers(&sigma));
+        assert!(loss > noise, "{loss} of a press, noise {noise}");
+    }
+}
