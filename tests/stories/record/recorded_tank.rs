@@ -68,7 +68,7 @@ fn daemon_replays_750_frames_of_a_real_tank() {
         assert_eq!(map["significant"], false, "{map}");
         assert_eq!(map["found_mm"], serde_json::Value::Null);
     }
-    // the ball is carried round: from frame 60 on something is found inside the tank, but where it is too weak
+    // the ball is carried round: from frame 60 on something is found inside the tank, but in the middle, where it is too weak
     let mut found = 0;
     for map in maps[60..].iter().filter(|map| map["significant"] == true) {
         let place = &map["found_mm"];
@@ -79,7 +79,7 @@ fn daemon_replays_750_frames_of_a_real_tank() {
         assert!(radius < 150.0, "{map}");
         found += 1;
     }
-    assert!(found > 670, "found in {found} of 690 frames");
+    assert!(found > 660, "found in {found} of 690 frames");
 }
 
 #[test]
