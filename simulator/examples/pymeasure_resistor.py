@@ -6,6 +6,9 @@
 
 import sys
 
+if len(sys.argv) != 3:
+    sys.exit(__doc__)
+
 import pyvisa
 from pymeasure.instruments.keithley import Keithley6221
 

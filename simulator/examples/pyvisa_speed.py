@@ -7,6 +7,9 @@ Prints writes with a query a second, and the least time of a frame in seconds.
 """
 
 import sys
+
+if len(sys.argv) != 4:
+    sys.exit(__doc__)
 import time
 
 import pyvisa

@@ -6,6 +6,9 @@
 
 import sys
 
+if len(sys.argv) != 3:
+    sys.exit(__doc__)
+
 import pyvisa
 from qcodes.instrument_drivers.Keysight import Keysight34980A
 

@@ -80,10 +80,10 @@ async fn converse(rig: SimulatedRig, mut stream: UnixStream) {
 fn obey(rig: &SimulatedRig, line: &str) -> Value {
     let done = match line.split_whitespace().collect::<Vec<_>>().as_slice() {
         ["status"] => return serde_json::to_value(rig.status()).unwrap_or_default(),
-        ["release"] => {
-            rig.release();
-            Ok(())
-        }
+        ["release"] => match rig.release() {
+            true => Ok(()),
+            false => Err("nothing is pressed on the sheet that could be released".to_owned()),
+        },
         ["press", numbers @ ..] => press(rig, numbers),
         _ => line
             .parse::<Fault>()
@@ -97,15 +97,13 @@ fn obey(rig: &SimulatedRig, line: &str) -> Value {
 }
 
 fn press(rig: &SimulatedRig, numbers: &[&str]) -> Result<(), String> {
-    let numbers: Vec<f64> = numbers
-        .iter()
-        .filter_map(|word| word.parse().ok())
-        .collect();
-    let &[x_mm, y_mm, diameter_mm, loss_percent] = numbers.as_slice() else {
+    let parsed: Result<Vec<f64>, _> = numbers.iter().map(|word| word.parse()).collect();
+    let Ok(&[x_mm, y_mm, diameter_mm, loss_percent]) = parsed.as_deref() else {
         return Err("a press is written press X_MM Y_MM DIAMETER_MM LOSS_PERCENT".to_owned());
     };
     let load = Load::disc([x_mm, y_mm], diameter_mm, loss_percent / 100.0);
-    rig.press(load).map_err(|refusal| refusal.to_string())
+    rig.press(load)
+        .map_err(|refusal| survey::error_chain(&refusal).to_string())
 }
 
 /// Where sockets of served rigs lie.

@@ -112,6 +112,17 @@ pub enum FaultError {
     /// The profile has no such thing.
     #[error("{0}; the profile of this rig has none")]
     NotHere(&'static str),
+    /// A relay that no module of the profile has, nor its board.
+    #[error(
+        "there is no relay {0} in this rig: relays are slot x 1000 + channel of its modules, or pole x 100 + electrode of its board"
+    )]
+    NoRelay(Relay),
+    /// A relay that moves as it should.
+    #[error("relay {0} is not stuck")]
+    NotStuck(Relay),
+    /// A slot that the profile leaves empty.
+    #[error("there is no module in slot {0}: the profile of this rig has none there")]
+    NoModule(u32),
 }
 
 impl Fault {

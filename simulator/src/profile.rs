@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use keysight_34980a::Module;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use crate::circuit::load_network::{LoadNetwork, LoadNetworkError};
 use crate::fault::TimedFault;
@@ -51,7 +51,7 @@ pub struct Profile {
 }
 
 /// What a second client of the 6221 meets while the first is connected.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SecondClient {
     /// It is connected, and receives nothing until the first has left.

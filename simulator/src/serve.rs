@@ -1,5 +1,6 @@
 //! The simulated rig on TCP, VXI-11, pseudo-terminals and web pages, for any client that speaks SCPI.
 
+use std::io::ErrorKind;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -68,6 +69,9 @@ pub struct Ready {
     /// `host:port` of switch and voltmeter.
     #[serde(rename = "34980a")]
     pub mainframe: String,
+    /// What a second client of the current source meets while the first is connected: `held`, `refused` or `served`.
+    #[serde(rename = "6221-second-client")]
+    pub second_client: SecondClient,
     /// Path of the board's serial port; null without a board.
     pub serial: Option<String>,
     /// Path of the 6221's serial port; null unless asked for.
@@ -95,6 +99,17 @@ pub enum ServeError {
         address: String,
         /// Which instrument.
         instrument: Instrument,
+        /// What the operating system says.
+        #[source]
+        cause: std::io::Error,
+    },
+    /// An address that this machine has not.
+    #[error(
+        "{bind} is no address of this machine: name one of its own by --bind, 127.0.0.1 for this machine alone or 0.0.0.0 for all"
+    )]
+    Address {
+        /// Address or name.
+        bind: String,
         /// What the operating system says.
         #[source]
         cause: std::io::Error,
@@ -178,6 +193,7 @@ pub async fn serve(rig: SimulatedRig, options: &ServeOptions) -> Result<Server, 
         true => Some(serial(Instrument::Source, "6221")?),
         false => None,
     };
+    let second_client = rig.source_profile().second_client;
     let vxi11_at = core.as_ref().map(|(_, at)| *at);
     let telnet_at = telnet.as_ref().map(|(_, at)| *at);
     let http_at = http.as_ref().map(|(_, at)| *at);
@@ -220,6 +236,7 @@ pub async fn serve(rig: SimulatedRig, options: &ServeOptions) -> Result<Server, 
             ready: true,
             source: source_at.to_string(),
             mainframe: mainframe_at.to_string(),
+            second_client,
             serial: board_serial,
             source_serial,
             vxi11: vxi11_at.map(|at| at.to_string()),
@@ -261,10 +278,16 @@ async fn listen(
     bind: &str,
     port: u16,
 ) -> Result<(TcpListener, SocketAddr), ServeError> {
-    let fault = |cause| ServeError::Listen {
-        address: format!("{bind}:{port}"),
-        instrument,
-        cause,
+    let fault = |cause: std::io::Error| match cause.kind() {
+        ErrorKind::AddrInUse | ErrorKind::PermissionDenied => ServeError::Listen {
+            address: format!("{bind}:{port}"),
+            instrument,
+            cause,
+        },
+        _ => ServeError::Address {
+            bind: bind.to_owned(),
+            cause,
+        },
     };
     let listener = TcpListener::bind((bind, port)).await.map_err(fault)?;
     let address = listener.local_addr().map_err(fault)?;

@@ -34,10 +34,12 @@ pub enum LoadNetwork {
 
 /// Words that are no load.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("'{words}' is no load; it is written sheet, nothing, resistor FROM TO OHMS, or mesh OHMS")]
+#[error("'{words}' is no load: {reason}")]
 pub struct LoadNetworkError {
-    /// What was said.
+    /// What was given.
     pub words: String,
+    /// What is wrong with it, and what is allowed.
+    pub reason: String,
 }
 
 impl LoadNetwork {
@@ -117,25 +119,36 @@ impl FromStr for LoadNetwork {
 
     fn from_str(text: &str) -> Result<Self, LoadNetworkError> {
         let ohms = |word: &str| {
-            word.parse()
-                .ok()
-                .filter(|ohms| (1e-6..=1e15).contains(ohms))
+            let ohms = word.parse().ok();
+            ohms.filter(|ohms| (1e-6..=1e15).contains(ohms))
+                .ok_or_else(|| format!("a resistance is 1e-6 to 1e15 ohm, not '{word}'"))
         };
-        let terminal = |word: &str| word.parse().ok().filter(|number| *number > 0);
+        let terminal = |word: &str| {
+            let number = word.parse().ok();
+            number
+                .filter(|number| *number > 0)
+                .ok_or_else(|| format!("terminals are counted from 1; '{word}' is none"))
+        };
         let words: Vec<&str> = text.split_whitespace().collect();
         let load = match words.as_slice() {
-            ["sheet"] => Some(Self::Sheet),
-            ["nothing"] => Some(Self::Nothing),
+            ["sheet"] => Ok(Self::Sheet),
+            ["nothing"] => Ok(Self::Nothing),
             ["mesh", each] => ohms(each).map(|ohms| Self::Mesh { ohms }),
             ["resistor", from, to, each] => (|| {
                 let (from, to) = (terminal(from)?, terminal(to)?);
                 let ohms = ohms(each)?;
-                (from != to).then_some(Self::Resistor { from, to, ohms })
+                match from == to {
+                    true => Err(format!("both ends are terminal {from}; name two")),
+                    false => Ok(Self::Resistor { from, to, ohms }),
+                }
             })(),
-            _ => None,
+            _ => {
+                Err("it is written sheet, nothing, resistor FROM TO OHMS, or mesh OHMS".to_owned())
+            }
         };
-        load.ok_or_else(|| LoadNetworkError {
+        load.map_err(|reason| LoadNetworkError {
             words: text.to_owned(),
+            reason,
         })
     }
 }
@@ -158,6 +171,22 @@ mod tests {
             "resistor 0 1 5",
         ] {
             assert!(words.parse::<LoadNetwork>().is_err(), "{words}");
+        }
+        for (words, reason) in [
+            ("resistor 1 1 5", "both ends are terminal 1; name two"),
+            (
+                "resistor 1 2 -5",
+                "a resistance is 1e-6 to 1e15 ohm, not '-5'",
+            ),
+            (
+                "resistor 0 2 5",
+                "terminals are counted from 1; '0' is none",
+            ),
+            ("mesh", "it is written sheet, nothing,"),
+        ] {
+            let refusal = words.parse::<LoadNetwork>().unwrap_err().to_string();
+            let expected = format!("'{words}' is no load: {reason}");
+            assert!(refusal.starts_with(&expected), "{refusal}");
         }
     }
 

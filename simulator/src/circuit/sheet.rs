@@ -151,6 +151,24 @@ impl Sheet {
         }
     }
 
+    /// Whether a relay stays as it is, by a fault or by wear.
+    pub(crate) fn is_stuck(&self, relay: Relay) -> bool {
+        self.stuck.contains_key(&relay) || self.worn.contains_key(&relay)
+    }
+
+    /// Whether a module of the mainframe has a relay, or the board where there is one.
+    pub(crate) fn has_relay(&self, relay: Relay, board: bool) -> bool {
+        match relay.0 {
+            FIRST_OF_MAINFRAME.. => self.fixture.has_relay(relay),
+            _ => board && self.fixture.has_chip(relay),
+        }
+    }
+
+    /// Whether the profile has a module in a slot, 1 to 8.
+    pub(crate) fn has_module(&self, slot: u32) -> bool {
+        self.fixture.module(slot).is_some()
+    }
+
     pub(crate) fn free_all(&mut self) {
         self.stuck.clear();
         self.replaced

@@ -34,6 +34,7 @@ pub(crate) struct Fixture {
     relays: BTreeMap<Relay, Vec<Resistor>>,
     /// For a channel of a multiplexer the relay that a scan closes with it: its bank's to bus 1.
     scanned_by: BTreeMap<Relay, Relay>,
+    slots: [Option<Module>; 8],
     electrodes: usize,
 }
 
@@ -42,6 +43,7 @@ impl Fixture {
     pub(crate) fn new(slots: &[Option<Module>; 8], electrodes: usize) -> Self {
         let mut fixture = Self {
             electrodes,
+            slots: *slots,
             ..Self::default()
         };
         for (slot, module) in (1..).zip(slots) {
@@ -72,6 +74,26 @@ impl Fixture {
     pub(crate) fn joined(&self, relay: Relay) -> impl Iterator<Item = Resistor> {
         let chip = board(relay).filter(|chip| self.has(chip.from));
         self.resistors(relay).iter().copied().chain(chip)
+    }
+
+    /// The module in a slot, 1 to 8.
+    pub(crate) fn module(&self, slot: u32) -> Option<Module> {
+        let index = (slot as usize).checked_sub(1)?;
+        self.slots.get(index).copied().flatten()
+    }
+
+    /// Whether the module in its slot has a relay, wherever that leads.
+    pub(crate) fn has_relay(&self, relay: Relay) -> bool {
+        let place = keysight_34980a::split(relay);
+        place.is_some_and(|(slot, channel)| {
+            let module = self.module(slot);
+            module.is_some_and(|module| module.contact(channel).is_some())
+        })
+    }
+
+    /// Whether the board has a chip that joins this pole to an electrode.
+    pub(crate) fn has_chip(&self, relay: Relay) -> bool {
+        board(relay).is_some_and(|chip| self.has(chip.from))
     }
 
     fn has(&self, point: Point) -> bool {

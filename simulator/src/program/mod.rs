@@ -289,6 +289,8 @@ async fn serve_until_stopped(
     // Before the ready line: whoever waits for it may stop us at once.
     let mut terminate = signal(SignalKind::terminate())?;
     let mut interrupt = signal(SignalKind::interrupt())?;
+    // Of a terminal that is closed.
+    let mut hangup = signal(SignalKind::hangup())?;
     let shown = rig.clone();
     let server = serve(
         rig,
@@ -321,6 +323,7 @@ async fn serve_until_stopped(
     tokio::select! {
         _ = terminate.recv() => {}
         _ = interrupt.recv() => {}
+        _ = hangup.recv() => {}
         () = draw => {}
     }
     server.stop().await;

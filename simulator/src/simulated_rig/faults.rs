@@ -7,6 +7,7 @@ use std::time::Duration;
 use crate::fault::{Fault, FaultError, ReplyFault};
 use crate::instrument::{Instrument, Wire};
 use crate::simulated_rig::SimulatedRig;
+use survey::Relay;
 
 impl SimulatedRig {
     /// Lets something go wrong, or puts it right.
@@ -14,6 +15,7 @@ impl SimulatedRig {
     /// # Errors
     /// A fault of something that this rig has not.
     pub fn fault(&self, fault: &Fault) -> Result<(), FaultError> {
+        self.check_is_here(fault)?;
         tracing::info!("fault: {fault}");
         match fault {
             Fault::Wire(instrument, wire) => self.set_wire(*instrument, *wire),
@@ -30,13 +32,11 @@ impl SimulatedRig {
                 self.link_faults()[instrument.index()].slower_by = *by;
             }
             Fault::Reset(Instrument::Board) => {
-                self.need_board()?;
                 let banner = self.instruments().power_cycle(Instrument::Board);
                 self.shared.banner.send_replace(banner.unwrap_or_default());
             }
             Fault::Reset(instrument) => self.power_cycle(*instrument),
             Fault::Serial(plugged) => {
-                self.need_board()?;
                 if *plugged {
                     self.instruments().power_cycle(Instrument::Board);
                 }
@@ -73,6 +73,42 @@ impl SimulatedRig {
         }
         self.shared.changed.notify_waiters();
         Ok(())
+    }
+
+    /// Whether this rig has what a fault is about.
+    fn check_is_here(&self, fault: &Fault) -> Result<(), FaultError> {
+        match fault {
+            Fault::Wire(Instrument::Board, _)
+            | Fault::Drop(Instrument::Board)
+            | Fault::Replies(Instrument::Board, ..)
+            | Fault::Slow(Instrument::Board, _)
+            | Fault::QueueOverflow(Instrument::Board)
+            | Fault::Reset(Instrument::Board)
+            | Fault::Serial(_) => self.need_board(),
+            Fault::StuckOpen(relay) | Fault::StuckClosed(relay) => self.check_relay(*relay),
+            Fault::Free(relay) => {
+                self.check_relay(*relay)?;
+                match self.instruments().sheet.is_stuck(*relay) {
+                    true => Ok(()),
+                    false => Err(FaultError::NotStuck(*relay)),
+                }
+            }
+            Fault::Slot(slot, _) | Fault::TerminalBlock(slot, _) => {
+                match self.instruments().sheet.has_module(*slot) {
+                    true => Ok(()),
+                    false => Err(FaultError::NoModule(*slot)),
+                }
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn check_relay(&self, relay: Relay) -> Result<(), FaultError> {
+        let on_board = self.shared.has_board;
+        match self.instruments().sheet.has_relay(relay, on_board) {
+            true => Ok(()),
+            false => Err(FaultError::NoRelay(relay)),
+        }
     }
 
     fn need_board(&self) -> Result<(), FaultError> {

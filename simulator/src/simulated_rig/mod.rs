@@ -166,9 +166,9 @@ impl SimulatedRig {
         self.with_phantom(|phantom| phantom.press(load))
     }
 
-    /// Takes off again what was pressed.
-    pub fn release(&self) {
-        self.with_phantom(Phantom::release);
+    /// Takes off again what was pressed; false where nothing was.
+    pub fn release(&self) -> bool {
+        self.with_phantom(Phantom::release)
     }
 
     /// The phantom behind the instruments, for pressing it and asking it for the truth.

@@ -3,6 +3,7 @@
 use std::io;
 use std::net::SocketAddr;
 use std::sync::atomic::Ordering;
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use rig::BoxStream;
@@ -25,6 +26,9 @@ const GRACE: Duration = Duration::from_secs(10);
 /// What a pipe in memory holds, bytes.
 const PIPE: usize = 64 * 1024;
 
+/// A message that comes so soon after a reply was due follows it at once.
+const AT_ONCE: Duration = Duration::from_millis(3);
+
 /// How often readings that are waited for are brought up to date.
 const SHORTEST_STEP: Duration = Duration::from_millis(5);
 const LONGEST_STEP: Duration = Duration::from_millis(100);
@@ -37,6 +41,8 @@ pub(crate) struct ClientSession {
     session: u32,
     line: watch::Receiver<WireState>,
     cuts: u64,
+    /// When the last reply was due, without what waiting took longer.
+    due: Mutex<Instant>,
     /// Whether the source's serial port is spoken to, whose lines end as its settings say.
     serial: bool,
 }
@@ -68,6 +74,7 @@ impl ClientSession {
             session,
             line,
             cuts,
+            due: Mutex::new(Instant::now()),
             serial: false,
         }
     }
@@ -132,9 +139,22 @@ impl ClientSession {
         Ok(received)
     }
 
+    /// When the reply to a message that came now is due. A client that sends the next message at once is answered at the
+    /// pace of the source itself (200 messages a second at 5 ms): what timers and the way took is made good.
+    fn due(&self, wait: Duration) -> Instant {
+        let now = Instant::now();
+        if self.instrument != Instrument::Source || wait.is_zero() {
+            return now + wait;
+        }
+        let mut due = self.due.lock().unwrap_or_else(PoisonError::into_inner);
+        let at_once = now.saturating_duration_since(*due) < AT_ONCE;
+        *due = if at_once { *due + wait } else { now + wait };
+        *due
+    }
+
     /// Waits as long as the instrument needs, and gives what is to be sent.
     pub(crate) async fn finish(&self, received: MessageOutcome) -> Delivery {
-        let end = Instant::now() + received.wait;
+        let end = self.due(received.wait);
         // Readings cost a solution of the sheet each: they are taken while they are waited for, not at the end.
         let step = (received.wait / 8).clamp(SHORTEST_STEP, LONGEST_STEP);
         while received.later && end.saturating_duration_since(Instant::now()) > 2 * step {

@@ -98,6 +98,27 @@ fn socket(served: &Served, instrument: &str) -> String {
 }
 
 #[test]
+fn examples_without_arguments_print_their_usage() {
+    for example in ["pymeasure_resistor", "pyvisa_speed", "qcodes_matrix"] {
+        let file = format!("examples/{example}.py");
+        let ended = Command::new("python3")
+            .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join(file))
+            .output();
+        let Ok(ended) = ended else {
+            println!("skipped: there is no python3");
+            return;
+        };
+        let reported = String::from_utf8_lossy(&ended.stderr).into_owned();
+        assert_eq!(ended.status.code(), Some(1), "{reported}");
+        assert!(
+            reported.contains(&format!("python {example}.py ")),
+            "{reported}"
+        );
+        assert!(!reported.contains("Traceback"), "{reported}");
+    }
+}
+
+#[test]
 fn pyvisa_finds_ohms_law() {
     if !is_asked_for("pyvisa") {
         return;

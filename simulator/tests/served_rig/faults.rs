@@ -232,6 +232,106 @@ async fn replies_go_wrong_as_a_person_says() {
     );
 }
 
+#[test]
+fn what_a_rig_does_not_have_is_refused_with_its_reason() {
+    let served = Served::start(&[]);
+    for (command, words, reason) in [
+        (
+            "press",
+            "500 500 10 50",
+            "at 500, 500 mm covers no part of the sheet",
+        ),
+        ("press", "1 2 3 x 5", "a press is written press X_MM Y_MM"),
+        ("release", "", "nothing is pressed on the sheet"),
+        (
+            "fault",
+            "stuck-open 9999",
+            "there is no relay 9999 in this rig",
+        ),
+        (
+            "fault",
+            "stuck-closed 1999",
+            "there is no relay 1999 in this rig",
+        ),
+        (
+            "fault",
+            "stuck-open 2001",
+            "there is no relay 2001 in this rig",
+        ),
+        (
+            "fault",
+            "stuck-open 101",
+            "there is no relay 101 in this rig",
+        ),
+        ("fault", "free 1001", "relay 1001 is not stuck"),
+        ("fault", "slot 5 empty", "there is no module in slot 5"),
+        (
+            "fault",
+            "terminal-block 5 open",
+            "there is no module in slot 5",
+        ),
+        ("fault", "lost board", "there is no multiplexer board"),
+        ("fault", "wire board cut", "there is no multiplexer board"),
+    ] {
+        let done = served.command(command, words);
+        let reported = String::from_utf8_lossy(&done.stderr).into_owned();
+        assert_eq!(done.status.code(), Some(1), "{command} {words}: {reported}");
+        assert!(reported.contains(reason), "{command} {words}: {reported}");
+    }
+    // what it has is obeyed
+    for (command, words) in [
+        ("press", "107 115 10 50"),
+        ("release", ""),
+        ("fault", "stuck-open 1001"),
+        ("fault", "free 1001"),
+        ("fault", "stuck-closed 1911"),
+        ("fault", "slot 1 empty"),
+        ("fault", "none"),
+    ] {
+        let done = served.command(command, words);
+        assert!(done.status.success(), "{command} {words}: {done:?}");
+    }
+}
+
+#[test]
+fn addresses_and_loads_that_cannot_be_say_why() {
+    for (arguments, code, reason) in [
+        (
+            ["serve", "--bind", "192.0.2.1"],
+            1,
+            "192.0.2.1 is no address of this machine: name one of its own by --bind",
+        ),
+        (
+            ["serve", "--load", "resistor 1 1 5"],
+            2,
+            "both ends are terminal 1; name two",
+        ),
+        (
+            ["serve", "--load", "resistor 1 2 -5"],
+            2,
+            "a resistance is 1e-6 to 1e15 ohm, not '-5'",
+        ),
+    ] {
+        let ended = std::process::Command::new(env!("CARGO_BIN_EXE_tactus-sim"))
+            .args(arguments)
+            .output()
+            .unwrap();
+        let reported = String::from_utf8_lossy(&ended.stderr).into_owned();
+        assert_eq!(ended.status.code(), Some(code), "{reported}");
+        assert!(reported.contains(reason), "{reported}");
+    }
+}
+
+#[test]
+fn a_closed_terminal_leaves_no_socket_behind() {
+    let served = Served::start(&[]);
+    assert_eq!(served.ready["6221-second-client"], "held");
+    let control = served.address("control").to_owned();
+    assert!(std::path::Path::new(&control).exists());
+    assert_eq!(served.end("-HUP"), Some(0));
+    assert!(!std::path::Path::new(&control).exists());
+}
+
 #[tokio::test]
 async fn a_person_presses_looks_and_lists() {
     let served = Served::start(&[]);

@@ -131,10 +131,10 @@ fn what_was_recorded_is_replayed_and_made_a_golden() {
     let file = transcript.to_str().unwrap();
     recorded(&transcript);
     // A recording is not written over.
-    assert_eq!(
-        program(&["serve", "--record", file]).status.code(),
-        Some(78)
-    );
+    let again = program(&["serve", "--record", file]);
+    assert_eq!(again.status.code(), Some(78));
+    let reported = String::from_utf8_lossy(&again.stderr);
+    assert!(reported.contains("exists already: name another file"));
 
     let together = ["replay", file, "--profile", "showcase", "--exact"];
     for arguments in [&["replay", file][..], &together] {

@@ -41,9 +41,14 @@ impl Served {
     }
 
     /// Ends it as systemd would, and says how it ended.
-    pub fn terminate(mut self) -> Option<i32> {
+    pub fn terminate(self) -> Option<i32> {
+        self.end("-TERM")
+    }
+
+    /// Ends it by a signal, and says how it ended.
+    pub fn end(mut self, signal: &str) -> Option<i32> {
         let killed = Command::new("kill")
-            .arg(self.child.id().to_string())
+            .args([signal, &self.child.id().to_string()])
             .status();
         assert!(killed.unwrap().success());
         self.child.wait().unwrap().code()

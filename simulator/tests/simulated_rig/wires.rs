@@ -196,3 +196,20 @@ async fn frames_in_instant_time_cost_milliseconds() {
     println!("{each:?} a frame");
     assert!(each < Duration::from_secs(1), "{each:?}");
 }
+
+#[tokio::test(start_paused = true)]
+async fn source_answers_at_the_rate_of_its_command_time() {
+    let mut profile = Profile::shipped("pairs-34924a").unwrap();
+    // what a timer of whole milliseconds would round up
+    profile.source.command_ms = 5.3;
+    let rig = SimulatedRig::new(&profile.at_pace(Pace::Real), Scene::quiet()).unwrap();
+    let mut source = rig::Link::new(rig.connect_6221(), "6221", Duration::from_secs(1));
+    let begun = tokio::time::Instant::now();
+    for _ in 0..200 {
+        source.ask("SOUR:CURR?").await.unwrap();
+    }
+    let took = begun.elapsed();
+    let expected = Duration::from_micros(200 * 5300);
+    assert!(took + Duration::from_millis(1) >= expected, "{took:?}");
+    assert!(took <= expected + Duration::from_millis(5), "{took:?}");
+}

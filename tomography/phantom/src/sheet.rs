@@ -176,10 +176,12 @@ impl Phantom {
         Ok(())
     }
 
-    /// Takes all loads pressed by hand away; the time line goes on.
-    pub fn release(&mut self) {
+    /// Takes all loads pressed by hand away; the time line goes on. False where there was none.
+    pub fn release(&mut self) -> bool {
+        let pressed = !self.live.is_empty();
         self.live.clear();
-        self.live_changed = true;
+        self.live_changed |= pressed;
+        pressed
     }
 
     /// The truth: conductance of each triangle of the phantom's own mesh at a moment, S per square. Losses that cover
