@@ -6,7 +6,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use chrono::{DateTime, Utc};
 use dbus::Fault;
-use logbook::{Index, LogbookError, SessionSummary};
+use logbook::{Index, LogbookError, SessionKind, SessionReader, SessionSummary};
 use survey::Baseline;
 
 use survey::error_chain as chain;
@@ -107,6 +107,35 @@ impl Records {
     ) -> Result<Option<Baseline>, LogbookError> {
         let latest = self.now()?.index.latest_baseline(now)?;
         Ok(latest.map(|(_, baseline)| baseline))
+    }
+
+    /// The baseline recorded before the one with this id, where it was measured alike.
+    ///
+    /// # Errors
+    /// The folder or that baseline cannot be read.
+    pub(crate) fn baseline_before(
+        &self,
+        baseline: &Baseline,
+    ) -> Result<Option<Baseline>, LogbookError> {
+        let mut earlier: Vec<PathBuf> = {
+            let known = self.now()?;
+            let sessions = known.index.sessions();
+            sessions
+                .into_iter()
+                .filter(|session| session.kind == SessionKind::Baseline)
+                .take_while(|session| session.id != baseline.id)
+                .map(|session| session.path.clone())
+                .collect()
+        };
+        while let Some(path) = earlier.pop() {
+            if let Some(found) = SessionReader::open(&path)?.baseline()? {
+                let alike = baseline.settings.differences(&found.settings).is_empty()
+                    && baseline.simulated == found.simulated
+                    && baseline.readings.len() == found.readings.len();
+                return Ok(Some(found).filter(|_| alike));
+            }
+        }
+        Ok(None)
     }
 
     /// So many sessions, the newest first, where named those that come after the one with this id.

@@ -13,11 +13,6 @@ use crate::session::controller::Controller;
 use crate::session::state::State;
 
 impl Controller {
-    /// What a person should know before the current baseline is used, a sentence each.
-    pub(crate) fn baseline_remarks(&self) -> Vec<String> {
-        self.noise_contradiction().into_iter().collect()
-    }
-
     /// How the configured noise contradicts what the current baseline shows.
     pub(crate) fn noise_contradiction(&self) -> Option<String> {
         let noise_uv = self.runtime().setup.config.model.noise_uv;

@@ -73,3 +73,33 @@ async fn a_contradicted_noise_is_a_warning_everywhere() {
     let said = String::from_utf8_lossy(&said.stdout).into_owned();
     assert!(said.contains(" shows "), "{said}");
 }
+
+/// A disc of 60 mm on the tank of 300 mm.
+const LOADED: &str = "[disc-tank]\nelectrodes = 16\n[effects.voltmeter-noise]\nuv = 2.0\n[[load]]\nname = \"left behind\"\n\
+    shape = \"disc\"\ndiameter_mm = 60.0\nx_mm = 60.0\ny_mm = 0.0\nloss_percent = 80.0\n";
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_baseline_with_a_load_on_the_sheet_is_remarked() {
+    let stage = Stage::new(SMALL);
+    let daemon = stage.start().await;
+    for _ in 0..2 {
+        within(daemon.baseline(3).await.wait()).await.unwrap();
+    }
+    let empty = daemon.manager.baseline().await.unwrap().more.remarks;
+    assert_eq!(empty.unwrap(), Vec::<String>::new());
+    assert!(daemon.terminate().await.0.success());
+    std::fs::write(stage.path().join("scene.toml"), LOADED).unwrap();
+    let daemon = stage.start().await;
+    within(daemon.baseline(3).await.wait()).await.unwrap();
+    let remarks = daemon.manager.baseline().await.unwrap().more.remarks;
+    let remarks = remarks.unwrap().join("\n");
+    assert!(remarks.contains("against baseline b"), "{remarks}");
+    assert!(
+        remarks.contains("against a uniform sheet it shows a loss of"),
+        "{remarks}"
+    );
+    assert!(
+        remarks.contains("take it off and record again"),
+        "{remarks}"
+    );
+}

@@ -15,6 +15,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod baseline_check;
 mod geometry;
 mod map_noise;
 pub mod noise;
@@ -23,6 +24,7 @@ pub mod recorded;
 mod settings;
 mod stored_models;
 
+pub use baseline_check::baseline_remarks;
 pub use geometry::{Geometry, GeometryError, GeometrySettings, PresetName, has_mesh};
 pub use map_noise::map_noise;
 pub use reconstruction::{BuildError, Conditions, Model, build, check_live, load};

@@ -268,7 +268,7 @@ impl Manager1 {
         Fault,
     > {
         let baseline = self.0.baseline().ok_or_else(no_baseline)?;
-        let report = report::baseline(&baseline, self.0.baseline_remarks());
+        let report = report::baseline(&baseline, self.0.baseline_remarks(&baseline).await);
         Ok((
             report.id,
             report.wall_ns,

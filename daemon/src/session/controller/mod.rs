@@ -1,5 +1,6 @@
 //! Who keeps watch: one per daemon, holds the rig, starts and ends sessions, remembers the baseline.
 
+mod baselines;
 mod reconnect;
 mod recovery;
 mod reload;
@@ -79,6 +80,8 @@ pub(crate) struct Controller {
     /// Somebody has agreed to other instruments.
     agreed: Notify,
     inner: Mutex<Inner>,
+    /// What is remarkable of the baseline with this id.
+    remarked: tokio::sync::Mutex<Option<(String, Vec<String>)>>,
 }
 
 struct Inner {
@@ -192,6 +195,7 @@ impl Controller {
             source: tokio::sync::Mutex::new(source),
             locks: Mutex::default(),
             agreed: Notify::new(),
+            remarked: tokio::sync::Mutex::default(),
             inner: Mutex::new(Inner {
                 state: match &closed {
                     Some(why) => State::Faulted(why.clone()),

@@ -1,0 +1,47 @@
+//! What is remarkable of a baseline before it is used.
+
+use std::sync::Arc;
+
+use survey::Baseline;
+
+use crate::panics::containment;
+use crate::session::controller::Controller;
+
+impl Controller {
+    /// What a person should know before the baseline is used, a sentence each: a noise that contradicts the configuration,
+    /// a load that was on the sheet. Found once for each baseline.
+    pub(crate) async fn baseline_remarks(
+        self: &Arc<Self>,
+        baseline: &Arc<Baseline>,
+    ) -> Vec<String> {
+        let mut remarks: Vec<String> = self.noise_contradiction().into_iter().collect();
+        if self.is_recording() {
+            return remarks;
+        }
+        let mut kept = self.remarked.lock().await;
+        if kept.as_ref().is_none_or(|(id, _)| *id != baseline.id) {
+            let (controller, baseline) = (Arc::clone(self), Arc::clone(baseline));
+            let id = baseline.id.clone();
+            let found = containment::blocking(move || controller.remarks_on(&baseline)).await;
+            *kept = Some((id, found.unwrap_or_default()));
+        }
+        remarks.extend(kept.iter().flat_map(|(_, found)| found.iter().cloned()));
+        remarks
+    }
+
+    fn remarks_on(&self, baseline: &Baseline) -> Vec<String> {
+        let setup = &self.runtime().setup;
+        let reconstructor = setup.model.reconstructor.as_ref();
+        if baseline.settings.protocol_hash != reconstructor.protocol().hash() {
+            return Vec::new();
+        }
+        let before = self
+            .records
+            .baseline_before(baseline)
+            .unwrap_or_else(|error| {
+                tracing::debug!("the baseline before cannot be read: {error}");
+                None
+            });
+        imaging::baseline_remarks(reconstructor, &setup.geometry, baseline, before.as_ref())
+    }
+}

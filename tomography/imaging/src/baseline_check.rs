@@ -1,0 +1,89 @@
+//! Whether a baseline was taken with a load on the sheet: it is mapped like a frame, against the baseline before it and
+//! against a uniform sheet.
+
+use std::sync::Arc;
+
+use eit::{Forward, Reconstructor};
+use survey::{Baseline, Reading, Volts};
+
+use crate::noise::{self, against};
+use crate::{Geometry, map_noise};
+
+/// Relative loss against the baseline before below which creep and temperature explain it.
+const LEAST_CHANGE: f64 = 0.03;
+/// Relative loss against a uniform sheet below which its own unevenness and its contacts explain it.
+const LEAST_UNEVEN: f64 = 0.1;
+
+/// What a person should know before a baseline is used, a sentence each: where it differs from the baseline `before` it,
+/// and from a uniform sheet. Nothing where the method makes no map of it.
+pub fn baseline_remarks(
+    reconstructor: &dyn Reconstructor,
+    geometry: &Geometry,
+    baseline: &Baseline,
+    before: Option<&Baseline>,
+) -> Vec<String> {
+    let mut remarks = Vec::new();
+    let per_frame = |baseline: &Baseline| 1.0 / baseline.frames.max(1) as f64;
+    if let Some(before) = before {
+        let noise = against(baseline) * (per_frame(baseline) + per_frame(before)).sqrt();
+        let change = (before.readings.as_slice(), baseline.readings.as_slice());
+        if let Some(seen) = loss_between(reconstructor, change, noise, LEAST_CHANGE) {
+            remarks.push(format!("against baseline {} {seen}", before.id));
+        }
+        // loads taken away since
+        if let Some(seen) = loss_between(reconstructor, (change.1, change.0), noise, LEAST_CHANGE) {
+            remarks.push(format!(
+                "baseline {} before it {seen}; it may have been taken with a load",
+                before.id
+            ));
+        }
+    }
+    if let Some((uniform, scaled, gain)) = uniform(reconstructor, geometry, baseline) {
+        let noise = against(baseline) * per_frame(baseline).sqrt() / gain;
+        if let Some(seen) = loss_between(reconstructor, (&uniform, &scaled), noise, LEAST_UNEVEN) {
+            remarks.push(format!("against a uniform sheet it {seen}"));
+        }
+    }
+    remarks
+}
+
+/// Readings of a uniform sheet at 1 A, the baseline brought to their size, and by how much it was larger.
+fn uniform(
+    reconstructor: &dyn Reconstructor,
+    geometry: &Geometry,
+    baseline: &Baseline,
+) -> Option<(Vec<Reading>, Vec<Reading>, f64)> {
+    let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m).ok()?;
+    let protocol = reconstructor.protocol();
+    let gain = noise::gain(&forward, &geometry.sigma0, protocol, &baseline.readings).ok()??;
+    let model = forward.readings(&geometry.sigma0, protocol).ok()?;
+    let uniform = model.iter().map(|ohms| Reading::Ok(Volts(*ohms))).collect();
+    let scaled = baseline.readings.iter().map(|reading| match reading {
+        Reading::Ok(volts) => Reading::Ok(Volts(volts.0 / gain)),
+        other => *other,
+    });
+    Some((uniform, scaled.collect(), gain))
+}
+
+/// Where the second readings show a loss against the first, in words; `None` where it is within their noise (standard
+/// deviation of one reading) or below `least`.
+fn loss_between(
+    reconstructor: &dyn Reconstructor,
+    (before, now): (&[Reading], &[Reading]),
+    noise: f64,
+    least: f64,
+) -> Option<String> {
+    let map = reconstructor.reconstruct(before, now).ok()?;
+    let (_, loss) = map.largest_loss()?;
+    if loss <= least || loss <= map_noise(reconstructor, before, noise)? {
+        return None;
+    }
+    let mesh = reconstructor.mesh();
+    let [x, y] = map.found(&mesh.region_centroids(), &mesh.region_areas())?;
+    Some(format!(
+        "shows a loss of {:.0} % at ({:.0}, {:.0}) mm: if a load is on the sheet, take it off and record again",
+        100.0 * loss,
+        1e3 * x,
+        1e3 * y
+    ))
+}
