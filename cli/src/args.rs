@@ -7,7 +7,7 @@ use clap::{Args, Parser, Subcommand};
 use outfile::{Existing, GrowingFolder, OutFolder, OutPath};
 
 use crate::options::about::About;
-use crate::options::choices::{BaselineRule, Format, GeometryChoice, MethodChoice, Scale};
+use crate::options::choices::{BaselineRule, Format, GeometryChoice, MethodArguments, Scale};
 use crate::options::duration::{SpanError, parse_span};
 use crate::options::measuring::Measuring;
 use crate::options::numbers::speed;
@@ -426,7 +426,7 @@ pub struct Export {
     )]
     pub scale: Scale,
     #[command(flatten)]
-    pub method: MethodChoice,
+    pub method: MethodArguments,
     #[command(flatten)]
     pub geometry: GeometryChoice,
 }
@@ -472,7 +472,7 @@ pub struct Replay {
     #[arg(long)]
     pub no_map: bool,
     #[command(flatten)]
-    pub method: MethodChoice,
+    pub method: MethodArguments,
     #[command(flatten)]
     pub geometry: GeometryChoice,
 }

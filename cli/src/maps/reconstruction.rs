@@ -1,18 +1,16 @@
 //! What turns voltages into a map here, without a daemon: the options and the record together give a model of `imaging`.
 
-use std::sync::Arc;
-
 use eit::inverse::learned::network::is_onnx;
-use eit::{DiscTank, Forward, PaperSheet, Preset};
-use imaging::noise::{self, Noise};
-use imaging::recorded::{Origin, Unloaded};
-use imaging::{BuildError, Conditions, Geometry, Method, Model, has_mesh, short_hash};
-use survey::{Amps, Map, Protocol, Reading};
+use eit::{DiscTank, PaperSheet, Preset};
+use imaging::noise::Noise;
+use imaging::recorded::{Fitted, Origin, Recording};
+use imaging::{BuildError, Conditions, Geometry, MethodArguments, Model, has_mesh, short_hash};
+use survey::{Map, Protocol, Reading};
 
 use crate::failure::Failure;
 use crate::maps::drawing::Field;
 use crate::maps::settings::Chosen;
-use crate::options::choices::{GeometryChoice, MethodChoice, PresetName};
+use crate::options::choices::{GeometryChoice, PresetName};
 
 /// A reconstructor with what a person should know about it.
 pub(crate) struct Reconstruction {
@@ -25,50 +23,43 @@ pub(crate) struct Reconstruction {
     pub(crate) noise: Option<f64>,
 }
 
-/// What is known of the record before anything is reconstructed.
-pub(crate) struct Known<'a> {
-    pub(crate) protocol: &'a Protocol,
-    pub(crate) unloaded: &'a Unloaded,
-    pub(crate) current: Amps,
-}
-
 impl Reconstruction {
     /// Loads the model, or prepares the method on the geometry that options, folder or session name.
     ///
     /// # Errors
     /// A model or geometry that does not fit the record, naming both.
     pub(crate) fn new(
-        method: &MethodChoice,
+        method: &MethodArguments,
         geometry: &GeometryChoice,
-        origin: &Origin,
-        known: &Known<'_>,
+        recording: &Recording,
     ) -> Result<Self, Failure> {
+        let (origin, protocol) = (&recording.origin, &recording.protocol);
         let mut chosen = Chosen::new(method, origin)?;
         let model = match &chosen.settings.file {
             Some(file) => {
                 // an ONNX file brings no mesh
                 let geometry = match is_onnx(file) {
-                    true => Some(choose_geometry(geometry, origin, known.protocol)?.0),
+                    true => Some(choose_geometry(geometry, origin, protocol)?.0),
                     false => None,
                 };
                 let loss_only = chosen.settings.loss_only.unwrap_or(false);
-                imaging::load(file, loss_only, known.protocol, geometry.as_ref())
-                    .map_err(not_built)?
+                imaging::load(file, loss_only, protocol, geometry.as_ref()).map_err(not_built)?
             }
             None => {
-                let (geometry, remarks) = choose_geometry(geometry, origin, known.protocol)?;
+                let (geometry, remarks) = choose_geometry(geometry, origin, protocol)?;
                 chosen.remarks.extend(remarks);
-                prepare(&mut chosen, geometry, known)?
+                prepare(&mut chosen, geometry, recording)?
             }
         };
-        // what is assumed of the noise says nothing of a map
-        let readings = &known.unloaded.readings;
-        let measured = Noise::of_baseline(known.unloaded.noise, readings)
+        // what is assumed of the noise says nothing of a map; a slow method would take longer for it than for the maps
+        let unloaded = &recording.unloaded;
+        let measured = Noise::of_baseline(unloaded.noise, &unloaded.readings)
             .and_then(Noise::measured)
-            .or(chosen.noise_v)
-            .or(chosen.settings.noise_uv.map(|noise_uv| 1e-6 * noise_uv));
-        let noise = measured
-            .and_then(|noise| imaging::map_noise(model.reconstructor.as_ref(), readings, noise));
+            .or(chosen.settings.noise_uv.map(|noise_uv| 1e-6 * noise_uv))
+            .filter(|_| !model.slow);
+        let noise = measured.and_then(|noise| {
+            imaging::map_noise(model.reconstructor.as_ref(), &unloaded.readings, noise)
+        });
         Ok(Self {
             noise,
             field: Field::from_mesh(model.reconstructor.mesh()),
@@ -93,62 +84,35 @@ impl Reconstruction {
     }
 }
 
-/// Prepares a method: conductance, current and noise that nobody says are taken from the baseline.
+/// Prepares a method as the session had it; of a recording without a configuration, conductance, current and noise that
+/// nobody says are taken from the baseline.
 fn prepare(
     chosen: &mut Chosen,
-    mut geometry: Geometry,
-    known: &Known<'_>,
+    geometry: Geometry,
+    recording: &Recording,
 ) -> Result<Model, Failure> {
-    let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m)
-        .map_err(|error| unsolvable(&error))?;
-    let (protocol, baseline) = (known.protocol, known.unloaded.readings.as_slice());
-    if !geometry.sigma0_known {
-        let triangles = geometry.mesh.triangles().len();
-        let current = known.current.0;
-        let conductance =
-            noise::fitted_conductance(&forward, triangles, current, protocol, baseline)
-                .map_err(|error| unsolvable(&error))?
-                .ok_or_else(unlike)?;
-        chosen.remarks.push(format!(
-            "uniform conductance fitted to the baseline: {conductance:.4e} S per square"
-        ));
-        geometry.sigma0 = vec![conductance; triangles];
-    }
-    // The method scales its model to the baseline; noise counts at that scale, so that the unit does not matter.
-    // The daemon takes it at the frames' own current, and a map can only be verified as it was made.
-    let current = if chosen.as_recorded {
-        known.current
+    let protocol = &recording.protocol;
+    let sample = match chosen.unchanged {
+        true => recording.first_sample(),
+        false => recording.sample()?,
+    };
+    let model = if chosen.as_recorded {
+        // the daemon takes noise at the frames' own current, and a map can only be verified as it was made
+        let conditions = Conditions {
+            sample: Some(&sample),
+            ..Conditions::live(&geometry, protocol, recording.current)
+        };
+        imaging::build(&chosen.settings, &conditions)
     } else {
-        Amps(
-            noise::gain(&forward, &geometry.sigma0, protocol, baseline)
-                .map_err(|error| unsolvable(&error))?
-                .ok_or_else(unlike)?,
-        )
+        let currents = vec![recording.current.0; protocol.len()];
+        let fitted =
+            Fitted::new(geometry, protocol, &currents, &recording.unloaded).map_err(not_built)?;
+        chosen.remarks.extend(fitted.notes.iter().cloned());
+        imaging::build(&chosen.settings, &fitted.conditions(protocol, &sample))
     };
-    let settings = &chosen.settings;
-    let noise_needed = settings.lambda.is_none()
-        && (settings.noise_figure.is_none() || settings.method != Some(Method::OneStep));
-    let mut noise_v = chosen.noise_v;
-    if noise_needed && noise_v.is_none() && !chosen.as_recorded {
-        let noise = Noise::of_baseline(known.unloaded.noise, baseline).ok_or_else(unlike)?;
-        chosen.remarks.push(match noise {
-            Noise::Measured(volts) => format!(
-                "noise of one reading, measured on the baseline's frames: {volts:.2e} in the readings' unit"
-            ),
-            Noise::Assumed(volts) => format!(
-                "noise of one reading, assumed to be a thousandth of the readings' rms: {volts:.2e} in their unit; \
-                 --noise-v says better"
-            ),
-        });
-        noise_v = Some(noise.deviation());
-    }
-    let conditions = Conditions {
-        geometry: &geometry,
-        protocol,
-        current,
-        noise_v,
-    };
-    imaging::build(&chosen.settings, &conditions).map_err(not_built)
+    let model = model.map_err(not_built)?;
+    chosen.remarks.extend(model.notes.iter().cloned());
+    Ok(model)
 }
 
 /// The geometry that options, folder or session name, in this order, and what was assumed of it.
@@ -249,20 +213,13 @@ fn not_built(error: BuildError) -> Failure {
             Failure::configuration("the one-step method cannot be set up", cause)
         }
         BuildError::Tv(cause) => Failure::configuration("total variation cannot be set up", cause),
-        BuildError::Geometry { .. } | BuildError::Calibration { .. } | BuildError::Setting(_) => {
+        BuildError::Forward(cause) => {
+            Failure::configuration("the geometry cannot be solved", cause)
+        }
+        BuildError::Unlike => Failure::Configuration(error.to_string()),
+        BuildError::Setting(text) => Failure::Usage(text.clone()),
+        BuildError::Geometry { .. } | BuildError::Calibration { .. } => {
             Failure::configuration("the reconstruction cannot be set up", &error)
         }
     }
-}
-
-fn unlike() -> Failure {
-    Failure::Configuration(
-        "the baseline does not look like this geometry: its readings have the opposite sign of the model's, or none is \
-         valid; if they are magnitudes, say --negate"
-            .to_owned(),
-    )
-}
-
-fn unsolvable(error: &dyn std::error::Error) -> Failure {
-    Failure::configuration("the geometry cannot be solved", error)
 }

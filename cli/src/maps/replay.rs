@@ -11,7 +11,7 @@ use survey::Map;
 use crate::args::{Global, Replay};
 use crate::failure::Failure;
 use crate::maps::drawing;
-use crate::maps::reconstruction::{Known, Reconstruction};
+use crate::maps::reconstruction::Reconstruction;
 use crate::maps::recording;
 use crate::output::Printer;
 use crate::output::progress::progress;
@@ -45,16 +45,7 @@ pub(crate) fn run(
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
     let recording = recording::open(global, replay)?;
-    let reconstruction = Reconstruction::new(
-        &replay.method,
-        &replay.geometry,
-        &recording.origin,
-        &Known {
-            protocol: &recording.protocol,
-            unloaded: &recording.unloaded,
-            current: recording.current,
-        },
-    )?;
+    let reconstruction = Reconstruction::new(&replay.method, &replay.geometry, &recording)?;
     let count = recording::count(&recording, replay)?;
     introduce(&recording, count, &reconstruction, printer)?;
     let existing = replay.replacing.existing();

@@ -4,36 +4,9 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 pub use imaging::recorded::BaselineRule;
-pub use imaging::{Method, PresetName, PriorName};
+pub use imaging::{MethodArguments, PresetName};
 
-use crate::options::numbers::{above_zero, degrees, electrodes, exponent, millimetres};
-
-/// How voltages become a map.
-#[derive(Debug, Clone, Args)]
-#[command(next_help_heading = "Reconstruction")]
-pub struct MethodChoice {
-    /// Method computed on the spot (default when no --model is given: what the session used, else one-step)
-    #[arg(long, value_enum, value_name = "METHOD", conflicts_with = "model")]
-    pub method: Option<Method>,
-    /// Trained model file; it brings its own geometry and protocol
-    #[arg(long, value_name = "FILE")]
-    pub model: Option<PathBuf>,
-    /// Prior of the one-step method (default: what the session used, else noser)
-    #[arg(long, value_enum, value_name = "PRIOR", conflicts_with = "model")]
-    pub prior: Option<PriorName>,
-    /// Exponent of the NOSER prior (default: what the session used, else 0.5 with --prior noser, 0.25 without)
-    #[arg(long, value_name = "P", conflicts_with = "model", value_parser = exponent, allow_hyphen_values = true)]
-    pub exponent: Option<f64>,
-    /// Hyper-parameter of the one-step method (default: what the session used, else from the noise)
-    #[arg(long, value_name = "X", conflicts_with_all = ["model", "noise_v"], value_parser = above_zero, allow_hyphen_values = true)]
-    pub lambda: Option<f64>,
-    /// Standard deviation of one reading, V (default: measured on the baseline's frames)
-    #[arg(long, value_name = "SD", conflicts_with = "model", value_parser = above_zero, allow_hyphen_values = true)]
-    pub noise_v: Option<f64>,
-    /// Loads only take conductance away: bound the relative change to [-1, 0]; maps of a model are cut
-    #[arg(long)]
-    pub loss_only: bool,
-}
+use crate::options::numbers::{degrees, electrodes, millimetres};
 
 /// The sheet or tank, where neither the record nor a model file says it.
 #[derive(Debug, Clone, Args)]

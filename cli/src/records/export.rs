@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use imaging::recorded::{Origin, SessionParts, Unloaded};
+use imaging::recorded::{Recording, SessionParts};
 use logbook::{Record, SessionHeader, SessionKind};
 use outfile::{Existing, OutFile};
 use serde::Serialize;
@@ -13,7 +13,7 @@ use survey::{Amps, Baseline, Protocol, Reading};
 use crate::args::{Export, Global};
 use crate::failure::Failure;
 use crate::maps::drawing;
-use crate::maps::reconstruction::{Known, Reconstruction};
+use crate::maps::reconstruction::Reconstruction;
 use crate::maps::recording::left_out;
 use crate::options::choices::Format;
 use crate::output::Printer;
@@ -44,7 +44,8 @@ pub(crate) fn run(
     export: &Export,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let session = SessionParts::open(&session_files::session_file(global, &export.session)?)?;
+    let path = session_files::session_file(global, &export.session)?;
+    let session = SessionParts::open(&path)?;
     match export.format {
         Format::Csv => tables(&session, export, printer),
         Format::Png | Format::Svg if session.header().kind == SessionKind::Baseline => {
@@ -54,7 +55,7 @@ pub(crate) fn run(
                 session.header().id
             )))
         }
-        Format::Png | Format::Svg => picture(&session, export, printer),
+        Format::Png | Format::Svg => picture(&path, &session, export, printer),
     }
 }
 
@@ -287,37 +288,26 @@ fn reason(reading: Reading) -> Option<&'static str> {
 }
 
 fn picture(
+    path: &Path,
     session: &SessionParts,
     export: &Export,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
     let header = session.header();
-    let baseline = session.baseline()?.ok_or_else(|| {
-        Failure::Failed(format!(
+    if session.baseline()?.is_none() {
+        return Err(Failure::Failed(format!(
             "session {} holds no baseline, so there is no change to draw; `tactus replay {} --baseline first:N` can",
             header.id, header.id
-        ))
-    })?;
+        )));
+    }
     let sequence = match export.frame {
         Some(sequence) => sequence,
         None => session.last_sequence()?,
     };
     let record = session.frame(sequence)?;
-    let unloaded = Unloaded {
-        noise: imaging::noise::rms(baseline.deviation.iter().flatten().copied()),
-        readings: baseline.readings,
-    };
-    let reconstruction = Reconstruction::new(
-        &export.method,
-        &export.geometry,
-        &Origin::Session(Box::new(header.clone())),
-        &Known {
-            protocol: &header.protocol,
-            unloaded: &unloaded,
-            current: record.frame.settings.current,
-        },
-    )?;
-    let map = reconstruction.map(&unloaded.readings, &record.frame.readings)?;
+    let recording = Recording::from_session(path, None, false)?;
+    let reconstruction = Reconstruction::new(&export.method, &export.geometry, &recording)?;
+    let map = reconstruction.map(&recording.unloaded.readings, &record.frame.readings)?;
     let found = reconstruction.field.found(&map, reconstruction.noise);
     let title = format!(
         "{}, frame {sequence}, {}",

@@ -221,12 +221,7 @@ fn understand(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepare
     } else {
         "model"
     };
-    let conditions = Conditions {
-        geometry: &geometry,
-        protocol: &protocol,
-        current,
-        noise_v: None,
-    };
+    let conditions = Conditions::live(&geometry, &protocol, current);
     let built = imaging::check_live(&config.model)
         .and_then(|()| imaging::build(&config.model, &conditions));
     let model = findings.taken(key, built.map_err(|error| chain(&error)));

@@ -2,7 +2,6 @@
 //! when the file was read ([`config::numbers`]).
 
 use config::numbers::too_long;
-use imaging::Method;
 
 use crate::preparation::Findings;
 use config::Config;
@@ -45,61 +44,35 @@ fn of_about(config: &Config, findings: &mut Findings<'_>) {
     }
 }
 
-/// A trained model brings its own settings: what is said of the other method would be ignored.
+/// A trained model brings its own settings: what is said of a method would be ignored, as is what another method uses.
 fn of_the_method(config: &Config, findings: &mut Findings<'_>) {
     let model = &config.model;
-    if model.file.is_none() {
-        of_total_variation(config, findings);
-        return;
-    }
-    let given: Vec<&str> = [
-        ("method", model.method.is_some()),
-        ("prior", model.prior.is_some()),
-        ("exponent", model.exponent.is_some()),
-        ("length_mm", model.length_mm.is_some()),
-        ("noise_figure", model.noise_figure.is_some()),
-        ("map_error", model.map_error.is_some()),
-        ("noise_uv", model.noise_uv.is_some()),
-        ("lambda", model.lambda.is_some()),
-        ("gap", model.gap.is_some()),
-    ]
-    .into_iter()
-    .filter_map(|(key, given)| given.then_some(key))
-    .collect();
-    if let Some(first) = given.first() {
-        findings.add(
-            &format!("model.{first}"),
-            format!(
-                "a model file has its own settings; delete {}, or delete file to use the one-step method",
-                given.join(", ")
-            ),
-        );
-    }
-}
-
-/// Settings of one method that the other would ignore.
-fn of_total_variation(config: &Config, findings: &mut Findings<'_>) {
-    let model = &config.model;
-    let tv = model.method == Some(Method::Tv);
-    for (key, given, other) in [
-        ("prior", tv && model.prior.is_some(), "one-step"),
-        ("exponent", tv && model.exponent.is_some(), "one-step"),
-        ("lambda", tv && model.lambda.is_some(), "one-step"),
-        ("length_mm", tv && model.length_mm.is_some(), "one-step"),
-        (
-            "noise_figure",
-            tv && model.noise_figure.is_some(),
-            "one-step",
-        ),
-        ("map_error", tv && model.map_error.is_some(), "one-step"),
-        ("gap", !tv && model.gap.is_some(), "tv"),
-    ] {
-        if given {
+    if model.file.is_some() {
+        // its maps may be bounded
+        let given = model.given();
+        let given: Vec<&str> = given
+            .into_iter()
+            .filter(|key| *key != "loss_only")
+            .collect();
+        if let Some(first) = given.first() {
             findings.add(
-                &format!("model.{key}"),
-                format!("{key} belongs to method = \"{other}\"; delete it, or choose that method"),
+                &format!("model.{first}"),
+                format!(
+                    "a model file has its own settings; delete {}, or delete file to use the one-step method",
+                    given.join(", ")
+                ),
             );
         }
+        return;
+    }
+    for (key, methods) in model.ignored() {
+        findings.add(
+            &format!("model.{key}"),
+            format!(
+                "{key} belongs to method = \"{}\"; delete it, or choose that method",
+                methods.join("\" or \"")
+            ),
+        );
     }
 }
 

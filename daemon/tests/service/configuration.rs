@@ -85,8 +85,12 @@ fn each_bad_input_is_named_at_its_place() {
             ":21:9: model.prior: a model file has its own settings; delete prior, lambda, or delete file",
         ),
         (
-            more("[model]\nmethod = \"tv\"\nlambda = 1.0\n"),
-            "model.lambda: lambda belongs to method = \"one-step\"",
+            more("[model]\nmethod = \"tv-paper\"\nnoise_uv = 1.0\n"),
+            "model.noise_uv: noise_uv belongs to method = \"one-step\" or \"best\" or \"tv\"",
+        ),
+        (
+            more("[model]\nmethod = \"rbf\"\n"),
+            "method rbf needs a model file: train one with tactus-lab train rbf",
         ),
         (
             more("[model]\ngap = 1e-3\n"),
@@ -102,7 +106,7 @@ fn each_bad_input_is_named_at_its_place() {
         ),
         (
             more("[model]\nnoise_uv = 2.0\nlambda = 1.0\n"),
-            "one of lambda, noise_figure and noise_uv",
+            "one of lambda, noise_figure, noise_uv and choose",
         ),
         (
             more("[model]\nmethod = \"tv\"\nmap_error = 1e-3\n"),

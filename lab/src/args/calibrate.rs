@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use imaging::recorded::BaselineRule;
 use outfile::OutPath;
 
 use super::Replacing;
@@ -27,7 +28,7 @@ pub(crate) struct CalibrateOptions {
     pub(crate) noise_v: Option<f64>,
     /// Baseline: a file or first:N
     #[arg(long, value_name = "FILE|first:N", default_value = "first:1")]
-    pub(crate) baseline: String,
+    pub(crate) baseline: BaselineRule,
     /// File to write
     #[arg(long, value_name = "FILE")]
     pub(crate) out: OutPath,

@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use clap::Args;
 use outfile::OutPath;
 
-use studies::methods::MethodOptions;
+use imaging::recorded::BaselineRule;
+use studies::evaluation::MethodOptions;
 
 use super::Replacing;
 
@@ -21,7 +22,7 @@ pub(crate) struct ReconstructOptions {
     pub(crate) frames: PathBuf,
     /// Baseline: a file (the mean of its frames) or first:N (the mean of the first N frames)
     #[arg(long, value_name = "FILE|first:N", default_value = "first:1")]
-    pub(crate) baseline: String,
+    pub(crate) baseline: BaselineRule,
     /// Negate all readings: the instrument gives magnitudes
     #[arg(long)]
     pub(crate) negate: bool,

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use eit::{Case, Jitter, Preset};
+use imaging::recorded::read_frames;
 use studies::Failure;
-use studies::methods::{positive, read_frames};
 use survey::Amps;
 use training::dataset::DataSet;
 use training::samples::Samples;
@@ -26,11 +26,11 @@ impl Data {
         for level in &options.noise_v {
             positive(
                 "--noise-v",
-                Some(*level),
+                *level,
                 "the noise of one reading in volts, e.g. 2e-6",
             )?;
         }
-        positive("--gamma", Some(options.gamma), "the paper's is 0.01")?;
+        positive("--gamma", options.gamma, "the paper's is 0.01")?;
         let case = match &options.case {
             Some(folder) => geometry::read(folder)?,
             None => geometry::case(&Preset::default(), Amps(1e-3))?,
@@ -60,9 +60,7 @@ impl Data {
 
 /// Frames of the unloaded sheet, V: whole ones only.
 fn noise_frames(path: &Path, readings: usize) -> Result<Vec<Vec<f64>>, Failure> {
-    let recording = read_frames(path, "first:1", readings, false)?;
-    recording
-        .frames
+    read_frames(path, readings, false)?
         .iter()
         .map(|(name, frame)| {
             frame
@@ -77,4 +75,14 @@ fn noise_frames(path: &Path, readings: usize) -> Result<Vec<Vec<f64>>, Failure> 
                 })
         })
         .collect()
+}
+
+/// Refuses what is not a positive number.
+fn positive(option: &str, value: f64, hint: &str) -> Result<(), Failure> {
+    match value > 0.0 && value.is_finite() {
+        true => Ok(()),
+        false => Err(Failure::usage(format!(
+            "{option} {value}: a positive number is expected ({hint})"
+        ))),
+    }
 }

@@ -6,7 +6,8 @@ use std::path::Path;
 use eit::{Calibration, KnownPress};
 use phantom::GRAVITY;
 
-use studies::methods::{self, MethodOptions};
+use imaging::recorded::FrameTable;
+use studies::evaluation::MethodOptions;
 use studies::{Failure, write};
 
 use crate::args::CalibrateOptions;
@@ -26,10 +27,10 @@ pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
         .clone()
         .unwrap_or_else(|| options.case.join("presses.csv"));
     let presses = read_presses(&presses)?;
-    let recording = methods::read_frames(&frames, &options.baseline, case.protocol.len(), false)?;
+    let recording = FrameTable::read(&frames, &options.baseline, case.protocol.len(), false)?;
     let chosen = MethodOptions::parse(&options.method, &words(options))?;
-    let choice = methods::prepare(&chosen, &case, &recording)?;
-    for note in &choice.notes {
+    let model = chosen.prepare(&case, &recording)?;
+    for note in &model.notes {
         eprintln!("tactus-lab: {}", survey::printable(note));
     }
     let known = presses
@@ -44,7 +45,7 @@ pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
                     recording.frames.len()
                 ))
             })?;
-            let map = choice
+            let map = model
                 .reconstructor
                 .reconstruct(&recording.unloaded.readings, frame)
                 .map_err(|fault| Failure::of(&format!("frame '{name}'"), &fault))?;

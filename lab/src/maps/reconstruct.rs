@@ -7,8 +7,9 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 use survey::{Map, Reading};
 
+use imaging::recorded::FrameTable;
 use studies::evaluation::median;
-use studies::{Failure, methods, progress, write};
+use studies::{Failure, progress, write};
 
 use super::calibrate;
 use crate::args::ReconstructOptions;
@@ -17,7 +18,7 @@ use crate::geometry;
 /// A row for each frame of the file. A frame that is refused makes the command fail, naming it.
 pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     let case = geometry::read(&options.case)?;
-    let recording = methods::read_frames(
+    let recording = FrameTable::read(
         &options.frames,
         &options.baseline,
         case.protocol.len(),
@@ -28,15 +29,15 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
         .as_deref()
         .map(calibrate::read)
         .transpose()?;
-    let choice = methods::prepare(&options.method, &case, &recording)?;
-    for note in &choice.notes {
+    let model = options.method.prepare(&case, &recording)?;
+    for note in &model.notes {
         eprintln!("tactus-lab: {}", survey::printable(note));
     }
     let (centroids, areas) = (case.mesh.region_centroids(), case.mesh.region_areas());
     let bar = progress::bar(recording.frames.len(), "frames");
     let one = |(name, frame): &(String, Vec<Reading>)| {
         let start = Instant::now();
-        let map = choice
+        let map = model
             .reconstructor
             .reconstruct(&recording.unloaded.readings, frame)
             .map_err(|fault| Failure::of(&format!("frame '{name}'"), &fault))?;
@@ -44,7 +45,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
         Ok((map, start.elapsed().as_secs_f64() * 1e3))
     };
     // quick methods one after the other, so that their times are their own
-    let made: Vec<(Map, f64)> = if choice.slow {
+    let made: Vec<(Map, f64)> = if model.slow {
         recording
             .frames
             .par_iter()

@@ -99,6 +99,8 @@ pub struct Geometry {
     pub sigma0: Vec<f64>,
     /// Whether `sigma0` was given; else it is 1 mS throughout.
     pub sigma0_known: bool,
+    /// Whether it is a case folder's, which gives its conductance together with the currents of the readings.
+    pub from_case: bool,
 }
 
 impl Geometry {
@@ -111,13 +113,19 @@ impl Geometry {
             folder: folder.to_owned(),
             cause,
         })?;
-        Ok(Self {
-            name: format!("case {}", folder.display()),
+        Ok(Self::of_case(&case, format!("case {}", folder.display())))
+    }
+
+    /// The geometry of a case that has been read.
+    pub fn of_case(case: &Case, name: String) -> Self {
+        Self {
+            name,
             sigma0_known: case.sigma.contains_key("homog"),
             sigma0: case.unloaded_conductance(),
-            mesh: case.mesh,
-            contact_ohm_m: case.contact_ohm_m,
-        })
+            mesh: Arc::clone(&case.mesh),
+            contact_ohm_m: case.contact_ohm_m.clone(),
+            from_case: true,
+        }
     }
 
     /// Makes the mesh of a preset.
@@ -134,6 +142,7 @@ impl Geometry {
             name: name.to_owned(),
             sigma0: vec![preset.conductance(); mesh.triangles().len()],
             sigma0_known: true,
+            from_case: false,
             contact_ohm_m: preset.contact_ohm_m(),
             mesh: Arc::new(mesh),
         })

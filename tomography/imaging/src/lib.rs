@@ -9,15 +9,20 @@
 //! use survey::{Amps, Protocol};
 //! let geometry = GeometrySettings { preset: Some(PresetName::DiscTank), ..Default::default() }.geometry(None)?;
 //! let protocol = Protocol::sheffield(geometry.electrodes())?;
-//! let conditions = Conditions { geometry: &geometry, protocol: &protocol, current: Amps(1e-3), noise_v: None };
+//! let conditions = Conditions::live(&geometry, &protocol, Amps(1e-3));
 //! let model = imaging::build(&ReconstructionSettings::default(), &conditions)?;
 //! assert!(model.reconstructor.method().starts_with("one-step"));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
 mod baseline_check;
+mod after_frames;
+#[cfg(feature = "arguments")]
+mod arguments;
 mod geometry;
 mod map_noise;
+mod methods;
+mod model_file;
 pub mod noise;
 mod reconstruction;
 pub mod recorded;
@@ -25,8 +30,12 @@ mod settings;
 mod stored_models;
 
 pub use baseline_check::baseline_remarks;
+pub use after_frames::FRAMES_LOOKED_AT;
+#[cfg(feature = "arguments")]
+pub use arguments::MethodArguments;
 pub use geometry::{Geometry, GeometryError, GeometrySettings, PresetName, has_mesh};
 pub use map_noise::map_noise;
-pub use reconstruction::{BuildError, Conditions, Model, build, check_live, load};
-pub use settings::{Method, PriorName, ReconstructionSettings};
+pub use model_file::load;
+pub use reconstruction::{BuildError, Conditions, Model, Sample, build, check_live};
+pub use settings::{HyperRule, Method, PriorName, ReconstructionSettings};
 pub use stored_models::{find_model, find_model_in, short_hash};

@@ -75,10 +75,8 @@ mod tests {
             .fold(0.0_f64, |most, volts| most.max(volts.abs()));
         let noise_v = 1e-4 * size;
         let conditions = Conditions {
-            geometry: &geometry,
-            protocol: &protocol,
-            current: Amps(1e-3),
             noise_v: Some(noise_v),
+            ..Conditions::live(&geometry, &protocol, Amps(1e-3))
         };
         let model = build(&ReconstructionSettings::default(), &conditions).unwrap();
         let reconstructor = model.reconstructor.as_ref();

@@ -117,6 +117,19 @@ pub fn rms(values: impl Iterator<Item = f64>) -> Option<f64> {
     (count > 0 && squares > 0.0).then(|| (squares / count as f64).sqrt())
 }
 
+/// By how much a baseline exceeds these readings of a model, in the least squares; `None` where they have opposite signs or
+/// no reading is valid.
+fn factor(model: impl Iterator<Item = f64>, baseline: &[Reading]) -> Option<f64> {
+    let (mut both, mut own) = (0.0, 0.0);
+    for (reading, ohms) in baseline.iter().zip(model) {
+        if let Some(volts) = reading.volts() {
+            both += ohms * volts.0;
+            own += ohms * ohms;
+        }
+    }
+    Some(both / own).filter(|gain| *gain > 0.0 && gain.is_finite())
+}
+
 /// By how much a baseline exceeds the geometry's own readings at 1 A, in the least squares: the current, where
 /// conductance and unit are known; else the factor from the model's unit to the recording's. `None` where they have
 /// opposite signs or no reading is valid.
@@ -130,25 +143,31 @@ pub fn gain(
     baseline: &[Reading],
 ) -> Result<Option<f64>, ForwardError> {
     let model = forward.readings(sigma, protocol)?;
-    let (mut both, mut own) = (0.0, 0.0);
-    for (reading, &ohms) in baseline.iter().zip(model.iter()) {
-        if let Some(volts) = reading.volts() {
-            both += ohms * volts.0;
-            own += ohms * ohms;
-        }
-    }
-    Ok(Some(both / own).filter(|gain| *gain > 0.0 && gain.is_finite()))
+    Ok(factor(model.iter().copied(), baseline))
 }
 
-/// The uniform conductance, S per square, whose readings at `current_a` (A) are nearest to the baseline in the least
-/// squares; `None` where the baseline does not look like the geometry.
+/// The same against the readings at these currents (A), one a reading.
+pub(crate) fn gain_at(
+    forward: &Forward,
+    sigma: &[f64],
+    currents: &[f64],
+    protocol: &Protocol,
+    baseline: &[Reading],
+) -> Result<Option<f64>, ForwardError> {
+    let model = forward.readings(sigma, protocol)?;
+    let at_current = model.iter().zip(currents).map(|(ohms, amps)| ohms * amps);
+    Ok(factor(at_current, baseline))
+}
+
+/// The uniform conductance, S per square, whose readings at these currents (A, one a reading) are nearest to the baseline in
+/// the least squares; `None` where the baseline does not look like the geometry.
 ///
 /// # Errors
 /// The forward model cannot be solved.
-pub fn fitted_conductance(
+pub(crate) fn fitted_conductance(
     forward: &Forward,
     triangles: usize,
-    current_a: f64,
+    currents: &[f64],
     protocol: &Protocol,
     baseline: &[Reading],
 ) -> Result<Option<f64>, ForwardError> {
@@ -156,12 +175,11 @@ pub fn fitted_conductance(
     // Readings are inversely proportional to the conductance but for the contacts' share: a few rounds are enough.
     for _ in 0..20 {
         let sigma = vec![conductance; triangles];
-        let Some(gain) = gain(forward, &sigma, protocol, baseline)? else {
+        let Some(excess) = gain_at(forward, &sigma, currents, protocol, baseline)? else {
             return Ok(None);
         };
-        let factor = current_a / gain;
-        conductance *= factor;
-        if (factor - 1.0).abs() < 1e-9 {
+        conductance /= excess;
+        if (excess - 1.0).abs() < 1e-9 {
             break;
         }
     }
@@ -267,7 +285,14 @@ mod tests {
                 .filter_map(|reading| reading.volts())
                 .map(|volts| Reading::Ok(Volts(sign * volts.0)))
                 .collect();
-            fitted_conductance(&forward, triangles, 5e-3, &protocol, &baseline).unwrap()
+            fitted_conductance(
+                &forward,
+                triangles,
+                &vec![5e-3; protocol.len()],
+                &protocol,
+                &baseline,
+            )
+            .unwrap()
         };
         let found = fitted(1.0).unwrap();
         assert!((found / 0.02 - 1.0).abs() < 1e-9, "{found}");

@@ -3,17 +3,28 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use eit::inverse::learned::network::{OnnxError, is_onnx, load_onnx};
-use eit::{Calibration, Hyper, LossOnly, OneStep, OneStepOptions, Reconstructor, Tv, TvOptions};
+use eit::inverse::learned::network::OnnxError;
+use eit::{Calibration, Reconstructor, Scale};
 use survey::{Amps, Protocol, Reading};
 
+use crate::after_frames::AfterFrames;
 use crate::geometry::Geometry;
-use crate::noise::DEFAULT_NOISE_UV;
+use crate::methods;
+use crate::model_file::load;
 use crate::settings::{Method, PriorName, ReconstructionSettings};
 use crate::stored_models::short_hash;
 
+/// Frames that are known before a method is settled, with the unloaded state: what its rules look at.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sample {
+    /// The unloaded state.
+    pub baseline: Vec<Reading>,
+    /// The frames.
+    pub frames: Vec<Vec<Reading>>,
+}
+
 /// What frames are taken with, and what is known of them before any is reconstructed.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Conditions<'a> {
     /// The sheet or tank.
     pub geometry: &'a Geometry,
@@ -21,8 +32,28 @@ pub struct Conditions<'a> {
     pub protocol: &'a Protocol,
     /// Current of the frames, or the factor from the model's readings at 1 A to the recording's unit.
     pub current: Amps,
-    /// Standard deviation of one reading, V, where the settings do not say it; else [`DEFAULT_NOISE_UV`].
+    /// Standard deviation of one reading, V, where the settings do not say it; else
+    /// [`DEFAULT_NOISE_UV`](crate::noise::DEFAULT_NOISE_UV).
     pub noise_v: Option<f64>,
+    /// How the baseline's own scale enters the model-based methods.
+    pub scale: Scale,
+    /// Frames that are known; without them a method that looks at frames is settled by the first
+    /// [`FRAMES_LOOKED_AT`](crate::FRAMES_LOOKED_AT) that it is given.
+    pub sample: Option<&'a Sample>,
+}
+
+impl<'a> Conditions<'a> {
+    /// Of frames that are still to be measured.
+    pub fn live(geometry: &'a Geometry, protocol: &'a Protocol, current: Amps) -> Self {
+        Self {
+            geometry,
+            protocol,
+            current,
+            noise_v: None,
+            scale: Scale::default(),
+            sample: None,
+        }
+    }
 }
 
 /// A reconstructor and where it comes from.
@@ -34,6 +65,49 @@ pub struct Model {
     pub hash: Option<String>,
     /// From its maps to pressure; `None` where none is configured.
     pub calibration: Option<Arc<Calibration>>,
+    /// What was decided, and what to know of it, a sentence each.
+    pub notes: Vec<String>,
+    /// Whether a frame takes so long that frames are better made side by side.
+    pub slow: bool,
+    /// The reconstructor once more, where it is settled by the first frames that it is given.
+    pub(crate) after_frames: Option<Arc<AfterFrames>>,
+}
+
+impl Model {
+    /// A reconstructor without model file, calibration and notes.
+    pub fn new(reconstructor: Arc<dyn Reconstructor>) -> Self {
+        Self {
+            reconstructor,
+            hash: None,
+            calibration: None,
+            notes: Vec::new(),
+            slow: false,
+            after_frames: None,
+        }
+    }
+
+    /// The same for another run of frames: a method that is settled by its first frames has seen none.
+    pub fn for_session(&self) -> Self {
+        let Some(after_frames) = &self.after_frames else {
+            return self.clone();
+        };
+        let fresh = Arc::new(after_frames.fresh());
+        Self {
+            reconstructor: Arc::clone(&fresh) as Arc<dyn Reconstructor>,
+            after_frames: Some(fresh),
+            ..self.clone()
+        }
+    }
+
+    /// Whether the method is settled by the first frames that it is given.
+    pub fn looks_at_frames(&self) -> bool {
+        self.after_frames.is_some()
+    }
+
+    /// What was decided since this was last called, in a sentence; `None` where nothing was.
+    pub fn decided(&self) -> Option<String> {
+        self.after_frames.as_ref()?.decided()
+    }
 }
 
 /// A half frame is not doubled for a model of whole ones: both readings of a pair would have the same noise, which a model
@@ -100,6 +174,15 @@ pub enum BuildError {
     /// Total variation cannot be prepared.
     #[error("total variation: {0}")]
     Tv(#[from] eit::TvError),
+    /// The forward model cannot be solved.
+    #[error("the forward model: {0}")]
+    Forward(#[from] eit::ForwardError),
+    /// A recording that was not made with this geometry.
+    #[error(
+        "the baseline does not look like this geometry: it is zero, its readings have the opposite sign of the model's, or \
+         none is valid; if they are magnitudes, say --negate"
+    )]
+    Unlike,
     /// A calibration cannot be used.
     #[error("calibration {}: {why}; fit one with tactus-lab calibrate", .path.display())]
     Calibration {
@@ -144,7 +227,8 @@ pub fn check_live(settings: &ReconstructionSettings) -> Result<(), BuildError> {
     Ok(())
 }
 
-/// Loads the model file, or prepares the method, as the settings say.
+/// Loads the model file, or prepares the method, as the settings say. Settings that the method does not look at have no
+/// effect; [`ReconstructionSettings::ignored`] names them.
 ///
 /// # Errors
 /// A file that cannot be read or was made for another protocol or geometry, settings that contradict each other, or a
@@ -161,10 +245,21 @@ pub fn build(
             conditions.protocol,
             Some(conditions.geometry),
         )?,
-        None => match settings.method.unwrap_or_default() {
-            Method::OneStep => one_step(settings, conditions)?,
-            Method::Tv => total_variation(settings, conditions)?,
-        },
+        None if conditions.sample.is_none() && settings.looks_at_frames() => {
+            let after_frames = Arc::new(AfterFrames::new(settings, conditions)?);
+            Model {
+                after_frames: Some(Arc::clone(&after_frames)),
+                ..Model::new(after_frames)
+            }
+        }
+        None => {
+            let prepared = methods::prepare(settings, conditions)?;
+            Model {
+                notes: prepared.notes,
+                slow: prepared.slow,
+                ..Model::new(prepared.reconstructor)
+            }
+        }
     };
     if let Some(path) = &settings.calibration {
         model.calibration = Some(Arc::new(calibration(path, conditions.geometry, &model)?));
@@ -192,7 +287,11 @@ fn calibration(path: &Path, geometry: &Geometry, model: &Model) -> Result<Calibr
             geometry.name
         )));
     }
-    if calibration.method != model.reconstructor.method() {
+    let fits = match &model.after_frames {
+        Some(after_frames) => after_frames.may_make(&calibration.method),
+        None => calibration.method == model.reconstructor.method(),
+    };
+    if !fits {
         return Err(refused(format!(
             "it was fitted to maps of '{}', the configured method is '{}'",
             calibration.method,
@@ -200,177 +299,4 @@ fn calibration(path: &Path, geometry: &Geometry, model: &Model) -> Result<Calibr
         )));
     }
     Ok(calibration)
-}
-
-/// Loads a model file and checks that it was made for this protocol, and for this geometry where one is given; an ONNX
-/// file says nothing of geometry and protocol, takes both from here, and cannot do without. `loss_only` cuts its maps.
-///
-/// # Errors
-/// A file that cannot be read, or that was made for something else.
-pub fn load(
-    path: &Path,
-    loss_only: bool,
-    protocol: &Protocol,
-    geometry: Option<&Geometry>,
-) -> Result<Model, BuildError> {
-    if is_onnx(path) {
-        let geometry = geometry.ok_or_else(|| {
-            BuildError::Setting(format!(
-                "model {} is an ONNX file, which holds no mesh; name a preset or a case folder",
-                path.display()
-            ))
-        })?;
-        return onnx(path, loss_only, geometry, protocol);
-    }
-    let loaded = eit::model::load(path).map_err(|cause| BuildError::File {
-        path: path.to_owned(),
-        cause,
-    })?;
-    let hash = Some(loaded.hash().to_owned());
-    let reconstructor = cut(loaded.into_reconstructor(), loss_only);
-    check(path, reconstructor.as_ref(), geometry, protocol)?;
-    Ok(Model {
-        reconstructor,
-        hash,
-        calibration: None,
-    })
-}
-
-fn cut(trained: Box<dyn Reconstructor>, loss_only: bool) -> Arc<dyn Reconstructor> {
-    match loss_only {
-        true => Arc::new(LossOnly::new(trained)),
-        false => Arc::from(trained),
-    }
-}
-
-/// A network trained elsewhere; its file says nothing of sheet and survey, so both are this rig's.
-fn onnx(
-    path: &Path,
-    loss_only: bool,
-    geometry: &Geometry,
-    protocol: &Protocol,
-) -> Result<Model, BuildError> {
-    let network = load_onnx(path, Arc::clone(&geometry.mesh), protocol)?;
-    let bytes = std::fs::read(path).map_err(|cause| BuildError::File {
-        path: path.to_owned(),
-        cause: eit::ModelError::Io {
-            path: path.to_owned(),
-            cause,
-        },
-    })?;
-    Ok(Model {
-        reconstructor: cut(network, loss_only),
-        hash: Some(eit::model::fingerprint(&bytes)),
-        calibration: None,
-    })
-}
-
-fn check(
-    path: &Path,
-    model: &dyn Reconstructor,
-    geometry: Option<&Geometry>,
-    protocol: &Protocol,
-) -> Result<(), BuildError> {
-    let name = path.display().to_string();
-    if model.protocol() != protocol {
-        return Err(BuildError::Survey {
-            model: name,
-            asks: model.protocol().len(),
-            model_electrodes: model.protocol().electrodes(),
-            model_hash: short_hash(&model.protocol().hash()).to_owned(),
-            rig: protocol.len(),
-            rig_electrodes: protocol.electrodes(),
-            rig_hash: short_hash(&protocol.hash()).to_owned(),
-            half: model
-                .protocol()
-                .answered_by(protocol, &vec![Reading::NotMeasured; protocol.len()])
-                .is_some(),
-        });
-    }
-    if let Some(geometry) = geometry.filter(|geometry| model.mesh().hash() != geometry.mesh.hash())
-    {
-        return Err(BuildError::Geometry {
-            model: name,
-            model_hash: short_hash(model.mesh().hash()).to_owned(),
-            rig_hash: short_hash(geometry.mesh.hash()).to_owned(),
-            geometry: geometry.name.clone(),
-        });
-    }
-    Ok(())
-}
-
-/// Noise of one reading, V.
-fn noise_v(settings: &ReconstructionSettings, conditions: &Conditions<'_>) -> f64 {
-    settings
-        .noise_uv
-        .map(|noise| noise * 1e-6)
-        .or(conditions.noise_v)
-        .unwrap_or(DEFAULT_NOISE_UV * 1e-6)
-}
-
-fn one_step(
-    settings: &ReconstructionSettings,
-    conditions: &Conditions<'_>,
-) -> Result<Model, BuildError> {
-    let hyper = match (settings.lambda, settings.noise_figure, settings.noise_uv) {
-        (Some(_), Some(_), _) | (Some(_), _, Some(_)) | (_, Some(_), Some(_)) => {
-            return Err(BuildError::Setting(
-                "give one of lambda, noise_figure and noise_uv".to_owned(),
-            ));
-        }
-        (Some(lambda), None, None) => Hyper::Lambda(lambda),
-        (None, Some(figure), None) => Hyper::NoiseFigure(figure),
-        (None, None, _) => Hyper::Noise {
-            volts: noise_v(settings, conditions),
-            current: conditions.current.0,
-        },
-    };
-    let options = OneStepOptions {
-        prior: settings.one_step_prior(),
-        hyper,
-        loss_only: settings.loss_only.unwrap_or(false),
-        map_error: settings.map_error,
-        ..OneStepOptions::default()
-    };
-    let geometry = conditions.geometry;
-    let one_step = OneStep::new(
-        Arc::clone(&geometry.mesh),
-        &geometry.contact_ohm_m,
-        &geometry.sigma0,
-        conditions.protocol,
-        options,
-    )?;
-    Ok(Model {
-        reconstructor: Arc::new(one_step),
-        hash: None,
-        calibration: None,
-    })
-}
-
-/// Total variation with cold starts: a map depends on its frame alone.
-fn total_variation(
-    settings: &ReconstructionSettings,
-    conditions: &Conditions<'_>,
-) -> Result<Model, BuildError> {
-    let usual = TvOptions::default();
-    let options = TvOptions {
-        noise_v: noise_v(settings, conditions),
-        current_a: conditions.current.0,
-        loss_only: settings.loss_only.unwrap_or(false),
-        gap: settings.gap.unwrap_or(usual.gap),
-        ..usual
-    };
-    let geometry = conditions.geometry;
-    let tv = Tv::new(
-        Arc::clone(&geometry.mesh),
-        &geometry.contact_ohm_m,
-        &geometry.sigma0,
-        conditions.protocol,
-        options,
-    )?;
-    Ok(Model {
-        reconstructor: Arc::new(tv),
-        hash: None,
-        calibration: None,
-    })
 }

@@ -1,25 +1,49 @@
-//! How maps are to be made, as a configuration says it.
+//! How maps are to be made, as a configuration says it: every method by its name, and the settings that each has.
 
 use std::path::PathBuf;
 
 use eit::{Prior, SMOOTH_LENGTH_M};
 use serde::{Deserialize, Serialize};
 
-/// Reconstruction without a trained model.
+/// How voltages become a map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "arguments", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// One-step difference reconstruction.
+    /// One-step difference reconstruction
     #[default]
     OneStep,
-    /// Total variation, to a gap of 1e-3 unless the session used another.
+    /// The best of the methods for the frames and their noise; says what it chose and why
+    Best,
+    /// Total variation, to a stated gap
     Tv,
+    /// The paper's Eq. 4 and 5 as printed: one linear, quadratic step, alpha 1e-6 (lambda: another)
+    TvPaper,
+    /// Trained linear map: a model file; tactus-lab reconstruct trains one for the case
+    Linear,
+    /// Radial-basis-function network: a model file; tactus-lab reconstruct trains one for the case
+    Rbf,
+    /// Deep network: a model file, trained beforehand
+    Dnn,
+}
+
+impl Method {
+    /// The name in a configuration and on a command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::OneStep => "one-step",
+            Self::Best => "best",
+            Self::Tv => "tv",
+            Self::TvPaper => "tv-paper",
+            Self::Linear => "linear",
+            Self::Rbf => "rbf",
+            Self::Dnn => "dnn",
+        }
+    }
 }
 
 /// Prior of the one-step method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[cfg_attr(feature = "arguments", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum PriorName {
     /// Small changes.
@@ -29,8 +53,18 @@ pub enum PriorName {
     Noser,
     /// Smooth changes.
     Laplace,
-    /// Smooth changes of a stated correlation length: 10 mm unless the session used another.
+    /// Smooth changes of a stated correlation length: 10 mm unless another is given.
     Gaussian,
+}
+
+/// How the hyper-parameter follows from frames, where nobody says noise or lambda.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum HyperRule {
+    /// The one that makes the frames most probable, doubled.
+    Evidence,
+    /// At the corner of the frames' L-curve.
+    LCurve,
 }
 
 /// The section `[model]` of a configuration: what is `None` has its default.
@@ -55,12 +89,15 @@ pub struct ReconstructionSettings {
     /// Standard deviation of the noise of one reading, uV, in place of the baseline's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_uv: Option<f64>,
-    /// Hyper-parameter of the one-step method.
+    /// Hyper-parameter: lambda of the one-step method, alpha of total variation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lambda: Option<f64>,
     /// Noise figure that the one-step method's lambda is chosen for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_figure: Option<f64>,
+    /// The rule that finds the hyper-parameter from frames.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub choose: Option<HyperRule>,
     /// Share of a map's largest value by which a quicker frame may differ.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub map_error: Option<f64>,
@@ -75,13 +112,29 @@ pub struct ReconstructionSettings {
     pub calibration: Option<PathBuf>,
 }
 
+/// Which methods look at a setting.
+const USED_BY: [(&str, &[Method]); 10] = {
+    use Method::{Best, Linear, OneStep, Rbf, Tv, TvPaper};
+    [
+        ("prior", &[OneStep, Best]),
+        ("exponent", &[OneStep, Best]),
+        ("length_mm", &[OneStep, Best]),
+        ("noise_uv", &[OneStep, Best, Tv, Linear, Rbf]),
+        ("lambda", &[OneStep, Best, Tv, TvPaper]),
+        ("noise_figure", &[OneStep, Best]),
+        ("choose", &[OneStep, Best, Tv]),
+        ("map_error", &[OneStep]),
+        ("gap", &[Tv]),
+        ("loss_only", &[OneStep, Best, Tv, Linear, Rbf]),
+    ]
+};
+
 impl ReconstructionSettings {
     /// Whether the method is set by the noise of the baseline: nothing else is named to set it by.
     pub fn takes_noise_of_baseline(&self) -> bool {
         self.file.is_none()
-            && self.noise_uv.is_none()
-            && self.lambda.is_none()
-            && self.noise_figure.is_none()
+            && self.strengths() == 0
+            && is_used("noise_uv", self.method.unwrap_or_default())
     }
 
     /// The prior of the one-step method with its parameters.
@@ -94,5 +147,133 @@ impl ReconstructionSettings {
                 length_m: self.length_mm.map_or(SMOOTH_LENGTH_M, |mm| 1e-3 * mm),
             },
         }
+    }
+
+    /// The keys that say how strongly a map is smoothed: at most one of them may be given.
+    pub(crate) fn strengths(&self) -> usize {
+        [
+            self.lambda.is_some(),
+            self.noise_figure.is_some(),
+            self.noise_uv.is_some(),
+            self.choose.is_some(),
+        ]
+        .into_iter()
+        .filter(|given| *given)
+        .count()
+    }
+
+    /// Whether frames are looked at before the method is settled.
+    pub(crate) fn looks_at_frames(&self) -> bool {
+        self.file.is_none()
+            && (self.choose.is_some() || self.method.unwrap_or_default() == Method::Best)
+    }
+
+    /// For a recording that brings no configuration: the best method, its hyper-parameter by the evidence of the frames,
+    /// where nothing else is said.
+    pub fn for_recording(mut self) -> Self {
+        let method = *self.method.get_or_insert(Method::Best);
+        if self.file.is_none() && self.strengths() == 0 && is_used("choose", method) {
+            self.choose = Some(HyperRule::Evidence);
+        }
+        self
+    }
+
+    /// These settings, and where they say nothing those that a session kept. A prior, an exponent or a lambda is of the
+    /// one-step method, whatever the session used; of another method than the session's its hyper-parameter says nothing.
+    pub fn over(self, kept: Self) -> Self {
+        let one_step = self.prior.is_some() || self.exponent.is_some() || self.lambda.is_some();
+        let method = self.method.or(kept.method.filter(|_| !one_step));
+        let strength = self.strengths() > 0;
+        let other = method.unwrap_or_default() != kept.method.unwrap_or_default();
+        Self {
+            file: self.file,
+            method,
+            prior: self.prior.or(kept.prior),
+            exponent: self.exponent.or(kept.exponent),
+            length_mm: self.length_mm.or(kept.length_mm),
+            noise_uv: self.noise_uv.or(kept.noise_uv.filter(|_| !strength)),
+            lambda: self.lambda.or(kept.lambda.filter(|_| !strength && !other)),
+            noise_figure: self
+                .noise_figure
+                .or(kept.noise_figure.filter(|_| !strength && !other)),
+            choose: self.choose.or(kept.choose.filter(|_| !strength && !other)),
+            map_error: self.map_error.or(kept.map_error),
+            loss_only: self.loss_only.or(kept.loss_only),
+            gap: self.gap.or(kept.gap),
+            calibration: self.calibration,
+        }
+    }
+
+    /// The keys that are given, without file and calibration.
+    pub fn given(&self) -> Vec<&'static str> {
+        [
+            ("method", self.method.is_some()),
+            ("prior", self.prior.is_some()),
+            ("exponent", self.exponent.is_some()),
+            ("length_mm", self.length_mm.is_some()),
+            ("noise_figure", self.noise_figure.is_some()),
+            ("map_error", self.map_error.is_some()),
+            ("noise_uv", self.noise_uv.is_some()),
+            ("lambda", self.lambda.is_some()),
+            ("choose", self.choose.is_some()),
+            ("gap", self.gap.is_some()),
+            ("loss_only", self.loss_only == Some(true)),
+        ]
+        .into_iter()
+        .filter_map(|(key, given)| given.then_some(key))
+        .collect()
+    }
+
+    /// The keys that are given and that the method does not look at, each with the names of the methods that do.
+    pub fn ignored(&self) -> Vec<(&'static str, Vec<&'static str>)> {
+        let method = self.method.unwrap_or_default();
+        let given = self.given();
+        USED_BY
+            .iter()
+            .filter(|(key, _)| given.contains(key) && !is_used(key, method))
+            .map(|(key, methods)| (*key, methods.iter().map(|method| method.name()).collect()))
+            .collect()
+    }
+}
+
+fn is_used(key: &str, method: Method) -> bool {
+    USED_BY
+        .iter()
+        .any(|(known, methods)| *known == key && methods.contains(&method))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_that_a_method_ignores_are_named_with_their_owners() {
+        let settings = ReconstructionSettings {
+            method: Some(Method::TvPaper),
+            noise_uv: Some(2.0),
+            lambda: Some(1e-6),
+            gap: Some(1e-3),
+            ..ReconstructionSettings::default()
+        };
+        let ignored = settings.ignored();
+        assert_eq!(ignored[0].0, "noise_uv");
+        assert_eq!(ignored[1], ("gap", vec!["tv"]));
+        assert_eq!(ignored.len(), 2);
+    }
+
+    #[test]
+    fn a_kept_lambda_is_not_taken_for_another_method() {
+        let kept = ReconstructionSettings {
+            lambda: Some(1e-3),
+            loss_only: Some(true),
+            ..ReconstructionSettings::default()
+        };
+        let asked = |method| ReconstructionSettings {
+            method,
+            ..ReconstructionSettings::default()
+        };
+        let same = asked(None).over(kept.clone());
+        assert_eq!((same.lambda, same.loss_only), (Some(1e-3), Some(true)));
+        assert_eq!(asked(Some(Method::Tv)).over(kept).lambda, None);
     }
 }

@@ -3,6 +3,7 @@
 use std::fmt;
 use std::path::Path;
 
+use imaging::recorded::RecordedError;
 use outfile::{Existing, OutFileError};
 use training::TrainError;
 use training::dataset::DataSetError;
@@ -60,6 +61,16 @@ impl From<DataSetError> for Failure {
 impl From<TrainError> for Failure {
     fn from(fault: TrainError) -> Self {
         Self::of("the training", &fault)
+    }
+}
+
+impl From<RecordedError> for Failure {
+    fn from(error: RecordedError) -> Self {
+        match error {
+            RecordedError::Frames(cause) => Self::of("cannot read the frames", &cause),
+            RecordedError::First { .. } => Self::because(format!("--{error}")),
+            other => Self::of("cannot use the recording", &other),
+        }
     }
 }
 

@@ -6,13 +6,12 @@
 //!
 //! - **paper**: every experiment, figure and claim of the paper; **tradeoff**: error against time, as eight diagrams;
 //!   **stability**: the hard cases, each with the naive form that breaks
-//! - **evaluation**: judging data, and figures of a method's maps of them; **methods**: a method chosen by options
+//! - **evaluation**: judging data, a method as words give it, and figures of its maps of them
 
 mod artifact_cache;
 pub mod evaluation;
 mod failure;
 mod html;
-pub mod methods;
 pub mod paper;
 pub mod progress;
 pub mod stability;

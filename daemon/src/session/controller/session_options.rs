@@ -361,7 +361,7 @@ impl Controller {
             None if protocol == runtime.setup.protocol
                 && (noise_uv.is_none() || !configured.takes_noise_of_baseline()) =>
             {
-                return Ok((runtime.setup.model.clone(), None));
+                return Ok((runtime.setup.model.for_session(), None));
             }
             Some(other) if other != "one-step" && !Path::new(other).is_absolute() => {
                 return Err(Fault::InvalidOption(format!(
@@ -395,16 +395,8 @@ impl Controller {
             let noise_uv = noise_uv.filter(|_| settings.takes_noise_of_baseline());
             settings.noise_uv = settings.noise_uv.or(noise_uv);
             imaging::check_live(&settings)?;
-            let model = imaging::build(
-                &settings,
-                &Conditions {
-                    geometry,
-                    protocol: &protocol,
-                    current: *current,
-                    noise_v: None,
-                },
-            )?;
-            Ok::<_, BuildError>((model, noise_uv))
+            let conditions = Conditions::live(geometry, &protocol, *current);
+            Ok::<_, BuildError>((imaging::build(&settings, &conditions)?, noise_uv))
         });
         match loaded.await {
             Ok(Ok(chosen)) => Ok(chosen),

@@ -118,6 +118,18 @@ pub enum ReconstructError {
         /// Beyond which nothing is said.
         limit: f64,
     },
+    /// The method is settled by its first frames, and there are not enough of them yet.
+    #[error(
+        "method {method} is settled by the first {wants} frames, of which {has} are there: no map yet"
+    )]
+    FramesAwaited {
+        /// The method.
+        method: String,
+        /// Frames so far.
+        has: usize,
+        /// Frames that are needed.
+        wants: usize,
+    },
     /// The numbers gave out.
     #[error("the {method} reconstruction failed on these readings: {cause}")]
     Numerical {

@@ -3,12 +3,14 @@
 //! own matter.
 
 mod error;
+mod fitted;
 mod indexed;
 mod readings;
 mod recording;
 mod session;
 
 pub use error::RecordedError;
+pub use fitted::Fitted;
 pub use indexed::IndexedFrames;
 pub use readings::{BaselineRule, FrameTable, LabelledReadings, Unloaded, read_frames};
 pub use recording::{FolderOptions, Origin, RecordedFrame, Recording};

@@ -8,6 +8,7 @@ use survey::{Reading, Volts};
 
 use super::RecordedError;
 use crate::noise::rms;
+use crate::reconstruction::Sample;
 
 /// A frame's label and its readings.
 pub type LabelledReadings = (String, Vec<Reading>);
@@ -135,7 +136,28 @@ pub struct FrameTable {
     pub unloaded: Unloaded,
 }
 
+/// Frames that a method's rules look at, of a recording that is all there.
+const LOOKED_AT: usize = 32;
+
+/// Frames for a method's rules, evenly from `count` ones.
+pub(super) fn sample(
+    baseline: &[Reading],
+    count: usize,
+    frames: impl Iterator<Item = Vec<Reading>>,
+) -> Sample {
+    Sample {
+        baseline: baseline.to_vec(),
+        frames: frames.step_by(count.div_ceil(LOOKED_AT).max(1)).collect(),
+    }
+}
+
 impl FrameTable {
+    /// Frames for a method's rules, evenly from all.
+    pub fn sample(&self) -> Sample {
+        let frames = self.frames.iter().map(|(_, frame)| frame.clone());
+        sample(&self.unloaded.readings, self.frames.len(), frames)
+    }
+
     /// Reads a table of frames of so many readings each, and its baseline.
     ///
     /// # Errors

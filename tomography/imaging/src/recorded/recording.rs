@@ -6,9 +6,11 @@ use chrono::{DateTime, Utc};
 use logbook::{LogbookError, MapRecord, SessionHeader};
 use survey::{Amps, Protocol, Reading};
 
-use super::readings::{change_signs, first, mean};
+use super::readings::{change_signs, first, mean, sample};
 use super::{BaselineRule, LabelledReadings, RecordedError, SessionParts, Unloaded, read_frames};
+use crate::after_frames::FRAMES_LOOKED_AT;
 use crate::noise::rms;
+use crate::reconstruction::Sample;
 
 /// One frame of a recording.
 #[derive(Debug, Clone)]
@@ -189,6 +191,30 @@ impl Recording {
     /// As [`Recording::len`].
     pub fn is_empty(&self) -> Result<bool, LogbookError> {
         Ok(self.len()? == 0)
+    }
+
+    /// Frames for a method's rules, evenly from all that can be read.
+    ///
+    /// # Errors
+    /// A part that cannot be read.
+    pub fn sample(&self) -> Result<Sample, LogbookError> {
+        let frames = self
+            .frames()
+            .filter_map(Result::ok)
+            .map(|frame| frame.readings);
+        Ok(sample(&self.unloaded.readings, self.len()?, frames))
+    }
+
+    /// The frames by which a running session settled its method: the first that had a map.
+    pub fn first_sample(&self) -> Sample {
+        let frames = self.frames().filter_map(Result::ok);
+        Sample {
+            baseline: self.unloaded.readings.clone(),
+            frames: frames
+                .take(FRAMES_LOOKED_AT)
+                .map(|frame| frame.readings)
+                .collect(),
+        }
     }
 
     /// Its frames in order, with an error in place of each that cannot be read.

@@ -3,16 +3,17 @@
 use std::path::Path;
 use std::time::Instant;
 
-use eit::{Case, Reconstructor};
+use eit::Case;
 use rayon::prelude::*;
 use survey::{Map, MapUnit, Reading};
 
+use super::MethodOptions;
 use super::statistics::average;
 use super::test_set;
 use crate::failure::Failure;
-use crate::methods::{self, Choice, MethodOptions};
 use crate::progress;
-use imaging::recorded::FrameTable;
+use imaging::Model;
+use imaging::recorded::{BaselineRule, FrameTable};
 use training::noise_figure::by_draws;
 
 /// What is assumed of noise-free frames, V: a method that is told of no noise at all believes its model instead.
@@ -38,9 +39,8 @@ pub struct Judged {
     pub set: String,
     /// The frames without the baseline.
     pub frames: Vec<Frame>,
-    reconstructor: Box<dyn Reconstructor>,
+    model: Model,
     noise_v: f64,
-    slow: bool,
     recording: FrameTable,
 }
 
@@ -48,16 +48,17 @@ impl Judged {
     /// The method's own noise figure; of a method that has none of its own by draws of this set's noise, which takes as long as
     /// some frames.
     pub fn noise_figure(&self) -> Option<f64> {
-        let method = self.reconstructor.as_ref();
+        let method = self.model.reconstructor.as_ref();
         method
             .noise_figure()
-            .or_else(|| by_draws(method, &self.case, self.noise_v, self.slow))
+            .or_else(|| by_draws(method, &self.case, self.noise_v, self.model.slow))
     }
 
     /// Share of the frames that the method says lie outside of what it knows.
     pub fn novel_share(&self) -> Option<f64> {
         let outside = |(_, frame): &(String, Vec<Reading>)| {
             let novelty = self
+                .model
                 .reconstructor
                 .novelty(&self.recording.unloaded.readings, frame);
             Some(f64::from(u8::from(novelty.ok()??.outside())))
@@ -96,14 +97,15 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
         told.extend(["--noise-v".to_owned(), noise_v.to_string()]);
     }
     let options = MethodOptions::parse(name, &told)?;
-    let recording = methods::read_frames(&frames, "first:1", case.protocol.len(), false)?;
-    let choice: Choice = methods::prepare(&options, &case, &recording)?;
+    let first = BaselineRule::First(1);
+    let recording = FrameTable::read(&frames, &first, case.protocol.len(), false)?;
+    let model = options.prepare(&case, &recording)?;
     let truths = rows(&folder.join("truth.csv"))?;
     let bar = progress::bar(truths.len(), "frames");
     let one = |k: usize| -> Result<Option<(Map, f64)>, Failure> {
         let (frame_name, frame) = &recording.frames[k + 1];
         let start = Instant::now();
-        let made = choice
+        let made = model
             .reconstructor
             .reconstruct(&recording.unloaded.readings, frame);
         bar.inc(1);
@@ -117,7 +119,7 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
         }
     };
     // quick methods one after the other, so that their times are their own
-    let maps: Vec<Option<(Map, f64)>> = if choice.slow {
+    let maps: Vec<Option<(Map, f64)>> = if model.slow {
         (0..truths.len())
             .into_par_iter()
             .map(one)
@@ -155,9 +157,8 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
         case,
         set: said.name,
         frames,
-        reconstructor: choice.reconstructor,
+        model,
         noise_v: said.noise_v.max(LEAST_NOISE),
-        slow: choice.slow,
         recording,
     })
 }

@@ -5,10 +5,12 @@
 
 mod figures;
 mod maps;
+mod method;
 mod raster;
 mod statistics;
 pub mod test_set;
 
 pub use figures::{Figures, OfFrame, figures, of_frames};
 pub use maps::{Frame, Judged, maps, maps_not_refused};
+pub use method::MethodOptions;
 pub use statistics::{average, mean_and_deviation, median};

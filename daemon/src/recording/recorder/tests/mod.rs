@@ -100,13 +100,10 @@ impl Scene {
         let baseline = Baseline::from_frames("b1", &[frame(&prepared, 0)]).unwrap();
         writer.baseline(&baseline).unwrap();
         let (tell, reported) = sync::channel();
-        let model = Model {
-            reconstructor: Arc::new(Reported {
-                method: Arc::clone(&setup.model.reconstructor),
-                reported: Mutex::new(reported),
-            }),
-            ..setup.model.clone()
-        };
+        let model = Model::new(Arc::new(Reported {
+            method: Arc::clone(&setup.model.reconstructor),
+            reported: Mutex::new(reported),
+        }));
         let mesh = &setup.geometry.mesh;
         let context = ReconstructionContext {
             reading_noise: None,

@@ -1,0 +1,195 @@
+//! A method that looks at frames before it is settled, where frames are still to be measured: the first ones settle it.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use eit::{Mesh, Novelty, ReconstructError, Reconstructor, Scale};
+use survey::{Amps, Map, Protocol, Reading, error_chain};
+
+use crate::geometry::Geometry;
+use crate::methods;
+use crate::reconstruction::{BuildError, Conditions, Sample};
+use crate::settings::{Method, ReconstructionSettings};
+
+/// So many frames are looked at before a method is settled that looks at frames: the first that are to have a map.
+pub const FRAMES_LOOKED_AT: usize = 8;
+
+/// What the reconstructor is made of when the frames are there.
+struct Plan {
+    settings: ReconstructionSettings,
+    geometry: Geometry,
+    protocol: Protocol,
+    current: Amps,
+    noise_v: Option<f64>,
+    scale: Scale,
+    method: String,
+    /// With nothing known of frames: says what stays the same, and finds out early what cannot be prepared.
+    provisional: Arc<dyn Reconstructor>,
+}
+
+enum State {
+    Waits(Vec<Vec<Reading>>),
+    Settled(Arc<dyn Reconstructor>),
+    Refused(String),
+}
+
+/// The frames that it waits for are refused; the last of them and all later ones have maps.
+pub(crate) struct AfterFrames {
+    plan: Arc<Plan>,
+    state: Mutex<State>,
+    /// What was decided, until somebody asks.
+    decided: Mutex<Option<String>>,
+}
+
+impl AfterFrames {
+    /// # Errors
+    /// What [`build`](crate::build) refuses.
+    pub(crate) fn new(
+        settings: &ReconstructionSettings,
+        conditions: &Conditions<'_>,
+    ) -> Result<Self, BuildError> {
+        // shapes are prepared for a second; what they stand on is enough to find out what cannot be
+        let best = settings.method == Some(Method::Best);
+        let early = ReconstructionSettings {
+            method: match best {
+                true => Some(Method::OneStep),
+                false => settings.method,
+            },
+            ..settings.clone()
+        };
+        let provisional = methods::prepare(&early, conditions)?.reconstructor;
+        let plan = Plan {
+            settings: settings.clone(),
+            geometry: conditions.geometry.clone(),
+            protocol: conditions.protocol.clone(),
+            current: conditions.current,
+            noise_v: conditions.noise_v,
+            scale: conditions.scale.clone(),
+            method: match best {
+                true => Method::Best.name().to_owned(),
+                false => provisional.method().to_owned(),
+            },
+            provisional,
+        };
+        Ok(Self::of(Arc::new(plan)))
+    }
+
+    fn of(plan: Arc<Plan>) -> Self {
+        Self {
+            plan,
+            state: Mutex::new(State::Waits(Vec::new())),
+            decided: Mutex::default(),
+        }
+    }
+
+    /// The same, before any frame.
+    pub(crate) fn fresh(&self) -> Self {
+        Self::of(Arc::clone(&self.plan))
+    }
+
+    /// What was decided, once.
+    pub(crate) fn decided(&self) -> Option<String> {
+        let mut decided = self.decided.lock().unwrap_or_else(PoisonError::into_inner);
+        decided.take()
+    }
+
+    /// Whether its maps may be of this method.
+    pub(crate) fn may_make(&self, method: &str) -> bool {
+        self.plan.settings.method == Some(Method::Best) || self.plan.method == method
+    }
+
+    /// The reconstructor for this frame.
+    fn settled(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<Arc<dyn Reconstructor>, ReconstructError> {
+        let plan = &self.plan;
+        let refused = |cause: String| ReconstructError::Numerical {
+            method: plan.method.clone(),
+            cause,
+        };
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let seen = match &mut *state {
+            State::Settled(reconstructor) => return Ok(Arc::clone(reconstructor)),
+            State::Refused(why) => return Err(refused(why.clone())),
+            State::Waits(seen) => seen,
+        };
+        seen.push(frame.to_vec());
+        if seen.len() < FRAMES_LOOKED_AT {
+            return Err(ReconstructError::FramesAwaited {
+                method: plan.method.clone(),
+                has: seen.len(),
+                wants: FRAMES_LOOKED_AT,
+            });
+        }
+        let sample = Sample {
+            baseline: baseline.to_vec(),
+            frames: std::mem::take(seen),
+        };
+        let conditions = Conditions {
+            noise_v: plan.noise_v,
+            scale: plan.scale.clone(),
+            sample: Some(&sample),
+            ..Conditions::live(&plan.geometry, &plan.protocol, plan.current)
+        };
+        match methods::prepare(&plan.settings, &conditions) {
+            Ok(prepared) => {
+                *self.decided.lock().unwrap_or_else(PoisonError::into_inner) =
+                    Some(prepared.notes.join("; "));
+                *state = State::Settled(Arc::clone(&prepared.reconstructor));
+                Ok(prepared.reconstructor)
+            }
+            Err(error) => {
+                let why = error_chain(&error);
+                *state = State::Refused(why.clone());
+                Err(refused(why))
+            }
+        }
+    }
+
+    /// The reconstructor so far, which may be provisional.
+    fn present(&self) -> Arc<dyn Reconstructor> {
+        match &*self.state.lock().unwrap_or_else(PoisonError::into_inner) {
+            State::Settled(reconstructor) => Arc::clone(reconstructor),
+            State::Waits(_) | State::Refused(_) => Arc::clone(&self.plan.provisional),
+        }
+    }
+}
+
+impl Reconstructor for AfterFrames {
+    fn method(&self) -> &str {
+        &self.plan.method
+    }
+
+    fn protocol(&self) -> &Protocol {
+        &self.plan.protocol
+    }
+
+    fn mesh(&self) -> &Arc<Mesh> {
+        &self.plan.geometry.mesh
+    }
+
+    fn reconstruct(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<Map, ReconstructError> {
+        self.settled(baseline, frame)?.reconstruct(baseline, frame)
+    }
+
+    fn assumptions(&self) -> Vec<String> {
+        self.present().assumptions()
+    }
+
+    fn noise_figure(&self) -> Option<f64> {
+        self.present().noise_figure()
+    }
+
+    fn novelty(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<Option<Novelty>, ReconstructError> {
+        self.present().novelty(baseline, frame)
+    }
+}

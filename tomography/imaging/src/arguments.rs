@@ -1,0 +1,245 @@
+//! The options of a method, the same for every program that has them on its command line.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use clap::Args;
+use survey::Bounds;
+
+use crate::settings::{HyperRule, Method, PriorName, ReconstructionSettings};
+
+/// How voltages become a map.
+#[derive(Debug, Clone, Default, Args)]
+#[command(next_help_heading = "Reconstruction")]
+pub struct MethodArguments {
+    /// Method [default: what the session used; of a recording without a configuration best]
+    #[arg(long, value_enum, value_name = "METHOD", conflicts_with = "model")]
+    pub method: Option<Method>,
+    /// Trained model file in place of a method
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// Prior of the one-step method: tikhonov, noser (p = 0.5), noser:P, laplace, gaussian (10 mm), gaussian:MM [default: what
+    /// the session used, else noser:0.25]
+    #[arg(long, value_name = "PRIOR", conflicts_with = "model")]
+    pub prior: Option<PriorArgument>,
+    /// Exponent of the NOSER prior, as in noser:P
+    #[arg(long, value_name = "P", conflicts_with = "model", value_parser = exponent, allow_hyphen_values = true)]
+    pub exponent: Option<f64>,
+    /// White noise of one reading (standard deviation), V
+    #[arg(long, value_name = "SD", conflicts_with_all = ["model", "lambda"], value_parser = above_zero, allow_hyphen_values = true)]
+    pub noise_v: Option<f64>,
+    /// Hyper-parameter: lambda of the one-step method, alpha of total variation (readings as they are, V)
+    #[arg(long, value_name = "X", conflicts_with = "model", value_parser = above_zero, allow_hyphen_values = true)]
+    pub lambda: Option<f64>,
+    /// How the hyper-parameter is chosen where neither --noise-v nor --lambda is given: evidence (the most probable one for the
+    /// frames, doubled), l-curve (the corner of the frames' own), noise-figure:X [default: what the session used, else evidence]
+    #[arg(long, value_name = "RULE", conflicts_with_all = ["model", "lambda", "noise_v"])]
+    pub choose: Option<ChooseArgument>,
+    /// One-step: make frames quicker where a map is proved to be within this share of its largest value, e.g. 1e-3
+    #[arg(long, value_name = "X", conflicts_with_all = ["model", "loss_only"], value_parser = share, allow_hyphen_values = true)]
+    pub map_error: Option<f64>,
+    /// Total variation: stop within this share of the minimum [default: what the session used, else 1e-3]
+    #[arg(long, value_name = "X", conflicts_with = "model", value_parser = share, allow_hyphen_values = true)]
+    pub gap: Option<f64>,
+    /// Bound the map to losses, -1 <= x <= 0: one-step and tv find the best map within the bounds, maps of a model are cut
+    #[arg(long)]
+    pub loss_only: bool,
+}
+
+/// A prior with its parameter: `noser:0.25`, `gaussian:15`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PriorArgument {
+    name: PriorName,
+    /// Exponent of NOSER.
+    exponent: Option<f64>,
+    /// Length of the Gaussian prior, mm.
+    length_mm: Option<f64>,
+}
+
+impl FromStr for PriorArgument {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (name, parameter) = match text.split_once(':') {
+            Some((name, parameter)) => (name, Some(parameter)),
+            None => (text, None),
+        };
+        let named = |name| Self {
+            name,
+            exponent: None,
+            length_mm: None,
+        };
+        match (name, parameter) {
+            ("tikhonov", None) => Ok(named(PriorName::Tikhonov)),
+            ("laplace", None) => Ok(named(PriorName::Laplace)),
+            ("noser", None) => Ok(named(PriorName::Noser)),
+            ("gaussian", None) => Ok(named(PriorName::Gaussian)),
+            ("noser", Some(p)) => Ok(Self {
+                exponent: Some(exponent(p).map_err(|why| format!("the exponent of noser: {why}"))?),
+                ..named(PriorName::Noser)
+            }),
+            ("gaussian", Some(mm)) => {
+                let length = above_zero(mm).map_err(|_| {
+                    "the length of gaussian is a number of millimetres above 0".to_owned()
+                })?;
+                Ok(Self {
+                    length_mm: Some(length),
+                    ..named(PriorName::Gaussian)
+                })
+            }
+            _ => Err(format!(
+                "'{text}': tikhonov, noser, noser:P, laplace, gaussian or gaussian:MM is expected"
+            )),
+        }
+    }
+}
+
+/// How the hyper-parameter is chosen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ChooseArgument {
+    /// By a rule from frames.
+    Rule(HyperRule),
+    /// The one with this noise figure.
+    NoiseFigure(f64),
+}
+
+impl FromStr for ChooseArgument {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let figure = text.strip_prefix("noise-figure:").map(above_zero);
+        match (text, figure) {
+            ("evidence", _) => Ok(Self::Rule(HyperRule::Evidence)),
+            ("l-curve", _) => Ok(Self::Rule(HyperRule::LCurve)),
+            (_, Some(Ok(figure))) => Ok(Self::NoiseFigure(figure)),
+            _ => Err(
+                "evidence, l-curve or noise-figure:X with a number above 0 is expected".to_owned(),
+            ),
+        }
+    }
+}
+
+impl MethodArguments {
+    /// What the options say, and nothing else.
+    ///
+    /// # Errors
+    /// An exponent that is given twice, or with another prior.
+    pub fn settings(&self) -> Result<ReconstructionSettings, String> {
+        let prior = self.prior;
+        if let (Some(_), Some(prior)) = (self.exponent, prior)
+            && (prior.exponent.is_some() || prior.name != PriorName::Noser)
+        {
+            return Err("--exponent belongs to --prior noser; write it once".to_owned());
+        }
+        let (rule, figure) = match self.choose {
+            Some(ChooseArgument::Rule(rule)) => (Some(rule), None),
+            Some(ChooseArgument::NoiseFigure(figure)) => (None, Some(figure)),
+            None => (None, None),
+        };
+        Ok(ReconstructionSettings {
+            file: self.model.clone(),
+            method: self.method,
+            prior: prior.map(|prior| prior.name),
+            exponent: self.exponent.or(prior.and_then(|prior| prior.exponent)),
+            length_mm: prior.and_then(|prior| prior.length_mm),
+            noise_uv: self.noise_v.map(|volts| volts * 1e6),
+            lambda: self.lambda,
+            noise_figure: figure,
+            choose: rule,
+            map_error: self.map_error,
+            loss_only: self.loss_only.then_some(true),
+            gap: self.gap,
+            calibration: None,
+        })
+    }
+
+    /// The first option that the method does not look at, in words.
+    ///
+    /// # Errors
+    /// That sentence; an option without effect is a mistake.
+    pub fn check(asked: &ReconstructionSettings, method: Method) -> Result<(), String> {
+        let settings = ReconstructionSettings {
+            method: Some(method),
+            ..asked.clone()
+        };
+        match settings.ignored().first() {
+            None => Ok(()),
+            Some((key, methods)) => Err(format!(
+                "--{} belongs to --method {}; it has no meaning with {}",
+                option(key),
+                methods.join(", "),
+                method.name()
+            )),
+        }
+    }
+}
+
+/// The option that says what a key of the configuration says.
+fn option(key: &str) -> String {
+    match key {
+        "noise_uv" => "noise-v".to_owned(),
+        "noise_figure" => "choose".to_owned(),
+        "length_mm" => "prior".to_owned(),
+        other => other.replace('_', "-"),
+    }
+}
+
+fn within(text: &str, bounds: Bounds) -> Result<f64, String> {
+    let refused = || format!("it must be {bounds}");
+    let number: f64 = text.trim().parse().map_err(|_| refused())?;
+    bounds.check(number).map_err(|_| refused())
+}
+
+fn above_zero(text: &str) -> Result<f64, String> {
+    within(text, Bounds::Above(0.0, 1e30)).map_err(|refusal| format!("{refusal}, for example 2e-6"))
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    within(text, Bounds::Between(0.0, 1.0))
+        .map_err(|refusal| format!("{refusal}, for example 1e-3"))
+}
+
+fn exponent(text: &str) -> Result<f64, String> {
+    within(text, Bounds::Within(0.0, 10.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use eit::Prior;
+
+    #[test]
+    fn priors_are_read_by_name() {
+        let prior = |text: &str| {
+            let arguments = MethodArguments {
+                prior: Some(text.parse().unwrap()),
+                ..MethodArguments::default()
+            };
+            arguments.settings().unwrap().one_step_prior()
+        };
+        assert_eq!(prior("noser"), Prior::Noser { p: 0.5 });
+        assert_eq!(prior("noser:0.25"), Prior::Noser { p: 0.25 });
+        assert_eq!(prior("gaussian:15"), Prior::Gaussian { length_m: 0.015 });
+        for wrong in [
+            "gaussian:0",
+            "gaussian:x",
+            "noser:x",
+            "noser:-1",
+            "laplace:2",
+            "total variation",
+        ] {
+            assert!(wrong.parse::<PriorArgument>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn an_option_that_the_method_ignores_is_refused() {
+        let asked = ReconstructionSettings {
+            noise_uv: Some(1.0),
+            ..ReconstructionSettings::default()
+        };
+        let refused = MethodArguments::check(&asked, Method::TvPaper).unwrap_err();
+        assert!(refused.starts_with("--noise-v belongs to"), "{refused}");
+        assert_eq!(MethodArguments::check(&asked, Method::Tv), Ok(()));
+    }
+}

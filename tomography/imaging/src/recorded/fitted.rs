@@ -1,0 +1,83 @@
+//! What the frames of a recording were taken with, as far as geometry and baseline say it.
+
+use std::sync::Arc;
+
+use eit::{Forward, Scale};
+use survey::{Amps, Protocol};
+
+use super::Unloaded;
+use crate::geometry::Geometry;
+use crate::noise::{Noise, fitted_conductance, gain, gain_at};
+use crate::reconstruction::{BuildError, Conditions, Sample};
+
+/// A known conductance is believed, and the formula taken as it stands, while the baseline is within this factor of it.
+const BELIEVED: f64 = 1.25;
+
+/// Conductance, current and scale of a recording that brings no configuration.
+#[derive(Debug, Clone)]
+pub struct Fitted {
+    /// With the conductance that was given, or a uniform one that fits the baseline.
+    pub geometry: Geometry,
+    /// What was assumed or derived, a sentence each.
+    pub notes: Vec<String>,
+    current: Amps,
+    scale: Scale,
+    noise_v: Option<f64>,
+}
+
+impl Fitted {
+    /// Compares the baseline with the geometry at these currents (A, one a reading).
+    ///
+    /// # Errors
+    /// A geometry that cannot be solved, or a baseline that does not look like it.
+    pub fn new(
+        mut geometry: Geometry,
+        protocol: &Protocol,
+        currents: &[f64],
+        unloaded: &Unloaded,
+    ) -> Result<Self, BuildError> {
+        let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m)?;
+        let baseline = unloaded.readings.as_slice();
+        let mut notes = Vec::new();
+        let mut scale = Scale::ByDistance;
+        if !geometry.sigma0_known {
+            let triangles = geometry.mesh.triangles().len();
+            let conductance =
+                fitted_conductance(&forward, triangles, currents, protocol, baseline)?
+                    .ok_or(BuildError::Unlike)?;
+            notes.push(format!(
+                "uniform conductance fitted to the baseline: {conductance:.4e} S per square"
+            ));
+            geometry.sigma0 = vec![conductance; triangles];
+        } else if geometry.from_case {
+            let excess = gain_at(&forward, &geometry.sigma0, currents, protocol, baseline)?
+                .ok_or(BuildError::Unlike)?;
+            if (BELIEVED.recip()..=BELIEVED).contains(&excess) {
+                scale = Scale::Currents(currents.to_vec());
+            } else {
+                notes.push(format!(
+                    "the baseline is {excess:.3} times what the given conductance and currents say: scaled to it"
+                ));
+            }
+        }
+        // the model is scaled to the baseline; noise counts at that scale, so that the unit does not matter
+        let current = gain(&forward, &geometry.sigma0, protocol, baseline)?;
+        Ok(Self {
+            geometry,
+            notes,
+            current: Amps(current.ok_or(BuildError::Unlike)?),
+            scale,
+            noise_v: Noise::of_baseline(unloaded.noise, baseline).map(Noise::deviation),
+        })
+    }
+
+    /// As a method takes them, with frames for its rules.
+    pub fn conditions<'a>(&'a self, protocol: &'a Protocol, sample: &'a Sample) -> Conditions<'a> {
+        Conditions {
+            noise_v: self.noise_v,
+            scale: self.scale.clone(),
+            sample: Some(sample),
+            ..Conditions::live(&self.geometry, protocol, self.current)
+        }
+    }
+}

@@ -1,0 +1,139 @@
+//! A method as words give it, prepared for a case and its frames. Two methods are trained here for the case, which no other
+//! program does; all others are prepared by `imaging`.
+
+use clap::{Args, Parser};
+use eit::{Case, Jitter, LossOnly, Reconstructor, TrainingSettings};
+use imaging::recorded::{Fitted, FrameTable};
+use imaging::{BuildError, Geometry, Method, MethodArguments, Model};
+use training::{Cached, linear, rbf, single_current};
+
+use crate::failure::Failure;
+use crate::progress;
+
+/// A method and what it is told.
+#[derive(Debug, Clone, Args)]
+pub struct MethodOptions {
+    #[command(flatten)]
+    method: MethodArguments,
+    /// Unloaded conductance: a name in the case or a file [default: homog if there is one, else fitted to the baseline]
+    #[arg(long, value_name = "NAME|FILE")]
+    sigma0: Option<String>,
+    /// Simulated cases where a network is trained for the case
+    #[arg(long, value_name = "N", default_value_t = 15_000)]
+    cases: usize,
+}
+
+/// The options alone, without a program's name before them.
+#[derive(Debug, Parser)]
+#[command(no_binary_name = true, name = "reconstruct")]
+struct Words {
+    #[command(flatten)]
+    options: MethodOptions,
+}
+
+impl MethodOptions {
+    /// From words such as `--method tv --loss-only`; `name` is what a refusal calls the method.
+    ///
+    /// # Errors
+    /// Words that are no options of a method.
+    pub fn parse(name: &str, words: &[String]) -> Result<Self, Failure> {
+        Words::try_parse_from(words)
+            .map(|words| words.options)
+            .map_err(|fault| Failure::usage(format!("method '{name}': {fault}")))
+    }
+
+    /// Prepares what the options ask for.
+    ///
+    /// # Errors
+    /// Options that contradict each other, a model that does not fit the case, or a method that cannot be prepared.
+    pub fn prepare(&self, case: &Case, recording: &FrameTable) -> Result<Model, Failure> {
+        let asked = self.method.settings().map_err(Failure::usage)?;
+        let mut geometry = Geometry::of_case(case, "the case".to_owned());
+        if let Some(name) = &self.sigma0 {
+            geometry.sigma0 = case
+                .sigma(name)
+                .map_err(|fault| Failure::of("cannot read --sigma0", &fault))?;
+            geometry.sigma0_known = true;
+        }
+        if let Some(file) = &asked.file {
+            self.no_sigma0("--model")?;
+            let loss_only = asked.loss_only.unwrap_or(false);
+            return imaging::load(file, loss_only, &case.protocol, Some(&geometry))
+                .map_err(not_built);
+        }
+        let settings = asked.clone().for_recording();
+        let method = settings.method.unwrap_or_default();
+        MethodArguments::check(&asked, method).map_err(Failure::usage)?;
+        if matches!(method, Method::Linear | Method::Rbf) {
+            self.no_sigma0(&format!("--method {}", method.name()))?;
+            let loss_only = self.method.loss_only;
+            return Ok(trained(self.train(method, case)?, loss_only));
+        }
+        let fitted = Fitted::new(
+            geometry,
+            &case.protocol,
+            &case.currents,
+            &recording.unloaded,
+        )
+        .map_err(not_built)?;
+        let sample = recording.sample();
+        let mut model = imaging::build(&settings, &fitted.conditions(&case.protocol, &sample))
+            .map_err(not_built)?;
+        model.notes.splice(0..0, fitted.notes.iter().cloned());
+        Ok(model)
+    }
+
+    /// Trains the model for the case, or takes the one that was trained before.
+    fn train(&self, method: Method, case: &Case) -> Result<Cached, Failure> {
+        let bars = progress::Training::default();
+        let show = |stage, done, of| bars.show(stage, done, of);
+        let noise_v = self.method.noise_v;
+        if method == Method::Linear {
+            return Ok(linear::cached(case, noise_v, self.cases, &show)?);
+        }
+        let jitter = match noise_v {
+            Some(noise_v) => Jitter::Matched {
+                noise_v,
+                current_a: single_current(case)?,
+            },
+            None => Jitter::paper(),
+        };
+        let settings = TrainingSettings {
+            cases: self.cases,
+            neurons: TrainingSettings::default().neurons.min(self.cases),
+            jitter,
+            ..TrainingSettings::default()
+        };
+        Ok(rbf::cached(case, &settings, &show)?)
+    }
+
+    /// A trained model takes no conductance.
+    fn no_sigma0(&self, with: &str) -> Result<(), Failure> {
+        match &self.sigma0 {
+            None => Ok(()),
+            Some(_) => Err(Failure::usage(format!(
+                "--sigma0 belongs to the model-based methods and has no meaning with {with}"
+            ))),
+        }
+    }
+}
+
+/// A model that was trained for the case, its maps cut to losses where that is asked for.
+fn trained(cached: Cached, loss_only: bool) -> Model {
+    let trained = cached.model.into_reconstructor();
+    let reconstructor: Box<dyn Reconstructor> = match loss_only {
+        true => Box::new(LossOnly::new(trained)),
+        false => trained,
+    };
+    let mut model = Model::new(reconstructor.into());
+    model.notes = cached.notes;
+    model
+}
+
+/// Settings without effect are a mistake of the command line, everything else is not.
+fn not_built(error: BuildError) -> Failure {
+    match error {
+        BuildError::Setting(text) => Failure::usage(text),
+        error => Failure::of("cannot prepare the method", &error),
+    }
+}
