@@ -93,7 +93,7 @@ fn prepare(
 ) -> Result<Model, Failure> {
     let protocol = &recording.protocol;
     let sample = match chosen.unchanged {
-        true => recording.first_sample(),
+        true => recording.first_sample(&chosen.settings),
         false => recording.sample()?,
     };
     let model = if chosen.as_recorded {

@@ -92,6 +92,7 @@ pub const KEYS: &[(&str, Bounds)] = &[
     ("model.noise_figure", Above(0.0, 1e6)),
     ("model.map_error", Between(0.0, 1.0)),
     ("model.gap", Between(0.0, 1.0)),
+    ("model.map_every", Within(1.0, 1e6)),
     // each is some 100 kB of memory
     ("record.transcripts", Within(0.0, 1000.0)),
     // so long no frame is published

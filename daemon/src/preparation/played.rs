@@ -81,7 +81,11 @@ pub(super) fn complete(
     let current_ua = recording
         .settings()
         .map_or(1e6, |settings| settings.current.0 * 1e6);
-    let reported = config.model.lambda.is_some() || config.model.noise_uv.is_some();
+    let model = &config.model;
+    let reported = model.lambda.is_some()
+        || model.noise_uv.is_some()
+        || model.noise_figure.is_some()
+        || model.choose.is_some();
     let kept = recording
         .kept_config()
         .and_then(|text| toml::from_str::<Config>(text).ok());

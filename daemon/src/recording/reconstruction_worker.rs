@@ -52,6 +52,8 @@ pub(crate) struct Mapped {
     pub record: MapRecord,
     /// Why there is no pressure, where the method is calibrated.
     pub refused: Option<String>,
+    /// How a method was settled that looks at frames, with its first map.
+    pub decided: Option<String>,
 }
 
 /// Why there is no map.
@@ -96,17 +98,21 @@ impl ReconstructionWorker {
             .name("maps".to_owned())
             .spawn(move || {
                 // a method that fails here fails with the first frame, which says so
-                let noise = containment::run(|| context.noise()).ok().flatten();
+                let find_noise = || containment::run(|| context.noise()).ok().flatten();
+                // the noise's own frames would settle a method that looks at frames
+                let mut unsettled = context.model.looks_at_frames();
+                let mut noise = if unsettled { None } else { find_noise() };
                 while let Ok(readings) = requested.recv() {
                     let begun = Instant::now();
                     // it costs maps, not the session
                     let outcome = containment::run(|| context.make(&readings, noise))
                         .unwrap_or_else(|panicked| Err(Failure::Broken(panicked.message)));
                     let broken = matches!(outcome, Err(Failure::Broken(_)));
-                    let made = Made {
-                        outcome,
-                        took: begun.elapsed(),
-                    };
+                    // the map that settles it is not yet one of its usual ones
+                    let usual =
+                        matches!(&outcome, Ok(mapped) if unsettled && mapped.decided.is_none());
+                    let took = begun.elapsed();
+                    let made = Made { outcome, took };
                     if answer.send(made).is_err() {
                         return;
                     }
@@ -116,6 +122,10 @@ impl ReconstructionWorker {
                     }
                     if broken {
                         return;
+                    }
+                    if usual {
+                        unsettled = false;
+                        noise = (took < GRACE).then(find_noise).flatten();
                     }
                 }
             })?;
@@ -233,6 +243,7 @@ impl ReconstructionContext {
             pressure,
             record,
             refused,
+            decided: self.model.decided(),
         })
     }
 }

@@ -4,6 +4,7 @@
 
 pub(crate) mod controller;
 mod health;
+mod map_time;
 pub(crate) mod observer;
 pub(crate) mod option_values;
 pub(crate) mod panics;

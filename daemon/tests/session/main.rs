@@ -4,6 +4,7 @@
 mod endings;
 mod latency;
 mod lifecycle;
+mod map_times;
 mod measuring;
 mod noise;
 mod pressure;

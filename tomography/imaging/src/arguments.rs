@@ -149,6 +149,7 @@ impl MethodArguments {
             map_error: self.map_error,
             loss_only: self.loss_only.then_some(true),
             gap: self.gap,
+            map_every: None,
             calibration: None,
         })
     }

@@ -15,27 +15,30 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod baseline_check;
-mod after_frames;
 #[cfg(feature = "arguments")]
 mod arguments;
+mod baseline_check;
+mod conditions;
+mod error;
 mod geometry;
 mod map_noise;
 mod methods;
+mod model;
 mod model_file;
 pub mod noise;
 mod reconstruction;
 pub mod recorded;
 mod settings;
-mod stored_models;
 
-pub use baseline_check::baseline_remarks;
-pub use after_frames::FRAMES_LOOKED_AT;
 #[cfg(feature = "arguments")]
 pub use arguments::MethodArguments;
+pub use baseline_check::baseline_remarks;
+pub use conditions::{Conditions, Sample, trial_frame};
+pub use error::BuildError;
 pub use geometry::{Geometry, GeometryError, GeometrySettings, PresetName, has_mesh};
 pub use map_noise::map_noise;
-pub use model_file::load;
-pub use reconstruction::{BuildError, Conditions, Model, Sample, build, check_live};
+pub use methods::FRAMES_LOOKED_AT;
+pub use model::Model;
+pub use model_file::{find_model, find_model_in, load, short_hash};
+pub use reconstruction::{build, check_live};
 pub use settings::{HyperRule, Method, PriorName, ReconstructionSettings};
-pub use stored_models::{find_model, find_model_in, short_hash};

@@ -107,6 +107,9 @@ pub struct ReconstructionSettings {
     /// Total variation stops within this share of the minimum; default 1e-3.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gap: Option<f64>,
+    /// A running rig makes a map of every so many frames; default 1, all of them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub map_every: Option<u64>,
     /// A calibration from maps to pressure.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<PathBuf>,
@@ -200,11 +203,17 @@ impl ReconstructionSettings {
             map_error: self.map_error.or(kept.map_error),
             loss_only: self.loss_only.or(kept.loss_only),
             gap: self.gap.or(kept.gap),
+            map_every: kept.map_every,
             calibration: self.calibration,
         }
     }
 
-    /// The keys that are given, without file and calibration.
+    /// Whether a running rig makes a map of the frame with this number: of the first, and of every `map_every`-th after it.
+    pub fn has_map(&self, sequence: u64) -> bool {
+        sequence.saturating_sub(1) % self.map_every.unwrap_or(1).max(1) == 0
+    }
+
+    /// The keys that are given and say something of a method.
     pub fn given(&self) -> Vec<&'static str> {
         [
             ("method", self.method.is_some()),
@@ -259,6 +268,17 @@ mod tests {
         assert_eq!(ignored[0].0, "noise_uv");
         assert_eq!(ignored[1], ("gap", vec!["tv"]));
         assert_eq!(ignored.len(), 2);
+    }
+
+    #[test]
+    fn every_third_frame_has_a_map_from_the_first_on() {
+        let settings = ReconstructionSettings {
+            map_every: Some(3),
+            ..ReconstructionSettings::default()
+        };
+        let with_map: Vec<u64> = (1..10).filter(|n| settings.has_map(*n)).collect();
+        assert_eq!(with_map, [1, 4, 7]);
+        assert!((1..10).all(|n| ReconstructionSettings::default().has_map(n)));
     }
 
     #[test]

@@ -18,7 +18,11 @@ impl Recorder {
     ) -> Option<MapOutcome> {
         match &mut self.task {
             Task::Baseline { .. } => None,
-            Task::Maps { worker, .. } => Some(worker.make(&frame.readings, hurry)),
+            Task::Maps {
+                worker, settings, ..
+            } => settings
+                .has_map(frame.sequence)
+                .then(|| worker.make(&frame.readings, hurry)),
         }
     }
 
@@ -33,6 +37,9 @@ impl Recorder {
                     self.status.map_noise.get_or_init(|| noise);
                 }
                 frame.noise = mapped.noise;
+                if let Some(decided) = &mapped.decided {
+                    self.logbook.say("method-settled", decided)?;
+                }
                 frame.found = mapped.found;
                 frame.pressure = mapped.pressure;
                 frame.record = Some(mapped.record);

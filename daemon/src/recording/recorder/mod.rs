@@ -10,6 +10,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use chrono::{DateTime, Utc};
+use imaging::ReconstructionSettings;
 use logbook::LogbookError;
 use rig::Clock;
 use survey::{Baseline, Checks, Frame};
@@ -55,15 +56,18 @@ pub(crate) enum Task {
         late: Option<Arc<Published>>,
         /// Frames without a map, because the method was still busy.
         missed: u64,
+        /// Which frames are to have one.
+        settings: ReconstructionSettings,
     },
 }
 
 impl Task {
-    pub(crate) fn maps(worker: ReconstructionWorker) -> Self {
+    pub(crate) fn maps(worker: ReconstructionWorker, settings: ReconstructionSettings) -> Self {
         Self::Maps {
             worker,
             late: None,
             missed: 0,
+            settings,
         }
     }
 }

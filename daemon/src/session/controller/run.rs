@@ -1,11 +1,14 @@
 //! A session from its first frame to its closed record.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
 use dbus::Fault;
+use imaging::Model;
 use imaging::noise::Noise;
+use imaging::recorded::{RecordedError, Recording};
 use logbook::{InstrumentRecord, LogbookError, SessionHeader, SessionKind, SessionWriter};
 use rig::Clock;
 use survey::{Baseline, Checks};
@@ -19,6 +22,8 @@ use crate::acquisition::task::{
 use crate::events::event::{BusEvent, Event as ReportedEvent};
 use crate::instruments::transcripts::{self, FailedFrame};
 use crate::monitoring::disk::free_bytes;
+use crate::panics::containment;
+use crate::preparation::Setup;
 use crate::recording::logbook_sink::{DiskPolicy, LogbookSink};
 use crate::recording::order::{Order, QUEUE};
 use crate::recording::reconstruction_worker::{ReconstructionContext, ReconstructionWorker};
@@ -228,6 +233,10 @@ impl Controller {
                 let measured = Noise::of(&baseline).and_then(Noise::measured);
                 let stated = order.noise_uv.or(runtime.setup.config.model.noise_uv);
                 let stated = stated.filter(|_| !self.is_recording());
+                if model.looks_at_frames() && status.acquired() > 0 {
+                    settle_again(&model, &baseline, status.path(), &runtime.setup).await;
+                }
+                let settings = runtime.setup.config.model.clone();
                 let context = ReconstructionContext {
                     reading_noise: measured.or(stated.map(|noise_uv| 1e-6 * noise_uv)),
                     baseline: baseline.as_ref().clone(),
@@ -237,7 +246,7 @@ impl Controller {
                     build: runtime.build.clone(),
                 };
                 match ReconstructionWorker::start(context, orders.downgrade()) {
-                    Ok(worker) => Task::maps(worker),
+                    Ok(worker) => Task::maps(worker, settings),
                     Err(cause) => {
                         let recorded = Err(format!("no thread for maps: {cause}"));
                         let why =
@@ -503,6 +512,24 @@ impl Controller {
                 return;
             }
         }
+    }
+}
+
+/// A session that goes on settles its method by the frames that settled it before.
+async fn settle_again(model: &Model, baseline: &Arc<Baseline>, file: PathBuf, setup: &Setup) {
+    let (model, baseline) = (model.clone(), Arc::clone(baseline));
+    let settings = setup.config.model.clone();
+    let settled = containment::blocking(move || {
+        let recording = Recording::from_session(&file, None, false)?;
+        for frame in recording.first_sample(&settings).frames {
+            let _ = model.reconstructor.reconstruct(&baseline.readings, &frame);
+        }
+        Ok::<_, RecordedError>(())
+    });
+    match settled.await {
+        Ok(Ok(())) => {}
+        Ok(Err(error)) => tracing::warn!("the frames before: {}", chain(&error)),
+        Err(_) => tracing::warn!("the method could not be settled by the frames before"),
     }
 }
 

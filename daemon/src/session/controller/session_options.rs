@@ -149,6 +149,7 @@ impl Controller {
                 "option 'speed' is for recordings; a rig has its own rate".into(),
             ));
         }
+        let goes_on = own.is_some();
         let baseline = match own {
             Some(own) => own,
             None => self.chosen_baseline(options.baseline.as_deref())?,
@@ -162,6 +163,11 @@ impl Controller {
         let (model, noise_uv) = self
             .chosen_model(options.model.as_deref(), plan.as_deref(), &baseline)
             .await?;
+        // a session that goes on has been measured before; it is recorded, however busy the machine is now
+        if !goes_on {
+            self.check_map_time(&model, &baseline, plan.as_ref(), &schedule)
+                .await?;
+        }
         // the configuration may be another one when the session goes on
         let every = schedule.every.as_secs_f64();
         requested.insert("every_s".to_owned(), every.into());

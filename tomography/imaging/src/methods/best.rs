@@ -10,7 +10,8 @@ use eit::{Case, OneStep, Prior, Reconstructor, Scale, Shapes};
 use super::Prepared;
 use super::hyper_parameter::{hyper, noise_v};
 use super::one_step::{raised, solver};
-use crate::reconstruction::{BuildError, Conditions};
+use crate::conditions::Conditions;
+use crate::error::BuildError;
 use crate::settings::ReconstructionSettings;
 
 /// Maps of which more than this share (of their square, by area) is gain are not made of losses alone.

@@ -5,8 +5,9 @@ use std::sync::Arc;
 use eit::{Hyper, OneStepOptions, Prior, l_curve_lambda, probable_lambda};
 use survey::Reading;
 
+use crate::conditions::Conditions;
+use crate::error::BuildError;
 use crate::noise::DEFAULT_NOISE_UV;
-use crate::reconstruction::{BuildError, Conditions};
 use crate::settings::{HyperRule, ReconstructionSettings};
 
 /// What the model does not explain of a real recording is not white, as the most probable lambda takes it to be: it is

@@ -1,6 +1,7 @@
 //! The methods that need no model file, each prepared from settings and [`Conditions`].
 //! Left to others: the mathematics (crate `eit`), model files, calibrations.
 
+mod after_frames;
 mod best;
 mod hyper_parameter;
 mod one_step;
@@ -10,7 +11,11 @@ use std::sync::Arc;
 
 use eit::Reconstructor;
 
-use crate::reconstruction::{BuildError, Conditions};
+pub(crate) use after_frames::AfterFrames;
+pub use after_frames::FRAMES_LOOKED_AT;
+
+use crate::conditions::Conditions;
+use crate::error::BuildError;
 use crate::settings::{Method, ReconstructionSettings};
 
 /// A method that is ready.

@@ -6,7 +6,8 @@ use eit::{Hyper, OneStep, OneStepOptions, Prior, Reconstructor};
 
 use super::Prepared;
 use super::hyper_parameter::hyper;
-use crate::reconstruction::{BuildError, Conditions};
+use crate::conditions::Conditions;
+use crate::error::BuildError;
 use crate::settings::ReconstructionSettings;
 
 pub(super) fn prepare(

@@ -7,7 +7,8 @@ use eit::{Hyper, OneStepOptions, Prior, Reconstructor, Scale, Strength, Tv, TvOp
 use super::Prepared;
 use super::hyper_parameter::hyper;
 use super::one_step::solver;
-use crate::reconstruction::{BuildError, Conditions};
+use crate::conditions::Conditions;
+use crate::error::BuildError;
 use crate::settings::ReconstructionSettings;
 
 /// The paper's alpha, and its one iteration.

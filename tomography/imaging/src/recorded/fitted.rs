@@ -6,9 +6,10 @@ use eit::{Forward, Scale};
 use survey::{Amps, Protocol};
 
 use super::Unloaded;
+use crate::conditions::{Conditions, Sample};
+use crate::error::BuildError;
 use crate::geometry::Geometry;
 use crate::noise::{Noise, fitted_conductance, gain, gain_at};
-use crate::reconstruction::{BuildError, Conditions, Sample};
 
 /// A known conductance is believed, and the formula taken as it stands, while the baseline is within this factor of it.
 const BELIEVED: f64 = 1.25;

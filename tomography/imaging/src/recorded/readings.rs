@@ -7,8 +7,8 @@ use std::str::FromStr;
 use survey::{Reading, Volts};
 
 use super::RecordedError;
+use crate::conditions::Sample;
 use crate::noise::rms;
-use crate::reconstruction::Sample;
 
 /// A frame's label and its readings.
 pub type LabelledReadings = (String, Vec<Reading>);

@@ -8,9 +8,10 @@ use survey::{Amps, Protocol, Reading};
 
 use super::readings::{change_signs, first, mean, sample};
 use super::{BaselineRule, LabelledReadings, RecordedError, SessionParts, Unloaded, read_frames};
-use crate::after_frames::FRAMES_LOOKED_AT;
+use crate::conditions::Sample;
+use crate::methods::FRAMES_LOOKED_AT;
 use crate::noise::rms;
-use crate::reconstruction::Sample;
+use crate::settings::ReconstructionSettings;
 
 /// One frame of a recording.
 #[derive(Debug, Clone)]
@@ -205,12 +206,13 @@ impl Recording {
         Ok(sample(&self.unloaded.readings, self.len()?, frames))
     }
 
-    /// The frames by which a running session settled its method: the first that had a map.
-    pub fn first_sample(&self) -> Sample {
+    /// The frames by which a running session settled its method: the first that were to have a map.
+    pub fn first_sample(&self, settings: &ReconstructionSettings) -> Sample {
         let frames = self.frames().filter_map(Result::ok);
         Sample {
             baseline: self.unloaded.readings.clone(),
             frames: frames
+                .filter(|frame| settings.has_map(frame.sequence))
                 .take(FRAMES_LOOKED_AT)
                 .map(|frame| frame.readings)
                 .collect(),

@@ -131,7 +131,10 @@ impl Scene {
         ));
         let events = EventLog::new(setup.record_directory.clone());
         let reported_events = Mutex::new(events.subscribe());
-        let task = Task::maps(ReconstructionWorker::start(context, orders.downgrade()).unwrap());
+        let task = Task::maps(
+            ReconstructionWorker::start(context, orders.downgrade()).unwrap(),
+            setup.config.model.clone(),
+        );
         let logbook = LogbookSink {
             status: Arc::clone(&status),
             writer,

@@ -5,9 +5,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use eit::{Mesh, Novelty, ReconstructError, Reconstructor, Scale};
 use survey::{Amps, Map, Protocol, Reading, error_chain};
 
+use crate::conditions::{Conditions, Sample};
+use crate::error::BuildError;
 use crate::geometry::Geometry;
-use crate::methods;
-use crate::reconstruction::{BuildError, Conditions, Sample};
 use crate::settings::{Method, ReconstructionSettings};
 
 /// So many frames are looked at before a method is settled that looks at frames: the first that are to have a map.
@@ -56,7 +56,7 @@ impl AfterFrames {
             },
             ..settings.clone()
         };
-        let provisional = methods::prepare(&early, conditions)?.reconstructor;
+        let provisional = super::prepare(&early, conditions)?.reconstructor;
         let plan = Plan {
             settings: settings.clone(),
             geometry: conditions.geometry.clone(),
@@ -132,7 +132,7 @@ impl AfterFrames {
             sample: Some(&sample),
             ..Conditions::live(&plan.geometry, &plan.protocol, plan.current)
         };
-        match methods::prepare(&plan.settings, &conditions) {
+        match super::prepare(&plan.settings, &conditions) {
             Ok(prepared) => {
                 *self.decided.lock().unwrap_or_else(PoisonError::into_inner) =
                     Some(prepared.notes.join("; "));

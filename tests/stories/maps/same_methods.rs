@@ -1,0 +1,120 @@
+//! One method is one method: in the daemon, in `tactus replay` and in `tactus-lab reconstruct`.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use crate::test_rig::{self, Needs, ask, baseline, measure};
+
+fn lab(line: &str) {
+    let words = format!("tactus-lab {line}");
+    let ended = lab::run(words.split_whitespace().map(Into::into));
+    assert_eq!(ended, std::process::ExitCode::SUCCESS, "{line}");
+}
+
+fn numbers(path: &Path) -> Vec<Vec<f64>> {
+    let text = std::fs::read_to_string(path).expect("maps are written");
+    text.lines()
+        .map(|line| {
+            line.split(',')
+                .map(|field| field.parse().expect("a number"))
+                .collect()
+        })
+        .collect()
+}
+
+#[test]
+fn replay_and_reconstruct_answer_alike_for_one_frame() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::QUIET) else {
+        return;
+    };
+    let at = |name: &str| stage.path().join(name).display().to_string();
+    let (case, frames) = (at("tank"), at("frames.csv"));
+    lab(&format!(
+        "mesh --preset disc-tank --set electrodes=8 --set fineness=0.5 --out {case}"
+    ));
+    let mesh = eit::Case::read(Path::new(&case)).expect("a case").mesh;
+    // unloaded, and with a press
+    let mut sigma = String::new();
+    for loss in [0.0, 0.5] {
+        let row: Vec<String> = (0..mesh.triangles().len())
+            .map(|triangle| {
+                let [x, y] = mesh.centroid(triangle);
+                let under = (x - 0.05).hypot(y - 0.02) < 0.03;
+                (1e-3 * if under { 1.0 - loss } else { 1.0 }).to_string()
+            })
+            .collect();
+        writeln!(sigma, "{}", row.join(",")).expect("a string");
+    }
+    std::fs::write(at("sigma.csv"), sigma).expect("the folder can be written");
+    lab(&format!(
+        "forward --case {case} --sigma-rows {} --out {frames}",
+        at("sigma.csv")
+    ));
+    for options in [
+        "",
+        "--noise-v 2e-6",
+        "--loss-only",
+        "--method one-step",
+        "--method one-step --noise-v 2e-6 --prior gaussian:15",
+        "--method one-step --choose l-curve",
+        "--method one-step --choose noise-figure:1.5 --map-error 1e-3",
+        "--method one-step --lambda 1",
+        "--method tv --gap 1e-4",
+        "--method tv --noise-v 2e-6 --loss-only",
+        "--method tv --lambda 1e-6",
+        "--method tv-paper",
+    ] {
+        let [offline, again] = ["reconstructed.csv", "replayed.csv"].map(at);
+        lab(&format!(
+            "reconstruct --force --case {case} --frames {frames} --baseline first:1 {options} --out {offline}"
+        ));
+        let mut words = vec!["replay", &case, "--frames", &frames, "--no-map", "--force"];
+        words.extend(["--baseline", "first:1", "--out", &again]);
+        words.extend(options.split_whitespace());
+        ask(&stage, &words);
+        let [offline, again] = [offline, again].map(|path| numbers(Path::new(&path)));
+        assert!(
+            offline[1].iter().any(|value| *value < -0.05),
+            "'{options}' finds the press"
+        );
+        assert!(offline == again, "'{options}'");
+    }
+}
+
+#[test]
+fn a_rule_settles_the_method_in_daemon_and_replay_alike() {
+    let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, |config| {
+        let method = "method = \"one-step\"\nnoise_uv = 2.0\n";
+        assert!(config.contains(method), "{config}");
+        config.replace(
+            method,
+            "method = \"best\"\nchoose = \"evidence\"\nmap_every = 2\n",
+        )
+    }) else {
+        return;
+    };
+    let _daemon = test_rig::start(&stage);
+    baseline(&stage, 3);
+    let id = measure(&stage, 19);
+    // the eighth frame that is to have a map is the fifteenth
+    let maps = ask(&stage, &["replay", &id, "--no-map"]);
+    for (map, frame) in maps.iter().zip(1_u64..) {
+        assert_eq!(map["frame"], frame);
+        let verified = match frame {
+            15 | 17 | 19 => serde_json::Value::Bool(true),
+            _ => serde_json::Value::Null,
+        };
+        assert_eq!(map["verified"], verified, "{map}");
+    }
+    let events = ask(&stage, &["log", "--session", &id]);
+    let settled = events
+        .iter()
+        .find(|line| line["kind"] == "method-settled")
+        .unwrap_or_else(|| panic!("{events:?}"));
+    assert!(
+        settled["text"]
+            .as_str()
+            .is_some_and(|text| text.contains("lambda")),
+        "{settled}"
+    );
+}

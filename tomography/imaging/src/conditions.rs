@@ -1,0 +1,91 @@
+//! What frames are taken with, and which are known before a method is settled.
+
+use std::sync::Arc;
+
+use eit::{Forward, ForwardError, Scale};
+use survey::{Amps, Protocol, Reading, Volts};
+
+use crate::geometry::Geometry;
+
+/// Frames that are known before a method is settled, with the unloaded state: what its rules look at.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sample {
+    /// The unloaded state.
+    pub baseline: Vec<Reading>,
+    /// The frames.
+    pub frames: Vec<Vec<Reading>>,
+}
+
+/// What frames are taken with, and what is known of them before any is reconstructed.
+#[derive(Debug, Clone)]
+pub struct Conditions<'a> {
+    /// The sheet or tank.
+    pub geometry: &'a Geometry,
+    /// The readings of a frame.
+    pub protocol: &'a Protocol,
+    /// Current of the frames, or the factor from the model's readings at 1 A to the recording's unit.
+    pub current: Amps,
+    /// Standard deviation of one reading, V, where the settings do not say it; else
+    /// [`DEFAULT_NOISE_UV`](crate::noise::DEFAULT_NOISE_UV).
+    pub noise_v: Option<f64>,
+    /// How the baseline's own scale enters the model-based methods.
+    pub scale: Scale,
+    /// Frames that are known; without them a method that looks at frames is settled by the first
+    /// [`FRAMES_LOOKED_AT`](crate::FRAMES_LOOKED_AT) that it is given.
+    pub sample: Option<&'a Sample>,
+}
+
+impl<'a> Conditions<'a> {
+    /// Of frames that are still to be measured.
+    pub fn live(geometry: &'a Geometry, protocol: &'a Protocol, current: Amps) -> Self {
+        Self {
+            geometry,
+            protocol,
+            current,
+            noise_v: None,
+            scale: Scale::default(),
+            sample: None,
+        }
+    }
+}
+
+/// A frame of the sheet with a load, for trials before there is a real one: half of the conductance is lost on a disc in the
+/// middle of the region, of a tenth of its area; each reading of the baseline changes by the model's share.
+///
+/// # Errors
+/// The forward model cannot be solved.
+pub fn trial_frame(
+    geometry: &Geometry,
+    protocol: &Protocol,
+    baseline: &[Reading],
+) -> Result<Vec<Reading>, ForwardError> {
+    let mesh = &geometry.mesh;
+    let (centroids, areas) = (mesh.region_centroids(), mesh.region_areas());
+    let area: f64 = areas.iter().sum();
+    let middle = |axis: usize| {
+        let moments = centroids
+            .iter()
+            .zip(&areas)
+            .map(|(at, area)| at[axis] * area);
+        moments.sum::<f64>() / area
+    };
+    let (x, y) = (middle(0), middle(1));
+    let radius = (0.1 * area / std::f64::consts::PI).sqrt();
+    let mut loaded = geometry.sigma0.clone();
+    for (&triangle, at) in mesh.region().iter().zip(&centroids) {
+        if (at[0] - x).hypot(at[1] - y) < radius {
+            loaded[triangle] *= 0.5;
+        }
+    }
+    let forward = Forward::new(Arc::clone(mesh), &geometry.contact_ohm_m)?;
+    let before = forward.readings(&geometry.sigma0, protocol)?;
+    let after = forward.readings(&loaded, protocol)?;
+    Ok(baseline
+        .iter()
+        .zip(before.iter().zip(after.iter()))
+        .map(|(reading, (before, after))| match reading.volts() {
+            Some(volts) => Reading::Ok(Volts(volts.0 * after / before)),
+            None => *reading,
+        })
+        .collect())
+}

@@ -1,0 +1,103 @@
+//! Why there is no reconstructor.
+
+use std::path::PathBuf;
+
+use eit::inverse::learned::network::OnnxError;
+
+/// A half frame is not doubled for a model of whole ones: both readings of a pair would have the same noise, which a model
+/// trained on independent noise takes for a change of the sheet.
+const HALF: &str = ", or set survey.half = false (a whole frame), or take method = \"one-step\", which maps a half frame as it is";
+
+/// Why there is no reconstructor.
+#[derive(Debug, thiserror::Error)]
+pub enum BuildError {
+    /// The model file cannot be read.
+    #[error("model file {}: {cause}", .path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        #[source]
+        cause: eit::ModelError,
+    },
+    /// The model takes other readings than the frames have.
+    #[error(
+        "model {model} asks {asks} readings of {model_electrodes} electrodes (survey {model_hash}), this rig asks {rig} \
+         of {rig_electrodes} (survey {rig_hash}); use a model trained for this rig{}",
+        if *.half { HALF } else { "" }
+    )]
+    Survey {
+        /// The model file.
+        model: String,
+        /// Readings of the model.
+        asks: usize,
+        /// Electrodes of the model.
+        model_electrodes: usize,
+        /// Of what the model was made for, shortened.
+        model_hash: String,
+        /// Readings of the frames.
+        rig: usize,
+        /// Electrodes of the frames.
+        rig_electrodes: usize,
+        /// Of what is used here, shortened.
+        rig_hash: String,
+        /// Whether the rig reads half of what the model asks, and the other half is equal by reciprocity.
+        half: bool,
+    },
+    /// The model was made for another geometry.
+    #[error(
+        "model {model} was made for geometry {model_hash}, this rig has {rig_hash} ({geometry}); use a model trained \
+         for this geometry, or configure its geometry"
+    )]
+    Geometry {
+        /// The model file.
+        model: String,
+        /// Of what the model was made for, shortened.
+        model_hash: String,
+        /// Of what is used here, shortened.
+        rig_hash: String,
+        /// What the geometry is called.
+        geometry: String,
+    },
+    /// An ONNX file cannot be used.
+    #[error(transparent)]
+    Onnx(#[from] OnnxError),
+    /// The one-step method cannot be prepared.
+    #[error("the one-step method: {0}")]
+    OneStep(#[from] eit::OneStepError),
+    /// Total variation cannot be prepared.
+    #[error("total variation: {0}")]
+    Tv(#[from] eit::TvError),
+    /// The forward model cannot be solved.
+    #[error("the forward model: {0}")]
+    Forward(#[from] eit::ForwardError),
+    /// A recording that was not made with this geometry.
+    #[error(
+        "the baseline does not look like this geometry: it is zero, its readings have the opposite sign of the model's, or \
+         none is valid; if they are magnitudes, say --negate"
+    )]
+    Unlike,
+    /// A calibration cannot be used.
+    #[error("calibration {}: {why}; fit one with tactus-lab calibrate", .path.display())]
+    Calibration {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// Settings that contradict each other.
+    #[error("{0}")]
+    Setting(String),
+}
+
+impl BuildError {
+    /// Whether the file is sound and only made for something else.
+    pub fn is_mismatch(&self) -> bool {
+        matches!(
+            self,
+            Self::Survey { .. }
+                | Self::Geometry { .. }
+                | Self::Onnx(OnnxError::Shape { .. } | OnnxError::Other { .. })
+        )
+    }
+}
