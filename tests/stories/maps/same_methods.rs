@@ -58,7 +58,7 @@ fn replay_and_reconstruct_answer_alike_for_one_frame() {
         "--method one-step --noise-v 2e-6 --prior gaussian:15",
         "--method one-step --choose l-curve",
         "--method one-step --choose noise-figure:1.5 --map-error 1e-3",
-        "--method one-step --lambda 1",
+        "--method one-step --lambda 0.01",
         "--method tv --gap 1e-4",
         "--method tv --noise-v 2e-6 --loss-only",
         "--method tv --lambda 1e-6",
