@@ -51,7 +51,7 @@ mod range;
 mod simulator;
 
 pub use command::{
-    Address, Ask, Board, Command, DeltaMode, Element, List, Shield, Speed, StatusGroup,
+    Address, Ask, Board, Command, DeltaMode, Element, Line, List, Shield, Speed, StatusGroup,
 };
 pub use driver::Keithley6221;
 pub use kind::Kind;

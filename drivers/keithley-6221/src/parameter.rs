@@ -140,6 +140,15 @@ parameters! {
     PhaseMarker: Other, "[SOURce]:WAVE:PMARk:STATe", Kind::Switch(false);
     /// The phase that is marked, degrees; the manual's scale is 0 to 360, clients in use say -180 to 180.
     MarkedPhase: Other, "[SOURce]:WAVE:PMARk[:LEVel]", plain(-180.0, 360.0, 180.0);
+    /// Whether a trigger starts the wave (public drivers send `SOUR:WAVE:EXTR`, `:ILIN`, `:IGN`, `:IVAL`, with these limits).
+    /// None is received here: such a wave cannot be armed.
+    ExternalTrigger: Wave, "[SOURce]:WAVE:EXTRig[:ENABle]", Kind::Switch(false);
+    /// The trigger line that starts the wave; 0 for none.
+    ExternalLine: Wave, "[SOURce]:WAVE:EXTRig:ILINe", whole(0.0, 6.0, 1.0);
+    /// Whether triggers are ignored while the wave is made.
+    IgnoreTriggers: Wave, "[SOURce]:WAVE:EXTRig:IGNore", Kind::Switch(false);
+    /// What is made before and after a triggered wave, in parts of its amplitude.
+    InactiveValue: Wave, "[SOURce]:WAVE:EXTRig:IVALue", plain(-1.0, 1.0, 0.0);
     /// The trigger line of the phase marker.
     MarkerLine: Other, "[SOURce]:WAVE:PMARk:OLINe", whole(1.0, 6.0, 3.0);
 
@@ -225,12 +234,27 @@ parameters! {
     BufferStamp: Other, "TRACe:TSTamp:FORMat", Kind::Choice(&["ABSolute", "DELTa"]);
     /// How readings are told.
     DataFormat: Other, "FORMat[:DATA]", Kind::Choice(&["ASCii", "REAL", "SREal", "DREal"]);
+    /// How registers are read: decimal, or as `#H`, `#Q`, `#B` numbers (public drivers send ASC; 622x reference manual,
+    /// FORMat subsystem [K]).
+    RegisterFormat: Other, "FORMat:SREGister", Kind::Choice(&["ASCii", "HEXadecimal", "OCTal", "BINary"]);
     /// Which byte of a binary reading comes first.
     ByteOrder: Other, "FORMat:BORDer", Kind::Choice(&["NORMal", "SWAPped"]);
     /// Unit of delta readings.
     ReadingUnit: Other, "UNIT[:VOLTage][:DC]", Kind::Choice(&["V", "OHMS", "W", "SIEMens"]);
     /// Which power a pulse's reading is.
     PowerUnit: Other, "UNIT:POWer[:TYPE]", Kind::Choice(&["PEAK", "AVERage"]);
+    /// What mathematics makes of delta readings: nothing, m X + b, m / X + b (public drivers; reset value assumed).
+    MathFormat: Other, "CALCulate:FORMat", Kind::Choice(&["NONE", "MXB", "RECiprocal"]);
+    /// Factor m.
+    MathFactor: Other, "CALCulate:KMATh:MMFactor", plain(-9.999_99e20, 9.999_99e20, 1.0);
+    /// Summand b.
+    MathOffset: Other, "CALCulate:KMATh:MBFactor", plain(-9.999_99e20, 9.999_99e20, 0.0);
+    /// Whether mathematics is applied.
+    Math: Other, "CALCulate:STATe", Kind::Switch(false);
+    /// Statistic of the buffer (public drivers).
+    StatisticFormat: Other, "CALCulate2:FORMat", Kind::Choice(&["MEAN", "SDEViation", "MAXimum", "MINimum", "PKPK"]);
+    /// Whether it is made.
+    Statistic: Other, "CALCulate2:STATe", Kind::Switch(false);
     /// Whether delta readings are averaged.
     Average: Other, "SENSe:AVERage[:STATe]", Kind::Switch(false);
     /// How delta readings are averaged.
@@ -242,6 +266,10 @@ parameters! {
 
     /// Whether the display is lit.
     Display: Other, "DISPlay:ENABle", Kind::Switch(true);
+    /// Whether a text is shown on the upper line (public drivers send `DISP:WIND1|2:TEXT:DATA|STAT`).
+    UpperText: Other, "DISPlay[:WINDow]:TEXT:STATe", Kind::Switch(false);
+    /// Whether a text is shown on the lower line.
+    LowerText: Other, "DISPlay:WINDow2:TEXT:STATe", Kind::Switch(false);
     /// Whether the beeper may sound.
     Beeper: Other, "SYSTem:BEEPer:STATe", Kind::Switch(true);
     /// Whether keys click.

@@ -1,7 +1,7 @@
 //! What the driver can say, the simulator receives.
 
 use keithley_6221::{
-    Address, Ask, Board, Command, DeltaMode, Element, Kind, List, Parameter, Shield, Speed,
+    Address, Ask, Board, Command, DeltaMode, Element, Kind, Line, List, Parameter, Shield, Speed,
     StatusGroup,
 };
 use proptest::prelude::*;
@@ -80,6 +80,16 @@ fn every_command() -> Vec<Command> {
             hertz: 440.0,
             seconds: 0.25,
         },
+        Command::MathReading,
+        Command::MakeStatistic,
+        Command::StatisticReading,
+        Command::EnableErrors(vec![[-440, -100], [900, 900]]),
+        Command::DisableErrors(vec![[-113, -113]]),
+        Command::EnabledErrors,
+        Command::DisabledErrors,
+        Command::SetText(Line::Upper, "a \"b\"".to_owned()),
+        Command::Text(Line::Lower),
+        Command::TextAttributes(Line::Upper),
         Command::SaveAddresses,
         Command::BoardSerial(Board::Analogue),
         Command::BoardRevision(Board::Digital),

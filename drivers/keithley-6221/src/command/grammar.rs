@@ -6,7 +6,9 @@ use std::sync::LazyLock;
 use scpi::{Argument, Call, Common, ParseError, Pattern, Unit, parse_message};
 use survey::{Amps, Volts};
 
-use super::vocabulary::{ADDRESSES, ASKS, BOARDS, ELEMENTS, GROUPS, LISTS, MODES, SHIELDS, SPEEDS};
+use super::vocabulary::{
+    ADDRESSES, ASKS, BOARDS, ELEMENTS, GROUPS, LINES, LISTS, MODES, SHIELDS, SPEEDS,
+};
 use super::{Ask, Command, Element, List};
 use crate::Parameter;
 use crate::kind::Kind;
@@ -38,6 +40,10 @@ pub(super) const PLAIN: &[(&str, Command)] = &[
     ("[SOURce]:WAVE:ABORt", Command::AbortWave),
     ("SENSe:DATA[:LATest]?", Command::LatestReading),
     ("SENSe:DATA:FRESh?", Command::FreshReading),
+    ("CALCulate:DATA[:LATest]?", Command::MathReading),
+    ("CALCulate:DATA:FRESh?", Command::MathReading),
+    ("CALCulate2:IMMediate", Command::MakeStatistic),
+    ("CALCulate2:DATA?", Command::StatisticReading),
     ("SYSTem:COMMunicate:SERial:ENTer?", Command::SerialEnter),
     ("TRACe:CLEar", Command::ClearBuffer),
     ("TRACe:DATA?", Command::BufferData),
@@ -51,6 +57,8 @@ pub(super) const PLAIN: &[(&str, Command)] = &[
     ("STATus:QUEue[:NEXT]?", Command::NextError),
     ("STATus:QUEue:CLEar", Command::ClearErrors),
     ("SYSTem:CLEar", Command::ClearErrors),
+    ("STATus:QUEue:ENABle?", Command::EnabledErrors),
+    ("STATus:QUEue:DISable?", Command::DisabledErrors),
     ("SYSTem:VERSion?", Command::Version),
     ("SYSTem:PRESet", Command::Preset),
     ("SYSTem:COMMunicate:LOCal", Command::Local),
@@ -205,6 +213,29 @@ fn status_and_system(rows: &mut Vec<Row>) {
             Ok(Command::SetEnable(group, mask))
         });
     }
+    row(rows, "STATus:QUEue:ENABle", |call| {
+        numbers(call).map(Command::EnableErrors)
+    });
+    row(rows, "STATus:QUEue:DISable", |call| {
+        numbers(call).map(Command::DisableErrors)
+    });
+    for (window, line, most) in LINES {
+        let text = format!("{window}:TEXT[:DATA]");
+        row(rows, &text, move |call| {
+            let [text] = call.exactly()?;
+            let text = text.string()?;
+            match text.chars().count() <= most {
+                true => Ok(Command::SetText(line, text.to_owned())),
+                false => Err(ParseError::TooMuchData),
+            }
+        });
+        row(rows, &format!("{text}?"), move |call| {
+            plain(call, Command::Text(line))
+        });
+        row(rows, &format!("{window}:ATTRibutes?"), move |call| {
+            plain(call, Command::TextAttributes(line))
+        });
+    }
     row(rows, "*SAV", |call| place(call, 0, 4).map(Command::Save));
     row(rows, "*RCL", |call| place(call, 0, 4).map(Command::Recall));
     row(rows, "SYSTem:BEEPer[:IMMediate]", |call| {
@@ -266,6 +297,32 @@ impl FromStr for Command {
             _ => Err(ParseError::Syntax),
         }
     }
+}
+
+/// Error numbers as `(-440:+900,-113)`; a range may be given either way round.
+fn numbers(call: &Call) -> Result<Vec<[i32; 2]>, ParseError> {
+    let [list] = call.exactly()?;
+    let Argument::Expression(text) = list else {
+        return Err(ParseError::DataType);
+    };
+    let inside = text
+        .trim()
+        .strip_prefix('(')
+        .and_then(|text| text.strip_suffix(')'));
+    let entry = |entry: &str| {
+        let (from, to) = entry.split_once(':').unwrap_or((entry, entry));
+        let [from, to] = [from, to].map(|number| number.trim().parse::<i32>());
+        let (from, to) = (from.ok()?, to.ok()?);
+        Some([from.min(to), from.max(to)])
+    };
+    let entries: Option<Vec<[i32; 2]>> = inside
+        .filter(|inside| !inside.trim().is_empty())
+        .map_or(Some(Vec::new()), |inside| {
+            inside.split(',').map(entry).collect()
+        });
+    entries
+        .filter(|_| inside.is_some())
+        .ok_or(ParseError::InvalidExpression)
 }
 
 fn plain(call: &Call, command: Command) -> Result<Command, ParseError> {

@@ -12,7 +12,11 @@ use std::net::Ipv4Addr;
 use scpi::Common;
 use survey::{Amps, Volts};
 
-pub use vocabulary::{Address, Ask, Board, DeltaMode, Element, List, Shield, Speed, StatusGroup};
+#[cfg(feature = "simulator")]
+pub(crate) use spelling::error_numbers;
+pub use vocabulary::{
+    Address, Ask, Board, DeltaMode, Element, Line, List, Shield, Speed, StatusGroup,
+};
 
 use crate::Parameter;
 
@@ -116,6 +120,12 @@ pub enum Command {
     LatestReading,
     /// Read the last reading of the 2182A, once.
     FreshReading,
+    /// Read the last reading of the 2182A after mathematics.
+    MathReading,
+    /// Make the statistic of the buffer.
+    MakeStatistic,
+    /// Read the statistic of the buffer.
+    StatisticReading,
     /// Send a line to the 2182A.
     SerialSend(String),
     /// Read the line that the 2182A answers.
@@ -150,6 +160,21 @@ pub enum Command {
     NextError,
     /// Forget all errors.
     ClearErrors,
+    /// Queue the errors of these numbers (from, to), and no others; public drivers send `STAT:QUE:ENAB (-440:+900)`.
+    EnableErrors(Vec<[i32; 2]>),
+    /// Don't queue the errors of these numbers.
+    DisableErrors(Vec<[i32; 2]>),
+    /// Read which errors are queued.
+    EnabledErrors,
+    /// Read which errors are not queued.
+    DisabledErrors,
+
+    /// Set the text of a line of the display, upper or lower.
+    SetText(Line, String),
+    /// Read it.
+    Text(Line),
+    /// Read which of its characters blink.
+    TextAttributes(Line),
 
     /// Read the year of the SCPI standard kept.
     Version,

@@ -8,7 +8,27 @@ use super::Command;
 use super::grammar::PLAIN;
 use super::vocabulary::LISTS;
 use crate::List;
+use crate::command::Line;
 use crate::kind::short;
+
+/// Error numbers in parentheses.
+pub(crate) fn error_numbers(numbers: &[[i32; 2]]) -> String {
+    let entries: Vec<String> = numbers
+        .iter()
+        .map(|[from, to]| match from == to {
+            true => format!("{from:+}"),
+            false => format!("{from:+}:{to:+}"),
+        })
+        .collect();
+    format!("({})", entries.join(","))
+}
+
+fn window(line: Line) -> u8 {
+    match line {
+        Line::Upper => 1,
+        Line::Lower => 2,
+    }
+}
 
 impl Command {
     /// The header of a command without arguments.
@@ -88,6 +108,17 @@ impl fmt::Display for Command {
                 let words: Vec<String> = elements.iter().map(ToString::to_string).collect();
                 write!(f, "FORM:ELEM {}", words.join(","))
             }
+            Command::EnableErrors(numbers) => {
+                write!(f, "STAT:QUE:ENAB {}", error_numbers(numbers))
+            }
+            Command::DisableErrors(numbers) => {
+                write!(f, "STAT:QUE:DIS {}", error_numbers(numbers))
+            }
+            Command::SetText(line, text) => {
+                write!(f, "DISP:WIND{}:TEXT {}", window(*line), quote(text))
+            }
+            Command::Text(line) => write!(f, "DISP:WIND{}:TEXT?", window(*line)),
+            Command::TextAttributes(line) => write!(f, "DISP:WIND{}:ATTR?", window(*line)),
             Command::Events(group) => write!(f, "STAT:{group}?"),
             Command::Conditions(group) => write!(f, "STAT:{group}:COND?"),
             Command::SetEnable(group, mask) => write!(f, "STAT:{group}:ENAB {mask}"),
@@ -120,6 +151,11 @@ impl fmt::Display for Command {
             | Command::AbortWave
             | Command::LatestReading
             | Command::FreshReading
+            | Command::MathReading
+            | Command::MakeStatistic
+            | Command::StatisticReading
+            | Command::EnabledErrors
+            | Command::DisabledErrors
             | Command::SerialEnter
             | Command::ClearBuffer
             | Command::BufferData

@@ -116,6 +116,15 @@ pub enum Element {
     AverageVoltage,
 }
 
+/// A line of the display.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Line {
+    /// 20 characters.
+    Upper,
+    /// 32 characters.
+    Lower,
+}
+
 /// One of the two circuit boards.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Board {
@@ -159,6 +168,11 @@ pub(super) const ELEMENTS: [(&str, Element); 7] = [
 ];
 pub(super) const BOARDS: [(&str, Board); 2] =
     [("ABOard", Board::Analogue), ("DBOard", Board::Digital)];
+/// Header of each line of the display, and its length (622x reference manual, DISPlay subsystem [K]).
+pub(super) const LINES: [(&str, Line, usize); 2] = [
+    ("DISPlay[:WINDow]", Line::Upper, 20),
+    ("DISPlay:WINDow2", Line::Lower, 32),
+];
 /// Headers of the lists: of the values, and of those that are appended.
 pub(super) const LISTS: [(&str, &str, List); 4] = [
     (

@@ -28,7 +28,7 @@ use survey::Amps;
 pub use settings::{Response, Settings6221};
 pub use sweep::Trigger;
 
-use crate::command::{COMPLIANCE_BIT, Command, Element};
+use crate::command::{COMPLIANCE_BIT, Command, Element, error_numbers};
 use crate::{Load, Range};
 use lists::Lists;
 use state::{Mode, Outcome, Panel};
@@ -64,6 +64,10 @@ pub struct Simulator6221 {
     /// Pulses sent on each line of the trigger link.
     pulses: [u64; 6],
     errors: ErrorQueue,
+    /// Numbers of the errors that are queued, ascending ranges.
+    queued: Vec<[i32; 2]>,
+    /// Texts of the display's two lines.
+    texts: [String; 2],
     status: StatusModel,
 }
 
@@ -95,6 +99,8 @@ impl Simulator6221 {
             interlock_closed: true,
             trips_at: None,
             pulses: [0; 6],
+            queued: vec![status::ALL_ERRORS],
+            texts: Default::default(),
             status: StatusModel::new(),
         };
         new.show();
@@ -186,6 +192,9 @@ impl Simulator6221 {
             other => other.text(),
         };
         self.status.raise_error(refusal.code());
+        if !self.is_queued(refusal.code()) {
+            return;
+        }
         if self.errors.len() >= self.settings.queue_depth {
             // The entry that gives way makes an event of its own (section 6).
             self.status.raise_error(ParseError::QueueOverflow.code());
@@ -342,8 +351,21 @@ impl Simulator6221 {
             Command::CopyWave(place) => self.copy_wave(*place)?,
             Command::DeltaPresent(_) | Command::DeltaArmed(_) => return Ok(bit(false)),
             Command::ArmDelta(_) => return Err(ParseError::HardwareMissing),
-            Command::LatestReading | Command::FreshReading | Command::BufferData => {
-                return Err(ParseError::DataStale);
+            Command::LatestReading
+            | Command::FreshReading
+            | Command::BufferData
+            | Command::MathReading
+            | Command::MakeStatistic
+            | Command::StatisticReading => return Err(ParseError::DataStale),
+            Command::EnableErrors(numbers) => self.queued = status::joined(numbers),
+            Command::DisableErrors(numbers) => self.disable_errors(numbers),
+            Command::EnabledErrors => return Ok(Some(error_numbers(&self.queued))),
+            Command::DisabledErrors => return Ok(Some(error_numbers(&self.not_queued()))),
+            Command::SetText(line, text) => self.texts[*line as usize].clone_from(text),
+            Command::Text(line) => return Ok(Some(scpi::quote(&self.texts[*line as usize]))),
+            Command::TextAttributes(line) => {
+                let none = "0".repeat(self.texts[*line as usize].chars().count());
+                return Ok(Some(scpi::quote(&none)));
             }
             // It goes out on a line at whose end nobody listens.
             Command::SerialSend(_) => {}
@@ -354,10 +376,19 @@ impl Simulator6221 {
             Command::BufferType => return Ok(Some("NONE".to_owned())),
             Command::SetElements(elements) => self.elements.clone_from(elements),
             Command::Elements => return Ok(Some(self.read_elements())),
-            Command::Events(group) => return Ok(text(&self.group(*group).take_event())),
-            Command::Conditions(group) => return Ok(text(&self.group(*group).condition())),
+            Command::Events(group) => {
+                let event = self.group(*group).take_event();
+                return Ok(Some(self.register(event)));
+            }
+            Command::Conditions(group) => {
+                let condition = self.group(*group).condition();
+                return Ok(Some(self.register(condition)));
+            }
             Command::SetEnable(group, mask) => self.group(*group).set_enable(*mask),
-            Command::Enable(group) => return Ok(text(&self.group(*group).enable())),
+            Command::Enable(group) => {
+                let enable = self.group(*group).enable();
+                return Ok(Some(self.register(enable)));
+            }
             Command::PresetStatus => self.status.preset(),
             Command::NextError => return Ok(text(&self.errors.pop())),
             Command::ClearErrors => self.errors.clear(),

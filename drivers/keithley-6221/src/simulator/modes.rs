@@ -278,6 +278,9 @@ impl Simulator6221 {
     }
 
     fn planned_wave(&self) -> Result<Wave, ParseError> {
+        if self.values.is_on(Parameter::ExternalTrigger) {
+            return Err(ParseError::SettingsConflict);
+        }
         plan_wave(&self.values, &self.lists, &self.waves, self.panel.range)
     }
 

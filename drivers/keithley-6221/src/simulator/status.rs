@@ -21,6 +21,41 @@ pub(super) const AWAITING_ARM: u8 = 6;
 pub(super) const WAVE_STOPPED: u8 = 7;
 pub(super) const IDLE: u8 = 10;
 
+/// Numbers of all errors, as public drivers send them.
+pub(super) const ALL_ERRORS: [i32; 2] = [-440, 958];
+
+/// Ranges ascending, those joined that touch.
+pub(super) fn joined(ranges: &[[i32; 2]]) -> Vec<[i32; 2]> {
+    let mut ascending = ranges.to_vec();
+    ascending.sort_unstable();
+    let mut joined: Vec<[i32; 2]> = Vec::new();
+    for [from, to] in ascending {
+        match joined.last_mut() {
+            Some(last) if from <= last[1].saturating_add(1) => last[1] = last[1].max(to),
+            _ => joined.push([from, to]),
+        }
+    }
+    joined
+}
+
+/// What is left of ranges without others.
+fn without(ranges: &[[i32; 2]], others: &[[i32; 2]]) -> Vec<[i32; 2]> {
+    let mut left = joined(ranges);
+    for [from, to] in others {
+        left = left
+            .into_iter()
+            .flat_map(|[first, last]| {
+                [
+                    [first, last.min(from.saturating_sub(1))],
+                    [first.max(to.saturating_add(1)), last],
+                ]
+            })
+            .filter(|[first, last]| first <= last)
+            .collect();
+    }
+    joined(&left)
+}
+
 impl Simulator6221 {
     pub(super) fn carry_out_common(
         &mut self,
@@ -48,16 +83,25 @@ impl Simulator6221 {
                 status.set_standard_enable(mask);
                 None
             }
-            Common::EventEnable => Some(status.standard_enable().to_string()),
-            Common::Events => Some(status.take_standard().to_string()),
+            Common::EventEnable => {
+                let enable = status.standard_enable();
+                Some(self.register(enable.into()))
+            }
+            Common::Events => {
+                let events = status.take_standard();
+                Some(self.register(events.into()))
+            }
             Common::SetServiceEnable(mask) => {
                 status.set_service_enable(mask);
                 None
             }
-            Common::ServiceEnable => Some(status.service_enable().to_string()),
+            Common::ServiceEnable => {
+                let enable = status.service_enable();
+                Some(self.register(enable.into()))
+            }
             Common::StatusByte => {
                 let byte = status.status_byte(!self.errors.is_empty(), replies_wait);
-                Some(byte.to_string())
+                Some(self.register(byte.into()))
             }
             Common::OperationComplete => {
                 if self.remaining().is_some_and(|left| left.is_zero()) {
@@ -78,6 +122,32 @@ impl Simulator6221 {
                 None
             }
         })
+    }
+
+    /// A register as `FORM:SREG` says.
+    pub(super) fn register(&self, value: u16) -> String {
+        // In the order of the words.
+        match self.values.get(Parameter::RegisterFormat) as u8 {
+            1 => format!("#H{value:X}"),
+            2 => format!("#Q{value:o}"),
+            3 => format!("#B{value:b}"),
+            _ => value.to_string(),
+        }
+    }
+
+    pub(super) fn is_queued(&self, code: i32) -> bool {
+        self.queued
+            .iter()
+            .any(|[from, to]| (*from..=*to).contains(&code))
+    }
+
+    /// Numbers of the errors that are not queued.
+    pub(super) fn not_queued(&self) -> Vec<[i32; 2]> {
+        without(&[ALL_ERRORS], &self.queued)
+    }
+
+    pub(super) fn disable_errors(&mut self, numbers: &[[i32; 2]]) {
+        self.queued = without(&self.queued, numbers);
     }
 
     pub(super) fn group(&mut self, group: StatusGroup) -> &mut StatusRegister {

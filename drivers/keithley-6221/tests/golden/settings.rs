@@ -219,3 +219,73 @@ fn section_4_memories() {
         ("SYST:COMM:ETH:DHCP 1;*RST;DHCP?", "1"),
     ]);
 }
+
+#[test]
+fn section_4_commands_that_public_drivers_send() {
+    conversation(&[
+        (
+            "FORM:SREG HEX;SREG?;*ESE 60;*ESE?;:STAT:OPER:COND?",
+            "HEX;#H3C;#H400",
+        ),
+        (
+            "FORM:SREG BIN;:STAT:MEAS:ENAB 8;ENAB?;:FORM:SREG OCT;*ESE?",
+            "#B1000;#Q74",
+        ),
+        ("FORM:SREG ASC;*ESE?", "60"),
+        (
+            "CALC1:FORM MXB;FORM?;KMAT:MMF 2;MBF 0.5;MMF?;MBF?",
+            "MXB;2.000000E+00;5.000000E-01",
+        ),
+        (
+            "CALC:STAT ON;STAT?;:CALC2:FORM SDEV;FORM?;STAT?",
+            "1;SDEV;0",
+        ),
+        ("CALC:DATA?;:SYST:ERR?", "-230,\"Data corrupt or stale\""),
+        ("CALC2:IMM;DATA?", "-"),
+        (
+            "SYST:ERR?;:SYST:ERR?",
+            "-230,\"Data corrupt or stale\";-230,\"Data corrupt or stale\"",
+        ),
+        (
+            "DISP:WIND1:TEXT:DATA 'up';STAT ON;STAT?;:DISP:TEXT?;:DISP:WIND2:TEXT?",
+            "1;\"up\";\"\"",
+        ),
+        ("DISP:WIND:ATTR?", "\"00\""),
+        (
+            "DISP:WIND1:TEXT 'one character too many';:SYST:ERR?",
+            "-223,\"Too much data\"",
+        ),
+        (
+            "SOUR:WAVE:EXTR:ILIN 0;ILIN?;IGN ON;IGN?;IVAL -1;IVAL?;:SOUR:WAVE:EXTR?",
+            "0;1;-1.000000E+00;0",
+        ),
+        (
+            "SOUR:WAVE:EXTR ON;:SOUR:WAVE:ARM;:SYST:ERR?",
+            "-221,\"Settings conflict\"",
+        ),
+        (
+            "SOUR:WAVE:EXTR OFF;:SOUR:WAVE:ARM;:SYST:ERR?",
+            "0,\"No error\"",
+        ),
+        ("STAT:QUE:ENAB?;DIS?", "(-440:+958);()"),
+        (
+            "STAT:QUE:DIS (-113,-230:-220);DIS?;ENAB?",
+            "(-230:-220,-113);(-440:-231,-219:-114,-112:+958)",
+        ),
+        // It makes its event and is not queued.
+        (
+            "*ESR?;:SOUR:CURR 99;:SYST:ERR?;*ESR?",
+            "144;0,\"No error\";16",
+        ),
+        (
+            "STAT:QUE:ENAB (-440:+900);:SOUR:CURR 99;:SYST:ERR?",
+            "-222,\"Parameter data out of range\"",
+        ),
+        (
+            "STAT:QUE:ENAB (one);:SYST:ERR?",
+            "-171,\"Invalid expression\"",
+        ),
+        ("CALC3:LIM:STAT ON", "-"),
+        ("SYST:ERR?", "-113,\"Undefined header\""),
+    ]);
+}

@@ -18,7 +18,9 @@ impl Node {
             word.eq_ignore_ascii_case(&self.short) || word.eq_ignore_ascii_case(&self.long)
         };
         if !self.numbered {
-            let with_one = || keyword.strip_suffix('1').is_some_and(whole);
+            // A node whose own name ends in a digit (`CALCulate2`) has no other.
+            let plain = !self.short.ends_with(|c: char| c.is_ascii_digit());
+            let with_one = || plain && keyword.strip_suffix('1').is_some_and(whole);
             return (whole(keyword) || with_one()).then_some(None);
         }
         let stem = keyword.trim_end_matches(|c: char| c.is_ascii_digit());
@@ -221,6 +223,8 @@ mod tests {
         for other in ["SENS2:VOLT 1", "SENS11:VOLT 1", "SENS01:VOLT 1"] {
             assert!(!matches("[SENSe]:VOLTage[:DC]", other), "{other}");
         }
+        assert!(matches("CALCulate2:STATe", "CALC2:STAT ON"));
+        assert!(!matches("CALCulate2:STATe", "CALC21:STAT ON"));
         assert!(matches("*RST", "*rst"));
         assert!(!matches("*RST", "*RST1"));
     }
