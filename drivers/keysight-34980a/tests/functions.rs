@@ -385,3 +385,62 @@ fn memory_zero_is_that_of_the_power_down_state() {
         ),
     ]);
 }
+
+#[test]
+fn samples_and_trigger_delay_follow_the_help() {
+    let mut talk = Talk::with(&["34924A"], 470.0);
+    talk.1.volts = 1.0;
+    talk.holds(&[
+        ("SAMP:COUN?;COUN? MAX;:TRIG:DEL:AUTO?", "+1;+500000;1"),
+        (
+            "CONF:VOLT:DC 10,(@1001:1002);:SAMP:COUN 2;:TRIG:COUN 2;:FORM:READ:CHAN ON;:READ?",
+            "+1.00000000E+00,1001,+1.00000000E+00,1001,+1.00000000E+00,1002,+1.00000000E+00,1002,\
+             +1.00000000E+00,1001,+1.00000000E+00,1001,+1.00000000E+00,1002,+1.00000000E+00,1002",
+        ),
+        // the relays of a channel close once for all its samples
+        ("DIAG:REL:CYCL? (@1001)", "+2"),
+        ("CONF:VOLT:DC 10;:SAMP:COUN?", "+1"),
+        (
+            "ROUT:SCAN (@);:SAMP:COUN 3;:TRIG:DEL 1.000001;DEL?;DEL:AUTO?",
+            "+1.00000000E+00;0",
+        ),
+    ]);
+    let before = talk.2;
+    talk.say("READ?");
+    // two triggers, each with its delay and three readings of two cycles of 20 ms, autozero on
+    assert_eq!((talk.2 - before).as_micros(), 2 * (1_000_000 + 3 * 40_000));
+    talk.holds(&[("TRIG:DEL:AUTO ON;:TRIG:DEL:AUTO?", "1")]);
+    talk.refuses("SAMP:COUN 0", "-222");
+    talk.refuses("TRIG:DEL 3601", "-222");
+    talk.refuses("ROUT:SCAN (@1001:1070);:SAMP:COUN 500000;:READ?", "-225");
+}
+
+#[test]
+fn labels_memories_and_voltmeter_follow_the_help() {
+    let mut talk = Talk::with(&["34924A"], 470.0);
+    talk.holds(&[
+        ("ROUT:CHAN:LAB \"pressure of the pump\",(@1001,1911)", ""),
+        ("ROUT:CHAN:LAB? (@1001,1002)", "\"pressure of the pu\",\"\""),
+        (
+            "*RST;:ROUT:CHAN:LABEL:DEFINE? USER,(@1911)",
+            "\"pressure of the pu\"",
+        ),
+        ("MEM:STAT:VAL? 3;:MEM:NST?", "0;+6"),
+        (
+            "*SAV 3;:MEM:STAT:VAL? 3;:MEM:STAT:DEL 3;:MEM:STAT:VAL? 3",
+            "1;0",
+        ),
+        ("SYST:COMM:LAN:MAC?", "\"00-30-D3-00-00-01\""),
+        (
+            "INST:DMM?;:INST:DMM OFF;:INST:DMM:STAT?;:INST:DMM:INST?",
+            "1;0;1",
+        ),
+    ]);
+    talk.refuses("CONF:VOLT:DC 10,(@1001)", "+305");
+    talk.refuses("READ? (@1001)", "+305");
+    talk.holds(&[("INST:DMM ON;:MEAS:VOLT:DC? 10,(@1001)", "+0.00000000E+00")]);
+    talk.refuses("ROUT:CHAN:LAB? FACT,(@1001)", "-224");
+    talk.refuses("ROUT:CHAN:LAB \"x\",(@1099)", "+112");
+    // no page of the help was seen that has it
+    talk.refuses("DATA:LAST?", "-113");
+}

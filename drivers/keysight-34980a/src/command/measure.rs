@@ -78,6 +78,16 @@ pub enum Measure {
     SetCount(Option<u32>),
     /// Read it, or a limit of it.
     Count(Option<Numeric>),
+    /// Set how many readings a channel, or the voltmeter alone, gives for each trigger (help: SAMPle:COUNt).
+    SetSamples(u32),
+    /// Read it, or a limit of it.
+    Samples(Option<Numeric>),
+    /// Set the delay of the voltmeter alone after a trigger, s (help: TRIGger:DELay); `None`: automatic.
+    SetTriggerDelay(Option<f64>),
+    /// Read it, or a limit of it.
+    TriggerDelay(Option<Numeric>),
+    /// Read whether it is automatic.
+    TriggerDelayAuto,
     /// Append a field to every reading, or not.
     SetField(Field, bool),
     /// Read whether it is appended.
@@ -112,6 +122,10 @@ const TIMES: [(&str, bool); 2] = [("ABSolute", true), ("RELative", false)];
 pub(crate) const LONGEST_TIMER: f64 = 359_999.999;
 /// Most sweeps that can be counted.
 pub(crate) const MOST_SWEEPS: u32 = 50_000;
+/// Most readings of a channel for each trigger (help: SAMPle:COUNt).
+pub(crate) const MOST_SAMPLES: u32 = 500_000;
+/// Longest delay after a trigger, s (help: TRIGger:DELay).
+pub(crate) const LONGEST_TRIGGER_DELAY: f64 = 3600.0;
 /// A number of readings that is more than any memory holds.
 const MOST_READINGS: i64 = 1_000_000_000;
 
@@ -174,6 +188,36 @@ pub(super) fn rows(table: &mut Table) {
     });
     table.add("TRIGger:COUNt?", |call| {
         limit(call.at_most_one()?).map(M::Count)
+    });
+    table.add("SAMPle:COUNt", |call| {
+        let [count] = call.exactly()?;
+        Ok(M::SetSamples(match count.number(Unit::None)? {
+            Numeric::Def => 1,
+            // The limits are those of u32.
+            _ => count.integer(1, MOST_SAMPLES.into())? as u32,
+        }))
+    });
+    table.add("SAMPle:COUNt?", |call| {
+        limit(call.at_most_one()?).map(M::Samples)
+    });
+    table.add("TRIGger:DELay", |call| {
+        let [delay] = call.exactly()?;
+        let delay = delay
+            .number(Unit::Second)?
+            .within(0.0, LONGEST_TRIGGER_DELAY, 0.0)?;
+        // In steps of 4 us.
+        Ok(M::SetTriggerDelay(Some((delay / 4e-6).round() * 4.0 / 1e6)))
+    });
+    table.add("TRIGger:DELay?", |call| {
+        limit(call.at_most_one()?).map(M::TriggerDelay)
+    });
+    table.add("TRIGger:DELay:AUTO", |call| {
+        let [on] = call.exactly()?;
+        let delay = (!on.boolean()?).then_some(0.0);
+        Ok(M::SetTriggerDelay(delay))
+    });
+    table.add("TRIGger:DELay:AUTO?", |call| {
+        plain(call, M::TriggerDelayAuto)
     });
     table.add("FORMat:READing:TIME:TYPE", |call| {
         let [choice] = call.exactly()?;
@@ -242,6 +286,12 @@ impl fmt::Display for Measure {
             Self::SetCount(Some(count)) => write!(f, "TRIG:COUN {count}"),
             Self::SetCount(None) => f.write_str("TRIG:COUN INF"),
             Self::Count(asked) => write!(f, "TRIG:COUN?{}", limit(asked)),
+            Self::SetSamples(count) => write!(f, "SAMP:COUN {count}"),
+            Self::Samples(asked) => write!(f, "SAMP:COUN?{}", limit(asked)),
+            Self::SetTriggerDelay(Some(delay)) => write!(f, "TRIG:DEL {delay}"),
+            Self::SetTriggerDelay(None) => f.write_str("TRIG:DEL:AUTO ON"),
+            Self::TriggerDelay(asked) => write!(f, "TRIG:DEL?{}", limit(asked)),
+            Self::TriggerDelayAuto => f.write_str("TRIG:DEL:AUTO?"),
             Self::SetField(field, shown) => {
                 write!(f, "FORM:READ:{} {}", word(&FIELDS, *field), On(*shown))
             }

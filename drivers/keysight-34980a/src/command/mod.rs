@@ -25,7 +25,7 @@ pub(crate) use function::{FREQUENCIES, Takes, takes};
 pub(crate) use measure::MOST_SWEEPS;
 pub use measure::{Field, Measure, TriggerSource};
 #[cfg(feature = "simulator")]
-pub(crate) use measure::{LONGEST_TIMER, time_word};
+pub(crate) use measure::{LONGEST_TIMER, LONGEST_TRIGGER_DELAY, MOST_SAMPLES, time_word};
 pub use route::Route;
 pub use sense::{HeaderForm, Quantity, Range, Sense, Setting};
 #[cfg(feature = "simulator")]

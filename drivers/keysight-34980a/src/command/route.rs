@@ -4,7 +4,7 @@ use std::fmt;
 
 use scpi::{Call, ChannelList, ParseError, quote};
 
-use super::grammar::{Table, list, numbered, one_or, plain};
+use super::grammar::{Table, before_channels, list, numbered, one_or, plain};
 use super::{Message, On};
 use crate::command::Command;
 
@@ -55,6 +55,10 @@ pub enum Route {
     SetOrdered(bool),
     /// Read which.
     Ordered,
+    /// Give channels a label of the user's (help: ROUTe:CHANnel:LABel[:DEFine]).
+    SetLabel(String, ChannelList),
+    /// Read the users' labels of channels.
+    Labels(ChannelList),
     /// Define a sequence.
     Define {
         /// Its name.
@@ -78,6 +82,8 @@ pub enum Route {
     SequenceAbort,
 }
 
+/// Longest label; a longer one is cut (help: ROUTe:CHANnel:LABel[:DEFine]).
+const LONGEST_LABEL: usize = 18;
 /// Longest name of a sequence (section 6).
 const LONGEST_NAME: usize = 30;
 
@@ -124,6 +130,21 @@ pub(super) fn rows(table: &mut Table) {
         on.boolean().map(R::SetOrdered)
     });
     table.add("ROUTe:SCAN:ORDered?", |call| plain(call, R::Ordered));
+    table.add("ROUTe:CHANnel:LABel[:DEFine]", |call| {
+        let [label, channels] = call.exactly()?;
+        let label = label.string()?.chars().take(LONGEST_LABEL).collect();
+        Ok(R::SetLabel(label, channels.channels()?))
+    });
+    table.add("ROUTe:CHANnel:LABel[:DEFine]?", |call| {
+        let (which, channels) = before_channels(call)?;
+        let channels = channels.ok_or(ParseError::MissingParameter)?;
+        match which {
+            [] => Ok(R::Labels(channels)),
+            // What the factory calls each channel is not known.
+            [which] => which.choice(&[("USER", ())]).map(|()| R::Labels(channels)),
+            _ => Err(ParseError::ParameterNotAllowed),
+        }
+    });
     table.add("ROUTe:SEQuence:DEFine", define);
     table.add("ROUTe:SEQuence:DEFine?", |call| {
         name(call).map(R::Definition)
@@ -235,6 +256,8 @@ impl fmt::Display for Route {
             Self::ScanSize => f.write_str("ROUT:SCAN:SIZE?"),
             Self::SetOrdered(on) => write!(f, "ROUT:SCAN:ORD {}", On(*on)),
             Self::Ordered => f.write_str("ROUT:SCAN:ORD?"),
+            Self::SetLabel(label, list) => write!(f, "ROUT:CHAN:LAB {},{list}", quote(label)),
+            Self::Labels(list) => write!(f, "ROUT:CHAN:LAB? {list}"),
             Self::Define { name, commands } => {
                 write!(f, "ROUT:SEQ:DEF {name},{}", quote(&commands.to_string()))
             }

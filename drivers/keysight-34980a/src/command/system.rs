@@ -5,7 +5,7 @@ use std::fmt;
 use scpi::{Call, ChannelList, Unit, quote};
 
 use super::grammar::{Table, list, numbered, plain};
-use super::word;
+use super::{On, word};
 
 /// A group of status registers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -50,6 +50,18 @@ pub enum System {
     ClearRelayCycles(ChannelList),
     /// Read whether there is a voltmeter.
     VoltmeterInstalled,
+    /// Let the voltmeter measure, or not (help: INSTrument:DMM[:STATe]).
+    SetVoltmeter(bool),
+    /// Read whether it may.
+    Voltmeter,
+    /// Read whether a memory holds settings (34970A manual p. 263).
+    MemoryValid(u8),
+    /// Forget what a memory holds (the same).
+    MemoryDelete(u8),
+    /// Read how many memories there are (the same).
+    Memories,
+    /// Read the address of the network port (help: SYSTem:COMMunicate:LAN:MAC).
+    MacAddress,
     /// Take the oldest error.
     NextError,
     /// Read the year of the SCPI standard kept.
@@ -142,6 +154,15 @@ pub(super) fn rows(table: &mut Table) {
     table.add("INSTrument:DMM:INSTalled?", |call| {
         plain(call, S::VoltmeterInstalled)
     });
+    table.add("INSTrument:DMM[:STATe]", |call| {
+        let [on] = call.exactly()?;
+        on.boolean().map(S::SetVoltmeter)
+    });
+    table.add("INSTrument:DMM[:STATe]?", |call| plain(call, S::Voltmeter));
+    table.add("MEMory:NSTates?", |call| plain(call, S::Memories));
+    table.add("SYSTem:COMMunicate:LAN:MAC?", |call| {
+        plain(call, S::MacAddress)
+    });
     table.add("SYSTem:VERSion?", |call| plain(call, S::Version));
     table.add("SYSTem:DATE", |call| {
         let [year, month, day] = call.exactly()?;
@@ -184,6 +205,12 @@ pub(super) fn rows(table: &mut Table) {
         // The limits are those of u8.
         place.integer(first, MEMORIES - 1).map(|place| place as u8)
     };
+    table.add("MEMory:STATe:VALid?", move |call| {
+        place(call, 0).map(S::MemoryValid)
+    });
+    table.add("MEMory:STATe:DELete", move |call| {
+        place(call, 0).map(S::MemoryDelete)
+    });
     table.add("*SAV", move |call| place(call, 1).map(S::Save));
     table.add("*RCL", move |call| place(call, 0).map(S::Recall));
     for (name, group) in GROUPS {
@@ -233,6 +260,12 @@ impl fmt::Display for System {
             Self::RelayCycles(list) => write!(f, "DIAG:REL:CYCL? {list}"),
             Self::ClearRelayCycles(list) => write!(f, "DIAG:REL:CYCL:CLE {list}"),
             Self::VoltmeterInstalled => f.write_str("INST:DMM:INST?"),
+            Self::SetVoltmeter(on) => write!(f, "INST:DMM {}", On(*on)),
+            Self::Voltmeter => f.write_str("INST:DMM?"),
+            Self::MemoryValid(place) => write!(f, "MEM:STAT:VAL? {place}"),
+            Self::MemoryDelete(place) => write!(f, "MEM:STAT:DEL {place}"),
+            Self::Memories => f.write_str("MEM:NST?"),
+            Self::MacAddress => f.write_str("SYST:COMM:LAN:MAC?"),
             Self::NextError => f.write_str("SYST:ERR?"),
             Self::Version => f.write_str("SYST:VERS?"),
             Self::SetDate(year, month, day) => write!(f, "SYST:DATE {year},{month},{day}"),

@@ -19,7 +19,7 @@ mod relays;
 mod sequences;
 mod sessions;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use scpi::{ErrorEntry, ErrorQueue, ParseError, StandardEvent, StatusModel};
@@ -179,6 +179,8 @@ pub struct Simulator34980a {
     display: String,
     /// What `*SAV` has kept; it outlives `*RST` and the power.
     kept: [Option<Settings>; MEMORIES as usize],
+    /// The users' labels of channels; they outlive `*RST` and the power.
+    labels: BTreeMap<Relay, String>,
     /// Commands may begin before relays have settled.
     overlap: bool,
     /// `*OPC` waits for the end of what is going on.
@@ -201,6 +203,7 @@ impl Simulator34980a {
             errors: ErrorQueue::new(ERRORS),
             display: String::new(),
             kept: Default::default(),
+            labels: BTreeMap::new(),
             overlap: false,
             completion_awaited: false,
             deferring: false,

@@ -119,6 +119,17 @@ impl Simulator34980a {
                 self.meter.set_count(count);
             }
             Measure::Count(limit) => return Ok(Some(self.meter.sweeps(limit))),
+            Measure::SetSamples(count) => {
+                self.wait_for_measurement(turn)?;
+                self.meter.set_samples(count);
+            }
+            Measure::Samples(limit) => return Ok(Some(self.meter.samples(limit))),
+            Measure::SetTriggerDelay(delay) => {
+                self.wait_for_measurement(turn)?;
+                self.meter.set_trigger_delay(delay);
+            }
+            Measure::TriggerDelay(limit) => return Ok(Some(self.meter.trigger_delay(limit))),
+            Measure::TriggerDelayAuto => return yes_no(self.meter.trigger_delay_is_auto()),
             Measure::SetField(field, on) => {
                 let fields = &mut self.meter.form.fields;
                 if on {

@@ -185,6 +185,17 @@ impl Simulator34980a {
                 self.meter.set_ordered(&self.relays, on)?;
             }
             Route::Ordered => return yes_no(self.meter.ordered()),
+            Route::SetLabel(label, list) => {
+                for relay in self.relays.expand_some(&list)? {
+                    self.labels.insert(relay, label.clone());
+                }
+            }
+            Route::Labels(list) => {
+                let relays = self.relays.expand_some(&list)?;
+                let label = |relay: &Relay| self.labels.get(relay).map_or("", String::as_str);
+                let labels = relays.iter().map(|relay| scpi::quote(label(relay)));
+                return Ok(Some(join(labels)));
+            }
             Route::Define { name, commands } => self.sequences.define(name, commands)?,
             Route::Definition(name) => return self.sequences.definition(&name).map(Some),
             Route::Run(name) if turn.depth == 0 => self.sequences.run(&name, turn.now)?,

@@ -27,6 +27,17 @@ impl Simulator34980a {
                 self.relays.clear_cycles(&relays);
             }
             System::VoltmeterInstalled => return yes_no(self.meter.is_installed()),
+            System::SetVoltmeter(on) => {
+                self.wait_for_measurement(turn)?;
+                self.meter.enable(on);
+            }
+            System::Voltmeter => return yes_no(self.meter.is_enabled()),
+            System::MemoryValid(place) => {
+                return yes_no(self.kept[usize::from(place)].is_some());
+            }
+            System::MemoryDelete(place) => self.kept[usize::from(place)] = None,
+            System::Memories => return Ok(Some(format!("{:+}", self.kept.len()))),
+            System::MacAddress => return Ok(Some(quote("00-30-D3-00-00-01"))),
             System::NextError => {
                 let entry = self.errors.pop();
                 return Ok(Some(format!("{:+},{}", entry.code, quote(&entry.message))));

@@ -22,6 +22,8 @@ pub(crate) struct Stop {
     pub(crate) measured: Measured,
     pub(crate) period: Duration,
     pub(crate) nplc: f64,
+    /// A further sample of the same channel: its relays stay as they are.
+    pub(crate) again: bool,
 }
 
 /// What is measured there.
@@ -227,6 +229,10 @@ impl Run {
                         at,
                         channel: stop.channel,
                     });
+                    if self.stops.get(index + 1).is_some_and(|next| next.again) {
+                        self.phase = Phase::Measuring(index + 1, at, joined);
+                        continue;
+                    }
                     relays.unjoin(joined);
                     self.phase = Phase::Due(index + 1, at);
                     if index + 1 == self.stops.len() {
@@ -268,7 +274,7 @@ impl Run {
         let skipped = ahead.saturating_sub(fill);
         if skipped > 0 {
             self.done = self.done.saturating_add(skipped);
-            for stop in &self.stops {
+            for stop in self.stops.iter().filter(|stop| !stop.again) {
                 if let Some(channel) = stop.channel {
                     relays.count_scanned(channel, skipped);
                 }

@@ -35,6 +35,7 @@ impl Meter {
             self.set_scan(relays, list)?;
         }
         self.form.fields.clear();
+        self.reset_samples();
         self.change(relays, channels, |target, _| {
             *target = setup;
             Ok(())

@@ -43,6 +43,7 @@ impl Meter {
             self.set_scan(relays, list)?;
         }
         self.form.fields.clear();
+        self.reset_samples();
         self.memory.clear();
         let count = new.len();
         for (target, own) in new {

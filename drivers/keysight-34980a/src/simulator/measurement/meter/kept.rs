@@ -22,6 +22,8 @@ pub(crate) struct Settings {
     source: TriggerSource,
     timer: f64,
     count: Option<u32>,
+    samples: u32,
+    trigger_delay: Option<f64>,
     form: Form,
     threshold: u32,
 }
@@ -37,6 +39,8 @@ impl Meter {
             source: self.source,
             timer: self.timer,
             count: self.count,
+            samples: self.samples,
+            trigger_delay: self.trigger_delay,
             form: self.form.clone(),
             threshold: self.threshold,
         }
@@ -53,12 +57,15 @@ impl Meter {
             source,
             timer,
             count,
+            samples,
+            trigger_delay,
             form,
             threshold,
         } = kept;
         let is_there = |relay: &Relay| relays.contact(*relay).is_ok();
         (self.bare, self.ordered, self.source) = (bare, ordered, source);
         (self.timer, self.count, self.threshold) = (timer, count, threshold);
+        (self.samples, self.trigger_delay) = (samples, trigger_delay);
         self.form = form;
         self.channels = channels;
         self.channels.retain(|relay, _| is_there(relay));

@@ -12,7 +12,9 @@ use survey::Relay;
 
 pub(crate) use crate::simulator::measurement::meter::kept::Settings;
 
-use crate::command::{Function, LONGEST_TIMER, MOST_SWEEPS, TriggerSource};
+use crate::command::{
+    Function, LONGEST_TIMER, LONGEST_TRIGGER_DELAY, MOST_SAMPLES, MOST_SWEEPS, TriggerSource,
+};
 use crate::modules::Contact;
 use crate::simulator::Wires;
 use crate::simulator::errors::Trouble;
@@ -26,6 +28,7 @@ use crate::simulator::relays::Relays;
 pub(crate) struct Meter {
     line_hz: f64,
     installed: bool,
+    enabled: bool,
     bare: Setup,
     channels: BTreeMap<Relay, Setup>,
     /// Settings of functions other than DC volts, where they were ever made.
@@ -37,6 +40,10 @@ pub(crate) struct Meter {
     timer: f64,
     /// `None`: until it is stopped.
     count: Option<u32>,
+    /// Readings of a channel for each trigger.
+    samples: u32,
+    /// Of the voltmeter alone, s; `None`: automatic.
+    trigger_delay: Option<f64>,
     pub(crate) form: Form,
     threshold: u32,
     memory: Memory,
@@ -53,6 +60,7 @@ impl Meter {
         Self {
             line_hz,
             installed: true,
+            enabled: true,
             bare: Setup::default(),
             channels: BTreeMap::new(),
             others: BTreeMap::new(),
@@ -61,6 +69,8 @@ impl Meter {
             source: TriggerSource::Immediate,
             timer: 10.0,
             count: Some(1),
+            samples: 1,
+            trigger_delay: None,
             form: Form::default(),
             threshold: 1,
             memory: Memory::new(memory),
@@ -88,11 +98,20 @@ impl Meter {
     }
 
     fn need_voltmeter(&self) -> Result<(), Trouble> {
-        if self.installed {
-            Ok(())
-        } else {
-            Err(ParseError::HardwareMissing.into())
+        match (self.installed, self.enabled) {
+            (true, true) => Ok(()),
+            (true, false) => Err(Trouble::UNABLE),
+            (false, _) => Err(ParseError::HardwareMissing.into()),
         }
+    }
+
+    pub(crate) fn enable(&mut self, enabled: bool) {
+        self.enabled = enabled;
+        self.memory.clear();
+    }
+
+    pub(crate) fn is_enabled(&self) -> bool {
+        self.enabled
     }
 
     pub(crate) fn scan_list(&self) -> &[Relay] {
@@ -223,7 +242,7 @@ impl Meter {
         relays: &mut Relays,
         wires: &mut dyn Wires,
     ) -> Result<Duration, Trouble> {
-        if list.len().max(1) * count as usize > self.memory.most() {
+        if list.len().max(1) * count as usize * self.samples as usize > self.memory.most() {
             return Err(Trouble::MEMORY);
         }
         self.begin(list, pace, Some(count), now, relays, wires)?;
@@ -276,13 +295,34 @@ impl Meter {
                 period: setup.period(timing, rate, self.line_hz),
                 nplc,
                 measured,
+                again: false,
             }
         };
-        let stops = if list.is_empty() {
-            vec![stop(None)]
+        if list.len().max(1) * self.samples as usize > self.memory.most() {
+            return Err(Trouble::MEMORY);
+        }
+        let first = if list.is_empty() {
+            let mut bare = stop(None);
+            bare.period += survey::duration(self.trigger_delay.unwrap_or(0.0));
+            vec![bare]
         } else {
             list.iter().map(|relay| stop(Some(*relay))).collect()
         };
+        // Further samples of a channel follow without its relays and its delay.
+        let stops: Vec<Stop> = first
+            .into_iter()
+            .flat_map(|stop| {
+                let setup = self.setup(relays, stop.channel);
+                let (_, timing, _) = self.plan(stop.channel, &setup);
+                let more = Stop {
+                    period: setup.period(timing, None, self.line_hz),
+                    again: true,
+                    ..stop
+                };
+                let more = std::iter::repeat_n(more, self.samples as usize - 1);
+                std::iter::once(stop).chain(more)
+            })
+            .collect();
         if !list.is_empty() {
             let sensing = stops
                 .iter()
@@ -404,6 +444,45 @@ impl Meter {
     pub(crate) fn set_count(&mut self, count: Option<u32>) {
         self.count = count;
         self.memory.clear();
+    }
+
+    /// Answers the number of samples, or a limit of it.
+    pub(crate) fn samples(&self, limit: Option<Numeric>) -> String {
+        let count = match limit {
+            None => self.samples,
+            Some(Numeric::Max) => MOST_SAMPLES,
+            Some(_) => 1,
+        };
+        format!("{count:+}")
+    }
+
+    pub(crate) fn set_samples(&mut self, samples: u32) {
+        self.samples = samples;
+        self.memory.clear();
+    }
+
+    /// Answers the delay after a trigger, or a limit of it.
+    pub(crate) fn trigger_delay(&self, limit: Option<Numeric>) -> String {
+        let delay = match limit {
+            None => self.trigger_delay.unwrap_or(0.0),
+            Some(Numeric::Max) => LONGEST_TRIGGER_DELAY,
+            Some(_) => 0.0,
+        };
+        format_nr3_signed(delay, 8)
+    }
+
+    pub(crate) fn trigger_delay_is_auto(&self) -> bool {
+        self.trigger_delay.is_none()
+    }
+
+    pub(crate) fn set_trigger_delay(&mut self, delay: Option<f64>) {
+        self.trigger_delay = delay;
+        self.memory.clear();
+    }
+
+    /// CONF and MEAS? set one sample, and the delay after a trigger to automatic.
+    fn reset_samples(&mut self) {
+        (self.samples, self.trigger_delay) = (1, None);
     }
 
     fn setup(&self, relays: &Relays, channel: Option<Relay>) -> Setup {
