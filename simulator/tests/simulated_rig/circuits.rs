@@ -154,7 +154,8 @@ async fn source_change_during_a_scan_shows_in_later_readings() {
     let [first, .., last] = readings.as_slice() else {
         panic!("{readings:?}");
     };
-    (near(*first, 0.47), near(*last, -0.94));
+    near(*first, 0.47);
+    near(*last, -0.94);
     let between = |volts: &&f64| (-0.93..0.46).contains(*volts);
     assert_eq!(readings.iter().filter(between).count(), 1, "{readings:?}");
     // broken off by another client: what has been read is answered
