@@ -36,6 +36,7 @@ use std::ffi::OsString;
 use std::io::Write;
 use std::process::ExitCode;
 
+use crate::events::kind::EventKind;
 use clap::Parser;
 use rig::{Clock, SystemClock};
 use rustix::fs::Mode;
@@ -43,8 +44,10 @@ use rustix::process::umask;
 use tokio::signal::unix::{SignalKind, signal};
 
 use crate::args::Args;
+pub use crate::events::kind::{EventRow, event_kinds};
 use crate::instruments::assembly::{Assembled, AssemblyError, Closed, assemble, make_safe_each};
 use crate::instruments::identities::ExpectedIdentities;
+pub use crate::monitoring::metrics::{MetricRow, metrics};
 use crate::preparation::{FramesFrom, Prepared, prepare};
 use crate::recording::records::Records;
 use crate::service::Listener;
@@ -246,7 +249,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
             "a session of this daemon was interrupted with these instruments; the source is off and the relays are open, \
              verified; before: {was}"
         );
-        controller.tell(None, "opened", &text).await;
+        controller.tell(None, EventKind::Opened, &text).await;
     }
     // a record that takes long to read holds up neither the readiness nor a stop
     let reads = controller.has_much_to_read();
@@ -254,7 +257,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     tracing::info!("ready on {}", listener.ways.join(", "));
     if let Some(closed) = closed {
         let text = format!("the source is off, verified; nothing is measured: {closed}");
-        controller.tell(None, "relays-closed", &text).await;
+        controller.tell(None, EventKind::RelaysClosed, &text).await;
     }
     let _ = sd_notify::notify(&[
         sd_notify::NotifyState::Ready,
@@ -287,7 +290,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
         let _ = beginning.await;
     }
     let safe = controller.shut_down(why, for_good).await;
-    controller.tell(None, "stopped", why).await;
+    controller.tell(None, EventKind::Stopped, why).await;
     controller.events.close().await;
     listener.close().await;
     safe

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use rig::{AcquireError, Clock, Stop};
 use survey::{Baseline, Frame, Plan, RangeRule, Reading};
 
+use crate::events::kind::EventKind;
 use crate::instruments::assembly::AnyRig;
 use crate::instruments::rig_plan::RigPlan;
 
@@ -17,7 +18,7 @@ pub(crate) struct Measuring {
     /// The last zero-current frame, and how many frames it has served.
     zero: Option<(Frame, u64)>,
     /// What a person should find in the record, a kind and a sentence each.
-    said: Vec<(&'static str, String)>,
+    said: Vec<(EventKind, String)>,
 }
 
 impl Measuring {
@@ -59,7 +60,7 @@ impl Measuring {
         {
             let at_zero = plan.at_zero_current();
             let zero = rig.acquire(&at_zero, meter, clock, stop).await?;
-            self.said.push(("zero", reported(&zero)));
+            self.said.push((EventKind::Zero, reported(&zero)));
             self.zero = Some((zero, 0));
         }
         let mut frame = rig.acquire(plan, meter, clock, stop).await?;
@@ -83,7 +84,7 @@ impl Measuring {
                     survey::Volts(most)
                 );
                 tracing::warn!("{text}");
-                self.said.push(("ranges", text));
+                self.said.push((EventKind::Ranges, text));
             }
         }
         if let Some((zero, served)) = &mut self.zero {
@@ -97,7 +98,7 @@ impl Measuring {
     }
 
     /// What has happened since the last call.
-    pub(crate) fn said(&mut self) -> Vec<(&'static str, String)> {
+    pub(crate) fn said(&mut self) -> Vec<(EventKind, String)> {
         std::mem::take(&mut self.said)
     }
 }

@@ -4,6 +4,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use crate::events::kind::EventKind;
 use imaging::recorded::RecordedError;
 use rig::{AcquireError, Clock, RingTranscript, Stop, SystemClock};
 use tokio::sync::mpsc::error::TrySendError;
@@ -134,7 +135,7 @@ impl Acquisition {
                 }
                 if !requested.is_zero() {
                     let text = format!("suspended on request for {:.0} s", requested.as_secs_f64());
-                    self.note("paused", text).await;
+                    self.note(EventKind::Paused, text).await;
                 }
             }
             let AcquisitionProgress {
@@ -157,7 +158,7 @@ impl Acquisition {
             } else if missed > 0 {
                 self.status.count_dropped(missed);
                 let text = format!("{missed} frames were due and could not be taken in time");
-                self.note("frames-missed", text).await;
+                self.note(EventKind::FramesMissed, text).await;
             }
             let waited = match &mut grants {
                 Some(grants) => {
@@ -263,7 +264,7 @@ impl Acquisition {
                 "the logbook could not keep up for {:.1} s",
                 waited.as_secs_f64()
             );
-            self.note("paused", text).await;
+            self.note(EventKind::Paused, text).await;
         }
         self.report_pause(false).await;
         self.status.set_suspended(false);
@@ -280,7 +281,7 @@ impl Acquisition {
     }
 
     /// An event of the record alone: it explains a gap.
-    async fn note(&self, kind: &'static str, text: String) {
+    async fn note(&self, kind: EventKind, text: String) {
         let at = self.clock.wall();
         // a recorder that has gone is noticed at the frame
         let event = Event::new(at, kind, &text, Some(&self.status.facts.id));

@@ -54,7 +54,7 @@ impl DaemonLogWriter {
         };
         let event = logbook::Event {
             at: event.at,
-            kind: event.kind.to_owned(),
+            kind: event.kind.as_str().to_owned(),
             text,
         };
         let sent = writer
@@ -127,6 +127,7 @@ mod tests {
     use chrono::DateTime;
 
     use crate::events::daemon_log::*;
+    use crate::events::kind::EventKind;
 
     #[tokio::test]
     async fn what_is_noted_is_on_disk_when_it_is_closed() {
@@ -136,7 +137,7 @@ mod tests {
         assert!(logbook::read_daemon_log(folder.path()).unwrap().is_empty());
         for number in 0..QUEUE as i64 {
             let at = DateTime::from_timestamp_nanos(number);
-            daemon_log.note(&Event::new(at, "daily", "a day", None));
+            daemon_log.note(&Event::new(at, EventKind::Daily, "a day", None));
         }
         daemon_log.close().await;
         assert_eq!(
@@ -145,7 +146,7 @@ mod tests {
         );
         // and it goes on
         let at = DateTime::from_timestamp_nanos(QUEUE as i64);
-        daemon_log.note(&Event::new(at, "stopped", "SIGTERM", None));
+        daemon_log.note(&Event::new(at, EventKind::Stopped, "SIGTERM", None));
         daemon_log.close().await;
         let last = logbook::read_daemon_log(folder.path())
             .unwrap()

@@ -6,12 +6,13 @@ use chrono::{DateTime, Utc};
 use dbus::FrameSummary;
 use survey::printable;
 
+use crate::events::kind::EventKind;
+
 /// Something that happened to the daemon, its rig or a session.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Event {
     pub at: DateTime<Utc>,
-    /// A word for programs, such as `frame-failed`.
-    pub kind: &'static str,
+    pub kind: EventKind,
     /// A sentence for people, without control characters.
     pub text: String,
     /// Id of the session that it happened to; `None` for an event of the daemon.
@@ -22,7 +23,7 @@ impl Event {
     /// An event with this text, its control characters replaced.
     pub(crate) fn new(
         at: DateTime<Utc>,
-        kind: &'static str,
+        kind: EventKind,
         text: &str,
         session: Option<&str>,
     ) -> Self {

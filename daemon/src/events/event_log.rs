@@ -9,6 +9,7 @@ use tokio::sync::mpsc::{self, error::TrySendError};
 
 use crate::events::daemon_log::DaemonLogWriter;
 use crate::events::event::{BusEvent, Event};
+use crate::events::kind::EventKind;
 use crate::events::rate_limit::RateLimit;
 
 /// Events that may wait for one connection; beyond it they are lost for that one, which will soon be found frozen.
@@ -60,7 +61,7 @@ impl EventLog {
     }
 
     /// To the journal alone, at a limited rate: what clients cause.
-    pub(crate) fn journal(&self, kind: &'static str, text: &str) {
+    pub(crate) fn journal(&self, kind: EventKind, text: &str) {
         self.0.journal.log(kind, None, text);
     }
 

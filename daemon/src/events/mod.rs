@@ -5,4 +5,5 @@ mod daemon_log;
 pub(crate) mod event;
 pub(crate) mod event_log;
 pub(crate) mod journal;
+pub(crate) mod kind;
 pub(crate) mod rate_limit;

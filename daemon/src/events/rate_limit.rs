@@ -7,6 +7,8 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
+use crate::events::kind::{Description, EventKind, Severity};
+
 /// So long one kind is not written again.
 pub(crate) const AGAIN: Duration = Duration::from_secs(600);
 
@@ -19,29 +21,9 @@ enum Decision {
     LeaveOut,
 }
 
-/// The level in the journal.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Severity {
-    /// All is as it should be.
-    Info,
-    Warn,
-    Error,
-}
-
-impl Severity {
-    fn of(kind: &str) -> Self {
-        match kind {
-            "alarm" | "source-unknown" | "frame-failed" | "others-found" | "relays-closed"
-            | "method-suspended" | "contained-panic" => Self::Error,
-            "started" | "stopped" | "daily" | "trouble-over" => Self::Info,
-            _ => Self::Warn,
-        }
-    }
-}
-
-/// What has been written, by kind. Kinds are words of this program, so there are only so many.
+/// What has been written, by kind.
 #[derive(Debug, Default)]
-pub(crate) struct RateLimit(Mutex<BTreeMap<&'static str, Written>>);
+pub(crate) struct RateLimit(Mutex<BTreeMap<EventKind, Written>>);
 
 #[derive(Debug, Clone, Copy)]
 struct Written {
@@ -55,7 +37,7 @@ impl RateLimit {
     }
 
     /// Writes an event to the journal, or counts it.
-    pub(crate) fn log(&self, kind: &'static str, session: Option<&str>, text: &str) {
+    pub(crate) fn log(&self, kind: EventKind, session: Option<&str>, text: &str) {
         match self.decide(kind) {
             Decision::Write => journal(kind, session, text),
             Decision::WriteWith(more) => {
@@ -82,14 +64,18 @@ impl RateLimit {
             again
         });
         for (kind, more) in due {
-            journal(kind, None, &format!("{kind}: {}", left_out(more)));
+            journal(
+                kind,
+                None,
+                &format!("{}: {}", kind.as_str(), left_out(more)),
+            );
         }
     }
 
-    fn decide(&self, kind: &'static str) -> Decision {
+    fn decide(&self, kind: EventKind) -> Decision {
         let now = Instant::now();
         let mut kinds = self.kinds();
-        let Some(written) = kinds.get_mut(kind) else {
+        let Some(written) = kinds.get_mut(&kind) else {
             kinds.insert(kind, Written { at: now, more: 0 });
             return Decision::Write;
         };
@@ -106,7 +92,7 @@ impl RateLimit {
         }
     }
 
-    fn kinds(&self) -> MutexGuard<'_, BTreeMap<&'static str, Written>> {
+    fn kinds(&self) -> MutexGuard<'_, BTreeMap<EventKind, Written>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -115,8 +101,13 @@ fn left_out(more: u64) -> String {
     format!("{more} more in the last {} minutes", AGAIN.as_secs() / 60)
 }
 
-fn journal(kind: &str, session: Option<&str>, text: &str) {
-    match Severity::of(kind) {
+fn journal(kind: EventKind, session: Option<&str>, text: &str) {
+    let Description {
+        name: kind,
+        severity,
+        ..
+    } = kind.description();
+    match severity {
         Severity::Error => tracing::error!(kind, session, "{text}"),
         Severity::Warn => tracing::warn!(kind, session, "{text}"),
         Severity::Info => tracing::info!(kind, session, "{text}"),
@@ -165,9 +156,13 @@ mod tests {
         let _guard = tracing::subscriber::set_default(subscriber);
         let rate_limit = RateLimit::default();
         for frame in 0..215 {
-            rate_limit.log("frame-failed", Some("m1"), &format!("frame {frame} failed"));
+            rate_limit.log(
+                EventKind::FrameFailed,
+                Some("m1"),
+                &format!("frame {frame} failed"),
+            );
         }
-        rate_limit.log("suspended", Some("m1"), "the session is suspended");
+        rate_limit.log(EventKind::Suspended, Some("m1"), "the session is suspended");
         let said = journal.lines();
         assert_eq!(said.len(), 2, "{said:#?}");
         assert!(said[0].contains("frame 0 failed") && said[0].contains("ERROR"));
@@ -176,14 +171,14 @@ mod tests {
         rate_limit.catch_up();
         assert!(journal.lines().is_empty());
         tokio::time::advance(Duration::from_secs(1)).await;
-        rate_limit.log("frame-failed", Some("m1"), "frame 300 failed");
+        rate_limit.log(EventKind::FrameFailed, Some("m1"), "frame 300 failed");
         let said = journal.lines();
         assert!(
             said[0].contains("frame 300 failed (and 214 more in the last 10 minutes)"),
             "{said:?}"
         );
         // the last of a burst is counted, though nothing comes after it
-        rate_limit.log("frame-failed", Some("m1"), "frame 301 failed");
+        rate_limit.log(EventKind::FrameFailed, Some("m1"), "frame 301 failed");
         assert!(journal.lines().is_empty());
         tokio::time::advance(AGAIN).await;
         rate_limit.catch_up();
@@ -197,7 +192,7 @@ mod tests {
         rate_limit.catch_up();
         assert!(journal.lines().is_empty(), "silence is not told again");
         // and after silence it is news again
-        rate_limit.log("frame-failed", Some("m1"), "frame 900 failed");
+        rate_limit.log(EventKind::FrameFailed, Some("m1"), "frame 900 failed");
         assert_eq!(journal.lines().len(), 1);
     }
 }

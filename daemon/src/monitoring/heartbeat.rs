@@ -10,6 +10,7 @@ use sd_notify::NotifyState;
 
 use crate::events::event::{BusEvent, Event};
 use crate::events::event_log::EventLog;
+use crate::events::kind::EventKind;
 use config::BusSection;
 
 /// Who promises.
@@ -124,7 +125,7 @@ pub(crate) async fn report_to_systemd(
                     part.name(),
                     late.as_secs_f64()
                 );
-                events.report(Event::new(clock.wall(), "alarm", &text, None));
+                events.report(Event::new(clock.wall(), EventKind::Alarm, &text, None));
             }
             Some(_) => {}
         }

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use prometheus_client::collector::Collector;
-use prometheus_client::encoding::{DescriptorEncoder, EncodeMetric, MetricEncoder};
+use prometheus_client::encoding::{DescriptorEncoder, EncodeMetric};
 use prometheus_client::metrics::MetricType;
 use prometheus_client::metrics::counter::ConstCounter;
 use prometheus_client::metrics::gauge::ConstGauge;
@@ -62,175 +62,252 @@ struct Snapshot {
     resident: Option<u64>,
 }
 
-type Label = [(&'static str, &'static str); 1];
+/// A metric: all that the page says of it, and where its value comes from. A value that is not known is left out: a
+/// number that looks like any other would be believed.
+struct Metric {
+    name: &'static str,
+    kind: MetricType,
+    /// What is appended to its name; empty for a plain number.
+    unit: &'static str,
+    meaning: &'static str,
+    values: Values,
+}
 
-impl Snapshot {
-    fn counters(&self, encoder: &mut DescriptorEncoder) -> fmt::Result {
-        let counts = self.health.counts;
-        for (name, help, count) in [
-            (
-                "tactus_frames",
-                "Frames that the rig or recording gave",
-                counts.acquired,
-            ),
-            ("tactus_durable_frames", "Frames on disk", counts.durable),
-            (
-                "tactus_failed_frames",
-                "Frames that failed and are not in the record",
-                counts.failed,
-            ),
-            (
-                "tactus_dropped_frames",
-                "Frames that missed their time, or that the disk refused",
-                counts.dropped,
-            ),
-            ("tactus_overloads", "Readings over range", counts.overloads),
-        ] {
-            let counter = ConstCounter::new(count);
-            let kind = counter.metric_type();
-            counter.encode(encoder.encode_descriptor(name, help, None, kind)?)?;
+enum Values {
+    Count(fn(&Snapshot) -> u64),
+    Number(fn(&Snapshot) -> Option<f64>),
+    Flag(fn(&Snapshot) -> bool),
+    /// A label, with a flag for each of its values.
+    Flags(&'static str, fn(&Snapshot) -> Vec<(&'static str, bool)>),
+    /// A label and its value.
+    Label(&'static str, &'static str),
+    Reconstruction,
+}
+
+impl Metric {
+    const fn new(name: &'static str, meaning: &'static str, values: Values) -> Self {
+        let kind = match values {
+            Values::Count(_) => MetricType::Counter,
+            Values::Number(_) | Values::Flag(_) | Values::Flags(..) => MetricType::Gauge,
+            Values::Label(..) => MetricType::Info,
+            Values::Reconstruction => MetricType::Histogram,
+        };
+        Self {
+            name,
+            kind,
+            unit: "",
+            meaning,
+            values,
         }
-        Ok(())
     }
 
-    /// What is not known is left out: a number that looks like any other would be believed.
-    fn gauges(&self, encoder: &mut DescriptorEncoder) -> fmt::Result {
-        let health = &self.health;
-        let flag = |flag: bool| Some(f64::from(u8::from(flag)));
-        let session = health.session.as_ref();
-        let life = health.relays.as_ref();
-        let (s, bytes, ratio) = (Unit::Seconds, Unit::Bytes, Unit::Ratios);
-        let days = Unit::Other("days".to_owned());
-        let gauges: [(&str, &str, Option<&Unit>, Option<f64>); 12] = [
-            (
-                "tactus_well",
-                "Whether nothing is in trouble",
-                None,
-                flag(self.well),
-            ),
-            (
-                "tactus_simulated",
-                "Whether voltages are simulated",
-                None,
-                flag(health.simulated),
-            ),
-            (
-                "tactus_source_unverified",
-                "Whether the state of the source is unknown",
-                None,
-                flag(health.source == "unknown"),
-            ),
-            (
-                "tactus_backlog_frames",
-                "Frames of the running session that are not on disk yet",
-                None,
-                session.map(|session| session.backlog() as f64),
-            ),
-            (
-                "tactus_last_frame_age",
-                "Time since the last reading of the last frame on disk",
-                Some(&s),
-                health.age.map(|age| age.as_secs_f64()),
-            ),
-            (
-                "tactus_period",
-                "From start to start of frames of the running session",
-                Some(&s),
-                session.map(|session| session.period.as_secs_f64()),
-            ),
-            (
-                "tactus_baseline_age",
-                "Age of the baseline",
-                Some(&s),
-                health.baseline.as_ref().map(|(_, age)| age.as_secs_f64()),
-            ),
-            (
-                "tactus_disk_free",
-                "Bytes that may still be written to the record",
-                Some(&bytes),
-                health.room.free.map(|free| free as f64),
-            ),
-            (
-                "tactus_disk_left",
-                "Time until the disk is full at the rate of the running session",
-                Some(&days),
-                health.room.days(),
-            ),
-            (
-                "tactus_relay_life_used",
-                "Part of the life of the relay that will be worn out first",
-                Some(&ratio),
-                life.map(|life| life.used),
-            ),
-            (
-                "tactus_relay_life_left",
-                "Time of measuring until its rating is reached",
-                Some(&s),
-                life.and_then(|life| life.left())
-                    .map(|left| left.as_secs_f64()),
-            ),
-            (
-                "process_resident_memory",
-                "Memory of the daemon",
-                Some(&bytes),
-                self.resident.map(|resident| resident as f64),
-            ),
-        ];
-        for (name, help, unit, value) in gauges {
-            let Some(value) = value else { continue };
-            let gauge = ConstGauge::new(value);
-            let kind = gauge.metric_type();
-            gauge.encode(encoder.encode_descriptor(name, help, unit, kind)?)?;
-        }
-        Ok(())
+    const fn of(self, unit: &'static str) -> Self {
+        Self { unit, ..self }
     }
 
-    fn families(&self, encoder: &mut DescriptorEncoder) -> fmt::Result {
-        let gauge = MetricType::Gauge;
-        let up = self.health.rig_fault.is_none();
-        let help = "Whether the instrument answers";
-        let mut family = encoder.encode_descriptor("tactus_instrument_up", help, None, gauge)?;
-        for (role, _) in &self.health.instruments {
-            one(&mut family, [("role", *role)], up)?;
+    fn encode(&self, snapshot: &Snapshot, encoder: &mut DescriptorEncoder) -> fmt::Result {
+        if let Values::Number(value) = self.values
+            && value(snapshot).is_none()
+        {
+            return Ok(());
         }
-        let help = "What the daemon is doing";
-        let mut family = encoder.encode_descriptor("tactus_state", help, None, gauge)?;
-        for state in STATES {
-            one(&mut family, [("state", state)], self.health.state == state)?;
+        let unit = Unit::Other(self.unit.to_owned());
+        let unit = (!self.unit.is_empty()).then_some(&unit);
+        let mut metric = encoder.encode_descriptor(self.name, self.meaning, unit, self.kind)?;
+        let flag = |flag: bool| ConstGauge::new(f64::from(u8::from(flag)));
+        match self.values {
+            Values::Count(count) => ConstCounter::new(count(snapshot)).encode(metric),
+            Values::Number(value) => match value(snapshot) {
+                Some(value) => ConstGauge::new(value).encode(metric),
+                None => Ok(()),
+            },
+            Values::Flag(value) => flag(value(snapshot)).encode(metric),
+            Values::Flags(label, values) => values(snapshot)
+                .into_iter()
+                .try_for_each(|(of, on)| flag(on).encode(metric.encode_family(&[(label, of)])?)),
+            Values::Label(label, value) => metric.encode_info(&[(label, value)]),
+            Values::Reconstruction => {
+                let maps = &snapshot.maps;
+                let mut buckets: Vec<(f64, u64)> =
+                    RECONSTRUCTION_S.into_iter().zip(maps.within).collect();
+                let below: u64 = maps.within.iter().sum();
+                buckets.push((f64::INFINITY, maps.count.saturating_sub(below)));
+                metric.encode_histogram::<[(&str, &str); 0]>(maps.sum_s, maps.count, &buckets, None)
+            }
         }
-        let help = "What people are notified of";
-        let mut family = encoder.encode_descriptor("tactus_trouble", help, None, gauge)?;
-        for kind in REPORTED {
-            one(&mut family, [("kind", kind)], self.alarms.contains(&kind))?;
-        }
-        let help = "Version of the daemon";
-        let mut build = encoder.encode_descriptor("tactus_build", help, None, MetricType::Info)?;
-        build.encode_info(&[("version", env!("CARGO_PKG_VERSION"))])
-    }
-
-    fn histogram(&self, encoder: &mut DescriptorEncoder) -> fmt::Result {
-        let mut buckets: Vec<(f64, u64)> =
-            RECONSTRUCTION_S.into_iter().zip(self.maps.within).collect();
-        let below: u64 = self.maps.within.iter().sum();
-        buckets.push((f64::INFINITY, self.maps.count.saturating_sub(below)));
-        let help = "Time that maps took";
-        let kind = MetricType::Histogram;
-        encoder
-            .encode_descriptor("tactus_reconstruction", help, Some(&Unit::Seconds), kind)?
-            .encode_histogram::<[(&str, &str); 0]>(self.maps.sum_s, self.maps.count, &buckets, None)
     }
 }
 
-fn one(family: &mut MetricEncoder<'_>, label: Label, value: bool) -> fmt::Result {
-    let gauge = ConstGauge::new(f64::from(u8::from(value)));
-    gauge.encode(family.encode_family(&label)?)
-}
+/// Every metric, in the order of the page.
+const METRICS: [Metric; 22] = [
+    Metric::new(
+        "tactus_frames",
+        "Frames that the rig or recording gave",
+        Values::Count(|at| at.health.counts.acquired),
+    ),
+    Metric::new(
+        "tactus_durable_frames",
+        "Frames on disk",
+        Values::Count(|at| at.health.counts.durable),
+    ),
+    Metric::new(
+        "tactus_failed_frames",
+        "Frames that failed and are not in the record",
+        Values::Count(|at| at.health.counts.failed),
+    ),
+    Metric::new(
+        "tactus_dropped_frames",
+        "Frames that missed their time, or that the disk refused",
+        Values::Count(|at| at.health.counts.dropped),
+    ),
+    Metric::new(
+        "tactus_overloads",
+        "Readings over range",
+        Values::Count(|at| at.health.counts.overloads),
+    ),
+    Metric::new(
+        "tactus_well",
+        "Whether nothing is in trouble",
+        Values::Flag(|at| at.well),
+    ),
+    Metric::new(
+        "tactus_simulated",
+        "Whether voltages are simulated",
+        Values::Flag(|at| at.health.simulated),
+    ),
+    Metric::new(
+        "tactus_source_unverified",
+        "Whether the state of the source is unknown",
+        Values::Flag(|at| at.health.source == "unknown"),
+    ),
+    Metric::new(
+        "tactus_backlog_frames",
+        "Frames of the running session that are not on disk yet",
+        Values::Number(|at| Some(at.health.session.as_ref()?.backlog() as f64)),
+    ),
+    Metric::new(
+        "tactus_last_frame_age",
+        "Time since the last reading of the last frame on disk",
+        Values::Number(|at| Some(at.health.age?.as_secs_f64())),
+    )
+    .of("seconds"),
+    Metric::new(
+        "tactus_period",
+        "From start to start of frames of the running session",
+        Values::Number(|at| Some(at.health.session.as_ref()?.period.as_secs_f64())),
+    )
+    .of("seconds"),
+    Metric::new(
+        "tactus_baseline_age",
+        "Age of the baseline",
+        Values::Number(|at| Some(at.health.baseline.as_ref()?.1.as_secs_f64())),
+    )
+    .of("seconds"),
+    Metric::new(
+        "tactus_disk_free",
+        "Bytes that may still be written to the record",
+        Values::Number(|at| Some(at.health.room.free? as f64)),
+    )
+    .of("bytes"),
+    Metric::new(
+        "tactus_disk_left",
+        "Time until the disk is full at the rate of the running session",
+        Values::Number(|at| at.health.room.days()),
+    )
+    .of("days"),
+    Metric::new(
+        "tactus_relay_life_used",
+        "Part of the life of the relay that will be worn out first",
+        Values::Number(|at| Some(at.health.relays.as_ref()?.used)),
+    )
+    .of("ratios"),
+    Metric::new(
+        "tactus_relay_life_left",
+        "Time of measuring until its rating is reached",
+        Values::Number(|at| Some(at.health.relays.as_ref()?.left()?.as_secs_f64())),
+    )
+    .of("seconds"),
+    Metric::new(
+        "process_resident_memory",
+        "Memory of the daemon",
+        Values::Number(|at| Some(at.resident? as f64)),
+    )
+    .of("bytes"),
+    Metric::new(
+        "tactus_instrument_up",
+        "Whether the instrument answers",
+        Values::Flags("role", |at| {
+            let up = at.health.rig_fault.is_none();
+            let roles = at.health.instruments.iter();
+            roles.map(|(role, _)| (*role, up)).collect()
+        }),
+    ),
+    Metric::new(
+        "tactus_state",
+        "What the daemon is doing",
+        Values::Flags("state", |at| {
+            let on = |state| (state, at.health.state == state);
+            STATES.map(on).to_vec()
+        }),
+    ),
+    Metric::new(
+        "tactus_trouble",
+        "What people are notified of",
+        Values::Flags("kind", |at| {
+            let on = |kind| (kind, at.alarms.contains(&kind));
+            REPORTED.map(on).to_vec()
+        }),
+    ),
+    Metric::new(
+        "tactus_build",
+        "Version of the daemon",
+        Values::Label("version", env!("CARGO_PKG_VERSION")),
+    ),
+    Metric::new(
+        "tactus_reconstruction",
+        "Time that maps took",
+        Values::Reconstruction,
+    )
+    .of("seconds"),
+];
 
 impl Collector for Snapshot {
     fn encode(&self, mut encoder: DescriptorEncoder) -> fmt::Result {
-        self.counters(&mut encoder)?;
-        self.gauges(&mut encoder)?;
-        self.families(&mut encoder)?;
-        self.histogram(&mut encoder)
+        METRICS
+            .iter()
+            .try_for_each(|metric| metric.encode(self, &mut encoder))
     }
+}
+
+/// A metric, as the reference page shows it.
+#[derive(Debug, Clone)]
+pub struct MetricRow {
+    /// As `/metrics` names it, with its unit.
+    pub name: String,
+    /// The type of OpenMetrics: `counter`, `gauge`, `histogram` or `info`.
+    pub kind: String,
+    /// Empty for a plain number.
+    pub unit: &'static str,
+    /// What it counts or measures.
+    pub meaning: &'static str,
+    /// The label that its samples have; empty for a single sample.
+    pub label: &'static str,
+}
+
+/// Every metric of the daemon, in the order of its page.
+pub fn metrics() -> Vec<MetricRow> {
+    let row = |metric: &Metric| {
+        let joint = if metric.unit.is_empty() { "" } else { "_" };
+        MetricRow {
+            name: format!("{}{joint}{}", metric.name, metric.unit),
+            kind: metric.kind.as_str().to_owned(),
+            unit: metric.unit,
+            meaning: metric.meaning,
+            label: match metric.values {
+                Values::Flags(label, _) | Values::Label(label, _) => label,
+                _ => "",
+            },
+        }
+    };
+    METRICS.iter().map(row).collect()
 }

@@ -11,6 +11,7 @@ use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind};
 use std::pin::pin;
 use std::task::Poll;
 
+use crate::events::kind::EventKind;
 use dbus::Fault;
 use tokio::task::JoinHandle;
 
@@ -40,7 +41,7 @@ pub(crate) fn log(panic: &PanicHookInfo<'_>) {
         "the daemon's own code panicked at {place} ({}); this ended one answer and nothing else, please report it",
         message(panic.payload())
     );
-    LOG.log("contained-panic", None, &text);
+    LOG.log(EventKind::ContainedPanic, None, &text);
     PLACE.set(place);
 }
 

@@ -28,6 +28,3 @@ pub(crate) enum Order {
         reason: String,
     },
 }
-
-/// Kind of the event that a session ends its file with when the daemon is stopped and the session is to go on.
-pub(crate) const SHUT_DOWN: &str = "shut-down";

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
+use crate::events::kind::EventKind;
 use dbus::BUS_NAME;
 use tokio::runtime::Handle;
 use tokio::task::JoinSet;
@@ -173,7 +174,7 @@ async fn system_bus(
         let text = format!(
             "{lost} calls that want no answer were discarded, the last of {sender}: too many wait already"
         );
-        events.journal("calls-lost", &text);
+        events.journal(EventKind::CallsLost, &text);
     };
     let socket = BusSocket::connect(&address, Arc::clone(&queue), Box::new(report)).await?;
     Ok(match socket {

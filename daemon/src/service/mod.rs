@@ -134,7 +134,7 @@ async fn announce(
                 let wall_ns = survey::nanoseconds(event.at);
                 manager
                     .signal_emitter()
-                    .happened(wall_ns, event.kind, &event.text, details)
+                    .happened(wall_ns, event.kind.as_str(), &event.text, details)
                     .await
             }
         }

@@ -16,6 +16,7 @@ use zbus::connection::Builder;
 use super::caller::{Caller, GROUP};
 use super::gate::Gate;
 use super::limit::CONNECTIONS;
+use crate::events::kind::EventKind;
 use crate::panics::containment::{Ends, answer};
 use crate::session::controller::Controller;
 
@@ -90,7 +91,7 @@ pub(super) async fn serve(listener: PeerListener, controller: Arc<Controller>, a
             }
             Err(error) => {
                 let text = format!("the peer socket: {error}");
-                controller.events.journal("peer-socket", &text);
+                controller.events.journal(EventKind::PeerSocket, &text);
                 tokio::time::sleep(Duration::from_millis(100)).await;
             }
         }
@@ -103,7 +104,7 @@ async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle)
     let Some(caller) = caller.filter(|caller| caller.is_ours() || caller.is_member()) else {
         let text =
             format!("a user who is neither ours, root, nor of group {GROUP} was turned away");
-        controller.events.journal("strangers", &text);
+        controller.events.journal(EventKind::Strangers, &text);
         return;
     };
     let _place = match CONNECTIONS.take(caller.counted()) {
@@ -114,7 +115,7 @@ async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle)
                 caller.user(),
                 error.text()
             );
-            controller.events.journal("peers-refused", &text);
+            controller.events.journal(EventKind::PeersRefused, &text);
             say_busy(stream, &error).await;
             return;
         }
@@ -125,7 +126,7 @@ async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle)
         Ok(Err(why)) => {
             let user = caller.user();
             let text = format!("a connection of user {user} to the peer socket was closed: {why}");
-            return controller.events.journal("greetings", &text);
+            return controller.events.journal(EventKind::Greetings, &text);
         }
         Err(_) => return tracing::debug!("a client has connected and said nothing"),
     };

@@ -6,6 +6,7 @@ use std::path::Path;
 use std::sync::{Arc, Weak};
 use std::time::Duration;
 
+use crate::events::kind::EventKind;
 use http_listener::{Hosts, HttpListener, NoPage, Page};
 use rig::Clock;
 use tokio::sync::mpsc;
@@ -43,7 +44,7 @@ pub(crate) async fn observe(controller: Arc<Controller>) {
         runtime.config.display()
     );
     drop(runtime);
-    controller.tell(None, "started", &text).await;
+    controller.tell(None, EventKind::Started, &text).await;
     let mut ticks = tokio::time::interval(EVERY);
     ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     loop {
@@ -55,7 +56,7 @@ pub(crate) async fn observe(controller: Arc<Controller>) {
         judge(&controller, &mut alarm, &health, &messages).await;
         if daily.is_over(health.at) {
             let text = daily.summary(health.at, &day_end(&controller).await);
-            controller.tell(None, "daily", &text).await;
+            controller.tell(None, EventKind::Daily, &text).await;
         }
     }
 }
@@ -81,14 +82,14 @@ async fn judge(
     let again = survey::duration(limits.again_s);
     for message in alarm.judge(Instant::now(), &alarms, &lingering, &unsure, again) {
         let kind = match message.phase {
-            Phase::Ended => "trouble-over",
-            _ => "trouble",
+            Phase::Ended => EventKind::TroubleOver,
+            _ => EventKind::Trouble,
         };
         let text = format!("{}: {}", message.kind, message.text);
         controller.tell(None, kind, &text).await;
         if !limits.command.is_empty() && messages.try_send((message, health.clone())).is_err() {
             let text = "too many notifications wait for their command; one is lost";
-            controller.tell(None, "notify-failed", text).await;
+            controller.tell(None, EventKind::NotifyFailed, text).await;
         }
     }
 }
@@ -105,7 +106,7 @@ async fn post(
         let done = run_command(&controller, &message, &health).await;
         if !done.is_done() {
             let text = format!("{} could not be told: {}", message.kind, done.text());
-            controller.tell(None, "notify-failed", &text).await;
+            controller.tell(None, EventKind::NotifyFailed, &text).await;
         }
     }
 }
@@ -230,7 +231,7 @@ impl Listening {
             }
             Err(cause) => {
                 let text = format!("nobody can scrape {address}: {cause}");
-                controller.events.journal("metrics", &text);
+                controller.events.journal(EventKind::Metrics, &text);
             }
         }
     }

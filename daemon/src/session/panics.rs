@@ -7,6 +7,7 @@
 
 use std::sync::Arc;
 
+use crate::events::kind::EventKind;
 use tokio::sync::watch;
 
 use crate::session::controller::Controller;
@@ -24,11 +25,11 @@ pub(crate) async fn keep(controller: Arc<Controller>, mut received: watch::Recei
             Ok(()) => {
                 let text =
                     format!("the source is off and the relays are open, verified, after {why}");
-                controller.tell(None, "fault", &text).await;
+                controller.tell(None, EventKind::Fault, &text).await;
             }
             Err(error) => {
                 let text = format!("after {why}: {error}");
-                controller.tell(None, "alarm", &text).await;
+                controller.tell(None, EventKind::Alarm, &text).await;
             }
         }
     }

@@ -1,4 +1,4 @@
-//! The reference pages of commands and configuration are what the programs say of themselves.
+//! The reference pages of commands, configuration, events and metrics are what the programs say of themselves.
 
 use clap::Command;
 use clap_markdown::MarkdownOptions;
@@ -17,6 +17,8 @@ fn reference_pages_are_generated_from_the_programs() {
         })
         .collect();
     generated.push(("configuration.md".to_owned(), configuration_page()));
+    generated.push(("events.md".to_owned(), events_page()));
+    generated.push(("metrics.md".to_owned(), metrics_page()));
     let folder = pages::root().join("docs/reference");
     let mut stale = Vec::new();
     for (name, text) in generated {
@@ -90,6 +92,40 @@ fn configuration_page() -> String {
     }
     close(&mut page, &mut pending, open);
     page.trim_end().to_owned() + "\n"
+}
+
+/// A row for each kind of event.
+fn events_page() -> String {
+    let mut page = generated("the daemon's table of events")
+        + "# Events\n\nWhat the daemon reports. Each event has `at` (time), `kind` (the name below), `text` (a sentence) and \
+           `session` (empty for an event of the daemon): the columns of [`tactus events`](commands-tactus.md), the \
+           [JSON](json.md) of that command, and the signal `Happened` of the [bus](interfaces.md). In the journal the fields \
+           are `TACTUS_KIND` and `TACTUS_SESSION`, for a frame that failed also `TACTUS_FRAME` and `TACTUS_INSTRUMENT`; \
+           the journal shows each kind at most once in ten minutes, with the number left out.\n\n\
+           | name | level | kept in | meaning | what to do |\n|---|---|---|---|---|\n";
+    for row in daemon::event_kinds() {
+        page += &format!(
+            "| `{}` | {} | {} | {} | {} |\n",
+            row.name, row.level, row.kept, row.meaning, row.action
+        );
+    }
+    page + "\nEvents that are kept nowhere are in the journal alone. Events without a level are written by the program that \
+            writes the file, not reported.\n"
+}
+
+/// A row for each metric.
+fn metrics_page() -> String {
+    let mut page = generated("the daemon's table of metrics")
+        + "# Metrics\n\n`tactusd` serves OpenMetrics at `/metrics`, off by default ([metrics](configuration.md#metrics)). A \
+           value that is not known is left out. Flags are 0 or 1.\n\n\
+           | name | type | unit | label | meaning |\n|---|---|---|---|---|\n";
+    for row in daemon::metrics() {
+        page += &format!(
+            "| `{}` | {} | {} | {} | {} |\n",
+            row.name, row.kind, row.unit, row.label, row.meaning
+        );
+    }
+    page
 }
 
 /// The name of a table, also of one that is commented out.

@@ -1,5 +1,6 @@
 //! Whether a frame goes on from the one before: by the clocks, and after a gap by its readings.
 
+use crate::events::kind::EventKind;
 use chrono::TimeDelta;
 use logbook::LogbookError;
 use survey::{Frame, relative_changes};
@@ -28,7 +29,7 @@ impl LogbookSink {
                      the machine slept; frames keep to the schedule, and have both times",
                     moved.num_milliseconds() as f64 / 1e3
                 );
-                self.say("clock-moved", &text)
+                self.say(EventKind::ClockMoved, &text)
             }
             _ => Ok(()),
         }
@@ -43,7 +44,10 @@ impl LogbookSink {
         let mut changes: Vec<f64> = changes.map(f64::abs).collect();
         let middle = changes.len() / 2;
         if changes.is_empty() {
-            return self.say("implausible", "after the gap no reading can be compared");
+            return self.say(
+                EventKind::Implausible,
+                "after the gap no reading can be compared",
+            );
         }
         let (_, median, _) = changes.select_nth_unstable_by(middle, f64::total_cmp);
         let text = format!(
@@ -51,11 +55,11 @@ impl LogbookSink {
             1e2 * *median
         );
         if *median <= PLAUSIBLE {
-            return self.say("plausible", &text);
+            return self.say(EventKind::Plausible, &text);
         }
         let text = format!(
             "{text}: sheet, contacts or loads are not what they were, and the baseline may no longer hold"
         );
-        self.say("implausible", &text)
+        self.say(EventKind::Implausible, &text)
     }
 }

@@ -7,6 +7,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
+use crate::events::kind::EventKind;
 use chrono::{DateTime, Utc};
 use logbook::{DiskFault, LogbookError, Retention, SessionWriter};
 use rig::Clock;
@@ -180,7 +181,7 @@ impl LogbookSink {
             Err(error) if error.needs_successor() => self.renew(&error),
             // the next frame tries again
             Err(error) if error.is_locked() => Ok(()),
-            Err(error) => self.say("part-refused", &chain(&error)),
+            Err(error) => self.say(EventKind::PartRefused, &chain(&error)),
         }
     }
 
@@ -215,7 +216,7 @@ impl LogbookSink {
             self.writer.path().display()
         );
         // the part says so itself
-        self.report("alarm", &text);
+        self.report(EventKind::Alarm, &text);
         Ok(())
     }
 
@@ -235,7 +236,10 @@ impl LogbookSink {
         let warn = self.disk.section.warn_below_mb * MEGABYTE;
         if free >= warn + warn / 10 && self.disk.low {
             self.disk.low = false;
-            self.note("disk-enough", "there is enough room for the record again");
+            self.note(
+                EventKind::DiskEnough,
+                "there is enough room for the record again",
+            );
             return self.settle_what_fits();
         }
         if free >= warn || self.disk.low {
@@ -252,7 +256,7 @@ impl LogbookSink {
                 FullName::Ring => "the oldest closed sessions are deleted",
             }
         );
-        self.note("disk-low", &text);
+        self.note(EventKind::DiskLow, &text);
         // so little may be left that not even this fits: that is said next
         self.settle_what_fits()
     }
@@ -289,7 +293,10 @@ impl LogbookSink {
             self.status.set_last_error(&text);
             self.status.hold(true);
             // it cannot be written to the record now, which has it afterwards
-            let kind = if locked { "record-locked" } else { "disk-full" };
+            let kind = match locked {
+                true => EventKind::RecordLocked,
+                false => EventKind::DiskFull,
+            };
             self.report(kind, &text);
         }
         if self.status.stop_wish().is_asked() {
@@ -312,8 +319,8 @@ impl LogbookSink {
         self.status.set_last_error("");
         self.status.hold(false);
         let (kind, now) = match locked {
-            true => ("record-unlocked", "it can be written again"),
-            false => ("disk-room", "there is room again"),
+            true => (EventKind::RecordUnlocked, "it can be written again"),
+            false => (EventKind::DiskRoom, "there is room again"),
         };
         let text = format!(
             "acquisition had paused for {:.0} s: {why}; {now}",
@@ -348,7 +355,7 @@ impl LogbookSink {
                 removed.path.display(),
                 removed.bytes as f64 / MEGABYTE as f64
             );
-            self.note("session-deleted", &text);
+            self.note(EventKind::SessionDeleted, &text);
         }
         self.settle_what_fits()?;
         Ok(!pruned.removed.is_empty())

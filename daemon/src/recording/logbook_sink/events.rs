@@ -6,6 +6,7 @@ use logbook::LogbookError;
 use rig::Clock;
 
 use crate::events::event::Event;
+use crate::events::kind::EventKind;
 use crate::recording::logbook_sink::LogbookSink;
 
 impl LogbookSink {
@@ -15,7 +16,7 @@ impl LogbookSink {
     /// As [`LogbookSink::settle`].
     pub(in crate::recording) fn say(
         &mut self,
-        kind: &'static str,
+        kind: EventKind,
         text: &str,
     ) -> Result<(), LogbookError> {
         self.note(kind, text);
@@ -24,13 +25,13 @@ impl LogbookSink {
 
     /// Reports an event, and writes it when the next [`LogbookSink::settle`] comes by: for what happens while room is waited
     /// for.
-    pub(in crate::recording) fn note(&mut self, kind: &'static str, text: &str) {
+    pub(in crate::recording) fn note(&mut self, kind: EventKind, text: &str) {
         let event = self.report(kind, text);
         self.disk.unwritten.push_back(event);
     }
 
     /// Reports an event that is not written to the record, or not here.
-    pub(in crate::recording) fn report(&self, kind: &'static str, text: &str) -> Event {
+    pub(in crate::recording) fn report(&self, kind: EventKind, text: &str) -> Event {
         let event = self.event_at(self.clock.wall(), kind, text);
         self.events.report(event.clone());
         event
@@ -40,7 +41,7 @@ impl LogbookSink {
     pub(in crate::recording) fn event_at(
         &self,
         at: DateTime<Utc>,
-        kind: &'static str,
+        kind: EventKind,
         text: &str,
     ) -> Event {
         Event::new(at, kind, text, Some(&self.status.facts.id))
@@ -62,7 +63,8 @@ impl LogbookSink {
     pub(in crate::recording) fn settle(&mut self) -> Result<(), LogbookError> {
         // taken out first: what is said while it waits for room is written past it, and does not write it, too
         while let Some(event) = self.disk.unwritten.pop_front() {
-            let written = self.persist(|writer| writer.event(event.at, event.kind, &event.text));
+            let written =
+                self.persist(|writer| writer.event(event.at, event.kind.as_str(), &event.text));
             if let Err(error) = written {
                 self.disk.unwritten.push_front(event);
                 return Err(error);
@@ -77,7 +79,10 @@ impl LogbookSink {
     /// The disk refuses in a way that does not pass.
     pub(in crate::recording) fn settle_what_fits(&mut self) -> Result<(), LogbookError> {
         while let Some(event) = self.disk.unwritten.front() {
-            match self.writer.event(event.at, event.kind, &event.text) {
+            match self
+                .writer
+                .event(event.at, event.kind.as_str(), &event.text)
+            {
                 Ok(()) => {}
                 // the next write meets the same error
                 Err(error) if error.may_pass() || error.needs_successor() => return Ok(()),

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use crate::events::kind::EventKind;
 use logbook::LogbookError;
 use survey::Frame;
 
@@ -53,7 +54,7 @@ impl Recorder {
                     self.status.facts.method
                 );
                 self.status.set_last_error(&text);
-                self.logbook.say("method-suspended", &text)?;
+                self.logbook.say(EventKind::MethodSuspended, &text)?;
             }
         }
         Ok(())
@@ -113,6 +114,6 @@ impl Recorder {
             "method {} is slower than frames come: {missed} recorded without a map so far (`tactus replay` makes them)",
             self.status.facts.method
         );
-        self.logbook.say("maps-missed", &text)
+        self.logbook.say(EventKind::MapsMissed, &text)
     }
 }

@@ -16,9 +16,10 @@ use rig::Clock;
 use survey::{Baseline, Checks, Frame};
 use tokio::sync::mpsc::{self, error::TryRecvError};
 
+use crate::events::kind::EventKind;
 use crate::recording::frame_sink::FrameSink;
 use crate::recording::logbook_sink::LogbookSink;
-use crate::recording::order::{Order, QUEUE, SHUT_DOWN};
+use crate::recording::order::{Order, QUEUE};
 use crate::recording::published::Published;
 use crate::recording::reconstruction_worker::{MapOutcome, ReconstructionWorker};
 use crate::recording::session_status::SessionStatus;
@@ -118,7 +119,7 @@ impl Recorder {
                 Order::Close { at, reason } => return self.close(at, &reason),
                 Order::Leave { at, reason } => {
                     self.last_map()?;
-                    let event = self.logbook.event_at(at, SHUT_DOWN, &reason);
+                    let event = self.logbook.event_at(at, EventKind::ShutDown, &reason);
                     self.logbook.event(event)?;
                     return Ok(None);
                 }
@@ -223,7 +224,9 @@ impl Recorder {
                 Ok(Some(made))
             }
             Err(error) => {
-                let event = self.logbook.event_at(at, "baseline", &chain(&error));
+                let event = self
+                    .logbook
+                    .event_at(at, EventKind::Baseline, &chain(&error));
                 self.logbook.event(event)?;
                 Ok(None)
             }

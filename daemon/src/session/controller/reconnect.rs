@@ -3,6 +3,7 @@
 
 use std::sync::Arc;
 
+use crate::events::kind::EventKind;
 use dbus::Fault;
 use rig::Clock;
 
@@ -57,7 +58,8 @@ impl Controller {
             tokio::task::spawn_blocking(move || identities.keep(&runtime.setup.record_directory))
                 .await;
         if let Ok(Err(error)) = kept {
-            self.tell(None, "fault", &survey::error_chain(&error)).await;
+            self.tell(None, EventKind::Fault, &survey::error_chain(&error))
+                .await;
         }
     }
 
@@ -94,7 +96,7 @@ impl Controller {
             let assembled = self.try_again(None, plan).await?;
             *rig = Some(assembled.rig);
             let text = "the rig is back; its source is off, its settings applied, both verified";
-            self.tell(None, "reconnected", text).await;
+            self.tell(None, EventKind::Reconnected, text).await;
         }
         {
             let mut inner = self.inner();
@@ -147,7 +149,7 @@ impl Controller {
             Some(was) => format!("the source is off and every relay open, verified; before: {was}"),
             None => "the source is off and every relay open, verified".to_owned(),
         };
-        self.tell(None, "opened", &text).await;
+        self.tell(None, EventKind::Opened, &text).await;
         Ok(text)
     }
 
@@ -172,7 +174,7 @@ impl Controller {
         };
         self.keep_identities().await;
         let text = format!("a person agreed: {text}");
-        self.tell(None, "accepted", &text).await;
+        self.tell(None, EventKind::Accepted, &text).await;
         self.events.publish(&BusEvent::Instruments);
         self.agreed.notify_one();
         Ok(text)

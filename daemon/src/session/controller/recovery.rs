@@ -4,6 +4,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use crate::events::kind::EventKind;
 use rig::{AcquireError, Clock, RigError};
 use tokio::time::Instant;
 
@@ -53,11 +54,11 @@ impl Controller {
             (true, true) => {
                 let text = "neither the source nor the switch can be made safe: the sheet may be live; switch the source \
                             off by hand";
-                self.tell(whom, "alarm", text).await;
+                self.tell(whom, EventKind::Alarm, text).await;
             }
             (true, false) => {
                 let text = "source state unknown; the injecting relays are open and verified";
-                self.tell(whom, "source-unknown", text).await;
+                self.tell(whom, EventKind::SourceUnknown, text).await;
             }
             _ => {}
         }
@@ -92,7 +93,7 @@ impl Controller {
         let _ = self.happened(Event::Suspend);
         self.events.publish(&BusEvent::Instruments);
         let suspended = "the session is suspended; the rig is looked for";
-        self.tell(Some(whom), "suspended", suspended).await;
+        self.tell(Some(whom), EventKind::Suspended, suspended).await;
 
         let mut stop = whom.status.stop_wish();
         let mut pause = LOOK_AGAIN.0;
@@ -122,9 +123,10 @@ impl Controller {
             .collect();
         *rig = Some(assembled.rig);
         let back = format!("the same instruments are back: {}", names.join("; "));
-        self.tell(Some(whom), "reconnected", &back).await;
+        self.tell(Some(whom), EventKind::Reconnected, &back).await;
         let applied = "the source is off, verified; the settings were applied again and read back";
-        self.tell(Some(whom), "settings-verified", applied).await;
+        self.tell(Some(whom), EventKind::SettingsVerified, applied)
+            .await;
         {
             let mut inner = self.inner();
             inner.rig_fault = None;
@@ -134,7 +136,7 @@ impl Controller {
         whom.status.set_suspended(false);
         let _ = self.happened(Event::Resume);
         self.events.publish(&BusEvent::Instruments);
-        self.tell(Some(whom), "resumed", "the session goes on")
+        self.tell(Some(whom), EventKind::Resumed, "the session goes on")
             .await;
         true
     }
@@ -160,7 +162,7 @@ impl Controller {
                 false => format!("next in {:.1} s", pause.as_secs_f64()),
             };
             let text = format!("try {tries} failed, {next}: {text}");
-            self.tell(whom, "reconnecting", &text).await;
+            self.tell(whom, EventKind::Reconnecting, &text).await;
         } else {
             tracing::debug!(tries, "{text}");
         }
@@ -190,7 +192,7 @@ impl Controller {
         };
         if source_is_off && std::mem::take(&mut self.inner().source_unknown) {
             let text = "the source answers again: off, verified";
-            self.tell(whom, "source-off", text).await;
+            self.tell(whom, EventKind::SourceOff, text).await;
         }
         match outcome {
             Ok(assembled) => {
@@ -204,7 +206,7 @@ impl Controller {
                 let text = format!("{text}; {UNTIL_AGREED}");
                 let new = self.inner().others.replace(*found.clone()) != Some(*found);
                 if new {
-                    self.tell(whom, "others-found", &text).await;
+                    self.tell(whom, EventKind::OthersFound, &text).await;
                 }
                 Err(text)
             }
@@ -214,7 +216,7 @@ impl Controller {
                 if unknown && open_relays(plan, &bench).await.is_ok() {
                     self.inner().relays_unknown = false;
                     let text = "the switch answers again: the relays are open, verified";
-                    self.tell(whom, "relays-open", text).await;
+                    self.tell(whom, EventKind::RelaysOpen, text).await;
                 }
                 Err(chain(&error))
             }

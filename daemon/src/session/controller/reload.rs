@@ -2,6 +2,7 @@
 
 use std::sync::{Arc, OnceLock, PoisonError};
 
+use crate::events::kind::EventKind;
 use dbus::Fault;
 
 use crate::acquisition::task::FrameSource;
@@ -23,10 +24,10 @@ impl Controller {
     pub(crate) async fn reload(self: &Arc<Self>) -> Result<String, Fault> {
         let outcome = self.reload_now().await;
         match &outcome {
-            Ok(text) => self.tell(None, "reloaded", text).await,
+            Ok(text) => self.tell(None, EventKind::Reloaded, text).await,
             Err(fault) => {
                 let text = format!("the configuration in force stays: {}", fault.text());
-                self.tell(None, "reload-refused", &text).await;
+                self.tell(None, EventKind::ReloadRefused, &text).await;
             }
         }
         outcome
@@ -60,8 +61,12 @@ impl Controller {
             let controller = Arc::clone(self);
             tokio::spawn(async move {
                 match controller.take(*prepared).await {
-                    Ok(text) => controller.tell(None, "reloaded", &text).await,
-                    Err(fault) => controller.tell(None, "reload-refused", &fault.text()).await,
+                    Ok(text) => controller.tell(None, EventKind::Reloaded, &text).await,
+                    Err(fault) => {
+                        controller
+                            .tell(None, EventKind::ReloadRefused, &fault.text())
+                            .await
+                    }
                 }
             });
         }

@@ -5,6 +5,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use crate::events::kind::EventKind;
 use chrono::{DateTime, TimeDelta, Utc};
 use dbus::{Fault, Options};
 use logbook::{
@@ -14,7 +15,6 @@ use rig::Clock;
 
 use crate::monitoring::disk::free_bytes;
 use crate::recording::end_marks::EndMarks;
-use crate::recording::order::SHUT_DOWN;
 use crate::session::controller::Controller;
 use survey::Protocol;
 use survey::error_chain as chain;
@@ -127,7 +127,7 @@ impl Controller {
             "{} was interrupted; it goes on when the rig can be used",
             path.display()
         );
-        self.tell(None, "resume-waits", &text).await;
+        self.tell(None, EventKind::ResumeWaits, &text).await;
         self.wait_to_go_on(path, id, &text);
         true
     }
@@ -138,7 +138,7 @@ impl Controller {
             Ok(()) => true,
             Err(Never::Later(why)) => {
                 let text = format!("{} goes on as soon as that is over: {why}", path.display());
-                self.tell(None, "resume-waits", &text).await;
+                self.tell(None, EventKind::ResumeWaits, &text).await;
                 self.wait_to_go_on(path.to_owned(), id, &text);
                 true
             }
@@ -153,11 +153,11 @@ impl Controller {
         match never {
             Never::Left(why) | Never::Later(why) => {
                 let text = format!("{} does not go on: {why}", path.display());
-                self.tell(None, "not-resumed", &text).await;
+                self.tell(None, EventKind::NotResumed, &text).await;
             }
             Never::Closed(why) => {
                 let text = format!("{} does not go on: {why}", path.display());
-                self.tell(None, "not-resumed", &text).await;
+                self.tell(None, EventKind::NotResumed, &text).await;
                 self.close_interrupted(path, &format!("interrupted; {why}"))
                     .await;
             }
@@ -279,7 +279,9 @@ fn open(path: &Path) -> Result<(Interrupted, Option<survey::Baseline>), LogbookE
     let reader = SessionReader::open(path)?;
     let (baseline, last) = (reader.baseline()?, reader.last()?);
     let events = reader.events()?;
-    let stopped = events.last().is_some_and(|event| event.kind == SHUT_DOWN);
+    let stopped = events
+        .last()
+        .is_some_and(|event| event.kind == EventKind::ShutDown.as_str());
     drop(reader);
     let (writer, resumed) = SessionWriter::resume(path)?;
     let found = Interrupted {

@@ -5,6 +5,7 @@ use rig::Clock;
 use tokio::sync::mpsc;
 
 use crate::events::event::Event;
+use crate::events::kind::EventKind;
 use crate::recording::order::Order;
 use crate::recording::session_status::SessionStatus;
 use crate::session::controller::Controller;
@@ -18,7 +19,7 @@ pub(crate) struct Concerned<'a> {
 
 impl Controller {
     /// Reports an event. The record is waited for: what is reported of a session is on its way to the disk.
-    pub(crate) async fn tell(&self, whom: Option<Concerned<'_>>, kind: &'static str, text: &str) {
+    pub(crate) async fn tell(&self, whom: Option<Concerned<'_>>, kind: EventKind, text: &str) {
         let at = self.runtime().clock.wall();
         let session = whom.map(|whom| whom.status.facts.id.as_str());
         let event = Event::new(at, kind, text, session);
@@ -33,7 +34,7 @@ impl Controller {
     pub(crate) fn tell_of(
         &self,
         at: DateTime<Utc>,
-        kind: &'static str,
+        kind: EventKind,
         text: &str,
         session: Option<&str>,
     ) {

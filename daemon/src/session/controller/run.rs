@@ -20,6 +20,7 @@ use crate::acquisition::task::{
     Acquisition, AcquisitionEnd, AcquisitionProgress, FrameSource, Pause,
 };
 use crate::events::event::{BusEvent, Event as ReportedEvent};
+use crate::events::kind::EventKind;
 use crate::instruments::transcripts::{self, FailedFrame};
 use crate::monitoring::disk::free_bytes;
 use crate::panics::containment;
@@ -149,7 +150,7 @@ impl Controller {
         self.events.publish(&BusEvent::Daemon);
         if let Some((text, waits)) = gone_on {
             order.first_event = waits.then(|| text.clone());
-            self.tell_of(started, logbook::RESUMED, &text, Some(&status.facts.id));
+            self.tell_of(started, EventKind::Restarted, &text, Some(&status.facts.id));
         }
         tokio::spawn(Arc::clone(self).announce_frames(Arc::clone(&status)));
         tokio::spawn(Arc::clone(self).mark_when_asked_to_end(Arc::clone(&status)));
@@ -272,7 +273,7 @@ impl Controller {
         };
         let recorder = Recorder::new(logbook, checks, task, self.is_recording());
         if let Some(text) = order.first_event {
-            let (at, kind) = (runtime.clock.wall(), logbook::RESUMED);
+            let (at, kind) = (runtime.clock.wall(), EventKind::Restarted);
             let event = ReportedEvent::new(at, kind, &text, Some(&status.facts.id));
             let _ = orders.send(Order::Event(event)).await;
         }
@@ -301,7 +302,7 @@ impl Controller {
             let _ = orders
                 .send(Order::Event(ReportedEvent::new(
                     runtime.clock.wall(),
-                    "fault",
+                    EventKind::Fault,
                     &reason,
                     Some(&status.facts.id),
                 )))
@@ -389,7 +390,7 @@ impl Controller {
         self.observed.counters.gap(at, &survey::printable(&text));
         let instrument = error.cause().and_then(rig::RigError::instrument);
         let journal = tracing::error_span!("frame", frame = number, instrument);
-        self.tell(Some(whom), "frame-failed", &text)
+        self.tell(Some(whom), EventKind::FrameFailed, &text)
             .instrument(journal)
             .await;
         self.take_down(Some(whom), error).await;
@@ -411,7 +412,7 @@ impl Controller {
             Ok(Err(error)) => return tracing::warn!("{}", chain(&error)),
             Err(_) => return tracing::warn!("the transcript could not be written"),
         };
-        self.tell(Some(whom), "transcript", &text).await;
+        self.tell(Some(whom), EventKind::Transcript, &text).await;
     }
 
     fn finish(

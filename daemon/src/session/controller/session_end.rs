@@ -5,6 +5,7 @@ use std::sync::Arc;
 use logbook::SessionKind;
 use rig::Clock;
 
+use crate::events::kind::EventKind;
 use crate::recording::end_marks::{EndMarks, Marked};
 use crate::recording::session_status::SessionStatus;
 use crate::session::controller::Controller;
@@ -61,8 +62,8 @@ impl Controller {
             return;
         }
         let kind = match marked.is_kept() {
-            true => "not-closed",
-            false => "alarm",
+            true => EventKind::NotClosed,
+            false => EventKind::Alarm,
         };
         let text = marked.text(&status.facts.id);
         let at = self.runtime().clock.wall();

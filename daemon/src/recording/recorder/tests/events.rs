@@ -4,6 +4,7 @@ use logbook::Storage;
 use rusqlite::Connection;
 
 use crate::events::event::Event;
+use crate::events::kind::EventKind;
 use crate::recording::recorder::tests::*;
 
 /// Pages that the record may have.
@@ -99,7 +100,7 @@ fn event_on_a_full_disk_waits_for_room_and_ends_no_session() {
     let text = "a longer sentence than fits beside the ballast. ".repeat(4);
     scene.send(Order::Event(Event::new(
         DateTime::UNIX_EPOCH,
-        "told",
+        EventKind::Paused,
         &text,
         Some("m1"),
     )));
@@ -112,7 +113,7 @@ fn event_on_a_full_disk_waits_for_room_and_ends_no_session() {
     assert_eq!(maps, [true, false]);
     assert_eq!(
         events,
-        ["method-suspended", "disk-room", "told", "disk-room"]
+        ["method-suspended", "disk-room", "paused", "disk-room"]
     );
     assert_eq!(
         scene.reported(),

@@ -177,7 +177,7 @@ impl Scene {
         let mut reported = self.reported.lock().unwrap();
         std::iter::from_fn(|| reported.try_recv().ok())
             .filter_map(|event| match event {
-                BusEvent::Happened(event) => Some(event.kind),
+                BusEvent::Happened(event) => Some(event.kind.as_str()),
                 _ => None,
             })
             .collect()

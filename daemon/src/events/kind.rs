@@ -1,0 +1,186 @@
+//! The kinds of events: the one table from which journal level, record and reference page come.
+
+/// The level in the journal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Severity {
+    /// All is as it should be.
+    Info,
+    Warn,
+    Error,
+}
+
+/// Where events of a kind are kept, besides the journal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kept {
+    Session,
+    DaemonLog,
+    /// In the session that was active, else in the daemon log.
+    Either,
+    /// In the journal alone; no signal on the bus.
+    Journal,
+}
+
+/// What the table says of a kind.
+#[derive(Debug)]
+pub(crate) struct Description {
+    /// The word for programs, such as `frame-failed`.
+    pub name: &'static str,
+    pub severity: Severity,
+    pub kept: Kept,
+    pub meaning: &'static str,
+    /// What a person should do.
+    pub action: &'static str,
+}
+
+macro_rules! kinds {
+    ($($kind:ident $name:expr, $severity:ident, $kept:ident, $meaning:literal, $action:literal;)*) => {
+        /// The kind of an event.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+        pub(crate) enum EventKind {
+            $(#[doc = $meaning] $kind),*
+        }
+
+        impl EventKind {
+            /// Every kind, in the order of the reference page.
+            pub(crate) const ALL: &[Self] = &[$(Self::$kind),*];
+
+            /// Its row of the table.
+            pub(crate) const fn description(self) -> &'static Description {
+                match self {
+                    $(Self::$kind => &Description {
+                        name: $name,
+                        severity: Severity::$severity,
+                        kept: Kept::$kept,
+                        meaning: $meaning,
+                        action: $action,
+                    }),*
+                }
+            }
+        }
+    };
+}
+
+kinds! {
+    Started "started", Info, DaemonLog, "The daemon has started", "Nothing";
+    Stopped "stopped", Info, DaemonLog, "The daemon was stopped", "Nothing";
+    Daily "daily", Info, DaemonLog, "The summary of a day: frames, failures, disk, relays", "Nothing";
+    Trouble "trouble", Warn, DaemonLog, "A problem has begun that people are notified of", "`tactus status` names it and what to do";
+    TroubleOver "trouble-over", Info, DaemonLog, "That problem has ended", "Nothing";
+    NotifyFailed "notify-failed", Warn, DaemonLog, "The command of `[notify]` failed, or could not be started in time", "Run `tactus notify test`";
+    Reloaded "reloaded", Warn, DaemonLog, "The configuration was read again", "Nothing";
+    ReloadRefused "reload-refused", Warn, DaemonLog, "The new configuration has problems; the one in force stays", "Run `tactusd --check`, correct the file, reload";
+    Alarm "alarm", Error, Either, "The sheet may be live, or frames may be lost", "Do what the text says, at once";
+    Fault "fault", Warn, Either, "A session ended by a fault, or the rig cannot be used", "Remove the cause that the text names; `tactus doctor` helps";
+    SourceUnknown "source-unknown", Error, Either, "The state of the source cannot be read; the injecting relays are open", "Switch the source off by hand";
+    SourceOff "source-off", Warn, Either, "The source answers again and is off, verified", "Nothing";
+    RelaysOpen "relays-open", Warn, Either, "The switch answers again and its relays are open, verified", "Nothing";
+    RelaysClosed "relays-closed", Error, DaemonLog, "Relays were closed at the start; nothing is measured", "Find out who closed them, then `tactus instruments open`";
+    Opened "opened", Warn, DaemonLog, "The source was switched off and every relay opened, verified", "Nothing";
+    OthersFound "others-found", Error, Either, "Other instruments than the known ones answer", "Connect the known ones, or `tactus instruments accept`";
+    Accepted "accepted", Warn, DaemonLog, "A person accepted other instruments", "Record a new baseline";
+    FrameFailed "frame-failed", Error, Session, "A frame failed and is not in the record", "If it recurs, read the text and the transcript";
+    Transcript "transcript", Warn, Session, "Where the messages of a failed frame are kept", "Read the file when you look for the cause";
+    Suspended "suspended", Warn, Session, "The session waits for the rig; the source is off where it can be reached", "Look at cables and power of the instruments";
+    Reconnecting "reconnecting", Warn, Either, "A try to find the rig again has failed", "Look at the instrument that the text names";
+    Reconnected "reconnected", Warn, Either, "The same instruments are back", "Nothing";
+    SettingsVerified "settings-verified", Warn, Session, "The settings were applied again and read back", "Nothing";
+    Resumed "resumed", Warn, Session, "The suspended session goes on", "Nothing";
+    Restarted logbook::RESUMED, Warn, Session, "An interrupted session goes on in its file", "Nothing";
+    ShutDown "shut-down", Warn, Session, "The daemon was stopped; its next start resumes the session", "Nothing";
+    ResumeWaits "resume-waits", Warn, DaemonLog, "An interrupted session goes on when rig and disk can be used", "Remove the cause that the text names";
+    NotResumed "not-resumed", Warn, DaemonLog, "An interrupted session does not go on", "Start a new one";
+    NotClosed "not-closed", Warn, DaemonLog, "A session has ended, but its file could not be closed", "Mend the disk; the next start closes the file";
+    Paused "paused", Warn, Session, "No frames were taken for a while, on request or because the disk was slow", "If the disk was slow, look at `tactus status`";
+    FramesMissed "frames-missed", Warn, Session, "Frames were due and could not be taken in time", "Lengthen the period";
+    Baseline "baseline", Warn, Session, "The frames of a baseline could not be averaged", "Record it again";
+    Zero "zero", Warn, Session, "A frame at zero current was taken; it is subtracted from those after it", "Nothing";
+    Ranges "ranges", Warn, Session, "Overloaded readings have a larger range from the next frame on", "Nothing";
+    ClockMoved "clock-moved", Warn, Session, "The wall clock was set, or the machine slept", "Nothing: frames have both times";
+    Plausible "plausible", Warn, Session, "The first frame after a gap is like the last one before it", "Nothing";
+    Implausible "implausible", Warn, Session, "The first frame after a gap differs from the last one before it", "Look at sheet and contacts; record a new baseline";
+    MethodSuspended "method-suspended", Error, Session, "Reconstruction failed; frames are recorded without maps", "Report it; `tactus replay` makes the maps later";
+    MapsMissed "maps-missed", Warn, Session, "Maps were not made in time; their frames are in the record", "Choose a faster method, or a map for every n-th frame";
+    DiskLow "disk-low", Warn, Session, "Little room is left for the record", "Make room";
+    DiskEnough "disk-enough", Warn, Session, "There is enough room again", "Nothing";
+    DiskFull "disk-full", Warn, Session, "The disk is full: acquisition waits, the source is off", "Make room; the session then goes on";
+    DiskRoom "disk-room", Warn, Session, "There is room again, acquisition goes on", "Nothing";
+    RecordLocked "record-locked", Warn, Session, "Another program locks the session file; acquisition waits", "Close that program";
+    RecordUnlocked "record-unlocked", Warn, Session, "The session file can be written again", "Nothing";
+    SessionDeleted "session-deleted", Warn, Session, "The oldest session was deleted to make room, as configured", "Nothing";
+    PartRefused "part-refused", Warn, Session, "The next part of the session could not be made; the present one goes on", "Look at the disk that the text names";
+    ContainedPanic "contained-panic", Error, Journal, "The daemon's own code failed while it answered one client", "Report it with the text";
+    Metrics "metrics", Warn, Journal, "The address of `[metrics]` cannot be listened on", "Choose another address, reload";
+    CallsLost "calls-lost", Warn, Journal, "Calls of a client that want no answer were discarded", "Find the client that sends so many";
+    PeerSocket "peer-socket", Warn, Journal, "The peer socket could not take a connection", "Look at the limits of open files";
+    Strangers "strangers", Warn, Journal, "A user without permission was turned away from the peer socket", "Add the user to the group `tactus`, if that is meant";
+    PeersRefused "peers-refused", Warn, Journal, "A user has too many connections to the peer socket", "Close some of them";
+    Greetings "greetings", Warn, Journal, "A client of the peer socket did not begin a conversation as D-Bus asks", "Look at that client";
+}
+
+impl EventKind {
+    /// The word for programs, such as `frame-failed`.
+    pub(crate) const fn as_str(self) -> &'static str {
+        self.description().name
+    }
+}
+
+/// A kind of event, as the reference page shows it.
+#[derive(Debug, Clone, Copy)]
+pub struct EventRow {
+    /// The word for programs, such as `frame-failed`.
+    pub name: &'static str,
+    /// Level in the journal; empty for what is written to session files alone.
+    pub level: &'static str,
+    /// Where it is kept, besides the journal.
+    pub kept: &'static str,
+    /// What has happened.
+    pub meaning: &'static str,
+    /// What a person should do.
+    pub action: &'static str,
+}
+
+/// Every kind of event that the daemon reports, or finds in session files.
+pub fn event_kinds() -> Vec<EventRow> {
+    let row = |kind: &EventKind| {
+        let Description {
+            name,
+            severity,
+            kept,
+            meaning,
+            action,
+        } = *kind.description();
+        EventRow {
+            name,
+            level: match severity {
+                Severity::Info => "info",
+                Severity::Warn => "warning",
+                Severity::Error => "error",
+            },
+            kept: match kept {
+                Kept::Session => "session",
+                Kept::DaemonLog => "daemon log",
+                Kept::Either => "session or daemon log",
+                Kept::Journal => "",
+            },
+            meaning,
+            action,
+        }
+    };
+    let file = |name, meaning| EventRow {
+        name,
+        level: "",
+        kept: "session",
+        meaning,
+        action: "Nothing",
+    };
+    let mut rows: Vec<EventRow> = EventKind::ALL.iter().map(row).collect();
+    rows.push(file(
+        logbook::CONTINUED,
+        "A part of a session begins, after the part that its text names",
+    ));
+    rows.push(file(
+        logbook::CUT,
+        "`tactus repair` removed the frames that its text names",
+    ));
+    rows
+}
