@@ -180,10 +180,10 @@ impl<S: Stream> Keithley6221<S> {
         }
     }
 
-    fn out_of_range(&self, asked: Amps, most: Amps) -> RigError {
+    fn out_of_range(&self, requested: Amps, most: Amps) -> RigError {
         RigError::CurrentOutOfRange {
             instrument: self.instrument().to_owned(),
-            asked,
+            asked: requested,
             most,
         }
     }

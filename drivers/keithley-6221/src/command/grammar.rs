@@ -249,9 +249,9 @@ fn status_and_system(rows: &mut Vec<Row>) {
         let notation = format!("SYSTem:COMMunicate:ETHernet:{name}");
         row(rows, &notation, move |call| {
             let [text] = call.exactly()?;
-            let told = text.string()?.trim();
-            let told = told.parse().map_err(|_| ParseError::IllegalParameter)?;
-            Ok(Command::SetAddress(address, told))
+            let words = text.string()?.trim();
+            let words = words.parse().map_err(|_| ParseError::IllegalParameter)?;
+            Ok(Command::SetAddress(address, words))
         });
         row(rows, &format!("{notation}?"), move |call| {
             plain(call, Command::Address(address))
@@ -416,9 +416,9 @@ fn elements(arguments: &[Argument]) -> Result<Vec<Element>, ParseError> {
     if arguments.is_empty() {
         return Err(ParseError::MissingParameter);
     }
-    let told = arguments.iter().map(|element| element.choice(&ELEMENTS));
-    let told: Vec<Element> = told.collect::<Result<_, _>>()?;
+    let words = arguments.iter().map(|element| element.choice(&ELEMENTS));
+    let words: Vec<Element> = words.collect::<Result<_, _>>()?;
     // Whatever the order they are asked for in, they are told in the instrument's.
     let kept = ELEMENTS.iter().map(|(_, element)| *element);
-    Ok(kept.filter(|element| told.contains(element)).collect())
+    Ok(kept.filter(|element| words.contains(element)).collect())
 }

@@ -124,8 +124,8 @@ impl fmt::Display for Command {
             Command::SetEnable(group, mask) => write!(f, "STAT:{group}:ENAB {mask}"),
             Command::Enable(group) => write!(f, "STAT:{group}:ENAB?"),
             Command::Beep { hertz, seconds } => write!(f, "SYST:BEEP {hertz:E},{seconds:E}"),
-            Command::SetAddress(address, told) => {
-                write!(f, "SYST:COMM:ETH:{address} {}", quote(&told.to_string()))
+            Command::SetAddress(address, value) => {
+                write!(f, "SYST:COMM:ETH:{address} {}", quote(&value.to_string()))
             }
             Command::Address(address) => write!(f, "SYST:COMM:ETH:{address}?"),
             Command::BoardSerial(board) => write!(f, "SYST:{board}:SNUM?"),

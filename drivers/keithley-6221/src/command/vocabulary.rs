@@ -22,7 +22,7 @@ pub enum Ask {
 #[cfg(feature = "simulator")]
 impl Kind {
     /// The reply to a query with MIN, MAX or DEF; `now` without. Switches and words have only a value of now.
-    pub(crate) fn asked(self, ask: Ask, now: f64) -> f64 {
+    pub(crate) fn queried(self, ask: Ask, now: f64) -> f64 {
         match (self, ask) {
             (_, Ask::Now) => now,
             (_, Ask::Def) => self.reset_value(),

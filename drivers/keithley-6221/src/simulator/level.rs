@@ -78,7 +78,7 @@ impl Simulator6221 {
     }
 
     /// What is asked to flow when the output is on.
-    pub(super) fn asked(&self) -> Amps {
+    pub(super) fn requested(&self) -> Amps {
         match &self.mode {
             Mode::Wave(wave) => wave.value(self.now),
             Mode::Source | Mode::Sweep(_) => self.panel.level,
@@ -156,7 +156,7 @@ impl Simulator6221 {
 
     /// Works out what flows: the level, or what the voltage limit lets through (fact sheet, section 9).
     pub(super) fn flow(&mut self, load: &mut dyn Load) {
-        let level = self.asked();
+        let level = self.requested();
         let (flowing, limited) = if !self.panel.output || level == Amps(0.0) {
             (Amps(0.0), false)
         } else {
@@ -172,8 +172,8 @@ impl Simulator6221 {
         };
         self.status.measurement.set(COMPLIANCE_BIT, limited);
         let range = self.made_on();
-        if flowing != self.flowing || range != self.told_range {
-            (self.flowing, self.told_range) = (flowing, range);
+        if flowing != self.flowing || range != self.reported_range {
+            (self.flowing, self.reported_range) = (flowing, range);
             load.drive(flowing, range.full_scale, self.now);
         }
         self.show();

@@ -57,7 +57,7 @@ pub struct Simulator6221 {
     flowing: Amps,
     /// When messages changed what flows, and what flowed before.
     steps: VecDeque<(Duration, Amps)>,
-    told_range: Range,
+    reported_range: Range,
     interlock_closed: bool,
     /// When the opened interlock switches the output off.
     trips_at: Option<Duration>,
@@ -95,7 +95,7 @@ impl Simulator6221 {
             answer_awaited: false,
             flowing: Amps(0.0),
             steps: VecDeque::new(),
-            told_range: state::RESET.range,
+            reported_range: state::RESET.range,
             interlock_closed: true,
             trips_at: None,
             pulses: [0; 6],
@@ -231,7 +231,7 @@ impl Simulator6221 {
 
     /// The level asked for; of a running wave its value at the time told last.
     pub fn level(&self) -> Amps {
-        self.asked()
+        self.requested()
     }
 
     /// The current that flows.
@@ -395,10 +395,10 @@ impl Simulator6221 {
             Command::Version => return Ok(Some("1999.0".to_owned())),
             Command::Preset => self.preset(),
             Command::Beep { .. } | Command::Local | Command::Remote | Command::SaveAddresses => {}
-            Command::SetAddress(address, told) => self.addresses[*address as usize] = *told,
+            Command::SetAddress(address, value) => self.addresses[*address as usize] = *value,
             Command::Address(address) => {
-                let told = self.addresses[*address as usize].to_string();
-                return Ok(Some(scpi::quote(&told)));
+                let value = self.addresses[*address as usize].to_string();
+                return Ok(Some(scpi::quote(&value)));
             }
             Command::BoardSerial(_) => return Ok(Some(self.settings.serial.clone())),
             Command::BoardRevision(_) => return Ok(Some(self.settings.firmware.clone())),

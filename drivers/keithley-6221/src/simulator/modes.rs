@@ -58,8 +58,8 @@ impl Simulator6221 {
                     (panel.level, panel.range) = (point.level, point.range);
                     panel.compliance = point.limit.unwrap_or(limit);
                 }
-                for (line, told) in sweep.take_pulses() {
-                    self.pulses[usize::from(line) - 1] += told;
+                for (line, sent) in sweep.take_pulses() {
+                    self.pulses[usize::from(line) - 1] += sent;
                 }
                 if progress.limited {
                     self.status.measurement.latch(COMPLIANCE_BIT);
@@ -199,7 +199,7 @@ impl Simulator6221 {
         let points = plan_sweep(&self.values, &self.lists, self.panel.range)?;
         let sweep = Sweep::new(points, &self.values);
         // Nobody receives an answer on a line that is spoken on.
-        if sweep.hears_itself() {
+        if sweep.receives_own_output() {
             return Err(ParseError::SettingsConflict);
         }
         Ok(sweep)

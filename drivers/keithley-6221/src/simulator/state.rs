@@ -45,23 +45,23 @@ pub(super) fn is_limited(level: Amps, resistance: Ohms, limit: Volts) -> bool {
 impl Panel {
     pub(super) fn read_level(&self, ask: Ask) -> String {
         let most = LARGEST_CURRENT.0;
-        told(ask, [self.level.0, -most, most, RESET.level.0])
+        in_limits(ask, [self.level.0, -most, most, RESET.level.0])
     }
 
     pub(super) fn read_range(&self, ask: Ask) -> String {
         let [least, .., most] = RANGES.map(|range| range.full_scale.0);
         let now = self.range.full_scale.0;
-        told(ask, [now, least, most, RESET.range.full_scale.0])
+        in_limits(ask, [now, least, most, RESET.range.full_scale.0])
     }
 
     pub(super) fn read_compliance(&self, ask: Ask) -> String {
         let limits = [SMALLEST_LIMIT.0, LARGEST_LIMIT.0];
         let [least, most] = limits;
-        told(ask, [self.compliance.0, least, most, RESET.compliance.0])
+        in_limits(ask, [self.compliance.0, least, most, RESET.compliance.0])
     }
 }
 
-fn told(ask: Ask, [now, min, max, def]: [f64; 4]) -> String {
+fn in_limits(ask: Ask, [now, min, max, def]: [f64; 4]) -> String {
     let value = match ask {
         Ask::Now => now,
         Ask::Min => min,

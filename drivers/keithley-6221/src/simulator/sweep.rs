@@ -53,7 +53,7 @@ enum TriggerOutput {
 }
 
 /// Pulses that a sweep has sent since it began: of the arm layer, of the trigger layer.
-type Told = [u64; 2];
+type PulseCounts = [u64; 2];
 
 /// Nanoseconds since power on.
 type Nanos = u128;
@@ -100,7 +100,7 @@ pub(super) struct Sweep {
     unseen: usize,
     /// A point of the pass was looked at.
     looked: bool,
-    counted: Told,
+    counted: PulseCounts,
     now_at: Option<usize>,
     /// The point that was looked at last holds the source back.
     was_limited: bool,
@@ -191,7 +191,7 @@ impl Sweep {
     }
 
     /// Whether a layer waits for pulses on the line that it speaks on itself.
-    pub(super) fn hears_itself(&self) -> bool {
+    pub(super) fn receives_own_output(&self) -> bool {
         let arm = match self.arm {
             Arm::Event(Trigger::Link(line)) => Some(line),
             _ => None,
@@ -202,7 +202,7 @@ impl Sweep {
     }
 
     /// How often each layer would have spoken by now.
-    fn told(&self) -> Told {
+    fn pulses_sent(&self) -> PulseCounts {
         let whole = self.passes_done.saturating_mul(self.points.len() as u64);
         let under_way = self.now_at.map_or(0, |at| at as u64 + 1);
         // Of the pass under way: begun, points begun, points ended.
@@ -231,15 +231,15 @@ impl Sweep {
 
     /// Lines that were spoken on since this was last asked, and how often.
     pub(super) fn take_pulses(&mut self) -> impl Iterator<Item = (u8, u64)> + use<> {
-        let (before, now) = (self.counted, self.told());
+        let (before, now) = (self.counted, self.pulses_sent());
         self.counted = now;
         let lines = [
             self.arm_output.map(|(line, _)| line),
             self.trigger_output.map(|(line, _)| line),
         ];
         (0..2).filter_map(move |layer| {
-            let told = now[layer].saturating_sub(before[layer]);
-            Some((lines[layer]?, told))
+            let sent = now[layer].saturating_sub(before[layer]);
+            Some((lines[layer]?, sent))
         })
     }
 

@@ -127,6 +127,6 @@ impl Values {
     /// The value as a query reads it.
     pub(super) fn read(&self, parameter: Parameter, ask: Ask) -> String {
         let kind = parameter.kind();
-        kind.read_back(kind.asked(ask, self.get(parameter)))
+        kind.read_back(kind.queried(ask, self.get(parameter)))
     }
 }

@@ -9,7 +9,7 @@ use crate::meter::{INTEGRATION, RANGES};
 fn every_route(list: &ChannelList) -> Vec<Route> {
     use Route as R;
     let name = || "A_1".to_owned();
-    let mut said: Vec<Route> = [
+    let mut commands: Vec<Route> = [
         R::Close,
         R::CloseExclusive,
         R::ClosePair,
@@ -25,7 +25,7 @@ fn every_route(list: &ChannelList) -> Vec<Route> {
     ]
     .map(|command| command(list.clone()))
     .to_vec();
-    said.extend([
+    commands.extend([
         R::SetScan(ChannelList::default()),
         R::OpenAll(None),
         R::OpenAll(Some(8)),
@@ -61,12 +61,12 @@ fn every_route(list: &ChannelList) -> Vec<Route> {
         R::SequenceWait,
         R::SequenceAbort,
     ]);
-    said
+    commands
 }
 
 fn every_sense(channels: &Channels) -> Vec<Sense> {
     let channels = || channels.clone();
-    let mut said = vec![
+    let mut commands = vec![
         Sense::Configure {
             range: Range::Auto,
             resolution: None,
@@ -96,24 +96,24 @@ fn every_sense(channels: &Channels) -> Vec<Sense> {
     settings.extend(RANGES.map(|range| Setting::Range(Range::Fixed(range))));
     settings.extend(INTEGRATION.map(|(nplc, _)| Setting::Nplc(nplc)));
     for setting in settings {
-        said.push(Sense::Set(setting, channels()));
+        commands.push(Sense::Set(setting, channels()));
         let quantity = setting.quantity();
-        said.push(Sense::Ask(quantity, None, channels()));
-        said.push(Sense::Ask(quantity, Some(Numeric::Max), channels()));
+        commands.push(Sense::Ask(quantity, None, channels()));
+        commands.push(Sense::Ask(quantity, Some(Numeric::Max), channels()));
     }
     for setting in [Setting::Autozero(true), Setting::InputAuto(false)] {
-        said.push(Sense::SetOlder(setting, channels()));
-        said.push(Sense::AskOlder(setting.quantity(), None, channels()));
+        commands.push(Sense::SetOlder(setting, channels()));
+        commands.push(Sense::AskOlder(setting.quantity(), None, channels()));
     }
-    said
+    commands
 }
 
 fn every_function(channels: &Channels) -> Vec<Functions> {
     use super::function::{Takes, details, takes};
     use Functions as F;
-    let mut said = Vec::new();
+    let mut commands = Vec::new();
     for function in Function::ALL {
-        said.push(F::Select(function, channels.clone()));
+        commands.push(F::Select(function, channels.clone()));
         for detail in details(function) {
             let given = match takes(function, detail).unwrap() {
                 Takes::Switch => vec![Given::Switch(true), Given::Switch(false)],
@@ -130,10 +130,10 @@ fn every_function(channels: &Channels) -> Vec<Functions> {
                 Takes::Words(words, _) => words.iter().map(|(_, word)| Given::Word(word)).collect(),
             };
             for given in given {
-                said.push(F::Set(function, detail, given, channels.clone()));
+                commands.push(F::Set(function, detail, given, channels.clone()));
             }
             for limit in [None, Some(Numeric::Min)] {
-                said.push(F::Ask(function, detail, limit, channels.clone()));
+                commands.push(F::Ask(function, detail, limit, channels.clone()));
             }
         }
         if function == Function::DcVolts {
@@ -155,18 +155,18 @@ fn every_function(channels: &Channels) -> Vec<Functions> {
                     resolution,
                     probe,
                 };
-                said.push(F::Configure(wanted, channels.clone()));
-                said.push(F::Measure(wanted, channels.clone()));
+                commands.push(F::Configure(wanted, channels.clone()));
+                commands.push(F::Measure(wanted, channels.clone()));
             }
         }
     }
-    said.push(F::Selected(channels.clone()));
-    said
+    commands.push(F::Selected(channels.clone()));
+    commands
 }
 
 fn every_measure(channels: &Channels) -> Vec<Measure> {
     use Measure as M;
-    let mut said = vec![
+    let mut commands = vec![
         M::Read(channels.clone()),
         M::Volts {
             range: Range::Auto,
@@ -209,17 +209,17 @@ fn every_measure(channels: &Channels) -> Vec<Measure> {
         TriggerSource::Alarm(1),
         TriggerSource::Alarm(4),
     ] {
-        said.push(M::SetSource(source));
+        commands.push(M::SetSource(source));
     }
     for field in [Field::Unit, Field::Time, Field::Channel, Field::Alarm] {
-        said.extend([M::SetField(field, true), M::Field(field)]);
+        commands.extend([M::SetField(field, true), M::Field(field)]);
     }
-    said
+    commands
 }
 
 fn every_system(list: &ChannelList) -> Vec<System> {
     use System as S;
-    let mut said = vec![
+    let mut commands = vec![
         S::CardType(8),
         S::TerminalType(1),
         S::Protection(2),
@@ -257,22 +257,22 @@ fn every_system(list: &ChannelList) -> Vec<System> {
         Protection::Fix,
         Protection::Iso,
     ] {
-        said.push(S::SetProtection(3, protection));
+        commands.push(S::SetProtection(3, protection));
     }
     for group in [StatusGroup::Operation, StatusGroup::Questionable] {
-        said.extend([
+        commands.extend([
             S::Events(group),
             S::Conditions(group),
             S::SetEnable(group, 65_535),
             S::Enable(group),
         ]);
     }
-    said
+    commands
 }
 
 fn every_command() -> Vec<Command> {
     let list: ChannelList = "(@1001,1003:1010)".parse().unwrap();
-    let mut said: Vec<Command> = [
+    let mut commands: Vec<Command> = [
         Common::Identify,
         Common::Reset,
         Common::ClearStatus,
@@ -290,31 +290,31 @@ fn every_command() -> Vec<Command> {
     ]
     .map(Command::Common)
     .to_vec();
-    said.extend(every_route(&list).into_iter().map(Command::from));
-    said.extend(every_system(&list).into_iter().map(Command::from));
+    commands.extend(every_route(&list).into_iter().map(Command::from));
+    commands.extend(every_system(&list).into_iter().map(Command::from));
     for channels in [None, Some(ChannelList::default()), Some(list)] {
-        said.extend(every_sense(&channels).into_iter().map(Command::from));
-        said.extend(every_function(&channels).into_iter().map(Command::from));
-        said.extend(every_measure(&channels).into_iter().map(Command::from));
+        commands.extend(every_sense(&channels).into_iter().map(Command::from));
+        commands.extend(every_function(&channels).into_iter().map(Command::from));
+        commands.extend(every_measure(&channels).into_iter().map(Command::from));
     }
-    said
+    commands
 }
 
 #[test]
 fn what_the_driver_says_the_simulator_hears() {
-    for said in every_command() {
-        assert_eq!(said.to_string().parse(), Ok(said));
+    for command in every_command() {
+        assert_eq!(command.to_string().parse(), Ok(command));
     }
 }
 
 #[test]
 fn a_whole_message_is_heard_as_its_commands() {
-    let said = Message(every_command());
-    let parsed: Vec<Command> = scpi::parse_message(said.to_string())
+    let commands = Message(every_command());
+    let parsed: Vec<Command> = scpi::parse_message(commands.to_string())
         .iter()
         .map(|call| Command::of(call.as_ref().unwrap()).unwrap())
         .collect();
-    assert_eq!(parsed, said.0);
+    assert_eq!(parsed, commands.0);
 }
 
 #[test]

@@ -373,13 +373,13 @@ impl<S: Stream> Switch for Keysight34980a<S> {
 
     async fn closed_before_opening(
         &mut self,
-        asked: &[Relay],
+        requested: &[Relay],
         relays: &[Relay],
     ) -> Result<Vec<bool>, RigError> {
-        self.check_exist(asked)?;
+        self.check_exist(requested)?;
         self.check_exist(relays)?;
         let mut unit = self.unit.lock().await;
-        unit.closed_before_opening(asked, relays).await
+        unit.closed_before_opening(requested, relays).await
     }
 }
 

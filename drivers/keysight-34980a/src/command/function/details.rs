@@ -157,19 +157,19 @@ pub(super) fn given(
         }
         Takes::Step(unit, steps, default) => {
             let [least, most] = [steps[0], steps[steps.len() - 1]];
-            let asked = value.number(unit)?.within(least, most, default)?;
+            let requested = value.number(unit)?.within(least, most, default)?;
             // Of frequencies the lowest expected is said: the filter must reach down to it.
             let found = match unit {
-                Unit::Hertz => steps.iter().rev().find(|step| **step <= asked),
-                _ => steps.iter().find(|step| asked <= **step),
+                Unit::Hertz => steps.iter().rev().find(|step| **step <= requested),
+                _ => steps.iter().find(|step| requested <= **step),
             };
             Given::Number(found.copied().unwrap_or(most))
         }
         Takes::OneOf(values, default) => {
-            let asked = value.number(Unit::None)?;
-            let asked = asked.within(values[0], values[values.len() - 1], default)?;
-            match values.contains(&asked) {
-                true => Given::Number(asked),
+            let requested = value.number(Unit::None)?;
+            let requested = requested.within(values[0], values[values.len() - 1], default)?;
+            match values.contains(&requested) {
+                true => Given::Number(requested),
                 false => return Err(ParseError::IllegalParameter),
             }
         }

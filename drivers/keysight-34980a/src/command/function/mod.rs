@@ -246,8 +246,8 @@ pub(super) fn rows(table: &mut Table) {
                 if values.len() > 1 {
                     return Err(ParseError::ParameterNotAllowed);
                 }
-                let asked = limit(values.first())?;
-                Ok(Functions::Ask(function, detail, asked, channels))
+                let requested = limit(values.first())?;
+                Ok(Functions::Ask(function, detail, requested, channels))
             });
         }
         if function != Function::DcVolts {

@@ -18,14 +18,14 @@ impl<S: Stream> Unit<S> {
     /// As [`Unit::open`]; before, it reads back which of `asked` are closed.
     pub(in crate::driver) async fn closed_before_opening(
         &mut self,
-        asked: &[Relay],
+        requested: &[Relay],
         relays: &[Relay],
     ) -> Result<Vec<bool>, RigError> {
         let mut message = Vec::new();
         let mut counts = Vec::new();
-        if !asked.is_empty() {
-            message.push(Route::Closed(compact(asked)).into());
-            counts.push(asked.len());
+        if !requested.is_empty() {
+            message.push(Route::Closed(compact(requested)).into());
+            counts.push(requested.len());
         }
         if !relays.is_empty() {
             message.push(Route::Open(compact(relays)).into());
@@ -40,7 +40,7 @@ impl<S: Stream> Unit<S> {
             self.conversation.drain_errors().await.ok();
             let closed = self.read_closed(relays).await?;
             self.conversation.check_open(relays, &closed)?;
-            if unchecked || !asked.is_empty() {
+            if unchecked || !requested.is_empty() {
                 let command = "a relay move since the last check";
                 return Err(self.conversation.refused(command, replies.error));
             }

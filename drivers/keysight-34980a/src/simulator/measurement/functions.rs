@@ -224,7 +224,7 @@ impl Own {
             }
             _ => [value; 3],
         };
-        let told = match limit {
+        let reported = match limit {
             None => value,
             Some(Numeric::Min) => limits[0],
             Some(Numeric::Max) => limits[1],
@@ -232,8 +232,8 @@ impl Own {
         };
         // Numbers that are one of a few are told as whole ones.
         Ok(match detail {
-            Detail::Bandwidth | Detail::Rtd | Detail::Thermistor => format!("{told:+.0}"),
-            _ => format_nr3_signed(told, 8),
+            Detail::Bandwidth | Detail::Rtd | Detail::Thermistor => format!("{reported:+.0}"),
+            _ => format_nr3_signed(reported, 8),
         })
     }
 

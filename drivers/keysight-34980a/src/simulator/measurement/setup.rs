@@ -248,7 +248,7 @@ pub(crate) fn integration_for(range: Range, resolution: Numeric) -> Result<f64, 
         return Err(ParseError::SettingsConflict.into());
     };
     // MIN is the smallest value, that is the finest; one coarser than any is the coarsest.
-    let asked = match resolution {
+    let requested = match resolution {
         Numeric::Value(value) => value.abs(),
         Numeric::Min => 3e-7 * range,
         Numeric::Max => 1e-4 * range,
@@ -258,7 +258,7 @@ pub(crate) fn integration_for(range: Range, resolution: Numeric) -> Result<f64, 
     INTEGRATION
         .into_iter()
         // The last digit of a value given in decimals must not cost a step.
-        .find(|(_, fraction)| fraction * range <= asked * (1.0 + 1e-9))
+        .find(|(_, fraction)| fraction * range <= requested * (1.0 + 1e-9))
         .map(|(nplc, _)| nplc)
         .ok_or(ParseError::OutOfRange.into())
 }
