@@ -104,7 +104,7 @@ pub enum Command {
     },
     /// Show what happened to a session and its rig: frames that failed, instruments lost and found again
     Events {
-        /// Session: an id, the beginning of one, or a session file
+        /// Session: an id, the beginning of one, `last`, or a session file
         session: String,
     },
     /// Show what happened to the daemon and to all its sessions
@@ -249,7 +249,7 @@ pub enum SessionsCommand {
 /// Options of `sessions verify`.
 #[derive(Debug, Args)]
 pub struct Verify {
-    /// Sessions: ids, beginnings of ids, or session files
+    /// Sessions: ids, beginnings of ids, `last`, or session files
     #[arg(required_unless_present = "all")]
     pub sessions: Vec<String>,
     /// Every session that `tactus sessions` lists
@@ -260,7 +260,7 @@ pub struct Verify {
 /// Options of `sessions repair`.
 #[derive(Debug, Args)]
 pub struct Repair {
-    /// Session: an id, the beginning of one, or a session file
+    /// Session: an id, the beginning of one, `last`, or a session file
     pub session: String,
     /// The new file, NAME.tactus (default: SESSION_repaired.tactus beside the old one)
     #[arg(long, value_name = "FILE")]
@@ -292,6 +292,14 @@ pub enum BaselineCommand {
     Record(Box<BaselineRecord>),
     /// Show the baseline in use
     Show,
+    /// List the recorded baselines, the oldest first
+    List,
+    /// Make an earlier baseline the current one, until another is recorded or the daemon ends
+    Use {
+        /// Baseline: an id, the beginning of one, or `last`
+        #[arg(value_name = "ID")]
+        id: String,
+    },
 }
 
 /// Options of `baseline record`.
@@ -403,7 +411,7 @@ pub struct Watch {
 /// Options of `export`.
 #[derive(Debug, Args)]
 pub struct Export {
-    /// Session: an id, the beginning of one, or a session file
+    /// Session: an id, the beginning of one, `last`, or a session file
     pub session: String,
     /// What to write
     #[arg(long, value_enum, value_name = "FORMAT")]
@@ -434,7 +442,7 @@ pub struct Export {
 /// Options of `replay`.
 #[derive(Debug, Args)]
 pub struct Replay {
-    /// A case folder with protocol.csv (and a mesh if it has one), a session file, or a session's id
+    /// A case folder with protocol.csv (and a mesh if it has one), a session file, or a session's id, the beginning of one, or `last`
     pub source: String,
     /// Frames of a case folder, a row (or column) a frame; a bare name is looked for in the folder first, then in the current directory
     #[arg(long, value_name = "FILE")]

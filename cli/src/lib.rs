@@ -97,6 +97,9 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
     let Arguments { global, command } = arguments;
     match command {
         Command::Sessions { what: None } => crate::records::sessions::run(&global, printer),
+        Command::Baseline {
+            what: BaselineCommand::List,
+        } => crate::records::sessions::baselines(&global, printer),
         Command::Sessions { what: Some(what) } => {
             crate::records::maintenance::run(&global, &what, printer)
         }
@@ -150,6 +153,9 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                     Command::Baseline {
                         what: BaselineCommand::Show,
                     } => crate::control::baseline::show(&daemon, printer).await,
+                    Command::Baseline {
+                        what: BaselineCommand::Use { id },
+                    } => crate::control::baseline::choose(&daemon, &id, printer).await,
                     Command::Start(start) => {
                         crate::control::session::start(&daemon, &start, printer).await
                     }
@@ -165,7 +171,10 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                     Command::Plan(asked) => {
                         crate::control::plan::run(&daemon, &asked, printer).await
                     }
-                    Command::Sessions { .. }
+                    Command::Baseline {
+                        what: BaselineCommand::List,
+                    }
+                    | Command::Sessions { .. }
                     | Command::Events { .. }
                     | Command::Doctor(_)
                     | Command::Export(_)

@@ -74,7 +74,32 @@ pub(crate) fn listed(places: &[PathBuf]) -> String {
     places.join(", ")
 }
 
-/// The file of a session: a path as it is, else the id (or its beginning) in the first of [`directories`] that has it.
+/// What a person says for the session that was started last.
+pub(crate) const LAST: &str = "last";
+
+/// The file of the session that was started last, over all of these places.
+fn last(places: &[PathBuf]) -> Result<PathBuf, Failure> {
+    let listings = places
+        .iter()
+        .filter_map(|place| Some((place, logbook::list(place).ok()?)));
+    let newest = listings
+        .flat_map(|(place, listing)| {
+            let sessions = listing.sessions.into_iter();
+            sessions.map(move |session| (place, session))
+        })
+        .max_by(|(_, a), (_, b)| (a.started, &a.id).cmp(&(b.started, &b.id)));
+    let (place, session) = newest.ok_or_else(|| {
+        Failure::Missing(format!(
+            "no session in {}; --state DIR names another directory of session files",
+            listed(places)
+        ))
+    })?;
+    // of a session in parts the first
+    logbook::find(place, session.session()).map_err(|error| refused(&error))
+}
+
+/// The file of a session: a path as it is; `last`; else the id (or its beginning) in the first of [`directories`] that has
+/// it.
 pub(crate) fn session_file(global: &Global, named: &str) -> Result<PathBuf, Failure> {
     let path = Path::new(named);
     if path.is_file() {
@@ -86,6 +111,9 @@ pub(crate) fn session_file(global: &Global, named: &str) -> Result<PathBuf, Fail
         )));
     }
     let places = directories(global)?;
+    if named == LAST {
+        return last(&places);
+    }
     let mut unreadable = Vec::new();
     for place in &places {
         match logbook::find(place, named) {

@@ -65,6 +65,9 @@ pub trait Manager1 {
     /// The current baseline.
     fn baseline(&self) -> Result<BaselineReport, Fault>;
 
+    /// Makes an earlier baseline the current one until another is recorded or the daemon ends; returns its id.
+    fn use_baseline(&self, id: &str) -> Result<String, Fault>;
+
     /// Switches the source off and opens every relay, verifies both; says what it did.
     fn open_all(&self) -> Result<String, Fault>;
 

@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use chrono::{DateTime, Local, SecondsFormat};
+use chrono::{DateTime, SecondsFormat};
 use dbus::{BaselineReport, SessionOptions};
 use serde::Serialize;
 use survey::{Amps, Volts};
@@ -12,6 +12,8 @@ use crate::connection::Daemon;
 use crate::control::session;
 use crate::failure::Failure;
 use crate::output::Printer;
+use crate::output::time::local;
+use crate::session_files;
 
 /// The line of `baseline show --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
@@ -82,6 +84,43 @@ pub(crate) async fn record(
     Ok(())
 }
 
+/// Makes an earlier baseline the current one.
+pub(crate) async fn choose(
+    daemon: &Daemon,
+    id: &str,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let id = match id {
+        session_files::LAST => last_baseline(daemon).await?,
+        id => id.to_owned(),
+    };
+    let asked = daemon.manager.use_baseline(&id);
+    let id = daemon.ask("the baseline", asked).await?;
+    printer.record(&Used { baseline: id }, |used| {
+        format!("baseline {} is the current one", used.baseline)
+    })
+}
+
+/// The id of the baseline that was recorded last.
+async fn last_baseline(daemon: &Daemon) -> Result<String, Failure> {
+    let none = dbus::Options::new();
+    let sessions = daemon
+        .ask("the sessions", daemon.manager.list_sessions(&none))
+        .await?;
+    let last = sessions
+        .into_iter()
+        .find(|session| session.kind == "baseline" && session.state == "closed");
+    last.map(|session| session.id).ok_or_else(|| {
+        Failure::Missing("no baseline is recorded; `tactus baseline record` does".to_owned())
+    })
+}
+
+/// The line of `baseline use --json`; see `docs/reference/json.md`.
+#[derive(Debug, Serialize)]
+struct Used {
+    baseline: String,
+}
+
 /// Shows the baseline that the next session will use.
 pub(crate) async fn show(
     daemon: &Daemon,
@@ -142,7 +181,7 @@ fn for_a_person(shown: &Shown, wall: DateTime<chrono::Utc>) -> String {
          readings   {}, {} of them missing",
         shown.id,
         if shown.simulated { "  (SIMULATED)" } else { "" },
-        wall.with_timezone(&Local).format("%Y-%m-%d %H:%M:%S"),
+        local(wall),
         shown.frames,
         shown.readings,
         shown.missing,

@@ -7,9 +7,9 @@ pub(crate) fn utc(time: DateTime<Utc>) -> String {
     time.to_rfc3339_opts(SecondsFormat::AutoSi, true)
 }
 
-/// Wall time for a person: local, to the second.
+/// Wall time for a person: local, to the second, with its distance from UTC.
 pub(crate) fn local(time: DateTime<Utc>) -> String {
     time.with_timezone(&Local)
-        .format("%Y-%m-%d %H:%M:%S")
+        .format("%Y-%m-%d %H:%M:%S %:z")
         .to_string()
 }

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use logbook::SessionSummary;
+use logbook::{SessionKind, SessionSummary};
 use serde::Serialize;
 use survey::printable;
 
@@ -55,7 +55,25 @@ impl From<&SessionSummary> for Session {
     }
 }
 
+/// Every recorded session.
 pub(crate) fn run(global: &Global, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
+    list(global, |_| true, printer)
+}
+
+/// `baseline list`: the sessions that hold a baseline.
+pub(crate) fn baselines(global: &Global, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
+    list(
+        global,
+        |session| session.kind == SessionKind::Baseline,
+        printer,
+    )
+}
+
+fn list(
+    global: &Global,
+    wanted: impl Fn(&SessionSummary) -> bool,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
     let places = session_files::directories(global)?;
     let mut sessions = Vec::new();
     for place in &places {
@@ -79,7 +97,7 @@ pub(crate) fn run(global: &Global, printer: &mut Printer<impl Write>) -> Result<
                 crate::failure::chain(&unreadable.why)
             ));
         }
-        sessions.extend(listing.sessions);
+        sessions.extend(listing.sessions.into_iter().filter(&wanted));
     }
     sessions.sort_by(|a: &SessionSummary, b| (a.started, &a.id).cmp(&(b.started, &b.id)));
     show(&places, &sessions, printer)

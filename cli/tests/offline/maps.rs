@@ -238,3 +238,18 @@ fn a_session_that_was_rolled_over_is_one() {
         .collect();
     assert_eq!(ids.len(), 4, "{said:?}");
 }
+
+#[test]
+fn the_session_that_was_started_last_is_called_last() {
+    let folder = tempfile::tempdir().unwrap();
+    session_in_parts(folder.path());
+    let asked = ["replay", "last", "--preset", "disc-tank", "--json"];
+    assert_eq!(
+        lines(&done(folder.path(), &asked)).len(),
+        3,
+        "the frames of all its parts"
+    );
+    let empty = tempfile::tempdir().unwrap();
+    let said = refused(empty.path(), &asked, 3);
+    assert!(said.contains("no session in"), "{said}");
+}

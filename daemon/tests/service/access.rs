@@ -237,6 +237,7 @@ async fn what_polkit_refuses_is_not_done_even_for_root() {
     let why = "polkit does not allow you";
     refused(manager.start_session(&none).await, why);
     refused(manager.record_baseline(&none).await, why);
+    refused(manager.use_baseline("b1").await, why);
     refused(manager.test_instruments(&none).await, why);
     refused(manager.relays(&none).await, why);
     refused(manager.discover(&[], &none).await, why);

@@ -1,6 +1,6 @@
 //! The noise that a method is set by is measured on the baseline; a stated one that contradicts it is reported.
 
-use dbus::Options;
+use dbus::{Fault, Options};
 use logbook::SessionReader;
 
 use crate::stage::{SMALL, Stage, within};
@@ -102,4 +102,16 @@ async fn a_baseline_with_a_load_on_the_sheet_is_remarked() {
         remarks.contains("take it off and record again"),
         "{remarks}"
     );
+    // the one before is still there
+    let listed = daemon.manager.list_sessions(&Options::new()).await.unwrap();
+    let before = listed
+        .iter()
+        .filter(|session| session.kind == "baseline")
+        .nth(1)
+        .unwrap();
+    let used = daemon.manager.use_baseline(&before.id).await.unwrap();
+    assert_eq!(used, before.id);
+    assert_eq!(daemon.manager.baseline_id().await.unwrap(), before.id);
+    let refused = daemon.manager.use_baseline("nothing").await.unwrap_err();
+    assert!(matches!(refused, Fault::NoSession(_)), "{refused:?}");
 }

@@ -95,6 +95,12 @@ const METHODS: &[(&str, &str, Action, Lane)] = &[
     ),
     (
         MANAGER_INTERFACE,
+        "UseBaseline",
+        Action::Baseline,
+        Lane::Act,
+    ),
+    (
+        MANAGER_INTERFACE,
         "ListSessions",
         Action::Observe,
         Lane::Look,

@@ -281,6 +281,13 @@ impl Manager1 {
         ))
     }
 
+    /// Makes an earlier baseline the current one, for the sessions to come, until another is recorded or the daemon ends;
+    /// returns its id. It must have been measured as a session would be now.
+    #[zbus(out_args("baseline"))]
+    async fn use_baseline(&self, id: &str) -> Result<String, Fault> {
+        self.0.use_baseline(id)
+    }
+
     /// Switches the source off and opens every relay, verifies both, and says so. Lifts the refusal of relays that were
     /// found closed at the start. Refused while a session runs.
     #[zbus(out_args("done"))]

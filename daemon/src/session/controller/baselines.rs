@@ -2,12 +2,32 @@
 
 use std::sync::Arc;
 
+use dbus::Fault;
 use survey::Baseline;
 
+use crate::events::event::BusEvent;
 use crate::panics::containment;
 use crate::session::controller::Controller;
 
 impl Controller {
+    /// Makes an earlier baseline the current one; returns its id.
+    ///
+    /// # Errors
+    /// No such baseline, or one that was measured otherwise than a session would be now; a recording.
+    pub(crate) fn use_baseline(&self, id: &str) -> Result<String, Fault> {
+        if self.is_recording() {
+            return Err(Fault::Unsupported(
+                "a recording has its own baseline; [recording] names it".into(),
+            ));
+        }
+        let chosen = self.chosen_baseline(Some(id))?;
+        self.check_baseline(&chosen, self.runtime().settings.as_ref(), None)?;
+        let id = chosen.id.clone();
+        self.inner().baseline = Some(chosen);
+        self.events.publish(&BusEvent::Daemon);
+        Ok(id)
+    }
+
     /// What a person should know before the baseline is used, a sentence each: a noise that contradicts the configuration,
     /// a load that was on the sheet. Found once for each baseline.
     pub(crate) async fn baseline_remarks(

@@ -255,7 +255,7 @@ impl Controller {
         Ok(measuring.now().unwrap_or(plan))
     }
 
-    fn chosen_baseline(&self, id: Option<&str>) -> Result<Arc<Baseline>, Fault> {
+    pub(super) fn chosen_baseline(&self, id: Option<&str>) -> Result<Arc<Baseline>, Fault> {
         let current = self.baseline();
         let Some(id) = id else {
             return current.ok_or_else(no_baseline);
@@ -331,7 +331,7 @@ impl Controller {
         Ok(Some(survey))
     }
 
-    fn check_baseline(
+    pub(super) fn check_baseline(
         &self,
         baseline: &Baseline,
         settings: Option<&Settings>,
