@@ -10,12 +10,12 @@ use logbook::{SessionKind, SessionReader};
 use rustix::fs::FlockOperation;
 use simulator::Profile;
 
-fn resuming() -> String {
+pub fn resuming() -> String {
     SMALL.replace("resume = false", "resume = true")
 }
 
 /// Waits until so many frames are on disk.
-async fn durable(session: &Session1Proxy<'_>, frames: u64) {
+pub async fn durable(session: &Session1Proxy<'_>, frames: u64) {
     let mut done = session.receive_frame_done().await.unwrap();
     while session.frames_durable().await.unwrap() < frames {
         within(dbus::next(&mut done)).await.unwrap();
@@ -38,7 +38,7 @@ fn measurements(folder: &Path) -> Vec<SessionReader> {
 }
 
 /// The frames of all measurements of a folder.
-fn recorded(folder: &Path) -> BTreeSet<u64> {
+pub fn recorded(folder: &Path) -> BTreeSet<u64> {
     measurements(folder)
         .iter()
         .flat_map(|part| {
@@ -52,7 +52,7 @@ fn recorded(folder: &Path) -> BTreeSet<u64> {
 }
 
 /// Starts the next daemon and expects that nothing goes on.
-async fn assert_stays_ended(stage: &Stage) -> Running {
+pub async fn assert_stays_ended(stage: &Stage) -> Running {
     let daemon = stage.start().await;
     let state = daemon.manager.state().await.unwrap();
     assert_eq!(state, "idle", "a session that was stopped goes on");
@@ -65,15 +65,18 @@ async fn assert_stays_ended(stage: &Stage) -> Running {
 }
 
 const INSIDE: &str = "TACTUS_TEST_INSIDE";
-const OWN_MOUNTS: [&str; 3] = ["--user", "--map-root-user", "--mount"];
 
 /// Whether this process may mount. Where it may not, the test is run again by one that may, and is over.
-fn has_own_mounts(test: &str) -> bool {
+pub fn has_own_mounts(test: &str) -> bool {
     if std::env::var_os(INSIDE).is_some() {
         return true;
     }
+    let rights: &[&str] = match rustix::process::geteuid().is_root() {
+        true => &["--mount"],
+        false => &["--user", "--map-root-user", "--mount"],
+    };
     let tried = Command::new("unshare")
-        .args(OWN_MOUNTS)
+        .args(rights)
         .args(["sh", "-c", "mount -t tmpfs none /mnt"])
         .output();
     let error = match tried {
@@ -88,7 +91,7 @@ fn has_own_mounts(test: &str) -> bool {
         return false;
     }
     let output = Command::new("unshare")
-        .args(OWN_MOUNTS)
+        .args(rights)
         .arg(std::env::current_exe().unwrap())
         .args(["--exact", test, "--nocapture"])
         .env(INSIDE, "1")

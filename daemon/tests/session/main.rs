@@ -8,6 +8,7 @@ mod map_times;
 mod measuring;
 mod noise;
 mod pressure;
+mod read_only;
 mod recording;
 mod resume;
 #[path = "../stage/mod.rs"]
