@@ -39,7 +39,7 @@ impl Recorder {
                 }
                 frame.noise = mapped.noise;
                 if let Some(decided) = &mapped.decided {
-                    self.logbook.say("method-settled", decided)?;
+                    self.logbook.say(EventKind::MethodSettled, decided)?;
                 }
                 frame.found = mapped.found;
                 frame.pressure = mapped.pressure;
