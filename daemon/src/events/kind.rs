@@ -98,7 +98,6 @@ kinds! {
     ClockMoved "clock-moved", Warn, Session, "The wall clock was set, or the machine slept", "Nothing: frames have both times";
     Plausible "plausible", Warn, Session, "The first frame after a gap is like the last one before it", "Nothing";
     Implausible "implausible", Warn, Session, "The first frame after a gap differs from the last one before it", "Look at sheet and contacts; record a new baseline";
-    MethodSettled "method-settled", Warn, Session, "The method has chosen how it makes the maps of this session", "Nothing";
     MethodSuspended "method-suspended", Error, Session, "Reconstruction failed; frames are recorded without maps", "Report it; `tactus replay` makes the maps later";
     MethodSettled "method-settled", Warn, Session, "The method has settled its strengths by the first frames of the session", "Nothing";
     MapsMissed "maps-missed", Warn, Session, "Maps were not made in time; their frames are in the record", "Choose a faster method, or a map for every n-th frame";
