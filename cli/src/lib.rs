@@ -104,7 +104,7 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
             crate::records::maintenance::run(&global, &what, printer)
         }
         Command::Log(log) if !log.follow => crate::records::log::run(&global, &log, printer),
-        Command::Doctor(asked) => doctor::run(&global, &asked, printer),
+        Command::Doctor(requested) => doctor::run(&global, &requested, printer),
         Command::Events { session } => crate::records::events::run(&global, &session, printer),
         Command::Export(export) => crate::records::export::run(&global, &export, printer),
         Command::Replay(replay) => crate::maps::replay::run(&global, &replay, printer),
@@ -144,8 +144,8 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                         what: NotifyCommand::Test,
                     } => crate::control::notify::test(&daemon, printer).await,
                     Command::Reload => crate::instruments::recovery::reload(&daemon, printer).await,
-                    Command::Transcript(asked) => {
-                        crate::instruments::recovery::transcript(&daemon, &asked, printer).await
+                    Command::Transcript(requested) => {
+                        crate::instruments::recovery::transcript(&daemon, &requested, printer).await
                     }
                     Command::Baseline {
                         what: BaselineCommand::Record(record),
@@ -168,8 +168,8 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                     Command::Watch(watch) => {
                         crate::control::watch::run(&daemon, &watch, printer).await
                     }
-                    Command::Plan(asked) => {
-                        crate::control::plan::run(&daemon, &asked, printer).await
+                    Command::Plan(requested) => {
+                        crate::control::plan::run(&daemon, &requested, printer).await
                     }
                     Command::Baseline {
                         what: BaselineCommand::List,

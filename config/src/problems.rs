@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_toml_is_said_with_its_place() {
+    fn invalid_toml_is_reported_with_line_and_column() {
         assert!(problems("[rig\n")[0].starts_with("c.toml:1:"));
     }
 

@@ -171,9 +171,9 @@ async fn reach(address: &Address) -> Result<Connection, ConnectError> {
 fn turned_away(address: &Address, cause: &str) -> ConnectError {
     let address = address.clone();
     match cause.split_once(BUSY) {
-        Some((_, said)) => ConnectError::Busy {
+        Some((_, message)) => ConnectError::Busy {
             address,
-            cause: said.trim().to_owned(),
+            cause: message.trim().to_owned(),
         },
         None => ConnectError::NotAuthorized {
             address,

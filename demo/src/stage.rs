@@ -211,7 +211,7 @@ impl Stage {
             .spawn()
             .map_err(|cause| system("cannot start tactusd", cause))?;
         let mut daemon = DaemonProcess { child, log_path };
-        let (tell, told) = mpsc::channel();
+        let (tell, reported) = mpsc::channel();
         let ears = notify
             .try_clone()
             .map_err(|cause| system("cannot clone the notify socket", cause))?;
@@ -230,7 +230,7 @@ impl Stage {
         });
         let begun = Instant::now();
         loop {
-            match told.recv_timeout(Duration::from_millis(50)) {
+            match reported.recv_timeout(Duration::from_millis(50)) {
                 Ok(_) => return Ok(daemon),
                 Err(_) => {
                     let ended = daemon.child.try_wait().ok().flatten().is_some();
@@ -309,12 +309,12 @@ fn listen(mut command: Command) -> Result<Spoken, StageError> {
     let stdout = drain(child.stdout.take());
     let stderr = drain(child.stderr.take());
     let begun = Instant::now();
-    let (tell, told) = mpsc::channel();
+    let (tell, reported) = mpsc::channel();
     let id = child.id();
     std::thread::spawn(move || {
         let _ = tell.send(child.wait());
     });
-    let status = match told.recv_timeout(DEADLINE) {
+    let status = match reported.recv_timeout(DEADLINE) {
         Ok(status) => status.map_err(|cause| system(&format!("cannot await `{line}`"), cause))?,
         Err(_) => {
             signal(id, rustix::process::Signal::KILL);

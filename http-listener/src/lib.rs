@@ -124,7 +124,7 @@ pub async fn serve<F>(
             tokio::time::sleep(Duration::from_millis(100)).await;
             continue;
         };
-        clients.make_room();
+        clients.make_space();
         let (hosts, pages) = (Arc::clone(&hosts), Arc::clone(&pages));
         let client = tokio::spawn(async move {
             if let Ok(here) = stream.local_addr() {
@@ -140,7 +140,7 @@ pub async fn serve<F>(
 struct Clients(VecDeque<AbortHandle>);
 
 impl Clients {
-    fn make_room(&mut self) {
+    fn make_space(&mut self) {
         self.0.retain(|client| !client.is_finished());
         while self.0.len() >= CLIENTS
             && let Some(longest) = self.0.pop_front()
@@ -424,9 +424,9 @@ mod tests {
         let local = SocketAddr::from(([127, 0, 0, 1], 0));
         let hosts = Hosts::Own(Vec::new());
         let listener = HttpListener::open(local, hosts, metrics).await.unwrap();
-        let silent = async |said: &[u8]| {
+        let silent = async |message: &[u8]| {
             let mut client = TcpStream::connect(listener.address()).await.unwrap();
-            client.write_all(said).await.unwrap();
+            client.write_all(message).await.unwrap();
             client
         };
         let mut clients = Vec::new();

@@ -167,20 +167,20 @@ pub enum LogbookError {
         first: u64,
     },
     /// No session of that name.
-    #[error("no session '{asked}' in {dir}; `tactus sessions` lists them")]
+    #[error("no session '{requested}' in {dir}; `tactus sessions` lists them")]
     NoSuchSession {
         /// The folder.
         dir: PathBuf,
         /// What was asked.
-        asked: String,
+        requested: String,
     },
     /// Several sessions begin like that.
-    #[error("'{asked}' may be any of {candidates} in {dir}; write more of the id")]
+    #[error("'{requested}' may be any of {candidates} in {dir}; write more of the id")]
     Ambiguous {
         /// The folder.
         dir: PathBuf,
         /// What was asked.
-        asked: String,
+        requested: String,
         /// Some of them.
         candidates: String,
     },
@@ -407,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn an_object_is_told_without_its_verb() {
+    fn object_of_an_error_is_named_without_its_verb() {
         assert_eq!(object_of("read the frames of"), "the frames");
         assert_eq!(object_of("tell the size of"), "the size");
         assert_eq!(object_of("open"), "open");

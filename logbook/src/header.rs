@@ -71,7 +71,7 @@ pub struct About {
 
 impl About {
     /// What was said, each with its name.
-    pub fn said(&self) -> impl Iterator<Item = (&'static str, &str)> {
+    pub fn entries(&self) -> impl Iterator<Item = (&'static str, &str)> {
         [
             ("sheet", &self.sheet),
             ("foam", &self.foam),

@@ -173,8 +173,8 @@ impl Panel {
                 self.extent.low[axis] - RING / self.per_metre,
                 self.extent.high[axis] + RING / self.per_metre,
             );
-            let room = [width, height][axis] / (self.words * 3.6);
-            let (step, decimals) = step((high - low) * 1e3, room.max(2.0) as usize);
+            let available = [width, height][axis] / (self.words * 3.6);
+            let (step, decimals) = step((high - low) * 1e3, available.max(2.0) as usize);
             for k in (low * 1e3 / step).ceil() as i64..=(high * 1e3 / step).floor() as i64 {
                 let millimetres = k as f64 * step;
                 let number = format!("{millimetres:.decimals$}").replace('-', "\u{2212}");
@@ -271,11 +271,11 @@ pub(crate) fn heading<DB: DrawingBackend>(
     simulated: bool,
     page: f64,
 ) -> Result<(), PictureError> {
-    let room = page - 32.0 - if simulated { 122.0 } else { 0.0 };
+    let available = page - 32.0 - if simulated { 122.0 } else { 0.0 };
     let bold = |words: &str, size| pen.bold_width(words, size);
     let mut fitting = None;
     for size in [19.0, 17.0, 15.0] {
-        if bold(title, size)? <= room {
+        if bold(title, size)? <= available {
             fitting = Some(size);
             break;
         }
@@ -283,7 +283,7 @@ pub(crate) fn heading<DB: DrawingBackend>(
     match fitting {
         Some(size) => pen.bold(title, [16.0, 22.0], size, INK, Anchor::Left)?,
         None => {
-            let [first, second] = two_lines(title, room, |words| bold(words, 14.0))?;
+            let [first, second] = two_lines(title, available, |words| bold(words, 14.0))?;
             pen.bold(&first, [16.0, 13.0], 14.0, INK, Anchor::Left)?;
             pen.bold(&second, [16.0, 30.0], 14.0, INK, Anchor::Left)?;
         }
@@ -347,9 +347,9 @@ pub(crate) fn small_title<DB: DrawingBackend>(
     title: &str,
     at: [f64; 2],
     size: f64,
-    room: f64,
+    available: f64,
 ) -> Result<(), PictureError> {
-    let title = shortened(title, room, |words| pen.bold_width(words, size))?;
+    let title = shortened(title, available, |words| pen.bold_width(words, size))?;
     pen.bold(&title, at, size, INK, Anchor::Centre)
 }
 

@@ -288,8 +288,8 @@ impl<'a> Page<'a> {
             if !self.single {
                 let middle = panel.corner[0] + panel.size()[0] / 2.0;
                 let at = [middle, panel.corner[1] - RING - panel.words * 0.9];
-                let room = panel.size()[0] + 2.0 * RING;
-                small_title(&pen, &style.title, at, panel.words * 1.1, room)?;
+                let available = panel.size()[0] + 2.0 * RING;
+                small_title(&pen, &style.title, at, panel.words * 1.1, available)?;
             }
         }
         for drawn in &self.bars {

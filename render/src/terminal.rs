@@ -66,12 +66,12 @@ pub fn terminal(sheet: &Sheet, map: &Map, style: &TerminalStyle) -> Result<Strin
         });
     }
     let extent = sheet.extent()?;
-    let room = style.width.min(WIDEST) - 2 * MARGIN;
+    let available = style.width.min(WIDEST) - 2 * MARGIN;
     // A cell is about twice as high as wide: two square pixels.
-    let mut columns = room;
+    let mut columns = available;
     let mut rows = (columns as f64 * extent.height() / extent.width() / 2.0).round() as usize;
-    if rows > room {
-        rows = room;
+    if rows > available {
+        rows = available;
         columns = ((2 * rows) as f64 * extent.width() / extent.height()).round() as usize;
     }
     let (columns, rows) = (columns.max(1), rows.max(1));

@@ -36,11 +36,11 @@ const SETTLE: Duration = Duration::from_millis(2);
 
 #[tokio::main(flavor = "current_thread")]
 async fn main() -> Result<(), AnyError> {
-    let asked = |what: &str| std::env::args().any(|argument| argument == what);
-    if asked("messages") {
+    let requested = |what: &str| std::env::args().any(|argument| argument == what);
+    if requested("messages") {
         return messages().await;
     }
-    let quick = asked("quick");
+    let quick = requested("quick");
     let python =
         std::env::args().find_map(|argument| Some(argument.strip_prefix("python=")?.to_owned()));
     let peer = python.as_deref().map(pyvisa).transpose()?;
@@ -178,11 +178,11 @@ async fn messages() -> Result<(), AnyError> {
     let mut sent: HashMap<&str, (f64, &str)> = HashMap::new();
     println!("sent at ms | answered after ms | instrument | message");
     for entry in entries {
-        match &entry.said {
-            rig::transcript::Said::Sent(text) => {
+        match &entry.content {
+            rig::transcript::EntryContent::Sent(text) => {
                 sent.insert(&entry.instrument, (entry.t_s, text));
             }
-            rig::transcript::Said::Received(_) => {
+            rig::transcript::EntryContent::Received(_) => {
                 let Some((at, text)) = sent.remove(entry.instrument.as_str()) else {
                     continue;
                 };
@@ -190,7 +190,7 @@ async fn messages() -> Result<(), AnyError> {
                 let (at, took) = (1e3 * (at - begun), 1e3 * (entry.t_s - at));
                 println!("{at:9.2} {took:9.2}  {:6}  {text}", entry.instrument);
             }
-            rig::transcript::Said::Note(text) => println!("{text}"),
+            rig::transcript::EntryContent::Note(text) => println!("{text}"),
         }
     }
     Ok(())
@@ -198,7 +198,7 @@ async fn messages() -> Result<(), AnyError> {
 
 /// Write and query a second: ours, a bare blocking socket as the floor, and pyvisa where it was measured.
 async fn conversations(peer: Option<(f64, f64)>) -> Result<(), AnyError> {
-    const ASKED: u32 = 5_000;
+    const REQUESTED: u32 = 5_000;
     let address = trivial()?;
     let mut link = Link::new(
         connect_tcp(&address.to_string(), DEADLINE).await?,
@@ -211,18 +211,18 @@ async fn conversations(peer: Option<(f64, f64)>) -> Result<(), AnyError> {
     let (mut ours, mut floor) = (0.0_f64, 0.0_f64);
     for _ in 0..5 {
         let begun = Instant::now();
-        for _ in 0..ASKED {
+        for _ in 0..REQUESTED {
             link.ask("SOUR:CURR 1e-3;:SOUR:CURR?").await?;
         }
-        ours = ours.max(f64::from(ASKED) / begun.elapsed().as_secs_f64());
+        ours = ours.max(f64::from(REQUESTED) / begun.elapsed().as_secs_f64());
         let begun = Instant::now();
         let mut line = String::new();
-        for _ in 0..ASKED {
+        for _ in 0..REQUESTED {
             writer.write_all(b"SOUR:CURR 1e-3;:SOUR:CURR?\n")?;
             line.clear();
             reader.read_line(&mut line)?;
         }
-        floor = floor.max(f64::from(ASKED) / begun.elapsed().as_secs_f64());
+        floor = floor.max(f64::from(REQUESTED) / begun.elapsed().as_secs_f64());
     }
     println!(
         "| write + query a second, trivial server | 10,000 | {ours:.0} ({:.2} of a bare blocking socket's {floor:.0}{}) |",
@@ -260,16 +260,16 @@ struct Script {
 }
 
 impl Script {
-    fn of(said: &[TranscriptLine], first: usize, instrument: Instrument) -> Self {
-        let of = |said: &[TranscriptLine]| -> Vec<(String, Option<String>)> {
-            let received = said.iter().filter(|one| one.instrument == instrument);
+    fn of(content: &[TranscriptLine], first: usize, instrument: Instrument) -> Self {
+        let of = |content: &[TranscriptLine]| -> Vec<(String, Option<String>)> {
+            let received = content.iter().filter(|one| one.instrument == instrument);
             received
                 .map(|one| (one.received.clone(), one.answered.clone()))
                 .collect()
         };
         Self {
-            answers: of(said),
-            repeats_from: of(&said[..first]).len(),
+            answers: of(content),
+            repeats_from: of(&content[..first]).len(),
             next: 0,
         }
     }
@@ -303,10 +303,10 @@ async fn own_time(profile: &str, wiring: &Wiring) -> Result<Duration, AnyError> 
         marks.push(simulated.transcript().len());
     }
     // The first two frames set up, the third is as all that follow.
-    let said = simulated.transcript();
+    let content = simulated.transcript();
     let mut streams = HashMap::new();
     for instrument in [Instrument::Source, Instrument::Mainframe] {
-        let script = Script::of(&said, marks[1], instrument);
+        let script = Script::of(&content, marks[1], instrument);
         let address = serve({
             let mut script = script;
             move |line: &str| script.answer(line)

@@ -402,7 +402,7 @@ mod tests {
     }
 
     #[test]
-    fn words_that_mean_nothing_are_told_what_would() {
+    fn unknown_words_are_refused_with_the_known_ones() {
         for (words, reported) in [
             ("", "it has no words"),
             ("fire 6221", "tactus-sim fault --help"),

@@ -150,19 +150,22 @@ mod tests {
     }
 
     #[test]
-    fn what_is_allowed_is_said() {
-        let said = |bounds: Bounds, value| bounds.check(value).unwrap_err().to_string();
-        assert_eq!(said(Bounds::OneOf(&[1.0, 2.0]), 3.0), "3 is none of 1, 2");
+    fn error_names_the_allowed_range() {
+        let message = |bounds: Bounds, value| bounds.check(value).unwrap_err().to_string();
         assert_eq!(
-            said(Bounds::Above(0.0, 1.0), 0.0),
+            message(Bounds::OneOf(&[1.0, 2.0]), 3.0),
+            "3 is none of 1, 2"
+        );
+        assert_eq!(
+            message(Bounds::Above(0.0, 1.0), 0.0),
             "0 is not above 0 and at most 1"
         );
         assert_eq!(
-            said(Bounds::Between(0.0, 1.0), 1.0),
+            message(Bounds::Between(0.0, 1.0), 1.0),
             "1 is not above 0 and below 1"
         );
         assert_eq!(
-            said(Bounds::Within(1.0, 8.0), -5e-324),
+            message(Bounds::Within(1.0, 8.0), -5e-324),
             "-5e-324 is not from 1 to 8"
         );
         assert_eq!(Bounds::Above(0.0, 1.0).check(5e-324), Ok(5e-324));

@@ -50,10 +50,10 @@ pub fn skip(ring: usize, skip: usize) -> impl Iterator<Item = Measurement> + Clo
 
 /// Keeps of each reciprocal pair of questions the one that comes first: half the readings, the same information.
 pub fn half(pattern: impl Iterator<Item = Measurement>) -> impl Iterator<Item = Measurement> {
-    let mut asked = BTreeSet::new();
+    let mut requested = BTreeSet::new();
     pattern.filter(move |question| {
-        asked.insert(*question);
-        !asked.contains(&question.reciprocal())
+        requested.insert(*question);
+        !requested.contains(&question.reciprocal())
     })
 }
 
@@ -192,13 +192,17 @@ impl Protocol {
 
     /// The readings of a frame of this protocol out of those of another: each question is answered by itself, or by its
     /// reciprocal. A half frame answers a whole one so. `None` where a question has neither, or the readings are not as
-    /// many as the questions of `asked`.
-    pub fn answered_by(&self, asked: &Self, readings: &[Reading]) -> Option<Vec<Reading>> {
-        if asked.len() != readings.len() {
+    /// many as the questions of `requested`.
+    pub fn answered_by(&self, requested: &Self, readings: &[Reading]) -> Option<Vec<Reading>> {
+        if requested.len() != readings.len() {
             return None;
         }
-        let answers: std::collections::BTreeMap<_, _> =
-            asked.measurements.iter().copied().zip(readings).collect();
+        let answers: std::collections::BTreeMap<_, _> = requested
+            .measurements
+            .iter()
+            .copied()
+            .zip(readings)
+            .collect();
         self.measurements
             .iter()
             .map(|question| {
@@ -237,7 +241,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_paper_asks_598_questions_of_26_electrodes() {
+    fn paper_pattern_has_598_readings_of_26_electrodes() {
         assert_eq!(sheffield(26).count(), 26 * 23);
         assert_eq!(half(sheffield(26)).count(), 299);
     }
@@ -281,21 +285,21 @@ mod tests {
     #[test]
     fn a_half_frame_answers_a_whole_one_by_reciprocity() {
         let whole = Protocol::sheffield(8).unwrap();
-        let asked = Protocol::new(8, half(sheffield(8)).collect()).unwrap();
+        let requested = Protocol::new(8, half(sheffield(8)).collect()).unwrap();
         let reading_of = |question: &Measurement| {
             let pairs = [question.drive.plus.0, question.sense.plus.0];
             let (low, high) = (pairs[0].min(pairs[1]), pairs[0].max(pairs[1]));
             Reading::Ok(crate::Volts((10 * low + high) as f64))
         };
-        let readings: Vec<Reading> = asked.measurements().iter().map(reading_of).collect();
-        let completed = whole.answered_by(&asked, &readings).unwrap();
+        let readings: Vec<Reading> = requested.measurements().iter().map(reading_of).collect();
+        let completed = whole.answered_by(&requested, &readings).unwrap();
         assert_eq!(completed.len(), 2 * readings.len());
         for (question, reading) in whole.measurements().iter().zip(&completed) {
             assert_eq!(*reading, reading_of(question));
         }
-        assert_eq!(whole.answered_by(&asked, &readings[1..]), None);
+        assert_eq!(whole.answered_by(&requested, &readings[1..]), None);
         let skipped = Protocol::new(8, skip(8, 1).collect()).unwrap();
-        assert_eq!(skipped.answered_by(&asked, &readings), None);
+        assert_eq!(skipped.answered_by(&requested, &readings), None);
     }
 
     #[test]

@@ -206,8 +206,8 @@ impl Month {
 
     /// Frames on disk, frames that failed.
     fn so_far(&self) -> Result<(u64, u64), Failure> {
-        let said = self.stage.tactus(&["status", "--json"])?.succeeded()?;
-        let session = &said.json()[0]["session"];
+        let message = self.stage.tactus(&["status", "--json"])?.succeeded()?;
+        let session = &message.json()[0]["session"];
         let count = |name: &str| session[name].as_u64().ok_or("the session has ended");
         Ok((count("frames_durable")?, count("frames_failed")?))
     }

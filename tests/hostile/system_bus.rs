@@ -133,9 +133,9 @@ impl SystemBus {
             .unwrap()
         {
             if let Some(ended) = child.try_wait().unwrap() {
-                let said = std::fs::read_to_string(&log).unwrap_or_default();
+                let message = std::fs::read_to_string(&log).unwrap_or_default();
                 self.polkit = None;
-                return Err(format!("polkitd ended ({ended}): {said}"));
+                return Err(format!("polkitd ended ({ended}): {message}"));
             }
             assert!(
                 begun.elapsed() < DEADLINE,

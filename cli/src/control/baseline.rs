@@ -94,8 +94,8 @@ pub(crate) async fn choose(
         session_files::LAST => last_baseline(daemon).await?,
         id => id.to_owned(),
     };
-    let asked = daemon.manager.use_baseline(&id);
-    let id = daemon.ask("the baseline", asked).await?;
+    let requested = daemon.manager.use_baseline(&id);
+    let id = daemon.ask("the baseline", requested).await?;
     printer.record(&Used { baseline: id }, |used| {
         format!("baseline {} is the current one", used.baseline)
     })

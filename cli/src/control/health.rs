@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_told_is_the_line_of_json() {
+    fn json_is_one_line() {
         let health = Health::from(reported());
         let line = serde_json::to_value(&health).unwrap();
         assert_eq!(line["well"], false);

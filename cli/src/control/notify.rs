@@ -29,7 +29,7 @@ impl Fared {
         };
         match self.stderr.trim() {
             "" => how,
-            said => format!("{how}; it said:\n{said}"),
+            message => format!("{how}; it said:\n{message}"),
         }
     }
 }
@@ -67,7 +67,7 @@ mod tests {
     use crate::control::notify::*;
 
     #[test]
-    fn a_person_reads_what_the_command_said() {
+    fn hook_output_is_shown() {
         let fared = Fared {
             event: "notified",
             done: false,

@@ -57,10 +57,10 @@ struct Measuring {
 
 pub(crate) async fn run(
     daemon: &Daemon,
-    asked: &crate::args::Plan,
+    requested: &crate::args::Plan,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let options = asked.measuring.with(SessionOptions::default());
+    let options = requested.measuring.with(SessionOptions::default());
     let report = if options == SessionOptions::default() {
         daemon.ask("the plan", daemon.manager.plan()).await?
     } else {
@@ -68,7 +68,7 @@ pub(crate) async fn run(
         daemon.ask("the plan", plan).await?
     };
     let plan = from_report(report);
-    printer.record(&plan, |plan| for_a_person(plan, asked.steps))
+    printer.record(&plan, |plan| for_a_person(plan, requested.steps))
 }
 
 fn from_report(report: PlanReport) -> Plan {
@@ -115,7 +115,7 @@ fn measuring(more: &PlanDetails) -> Option<Measuring> {
 }
 
 /// What the settings cost a frame and gain in noise, the dearest first.
-fn costs_told(costs: &[SettingCost]) -> String {
+fn costs_text(costs: &[SettingCost]) -> String {
     let mut costs: Vec<&SettingCost> = costs.iter().collect();
     costs.sort_by(|a, b| b.seconds.total_cmp(&a.seconds));
     let each = costs.into_iter().map(|cost| {
@@ -190,7 +190,7 @@ fn describe(measuring: &Measuring) -> String {
     }
     let costs = match measuring.costs.as_slice() {
         [] => String::new(),
-        costs => format!("cost        {}\n", costs_told(costs)),
+        costs => format!("cost        {}\n", costs_text(costs)),
     };
     format!(
         "pattern     {pattern}\nmeasuring   {}\nranges      {ranges}\n{costs}",
@@ -248,7 +248,7 @@ mod tests {
     use crate::control::plan::*;
 
     #[test]
-    fn a_plan_is_told_with_its_limits() {
+    fn plan_text_names_its_limits() {
         let plan = from_report(PlanReport {
             steps: 3,
             injections: 26,
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn what_each_setting_costs_is_told_the_dearest_first() {
+    fn setting_costs_are_listed_highest_first() {
         let mut more = PlanDetails {
             nplc: Some(1.0),
             averages: Some(4),

@@ -355,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_asked_is_no_option() {
+    fn no_arguments_give_no_options() {
         assert_eq!(options(&[]).unwrap(), SessionOptions::default());
         assert_eq!(options(&["--step"]).unwrap().step, Some(true));
     }

@@ -93,10 +93,10 @@ struct Shown {
 
 impl Shown {
     /// `None` before the first map, and of a baseline session.
-    fn from(told: &dbus::SessionStatus) -> Option<Self> {
-        let map = told.map.as_ref()?;
+    fn from(notes: &dbus::SessionStatus) -> Option<Self> {
+        let map = notes.map.as_ref()?;
         Some(Self {
-            sequence: told.map_sequence?,
+            sequence: notes.map_sequence?,
             unit: match map.newtons {
                 Some(_) => MapUnit::Pressure.label(),
                 None => MapUnit::RelativeConductance.caption(),
@@ -126,44 +126,44 @@ impl Shown {
 }
 
 impl Running {
-    fn from(told: dbus::SessionStatus) -> Self {
+    fn from(notes: dbus::SessionStatus) -> Self {
         Self {
-            map: Shown::from(&told),
-            id: told.id.unwrap_or_default(),
-            kind: told.kind.unwrap_or_default(),
-            state: told.state.unwrap_or_default(),
-            frames_acquired: told.frames_acquired.unwrap_or(0),
-            frames_durable: told.frames_durable.unwrap_or(0),
-            frames_dropped: told.frames_dropped.unwrap_or(0),
-            frames_failed: told.frames_failed.unwrap_or(0),
-            last_error: told.last_error.and_then(nonempty),
+            map: Shown::from(&notes),
+            id: notes.id.unwrap_or_default(),
+            kind: notes.kind.unwrap_or_default(),
+            state: notes.state.unwrap_or_default(),
+            frames_acquired: notes.frames_acquired.unwrap_or(0),
+            frames_durable: notes.frames_durable.unwrap_or(0),
+            frames_dropped: notes.frames_dropped.unwrap_or(0),
+            frames_failed: notes.frames_failed.unwrap_or(0),
+            last_error: notes.last_error.and_then(nonempty),
         }
     }
 }
 
 impl Status {
-    fn from(told: dbus::Status, bus: String) -> Self {
+    fn from(notes: dbus::Status, bus: String) -> Self {
         Self {
-            state: told.state.unwrap_or_default(),
-            simulated: told.simulated.unwrap_or(false),
-            source: told.source.unwrap_or_default(),
-            method: told.method.unwrap_or_default(),
-            baseline: told.baseline_id.and_then(nonempty),
-            session: told.session.map(Running::from),
-            source_state: told.source_state.unwrap_or_default(),
-            recovery: told.recovery.and_then(Recovery::from),
-            record_directory: told.record_directory.unwrap_or_default(),
-            last_error: told.last_error.and_then(nonempty),
-            version: told.version.unwrap_or_default(),
+            state: notes.state.unwrap_or_default(),
+            simulated: notes.simulated.unwrap_or(false),
+            source: notes.source.unwrap_or_default(),
+            method: notes.method.unwrap_or_default(),
+            baseline: notes.baseline_id.and_then(nonempty),
+            session: notes.session.map(Running::from),
+            source_state: notes.source_state.unwrap_or_default(),
+            recovery: notes.recovery.and_then(Recovery::from),
+            record_directory: notes.record_directory.unwrap_or_default(),
+            last_error: notes.last_error.and_then(nonempty),
+            version: notes.version.unwrap_or_default(),
             bus,
-            health: told.health.unwrap_or_default().into(),
+            health: notes.health.unwrap_or_default().into(),
         }
     }
 }
 
 pub(crate) async fn run(daemon: &Daemon, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
-    let told = daemon.ask("the status", daemon.manager.status()).await?;
-    let status = Status::from(told, daemon.address.to_string());
+    let notes = daemon.ask("the status", daemon.manager.status()).await?;
+    let status = Status::from(notes, daemon.address.to_string());
     printer.record(&status, for_a_person)
 }
 
@@ -277,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn a_person_is_told_what_is_simulated_and_what_to_do() {
+    fn status_names_what_is_simulated_and_what_to_do() {
         let text = for_a_person(&status());
         assert!(
             text.contains("SIMULATED") && text.contains("`tactus baseline record`"),
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_rig_is_said_with_its_tries_and_the_next_one() {
+    fn lost_rig_is_shown_with_its_attempts_and_the_next() {
         let mut status = status();
         status.state = "suspended".into();
         status.source_state = "unknown".into();

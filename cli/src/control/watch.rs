@@ -148,7 +148,7 @@ mod tests {
     use crate::control::watch::*;
 
     #[test]
-    fn flags_are_told_in_words() {
+    fn flags_are_printed_as_words() {
         assert_eq!(
             quality(7, "reciprocity,loop_sum"),
             "quality: frame 7 raises reciprocity, loop sum"

@@ -119,11 +119,11 @@ struct Notify {
 /// Something is bad; the lines said what.
 pub(crate) fn run(
     global: &Global,
-    asked: &Doctor,
+    requested: &Doctor,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
     let machine = Machine::here();
-    let file = asked.config.clone().unwrap_or_else(|| {
+    let file = requested.config.clone().unwrap_or_else(|| {
         let installed = PathBuf::from("/etc/tactus/config.toml");
         let local = PathBuf::from("config.toml");
         if installed.exists() || !local.exists() {

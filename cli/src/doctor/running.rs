@@ -131,11 +131,11 @@ fn peer_socket(wanted: &Wanted) -> Option<Finding> {
 
 /// The state of the service, as systemd says it.
 fn unit() -> Finding {
-    let asked = Command::new("systemctl")
+    let requested = Command::new("systemctl")
         .args(["show", "tactusd.service", "--property"])
         .arg("LoadState,ActiveState,SubState,NRestarts,Result")
         .output();
-    match asked {
+    match requested {
         Ok(ran) if ran.status.success() => service(&String::from_utf8_lossy(&ran.stdout)),
         _ => Finding::ok("service", "no systemd here; run tactusd by hand"),
     }
@@ -199,8 +199,8 @@ async fn system_bus(wanted: &Wanted) -> Vec<Finding> {
         let bus = bus.clone();
         async move {
             let name = zbus::names::BusName::try_from(name).ok()?;
-            let asked = tokio::time::timeout(PATIENCE, bus.name_has_owner(name)).await;
-            asked.ok()?.ok()
+            let requested = tokio::time::timeout(PATIENCE, bus.name_has_owner(name)).await;
+            requested.ok()?.ok()
         }
     };
     if wanted.bus.system {
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn a_socket_that_nobody_listens_at_is_said() {
+    fn unserved_socket_is_reported() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("peer");
         let mut wanted = Wanted::default();

@@ -34,17 +34,17 @@ enum Line {
 
 pub(crate) async fn run(
     daemon: &Daemon,
-    asked: &Discover,
+    requested: &Discover,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
     let options = DiscoverOptions {
-        within_s: Some(asked.within.as_secs_f64()),
-        mdns: Some(!asked.no_mdns),
-        broadcast: Some(!asked.no_broadcast),
+        within_s: Some(requested.within.as_secs_f64()),
+        mdns: Some(!requested.no_mdns),
+        broadcast: Some(!requested.no_broadcast),
     };
-    let addresses: Vec<&str> = asked.addresses.iter().map(String::as_str).collect();
+    let addresses: Vec<&str> = requested.addresses.iter().map(String::as_str).collect();
     // listening takes its time; the daemon's own patience with each instrument comes on top
-    let patience = daemon.patience + asked.within;
+    let patience = daemon.patience + requested.within;
     let found = tokio::time::timeout(patience, daemon.manager.discover(&addresses, &options))
         .await
         .map_err(|_| {
@@ -78,12 +78,12 @@ fn show(found: Discovery, printer: &mut Printer<impl Write>) -> Result<(), Failu
         .iter()
         .map(|seen| {
             let used = if seen.in_use { " (in use)" } else { "" };
-            let said = match seen.identity.as_str() {
+            let message = match seen.identity.as_str() {
                 "" => seen.remark.clone(),
                 identity => identity.to_owned(),
             };
             let address = format!("{}{used}", seen.address);
-            [address, seen.found_by.clone(), seen.name.clone(), said]
+            [address, seen.found_by.clone(), seen.name.clone(), message]
         })
         .collect();
     printer.text(&columns(

@@ -38,8 +38,8 @@ pub(crate) async fn accept(
     daemon: &Daemon,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let asked = daemon.manager.accept_instruments();
-    let text = daemon.ask("the instruments", asked).await?;
+    let requested = daemon.manager.accept_instruments();
+    let text = daemon.ask("the instruments", requested).await?;
     done("accepted", text, printer)
 }
 
@@ -56,11 +56,11 @@ pub(crate) async fn reload(
 /// The transcript itself is lines of JSON, with `--json` or without.
 pub(crate) async fn transcript(
     daemon: &Daemon,
-    asked: &Transcript,
+    requested: &Transcript,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
     let options = TranscriptOptions {
-        frames: Some(u64::from(asked.frames)),
+        frames: Some(u64::from(requested.frames)),
     };
     let lines = daemon
         .ask("the transcript", daemon.manager.transcript(&options))
@@ -70,10 +70,10 @@ pub(crate) async fn transcript(
             "nothing has been said over the wires yet; a recording has none".to_owned(),
         ));
     }
-    match &asked.out {
+    match &requested.out {
         None => printer.raw(survey::printable_json(lines).as_bytes()),
         Some(path) => {
-            outfile::write(path, asked.replacing.existing(), lines.as_bytes())?;
+            outfile::write(path, requested.replacing.existing(), lines.as_bytes())?;
             let count = lines.lines().count();
             let text = format!(
                 "{count} lines are in {}; `tactus-sim replay {0}` plays them to the simulators",

@@ -317,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn a_life_is_told_in_days_and_years() {
+    fn relay_life_is_printed_in_days_and_years() {
         assert_eq!(span(3.2e9), "101.4 years");
         assert_eq!(span(864_000.0), "10 days");
     }

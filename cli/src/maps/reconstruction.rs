@@ -117,14 +117,14 @@ fn prepare(
 
 /// The geometry that options, folder or session name, in this order, and what was assumed of it.
 fn choose_geometry(
-    asked: &GeometryChoice,
+    requested: &GeometryChoice,
     origin: &Origin,
     protocol: &Protocol,
 ) -> Result<(Geometry, Vec<String>), Failure> {
     let mut remarks = Vec::new();
-    let geometry = if let Some(name) = asked.preset {
-        from_preset(name, asked, protocol, &mut remarks)?
-    } else if let Some(folder) = &asked.case {
+    let geometry = if let Some(name) = requested.preset {
+        from_preset(name, requested, protocol, &mut remarks)?
+    } else if let Some(folder) = &requested.case {
         Geometry::from_case(folder)?
     } else {
         match origin {
@@ -149,14 +149,17 @@ fn choose_geometry(
 
 fn from_preset(
     name: PresetName,
-    asked: &GeometryChoice,
+    requested: &GeometryChoice,
     protocol: &Protocol,
     remarks: &mut Vec<String>,
 ) -> Result<Geometry, Failure> {
-    let electrodes = asked.electrodes.unwrap_or(protocol.electrodes());
+    let electrodes = requested.electrodes.unwrap_or(protocol.electrodes());
     let preset = match name {
         PresetName::PaperSheet => {
-            if asked.diameter_mm.is_some() || asked.arc_deg.is_some() || asked.first_deg.is_some() {
+            if requested.diameter_mm.is_some()
+                || requested.arc_deg.is_some()
+                || requested.first_deg.is_some()
+            {
                 return Err(Failure::Usage(
                     "--diameter-mm, --arc-deg and --first-deg belong to --preset disc-tank"
                         .to_owned(),
@@ -168,11 +171,11 @@ fn from_preset(
             let default = DiscTank::default();
             let tank = DiscTank {
                 electrodes,
-                radius_mm: asked
+                radius_mm: requested
                     .diameter_mm
                     .map_or(default.radius_mm, |diameter| 0.5 * diameter),
-                arc_deg: asked.arc_deg.unwrap_or(default.arc_deg),
-                first_deg: asked.first_deg.unwrap_or(default.first_deg),
+                arc_deg: requested.arc_deg.unwrap_or(default.arc_deg),
+                first_deg: requested.first_deg.unwrap_or(default.first_deg),
                 ..default
             };
             remarks.push(format!(
@@ -180,7 +183,7 @@ fn from_preset(
                 2.0 * tank.radius_mm,
                 tank.arc_deg,
                 tank.radius_mm * tank.arc_deg.to_radians(),
-                if asked.arc_deg.is_none() { " (assumed)" } else { "" },
+                if requested.arc_deg.is_none() { " (assumed)" } else { "" },
                 tank.first_deg,
             ));
             Preset::DiscTank(tank)

@@ -22,40 +22,40 @@ impl Chosen {
     ///
     /// # Errors
     /// A session whose configuration cannot be read, or options that do not fit the method.
-    pub(crate) fn new(asked: &MethodArguments, origin: &Origin) -> Result<Self, Failure> {
+    pub(crate) fn new(requested: &MethodArguments, origin: &Origin) -> Result<Self, Failure> {
         let mut remarks = Vec::new();
-        let asked = asked.settings().map_err(Failure::Usage)?;
+        let requested = requested.settings().map_err(Failure::Usage)?;
         // A session made without a daemon keeps no configuration.
         let header = match origin {
             Origin::Session(header) if !header.config_toml.is_empty() => Some(header),
             Origin::Session(_) | Origin::Folder(_) => None,
         };
-        let kept = match header.filter(|_| asked.file.is_none()) {
+        let kept = match header.filter(|_| requested.file.is_none()) {
             Some(header) => Some(session_settings::kept(header)?.model),
             None => None,
         };
         // maps of a model that is named are bounded as the session's were
-        let loss_only = asked.loss_only.or(header
+        let loss_only = requested.loss_only.or(header
             .and_then(|header| session_settings::kept(header).ok())
             .and_then(|kept| kept.model.loss_only));
         let as_recorded = kept.is_some();
-        let file = model_file(&asked, origin, kept.as_ref(), &mut remarks)?;
+        let file = model_file(&requested, origin, kept.as_ref(), &mut remarks)?;
         let settings = ReconstructionSettings {
             file,
             loss_only,
             ..match kept {
-                Some(kept) => asked.clone().over(kept),
-                None => asked.clone().for_recording(),
+                Some(kept) => requested.clone().over(kept),
+                None => requested.clone().for_recording(),
             }
         };
         if settings.file.is_none() {
             let method = settings.method.unwrap_or_default();
-            MethodArguments::check(&asked, method).map_err(Failure::Usage)?;
+            MethodArguments::check(&requested, method).map_err(Failure::Usage)?;
         }
         Ok(Self {
             settings,
             as_recorded,
-            unchanged: as_recorded && asked.given().is_empty(),
+            unchanged: as_recorded && requested.given().is_empty(),
             remarks,
         })
     }
@@ -63,17 +63,17 @@ impl Chosen {
 
 /// The trained model to use: the one that is named, else the session's where it is here.
 fn model_file(
-    asked: &ReconstructionSettings,
+    requested: &ReconstructionSettings,
     origin: &Origin,
     kept: Option<&ReconstructionSettings>,
     remarks: &mut Vec<String>,
 ) -> Result<Option<std::path::PathBuf>, Failure> {
-    let method_asked = asked.given().iter().any(|key| *key != "loss_only");
+    let method_requested = requested.given().iter().any(|key| *key != "loss_only");
     let hash = match origin {
         Origin::Session(header) => header.model_hash.as_deref(),
         Origin::Folder(_) => None,
     };
-    match (&asked.file, hash) {
+    match (&requested.file, hash) {
         (Some(folder), Some(hash)) if folder.is_dir() => match find_model_in(folder, hash) {
             Some(file) => Ok(Some(file)),
             None => Err(Failure::Failed(format!(
@@ -83,7 +83,7 @@ fn model_file(
             ))),
         },
         (Some(model), _) => Ok(Some(model.clone())),
-        (None, Some(hash)) if !method_asked => {
+        (None, Some(hash)) if !method_requested => {
             let here = find_model(kept.and_then(|kept| kept.file.as_deref()), hash);
             if here.is_none() {
                 remarks.push(format!(

@@ -48,7 +48,7 @@ impl Line {
         })
     }
 
-    fn is_asked_for(&self, log: &Log, since: Option<DateTime<Utc>>) -> bool {
+    fn is_requested(&self, log: &Log, since: Option<DateTime<Utc>>) -> bool {
         since.is_none_or(|since| self.at >= since)
             && log.kind.as_ref().is_none_or(|kind| *kind == self.kind)
             && log.session.as_ref().is_none_or(|asked| {
@@ -109,7 +109,7 @@ pub(crate) async fn follow(
             kind: event.kind.to_string(),
             text: event.text.to_string(),
         };
-        if line.is_asked_for(log, None) && !lines.contains(&line) {
+        if line.is_requested(log, None) && !lines.contains(&line) {
             line.print(printer)?;
         }
     }
@@ -154,7 +154,7 @@ fn recorded(place: &Path, log: &Log, since: Option<DateTime<Utc>>) -> impl Itera
     let log = log.clone();
     lines
         .into_iter()
-        .filter(move |line| line.is_asked_for(&log, since))
+        .filter(move |line| line.is_requested(&log, since))
 }
 
 /// Whether a file was last written before the span began: it need not be opened. The journal beside a file that is being

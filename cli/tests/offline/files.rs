@@ -26,21 +26,21 @@ fn sessions_are_listed_without_a_daemon() {
     std::fs::write(folder.path().join("x.tactus"), "not a session").unwrap();
     let output = tactus(folder.path(), &["sessions"]);
     assert_eq!(output.status.code(), Some(0));
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(said.contains("x.tactus is left out"), "{said}");
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(message.contains("x.tactus is left out"), "{message}");
 }
 
 #[test]
-fn an_overload_is_a_blank_in_the_table_and_its_reason_is_told() {
+fn overload_is_exported_as_blank_with_its_reason() {
     let folder = tempfile::tempdir().unwrap();
     session(folder.path());
-    let said = done(
+    let message = done(
         folder.path(),
         &[
             "export", "m2027", "--format", "csv", "--out", "out.csv", "--json",
         ],
     );
-    let what: Vec<_> = lines(&said)
+    let what: Vec<_> = lines(&message)
         .iter()
         .map(|line| line["what"].clone())
         .collect();
@@ -94,20 +94,23 @@ fn what_is_wrong_is_named_with_its_exit_code() {
     let path = folder.path();
     session(path);
     let no_daemon = format!("unix:{}/peer", path.display());
-    let said = refused(path, &["--bus", &no_daemon, "status"], 3);
+    let message = refused(path, &["--bus", &no_daemon, "status"], 3);
     assert!(
-        said.contains("tactusd --config") && said.contains("peer"),
-        "{said}"
+        message.contains("tactusd --config") && message.contains("peer"),
+        "{message}"
     );
     assert!(refused(path, &["--bus", "tcp:x", "status"], 2).contains("unix:PATH"));
     assert!(refused(path, &["frobnicate"], 2).contains("frobnicate"));
     assert!(refused(path, &["start", "--every", "10"], 2).contains("time unit needed"));
-    let said = refused(
+    let message = refused(
         path,
         &["export", "zzz", "--format", "csv", "--out", "x.csv"],
         3,
     );
-    assert!(said.contains("'zzz'") && said.contains("--state"), "{said}");
+    assert!(
+        message.contains("'zzz'") && message.contains("--state"),
+        "{message}"
+    );
     let export = [
         "export",
         "m20270115_1",
@@ -122,17 +125,17 @@ fn what_is_wrong_is_named_with_its_exit_code() {
     assert!(
         refused(path, &[&export[..], &["--electrodes", "8"]].concat(), 78).contains("8 electrodes")
     );
-    let said = refused(path, &["replay", "m20270115_1", "--model", "no.model"], 1);
-    assert!(said.contains("no.model"), "{said}");
+    let message = refused(path, &["replay", "m20270115_1", "--model", "no.model"], 1);
+    assert!(message.contains("no.model"), "{message}");
     std::fs::write(path.join("no.model"), "not a model").unwrap();
-    let said = refused(path, &["replay", "m20270115_1", "--model", "no.model"], 1);
-    assert!(said.contains("no.model"), "{said}");
-    let said = refused(
+    let message = refused(path, &["replay", "m20270115_1", "--model", "no.model"], 1);
+    assert!(message.contains("no.model"), "{message}");
+    let message = refused(
         path,
         &["replay", "m20270115_1", "--preset", "disc-tank", "--negate"],
         78,
     );
-    assert!(said.contains("--negate"), "{said}");
+    assert!(message.contains("--negate"), "{message}");
 }
 
 #[test]
@@ -156,7 +159,7 @@ fn a_wrong_number_of_columns_names_the_line() {
     let last = text.trim_end().rfind(',').unwrap();
     text.truncate(last);
     std::fs::write(&frames, text + "\n").unwrap();
-    let said = refused(
+    let message = refused(
         path,
         &[
             "replay",
@@ -170,8 +173,11 @@ fn a_wrong_number_of_columns_names_the_line() {
         ],
         1,
     );
-    assert!(said.contains("frames.csv") && said.contains('4'), "{said}");
-    let said = refused(
+    assert!(
+        message.contains("frames.csv") && message.contains('4'),
+        "{message}"
+    );
+    let message = refused(
         path,
         &[
             "replay",
@@ -183,7 +189,7 @@ fn a_wrong_number_of_columns_names_the_line() {
         ],
         2,
     );
-    assert!(!said.is_empty());
+    assert!(!message.is_empty());
 }
 
 #[test]
@@ -217,18 +223,18 @@ fn every_place_looked_in_is_named() {
                 + &String::from_utf8_lossy(&output.stdout),
         )
     };
-    let (code, said) = alone(&["replay", "zzz"]);
-    assert_eq!(code, Some(3), "{said}");
+    let (code, message) = alone(&["replay", "zzz"]);
+    assert_eq!(code, Some(3), "{message}");
     for place in ["xdg/tactus", "home/.local/state/tactus", "/var/lib/tactus"] {
-        assert!(said.contains(place), "{said}");
+        assert!(message.contains(place), "{message}");
     }
     // A session in any of them is found.
     let there = folder.path().join("home/.local/state/tactus");
     std::fs::create_dir_all(&there).unwrap();
     session(&there);
-    let (code, said) = alone(&["sessions"]);
-    assert_eq!(code, Some(0), "{said}");
-    assert!(said.contains("m20270115_1"), "{said}");
-    let (code, said) = alone(&["export", "m2027", "--format", "csv", "--out", "o.csv"]);
-    assert_eq!(code, Some(0), "{said}");
+    let (code, message) = alone(&["sessions"]);
+    assert_eq!(code, Some(0), "{message}");
+    assert!(message.contains("m20270115_1"), "{message}");
+    let (code, message) = alone(&["export", "m2027", "--format", "csv", "--out", "o.csv"]);
+    assert_eq!(code, Some(0), "{message}");
 }

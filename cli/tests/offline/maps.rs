@@ -163,8 +163,8 @@ fn a_geometry_that_is_not_the_one_recorded_is_refused() {
         "m1",
         "[geometry.disc-tank]\nradius_mm = 100.0\n",
     );
-    let said = refused(folder.path(), &["replay", "m1"], 78);
-    assert!(said.contains("was recorded on geometry"), "{said}");
+    let message = refused(folder.path(), &["replay", "m1"], 78);
+    assert!(message.contains("was recorded on geometry"), "{message}");
     // What a person names is believed.
     done(
         folder.path(),
@@ -217,11 +217,11 @@ fn a_session_that_was_rolled_over_is_one() {
     // A later part by itself, and the last frame of all.
     assert_eq!(outcome(rolled.path(), "m1_p3").0, of_whole.0[2..]);
     let picture = ["export", "m1", "--format", "svg", "--out", "map.svg"];
-    let said = done(
+    let message = done(
         rolled.path(),
         &[&picture[..], &["--preset", "disc-tank", "--json"]].concat(),
     );
-    assert_eq!(lines(&said)[0]["frame"], 3);
+    assert_eq!(lines(&message)[0]["frame"], 3);
     // Exported is what was exported: all parts of it.
     let pruning = [
         "sessions",
@@ -230,26 +230,26 @@ fn a_session_that_was_rolled_over_is_one() {
         "--dry-run",
         "--json",
     ];
-    let said = lines(&done(rolled.path(), &pruning));
-    let ids: Vec<_> = said
+    let message = lines(&done(rolled.path(), &pruning));
+    let ids: Vec<_> = message
         .iter()
         .filter(|line| line["what"] == "would_remove")
         .map(|line| line["id"].as_str().unwrap())
         .collect();
-    assert_eq!(ids.len(), 4, "{said:?}");
+    assert_eq!(ids.len(), 4, "{message:?}");
 }
 
 #[test]
 fn the_session_that_was_started_last_is_called_last() {
     let folder = tempfile::tempdir().unwrap();
     session_in_parts(folder.path());
-    let asked = ["replay", "last", "--preset", "disc-tank", "--json"];
+    let requested = ["replay", "last", "--preset", "disc-tank", "--json"];
     assert_eq!(
-        lines(&done(folder.path(), &asked)).len(),
+        lines(&done(folder.path(), &requested)).len(),
         3,
         "the frames of all its parts"
     );
     let empty = tempfile::tempdir().unwrap();
-    let said = refused(empty.path(), &asked, 3);
-    assert!(said.contains("no session in"), "{said}");
+    let text = refused(empty.path(), &requested, 3);
+    assert!(text.contains("no session in"), "{text}");
 }

@@ -27,16 +27,16 @@ pub fn tactus(folder: &Path, words: &[&str]) -> Output {
 
 pub fn done(folder: &Path, words: &[&str]) -> String {
     let output = tactus(folder, words);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(0), "{words:?}: {said}");
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(0), "{words:?}: {message}");
     String::from_utf8(output.stdout).expect("text")
 }
 
 pub fn refused(folder: &Path, words: &[&str], code: i32) -> String {
     let output = tactus(folder, words);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(code), "{words:?}: {said}");
-    said
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(code), "{words:?}: {message}");
+    message
 }
 
 pub fn lines(text: &str) -> Vec<Value> {

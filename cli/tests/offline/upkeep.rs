@@ -25,36 +25,40 @@ fn bend(path: &Path, near: &[u8], behind: usize) {
 fn a_whole_record_is_verified_and_a_damaged_one_is_not() {
     let folder = tempfile::tempdir().unwrap();
     let path = session(folder.path());
-    let said = lines(&done(
+    let message = lines(&done(
         folder.path(),
         &["sessions", "verify", "m2027", "--json"],
     ));
-    assert_eq!(said.len(), 1);
+    assert_eq!(message.len(), 1);
     assert_eq!(
-        (&said[0]["whole"], &said[0]["frames"], &said[0]["session"]),
+        (
+            &message[0]["whole"],
+            &message[0]["frames"],
+            &message[0]["session"]
+        ),
         (&true.into(), &3.into(), &"m20270115_1".into())
     );
-    let keys: Vec<_> = said[0].as_object().unwrap().keys().collect();
+    let keys: Vec<_> = message[0].as_object().unwrap().keys().collect();
     assert_eq!(
         keys,
         [
             "whole", "session", "parts", "frames", "closed", "gaps", "findings"
         ]
     );
-    let said = done(folder.path(), &["sessions", "verify", "--all"]);
+    let message = done(folder.path(), &["sessions", "verify", "--all"]);
     assert!(
-        said.contains("m20270115_1: whole: 3 frames in 1 part"),
-        "{said}"
+        message.contains("m20270115_1: whole: 3 frames in 1 part"),
+        "{message}"
     );
 
     // The note stands in the header.
     bend(&path, b"three frames", 1);
     let output = tactus(folder.path(), &["sessions", "verify", "--all"]);
     assert_eq!(output.status.code(), Some(1));
-    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    let message = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(
-        said.contains("NOT WHOLE") && said.contains("header"),
-        "{said}"
+        message.contains("NOT WHOLE") && message.contains("header"),
+        "{message}"
     );
     assert!(refused(folder.path(), &["sessions", "verify"], 2).contains("SESSIONS"));
 }
@@ -81,14 +85,17 @@ fn verify_of_all_fails_where_a_file_is_no_session_any_more() {
             &["sessions", "verify", "--all", "--json"],
         ] {
             let output = tactus(folder.path(), format);
-            let said = String::from_utf8_lossy(&output.stdout).into_owned();
-            assert_eq!(output.status.code(), Some(1), "{name}: {said}");
-            assert!(said.contains("unreadable"), "{name}: {said}");
+            let message = String::from_utf8_lossy(&output.stdout).into_owned();
+            assert_eq!(output.status.code(), Some(1), "{name}: {message}");
+            assert!(message.contains("unreadable"), "{name}: {message}");
             if format.contains(&"--json") {
-                let line = &lines(&said)[0];
-                assert_eq!(line["whole"], false, "{name}: {said}");
-                assert_eq!(line["session"], "m20270115_1", "{name}: {said}");
-                assert_eq!(line["findings"][0]["part"], "m20270115_1", "{name}: {said}");
+                let line = &lines(&message)[0];
+                assert_eq!(line["whole"], false, "{name}: {message}");
+                assert_eq!(line["session"], "m20270115_1", "{name}: {message}");
+                assert_eq!(
+                    line["findings"][0]["part"], "m20270115_1",
+                    "{name}: {message}"
+                );
             }
         }
     }
@@ -99,11 +106,14 @@ fn repair_writes_good_frames_to_new_file_and_keeps_the_old() {
     let folder = tempfile::tempdir().unwrap();
     let path = session_of(folder.path(), "m1", NOISE);
     let before = std::fs::read(&path).unwrap();
-    let said = done(folder.path(), &["sessions", "repair", "m1"]);
-    assert!(said.contains("m1_repaired.tactus: 3 frames"), "{said}");
+    let message = done(folder.path(), &["sessions", "repair", "m1"]);
     assert!(
-        said.contains("baseline kept") && !said.contains("cut"),
-        "{said}"
+        message.contains("m1_repaired.tactus: 3 frames"),
+        "{message}"
+    );
+    assert!(
+        message.contains("baseline kept") && !message.contains("cut"),
+        "{message}"
     );
     assert_eq!(std::fs::read(&path).unwrap(), before);
     let whole = lines(&done(
@@ -133,17 +143,17 @@ fn only_what_was_exported_goes_and_a_dry_run_removes_nothing() {
         folder.path(),
         &["export", "m2027", "--format", "csv", "--out", "out.csv"],
     );
-    let said = done(
+    let message = done(
         folder.path(),
         &[&exported_only[..], &["--dry-run"]].concat(),
     );
-    assert!(said.contains("m20270115_1 would go"), "{said}");
+    assert!(message.contains("m20270115_1 would go"), "{message}");
     assert!(first.exists());
-    let said = lines(&done(
+    let message = lines(&done(
         folder.path(),
         &[&exported_only[..], &["--json"]].concat(),
     ));
-    let what: Vec<_> = said
+    let what: Vec<_> = message
         .iter()
         .map(|line| (&line["what"], &line["id"]))
         .collect();
@@ -156,12 +166,12 @@ fn only_what_was_exported_goes_and_a_dry_run_removes_nothing() {
     );
     assert!(!first.exists() && second.exists());
     assert!(!first.with_extension("exported.json").exists());
-    let said = std::fs::read_to_string(folder.path().join("pruned.jsonl")).unwrap();
-    assert!(said.contains("m20270115_1"), "{said}");
+    let message = std::fs::read_to_string(folder.path().join("pruned.jsonl")).unwrap();
+    assert!(message.contains("m20270115_1"), "{message}");
     // All sessions of these tests are of 2027: none is old yet, any is too large for nothing.
     assert!(refused(folder.path(), &["sessions", "prune"], 2).contains("--older-than"));
-    let said = done(folder.path(), &["sessions", "prune", "--keep-bytes", "0"]);
-    assert!(said.contains("m2 went"), "{said}");
+    let message = done(folder.path(), &["sessions", "prune", "--keep-bytes", "0"]);
+    assert!(message.contains("m2 went"), "{message}");
     assert!(!second.exists());
 }
 
@@ -169,10 +179,10 @@ fn only_what_was_exported_goes_and_a_dry_run_removes_nothing() {
 fn maps_are_verified_against_what_was_kept_of_them() {
     let folder = tempfile::tempdir().unwrap();
     session_of(folder.path(), "m1", NOISE);
-    let said = done(folder.path(), &["replay", "m1", "--verify", "--no-map"]);
+    let message = done(folder.path(), &["replay", "m1", "--verify", "--no-map"]);
     assert!(
-        said.contains("3 maps have the bits that were recorded"),
-        "{said}"
+        message.contains("3 maps have the bits that were recorded"),
+        "{message}"
     );
     session_with(
         folder.path(),
@@ -186,10 +196,10 @@ fn maps_are_verified_against_what_was_kept_of_them() {
             _ => record,
         },
     );
-    let said = refused(folder.path(), &["replay", "m2", "--verify"], 1);
+    let message = refused(folder.path(), &["replay", "m2", "--verify"], 1);
     assert!(
-        said.contains("1 of m2's maps") && said.contains("frame 3"),
-        "{said}"
+        message.contains("1 of m2's maps") && message.contains("frame 3"),
+        "{message}"
     );
     let output = tactus(folder.path(), &["replay", "m2", "--verify", "--json"]);
     let last = lines(&String::from_utf8_lossy(&output.stdout))
@@ -200,12 +210,12 @@ fn maps_are_verified_against_what_was_kept_of_them() {
         (&2.into(), &3.into())
     );
     session(folder.path());
-    let said = refused(
+    let message = refused(
         folder.path(),
         &["replay", "m20270115_1", "--verify", "--preset", "disc-tank"],
         1,
     );
-    assert!(said.contains("nothing to verify"), "{said}");
+    assert!(message.contains("nothing to verify"), "{message}");
 }
 
 /// On another processor sums are taken in another order: the bits are others, the map is not.
@@ -222,23 +232,23 @@ fn maps_of_another_build_are_verified_within_a_tolerance() {
         }
     };
     session_with(folder.path(), "near", NOISE, elsewhere(1e-5));
-    let said = done(folder.path(), &["replay", "near", "--verify", "--no-map"]);
+    let message = done(folder.path(), &["replay", "near", "--verify", "--no-map"]);
     assert!(
-        said.contains("3 of another build or processor are within")
-            && said.contains("of them (allowed: 1e-4); the other build: tactusd 0.0.7"),
-        "{said}"
+        message.contains("3 of another build or processor are within")
+            && message.contains("of them (allowed: 1e-4); the other build: tactusd 0.0.7"),
+        "{message}"
     );
     session_with(folder.path(), "far", NOISE, elsewhere(0.1));
-    let said = refused(folder.path(), &["replay", "far", "--verify"], 1);
-    assert!(said.contains("2 of far's maps"), "{said}");
+    let message = refused(folder.path(), &["replay", "far", "--verify"], 1);
+    assert!(message.contains("2 of far's maps"), "{message}");
     session_with(folder.path(), "untold", NOISE, |_, record, _| MapRecord {
         hash: "0".repeat(64),
         sum: None,
         build: "tactusd 0.0.7".into(),
         ..record
     });
-    let said = done(folder.path(), &["replay", "untold", "--verify", "--no-map"]);
-    assert!(said.contains("proves nothing"), "{said}");
+    let message = done(folder.path(), &["replay", "untold", "--verify", "--no-map"]);
+    assert!(message.contains("proves nothing"), "{message}");
 }
 
 /// What stands beside the tolerance in `replay.rs`: far above rounding, far below noise.

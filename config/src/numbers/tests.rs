@@ -251,17 +251,17 @@ fn an_extreme_is_refused_by_key_value_and_range() {
                 );
                 continue;
             }
-            let said: Vec<String> = problems.iter().map(ToString::to_string).collect();
-            let said = said.join("\n");
+            let message: Vec<String> = problems.iter().map(ToString::to_string).collect();
+            let message = message.join("\n");
             refused += 1;
             let allowed = bounds[key.as_str()].to_string();
             let range = allowed.replacen("one of", "none of", 1);
-            let named = said.contains(&key) && said.contains(&range);
+            let named = message.contains(&key) && message.contains(&range);
             // a real number for a whole one, within the bounds, and what is no TOML, are refused by type
-            let by_type = kind == schema::Kind::Whole && said.contains("invalid type");
+            let by_type = kind == schema::Kind::Whole && message.contains("invalid type");
             let no_toml = value == "1e999" || value.len() > 19;
-            assert!(named || by_type || no_toml, "{key} = {value}: {said}");
-            assert!(said.len() < 400, "{said}");
+            assert!(named || by_type || no_toml, "{key} = {value}: {message}");
+            assert!(message.len() < 400, "{message}");
         }
     }
     assert!(refused > 500, "{refused}");

@@ -52,8 +52,8 @@ fn why(cause: &RigError) -> Option<String> {
     match cause {
         RigError::Link(LinkError::Lost { message, cause, .. }) => {
             let requested = (!message.is_empty()).then(|| format!("the message was '{message}'"));
-            let said = cause.as_ref().map(ToString::to_string);
-            let identities: Vec<String> = requested.into_iter().chain(said).collect();
+            let content = cause.as_ref().map(ToString::to_string);
+            let identities: Vec<String> = requested.into_iter().chain(content).collect();
             (!identities.is_empty()).then(|| identities.join(", "))
         }
         RigError::Link(LinkError::Timeout { message, .. }) if !message.is_empty() => {
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sheet_that_may_be_live_is_said_in_the_first_sentence() {
+    fn possibly_live_sheet_is_reported_first() {
         let silent = || {
             RigError::Link(LinkError::Timeout {
                 instrument: "34980A (tcp:h:2)".to_owned(),

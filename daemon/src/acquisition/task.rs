@@ -119,8 +119,8 @@ impl Acquisition {
             recording.rewind(self.speed);
         }
         let _rests = Rests(Arc::clone(&self.heartbeats), Part::Acquisition);
-        let mut stop = self.status.stop_wish();
-        let mut suspend = self.status.suspend_wish();
+        let mut stop = self.status.stop_request();
+        let mut suspend = self.status.suspend_request();
         let mut held = self.status.held();
         let mut grants = self.status.grants();
         let now = self.clock.monotonic();
@@ -130,7 +130,7 @@ impl Acquisition {
             while *suspend.borrow() || *held.borrow() {
                 let requested = self.sit_out(&mut suspend, &mut stop).await;
                 self.progress.shift += requested + self.sit_out(&mut held, &mut stop).await;
-                if stop.is_asked() {
+                if stop.is_requested() {
                     break;
                 }
                 if !requested.is_zero() {
@@ -141,7 +141,7 @@ impl Acquisition {
             let AcquisitionProgress {
                 taken, last, shift, ..
             } = self.progress;
-            if stop.is_asked() {
+            if stop.is_requested() {
                 return AcquisitionEnd::Done(self.status.stop_reason());
             }
             let now = self.clock.monotonic();
@@ -194,7 +194,7 @@ impl Acquisition {
                 Ok(Some(frame)) => frame,
                 Ok(None) => return AcquisitionEnd::Done("the recording is over".to_owned()),
                 Err(AcquisitionEnd::Rig(error))
-                    if stop.is_asked() && matches!(*error, AcquireError::Stopped { .. }) =>
+                    if stop.is_requested() && matches!(*error, AcquireError::Stopped { .. }) =>
                 {
                     return AcquisitionEnd::Done(self.status.stop_reason());
                 }
@@ -237,7 +237,7 @@ impl Acquisition {
 
     /// Reports what has been done about ranges and offsets, and how the session measures from then on.
     async fn report_measuring(&mut self) {
-        for (kind, text) in self.measuring.said() {
+        for (kind, text) in self.measuring.message() {
             let at = self.clock.wall();
             let event = Event::new(at, kind, &text, Some(&self.status.facts.id));
             self.plan.send_replace(self.measuring.now());
@@ -299,7 +299,7 @@ impl Acquisition {
         self.report_pause(true).await;
         self.status.set_suspended(true);
         tokio::select! {
-            () = stop.asked() => {}
+            () = stop.requested() => {}
             _ = suspend.wait_for(|suspended| !*suspended) => {}
         }
         self.report_pause(false).await;
@@ -319,14 +319,14 @@ impl Acquisition {
         if wait.is_zero() {
             // lets others run between frames that are back to back
             tokio::task::yield_now().await;
-            return if stop.is_asked() {
+            return if stop.is_requested() {
                 Waited::Stopped
             } else {
                 Waited::Due
             };
         }
         tokio::select! {
-            () = stop.asked() => Waited::Stopped,
+            () = stop.requested() => Waited::Stopped,
             _ = suspend.wait_for(|suspended| *suspended) => Waited::Due,
             _ = held.wait_for(|held| *held) => Waited::Due,
             () = tokio::time::sleep(wait) => Waited::Due,
@@ -336,7 +336,7 @@ impl Acquisition {
 
 async fn granted(grants: &mut watch::Receiver<u64>, taken: u64, stop: &mut Stop) -> Waited {
     tokio::select! {
-        () = stop.asked() => Waited::Stopped,
+        () = stop.requested() => Waited::Stopped,
         granted = grants.wait_for(|granted| *granted > taken) => match granted {
             Ok(_) => Waited::Due,
             Err(_) => Waited::Stopped,

@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_thing_is_said_once_and_then_at_a_limited_rate() {
+    async fn messages_are_logged_once_then_rate_limited() {
         let journal = Journal::default();
         let sink = journal.clone();
         let subscriber = tracing_subscriber::fmt()
@@ -163,30 +163,30 @@ mod tests {
             );
         }
         rate_limit.log(EventKind::Suspended, Some("m1"), "the session is suspended");
-        let said = journal.lines();
-        assert_eq!(said.len(), 2, "{said:#?}");
-        assert!(said[0].contains("frame 0 failed") && said[0].contains("ERROR"));
+        let message = journal.lines();
+        assert_eq!(message.len(), 2, "{message:#?}");
+        assert!(message[0].contains("frame 0 failed") && message[0].contains("ERROR"));
         // before its time nothing is caught up with
         tokio::time::advance(AGAIN - Duration::from_secs(1)).await;
         rate_limit.catch_up();
         assert!(journal.lines().is_empty());
         tokio::time::advance(Duration::from_secs(1)).await;
         rate_limit.log(EventKind::FrameFailed, Some("m1"), "frame 300 failed");
-        let said = journal.lines();
+        let message = journal.lines();
         assert!(
-            said[0].contains("frame 300 failed (and 214 more in the last 10 minutes)"),
-            "{said:?}"
+            message[0].contains("frame 300 failed (and 214 more in the last 10 minutes)"),
+            "{message:?}"
         );
         // the last of a burst is counted, though nothing comes after it
         rate_limit.log(EventKind::FrameFailed, Some("m1"), "frame 301 failed");
         assert!(journal.lines().is_empty());
         tokio::time::advance(AGAIN).await;
         rate_limit.catch_up();
-        let said = journal.lines();
-        assert_eq!(said.len(), 1, "{said:?}");
+        let message = journal.lines();
+        assert_eq!(message.len(), 1, "{message:?}");
         assert!(
-            said[0].contains("frame-failed: 1 more in the last 10 minutes"),
-            "{said:?}"
+            message[0].contains("frame-failed: 1 more in the last 10 minutes"),
+            "{message:?}"
         );
         tokio::time::advance(AGAIN).await;
         rate_limit.catch_up();

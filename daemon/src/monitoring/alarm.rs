@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_trouble_is_told_when_it_begins_and_when_it_has_ended() {
+    async fn alarm_is_reported_at_its_start_and_end() {
         let mut alarm = Alarm::default();
         assert!(play(&mut alarm, 10, false, false).is_empty());
         let begun = play(&mut alarm, 1000, true, true);
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn what_comes_and_goes_is_told_at_a_limited_rate() {
+    async fn flapping_alarm_is_rate_limited() {
         let mut alarm = Alarm::default();
         let mut begun = Vec::new();
         // five hours of two minutes of trouble and two minutes without

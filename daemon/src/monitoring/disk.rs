@@ -26,14 +26,14 @@ const DAY_S: f64 = 86_400.0;
 
 /// What was seen last.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(crate) struct Room {
+pub(crate) struct FreeSpace {
     /// Bytes that the daemon may still write; `None` where the file system does not say.
     pub free: Option<u64>,
     /// Bytes a day of the running session; `None` without one, or before enough frames.
     pub per_day: Option<f64>,
 }
 
-impl Room {
+impl FreeSpace {
     /// Days until the disk is full.
     pub(crate) fn days(&self) -> Option<f64> {
         let (free, per_day) = (self.free?, self.per_day.filter(|rate| *rate > 0.0)?);
@@ -51,7 +51,7 @@ pub(crate) struct Disk {
 
 #[derive(Debug, Default)]
 struct Seen {
-    room: Room,
+    space: FreeSpace,
     at: Option<Duration>,
     growth: Option<Growth>,
 }
@@ -77,12 +77,12 @@ impl Growth {
 impl Disk {
     /// What is free under `directory`, and the rate of the session that is written to `file`; at `now` of the daemon's
     /// clock. Never waits long: a disk that does not answer is told as it was seen last.
-    pub(crate) async fn room(
+    pub(crate) async fn space(
         self: &Arc<Self>,
         directory: &Path,
         file: Option<PathBuf>,
         now: Duration,
-    ) -> Room {
+    ) -> FreeSpace {
         let look = async {
             let looking = Arc::clone(&self.looking).lock_owned().await;
             let last = self.seen().at;
@@ -97,7 +97,7 @@ impl Disk {
             let _ = look.await;
         };
         let _ = tokio::time::timeout(PATIENCE, look).await;
-        self.seen().room
+        self.seen().space
     }
 
     fn look(&self, directory: &Path, file: Option<PathBuf>, now: Duration) {
@@ -105,7 +105,7 @@ impl Disk {
         let volume = file.and_then(|path| Some((logbook::volume(&path).ok()?, path)));
         let mut seen = self.seen();
         seen.at = Some(now);
-        seen.room = Room {
+        seen.space = FreeSpace {
             free,
             per_day: None,
         };
@@ -115,7 +115,7 @@ impl Disk {
         };
         match &seen.growth {
             Some(growth) if growth.path == path && growth.first.part == volume.part => {
-                seen.room.per_day = growth.per_day(volume, now);
+                seen.space.per_day = growth.per_day(volume, now);
             }
             _ => {
                 seen.growth = Some(Growth {
@@ -137,7 +137,7 @@ mod tests {
     use crate::monitoring::disk::*;
 
     #[test]
-    fn a_rate_is_said_after_enough_frames_and_gives_the_days() {
+    fn growth_rate_and_days_need_enough_frames() {
         let growth = Growth {
             path: PathBuf::from("s"),
             first: Volume {
@@ -159,14 +159,14 @@ mod tests {
         assert_eq!(at(110, 190_000, 100), None);
         let rate = at(110, 190_000, 200).unwrap();
         assert!((rate - 1_000.0 * 86_400.0).abs() < 1e-6, "{rate}");
-        let room = Room {
+        let space = FreeSpace {
             free: Some(864_000_000),
             per_day: Some(rate),
         };
-        assert!((room.days().unwrap() - 10.0).abs() < 1e-12);
-        let unknown = Room {
+        assert!((space.days().unwrap() - 10.0).abs() < 1e-12);
+        let unknown = FreeSpace {
             per_day: None,
-            ..room
+            ..space
         };
         assert_eq!(unknown.days(), None);
     }
@@ -176,15 +176,15 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let disk = Arc::new(Disk::default());
         let reported = rustix::fs::statvfs(folder.path()).unwrap();
-        let room = disk.room(folder.path(), None, Duration::ZERO).await;
-        let free = room.free.unwrap() as f64;
+        let space = disk.space(folder.path(), None, Duration::ZERO).await;
+        let free = space.free.unwrap() as f64;
         let all = (reported.f_blocks * reported.f_frsize) as f64;
         assert!(free > 0.0 && free <= all, "{free} of {all}");
         // a directory that is not there has no room, and a look is not taken again at once
         let nowhere = folder.path().join("gone");
-        let again = disk.room(&nowhere, None, Duration::from_secs(1)).await;
-        assert_eq!(again, room);
-        let later = disk.room(&nowhere, None, Duration::from_secs(9)).await;
-        assert_eq!(later, Room::default());
+        let again = disk.space(&nowhere, None, Duration::from_secs(1)).await;
+        assert_eq!(again, space);
+        let later = disk.space(&nowhere, None, Duration::from_secs(9)).await;
+        assert_eq!(later, FreeSpace::default());
     }
 }

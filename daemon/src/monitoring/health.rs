@@ -6,7 +6,7 @@ use chrono::{DateTime, Utc};
 use survey::duration;
 
 use crate::monitoring::counters::{Gap, LastFrame, read};
-use crate::monitoring::disk::Room;
+use crate::monitoring::disk::FreeSpace;
 use crate::monitoring::{Counters, RelayLife};
 use config::NotifySection;
 use survey::nanoseconds;
@@ -35,7 +35,7 @@ pub(crate) struct Health {
     pub baseline: Option<(String, Duration)>,
     /// How the configured noise contradicts that baseline.
     pub noise: Option<String>,
-    pub room: Room,
+    pub space: FreeSpace,
     /// Free bytes that are too few whatever the rate.
     pub warn_below: u64,
     pub relays: Option<RelayLife>,
@@ -117,11 +117,11 @@ impl Health {
         if let Some(session) = &self.session {
             self.of_the_session(session, limits, &mut add);
         }
-        let days = self.room.days();
+        let days = self.space.days();
         if let Some(days) = days.filter(|days| *days < limits.disk_days) {
             let text = format!("the disk is full in {days:.1} days at the present rate");
             add("disk-days", text);
-        } else if let Some(free) = self.room.free.filter(|free| *free < self.warn_below) {
+        } else if let Some(free) = self.space.free.filter(|free| *free < self.warn_below) {
             let text = format!("the disk has {:.0} MB left", free as f64 / 1e6);
             add("disk-days", text);
         }
@@ -223,9 +223,9 @@ impl Health {
             last_gap: gap.map(|gap| gap.text.clone()),
             baseline,
             baseline_age_s: baseline_age.map(seconds),
-            disk_free_bytes: self.room.free,
-            disk_bytes_per_day: self.room.per_day,
-            disk_days: self.room.days(),
+            disk_free_bytes: self.space.free,
+            disk_bytes_per_day: self.space.per_day,
+            disk_days: self.space.days(),
             relay: relays.map(|life| life.relay),
             relay_used: relays.map(|life| life.used),
             relay_left_s: relays.and_then(RelayLife::left).map(seconds),
@@ -265,7 +265,7 @@ mod tests {
             rig_fault: None,
             baseline: Some(("b1".into(), Duration::from_secs(86_400))),
             noise: None,
-            room: Room {
+            space: FreeSpace {
                 free: Some(100_000_000_000),
                 per_day: Some(1e9),
             },
@@ -316,10 +316,10 @@ mod tests {
             (&["session"], |health| {
                 session(health).last_error = "no map".into();
             }),
-            (&[], |health| health.room.per_day = Some(7e9)),
-            (&["disk-days"], |health| health.room.per_day = Some(8e9)),
+            (&[], |health| health.space.per_day = Some(7e9)),
+            (&["disk-days"], |health| health.space.per_day = Some(8e9)),
             (&["disk-days"], |health| {
-                (health.room.free, health.room.per_day) = (Some(1_999_999_999), None);
+                (health.space.free, health.space.per_day) = (Some(1_999_999_999), None);
             }),
             (&["relay-life"], |health| {
                 health.relays.as_mut().unwrap().used = 0.9;
@@ -353,7 +353,7 @@ mod tests {
         );
         assert_eq!(reported.instruments.unwrap(), ["source: ready"]);
         assert_eq!(reported.backlog, Some(1));
-        health.room.per_day = None;
+        health.space.per_day = None;
         health.relays = None;
         health.session = None;
         health.baseline = None;

@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_asked_again_does_not_gain_time() {
+    fn second_heartbeat_request_keeps_the_deadline() {
         let heartbeats = Heartbeats::default();
         heartbeats.ask(Part::SystemBus, S(0), S(30));
         heartbeats.ask(Part::SystemBus, S(20), S(30));

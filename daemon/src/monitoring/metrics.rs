@@ -206,13 +206,13 @@ const METRICS: [Metric; 22] = [
     Metric::new(
         "tactus_disk_free",
         "Bytes that may still be written to the record",
-        Values::Number(|at| Some(at.health.room.free? as f64)),
+        Values::Number(|at| Some(at.health.space.free? as f64)),
     )
     .of("bytes"),
     Metric::new(
         "tactus_disk_left",
         "Time until the disk is full at the rate of the running session",
-        Values::Number(|at| at.health.room.days()),
+        Values::Number(|at| at.health.space.days()),
     )
     .of("days"),
     Metric::new(

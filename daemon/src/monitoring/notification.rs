@@ -13,7 +13,7 @@ use crate::monitoring::health::Health;
 use config::NotifySection;
 
 /// Bytes kept of what it says on its error stream.
-const MOST_SAID: u64 = 4096;
+const LONGEST_MESSAGE: u64 = 4096;
 /// What a grandchild still has to say when the command itself has ended.
 const AFTER_IT: Duration = Duration::from_millis(500);
 
@@ -43,7 +43,7 @@ impl HookResult {
         };
         match self.stderr.trim() {
             "" => how,
-            said => format!("{how}: {said}"),
+            reported => format!("{how}: {reported}"),
         }
     }
 
@@ -77,7 +77,7 @@ pub(crate) fn payload(message: &Message, health: &Health, limits: &NotifySection
         "session": session.map(|session| &session.id),
         "frames_durable": session.map(|session| session.durable),
         "last_frame_age_s": health.age.map(|age| age.as_secs_f64()),
-        "disk_days": health.room.days(),
+        "disk_days": health.space.days(),
         "troubles": alarms,
     });
     format!("{payload}\n")
@@ -171,7 +171,10 @@ async fn beginning(stream: Option<impl AsyncRead + Unpin>) -> String {
         return String::new();
     };
     let mut kept = Vec::new();
-    let _ = (&mut stream).take(MOST_SAID).read_to_end(&mut kept).await;
+    let _ = (&mut stream)
+        .take(LONGEST_MESSAGE)
+        .read_to_end(&mut kept)
+        .await;
     let mut rest = [0; 4096];
     while matches!(stream.read(&mut rest).await, Ok(read) if read > 0) {}
     String::from_utf8_lossy(&kept).into_owned()
@@ -234,7 +237,7 @@ mod tests {
         let payload = "y".repeat(1_000_000);
         let done = run_hook(&shell(script), &payload, LONG).await;
         assert_eq!(done.code, Some(0), "{}", done.text());
-        assert_eq!(done.stderr.len() as u64, MOST_SAID);
+        assert_eq!(done.stderr.len() as u64, LONGEST_MESSAGE);
         let absent = run_hook(&["/nonexistent/mail".to_owned()], "x", LONG).await;
         assert!(absent.text().contains("cannot be run"), "{}", absent.text());
         assert!(

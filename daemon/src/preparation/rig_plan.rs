@@ -76,10 +76,10 @@ pub(super) fn rig_plan(
         PlanError::Wiring(WiringError::Electrodes {
             wiring,
             wired,
-            asked,
+            requested,
         }) => (
             "wiring.electrodes",
-            format!("wiring '{wiring}' has {wired} electrodes, the survey asks {asked}"),
+            format!("wiring '{wiring}' has {wired} electrodes, the survey asks {requested}"),
         ),
         other => ("survey", chain(&other)),
     });
@@ -418,8 +418,8 @@ mod tests {
         );
         std::fs::write(&path, config).unwrap();
         let prepared = prepare(&path).map_err(|problems| {
-            let said: Vec<String> = problems.iter().map(ToString::to_string).collect();
-            said.join("\n")
+            let message: Vec<String> = problems.iter().map(ToString::to_string).collect();
+            message.join("\n")
         })?;
         let FramesFrom::Rig(plan) = prepared.frames else {
             panic!("it is a rig");

@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn the_oldest_mark_makes_room_for_a_seventeenth() {
+    fn seventeenth_mark_replaces_the_oldest() {
         let (_folder, marks) = marks();
         for number in 0..=SLOTS {
             marks.mark(&format!("m{number}"), number as i64, "stopped");
@@ -320,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn an_end_that_could_not_be_written_is_said() {
+    fn unwritten_end_is_reported() {
         let (folder, marks) = marks();
         std::fs::remove_file(&marks.durable).unwrap();
         std::fs::create_dir(&marks.durable).unwrap();

@@ -360,7 +360,7 @@ impl SessionStatus {
     }
 
     /// Hears of the wish to end.
-    pub(crate) fn stop_wish(&self) -> Stop {
+    pub(crate) fn stop_request(&self) -> Stop {
         self.stop.clone()
     }
 
@@ -393,7 +393,7 @@ impl SessionStatus {
     }
 
     /// Hears of the wish to pause.
-    pub(crate) fn suspend_wish(&self) -> watch::Receiver<bool> {
+    pub(crate) fn suspend_request(&self) -> watch::Receiver<bool> {
         self.suspend.subscribe()
     }
 

@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[tokio::test(flavor = "multi_thread")]
-    async fn a_reader_that_sleeps_loses_the_oldest_and_is_told_how_many() {
+    async fn slow_reader_loses_the_oldest_and_gets_their_count() {
         let readers = Readers::default();
         let wanted = Wanted {
             frames: true,

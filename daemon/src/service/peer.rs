@@ -177,12 +177,12 @@ async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle)
 /// Says that there is no place, so that the client can tell it from a refusal, and closes; to a few at a time, for each
 /// takes a descriptor.
 async fn say_busy(mut stream: UnixStream, error: &dbus::Fault) {
-    static SAID: Semaphore = Semaphore::const_new(MOST_REPORTED);
-    let Ok(_place) = SAID.try_acquire() else {
+    static REPORTED: Semaphore = Semaphore::const_new(MOST_REPORTED);
+    let Ok(_place) = REPORTED.try_acquire() else {
         return;
     };
     let line = format!("ERROR {}{}\r\n", dbus::BUSY, error.text());
-    let said = async {
+    let message = async {
         stream.write_all(line.as_bytes()).await?;
         // a client that is hung up on before it has written its first line sees an error of the socket, and not this
         let mut first = [0; 128];
@@ -193,7 +193,7 @@ async fn say_busy(mut stream: UnixStream, error: &dbus::Fault) {
             }
         }
     };
-    let _ = tokio::time::timeout(TO_READ, said).await;
+    let _ = tokio::time::timeout(TO_READ, message).await;
 }
 
 /// A client's first line, looked at and left there. zbus panics where a line is nothing but a line feed, and reads without

@@ -29,7 +29,7 @@ impl Controller {
         let plan = plan.map(|rig| rig.plan.duration(&rig.timing));
         let file = status.as_ref().map(|status| status.path());
         let directory = &runtime.setup.record_directory;
-        let room = self.observed.disk.room(directory, file, now).await;
+        let space = self.observed.disk.space(directory, file, now).await;
         let last_frame = counters.last_frame();
         let counts = Counts::of(counters);
         let wall = runtime.clock.wall();
@@ -64,7 +64,7 @@ impl Controller {
                 (baseline.id.clone(), age.to_std().unwrap_or_default())
             }),
             noise: self.noise_contradiction(),
-            room,
+            space,
             warn_below: runtime.setup.config.record.warn_below_mb * 1_000_000,
             metrics: self.observed.metrics(),
         }

@@ -73,7 +73,7 @@ async fn judge(
     let alarms = health.alarms(limits);
     let lingering = health.alarms(&limits.wider());
     let mut unsure = Vec::new();
-    if health.session.is_some() && health.room.per_day.is_none() {
+    if health.session.is_some() && health.space.per_day.is_none() {
         unsure.push("disk-days");
     }
     if health.relays.is_none() {

@@ -177,10 +177,14 @@ pub(crate) mod tests {
         );
         assert!(ended.is_none());
         assert!(!sheet.source_output().0 && sheet.closed().is_empty());
-        let said = sheet.transcript();
+        let message = sheet.transcript();
         let last = |instrument: Instrument| {
-            let mut received = said.iter().filter(|said| said.instrument == instrument);
-            received.next_back().unwrap_or_else(|| panic!("{said:#?}"))
+            let mut received = message
+                .iter()
+                .filter(|message| message.instrument == instrument);
+            received
+                .next_back()
+                .unwrap_or_else(|| panic!("{message:#?}"))
         };
         // what it was told last it was asked in the same message, and said itself
         let off = last(Instrument::Source);

@@ -41,11 +41,11 @@ fn has_network(test: &str, network: &str) -> bool {
     let own = std::env::current_exe().unwrap();
     let args = [own.to_str().unwrap(), "--exact", test, "--nocapture"];
     let done = unshare(rights, "exec \"$@\"", &args).unwrap();
-    let said = String::from_utf8_lossy(&done.stdout).into_owned();
-    println!("{said}");
+    let message = String::from_utf8_lossy(&done.stdout).into_owned();
+    println!("{message}");
     assert!(
-        done.status.success() && said.contains("1 passed"),
-        "{said}{}",
+        done.status.success() && message.contains("1 passed"),
+        "{message}{}",
         String::from_utf8_lossy(&done.stderr)
     );
     false
@@ -63,11 +63,11 @@ fn listening() -> (SimulatedRig, ServeOptions) {
     (rig, options)
 }
 
-fn assert_only_asked_who_it_is(rig: &SimulatedRig) {
+fn assert_only_identity_was_queried(rig: &SimulatedRig) {
     let received: Vec<String> = rig
         .transcript()
         .into_iter()
-        .map(|said| said.received)
+        .map(|message| message.received)
         .collect();
     assert!(
         !received.is_empty() && received.iter().all(|received| received == "*IDN?"),
@@ -84,9 +84,9 @@ async fn discovered(addresses: Vec<String>) -> (Vec<Value>, Vec<String>) {
             .output()
             .unwrap()
     });
-    let said = within(requested).await.unwrap();
-    assert!(said.status.success(), "{said:?}");
-    let text = String::from_utf8(said.stdout).unwrap();
+    let message = within(requested).await.unwrap();
+    assert!(message.status.success(), "{message:?}");
+    let text = String::from_utf8(message.stdout).unwrap();
     let lines = text
         .lines()
         .map(|line| serde_json::from_str::<Value>(line).unwrap());
@@ -103,7 +103,7 @@ fn one<'a>(found: &'a [Value], model: &str) -> Option<&'a Value> {
     let of_model = |found: &&Value| {
         found["identity"]
             .as_str()
-            .is_some_and(|said| said.contains(model))
+            .is_some_and(|message| message.contains(model))
     };
     let lines: Vec<&Value> = found.iter().filter(of_model).collect();
     assert!(lines.len() < 2, "{model} is listed twice: {lines:#?}");
@@ -209,7 +209,7 @@ async fn two_announced_simulators_are_each_listed_once() {
             assert_eq!(text, &wanted, "{announced}");
         }
     }
-    assert_only_asked_who_it_is(&rig);
+    assert_only_identity_was_queried(&rig);
 
     // without a goodbye they would be there for two minutes, until their records are too old
     let begun = Instant::now();
@@ -264,7 +264,7 @@ async fn without_multicast_given_addresses_are_still_queried() {
         "{nobody}"
     );
     assert!(nobody["proposal"].is_null(), "{nobody}");
-    assert_only_asked_who_it_is(&rig);
+    assert_only_identity_was_queried(&rig);
 }
 
 /// Answers a port mapper's GETPORT: first with something else, then twice with this port.
@@ -331,7 +331,7 @@ async fn an_answer_to_a_vxi_11_broadcast_is_one_instrument() {
             .starts_with("[switch]"),
         "{mainframe}"
     );
-    assert_only_asked_who_it_is(&rig);
+    assert_only_identity_was_queried(&rig);
     server.stop().await;
 
     // one that has no socket for the daemon is listed by what it says, and not proposed
@@ -354,7 +354,7 @@ async fn an_answer_to_a_vxi_11_broadcast_is_one_instrument() {
             .contains("VXI-11 only"),
         "{mainframe}"
     );
-    assert_only_asked_who_it_is(&rig);
+    assert_only_identity_was_queried(&rig);
     server.stop().await;
     worker.abort();
 }

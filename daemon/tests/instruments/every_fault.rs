@@ -150,29 +150,28 @@ impl Play {
 
     /// The source that was found again is off before anybody else is spoken to, and on only when all is verified.
     fn came_back_off(&self, words: &str) {
-        let said = self.rig.transcript();
-        let back = said.iter().position(|said| {
-            said.instrument == Instrument::Source && said.received.starts_with("*IDN?")
+        let message = self.rig.transcript();
+        let back = message.iter().position(|message| {
+            message.instrument == Instrument::Source && message.received.starts_with("*IDN?")
         });
         let back = back.unwrap_or_else(|| panic!("{words}: the source was not asked who it is"));
-        let (until_then, said) = said.split_at(back);
+        let (until_then, message) = message.split_at(back);
         // whatever could still be said to the switch when the fault was noticed: open
-        let moved = until_then
-            .iter()
-            .rev()
-            .find(|said| said.instrument != Instrument::Source && moves_relays(&said.received));
+        let moved = until_then.iter().rev().find(|message| {
+            message.instrument != Instrument::Source && moves_relays(&message.received)
+        });
         if let Some(moved) = moved.filter(|_| words.contains("6221")) {
             assert!(opens_relays(&moved.received), "{words}: {}", moved.received);
         }
         let of_source = |word: &str| {
-            said.iter().position(|said| {
-                said.instrument == Instrument::Source && said.received.contains(word)
+            message.iter().position(|message| {
+                message.instrument == Instrument::Source && message.received.contains(word)
             })
         };
         let off = of_source("CLE").unwrap_or_else(|| panic!("{words}: never off"));
-        let other = said
+        let other = message
             .iter()
-            .position(|said| said.instrument != Instrument::Source);
+            .position(|message| message.instrument != Instrument::Source);
         assert!(other > Some(off), "{words}: {other:?} before {off}");
         assert!(of_source("OUTP 1") > other, "{words}");
     }

@@ -328,25 +328,25 @@ async fn sigterm_during_a_scan_switches_off_at_once_and_verifies() {
     let (status, log) = within(ended).await.unwrap();
     assert!(status.success(), "{log}");
     assert!(!rig.source_output().0 && rig.closed().is_empty(), "{log}");
-    let said = rig.transcript();
-    let is_off = |said: &&TranscriptLine| {
-        said.instrument == Instrument::Source && said.received.contains("CLE")
+    let message = rig.transcript();
+    let is_off = |message: &&TranscriptLine| {
+        message.instrument == Instrument::Source && message.received.contains("CLE")
     };
-    let off = said
+    let off = message
         .iter()
         .find(is_off)
-        .unwrap_or_else(|| panic!("{said:#?}"));
+        .unwrap_or_else(|| panic!("{message:#?}"));
     let states = off.answered.as_deref().unwrap_or_default();
     assert!(
         off.received.contains("OUTP?"),
         "asked in the same message: {off:?}"
     );
     assert!(states.starts_with("0.000000E+00;0"), "{off:?}");
-    let opened = said
+    let opened = message
         .iter()
         .rev()
-        .find(|said| said.instrument == Instrument::Mainframe);
-    let opened = opened.unwrap_or_else(|| panic!("{said:#?}"));
+        .find(|message| message.instrument == Instrument::Mainframe);
+    let opened = opened.unwrap_or_else(|| panic!("{message:#?}"));
     assert!(
         opened.received.contains("OPEN (") && opened.received.contains("CLOS? ("),
         "{opened:?}"
@@ -397,7 +397,10 @@ async fn the_wrong_instrument_at_an_address_is_refused_by_name() {
     let output = within(tokio::task::spawn_blocking(move || stage.run(&[])))
         .await
         .unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
+    let message = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1));
-    assert!(said.contains("34980A") && said.contains("6221"), "{said}");
+    assert!(
+        message.contains("34980A") && message.contains("6221"),
+        "{message}"
+    );
 }

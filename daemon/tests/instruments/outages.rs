@@ -73,10 +73,10 @@ fn has_own_network(test: &str) -> bool {
         .env(INSIDE, "1")
         .output()
         .unwrap();
-    let said = String::from_utf8_lossy(&output.stdout);
+    let message = String::from_utf8_lossy(&output.stdout);
     let noted = String::from_utf8_lossy(&output.stderr);
-    println!("{said}{noted}");
-    assert!(output.status.success() && said.contains("1 passed"));
+    println!("{message}{noted}");
+    assert!(output.status.success() && message.contains("1 passed"));
     false
 }
 
@@ -318,7 +318,7 @@ fn set_clock(file: &Path, off_s: i64) {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_wall_clock_that_is_set_moves_no_frame_and_is_said() {
+async fn wall_clock_step_moves_no_frame_and_is_reported() {
     const HOUR_S: i64 = 3600;
     let Some(library) = faketime() else {
         return lacks("TACTUS_REQUIRE_FAKETIME", "libfaketime is not installed");
@@ -372,12 +372,12 @@ async fn a_wall_clock_that_is_set_moves_no_frame_and_is_said() {
         assert!(of_this_time >= 5, "{of_this_time} frames at {off_s:+} s");
     }
     let events = SessionReader::open(&path).unwrap().events().unwrap();
-    let said = |word: &str| {
-        let said =
+    let message = |word: &str| {
+        let message =
             |event: &&logbook::Event| event.kind == "clock-moved" && event.text.contains(word);
-        events.iter().filter(said).count()
+        events.iter().filter(message).count()
     };
-    assert_eq!((said("by +36"), said("by -7")), (1, 1), "{events:?}");
+    assert_eq!((message("by +36"), message("by -7")), (1, 1), "{events:?}");
     daemon.terminate().await;
 }
 

@@ -18,10 +18,12 @@ fn other(module: bool) -> SimulatedRig {
 
 /// A stranger is asked who it is, and told nothing.
 fn assert_untouched(rig: &SimulatedRig) {
-    let said = rig.transcript().into_iter();
-    let reported: Vec<String> = said
-        .filter(|said| said.instrument == Instrument::Source && said.received.contains("OUTP"))
-        .map(|said| said.received)
+    let message = rig.transcript().into_iter();
+    let reported: Vec<String> = message
+        .filter(|message| {
+            message.instrument == Instrument::Source && message.received.contains("OUTP")
+        })
+        .map(|message| message.received)
         .collect();
     assert!(reported.is_empty(), "{reported:?}");
 }
@@ -108,9 +110,9 @@ async fn what_was_exchanged_while_no_daemon_ran_waits_for_a_person() {
     let refused = within(tokio::task::spawn_blocking(move || stage.run(&[])))
         .await
         .unwrap();
-    let said = String::from_utf8_lossy(&refused.stderr);
+    let message = String::from_utf8_lossy(&refused.stderr);
     assert!(
-        refused.status.code() == Some(1) && said.contains("known-instruments.json is damaged"),
-        "{said}"
+        refused.status.code() == Some(1) && message.contains("known-instruments.json is damaged"),
+        "{message}"
     );
 }

@@ -21,7 +21,7 @@ const NOBODY: u32 = 65_534;
 
 /// What the authority of a test does when it is asked.
 #[derive(Clone)]
-enum Says {
+enum PolkitReply {
     Yes,
     No,
     Nothing,
@@ -30,11 +30,11 @@ enum Says {
 }
 
 /// What it was asked: the sender's name, the action, the flags.
-type Asked = Arc<watch::Sender<Vec<(String, String, u32)>>>;
+type Requests = Arc<watch::Sender<Vec<(String, String, u32)>>>;
 
 struct Authority {
-    says: Says,
-    requested: Asked,
+    says: PolkitReply,
+    requested: Requests,
 }
 
 #[zbus::interface(name = "org.freedesktop.PolicyKit1.Authority")]
@@ -52,13 +52,13 @@ impl Authority {
         self.requested
             .send_modify(|requested| requested.push((name, action, flags)));
         match &self.says {
-            Says::Yes => (true, false, HashMap::new()),
-            Says::YesWhen(said) => {
-                said.clone().wait_for(|said| *said).await.unwrap();
+            PolkitReply::Yes => (true, false, HashMap::new()),
+            PolkitReply::YesWhen(message) => {
+                message.clone().wait_for(|message| *message).await.unwrap();
                 (true, false, HashMap::new())
             }
-            Says::No => (false, false, HashMap::new()),
-            Says::Nothing => std::future::pending().await,
+            PolkitReply::No => (false, false, HashMap::new()),
+            PolkitReply::Nothing => std::future::pending().await,
         }
     }
 }
@@ -68,17 +68,17 @@ struct Scene {
     daemon: Running,
     client: Connection,
     manager: Manager1Proxy<'static>,
-    requested: Asked,
+    requested: Requests,
     _authority: Option<Connection>,
     broker: Broker,
     stage: Stage,
 }
 
 impl Scene {
-    async fn set(bus: &str, says: Option<Says>) -> Option<Self> {
+    async fn set(bus: &str, says: Option<PolkitReply>) -> Option<Self> {
         let stage = Stage::new(&SMALL.replace("[bus]", &format!("[bus]\n{bus} = true")));
         let broker = Broker::start(stage.path())?;
-        let requested = Asked::default();
+        let requested = Requests::default();
         let authority = match says {
             None => None,
             Some(says) => {
@@ -146,7 +146,7 @@ fn as_nobody(command: &mut Command) -> Option<Output> {
         return None;
     }
     match command.uid(NOBODY).gid(NOBODY).output() {
-        Ok(output) if said(&output).contains("Permission denied") => {
+        Ok(output) if message(&output).contains("Permission denied") => {
             eprintln!("not tried as another user: it does not come as far as the test's folder");
             None
         }
@@ -158,7 +158,7 @@ fn as_nobody(command: &mut Command) -> Option<Output> {
     }
 }
 
-fn said(output: &Output) -> String {
+fn message(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
@@ -171,7 +171,7 @@ fn refused<T: std::fmt::Debug>(answer: Result<T, Fault>, why: &str) {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn polkit_decides_each_action_of_a_sender_but_not_queries() {
-    let Some(scene) = Scene::set("system", Some(Says::Yes)).await else {
+    let Some(scene) = Scene::set("system", Some(PolkitReply::Yes)).await else {
         return;
     };
     scene.manager.state().await.unwrap();
@@ -221,7 +221,7 @@ async fn polkit_decides_each_action_of_a_sender_but_not_queries() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn what_polkit_refuses_is_not_done_even_for_root() {
-    let Some(scene) = Scene::set("system", Some(Says::No)).await else {
+    let Some(scene) = Scene::set("system", Some(PolkitReply::No)).await else {
         return;
     };
     // the peer socket knows no polkit
@@ -261,7 +261,7 @@ async fn what_polkit_refuses_is_not_done_even_for_root() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn no_property_of_any_interface_can_be_set() {
-    let Some(scene) = Scene::set("system", Some(Says::Yes)).await else {
+    let Some(scene) = Scene::set("system", Some(PolkitReply::Yes)).await else {
         return;
     };
     let path = scene.daemon.baseline(1).await.inner().path().to_string();
@@ -295,7 +295,7 @@ async fn no_property_of_any_interface_can_be_set() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_polkit_that_never_answers_is_a_refusal() {
-    let Some(scene) = Scene::set("system", Some(Says::Nothing)).await else {
+    let Some(scene) = Scene::set("system", Some(PolkitReply::Nothing)).await else {
         return;
     };
     refused(within(scene.manager.open_all()).await, "gave no answer");
@@ -305,8 +305,8 @@ async fn a_polkit_that_never_answers_is_a_refusal() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn one_user_has_eight_questions_open_on_all_connections() {
-    let (say, said) = watch::channel(false);
-    let Some(scene) = Scene::set("system", Some(Says::YesWhen(said))).await else {
+    let (say, message) = watch::channel(false);
+    let Some(scene) = Scene::set("system", Some(PolkitReply::YesWhen(message))).await else {
         return;
     };
     // a person is waited for much longer than this test takes
@@ -360,16 +360,16 @@ async fn without_polkit_only_our_own_user_may_and_everybody_may_look() {
     let Some(output) = scene.as_another(&["OpenAll"]) else {
         return;
     };
-    let text = said(&output);
+    let text = message(&output);
     assert!(!output.status.success(), "{output:?}");
     assert!(text.contains("the group tactus may"), "{text}");
     let looked = scene.as_another(&["Plan"]).unwrap();
-    assert!(looked.status.success(), "{}", said(&looked));
+    assert!(looked.status.success(), "{}", message(&looked));
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn the_session_bus_and_the_peer_socket_are_our_own_users() {
-    let Some(scene) = Scene::set("session", Some(Says::No)).await else {
+    let Some(scene) = Scene::set("session", Some(PolkitReply::No)).await else {
         return;
     };
     scene.manager.open_all().await.unwrap();
@@ -378,7 +378,7 @@ async fn the_session_bus_and_the_peer_socket_are_our_own_users() {
         "polkit knows nothing of this bus"
     );
     if let Some(output) = scene.as_another(&["OpenAll"]) {
-        let text = said(&output);
+        let text = message(&output);
         assert!(text.contains("only the daemon's own user"), "{text}");
     }
     // even where the socket's own permission bits let everybody come

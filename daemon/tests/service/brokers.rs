@@ -69,10 +69,10 @@ async fn busctl_alone_suffices_and_the_name_cannot_be_stolen() {
         .env("DBUS_SESSION_BUS_ADDRESS", &broker.address)
         .output()
         .unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
+    let message = String::from_utf8_lossy(&output.stderr);
     assert!(
-        !output.status.success() && said.contains("owned already"),
-        "{said}"
+        !output.status.success() && message.contains("owned already"),
+        "{message}"
     );
 }
 

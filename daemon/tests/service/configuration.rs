@@ -18,8 +18,8 @@ fn check(config: &str) -> (Option<i32>, String) {
 fn the_shipped_example_has_no_problem_and_says_every_section() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config.toml");
     let text = std::fs::read_to_string(file).unwrap();
-    let (code, said) = check(&text);
-    assert_eq!((code, said.as_str()), (Some(0), ""));
+    let (code, message) = check(&text);
+    assert_eq!((code, message.as_str()), (Some(0), ""));
     // the same with every commented-out key in it is read too, though it says too much to be run
     for section in [
         "rig",
@@ -193,19 +193,19 @@ fn each_bad_input_is_named_at_its_place() {
         ),
     ];
     for (config, says) in cases {
-        let (code, said) = check(&config);
-        assert_eq!(code, Some(78), "{config}\n{said}");
+        let (code, message) = check(&config);
+        assert_eq!(code, Some(78), "{config}\n{message}");
         if says == ":3:8: the rig" {
             // two missing instruments (the switch measures, too) and two keys of a simulated rig: all at once
-            assert_eq!(said.lines().count(), 4, "{said}");
+            assert_eq!(message.lines().count(), 4, "{message}");
             assert!(
-                said.contains(":1:1: source: the rig has no [source]"),
-                "{said}"
+                message.contains(":1:1: source: the rig has no [source]"),
+                "{message}"
             );
-            assert_eq!(said.matches("delete this key").count(), 2, "{said}");
+            assert_eq!(message.matches("delete this key").count(), 2, "{message}");
             continue;
         }
-        assert!(said.contains(says), "wanted {says:?} in\n{said}");
+        assert!(message.contains(says), "wanted {says:?} in\n{message}");
     }
 }
 
@@ -213,17 +213,17 @@ fn each_bad_input_is_named_at_its_place() {
 fn a_simulated_instrument_does_not_stand_in_for_a_real_one() {
     let real = "[rig]\nkind = \"instruments\"\n[source]\naddress = \"simulated\"\n[switch]\naddress = \"tcp:h:1\"\n\
                 [voltmeter]\naddress = \"tcp:h:2\"\n";
-    let (code, said) = check(real);
+    let (code, message) = check(real);
     assert_eq!(code, Some(78));
-    assert!(said.contains("set rig.kind = \"mixed\""), "{said}");
+    assert!(message.contains("set rig.kind = \"mixed\""), "{message}");
     let alone = real.replace("\"simulated\"", "\"tcp:h:3\"");
     let alone = alone.split("[voltmeter]").next().unwrap();
     assert_eq!(check(alone).0, Some(0), "the voltmeter is the switch");
     let board = format!("{alone}[wiring]\nkind = \"gpio-board\"\n");
-    let (_, said) = check(&board);
-    assert!(said.contains("the rig has no [voltmeter]"), "{said}");
-    let (_, said) = check(&real.replace("\"simulated\"", "\"tcp:h:3\""));
-    assert!(said.contains("give both the same address"), "{said}");
+    let (_, message) = check(&board);
+    assert!(message.contains("the rig has no [voltmeter]"), "{message}");
+    let (_, message) = check(&real.replace("\"simulated\"", "\"tcp:h:3\""));
+    assert!(message.contains("give both the same address"), "{message}");
 }
 
 #[test]
@@ -239,11 +239,11 @@ fn a_missing_instrument_is_an_error_and_nothing_else() {
     let stage = Stage::new(&config);
     for (args, code) in [(&[][..], 1), (&["--safe-off"], 5)] {
         let output = stage.run(args);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{said}");
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{message}");
         assert!(
-            said.contains(&format!("source at tcp:{port} cannot be reached")),
-            "{said}"
+            message.contains(&format!("source at tcp:{port} cannot be reached")),
+            "{message}"
         );
     }
 }
@@ -271,8 +271,8 @@ fn the_effective_configuration_is_a_configuration() {
     let stage = Stage::new(SMALL);
     let printed = String::from_utf8(stage.run(&["--print-config"]).stdout).unwrap();
     assert!(printed.contains("settle_ms = 2.0"), "{printed}");
-    let (code, said) = check(&printed);
-    assert_eq!(code, Some(0), "{said}");
+    let (code, message) = check(&printed);
+    assert_eq!(code, Some(0), "{message}");
     let again = Stage::new(&printed).run(&["--print-config"]).stdout;
     assert_eq!(String::from_utf8(again).unwrap(), printed);
 }
@@ -296,16 +296,16 @@ fn paths_are_absolute_wherever_the_daemon_is_started() {
 #[test]
 fn safe_off_verifies_both() {
     let output = Stage::new(SMALL).run(&["--safe-off"]);
-    let said = String::from_utf8(output.stdout).unwrap();
+    let message = String::from_utf8(output.stdout).unwrap();
     assert!(output.status.success());
     assert!(
-        said.contains("source off, verified") && said.contains("relays open, verified"),
-        "{said}"
+        message.contains("source off, verified") && message.contains("relays open, verified"),
+        "{message}"
     );
 }
 
 #[test]
-fn usage_is_told_apart() {
+fn usage_errors_have_their_own_exit_code() {
     let output = Command::new(env!("CARGO_BIN_EXE_tactusd"))
         .arg("--chekc")
         .output()

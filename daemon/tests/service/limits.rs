@@ -61,10 +61,10 @@ async fn one_user_has_32_peer_connections_and_more_are_closed() {
     drop(connections.pop());
     connections.push(at_last(async || come(&stage).await).await);
     let (_, log) = daemon.terminate().await;
-    let said = log
+    let text = log
         .lines()
         .filter(|line| line.contains("to the peer socket was closed: you have 32 connections"));
-    assert_eq!(said.count(), 1, "{log}");
+    assert_eq!(text.count(), 1, "{log}");
 }
 
 /// A session whose frames are taken one by one, so that nothing is said on its streams meanwhile.

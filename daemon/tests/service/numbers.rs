@@ -242,11 +242,11 @@ async fn a_reload_with_any_number_leaves_the_session_running() {
         let stage =
             Stage::new(&SMALL.replace("[survey]\n", &format!("[survey]\nnplc = {value}\n")));
         let output = stage.run(&[]);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(78), "{said}");
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(78), "{message}");
         assert!(
-            said.contains("config.toml:") && said.contains("survey.nplc"),
-            "{said}"
+            message.contains("config.toml:") && message.contains("survey.nplc"),
+            "{message}"
         );
     }
 }

@@ -318,23 +318,23 @@ async fn a_command_that_hangs_holds_no_frame_back() {
 }
 
 #[test]
-fn what_cannot_be_is_said_with_its_place() {
+fn impossible_value_is_reported_with_line_and_column() {
     let stage = Stage::new(&format!(
         "{SMALL}[metrics]\nlisten = \"0.0.0.0:9617\"\n[notify]\ncommand = [\"mail\"]\nrelay_life = 1.5\nagain_s = 0.0\n\
          no_frame_periods = 0.5\ndisk_dais = 3\n"
     ));
-    let said = |stage: &Stage| {
+    let message = |stage: &Stage| {
         let checked = stage.run(&["--check"]);
         String::from_utf8_lossy(&checked.stderr).into_owned()
     };
-    let unknown = said(&stage);
+    let unknown = message(&stage);
     assert!(
         unknown.contains(":26:1: unknown key 'disk_dais'; did you mean 'disk_days'?"),
         "{unknown}"
     );
     let text = std::fs::read_to_string(stage.config()).unwrap();
     stage.configure(&text.replace("disk_dais", "disk_days"));
-    let wrong = said(&stage);
+    let wrong = message(&stage);
     for wanted in [
         ":20:10: metrics.listen: 0.0.0.0:9617 can be reached from other machines",
         ":22:11: notify.command: 'mail' is no absolute path",
@@ -348,9 +348,9 @@ fn what_cannot_be_is_said_with_its_place() {
         "{SMALL}[metrics]\nlisten = \"0.0.0.0:9617\"\nbeyond_localhost = true\n[notify]\ncommand = [\"/bin/true\"]\n"
     );
     stage.configure(&sound);
-    assert_eq!(said(&stage), "");
+    assert_eq!(message(&stage), "");
     stage.configure(&format!("{SMALL}[metrics]\nlisten = \"localhost\"\n"));
-    let wrong = said(&stage);
+    let wrong = message(&stage);
     assert!(
         wrong.contains(":20:10: metrics.listen: 'localhost' is no address"),
         "{wrong}"

@@ -97,10 +97,10 @@ pub fn has_own_mounts(test: &str) -> bool {
         .env(INSIDE, "1")
         .output()
         .unwrap();
-    let said = String::from_utf8_lossy(&output.stdout);
+    let message = String::from_utf8_lossy(&output.stdout);
     let noted = String::from_utf8_lossy(&output.stderr);
-    println!("{said}{noted}");
-    assert!(output.status.success() && said.contains("1 passed"));
+    println!("{message}{noted}");
+    assert!(output.status.success() && message.contains("1 passed"));
     false
 }
 
@@ -121,7 +121,7 @@ fn small_disk(stage: &Stage) -> PathBuf {
     state
 }
 
-fn more_room(state: &Path) {
+fn more_space(state: &Path) {
     mount(&["-o", "remount,size=30m"], state);
 }
 
@@ -157,7 +157,7 @@ async fn a_stop_on_a_full_disk_is_honoured_by_the_next_daemon() {
     let stopped = within(session.stop()).await;
     daemon.kill().await;
     std::fs::remove_file(state.join("ballast")).unwrap();
-    more_room(&state);
+    more_space(&state);
     let daemon = assert_stays_ended(&stage).await;
     let parts = measurements(&state);
     let reason = &parts.last().unwrap().closed().unwrap().reason;
@@ -170,8 +170,8 @@ async fn a_stop_on_a_full_disk_is_honoured_by_the_next_daemon() {
 
 /// Where the record's disk takes no mark either, the runtime directory does; where that does not, it is said.
 #[tokio::test(flavor = "multi_thread")]
-async fn an_end_that_cannot_be_recorded_is_said() {
-    if !has_own_mounts("endings::an_end_that_cannot_be_recorded_is_said") {
+async fn unrecordable_end_is_reported() {
+    if !has_own_mounts("endings::unrecordable_end_is_reported") {
         return;
     }
     for runtime_too in [false, true] {
@@ -202,7 +202,7 @@ async fn an_end_that_cannot_be_recorded_is_said() {
         assert!(text.contains("only until this machine restarts"), "{text}");
         daemon.kill().await;
         std::fs::remove_file(state.join("ballast")).unwrap();
-        more_room(&state);
+        more_space(&state);
         assert_stays_ended(&stage).await.terminate().await;
     }
 }
@@ -220,8 +220,8 @@ fn block_marks(folder: &Path) {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_daemon_restarted_on_a_full_disk_goes_on_when_room_returns() {
-    if !has_own_mounts("endings::a_daemon_restarted_on_a_full_disk_goes_on_when_room_returns") {
+async fn daemon_restarted_on_a_full_disk_resumes_with_space() {
+    if !has_own_mounts("endings::daemon_restarted_on_a_full_disk_resumes_with_space") {
         return;
     }
     let stage = Stage::new(&resuming());
@@ -238,7 +238,7 @@ async fn a_daemon_restarted_on_a_full_disk_goes_on_when_room_returns() {
     let daemon = stage.start().await;
     let mut happened = daemon.manager.receive_happened().await.unwrap();
     std::fs::remove_file(state.join("ballast")).unwrap();
-    more_room(&state);
+    more_space(&state);
     while daemon.manager.active_session().await.unwrap().as_str() == "/" {
         within(dbus::next(&mut happened)).await.unwrap();
     }
@@ -252,8 +252,8 @@ async fn a_daemon_restarted_on_a_full_disk_goes_on_when_room_returns() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_session_that_waits_for_room_can_be_stopped() {
-    if !has_own_mounts("endings::a_session_that_waits_for_room_can_be_stopped") {
+async fn session_waiting_for_disk_space_can_be_stopped() {
+    if !has_own_mounts("endings::session_waiting_for_disk_space_can_be_stopped") {
         return;
     }
     let stage = Stage::new(&resuming());
@@ -277,7 +277,7 @@ async fn a_session_that_waits_for_room_can_be_stopped() {
     assert_eq!(daemon.manager.active_session().await.unwrap().as_str(), "/");
     daemon.kill().await;
     std::fs::remove_file(state.join("ballast")).unwrap();
-    more_room(&state);
+    more_space(&state);
     assert_stays_ended(&stage).await.terminate().await;
 }
 

@@ -8,7 +8,7 @@ use dbus::{Fault, Options};
 use logbook::SessionReader;
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_press_is_found_measured_recorded_and_said() {
+async fn press_is_found_measured_recorded_and_reported() {
     let stage = Stage::new(SMALL);
     let daemon = stage.start().await;
     assert!(daemon.manager.simulated().await.unwrap());
@@ -278,9 +278,9 @@ async fn one_daemon_has_the_record_and_the_next_knows_the_baseline() {
         .arg(&other)
         .output()
         .unwrap();
-    let said = String::from_utf8_lossy(&second.stderr).into_owned();
+    let message = String::from_utf8_lossy(&second.stderr).into_owned();
     assert_eq!(second.status.code(), Some(1));
-    assert!(said.contains("already runs on"), "{said}");
+    assert!(message.contains("already runs on"), "{message}");
     assert!(daemon.terminate().await.0.success());
 
     let next = stage.start().await;
@@ -310,11 +310,11 @@ async fn a_bus_reader_that_freezes_is_dropped_and_the_others_go_on() {
     let mut frozen = std::io::BufReader::new(socket);
     let uid = rustix::process::geteuid().as_raw().to_string();
     let uid: String = uid.bytes().map(|digit| format!("{digit:02x}")).collect();
-    for said in [
+    for message in [
         format!("\0AUTH EXTERNAL {uid}\r\n"),
         "NEGOTIATE_UNIX_FD\r\n".to_owned(),
     ] {
-        frozen.get_mut().write_all(said.as_bytes()).unwrap();
+        frozen.get_mut().write_all(message.as_bytes()).unwrap();
         let mut answer = String::new();
         frozen.read_line(&mut answer).unwrap();
         assert!(

@@ -4,7 +4,7 @@ use crate::stage::{SMALL, Stage, within};
 use dbus::{Fault, Options};
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_session_measures_as_it_is_asked_to_and_the_plan_shows_it() {
+async fn session_measures_with_its_options_and_plan_shows_them() {
     let stage = Stage::new(SMALL);
     let daemon = stage.start().await;
     let manager = &daemon.manager;
@@ -165,9 +165,9 @@ async fn a_plan_shows_what_each_setting_would_cost() {
     )
     .unwrap();
     let planned = |stage: &Stage| {
-        let said = stage.run(&["--plan", "--json"]);
-        assert!(said.status.success(), "{said:?}");
-        serde_json::from_slice::<serde_json::Value>(&said.stdout).unwrap()
+        let message = stage.run(&["--plan", "--json"]);
+        assert!(message.status.success(), "{message:?}");
+        serde_json::from_slice::<serde_json::Value>(&message.stdout).unwrap()
     };
     let of_half = planned(&stage);
     stage.configure(&half.replace("half = true\n", ""));

@@ -50,11 +50,11 @@ async fn a_method_is_set_by_the_noise_of_its_baseline() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_contradicted_noise_is_a_warning_everywhere() {
     let stage = noisy("[model]\nnoise_uv = 2.0\n");
-    let said = stage.run(&["--check"]);
-    let said = String::from_utf8_lossy(&said.stdout).into_owned();
+    let message = stage.run(&["--check"]);
+    let message = String::from_utf8_lossy(&message.stdout).into_owned();
     assert!(
-        said.contains("warning: model.noise_uv is 2 uV for one reading, the voltmeter"),
-        "{said}"
+        message.contains("warning: model.noise_uv is 2 uV for one reading, the voltmeter"),
+        "{message}"
     );
     let daemon = stage.start().await;
     within(daemon.baseline(10).await.wait()).await.unwrap();
@@ -69,9 +69,9 @@ async fn a_contradicted_noise_is_a_warning_everywhere() {
     assert!(remarks.unwrap()[0].contains("noise_uv"));
     assert!(daemon.terminate().await.0.success());
     // now the record has a baseline to compare with
-    let said = stage.run(&["--check"]);
-    let said = String::from_utf8_lossy(&said.stdout).into_owned();
-    assert!(said.contains(" shows "), "{said}");
+    let message = stage.run(&["--check"]);
+    let message = String::from_utf8_lossy(&message.stdout).into_owned();
+    assert!(message.contains(" shows "), "{message}");
 }
 
 /// A disc of 60 mm on the tank of 300 mm.

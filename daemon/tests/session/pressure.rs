@@ -38,16 +38,16 @@ async fn a_calibrated_method_says_newtons() {
     let file = stage.path().join("sheet.toml");
     std::fs::write(&file, calibration("another", &map.method)).unwrap();
     let checked = stage.run(&["--check"]);
-    let said = String::from_utf8_lossy(&checked.stderr).into_owned();
-    assert_eq!(checked.status.code(), Some(78), "{said}");
+    let message = String::from_utf8_lossy(&checked.stderr).into_owned();
+    assert_eq!(checked.status.code(), Some(78), "{message}");
     assert!(
-        said.contains("sheet.toml") && said.contains("fitted on mesh"),
-        "{said}"
+        message.contains("sheet.toml") && message.contains("fitted on mesh"),
+        "{message}"
     );
     std::fs::write(&file, calibration(&map.mesh_hash, "total variation")).unwrap();
     let checked = stage.run(&["--check"]);
-    let said = String::from_utf8_lossy(&checked.stderr).into_owned();
-    assert!(said.contains("maps of 'total variation'"), "{said}");
+    let message = String::from_utf8_lossy(&checked.stderr).into_owned();
+    assert!(message.contains("maps of 'total variation'"), "{message}");
 
     std::fs::write(&file, calibration(&map.mesh_hash, &map.method)).unwrap();
     let daemon = stage.start().await;

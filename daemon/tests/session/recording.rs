@@ -123,10 +123,12 @@ fn a_wrong_column_count_names_file_and_line() {
     lines[1] = short;
     std::fs::write(&frames, lines.join("\n")).unwrap();
     let output = stage.run(&["--check"]);
-    let said = String::from_utf8_lossy(&output.stderr);
+    let message = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(78));
     assert!(
-        said.contains("frames.csv") && said.contains('2') && said.contains("recording.frames"),
-        "{said}"
+        message.contains("frames.csv")
+            && message.contains('2')
+            && message.contains("recording.frames"),
+        "{message}"
     );
 }

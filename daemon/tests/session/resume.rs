@@ -153,9 +153,12 @@ async fn a_session_resumes_with_instruments_at_new_addresses() {
     // another daemon, with a record of its own
     let other = Stage::new(&config);
     let refused = other.run(&[]);
-    let said = String::from_utf8_lossy(&refused.stderr);
-    assert_eq!(refused.status.code(), Some(1), "{said}");
-    assert!(said.contains("in use by another daemon (pid"), "{said}");
+    let message = String::from_utf8_lossy(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(1), "{message}");
+    assert!(
+        message.contains("in use by another daemon (pid"),
+        "{message}"
+    );
     within(session.step(1)).await.unwrap();
 
     assert!(daemon.terminate().await.0.success());

@@ -144,19 +144,19 @@ impl Stage {
             .spawn()
             .unwrap();
         let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
-        let mut said = String::new();
+        let mut message = String::new();
         let ready = async {
             while let Ok(Some(line)) = lines.next_line().await {
                 if line.contains("ready on") {
                     return true;
                 }
-                said.push_str(&line);
-                said.push('\n');
+                message.push_str(&line);
+                message.push('\n');
             }
             false
         };
         let ready = tokio::time::timeout(DEADLINE, ready).await.unwrap_or(false);
-        assert!(ready, "tactusd did not become ready; it said:\n{said}");
+        assert!(ready, "tactusd did not become ready; it said:\n{message}");
         let log = tokio::spawn(async move {
             let mut log = String::new();
             while let Ok(Some(line)) = lines.next_line().await {
@@ -289,19 +289,22 @@ pub fn instant(profile: &Profile) -> SimulatedRig {
 }
 
 /// When the source was found again it was switched off and asked whether it is, before anybody else was spoken to.
-pub fn assert_off_before_anything_else(said: &[TranscriptLine]) {
+pub fn assert_off_before_anything_else(message: &[TranscriptLine]) {
     let place = |from: usize, what: &dyn Fn(&TranscriptLine) -> bool| {
-        let found = said[from..].iter().position(what);
-        from + found.unwrap_or_else(|| panic!("it is not in {said:#?}"))
+        let found = message[from..].iter().position(what);
+        from + found.unwrap_or_else(|| panic!("it is not in {message:#?}"))
     };
-    let of_source = |said: &TranscriptLine, word: &str| {
-        said.instrument == Instrument::Source && said.received.contains(word)
+    let of_source = |message: &TranscriptLine, word: &str| {
+        message.instrument == Instrument::Source && message.received.contains(word)
     };
-    let back = place(0, &|said| of_source(said, "*IDN?"));
-    let off = place(back, &|said| of_source(said, "CLE"));
-    let requested = place(off, &|said| of_source(said, "OUTP?"));
-    let other = place(back, &|said| said.instrument != Instrument::Source);
-    assert!(requested < other, "{off}, {requested}, {other}: {said:#?}");
+    let back = place(0, &|message| of_source(message, "*IDN?"));
+    let off = place(back, &|message| of_source(message, "CLE"));
+    let requested = place(off, &|message| of_source(message, "OUTP?"));
+    let other = place(back, &|message| message.instrument != Instrument::Source);
+    assert!(
+        requested < other,
+        "{off}, {requested}, {other}: {message:#?}"
+    );
 }
 
 /// A record is whole, and says why frames are missing. (A machine that stands still for some seconds between two frames

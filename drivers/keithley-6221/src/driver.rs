@@ -183,7 +183,7 @@ impl<S: Stream> Keithley6221<S> {
     fn out_of_range(&self, requested: Amps, most: Amps) -> RigError {
         RigError::CurrentOutOfRange {
             instrument: self.instrument().to_owned(),
-            asked: requested,
+            requested,
             most,
         }
     }
@@ -200,7 +200,7 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
         {
             return Err(RigError::VoltageOutOfRange {
                 instrument: self.instrument().to_owned(),
-                asked: compliance,
+                requested: compliance,
                 allowed: format!("{SMALLEST_LIMIT} to {LARGEST_LIMIT} in steps of {LIMIT_STEP}"),
             });
         }

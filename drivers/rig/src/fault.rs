@@ -88,7 +88,7 @@ pub enum RigError {
         relays: Vec<Relay>,
     },
     /// Injecting relays read back in another state than they were brought to.
-    #[error("the relays are not as they were switched:{}{}", said(" read open: ", .open), said(" read closed: ", .closed))]
+    #[error("the relays are not as they were switched:{}{}", text(" read open: ", .open), text(" read closed: ", .closed))]
     RelayMismatch {
         /// Should be closed.
         open: Vec<FoundRelay>,
@@ -108,22 +108,22 @@ pub enum RigError {
         expected: String,
     },
     /// A current that the source or its prepared range cannot give.
-    #[error("{instrument}: {asked} is outside its {most}; nothing is clipped")]
+    #[error("{instrument}: {requested} is outside its {most}; nothing is clipped")]
     CurrentOutOfRange {
         /// Name and address.
         instrument: String,
         /// Asked.
-        asked: Amps,
+        requested: Amps,
         /// Largest allowed.
         most: Amps,
     },
     /// A voltage limit or range that the instrument does not have.
-    #[error("{instrument}: {asked} cannot be set, {allowed} can")]
+    #[error("{instrument}: {requested} cannot be set, {allowed} can")]
     VoltageOutOfRange {
         /// Name and address.
         instrument: String,
         /// Asked.
-        asked: Volts,
+        requested: Volts,
         /// Allowed, in words.
         allowed: String,
     },
@@ -176,7 +176,7 @@ impl RigError {
     }
 }
 
-fn said(how: &str, relays: &[FoundRelay]) -> String {
+fn text(how: &str, relays: &[FoundRelay]) -> String {
     match relays {
         [] => String::new(),
         relays => format!("{how}{}", name_relays(relays)),

@@ -23,12 +23,12 @@ impl Stop {
     }
 
     /// Whether the button has been pressed.
-    pub fn is_asked(&self) -> bool {
+    pub fn is_requested(&self) -> bool {
         *self.0.borrow()
     }
 
     /// Waits until the button is pressed; for ever if it never is.
-    pub async fn asked(&mut self) {
+    pub async fn requested(&mut self) {
         if self.0.wait_for(|pressed| *pressed).await.is_err() {
             std::future::pending().await
         }

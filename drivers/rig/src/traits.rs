@@ -97,15 +97,15 @@ pub trait Switch: Send {
         relays: &[Relay],
     ) -> impl Future<Output = Result<(), RigError>> + Send;
 
-    /// Reads back which of `asked` are closed, then opens `relays` as [`Switch::open_verified`] does; in one message
+    /// Reads back which of `requested` are closed, then opens `relays` as [`Switch::open_verified`] does; in one message
     /// where the switch takes it.
     fn closed_before_opening(
         &mut self,
-        asked: &[Relay],
+        requested: &[Relay],
         relays: &[Relay],
     ) -> impl Future<Output = Result<Vec<bool>, RigError>> + Send {
         async move {
-            let closed = self.closed(asked).await?;
+            let closed = self.closed(requested).await?;
             self.open_verified(relays).await?;
             Ok(closed)
         }

@@ -117,19 +117,19 @@ async fn a_lost_switch_switches_the_source_off() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn when_everything_is_lost_both_halves_are_told() {
+async fn losing_both_instruments_reports_both() {
     let wiring = wirings::pairs(5);
     let stand_in = StandIn::new(&wiring).failing(9, Fault::Lost(Part::Everything));
     let fault = run(&stand_in, &plan(&wiring, Duration::ZERO))
         .await
         .unwrap_err();
-    let told = fault.to_string();
-    assert!(told.contains("treat the sheet as live"), "{told}");
+    let reported = fault.to_string();
+    assert!(reported.contains("treat the sheet as live"), "{reported}");
     assert!(matches!(fault.cause(), Some(RigError::Link(_))));
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_stop_is_heard_between_two_steps() {
+async fn stop_takes_effect_between_two_steps() {
     for wiring in wirings(5) {
         let plan = plan(&wiring, Duration::from_secs(3600));
         for call in 0..calls(&wiring, &plan).await {
@@ -251,8 +251,8 @@ async fn an_overload_or_a_missing_answer_is_a_flag_in_its_place() {
     let wiring = wirings::pairs(6);
     let plan = plan(&wiring, Duration::ZERO);
     for flag in [Reading::Overload, Reading::Timeout] {
-        let asked = plan.protocol.measurements()[4];
-        let stand_in = StandIn::new(&wiring).answering(asked, flag);
+        let requested = plan.protocol.measurements()[4];
+        let stand_in = StandIn::new(&wiring).answering(requested, flag);
         let frame = run(&stand_in, &plan).await.unwrap();
         assert_eq!(frame.readings[4], flag);
         assert_eq!(
@@ -307,10 +307,10 @@ async fn safe_off_opens_relays_even_when_the_source_does_not_answer() {
     let wiring = wirings::matrix(26);
     let stand_in = StandIn::new(&wiring).failing(0, Fault::Lost(Part::Source));
     stand_in.close([Relay(1203), Relay(1921)]);
-    let told = safe_off(&stand_in.rig(), &wiring).await.unwrap_err();
+    let reported = safe_off(&stand_in.rig(), &wiring).await.unwrap_err();
     assert!(
-        told.source_state_unknown() && told.relays.is_none(),
-        "{told}"
+        reported.source_state_unknown() && reported.relays.is_none(),
+        "{reported}"
     );
     assert_eq!(stand_in.closed(), []);
 }

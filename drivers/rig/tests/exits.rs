@@ -96,7 +96,7 @@ async fn relay_in_wrong_state_fails_the_frame_and_is_named() {
         .unwrap();
     // the last two calls read the relays back and open them; before them, the source is switched off
     let before = counted.calls() - 3;
-    for (change, told) in [(1040, "read open: 1040"), (1037, "read closed: 1037")] {
+    for (change, reported) in [(1040, "read open: 1040"), (1037, "read closed: 1037")] {
         let stand_in = StandIn::new(&plan.wiring);
         let hand = stand_in.clone();
         let stand_in = stand_in.calling(before, move || match change {
@@ -111,7 +111,7 @@ async fn relay_in_wrong_state_fails_the_frame_and_is_named() {
         };
         let cause = cause.to_string();
         assert!(
-            cause.contains(told) && cause.contains("electrodes"),
+            cause.contains(reported) && cause.contains("electrodes"),
             "{cause}"
         );
         stand_in.assert_safe();

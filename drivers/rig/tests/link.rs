@@ -224,9 +224,12 @@ async fn a_message_and_its_end_are_one_write() {
         .await
         .unwrap();
     assert_eq!(writes.load(Ordering::SeqCst), 1);
-    let mut heard = [0; 64];
-    let count = there.read(&mut heard).await.unwrap();
-    assert_eq!(&heard[..count], b"ROUT:CLOS (@1037);:ROUT:OPEN (@1036)\n");
+    let mut received = [0; 64];
+    let count = there.read(&mut received).await.unwrap();
+    assert_eq!(
+        &received[..count],
+        b"ROUT:CLOS (@1037);:ROUT:OPEN (@1036)\n"
+    );
 }
 
 #[tokio::test(start_paused = true)]
@@ -256,7 +259,7 @@ async fn a_future_dropped_half_way_leaves_the_link_out_of_step() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_peer_that_talks_unasked_is_not_believed() {
+async fn unrequested_replies_are_refused() {
     let (here, mut there) = duplex(4096);
     let mut link = Link::new(here, "peer", DEADLINE);
     there.write_all(b"+1.0E+00\n").await.unwrap();
@@ -272,8 +275,8 @@ async fn a_reply_without_end_is_bounded() {
     let (here, mut there) = duplex(1 << 20);
     let mut link = Link::new(here, "peer", DEADLINE).with_longest_reply(1000);
     let flood = async {
-        let mut heard = [0; 6];
-        there.read_exact(&mut heard).await.unwrap();
+        let mut received = [0; 6];
+        there.read_exact(&mut received).await.unwrap();
         there.write_all(&[b'7'; 5000]).await.unwrap();
     };
     let (answer, ()) = tokio::join!(link.ask("DATA?"), flood);
@@ -292,12 +295,12 @@ async fn bytes_that_are_no_text_and_messages_that_are_two_are_refused() {
         Err(LinkError::LineEnd { .. })
     ));
     let answer = async {
-        let mut heard = [0; 6];
-        there.read_exact(&mut heard).await.unwrap();
+        let mut received = [0; 6];
+        there.read_exact(&mut received).await.unwrap();
         there.write_all(&[0xff, 0xfe, b'\n']).await.unwrap();
     };
-    let (asked, ()) = tokio::join!(link.ask("DATA?"), answer);
-    assert!(matches!(asked, Err(LinkError::NotText { .. })));
+    let (requested, ()) = tokio::join!(link.ask("DATA?"), answer);
+    assert!(matches!(requested, Err(LinkError::NotText { .. })));
 }
 
 #[tokio::test(start_paused = true)]
@@ -325,7 +328,7 @@ async fn a_board_without_ese_is_brought_in_step_by_probes_of_its_own() {
                     sleep(Duration::from_millis(150)).await;
                     "1,2,3,4\n".to_owned()
                 }
-                said => format!("{said} OK\n"),
+                message => format!("{message} OK\n"),
             };
             write.write_all(answer.as_bytes()).await.unwrap();
         }
@@ -381,9 +384,9 @@ async fn tcp_is_connected_and_a_dead_address_is_named() {
     );
     let (mut peer, _) = listener.accept().await.unwrap();
     let echo = async {
-        let mut heard = [0; 6];
-        peer.read_exact(&mut heard).await.unwrap();
-        peer.write_all(&heard).await.unwrap();
+        let mut received = [0; 6];
+        peer.read_exact(&mut received).await.unwrap();
+        peer.write_all(&received).await.unwrap();
     };
     let (answer, ()) = tokio::join!(link.ask("*IDN?"), echo);
     assert_eq!(answer.unwrap(), "*IDN?");

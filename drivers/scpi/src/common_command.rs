@@ -117,8 +117,8 @@ mod tests {
     }
 
     #[test]
-    fn what_is_said_is_parsed() {
-        for said in [
+    fn formatted_commands_parse_again() {
+        for text in [
             Common::Identify,
             Common::Reset,
             Common::ClearStatus,
@@ -134,13 +134,13 @@ mod tests {
             Common::SelfTest,
             Common::Trigger,
         ] {
-            assert_eq!(parsed(&said.to_string()), Some(Ok(said)), "{said}");
-            assert_eq!(said.is_query(), said.to_string().ends_with('?'));
+            assert_eq!(parsed(&text.to_string()), Some(Ok(text)), "{text}");
+            assert_eq!(text.is_query(), text.to_string().ends_with('?'));
         }
     }
 
     #[test]
-    fn what_is_not_common_or_not_allowed_is_told_apart() {
+    fn unknown_and_forbidden_common_commands_differ() {
         assert_eq!(parsed("ESE 1"), None);
         assert_eq!(parsed("*XYZ?"), None);
         assert_eq!(parsed("*RST?"), None);

@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn an_oversized_message_is_one_error_and_the_next_is_heard() {
+    fn message_after_an_oversized_one_is_read() {
         let mut bytes = vec![b'A'; 1000];
         bytes.extend(b"\nB\n");
         assert_eq!(

@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn units_after_a_refused_one_are_heard() {
+    fn units_after_a_refused_one_are_executed() {
         assert_eq!(
             headers("CURR 1 ';';COMP 2;FILT ';' x;*OPC?"),
             ["-103", "COMP", "-103", "*OPC"]

@@ -44,7 +44,7 @@ fn channel_list() -> impl Strategy<Value = ChannelList> {
 
 proptest! {
     #[test]
-    fn nothing_heard_can_panic(bytes in prop_oneof![scpi_like(), vec(any::<u8>(), 0..200)]) {
+    fn no_input_can_panic(bytes in prop_oneof![scpi_like(), vec(any::<u8>(), 0..200)]) {
         let pattern = Pattern::new("[SOURce<n>]:CURRent[:LEVel<n>][:IMMediate]");
         for call in parse_message(&bytes).into_iter().flatten() {
             pattern.suffixes(&call);
@@ -96,7 +96,7 @@ proptest! {
     }
 
     #[test]
-    fn after_any_rubbish_a_line_is_heard_again(rubbish in vec(any::<u8>(), 0..100)) {
+    fn line_after_any_rubbish_is_read(rubbish in vec(any::<u8>(), 0..100)) {
         let mut framer = Framer::new(20);
         framer.push(&rubbish);
         // A block that rubbish began may swallow up to the buffer's size; more line feeds than that end it.
@@ -143,7 +143,7 @@ proptest! {
     }
 
     #[test]
-    fn numbers_told_are_the_bits_meant(value in any::<f64>().prop_filter("finite", |v| v.abs() < 9.9e37)) {
+    fn formatted_numbers_keep_their_bits(value in any::<f64>().prop_filter("finite", |v| v.abs() < 9.9e37)) {
         let call = parse_message(format!("X {}", Numeric::Value(value))).remove(0).unwrap();
         match call.arguments[0].number(Unit::None) {
             Ok(Numeric::Value(read)) => prop_assert_eq!(read.to_bits(), value.to_bits()),
@@ -181,7 +181,7 @@ proptest! {
     }
 
     #[test]
-    fn every_spelling_of_a_header_is_heard(
+    fn every_spelling_of_a_header_is_accepted(
         source in prop::option::of(prop_oneof![Just("SOUR"), Just("source")]),
         level in prop::option::of(prop_oneof![Just("LEV"), Just("Level")]),
         lower in any::<bool>(),

@@ -64,12 +64,12 @@ pub(super) fn train(options: &DeepOptions) -> Result<(), Failure> {
         line["noise_figure"] = model.metadata().noise_figure.into();
         println!("{}", survey::printable_json(line.to_string()));
     } else {
-        println!("{}", told(&options.out, &model, report));
+        println!("{}", notes(&options.out, &model, report));
     }
     Ok(())
 }
 
-fn told(path: &Path, model: &Model, report: &DeepReport) -> String {
+fn notes(path: &Path, model: &Model, report: &DeepReport) -> String {
     format!(
         "{}: {} of {} simulated cases, {} samples an epoch, {} weights and biases\n\
          loss (half the squared error of a map, summed over its triangles) at epoch {} of {}: training {:.3}, held out \
@@ -212,7 +212,7 @@ fn trained(
         drawn.seed,
     )
     .map_err(|fault| failed(&fault))?;
-    let mut said = serde_json::json!({
+    let mut reported = serde_json::json!({
         "geometry": case.mesh.hash(),
         "survey": case.protocol.hash(),
         "contact": case.contact_ohm_m,
@@ -223,7 +223,7 @@ fn trained(
         "build": env!("CARGO_PKG_VERSION"),
     });
     if options.data.symmetric {
-        said["views"] = views.into();
+        reported["views"] = views.into();
     }
     let recipe = Recipe {
         samples,
@@ -236,7 +236,10 @@ fn trained(
         },
         seed: settings.data.seed,
         precision: options.precision.into(),
-        checkpoint: Some((checkpoint, model::fingerprint(said.to_string().as_bytes()))),
+        checkpoint: Some((
+            checkpoint,
+            model::fingerprint(reported.to_string().as_bytes()),
+        )),
     };
     let watch = Watch::default();
     let (network, familiar, report) =

@@ -25,12 +25,12 @@ enum Verdict {
 }
 
 impl Verdict {
-    fn of(told: &Prediction, noise: f64, signal: Option<f64>) -> Self {
-        let matters = told.volts > OF_NOISE * noise
-            || signal.is_some_and(|signal| told.volts > OF_SIGNAL * signal);
-        match (told.named, matters) {
+    fn of(reported: &Prediction, noise: f64, signal: Option<f64>) -> Self {
+        let matters = reported.volts > OF_NOISE * noise
+            || signal.is_some_and(|signal| reported.volts > OF_SIGNAL * signal);
+        match (reported.named, matters) {
             (true, false) => Self::Negligible,
-            (false, true) if told.assumes.is_some() => Self::Fault,
+            (false, true) if reported.assumes.is_some() => Self::Fault,
             (false, true) => Self::Missing,
             _ => Self::Fine,
         }
@@ -53,17 +53,17 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
     let preview = Preview::new(&scene, scan)
         .map_err(|fault| Failure::of(&format!("scene {}", options.scene), &fault))?;
     let (noise, signal) = (preview.noise(), preview.signal());
-    let told: Vec<(Prediction, Verdict)> = preview
+    let reported: Vec<(Prediction, Verdict)> = preview
         .predictions()
         .into_iter()
-        .map(|told| {
-            let verdict = Verdict::of(&told, noise, signal);
-            (told, verdict)
+        .map(|reported| {
+            let verdict = Verdict::of(&reported, noise, signal);
+            (reported, verdict)
         })
         .collect();
     let of = |wanted: Verdict| -> Vec<&str> {
-        let those = told.iter().filter(|(_, verdict)| *verdict == wanted);
-        those.map(|(told, _)| told.name).collect()
+        let those = reported.iter().filter(|(_, verdict)| *verdict == wanted);
+        those.map(|(reported, _)| reported.name).collect()
     };
     let source = if scene.effects.voltmeter_noise.is_some() {
         "the scene's"
@@ -71,17 +71,17 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
         "the voltmeter's table"
     };
     if options.json {
-        let effects: Vec<_> = told
+        let effects: Vec<_> = reported
             .iter()
-            .map(|(told, verdict)| {
+            .map(|(reported, verdict)| {
                 json!({
-                    "name": told.name,
-                    "what": told.what,
-                    "named": told.named,
-                    "volts": told.volts,
-                    "of_noise": (noise > 0.0).then(|| told.volts / noise),
-                    "of_signal": signal.map(|signal| told.volts / signal),
-                    "assumes": told.assumes,
+                    "name": reported.name,
+                    "what": reported.what,
+                    "named": reported.named,
+                    "volts": reported.volts,
+                    "of_noise": (noise > 0.0).then(|| reported.volts / noise),
+                    "of_signal": signal.map(|signal| reported.volts / signal),
+                    "assumes": reported.assumes,
                     "verdict": verdict.word(),
                 })
             })
@@ -109,14 +109,14 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
         "{:20} {:5} {:>9} {:>9} {:>9}",
         "effect", "named", "volts rms", "of noise", "of signal"
     );
-    for (told, verdict) in &told {
-        let share = |of: f64| format!("{:.1e}", told.volts / of);
-        let assumed = told.assumes.as_ref().map(|text| format!(" [{text}]"));
+    for (reported, verdict) in &reported {
+        let share = |of: f64| format!("{:.1e}", reported.volts / of);
+        let assumed = reported.assumes.as_ref().map(|text| format!(" [{text}]"));
         let line = format!(
             "{:20} {:5} {:>9} {:>9} {:>9}  {}{}",
-            told.name,
-            if told.named { "yes" } else { "-" },
-            format!("{:.1e}", told.volts),
+            reported.name,
+            if reported.named { "yes" } else { "-" },
+            format!("{:.1e}", reported.volts),
             if noise > 0.0 {
                 share(noise)
             } else {

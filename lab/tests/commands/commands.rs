@@ -4,9 +4,9 @@ use crate::program::{done, lab, numbers, reference, words};
 
 fn refused(line: &str, paths: &[&std::path::Path]) -> (Option<i32>, String) {
     let output = lab(&words(line, paths));
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(!output.status.success(), "{said}");
-    (output.status.code(), said)
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success(), "{message}");
+    (output.status.code(), message)
 }
 
 fn largest_error(found: &[Vec<f64>], exact: &[Vec<f64>]) -> f64 {
@@ -35,8 +35,8 @@ fn the_solved_case_by_the_command_line() {
         let line = format!(
             "forward --force --case {{}} --sigma {name} --out {{}} --potentials {{}} --timing"
         );
-        let said = done(&words(&line, &[&case, &v, &u]));
-        assert!(said.contains("forward "), "{said}");
+        let message = done(&words(&line, &[&case, &v, &u]));
+        assert!(message.contains("forward "), "{message}");
         let exact = |letter: &str| numbers(&case.join(format!("{letter}_exact_{name}.csv")));
         assert!(largest_error(&numbers(&v), &exact("v")) < 1e-13);
         if name != "random" {
@@ -99,8 +99,8 @@ fn a_small_network_is_trained_kept_and_used() {
         ],
     ));
     assert!(output.status.success());
-    let said = String::from_utf8(output.stdout).unwrap();
-    assert!(said.contains("\"method\":\"rbf matched\""), "{said}");
+    let message = String::from_utf8(output.stdout).unwrap();
+    assert!(message.contains("\"method\":\"rbf matched\""), "{message}");
 
     // another ring, another mesh: refused by name
     done(&words(
@@ -111,7 +111,7 @@ fn a_small_network_is_trained_kept_and_used() {
         "forward --case {} --sigma homog --out {}",
         &[&path("nine"), &path("v9.csv")],
     ));
-    let (code, said) = refused(
+    let (code, message) = refused(
         use_it,
         &[
             &path("nine"),
@@ -122,8 +122,8 @@ fn a_small_network_is_trained_kept_and_used() {
     );
     assert_eq!(code, Some(1));
     assert!(
-        said.contains("40 readings") && said.contains("54 readings"),
-        "{said}"
+        message.contains("40 readings") && message.contains("54 readings"),
+        "{message}"
     );
 
     // a file cut short, and one that is something else
@@ -133,7 +133,7 @@ fn a_small_network_is_trained_kept_and_used() {
         ("cut.safetensors", "truncated"),
         ("v.csv", "not a model file"),
     ] {
-        let (code, said) = refused(
+        let (code, message) = refused(
             use_it,
             &[
                 &path("tank"),
@@ -143,7 +143,10 @@ fn a_small_network_is_trained_kept_and_used() {
             ],
         );
         assert_eq!(code, Some(1));
-        assert!(said.contains(word) && said.contains(model), "{said}");
+        assert!(
+            message.contains(word) && message.contains(model),
+            "{message}"
+        );
     }
 }
 
@@ -192,31 +195,31 @@ fn a_small_deep_network_is_trained_kept_and_used() {
         &format!("{train} --precision int8 --json"),
         &[&settings, &files[0], &files[1]],
     ));
-    let said = String::from_utf8(output.stdout).unwrap();
+    let message = String::from_utf8(output.stdout).unwrap();
     for word in [
         "\"epochs\":3",
         "\"precision\":\"int8\"",
         "\"hidden_layers\":2",
         "\"samples\":120",
     ] {
-        assert!(said.contains(word), "{word}: {said}");
+        assert!(message.contains(word), "{word}: {message}");
     }
     let output = lab(&words(use_it, &files.each_ref().map(|path| path.as_path())));
     assert!(output.status.success());
-    let said = String::from_utf8(output.stdout).unwrap();
-    assert!(said.contains("\"method\":\"dnn matched\""), "{said}");
+    let message = String::from_utf8(output.stdout).unwrap();
+    assert!(message.contains("\"method\":\"dnn matched\""), "{message}");
     for (wrong, why) in [
         ("--set breadth=3", "breadth"),
         ("--set width=0", "deep.width must be 1 or more"),
         ("--set width", "KEY=VALUE"),
         ("--set colour.width=3", "colour"),
     ] {
-        let (code, said) = refused(
+        let (code, message) = refused(
             &format!("{train} --force {wrong}"),
             &[&settings, &files[0], &files[1]],
         );
-        assert_eq!(code, Some(2), "{said}");
-        assert!(said.contains(why), "{said}");
+        assert_eq!(code, Some(2), "{message}");
+        assert!(message.contains(why), "{message}");
     }
 }
 
@@ -229,12 +232,12 @@ fn a_wrong_column_count_names_file_and_line() {
         &[&path("tank")],
     ));
     std::fs::write(path("frames.csv"), "m0,m1,m2,m3\n1,2,3,4\n1,2,3\n").unwrap();
-    let (code, said) = refused(
+    let (code, message) = refused(
         "reconstruct --case {} --frames {} --out {}",
         &[&path("tank"), &path("frames.csv"), &path("maps.csv")],
     );
     assert_eq!(code, Some(1));
-    assert!(said.contains("frames.csv:3"), "{said}");
+    assert!(message.contains("frames.csv:3"), "{message}");
 }
 
 #[test]
@@ -266,15 +269,15 @@ fn what_cannot_be_meant_is_a_usage_error() {
         ("--metod one-step", "--metod"),
     ] {
         let line = format!("reconstruct --case {{}} {options} --frames {{}} --out {{}}");
-        let (code, said) = refused(&line, &[&path("tank"), &path("v.csv"), &path("maps.csv")]);
-        assert_eq!(code, Some(2), "{options}: {said}");
-        assert!(said.contains(word), "{options}: {said}");
+        let (code, message) = refused(&line, &[&path("tank"), &path("v.csv"), &path("maps.csv")]);
+        assert_eq!(code, Some(2), "{options}: {message}");
+        assert!(message.contains(word), "{options}: {message}");
     }
     for set in ["radius=3", "radius_mm", "electrodes=sixteen"] {
         let line = format!("mesh --preset disc-tank --set {set} --out {{}}");
-        let (code, said) = refused(&line, &[&path("other")]);
-        assert_eq!(code, Some(2), "{said}");
-        assert!(said.contains("--set"), "{said}");
+        let (code, message) = refused(&line, &[&path("other")]);
+        assert_eq!(code, Some(2), "{message}");
+        assert!(message.contains("--set"), "{message}");
     }
     let shells = lab(&words("completions bash", &[]));
     assert!(String::from_utf8_lossy(&shells.stdout).contains("tactus-lab"));
@@ -305,11 +308,11 @@ fn frames_without_noise_make_good_maps() {
         let alone = format!(
             "reconstruct --force --case {{}} --frames {{}} --baseline {{}} --out {{}}{noise}"
         );
-        let said = done(&words(&alone, &[&case, &one, &homog, &path("alone.csv")]));
+        let message = done(&words(&alone, &[&case, &one, &homog, &path("alone.csv")]));
         assert_eq!(
-            said.contains("lambda is raised to"),
+            message.contains("lambda is raised to"),
             !noise.is_empty(),
-            "{said}"
+            "{message}"
         );
         let both = format!("reconstruct --force --case {{}} --frames {{}} --out {{}}{noise}");
         done(&words(&both, &[&case, &path("two.csv"), &path("both.csv")]));

@@ -17,7 +17,7 @@ fn tank(folder: &Path) -> PathBuf {
 }
 
 /// Runs the program where no file may grow beyond so many blocks of 512 bytes, as on a disk that is full there.
-fn with_little_room(blocks: u32, line: &str, paths: &[&Path]) -> Output {
+fn with_little_space(blocks: u32, line: &str, paths: &[&Path]) -> Output {
     let limited = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" \"$@\"");
     Command::new("sh")
         .args(["-c", &limited, env!("CARGO_BIN_EXE_tactus-lab")])
@@ -45,8 +45,8 @@ fn killed_training_on_full_disk_resumes_to_the_same_bits() {
         .stdout(Stdio::null())
         .spawn()
         .unwrap();
-    let said = BufReader::new(child.stderr.take().unwrap());
-    let second = said
+    let message = BufReader::new(child.stderr.take().unwrap());
+    let second = message
         .lines()
         .map(Result::unwrap)
         .find(|line| line.starts_with("epoch 2 "));
@@ -58,25 +58,25 @@ fn killed_training_on_full_disk_resumes_to_the_same_bits() {
     let kept = std::fs::read(&checkpoint).unwrap();
     // no room for the next checkpoint: said, and the last one stays
     let blocks = u32::try_from(kept.len() / 1024 / 2).unwrap();
-    let said = words_of(&with_little_room(blocks, TRAIN, &[&case, &broken]));
+    let message = words_of(&with_little_space(blocks, TRAIN, &[&case, &broken]));
     for word in [
         "going on",
         "broken.checkpoint",
         "make room",
         "File too large",
     ] {
-        assert!(said.contains(word), "{word}: {said}");
+        assert!(message.contains(word), "{word}: {message}");
     }
     assert!(std::fs::read(&checkpoint).unwrap() == kept);
     // room again
-    let said = done(&words(TRAIN, &[&case, &broken]));
-    assert!(said.contains("going on from a checkpoint"), "{said}");
+    let message = done(&words(TRAIN, &[&case, &broken]));
+    assert!(message.contains("going on from a checkpoint"), "{message}");
     assert!(std::fs::read(&whole).unwrap() == std::fs::read(&broken).unwrap());
     assert!(!checkpoint.exists());
 }
 
 #[test]
-fn a_set_for_which_there_is_no_room_goes_on_when_there_is() {
+fn data_set_on_a_full_disk_continues_with_space() {
     let folder = tempfile::tempdir().unwrap();
     let case = tank(folder.path());
     let [whole, broken] = ["whole", "broken"].map(|name| folder.path().join(name));
@@ -85,9 +85,9 @@ fn a_set_for_which_there_is_no_room_goes_on_when_there_is() {
     let bytes = std::fs::read(whole.join("shard-0-of-1.tset")).unwrap();
     // a shell counts in blocks of 512 or of 1024 bytes
     let blocks = u32::try_from(bytes.len() / 1024 * 3 / 4).unwrap();
-    let said = words_of(&with_little_room(blocks, line, &[&case, &broken]));
+    let message = words_of(&with_little_space(blocks, line, &[&case, &broken]));
     for word in ["shard-0-of-1.part", "make room", "same command"] {
-        assert!(said.contains(word), "{word}: {said}");
+        assert!(message.contains(word), "{word}: {message}");
     }
     let part = std::fs::metadata(broken.join("shard-0-of-1.part")).unwrap();
     assert!(part.len() > 0);

@@ -47,18 +47,18 @@ fn a_set_is_the_same_however_it_is_cut_stopped_and_read() {
     // what is incomplete is refused
     let model = folder.path().join("a.safetensors");
     let train = "train linear --force --profile matched --dataset {} --case {} --out {}";
-    let said = refused(train, &[&parts, &case, &model]);
+    let message = refused(train, &[&parts, &case, &model]);
     assert!(
-        said.contains("75 of 150 cases") && said.contains("shard-1-of-2.tset"),
-        "the missing shard is named: {said}"
+        message.contains("75 of 150 cases") && message.contains("shard-1-of-2.tset"),
+        "the missing shard is named: {message}"
     );
     make("1/2", &parts);
     // the last third without the middle one: the gap has a name too
     let thirds = folder.path().join("thirds");
     make("0/3", &thirds);
     make("2/3", &thirds);
-    let said = refused(train, &[&thirds, &case, &model]);
-    assert!(said.contains("shard-1-of-3.tset"), "{said}");
+    let message = refused(train, &[&thirds, &case, &model]);
+    assert!(message.contains("shard-1-of-3.tset"), "{message}");
     // a shard of another seed among them
     let other = folder.path().join("other");
     let line = "dataset --shard 1/3 --seed 4 --cases 150 --case {} --out {}";
@@ -66,10 +66,10 @@ fn a_set_is_the_same_however_it_is_cut_stopped_and_read() {
     for name in ["shard-1-of-3.tset", "shard-1-of-3.json"] {
         std::fs::copy(other.join(name), thirds.join(name)).unwrap();
     }
-    let said = refused(train, &[&thirds, &case, &model]);
+    let message = refused(train, &[&thirds, &case, &model]);
     assert!(
-        said.contains("shard-1-of-3.json") && said.contains("another set"),
-        "{said}"
+        message.contains("shard-1-of-3.json") && message.contains("another set"),
+        "{message}"
     );
     // the same cases, so the same weights
     let other = folder.path().join("b.safetensors");
@@ -101,17 +101,17 @@ fn a_set_is_the_same_however_it_is_cut_stopped_and_read() {
     let manifest = parts.join("shard-0-of-2.json");
     let text = std::fs::read_to_string(&manifest).unwrap();
     std::fs::write(&manifest, text.replace(&hash(&bytes), &hash(&spoilt))).unwrap();
-    let said = refused(train, &[&parts, &case, &model]);
+    let message = refused(train, &[&parts, &case, &model]);
     assert!(
-        said.contains("shard-0-of-2.tset") && said.contains("reading 0 of case 0"),
-        "{said}"
+        message.contains("shard-0-of-2.tset") && message.contains("reading 0 of case 0"),
+        "{message}"
     );
     for train in [SMALL_DEEP, "train rbf --profile matched --neurons 8"] {
         let line = format!("{train} --force --dataset {{}} --case {{}} --out {{}}");
-        let said = refused(&line, &[&parts, &case, &model]);
+        let message = refused(&line, &[&parts, &case, &model]);
         assert!(
-            said.contains("shard-0-of-2.tset") && said.contains("reading 0 of case 0"),
-            "{said}"
+            message.contains("shard-0-of-2.tset") && message.contains("reading 0 of case 0"),
+            "{message}"
         );
     }
 }
@@ -211,8 +211,8 @@ fn every_kind_trains_on_levels_and_on_measured_noise() {
         let line = format!(
             "train {kind} --profile matched --cases 40 --repeats 1 --noise-v 1e-6 --noise-v 1e-4 --case {{}} --out {{}} --force"
         );
-        let said = refused(&line, &[&case, &model]);
-        assert!(said.contains("levels of noise"), "{said}");
+        let message = refused(&line, &[&case, &model]);
+        assert!(message.contains("levels of noise"), "{message}");
     }
 }
 
@@ -259,11 +259,11 @@ fn images_get_their_figures_with_all_digits() {
             "{name}"
         );
     }
-    let said = refused(
+    let message = refused(
         "merit --images {} --negate --truth {}",
         &[folder.path(), &at("none")],
     );
-    assert!(said.contains("none"), "{said}");
+    assert!(message.contains("none"), "{message}");
 }
 
 #[test]
@@ -278,8 +278,8 @@ fn methods_are_compared_on_frames_of_a_finer_mesh() {
         "evaluate --set {} --method one-step --method best --method tv --json --picture {}",
         &[&set, &picture],
     ));
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{said}");
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{message}");
     let lines: Vec<serde_json::Value> = String::from_utf8(output.stdout)
         .unwrap()
         .lines()
@@ -293,6 +293,6 @@ fn methods_are_compared_on_frames_of_a_finer_mesh() {
     // of a linear map by its formula, else by draws
     assert!((0..3).all(|k| of(k, "noise_figure") > 0.0));
     assert!(std::fs::read(&picture).unwrap().starts_with(b"\x89PNG"));
-    let said = refused("evaluate --set {} --method one-step", &[folder.path()]);
-    assert!(!said.is_empty());
+    let message = refused("evaluate --set {} --method one-step", &[folder.path()]);
+    assert!(!message.is_empty());
 }

@@ -45,9 +45,9 @@ impl Tank {
 
 fn refused(line: &str, paths: &[&Path]) -> String {
     let output = lab(&words(line, paths));
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(1), "{said}");
-    said
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    message
 }
 
 #[test]
@@ -183,12 +183,15 @@ fn bad_conductances_meshes_and_protocols_are_named() {
     };
     for (value, word) in [(-1.0, "negative"), (f64::NAN, "not a finite number")] {
         tank.put("bad.csv", &conductance(6, value));
-        let said = forward(tank.path("bad.csv").to_str().unwrap());
-        assert!(said.contains("bad.csv:7") && said.contains(word), "{said}");
+        let message = forward(tank.path("bad.csv").to_str().unwrap());
+        assert!(
+            message.contains("bad.csv:7") && message.contains(word),
+            "{message}"
+        );
         let mut rows = vec![vec![1e-3; elements]; 3];
         rows[1][4] = value;
         tank.put("rows.csv", &rows);
-        let said = refused(
+        let message = refused(
             "forward --force --case {} --sigma-rows {} --out {}",
             &[
                 &tank.path("tank"),
@@ -196,17 +199,20 @@ fn bad_conductances_meshes_and_protocols_are_named() {
                 &tank.path("v.csv"),
             ],
         );
-        assert!(said.contains("rows.csv:2") && said.contains(word), "{said}");
+        assert!(
+            message.contains("rows.csv:2") && message.contains(word),
+            "{message}"
+        );
     }
     tank.put("none.csv", &vec![vec![0.0]; elements]);
-    let said = forward(tank.path("none.csv").to_str().unwrap());
+    let message = forward(tank.path("none.csv").to_str().unwrap());
     assert!(
-        said.contains("none.csv") && said.contains("no element conducts"),
-        "{said}"
+        message.contains("none.csv") && message.contains("no element conducts"),
+        "{message}"
     );
     // a triangle without conductance is a load of 100 %: taken, and said
     tank.put("hole.csv", &conductance(6, 0.0));
-    let said = done(&words(
+    let message = done(&words(
         "forward --force --case {} --sigma {} --out {}",
         &[
             &tank.path("tank"),
@@ -215,8 +221,8 @@ fn bad_conductances_meshes_and_protocols_are_named() {
         ],
     ));
     assert!(
-        said.contains("hole.csv: 1 triangles") && said.contains("element 6"),
-        "{said}"
+        message.contains("hole.csv: 1 triangles") && message.contains("element 6"),
+        "{message}"
     );
 
     let change = |file: &str, change: Change| {
@@ -257,8 +263,8 @@ fn bad_conductances_meshes_and_protocols_are_named() {
     ];
     for (file, fault, wanted) in cases {
         let before = change(file, fault);
-        let said = forward("homog");
-        assert!(said.contains(wanted), "{said}");
+        let message = forward("homog");
+        assert!(message.contains(wanted), "{message}");
         std::fs::write(tank.path("tank").join(file), before).unwrap();
     }
     // few edges under an electrode: taken, with a warning that names it
@@ -272,12 +278,12 @@ fn bad_conductances_meshes_and_protocols_are_named() {
             })
             .collect()
     });
-    let said = done(&words(
+    let message = done(&words(
         "forward --force --case {} --sigma homog --out {}",
         &[&tank.path("tank"), &tank.path("v.csv")],
     ));
     assert!(
-        said.contains("electrode 6 of 8 has fewer than 4 edges"),
-        "{said}"
+        message.contains("electrode 6 of 8 has fewer than 4 edges"),
+        "{message}"
     );
 }

@@ -40,8 +40,8 @@ fn the_mesh_is_drawn_once_and_made_again_only_by_other_words() {
     std::fs::write(&nodes, "x_m,y_m\n0,zero\n").unwrap();
     let spoiled = figure("3", &out);
     assert!(!spoiled.status.success());
-    let said = String::from_utf8_lossy(&spoiled.stderr).into_owned();
-    assert!(said.contains("nodes.csv"), "{said}");
+    let message = String::from_utf8_lossy(&spoiled.stderr).into_owned();
+    assert!(message.contains("nodes.csv"), "{message}");
     // other words made it: it is made again
     std::fs::write(out.join("case.command"), "mesh --preset disc-tank\n").unwrap();
     let again = figure("3", &out);
@@ -102,12 +102,12 @@ fn killed_run_resumes_with_missing_parts_and_names_damage() {
     assert!(before.len() > 6, "{before:?}");
     assert!(!out.join("figure-6.png").exists());
     let second = figure("6", &out);
-    let said = String::from_utf8_lossy(&second.stderr).into_owned();
-    assert!(second.status.success(), "{said}");
+    let message = String::from_utf8_lossy(&second.stderr).into_owned();
+    assert!(second.status.success(), "{message}");
     assert!(out.join("figure-6.png").is_file());
     assert!(
-        !said.contains("train dnn") && said.contains("judge --set test-1"),
-        "{said}"
+        !message.contains("train dnn") && message.contains("judge --set test-1"),
+        "{message}"
     );
     let after = stamps(&out);
     for (path, at) in &before {
@@ -120,18 +120,21 @@ fn killed_run_resumes_with_missing_parts_and_names_damage() {
     }
     // once more: nothing is made again at all
     let third = figure("6", &out);
-    let said = String::from_utf8_lossy(&third.stderr).into_owned();
-    assert!(third.status.success() && !said.contains("--out"), "{said}");
+    let message = String::from_utf8_lossy(&third.stderr).into_owned();
+    assert!(
+        third.status.success() && !message.contains("--out"),
+        "{message}"
+    );
 
     let named = |file: &str, bytes: &[u8], words: &[&str]| {
         let path = out.join(file);
         let whole = std::fs::read(&path).unwrap();
         std::fs::write(&path, bytes).unwrap();
         let refused = figure("6", &out);
-        let said = String::from_utf8_lossy(&refused.stderr).into_owned();
-        assert_eq!(refused.status.code(), Some(1), "{said}");
+        let message = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert_eq!(refused.status.code(), Some(1), "{message}");
         for word in words.iter().chain([&file]) {
-            assert!(said.contains(word), "{word}: {said}");
+            assert!(message.contains(word), "{word}: {message}");
         }
         std::fs::write(&path, whole).unwrap();
     };

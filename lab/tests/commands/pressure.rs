@@ -71,8 +71,8 @@ fn known_masses_come_back_in_newtons() {
         "--out",
         "kpa.csv",
     ];
-    let said = done(lab(&[&frames[..], &with[..]].concat(), at));
-    let found: Vec<f64> = said
+    let message = done(lab(&[&frames[..], &with[..]].concat(), at));
+    let found: Vec<f64> = message
         .lines()
         .map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap())
         .map(|frame| {
@@ -171,15 +171,15 @@ fn presses_that_say_nothing_are_refused_by_line() {
         .collect();
     assert!(tried(few).contains("3 presses are too few"));
     let spoiled = whole.replacen("\n2,", "\ntwo,", 1);
-    let said = tried(spoiled);
+    let message = tried(spoiled);
     assert!(
-        said.contains("presses.csv:3") && said.contains("frame"),
-        "{said}"
+        message.contains("presses.csv:3") && message.contains("frame"),
+        "{message}"
     );
-    let said = tried(whole.replacen("mass_kg", "mass", 1));
-    assert!(said.contains("mass_kg"), "{said}");
-    let said = tried(whole.replacen("\n2,", "\n99,", 1));
-    assert!(said.contains("frame 99"), "{said}");
+    let message = tried(whole.replacen("mass_kg", "mass", 1));
+    assert!(message.contains("mass_kg"), "{message}");
+    let message = tried(whole.replacen("\n2,", "\n99,", 1));
+    assert!(message.contains("frame 99"), "{message}");
     // every second mass in grams, as if it were in kilograms: the worst line is named with both forces
     let contradictory: String = whole
         .lines()
@@ -191,13 +191,13 @@ fn presses_that_say_nothing_are_refused_by_line() {
             _ => format!("{line}\n"),
         })
         .collect();
-    let said = tried(contradictory);
+    let message = tried(contradictory);
     for word in [
         "contradict each other",
         "the worst is 'line ",
         "N by its mass",
     ] {
-        assert!(said.contains(word), "{said}");
+        assert!(message.contains(word), "{message}");
     }
     let alike: String = whole
         .lines()
@@ -210,8 +210,8 @@ fn presses_that_say_nothing_are_refused_by_line() {
             format!("{}\n", fields.join(","))
         })
         .collect();
-    let said = tried(alike);
-    assert!(said.contains("1 different pressures"), "{said}");
+    let message = tried(alike);
+    assert!(message.contains("1 different pressures"), "{message}");
     assert!(
         !at.join("sheet.toml").exists(),
         "no file where there is no calibration"

@@ -15,9 +15,9 @@ pub fn lab<S: AsRef<std::ffi::OsStr>>(words: &[S]) -> Output {
 /// Runs the program and expects success; returns standard error.
 pub fn done<S: AsRef<std::ffi::OsStr>>(words: &[S]) -> String {
     let output = lab(words);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{said}");
-    said
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{message}");
+    message
 }
 
 /// Words of a command line: text split at spaces, with paths put in place of `{}`.

@@ -60,7 +60,7 @@ fn kuopio_four_targets_with_one_hyper_parameter() {
     let mesh = Case::read(&case).unwrap().mesh;
     let mean = |how: &str| {
         let line = format!("reconstruct --force --case {{}} {how} --frames {{}} --out {{}}");
-        let said = done(&words(
+        let message = done(&words(
             &line,
             &[&case, &data.join("adj16_frames.csv"), &maps],
         ));
@@ -73,7 +73,7 @@ fn kuopio_four_targets_with_one_hyper_parameter() {
                 correlation(&mesh, 0.115, &maps[target], &truth)
             })
             .collect();
-        println!("{how}: {correlations:.3?}\n{said}");
+        println!("{how}: {correlations:.3?}\n{message}");
         correlations.iter().sum::<f64>() / 4.0
     };
     let noser = mean("--method one-step --prior noser --lambda 1");
@@ -104,8 +104,11 @@ fn ottawa_the_ball_is_found_within_two_centimetres() {
         let line = format!(
             "reconstruct --force --case {{}} {how} --negate --frames {{}} --out {{}} --timing"
         );
-        let said = done(&words(&line, &[&case, &data.join("frames.csv"), &maps]));
-        assert!(said.contains("frame ") && said.contains(" ms"), "{said}");
+        let message = done(&words(&line, &[&case, &data.join("frames.csv"), &maps]));
+        assert!(
+            message.contains("frame ") && message.contains(" ms"),
+            "{message}"
+        );
         for (row, truth) in [(1, [0.0, 0.0]), (2, [0.0, 0.07])] {
             let map = survey::Map {
                 mesh_hash: mesh.hash().to_owned(),
@@ -117,7 +120,7 @@ fn ottawa_the_ball_is_found_within_two_centimetres() {
             let found = map.found(&centroids, &areas).unwrap();
             let error = (found[0] - truth[0]).hypot(found[1] - truth[1]);
             println!(
-                "{how}: frame {row} found {found:.4?}, error {:.2} cm\n{said}",
+                "{how}: frame {row} found {found:.4?}, error {:.2} cm\n{message}",
                 100.0 * error
             );
             assert!(error < 0.02, "{how}: frame {row}: {found:?}");

@@ -4,18 +4,18 @@ use crate::program::{done, lab, numbers, words};
 
 fn printed(line: &str) -> String {
     let output = lab(&words(line, &[]));
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{said}");
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{message}");
     String::from_utf8(output.stdout).unwrap()
 }
 
 #[test]
 fn explain_lists_every_effect_and_says_what_matters() {
     let line = printed("scene explain paper-test1 --json --frames 20");
-    let told: serde_json::Value = serde_json::from_str(&line).unwrap();
-    let effects = told["effects"].as_array().unwrap();
+    let reported: serde_json::Value = serde_json::from_str(&line).unwrap();
+    let effects = reported["effects"].as_array().unwrap();
     assert_eq!(effects.len(), phantom::EffectSettings::ALL.len());
-    assert_eq!(told["noise_v"], 2e-6);
+    assert_eq!(reported["noise_v"], 2e-6);
     let of = |name: &str| effects.iter().find(|one| one["name"] == name).unwrap();
     assert_eq!(of("voltmeter-noise")["named"], true);
     assert_eq!(of("spray")["verdict"], "left out, would matter");
@@ -24,7 +24,7 @@ fn explain_lists_every_effect_and_says_what_matters() {
         "left out, would matter if it happened"
     );
     assert!(
-        told["missing"]
+        reported["missing"]
             .as_array()
             .unwrap()
             .contains(&"leakage".into())
@@ -112,18 +112,18 @@ fn what_is_no_scene_is_refused_where_it_is_wrong() {
     std::fs::write(&wrong, "seed = 1\n[effects.temprature]\n").unwrap();
     let output = lab(&words("scene check quiet {}", &[&wrong]));
     assert_eq!(output.status.code(), Some(1));
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
     let place = format!(
         "{}:2:10: there is no effect `temprature`, perhaps `temperature`?",
         wrong.display()
     );
-    assert!(said.contains(&place), "{said}");
-    assert!(said.contains("1 of 2 scenes cannot be had"), "{said}");
+    assert!(message.contains(&place), "{message}");
+    assert!(message.contains("1 of 2 scenes cannot be had"), "{message}");
     let output = lab(&words("scene explain nowhere", &[]));
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(
-        said.contains("shipped ones are quiet, paper-test1"),
-        "{said}"
+        message.contains("shipped ones are quiet, paper-test1"),
+        "{message}"
     );
     let output = lab(&words("scene run quiet --nplc 0 --out x", &[]));
     assert_eq!(output.status.code(), Some(2));

@@ -2,12 +2,12 @@
 
 use crate::program::{done, lab, words};
 
-fn said(output: &std::process::Output) -> String {
+fn message(output: &std::process::Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 #[test]
-fn a_table_is_made_once_drawn_and_asked_for_advice() {
+fn table_is_made_once_drawn_and_used_for_advice() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("tradeoff");
     let line = "tradeoff --quick --only acquisition --only uncertainty --out {}";
@@ -44,18 +44,18 @@ fn a_table_is_made_once_drawn_and_asked_for_advice() {
             .replacen("34924A pairs, reed", "by hand", 1);
     std::fs::write(&table, &marked).unwrap();
     let again = lab(&words(&format!("{line} --json"), &[&out]));
-    assert!(again.status.success(), "{}", said(&again));
+    assert!(again.status.success(), "{}", message(&again));
     assert!(String::from_utf8_lossy(&again.stdout).contains("by hand"));
     // another seed makes it anew
     done(&words(&format!("{line} --seed 2"), &[&out]));
     assert!(!std::fs::read_to_string(&table).unwrap().contains("by hand"));
 
-    let asked = lab(&words(
+    let requested = lab(&words(
         "advise --error-mm 3 --max-seconds 20 --electrodes 26 --json --table {}",
         &[&table],
     ));
-    assert!(asked.status.success(), "{}", said(&asked));
-    let advice: serde_json::Value = serde_json::from_slice(&asked.stdout).unwrap();
+    assert!(requested.status.success(), "{}", message(&requested));
+    let advice: serde_json::Value = serde_json::from_slice(&requested.stdout).unwrap();
     assert!(advice["error"].as_f64().unwrap() <= 3.0 && advice["time"].as_f64().unwrap() <= 20.0);
     assert_eq!(advice["also"]["electrodes"], 26.0);
     let too_much = lab(&words(
@@ -64,9 +64,9 @@ fn a_table_is_made_once_drawn_and_asked_for_advice() {
     ));
     assert_eq!(too_much.status.code(), Some(1));
     assert!(
-        said(&too_much).contains("None of the table is good enough"),
+        message(&too_much).contains("None of the table is good enough"),
         "{}",
-        said(&too_much)
+        message(&too_much)
     );
     let nonsense = lab(&words("advise --error-mm -1 --max-seconds 1", &[]));
     assert_eq!(nonsense.status.code(), Some(2));
@@ -75,8 +75,8 @@ fn a_table_is_made_once_drawn_and_asked_for_advice() {
     let damaged = lab(&words(&format!("{line} --seed 2"), &[&out]));
     assert!(!damaged.status.success());
     assert!(
-        said(&damaged).contains("acquisition.json is damaged"),
+        message(&damaged).contains("acquisition.json is damaged"),
         "{}",
-        said(&damaged)
+        message(&damaged)
     );
 }

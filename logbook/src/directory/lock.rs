@@ -78,7 +78,7 @@ mod tests {
     use crate::directory::lock::*;
 
     #[test]
-    fn a_second_owner_is_refused_and_told_who_the_first_is() {
+    fn second_owner_is_refused_with_the_first_named() {
         let dir = tempfile::tempdir().unwrap();
         let state = dir.path().join("state");
         let first = lock(&state).unwrap();

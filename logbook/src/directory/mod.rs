@@ -83,7 +83,7 @@ pub fn find(dir: impl AsRef<Path>, id_or_prefix: &str) -> Result<PathBuf, Logboo
     match matching.as_slice() {
         [] => Err(LogbookError::NoSuchSession {
             dir: dir.to_owned(),
-            asked: id_or_prefix.to_owned(),
+            requested: id_or_prefix.to_owned(),
         }),
         several => {
             let mut candidates: Vec<&str> =
@@ -93,7 +93,7 @@ pub fn find(dir: impl AsRef<Path>, id_or_prefix: &str) -> Result<PathBuf, Logboo
             }
             Err(LogbookError::Ambiguous {
                 dir: dir.to_owned(),
-                asked: id_or_prefix.to_owned(),
+                requested: id_or_prefix.to_owned(),
                 candidates: candidates.join(", "),
             })
         }

@@ -306,14 +306,14 @@ fn remove(
     };
     // Said first: what is gone without a word could not be told from what was lost.
     let list = dir.join(PRUNED);
-    let said = || -> std::io::Result<()> {
+    let message = || -> std::io::Result<()> {
         let mut file = std::fs::OpenOptions::new()
             .create(true)
             .append(true)
             .open(&list)?;
         writeln!(file, "{}", serde_json::to_string(&line)?)
     };
-    said().map_err(|source| LogbookError::disk(&list, "write what is removed to", source))?;
+    message().map_err(|source| LogbookError::disk(&list, "write what is removed to", source))?;
     for file in files {
         std::fs::remove_file(file).map_err(|source| LogbookError::Io {
             path: file.clone(),

@@ -48,7 +48,7 @@ mod tests {
     use survey::Protocol;
 
     #[test]
-    fn the_newest_part_is_asked_while_it_is_written() {
+    fn newest_part_is_readable_while_written() {
         let folder = tempfile::tempdir().unwrap();
         let protocol = Protocol::sheffield(4).unwrap();
         let at = DateTime::UNIX_EPOCH;

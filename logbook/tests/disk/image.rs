@@ -22,7 +22,7 @@ struct File {
 pub struct Disk {
     files: BTreeMap<String, File>,
     /// What the writer had been told.
-    pub told: Mark,
+    pub reported: Mark,
 }
 
 /// Which of the writes since the last sync are there.
@@ -41,7 +41,7 @@ pub enum Lost {
 impl Disk {
     pub fn take(&mut self, step: &Step) {
         if let Act::Mark(mark) = step.act {
-            self.told = mark;
+            self.reported = mark;
             return;
         }
         let file = self.files.entry(step.file.clone()).or_default();

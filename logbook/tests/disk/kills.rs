@@ -121,7 +121,7 @@ fn killed(folder: &Path, dice: &mut Dice) -> (u64, u64) {
         .spawn()
         .unwrap();
     let output = BufReader::new(child.stderr.take().unwrap());
-    let (lines, told) = mpsc::channel();
+    let (lines, reported) = mpsc::channel();
     let reading = std::thread::spawn(move || {
         for line in output.lines() {
             // A line goes through the pipe whole or not at all.
@@ -137,11 +137,11 @@ fn killed(folder: &Path, dice: &mut Dice) -> (u64, u64) {
         _ => 1 + dice.throw(60),
     };
     let moment = Duration::from_micros(dice.throw(12_000));
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     let begun = Instant::now();
-    while (heard.len() as u64) < wanted {
-        let line = told.recv_timeout(DEADLINE);
-        heard.push(line.expect("the writer writes until it is killed"));
+    while (received.len() as u64) < wanted {
+        let line = reported.recv_timeout(DEADLINE);
+        received.push(line.expect("the writer writes until it is killed"));
     }
     while begun.elapsed() < moment {
         std::hint::spin_loop();
@@ -149,9 +149,9 @@ fn killed(folder: &Path, dice: &mut Dice) -> (u64, u64) {
     child.kill().unwrap();
     child.wait().unwrap();
     reading.join().unwrap();
-    heard.extend(told.try_iter());
+    received.extend(reported.try_iter());
     let (mut handed, mut kept) = (0, 0);
-    for line in heard {
+    for line in received {
         match line.split_once(' ') {
             Some((">", number)) => handed = number.parse().unwrap(),
             Some(("=", number)) => kept = number.parse().unwrap(),

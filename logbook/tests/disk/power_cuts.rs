@@ -47,7 +47,7 @@ const STORAGE: Storage = Storage {
 struct Recording<'a> {
     folder: &'a Path,
     writer: SessionWriter,
-    told: Mark,
+    reported: Mark,
 }
 
 impl<'a> Recording<'a> {
@@ -56,42 +56,44 @@ impl<'a> Recording<'a> {
         Self {
             folder,
             writer: SessionWriter::create_with(folder, &header(), STORAGE).unwrap(),
-            told: Mark::default(),
+            reported: Mark::default(),
         }
     }
 
     fn hand(&mut self, change: impl FnOnce(&mut Mark)) {
-        change(&mut self.told);
-        vfs::mark(self.folder, self.told);
+        change(&mut self.reported);
+        vfs::mark(self.folder, self.reported);
     }
 
     fn baseline(&mut self) {
         self.writer.baseline(&baseline()).unwrap();
-        self.hand(|told| told.baseline = true);
+        self.hand(|reported| reported.baseline = true);
     }
 
     fn event(&mut self) {
-        self.hand(|told| told.events_handed += 1);
-        let number = self.told.events_handed as i64;
+        self.hand(|reported| reported.events_handed += 1);
+        let number = self.reported.events_handed as i64;
         self.writer
             .event(at(number), "test", &format!("event {number}"))
             .unwrap();
-        self.hand(|told| told.events_kept += 1);
+        self.hand(|reported| reported.events_kept += 1);
     }
 
     fn frames(&mut self, count: u64) -> Result<(), LogbookError> {
-        self.hand(|told| told.handed = told.kept + count);
-        let frames: Vec<Frame> = (self.told.kept + 1..=self.told.handed).map(frame).collect();
+        self.hand(|reported| reported.handed = reported.kept + count);
+        let frames: Vec<Frame> = (self.reported.kept + 1..=self.reported.handed)
+            .map(frame)
+            .collect();
         let kept = self
             .writer
             .append_all(frames.iter().map(|frame| (frame, None)))?;
-        assert_eq!(kept, self.told.handed);
-        self.hand(|told| told.kept = kept);
+        assert_eq!(kept, self.reported.handed);
+        self.hand(|reported| reported.kept = kept);
         Ok(())
     }
 
     fn roll(&mut self) {
-        self.writer.roll(at(self.told.kept as i64)).unwrap();
+        self.writer.roll(at(self.reported.kept as i64)).unwrap();
     }
 }
 
@@ -113,10 +115,10 @@ fn recording(folder: &Path, parts: u64) -> Vec<Step> {
             recording.roll();
         }
     }
-    recording.hand(|told| told.events_handed += 1);
+    recording.hand(|reported| reported.events_handed += 1);
     recording.writer.close(at(1000), "done").unwrap();
-    recording.told.closed = true;
-    vfs::mark(folder, recording.told);
+    recording.reported.closed = true;
+    vfs::mark(folder, recording.reported);
     vfs::steps(folder)
 }
 
@@ -140,9 +142,10 @@ fn held(folder: &Path) -> (BTreeMap<u64, Frame>, Vec<String>, Option<Baseline>, 
             let frame = record.unwrap().frame;
             frames.insert(frame.sequence, frame);
         }
-        let told = session.events().unwrap();
+        let reported = session.events().unwrap();
         events.extend(
-            told.into_iter()
+            reported
+                .into_iter()
                 .filter(|event| event.kind == "test")
                 .map(|event| event.text),
         );
@@ -155,16 +158,16 @@ fn held(folder: &Path) -> (BTreeMap<u64, Frame>, Vec<String>, Option<Baseline>, 
 }
 
 /// Opens an image and holds it against what the writer had been told.
-fn check(folder: &Path, told: Mark) {
+fn check(folder: &Path, reported: Mark) {
     let (frames, events, kept_baseline, closed) = held(folder);
     let count = frames.len() as u64;
     assert!(
-        (told.kept..=told.handed.max(told.kept)).contains(&count),
-        "{count} frames where {told:?}"
+        (reported.kept..=reported.handed.max(reported.kept)).contains(&count),
+        "{count} frames where {reported:?}"
     );
     assert!(
-        count == told.kept || count == told.handed,
-        "a group of frames is there whole or not at all: {count} where {told:?}"
+        count == reported.kept || count == reported.handed,
+        "a group of frames is there whole or not at all: {count} where {reported:?}"
     );
     for (number, found) in (1..).zip(frames.values()) {
         assert_eq!(*found, frame(number));
@@ -173,17 +176,17 @@ fn check(folder: &Path, told: Mark) {
         .map(|number| format!("event {number}"))
         .collect();
     assert_eq!(events, expected);
-    assert!((told.events_kept..=told.events_handed).contains(&events.len()));
+    assert!((reported.events_kept..=reported.events_handed).contains(&events.len()));
     match kept_baseline {
         Some(found) => assert_eq!(found, baseline()),
-        None => assert!(!told.baseline),
+        None => assert!(!reported.baseline),
     }
-    assert!(closed || !told.closed);
+    assert!(closed || !reported.closed);
 
     let open = logbook::interrupted(folder).unwrap();
     assert!(open.len() <= 1, "{open:?}");
     let Some(session) = open.first() else {
-        assert!(closed || told == Mark::default());
+        assert!(closed || reported == Mark::default());
         return;
     };
     let (mut writer, resumed) = SessionWriter::resume(&session.path).unwrap();
@@ -223,7 +226,7 @@ fn every_cut(steps: &[Step], all: bool) -> usize {
         for lost in ways {
             let folder = scratch();
             disk.lay(folder.path(), lost, &step.file);
-            let outcome = std::panic::catch_unwind(|| check(folder.path(), disk.told));
+            let outcome = std::panic::catch_unwind(|| check(folder.path(), disk.reported));
             if let Err(cause) = outcome {
                 eprintln!(
                     "after step {index} of {} ({} {}), {lost:?}",
@@ -321,17 +324,17 @@ fn after_a_failed_sync_the_next_writer_goes_on() {
     }
     let image = scratch();
     disk.lay(image.path(), Lost::Everything, "");
-    check(image.path(), disk.told);
+    check(image.path(), disk.reported);
 }
 
 #[test]
-fn a_full_disk_tears_nothing_and_the_writer_goes_on_with_room() {
+fn full_disk_tears_nothing_and_writing_continues() {
     let folder = scratch();
     let mut recording = Recording::begin(folder.path());
     recording.baseline();
     let mut refused = 0;
-    for room in (0..400_000).step_by(9_973) {
-        vfs::fail(folder.path(), Some(Fault::Full { room }));
+    for space in (0..400_000).step_by(9_973) {
+        vfs::fail(folder.path(), Some(Fault::Full { space }));
         let refusal = loop {
             if let Err(refusal) = recording.frames(7) {
                 break refusal;
@@ -340,16 +343,16 @@ fn a_full_disk_tears_nothing_and_the_writer_goes_on_with_room() {
         assert!(refusal.is_full() && !refusal.is_broken(), "{refusal:?}");
         assert!(!recording.writer.is_broken());
         refused += 1;
-        assert_eq!(held(folder.path()).0.len() as u64, recording.told.kept);
+        assert_eq!(held(folder.path()).0.len() as u64, recording.reported.kept);
         vfs::fail(folder.path(), None);
         recording.frames(1).unwrap();
         recording.event();
     }
-    println!("{refused} times full, {} frames", recording.told.kept);
+    println!("{refused} times full, {} frames", recording.reported.kept);
     let (frames, ..) = held(folder.path());
     for (number, found) in (1..).zip(frames.values()) {
         assert_eq!(*found, frame(number));
     }
     recording.writer.close(at(1), "done").unwrap();
-    assert_eq!(held(folder.path()).0.len() as u64, recording.told.kept);
+    assert_eq!(held(folder.path()).0.len() as u64, recording.reported.kept);
 }

@@ -58,7 +58,7 @@ pub enum Fault {
     /// Every sync of a file whose name ends so, from the one after so many on.
     Sync { of: &'static str, after: u32 },
     /// Every write, once so many bytes have been written from now on.
-    Full { room: usize },
+    Full { space: usize },
 }
 
 #[derive(Default)]
@@ -148,12 +148,12 @@ fn fault(path: &Path, writing: Option<usize>) -> Option<c_int> {
     with(|state| {
         let fault = state.faults.get_mut(path.parent()?)?;
         match (fault, writing) {
-            (Fault::Full { room }, Some(bytes)) if bytes > *room => {
-                *room = 0;
+            (Fault::Full { space }, Some(bytes)) if bytes > *space => {
+                *space = 0;
                 Some(ffi::SQLITE_FULL)
             }
-            (Fault::Full { room }, Some(bytes)) => {
-                *room -= bytes;
+            (Fault::Full { space }, Some(bytes)) => {
+                *space -= bytes;
                 None
             }
             (Fault::Sync { of, after }, None) if path.to_string_lossy().ends_with(*of) => {

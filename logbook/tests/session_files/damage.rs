@@ -49,7 +49,7 @@ fn a_torn_journal_costs_only_the_unacknowledged_frame() {
 }
 
 #[test]
-fn a_full_disk_is_said_and_the_frames_before_are_whole() {
+fn full_disk_is_reported_and_earlier_frames_are_whole() {
     let dir = tempfile::tempdir().unwrap();
     let storage = Storage {
         page_limit: Some(960),

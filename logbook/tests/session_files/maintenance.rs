@@ -202,7 +202,7 @@ fn a_repair_keeps_what_is_whole_and_says_what_it_cut() {
 }
 
 #[test]
-fn damage_to_the_last_page_is_said_too() {
+fn damage_to_the_last_page_is_reported() {
     let dir = tempfile::tempdir().unwrap();
     let writer = begun(dir.path(), &header("m1"), 1..=100);
     let path = writer.path().to_owned();

@@ -51,7 +51,7 @@ fn behind(path: &Path) {
 }
 
 #[test]
-fn a_last_frame_whose_number_turned_negative_is_found_and_said() {
+fn negative_number_of_the_last_frame_is_reported() {
     let dir = tempfile::tempdir().unwrap();
     let writer = written(dir.path());
     let path = writer.path().to_owned();

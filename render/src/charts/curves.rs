@@ -160,8 +160,10 @@ impl<'a> Plot<'a> {
 
     /// Every how many decades there is room for words.
     fn decades_a_tick(&self, axis: usize) -> usize {
-        let room = [9.0, 18.0][axis];
-        ((self.high[axis] - self.low[axis]) / room).ceil().max(1.0) as usize
+        let available = [9.0, 18.0][axis];
+        ((self.high[axis] - self.low[axis]) / available)
+            .ceil()
+            .max(1.0) as usize
     }
 
     /// The lower end as values are.

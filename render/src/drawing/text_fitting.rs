@@ -5,30 +5,30 @@ use crate::PictureError;
 /// Words broken at the last gap that lets the first line fit; what does not fit the second is left out.
 pub(crate) fn two_lines(
     words: &str,
-    room: f64,
+    available: f64,
     width: impl Fn(&str) -> Result<f64, PictureError>,
 ) -> Result<[String; 2], PictureError> {
     let mut first = 0;
     for (gap, _) in words.match_indices(' ') {
-        if width(&words[..gap])? > room {
+        if width(&words[..gap])? > available {
             break;
         }
         first = gap;
     }
     let (first, second) = words.split_at(first);
     Ok([
-        shortened(first, room, &width)?,
-        shortened(second.trim_start(), room, &width)?,
+        shortened(first, available, &width)?,
+        shortened(second.trim_start(), available, &width)?,
     ])
 }
 
 /// Words that fit the room, with an ellipsis where something had to be left out.
 pub(crate) fn shortened(
     words: &str,
-    room: f64,
+    available: f64,
     width: impl Fn(&str) -> Result<f64, PictureError>,
 ) -> Result<String, PictureError> {
-    if width(words)? <= room {
+    if width(words)? <= available {
         return Ok(words.to_owned());
     }
     let signs: Vec<char> = words.chars().collect();
@@ -39,7 +39,7 @@ pub(crate) fn shortened(
     };
     while fits + 1 < over {
         let half = fits.midpoint(over);
-        if width(&cut(half))? <= room {
+        if width(&cut(half))? <= available {
             fits = half;
         } else {
             over = half;

@@ -329,9 +329,9 @@ impl SimulatedInstruments {
         count.answered += u64::from(text.is_some());
         let place = self.unanswered.take();
         if let (Some(transcript), Some(place)) = (&mut self.transcript, place)
-            && let Some(said) = transcript.get_mut(place)
+            && let Some(message) = transcript.get_mut(place)
         {
-            said.answered.clone_from(&text);
+            message.answered.clone_from(&text);
         }
         text
     }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use rig::transcript::Said;
+use rig::transcript::EntryContent;
 use scpi::ParseError;
 
 use crate::instrument::Instrument;
@@ -34,16 +34,16 @@ impl SimulatedRig {
                 instrument,
                 session,
                 at,
-                Said::Sent(line.to_owned()),
+                EntryContent::Sent(line.to_owned()),
             );
             if let Some(reply) = &received.text {
-                let said = Said::Received(reply.clone());
+                let content = EntryContent::Received(reply.clone());
                 self.record_line(
                     &mut instruments,
                     instrument,
                     session,
                     at + received.wait,
-                    said,
+                    content,
                 );
             }
             received
@@ -68,8 +68,14 @@ impl SimulatedRig {
             let mut instruments = self.instruments();
             let text = instruments.fetch(session);
             if let Some(reply) = &text {
-                let (at, said) = (instruments.now(), Said::Received(reply.clone()));
-                self.record_line(&mut instruments, Instrument::Mainframe, session, at, said);
+                let (at, content) = (instruments.now(), EntryContent::Received(reply.clone()));
+                self.record_line(
+                    &mut instruments,
+                    Instrument::Mainframe,
+                    session,
+                    at,
+                    content,
+                );
             }
             text
         };

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use rig::transcript::{Entry, Said, TranscriptWriter};
+use rig::transcript::{Entry, EntryContent, TranscriptWriter};
 
 use crate::instrument::Instrument;
 use crate::simulated_instruments::SimulatedInstruments;
@@ -20,7 +20,7 @@ impl SimulatedRig {
         instrument: Instrument,
         session: u32,
         at: Duration,
-        said: Said,
+        content: EntryContent,
     ) {
         let Some(recorder) = &mut instruments.recorder else {
             return;
@@ -30,7 +30,7 @@ impl SimulatedRig {
         let entry = Entry {
             t_s: at.as_secs_f64(),
             instrument: format!("{} for {from}", instrument.name()),
-            said,
+            content,
         };
         if let Err(fault) = recorder.write(&entry) {
             tracing::warn!("recording ends: {fault}");

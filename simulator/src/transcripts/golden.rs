@@ -127,14 +127,16 @@ pub enum GoldenError {
         what: &'static str,
     },
     /// The simulator answers otherwise.
-    #[error("{place}:{line}: to '{said}' {expected} is expected, the simulator answers {answered}")]
+    #[error(
+        "{place}:{line}: to '{content}' {expected} is expected, the simulator answers {answered}"
+    )]
     Differs {
         /// The file.
         place: String,
         /// The line with the expected reply.
         line: usize,
         /// The message.
-        said: String,
+        content: String,
         /// What is expected.
         expected: String,
         /// What came.
@@ -258,7 +260,7 @@ impl Golden {
     pub fn play(&self, place: &str) -> Result<(), GoldenError> {
         let mut isolated = IsolatedInstrument::new(&self.setup);
         let mut now = Duration::ZERO;
-        let (mut said, mut answered) = ("", None);
+        let (mut content, mut answered) = ("", None);
         for line in &self.lines {
             let (expected, holds) = match &line.step {
                 Step::At(at) => {
@@ -268,7 +270,7 @@ impl Golden {
                 Step::Say(message) => {
                     let (reply, busy) = isolated.receive(message, now);
                     now = now.saturating_add(busy);
-                    (said, answered) = (message.as_str(), reply);
+                    (content, answered) = (message.as_str(), reply);
                     continue;
                 }
                 Step::Silence => ("nothing".to_owned(), answered.is_none()),
@@ -283,7 +285,7 @@ impl Golden {
                 return Err(GoldenError::Differs {
                     place: place.to_owned(),
                     line: line.number,
-                    said: said.to_owned(),
+                    content: content.to_owned(),
                     expected,
                     answered: answered
                         .map_or_else(|| "nothing".to_owned(), |text| format!("'{text}'")),

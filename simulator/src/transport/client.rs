@@ -259,9 +259,9 @@ impl ClientSession {
             let count = tokio::select! {
                 count = stream.read(&mut chunk) => count?,
                 Ok(()) = banner.changed(), if self.instrument == Instrument::Board => {
-                    let mut said = banner.borrow_and_update().clone();
-                    said.push('\n');
-                    stream.write_all(said.as_bytes()).await?;
+                    let mut reported = banner.borrow_and_update().clone();
+                    reported.push('\n');
+                    stream.write_all(reported.as_bytes()).await?;
                     stream.flush().await?;
                     framer.clear();
                     continue;

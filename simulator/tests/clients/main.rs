@@ -34,13 +34,14 @@ fn run(command: &mut Command) -> Result<Output, String> {
     Err(format!("{command:?} failed:\n{}", last.join("\n")))
 }
 
-fn is_asked_for(client: &str) -> bool {
+fn is_requested(client: &str) -> bool {
     let set = |name| std::env::var(name).is_ok_and(|value| value == "1");
-    let asked = set("TACTUS_REQUIRE_CLIENTS") || client == "pyvisa" && set("TACTUS_REQUIRE_PYVISA");
-    if !asked {
+    let requested =
+        set("TACTUS_REQUIRE_CLIENTS") || client == "pyvisa" && set("TACTUS_REQUIRE_PYVISA");
+    if !requested {
         println!("skipped: {client} is fetched and run only with TACTUS_REQUIRE_CLIENTS=1");
     }
-    asked
+    requested
 }
 
 /// The Python of an environment with the packages; one that is complete already is used again.
@@ -120,7 +121,7 @@ fn examples_without_arguments_print_their_usage() {
 
 #[test]
 fn pyvisa_finds_ohms_law() {
-    if !is_asked_for("pyvisa") {
+    if !is_requested("pyvisa") {
         return;
     }
     let served = Served::start_in_time(&[]);
@@ -130,7 +131,7 @@ fn pyvisa_finds_ohms_law() {
 
 #[test]
 fn pyvisa_takes_a_frame_through_both_instruments() {
-    if !is_asked_for("pyvisa") {
+    if !is_requested("pyvisa") {
         return;
     }
     let served = Served::start_in_time(&["--port-vxi11", "0"]);
@@ -146,7 +147,7 @@ fn pyvisa_takes_a_frame_through_both_instruments() {
 
 #[test]
 fn pyvisa_takes_the_same_frame_over_vxi_11() {
-    if !is_asked_for("pyvisa") {
+    if !is_requested("pyvisa") {
         return;
     }
     let served = Served::start(&["--port-vxi11", "0"]);
@@ -163,7 +164,7 @@ fn pyvisa_takes_the_same_frame_over_vxi_11() {
 
 #[test]
 fn zeroconf_and_avahi_find_every_service() {
-    if !is_asked_for("zeroconf") {
+    if !is_requested("zeroconf") {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
@@ -229,22 +230,22 @@ impl Avahi {
             .map_err(reported("dbus-daemon (package dbus)"))?;
         let mut line = String::new();
         let out = bus.stdout.take().ok_or("dbus-daemon has no output")?;
-        let said = BufReader::new(out).read_line(&mut line);
+        let message = BufReader::new(out).read_line(&mut line);
         let daemon = Command::new("avahi-daemon")
             .args(["--no-drop-root", "--no-chroot", "--no-rlimits"])
             .env("DBUS_SYSTEM_BUS_ADDRESS", address(&folder))
             .stderr(Stdio::piped())
             .spawn();
-        let (Ok(1..), Ok(mut daemon)) = (said, daemon) else {
+        let (Ok(1..), Ok(mut daemon)) = (message, daemon) else {
             bus.kill().ok();
             bus.wait().ok();
             return Err(
                 "dbus-daemon or avahi-daemon (package avahi-daemon) ended at once".to_owned(),
             );
         };
-        let said = daemon.stderr.take().ok_or("avahi-daemon has no output")?;
+        let message = daemon.stderr.take().ok_or("avahi-daemon has no output")?;
         let mut received = Vec::new();
-        let up = BufReader::new(said)
+        let up = BufReader::new(message)
             .lines()
             .map_while(Result::ok)
             .any(|line| {
@@ -285,7 +286,7 @@ impl Drop for Avahi {
 
 #[test]
 fn lxi_tools_ask_who_is_there() {
-    if !is_asked_for("lxi") {
+    if !is_requested("lxi") {
         return;
     }
     if let Err(fault) = Command::new("lxi").arg("--version").output() {
@@ -294,8 +295,8 @@ fn lxi_tools_ask_who_is_there() {
     let served = Served::start(&[]);
     for (instrument, model) in [("6221", "MODEL 6221"), ("34980a", "34980A")] {
         let (host, port) = served.address(instrument).rsplit_once(':').unwrap();
-        let asked = ["scpi", "--raw", "--address", host, "--port", port, "*IDN?"];
-        let reported = run(Command::new("lxi").args(asked)).unwrap();
+        let requested = ["scpi", "--raw", "--address", host, "--port", port, "*IDN?"];
+        let reported = run(Command::new("lxi").args(requested)).unwrap();
         let reported = String::from_utf8_lossy(&reported.stdout);
         assert!(reported.contains(model), "{reported}");
     }
@@ -304,7 +305,7 @@ fn lxi_tools_ask_who_is_there() {
 /// Every usable property of PyMeasure's class.
 #[test]
 fn pymeasure_uses_every_property_of_a_served_source() {
-    if !is_asked_for("pymeasure") {
+    if !is_requested("pymeasure") {
         return;
     }
     let served = Served::start_in_time(&["--load", "resistor 1 2 500"]);
@@ -320,7 +321,7 @@ fn pymeasure_uses_every_property_of_a_served_source() {
 
 #[test]
 fn qcodes_drives_a_served_34934a() {
-    if !is_asked_for("qcodes") {
+    if !is_requested("qcodes") {
         return;
     }
     let slots = [
@@ -339,7 +340,7 @@ fn qcodes_drives_a_served_34934a() {
 
 #[test]
 fn instro_reads_scans_and_switches_what_is_served() {
-    if !is_asked_for("instro") {
+    if !is_requested("instro") {
         return;
     }
     let slots = [
@@ -354,7 +355,7 @@ fn instro_reads_scans_and_switches_what_is_served() {
 
 #[test]
 fn the_pymeasure_example_works_as_written() {
-    if !is_asked_for("pymeasure") {
+    if !is_requested("pymeasure") {
         return;
     }
     let served = Served::start_in_time(&["--load", "resistor 1 2 470"]);
@@ -365,7 +366,7 @@ fn the_pymeasure_example_works_as_written() {
 
 #[test]
 fn the_qcodes_example_works_as_written() {
-    if !is_asked_for("qcodes") {
+    if !is_requested("qcodes") {
         return;
     }
     let served = Served::start_in_time(&["--profile", "matrix-34934a", "--load", "mesh 100"]);

@@ -406,11 +406,11 @@ async fn the_serial_port_of_the_source_ends_its_lines_as_it_is_set() {
         ("LF", "\n"),
     ] {
         // The reply to the question behind the setting ends in the new way already.
-        for (said, reported) in [
+        for (message, reported) in [
             (format!("SYST:COMM:SER:TERM {word};TERM?{before}"), word),
             (format!("*ESE?{end}"), "0"),
         ] {
-            port.write_all(said.as_bytes()).await.unwrap();
+            port.write_all(message.as_bytes()).await.unwrap();
             let expected = format!("{reported}{end}");
             let mut received = vec![0; expected.len()];
             let read = tokio::time::timeout(DEADLINE, port.read_exact(&mut received));
@@ -420,8 +420,8 @@ async fn the_serial_port_of_the_source_ends_its_lines_as_it_is_set() {
         before = end;
     }
     // The network's lines end in a line feed all the same.
-    let said = b"SYST:COMM:SER:TERM CR;TERM?\n";
-    port.write_all(said).await.unwrap();
+    let message = b"SYST:COMM:SER:TERM CR;TERM?\n";
+    port.write_all(message).await.unwrap();
     let mut received = [0; 3];
     let read = tokio::time::timeout(DEADLINE, port.read_exact(&mut received));
     read.await.unwrap().unwrap();

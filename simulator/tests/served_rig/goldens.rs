@@ -141,8 +141,8 @@ fn what_was_recorded_is_replayed_and_made_a_golden() {
         let played = program(arguments);
         let reported = String::from_utf8_lossy(&played.stderr).into_owned();
         assert!(played.status.success(), "{reported}");
-        let said = String::from_utf8_lossy(&played.stdout).into_owned();
-        assert!(said.starts_with("9 messages, 7 replies: "), "{said}");
+        let message = String::from_utf8_lossy(&played.stdout).into_owned();
+        assert!(message.starts_with("9 messages, 7 replies: "), "{message}");
     }
 
     let golden = folder.path().join("unit.golden");
@@ -203,7 +203,7 @@ fn what_was_recorded_is_replayed_and_made_a_golden() {
 }
 
 #[test]
-fn transcripts_that_cannot_be_played_are_told_so() {
+fn unplayable_transcripts_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("talk.jsonl");
     let sent = r#"{"t_s":0,"instrument":"6221","sent":"OUTP ON"}"#;
@@ -232,9 +232,9 @@ fn transcripts_that_cannot_be_played_are_told_so() {
     ] {
         std::fs::write(&file, text).unwrap();
         let played = program(&["replay", file.to_str().unwrap()]);
-        let said = String::from_utf8_lossy(&played.stderr).into_owned();
-        assert_eq!(played.status.code(), Some(code), "{said}");
-        assert!(said.contains(reported), "{reported}: {said}");
+        let message = String::from_utf8_lossy(&played.stderr).into_owned();
+        assert_eq!(played.status.code(), Some(code), "{message}");
+        assert!(message.contains(reported), "{reported}: {message}");
     }
     std::fs::write(&file, sent).unwrap();
     let made = program(&["golden", file.to_str().unwrap(), "--instrument", "gpio"]);

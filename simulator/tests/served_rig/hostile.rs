@@ -46,7 +46,7 @@ fn number(text: &str) -> f64 {
 
 /// Each header with what stands behind MIN, MAX and DEF; the limits are reported and can be set.
 #[test]
-fn every_limit_is_told_and_can_be_set() {
+fn every_limit_is_listed_and_can_be_set() {
     let served = Served::start(&["--profile", "pairs-34924a"]);
     let of_source = [
         "SOUR:CURR",
@@ -146,7 +146,7 @@ fn a_queue_that_overflows_keeps_the_oldest_and_says_so() {
 fn values_beyond_the_limits_change_nothing() {
     let served = Served::start(&["--profile", "pairs-34924a"]);
     let mut source = Client::at(served.address("6221"));
-    for (said, code) in [
+    for (message, code) in [
         ("SOUR:CURR 0.2", "-222"),
         ("SOUR:CURR -1", "-222"),
         ("SOUR:CURR 1e400", "-123"),
@@ -168,11 +168,11 @@ fn values_beyond_the_limits_change_nothing() {
         ("SYSTe:PRES", "-113"),
         (":::OUTP ON", "-1"),
     ] {
-        source.send(format!("{said}\n").as_bytes());
+        source.send(format!("{message}\n").as_bytes());
         let error = source.error();
         assert!(
             error.starts_with(code) && !error.starts_with('0'),
-            "{said}: {error}"
+            "{message}: {error}"
         );
     }
     assert_eq!(
@@ -180,7 +180,7 @@ fn values_beyond_the_limits_change_nothing() {
         "0.000000E+00;1.000000E+01;0;11"
     );
     let mut mainframe = Client::at(served.address("34980a"));
-    for said in [
+    for message in [
         "ROUT:CLOS (@1071)",
         "ROUT:CLOS (@9001)",
         "ROUT:CLOS 1001",
@@ -199,10 +199,10 @@ fn values_beyond_the_limits_change_nothing() {
         "DATA:REM? 1",
         "R? 0",
     ] {
-        mainframe.send(format!("{said}\n").as_bytes());
+        mainframe.send(format!("{message}\n").as_bytes());
         let error = mainframe.error();
-        assert!(!error.starts_with("+0,"), "{said}: {error}");
-        assert!(mainframe.error().starts_with("+0,"), "{said}: one error");
+        assert!(!error.starts_with("+0,"), "{message}: {error}");
+        assert!(mainframe.error().starts_with("+0,"), "{message}: one error");
     }
     let closed = mainframe.ask("ROUT:CLOS? (@1001:1070)");
     assert!(!closed.contains('1'), "{closed}");

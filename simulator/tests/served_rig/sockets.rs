@@ -118,7 +118,7 @@ fn fragments_line_ends_and_pipelines_are_all_one() {
 }
 
 #[test]
-fn long_lines_are_heard_and_longer_ones_refused() {
+fn long_lines_are_read_and_longer_ones_refused() {
     let served = Served::start(&[]);
     for instrument in ["6221", "34980a"] {
         let mut client = Client::of(&served, instrument);
@@ -300,7 +300,7 @@ fn client_reset_while_source_is_busy_frees_its_slot() {
 }
 
 #[test]
-fn what_is_said_while_the_source_is_busy_is_heard_in_its_turn() {
+fn messages_to_a_busy_source_are_read_in_order() {
     let served = Served::start_in_time(&[]);
     let mut client = Client::of(&served, "6221");
     let begun = Instant::now();

@@ -203,7 +203,7 @@ fn a_link_reads_in_pieces_and_says_why_it_stops() {
 }
 
 #[test]
-fn unread_and_unasked_replies_are_errors() {
+fn unread_and_unrequested_replies_are_errors() {
     let served = served();
     let mut client = Client::of(&served);
     let link = client.create(b"inst0").unwrap();

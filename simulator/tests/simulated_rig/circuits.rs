@@ -132,17 +132,17 @@ async fn source_change_during_a_scan_shows_in_later_readings() {
     rig.receive(Instrument::Source, "SOUR:CURR 1e-3;:OUTP ON");
     let (reader, mut writer) = tokio::io::split(rig.connect_34980a());
     let mut reader = BufReader::new(reader);
-    let mut said = String::new();
+    let mut message = String::new();
     // five readings of 200 ms and their delay each
     let scan = "CONF:VOLT:DC 10,(@1001);:VOLT:DC:NPLC 10,(@1001);:VOLT:DC:ZERO:AUTO OFF,(@1001);:TRIG:COUN 5;*OPC?\n";
     writer.write_all(scan.as_bytes()).await.unwrap();
-    reader.read_line(&mut said).await.unwrap();
+    reader.read_line(&mut message).await.unwrap();
     writer.write_all(b"*IDN?;:READ?\n").await.unwrap();
     tokio::time::sleep(Duration::from_millis(500)).await;
     rig.receive(Instrument::Source, "SOUR:CURR -2e-3");
-    said.clear();
-    reader.read_line(&mut said).await.unwrap();
-    let (identity, readings) = said.trim().split_once(';').unwrap();
+    message.clear();
+    reader.read_line(&mut message).await.unwrap();
+    let (identity, readings) = message.trim().split_once(';').unwrap();
     assert!(identity.starts_with("Agilent"), "{identity}");
     let readings: Vec<f64> = readings
         .split(',')
@@ -162,7 +162,7 @@ async fn source_change_during_a_scan_shows_in_later_readings() {
     writer.write_all(b"READ?\n").await.unwrap();
     tokio::time::sleep(Duration::from_millis(500)).await;
     rig.receive(Instrument::Mainframe, "ABOR");
-    said.clear();
-    reader.read_line(&mut said).await.unwrap();
-    assert_eq!(said.trim().split(',').count(), 2, "{said}");
+    message.clear();
+    reader.read_line(&mut message).await.unwrap();
+    assert_eq!(message.trim().split(',').count(), 2, "{message}");
 }

@@ -103,18 +103,18 @@ async fn averages_take_noise_down_by_the_root_of_their_number() {
 async fn half_frame_by_reciprocity_equals_whole_within_noise() {
     let half = Protocol::new(26, survey::half(survey::sheffield(26)).collect()).unwrap();
     assert_eq!(half.len(), 299);
-    let (asked_half, asked_whole) = (
+    let (requested_half, requested_whole) = (
         plan(&half, &pairs(), false),
         plan(&whole(), &pairs(), false),
     );
     for uv in [0.0, 5.0] {
         let mut scene = Scene::quiet();
         scene.effects.voltmeter_noise = Some(VoltmeterNoiseSettings { uv: Some(uv) });
-        let measured = frame(&scene, &asked_half, METER).await;
+        let measured = frame(&scene, &requested_half, METER).await;
         let mut completed = measured.clone();
         completed.readings = whole().answered_by(&half, &measured.readings).unwrap();
         scene.seed += 1;
-        let reference = frame(&scene, &asked_whole, METER).await;
+        let reference = frame(&scene, &requested_whole, METER).await;
         let apart = apart_uv(&volts(&completed), &volts(&reference));
         println!("half against whole at {uv} uV: {apart:.4} uV");
         let expected = uv * 2.0_f64.sqrt();
@@ -144,8 +144,8 @@ async fn skip_pattern_through_the_board_reads_forward_solution() {
                 |from: Dipole, at: Electrode| z[(at.0, from.plus.0)] - z[(at.0, from.minus.0)];
             let questions = protocol.measurements().iter();
             questions
-                .map(|asked| {
-                    let (drive, sense) = (asked.drive, asked.sense);
+                .map(|requested| {
+                    let (drive, sense) = (requested.drive, requested.sense);
                     CURRENT.0 * (apart(drive, sense.plus) - apart(drive, sense.minus))
                 })
                 .collect()

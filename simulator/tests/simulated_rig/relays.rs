@@ -86,8 +86,8 @@ async fn a_relay_whose_life_is_over_sticks_and_can_be_replaced() {
     close(&rig);
     open(&rig);
     close(&rig);
-    let asked = rig.receive(Instrument::Mainframe, "ROUT:CLOS? (@1036)").0;
-    assert_eq!(asked.unwrap(), "1", "it reads closed");
+    let requested = rig.receive(Instrument::Mainframe, "ROUT:CLOS? (@1036)").0;
+    assert_eq!(requested.unwrap(), "1", "it reads closed");
     assert_eq!(compliance(&rig), "8", "and is open");
     rig.fault(&Fault::Free(Relay(1036))).unwrap();
     assert_eq!(compliance(&rig), "0");

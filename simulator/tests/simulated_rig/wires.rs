@@ -168,7 +168,7 @@ async fn the_transcript_tells_what_went_over_the_wires() {
     let transcript = sim.transcript();
     let reads = transcript
         .iter()
-        .filter(|said| said.received.contains("READ?"));
+        .filter(|message| message.received.contains("READ?"));
     assert_eq!(reads.clone().count(), 26);
     // The overlap goes out in the segment of the question: close first, then open.
     let second = reads.clone().nth(1).unwrap();

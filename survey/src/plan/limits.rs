@@ -66,26 +66,26 @@ pub enum PlanError {
     #[error("a current of {0} cannot be injected; give a positive one")]
     NotACurrent(Amps),
     /// Over the source's limit.
-    #[error("{asked} is over the source's {most}; nothing is clipped, ask for less")]
+    #[error("{requested} is over the source's {most}; nothing is clipped, ask for less")]
     SourceCurrent {
         /// Asked.
-        asked: Amps,
+        requested: Amps,
         /// Allowed.
         most: Amps,
     },
     /// Over the relays' limit.
-    #[error("{asked} is over the {most} that a relay of this wiring carries; ask for less")]
+    #[error("{requested} is over the {most} that a relay of this wiring carries; ask for less")]
     RelayCurrent {
         /// Asked.
-        asked: Amps,
+        requested: Amps,
         /// Allowed.
         most: Amps,
     },
     /// Compliance outside the source's range.
-    #[error("a compliance of {asked} is outside the source's {least} to {most}")]
+    #[error("a compliance of {requested} is outside the source's {least} to {most}")]
     Compliance {
         /// Asked.
-        asked: Volts,
+        requested: Volts,
         /// Smallest.
         least: Volts,
         /// Largest.
@@ -93,11 +93,11 @@ pub enum PlanError {
     },
     /// Compliance over what an open relay withstands.
     #[error(
-        "a compliance of {asked} is over the {most} that an open relay of this wiring withstands"
+        "a compliance of {requested} is over the {most} that an open relay of this wiring withstands"
     )]
     RelayVoltage {
         /// Asked.
-        asked: Volts,
+        requested: Volts,
         /// Allowed.
         most: Volts,
     },
@@ -134,27 +134,27 @@ impl Plan {
         }
         if self.current > limits.source_current {
             faults.push(PlanError::SourceCurrent {
-                asked: self.current,
+                requested: self.current,
                 most: limits.source_current,
             });
         }
         if self.current > limits.relay_current {
             faults.push(PlanError::RelayCurrent {
-                asked: self.current,
+                requested: self.current,
                 most: limits.relay_current,
             });
         }
         let (least, most) = limits.source_compliance;
         if !(self.compliance >= least && self.compliance <= most) {
             faults.push(PlanError::Compliance {
-                asked: self.compliance,
+                requested: self.compliance,
                 least,
                 most,
             });
         }
         if self.compliance > limits.relay_voltage {
             faults.push(PlanError::RelayVoltage {
-                asked: self.compliance,
+                requested: self.compliance,
                 most: limits.relay_voltage,
             });
         }

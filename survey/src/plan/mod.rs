@@ -90,7 +90,7 @@ impl Plan {
             return Err(PlanError::Wiring(WiringError::Electrodes {
                 wiring: wiring.name.clone(),
                 wired: wiring.electrodes,
-                asked: protocol.electrodes(),
+                requested: protocol.electrodes(),
             }));
         }
         let mut steps = vec![Step::AllOff];
@@ -175,7 +175,7 @@ fn read(
     drive: Dipole,
     routed: &mut Vec<Relay>,
 ) -> Result<Vec<Step>, PlanError> {
-    let asked: Vec<(usize, Dipole)> = protocol
+    let requested: Vec<(usize, Dipole)> = protocol
         .measurements()
         .iter()
         .enumerate()
@@ -188,7 +188,7 @@ fn read(
             .ok_or_else(|| unserved(wiring, sense, "voltmeter"))
     };
     if wiring.sensing == Sensing::Scan {
-        for (_, sense) in &asked {
+        for (_, sense) in &requested {
             relays(*sense)?;
         }
         let channels: Vec<Channel> = wiring
@@ -198,9 +198,9 @@ fn read(
             .map(|(sense, relay)| Channel {
                 relay,
                 sense,
-                reading: asked
+                reading: requested
                     .iter()
-                    .find(|(_, asked)| *asked == sense)
+                    .find(|(_, requested)| *requested == sense)
                     .map(|(reading, _)| *reading),
                 range: None,
             })
@@ -214,8 +214,8 @@ fn read(
             .collect();
         return Ok(vec![Step::Scan { channels }]);
     }
-    let mut routes = Vec::with_capacity(asked.len());
-    for (reading, sense) in asked {
+    let mut routes = Vec::with_capacity(requested.len());
+    for (reading, sense) in requested {
         let close = relays(sense)?.to_vec();
         let open = std::mem::replace(routed, close.clone());
         routes.push(Routed {
@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn pair_wiring_asks_26_times_and_a_matrix_598_times() {
+    fn pair_wiring_needs_26_queries_and_a_matrix_598() {
         let pairs = plan(&examples::pairs(26));
         let counts = pairs.counts();
         assert_eq!((counts.injections, counts.readings), (26, 598));

@@ -73,7 +73,7 @@ impl Plan {
                 Step::Read { reading, range } => {
                     let chosen = measurements
                         .get(*reading)
-                        .and_then(|asked| choose(asked.drive, asked.sense));
+                        .and_then(|requested| choose(requested.drive, requested.sense));
                     *range = chosen.or(*range);
                 }
                 _ => {}
@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn a_half_frame_scans_only_what_it_asks() {
+    fn half_frame_scans_only_its_readings() {
         let protocol = Protocol::new(26, crate::half(crate::sheffield(26)).collect()).unwrap();
         let wiring = examples::pairs(26);
         let plan = Plan::new(&protocol, &wiring, Amps(1e-3), Volts(10.0), Duration::ZERO).unwrap();

@@ -51,14 +51,14 @@ pub enum WiringError {
         pair: Dipole,
     },
     /// The wiring is made for another ring.
-    #[error("wiring '{wiring}' is for {wired} electrodes, the protocol asks for {asked}")]
+    #[error("wiring '{wiring}' is for {wired} electrodes, the protocol asks for {requested}")]
     Electrodes {
         /// The wiring's name.
         wiring: String,
         /// What the wiring has.
         wired: usize,
         /// What the protocol has.
-        asked: usize,
+        requested: usize,
     },
     /// The module has too few channels.
     #[error("wiring '{wiring}': {electrodes} electrodes do not fit, it holds {most}")]

@@ -34,16 +34,16 @@ fn two_announced_simulators_are_each_listed_once() {
         .args(["--net", "sh", "-c", ALONE, env!("CARGO_BIN_EXE_programs")])
         .arg(stage.path())
         .output();
-    let said = match &alone {
+    let message = match &alone {
         Ok(ended) if ended.status.success() => None,
         Ok(ended) => Some(String::from_utf8_lossy(&ended.stderr).into_owned()),
         Err(fault) => Some(fault.to_string()),
     };
     let read = |file: &str| std::fs::read_to_string(stage.path().join(file)).unwrap_or_default();
-    if let Some(said) = said.filter(|_| read("ready").is_empty()) {
+    if let Some(message) = message.filter(|_| read("ready").is_empty()) {
         eprintln!(
             "skipped: no network of its own can be had here ({})",
-            said.trim()
+            message.trim()
         );
         return;
     }
@@ -102,25 +102,25 @@ fn running_daemon_lists_a_given_address_and_goes_on() {
     let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
         return;
     };
-    let _keeper = test_rig::start(&stage);
+    let _guard = test_rig::start(&stage);
     // somebody who counts what is said to it
     let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("a free port");
     let port = listener.local_addr().expect("it has one").port();
     let stranger = std::thread::spawn(move || {
         use std::io::{Read, Write};
         let (mut client, _) = listener.accept().expect("somebody asks");
-        let mut heard = Vec::new();
+        let mut received = Vec::new();
         let mut chunk = [0; 256];
-        while !heard.ends_with(b"\n") {
+        while !received.ends_with(b"\n") {
             let length = client.read(&mut chunk).expect("a question");
-            heard.extend(&chunk[..length]);
+            received.extend(&chunk[..length]);
         }
         client
             .write_all(b"Agilent Technologies,34980A,MY1,2.43\n")
             .expect("an answer");
         // until it leaves
-        client.read_to_end(&mut heard).ok();
-        String::from_utf8_lossy(&heard).into_owned()
+        client.read_to_end(&mut received).ok();
+        String::from_utf8_lossy(&received).into_owned()
     });
     let address = format!("tcp:127.0.0.1:{port}");
     let found = ask(

@@ -53,19 +53,20 @@ impl Served {
     fn fault(&self, stage: &Stage, words: &str) {
         let mut args = vec!["fault", "--control", self.address("control")];
         args.extend(words.split(' '));
-        let told = stage
+        let reported = stage
             .run("tactus-sim", &args)
-            .and_then(|told| told.succeeded());
-        told.unwrap_or_else(|fault| panic!("{fault}"));
+            .and_then(|reported| reported.succeeded());
+        reported.unwrap_or_else(|fault| panic!("{fault}"));
     }
 
     /// What the instruments are really doing.
     fn status(&self, stage: &Stage) -> Value {
         let args = ["status", "--json", "--control", self.address("control")];
-        let told = stage
+        let reported = stage
             .run("tactus-sim", &args)
-            .and_then(|told| told.succeeded());
-        told.unwrap_or_else(|fault| panic!("{fault}"))
+            .and_then(|reported| reported.succeeded());
+        reported
+            .unwrap_or_else(|fault| panic!("{fault}"))
             .json()
             .remove(0)
     }
@@ -280,7 +281,7 @@ fn simulated_source_beside_a_real_switch_is_reported() {
     stage
         .configure(&config)
         .expect("the configuration can be written");
-    let _keeper = test_rig::start(&stage);
+    let _guard = test_rig::start(&stage);
     let instruments = ask(&stage, &["instruments"]);
     let simulated = |role: &str| {
         let found = instruments.iter().find(|found| found["role"] == role);

@@ -10,11 +10,17 @@ fn refused(change: &dyn Fn(&str) -> String, words: &[&str]) {
         return;
     };
     let path = stage.config_path().display().to_string();
-    let said = stage
+    let message = stage
         .run("tactusd", &["--config", &path, "--check"])
         .unwrap_or_else(|fault| panic!("{fault}"));
-    assert_eq!(said.code, Some(78), "{}{}", said.stdout, said.stderr);
-    let text = format!("{}{}", said.stdout, said.stderr);
+    assert_eq!(
+        message.code,
+        Some(78),
+        "{}{}",
+        message.stdout,
+        message.stderr
+    );
+    let text = format!("{}{}", message.stdout, message.stderr);
     for word in words {
         assert!(text.contains(word), "'{word}' is not in: {text}");
     }
@@ -127,15 +133,15 @@ fn a_baseline_taken_with_other_settings_is_refused() {
     stage
         .configure(&other)
         .expect("the configuration is written");
-    let _keeper = test_rig::start(&stage);
-    let said = stage
+    let _guard = test_rig::start(&stage);
+    let message = stage
         .tactus(&["start", "--count", "1", "--baseline", &id])
         .unwrap_or_else(|fault| panic!("{fault}"));
-    assert_ne!(said.code, Some(0));
+    assert_ne!(message.code, Some(0));
     assert!(
-        said.stderr.contains("500 uA") && said.stderr.contains("1 mA"),
+        message.stderr.contains("500 uA") && message.stderr.contains("1 mA"),
         "{}",
-        said.stderr
+        message.stderr
     );
 }
 
@@ -161,15 +167,21 @@ fn a_truncated_or_foreign_model_is_refused() {
         };
         std::fs::write(stage.path().join(name), bytes).expect("the story's folder can be written");
         let path = stage.config_path().display().to_string();
-        let said = stage
+        let message = stage
             .run("tactusd", &["--config", &path, "--check"])
             .unwrap_or_else(|fault| panic!("{fault}"));
-        assert_eq!(said.code, Some(78), "{}{}", said.stdout, said.stderr);
-        assert!(
-            format!("{}{}", said.stdout, said.stderr).contains(name),
+        assert_eq!(
+            message.code,
+            Some(78),
             "{}{}",
-            said.stdout,
-            said.stderr
+            message.stdout,
+            message.stderr
+        );
+        assert!(
+            format!("{}{}", message.stdout, message.stderr).contains(name),
+            "{}{}",
+            message.stdout,
+            message.stderr
         );
     }
 }
@@ -190,7 +202,7 @@ fn a_wrong_column_count_names_the_line() {
         .collect();
     let frames = stage.path().join("broken.csv");
     std::fs::write(&frames, broken).expect("the story's folder can be written");
-    let said = stage
+    let message = stage
         .tactus(&[
             "replay",
             &data.display().to_string(),
@@ -202,6 +214,10 @@ fn a_wrong_column_count_names_the_line() {
             "disc-tank",
         ])
         .unwrap_or_else(|fault| panic!("{fault}"));
-    assert_ne!(said.code, Some(0));
-    assert!(said.stderr.contains("broken.csv:3"), "{}", said.stderr);
+    assert_ne!(message.code, Some(0));
+    assert!(
+        message.stderr.contains("broken.csv:3"),
+        "{}",
+        message.stderr
+    );
 }

@@ -27,7 +27,7 @@ fn introspection_matches_the_kept_xml() {
     let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
         return;
     };
-    let _keeper = test_rig::start(&stage);
+    let _guard = test_rig::start(&stage);
     baseline(&stage, 2);
     let id = ask(&stage, &["start", "--step"])[0]["session"]
         .as_str()

@@ -63,7 +63,7 @@ fn busctl_reads_a_map() {
         return;
     };
     let broker = Broker::start(stage.path());
-    let _keeper = stage
+    let _guard = stage
         .start_daemon_with(|command| {
             command.env("DBUS_SESSION_BUS_ADDRESS", &broker.address);
         })
@@ -71,17 +71,17 @@ fn busctl_reads_a_map() {
     baseline(&stage, 2);
     let id = test_rig::measure(&stage, 1);
     let busctl = |words: &[&str]| {
-        let said = Command::new("busctl")
+        let message = Command::new("busctl")
             .arg(format!("--address={}", broker.address))
             .args(words)
             .output()
             .expect("busctl runs");
         assert!(
-            said.status.success(),
+            message.status.success(),
             "busctl {words:?}: {}",
-            String::from_utf8_lossy(&said.stderr)
+            String::from_utf8_lossy(&message.stderr)
         );
-        String::from_utf8_lossy(&said.stdout).into_owned()
+        String::from_utf8_lossy(&message.stdout).into_owned()
     };
     let session = format!("/org/tactus/Tactus1/session/{id}");
     let map = busctl(&[
@@ -129,7 +129,7 @@ fn twenty_lines_of_python_read_the_stream() {
     let Some(stage) = test_rig::set(Needs::ANY, test_rig::NOISY) else {
         return;
     };
-    let _keeper = test_rig::start(&stage);
+    let _guard = test_rig::start(&stage);
     baseline(&stage, 2);
     let id = ask(&stage, &["start", "--step"])[0]["session"]
         .as_str()

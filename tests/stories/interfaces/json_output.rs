@@ -140,7 +140,7 @@ fn exit_codes_distinguish_kinds_of_failure() {
         nobody.stderr
     );
     assert_eq!(code(&["frobnicate"]).code, Some(2));
-    let _keeper = test_rig::start(&stage);
+    let _guard = test_rig::start(&stage);
     assert_eq!(
         code(&["export", "nosuch", "--format", "csv", "--out", "x.csv"]).code,
         Some(3)

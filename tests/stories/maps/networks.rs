@@ -22,7 +22,7 @@ fn a_deep_network_makes_the_daemons_maps() {
     }) else {
         return;
     };
-    let _keeper = test_rig::start(&stage);
+    let _guard = test_rig::start(&stage);
     baseline(&stage, 3);
     let id = measure(&stage, 1);
     let found = &ask(&stage, &["replay", &id, "--no-map"])[0];
@@ -51,11 +51,17 @@ fn build_without_onnx_refuses_an_onnx_model() {
         return;
     };
     let path = stage.config_path().display().to_string();
-    let said = stage
+    let message = stage
         .run("tactusd", &["--config", &path, "--check"])
         .unwrap_or_else(|fault| panic!("{fault}"));
-    assert_eq!(said.code, Some(78), "{}{}", said.stdout, said.stderr);
-    let text = format!("{}{}", said.stdout, said.stderr);
+    assert_eq!(
+        message.code,
+        Some(78),
+        "{}{}",
+        message.stdout,
+        message.stderr
+    );
+    let text = format!("{}{}", message.stdout, message.stderr);
     assert!(
         text.contains("network.onnx") && text.contains("--features onnx"),
         "{text}"
@@ -135,11 +141,17 @@ fn a_network_trained_elsewhere_makes_the_daemons_maps() {
     assert_ne!(config, other, "{config}");
     stage.configure(&other).expect("the stage is there");
     let path = stage.config_path().display().to_string();
-    let said = stage
+    let message = stage
         .run("tactusd", &["--config", &path, "--check"])
         .unwrap_or_else(|fault| panic!("{fault}"));
-    assert_eq!(said.code, Some(78), "{}{}", said.stdout, said.stderr);
-    let text = format!("{}{}", said.stdout, said.stderr);
+    assert_eq!(
+        message.code,
+        Some(78),
+        "{}{}",
+        message.stdout,
+        message.stderr
+    );
+    let text = format!("{}{}", message.stdout, message.stderr);
     assert!(
         text.contains("elsewhere.onnx") && text.contains("output 'map'"),
         "{text}"

@@ -62,7 +62,7 @@ fn paper_tests_agree_between_daemon_and_offline() {
         return;
     };
     let template = std::fs::read_to_string(stage.config_path()).expect("the stage is there");
-    let _keeper = test_rig::start(&stage);
+    let _guard = test_rig::start(&stage);
     test_rig::baseline(&stage, 1);
     runtime().block_on(async {
         let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))

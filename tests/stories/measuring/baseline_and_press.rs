@@ -9,7 +9,7 @@ fn press_is_located_where_it_is() {
     let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
         return;
     };
-    let _keeper = test_rig::start(&stage);
+    let _guard = test_rig::start(&stage);
     baseline(&stage, 10);
     let truth = [0.0847, 0.1387];
     test_rig::runtime().block_on(async {
@@ -41,7 +41,7 @@ fn start_without_a_baseline_is_refused_with_advice() {
     let Some(stage) = test_rig::set(Needs::ANY, test_rig::NOISY) else {
         return;
     };
-    let _keeper = test_rig::start(&stage);
+    let _guard = test_rig::start(&stage);
     let refused = stage
         .tactus(&["start", "--count", "1"])
         .unwrap_or_else(|fault| panic!("{fault}"));

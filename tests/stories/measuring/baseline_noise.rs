@@ -12,7 +12,7 @@ fn baseline_noise_is_the_voltmeters_noise() {
     let Some(stage) = test_rig::set(Needs::ANY, test_rig::NOISY) else {
         return;
     };
-    let _keeper = test_rig::start(&stage);
+    let _guard = test_rig::start(&stage);
     baseline(&stage, 10);
     let shown = &ask(&stage, &["baseline", "show"])[0];
     let noise = number(shown, "noise_v");
@@ -31,7 +31,7 @@ fn baseline_measures_the_noise_of_the_scene() {
     let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
         return;
     };
-    let _keeper = test_rig::start(&stage);
+    let _guard = test_rig::start(&stage);
     baseline(&stage, 20);
     let noise = number(&ask(&stage, &["baseline", "show"])[0], "noise_v");
     // 598 readings, 19 degrees of freedom each: the estimate is good to 1 %

@@ -9,7 +9,7 @@ fn overload_is_never_recorded_as_a_number() {
     let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, narrow) else {
         return;
     };
-    let _keeper = test_rig::start(&stage);
+    let _guard = test_rig::start(&stage);
     baseline(&stage, 2);
     let id = measure(&stage, 1);
     let shown = &ask(&stage, &["baseline", "show"])[0];

@@ -10,7 +10,7 @@ const BOARD: &str = "time = \"instant\"\n[board]\n";
 fn found_with(change: impl FnOnce(&str) -> String) -> Option<usize> {
     let stage = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, change)?;
     std::fs::write(stage.path().join("board.toml"), BOARD).expect("the story's folder");
-    let _keeper = test_rig::start(&stage);
+    let _guard = test_rig::start(&stage);
     baseline(&stage, 4);
     let truth = [0.0847, 0.1387];
     test_rig::runtime().block_on(async {
@@ -75,11 +75,17 @@ fn a_model_trained_for_another_pattern_is_refused_naming_both() {
         return;
     };
     let path = stage.config_path().display().to_string();
-    let said = stage
+    let message = stage
         .run("tactusd", &["--config", &path, "--check"])
         .unwrap_or_else(|fault| panic!("{fault}"));
-    assert_eq!(said.code, Some(78), "{}{}", said.stdout, said.stderr);
-    let text = format!("{}{}", said.stdout, said.stderr);
+    assert_eq!(
+        message.code,
+        Some(78),
+        "{}{}",
+        message.stdout,
+        message.stderr
+    );
+    let text = format!("{}{}", message.stdout, message.stderr);
     for word in [
         "survey",
         "598",

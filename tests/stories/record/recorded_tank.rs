@@ -45,7 +45,7 @@ fn daemon_replays_750_frames_of_a_real_tank() {
     let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::QUIET, |_| config) else {
         return;
     };
-    let _keeper = test_rig::start(&stage);
+    let _guard = test_rig::start(&stage);
     let id = measure(&stage, 750);
     let session = ask(&stage, &["sessions"])
         .into_iter()

@@ -89,16 +89,16 @@ fn frame_is_26_messages_and_their_replies() {
         let transcript = bench.transcript();
         let scans: Vec<_> = transcript
             .iter()
-            .filter(|said| said.received.contains("READ?"))
+            .filter(|message| message.received.contains("READ?"))
             .collect();
         assert_eq!(scans.len(), 26);
-        for said in &scans[1..] {
+        for message in &scans[1..] {
             assert!(
-                said.received.contains("ROUT:CLOS (@"),
+                message.received.contains("ROUT:CLOS (@"),
                 "relays and question in one message: {}",
-                said.received
+                message.received
             );
-            let answer = said.answered.as_deref().expect("READ? is answered");
+            let answer = message.answered.as_deref().expect("READ? is answered");
             // the readings, and the error queue asked in the same message
             let (readings, errors) = answer.split_once(';').expect("two questions");
             assert_eq!(readings.split(',').count(), 26, "{answer}");

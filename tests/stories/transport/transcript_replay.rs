@@ -8,7 +8,7 @@ fn replayed_transcript_names_an_altered_reply() {
     let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
         return;
     };
-    let _keeper = test_rig::start(&stage);
+    let _guard = test_rig::start(&stage);
     baseline(&stage, 2);
     let file = stage.path().join("frame.jsonl").display().to_string();
     let spoken = stage.tactus(&["transcript", "--out", &file]);

@@ -223,10 +223,10 @@ fn beside_scipy(
         .env("OPENBLAS_NUM_THREADS", "1")
         .output()?;
     if !output.status.success() {
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
         println!(
             "scipy: skipped, {}",
-            said.lines().last().unwrap_or("it failed")
+            message.lines().last().unwrap_or("it failed")
         );
         return Ok(());
     }

@@ -158,10 +158,10 @@ impl MethodArguments {
     ///
     /// # Errors
     /// That sentence; an option without effect is a mistake.
-    pub fn check(asked: &ReconstructionSettings, method: Method) -> Result<(), String> {
+    pub fn check(requested: &ReconstructionSettings, method: Method) -> Result<(), String> {
         let settings = ReconstructionSettings {
             method: Some(method),
-            ..asked.clone()
+            ..requested.clone()
         };
         match settings.ignored().first() {
             None => Ok(()),
@@ -235,12 +235,12 @@ mod tests {
 
     #[test]
     fn an_option_that_the_method_ignores_is_refused() {
-        let asked = ReconstructionSettings {
+        let requested = ReconstructionSettings {
             noise_uv: Some(1.0),
             ..ReconstructionSettings::default()
         };
-        let refused = MethodArguments::check(&asked, Method::TvPaper).unwrap_err();
+        let refused = MethodArguments::check(&requested, Method::TvPaper).unwrap_err();
         assert!(refused.starts_with("--noise-v belongs to"), "{refused}");
-        assert_eq!(MethodArguments::check(&asked, Method::Tv), Ok(()));
+        assert_eq!(MethodArguments::check(&requested, Method::Tv), Ok(()));
     }
 }

@@ -288,12 +288,12 @@ mod tests {
             loss_only: Some(true),
             ..ReconstructionSettings::default()
         };
-        let asked = |method| ReconstructionSettings {
+        let requested = |method| ReconstructionSettings {
             method,
             ..ReconstructionSettings::default()
         };
-        let same = asked(None).over(kept.clone());
+        let same = requested(None).over(kept.clone());
         assert_eq!((same.lambda, same.loss_only), (Some(1e-3), Some(true)));
-        assert_eq!(asked(Some(Method::Tv)).over(kept).lambda, None);
+        assert_eq!(requested(Some(Method::Tv)).over(kept).lambda, None);
     }
 }

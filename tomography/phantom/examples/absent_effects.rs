@@ -17,18 +17,20 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let named = format!("{coarse}[effects.voltmeter-noise]\n");
     let mut bare = Phantom::new(Scene::parse("bare.toml", coarse)?)?;
     let mut noisy = Phantom::new(Scene::parse("noisy.toml", &named)?)?;
-    let asked = scan.protocol.measurements().to_vec();
+    let requested = scan.protocol.measurements().to_vec();
     let mut times: [Vec<f64>; 3] = Default::default();
-    let per_reading = 1e9 / (FRAMES * asked.len()) as f64;
+    let per_reading = 1e9 / (FRAMES * requested.len()) as f64;
     for _ in 0..TURNS {
         let start = Instant::now();
         for _ in 0..FRAMES {
-            let frame: Result<Vec<f64>, phantom::PhantomError> = asked
+            let frame: Result<Vec<f64>, phantom::PhantomError> = requested
                 .iter()
-                .map(|asked| {
+                .map(|requested| {
                     let z = bare.transfer_impedance(Duration::ZERO)?;
-                    let seen = |k: usize| z[(asked.sense.plus.0, k)] - z[(asked.sense.minus.0, k)];
-                    Ok(scan.current.0 * (seen(asked.drive.plus.0) - seen(asked.drive.minus.0)))
+                    let seen =
+                        |k: usize| z[(requested.sense.plus.0, k)] - z[(requested.sense.minus.0, k)];
+                    Ok(scan.current.0
+                        * (seen(requested.drive.plus.0) - seen(requested.drive.minus.0)))
                 })
                 .collect();
             black_box(frame?);

@@ -79,11 +79,11 @@ impl Preview {
             .measurements()
             .iter()
             .zip(scan.contexts(Duration::ZERO))
-            .map(|(asked, context)| UnloadedReading {
-                exact: scan.current.0 * across(&z, asked.sense, asked.drive),
+            .map(|(requested, context)| UnloadedReading {
+                exact: scan.current.0 * across(&z, requested.sense, requested.drive),
                 context: ReadingContext {
-                    source_resistance: survey::Ohms(across(&z, asked.sense, asked.sense)),
-                    load_resistance: survey::Ohms(across(&z, asked.drive, asked.drive)),
+                    source_resistance: survey::Ohms(across(&z, requested.sense, requested.sense)),
+                    load_resistance: survey::Ohms(across(&z, requested.drive, requested.drive)),
                     ..context
                 },
             })
@@ -197,20 +197,23 @@ impl Preview {
 
     /// Rms of what readings differ by between two networks (ohm), V.
     fn apart(&self, one: &DMatrix<f64>, other: &DMatrix<f64>) -> f64 {
-        let asked = self.scan.protocol.measurements().iter();
+        let requested = self.scan.protocol.measurements().iter();
         let differ = one - other;
-        let sum: f64 = asked
-            .map(|asked| (self.scan.current.0 * across(&differ, asked.sense, asked.drive)).powi(2))
+        let sum: f64 = requested
+            .map(|requested| {
+                (self.scan.current.0 * across(&differ, requested.sense, requested.drive)).powi(2)
+            })
             .sum();
         (sum / self.sights.len() as f64).sqrt()
     }
 
     fn changed_by(&self, z: &DMatrix<f64>) -> f64 {
-        let asked = self.scan.protocol.measurements().iter();
-        let sum: f64 = asked
+        let requested = self.scan.protocol.measurements().iter();
+        let sum: f64 = requested
             .zip(&self.sights)
-            .map(|(asked, sight)| {
-                (self.scan.current.0 * across(z, asked.sense, asked.drive) - sight.exact).powi(2)
+            .map(|(requested, sight)| {
+                (self.scan.current.0 * across(z, requested.sense, requested.drive) - sight.exact)
+                    .powi(2)
             })
             .sum();
         (sum / self.sights.len() as f64).sqrt()
@@ -348,10 +351,10 @@ fn cells(scene: &Scene, scan: &Scan) -> Result<(DMatrix<f64>, Vec<[f64; 2]>), Ph
     })?;
     let mesh = coarse.mesh();
     let sigma = vec![scene.sheet.conductance(); mesh.triangles().len()];
-    let asked = Parameters::elements().logarithmic();
+    let requested = Parameters::elements().logarithmic();
     let elements = coarse
         .forward()
-        .sensitivity(&sigma, &scan.protocol, &asked)?;
+        .sensitivity(&sigma, &scan.protocol, &requested)?;
     let mut squares = BTreeMap::<[i64; 2], Vec<usize>>::new();
     for t in 0..mesh.triangles().len() {
         let square = mesh.centroid(t).map(|m| (m / CELL).floor() as i64);

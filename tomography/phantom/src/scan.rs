@@ -125,9 +125,9 @@ impl Scan {
         let mut at = begin;
         let mut changed = begin;
         let mut driven: Option<Dipole> = None;
-        self.protocol.measurements().iter().map(move |asked| {
-            if driven != Some(asked.drive) {
-                driven = Some(asked.drive);
+        self.protocol.measurements().iter().map(move |requested| {
+            if driven != Some(requested.drive) {
+                driven = Some(requested.drive);
                 changed = at;
                 at += self.settle;
             }
@@ -138,7 +138,7 @@ impl Scan {
                 range: self.range,
                 nplc: self.nplc,
                 resolution: self.resolution,
-                relay: Some(channel(asked.sense)),
+                relay: Some(channel(requested.sense)),
                 flowing: self.current,
                 source_range: self.source_range,
                 since_change: at - changed,

@@ -354,18 +354,18 @@ impl Scan {
         begin: Duration,
     ) -> Result<Vec<Volts>, PhantomError> {
         let needs = phantom.needs();
-        let asked = self.protocol.measurements().iter();
-        asked
+        let requested = self.protocol.measurements().iter();
+        requested
             .zip(self.contexts(begin))
-            .map(|(asked, context)| {
+            .map(|(requested, context)| {
                 let z = phantom.transfer_impedance(context.at)?;
-                let exact = self.current.0 * across(z, asked.sense, asked.drive);
+                let exact = self.current.0 * across(z, requested.sense, requested.drive);
                 let seen = |needed: bool, pair: Dipole| {
                     Ohms(if needed { across(z, pair, pair) } else { 0.0 })
                 };
                 let context = ReadingContext {
-                    source_resistance: seen(needs.source_resistance, asked.sense),
-                    load_resistance: seen(needs.load_resistance, asked.drive),
+                    source_resistance: seen(needs.source_resistance, requested.sense),
+                    load_resistance: seen(needs.load_resistance, requested.drive),
                     ..context
                 };
                 Ok(phantom.reading(Volts(exact), context))

@@ -139,16 +139,16 @@ fn every_effect_is_as_large_as_predicted_within_a_factor_of_two() {
             sum += apart.map(|volts| volts * volts).sum::<f64>();
         }
         let seen = (sum / (seeds as f64 * bare.len() as f64)).sqrt();
-        let told = predicted(&scene(0, taken, Some((name, parameters))), &scan, name);
-        assert!(told.named);
+        let reported = predicted(&scene(0, taken, Some((name, parameters))), &scan, name);
+        assert!(reported.named);
         if IN_WIRES.contains(&name) {
             assert_eq!(seen, 0.0, "{name}: no wires between sheet and frame here");
             continue;
         }
-        let ratio = told.volts / seen;
+        let ratio = reported.volts / seen;
         println!(
             "{name:20} {seen:.2e} V seen, {:.2e} V predicted: {ratio:.2}",
-            told.volts
+            reported.volts
         );
         if !(0.5..=2.0).contains(&ratio) {
             wrong.push(format!("{name}: {ratio:.3}"));
@@ -162,13 +162,16 @@ fn unnamed_effects_are_predicted_and_faults_state_assumptions() {
     let preview = Preview::new(&scene(0, Day, None), scan(Day)).unwrap();
     let all = preview.predictions();
     assert_eq!(all.len(), EffectSettings::ALL.len());
-    for told in &all {
+    for reported in &all {
         assert!(
-            !told.named && told.volts.is_finite() && told.volts >= 0.0,
-            "{told:?}"
+            !reported.named && reported.volts.is_finite() && reported.volts >= 0.0,
+            "{reported:?}"
         );
     }
-    let off = all.iter().find(|told| told.name == "detachment").unwrap();
+    let off = all
+        .iter()
+        .find(|reported| reported.name == "detachment")
+        .unwrap();
     assert_eq!(off.assumes.as_deref(), Some("electrode 1 comes off at 0 s"));
     // 3e-6 of the range of 1 V at 1 PLC.
     assert!((preview.noise() - 3e-6).abs() < 1e-12);

@@ -11,42 +11,48 @@ fn refuse(text: &str) -> String {
 
 #[track_caller]
 fn says(text: &str, wanted: &str) {
-    let said = refuse(text);
-    assert!(said.starts_with(wanted), "{said}\nnot\n{wanted}");
+    let message = refuse(text);
+    assert!(message.starts_with(wanted), "{message}\nnot\n{wanted}");
 }
 
 const DISC: &str = "[[load]]\nshape = \"disc\"\ndiameter_mm = 10\ny_mm = 50\n";
 
 #[test]
-fn an_unknown_effect_is_told_which_there_are() {
-    let said = refuse("[effects.creeep]\n");
+fn unknown_effect_is_refused_with_the_known_ones() {
+    let message = refuse("[effects.creeep]\n");
     let start = "s.toml:1:10: there is no effect `creeep`, perhaps `creep`? There are ";
-    assert!(said.starts_with(start), "{said}");
-    assert!(said.contains("creep, ") && said.contains("relay-bounce, "));
+    assert!(message.starts_with(start), "{message}");
+    assert!(message.contains("creep, ") && message.contains("relay-bounce, "));
 }
 
 #[test]
-fn a_key_without_its_unit_is_told_the_key_that_has_one() {
-    let said = refuse("[effects.relay-bounce]\noperate = 3\n");
+fn key_without_unit_is_refused_with_the_full_key() {
+    let message = refuse("[effects.relay-bounce]\noperate = 3\n");
     assert!(
-        said.starts_with("s.toml:2:1: unknown field `operate`"),
-        "{said}"
+        message.starts_with("s.toml:2:1: unknown field `operate`"),
+        "{message}"
     );
     assert!(
-        said.ends_with("; a key ends in its unit: `operate_ms`"),
-        "{said}"
+        message.ends_with("; a key ends in its unit: `operate_ms`"),
+        "{message}"
     );
-    let said = refuse(&format!("{DISC}x_mm = 3\nmass_kg = 3\n"));
+    let message = refuse(&format!("{DISC}x_mm = 3\nmass_kg = 3\n"));
     assert!(
-        said.ends_with("; a key ends in its unit: `mass_g`"),
-        "{said}"
+        message.ends_with("; a key ends in its unit: `mass_g`"),
+        "{message}"
     );
-    let said = refuse(&format!("{DISC}x = 3\nmass_g = 3\n"));
-    assert!(said.ends_with("; a key ends in its unit: `x_mm`"), "{said}");
+    let message = refuse(&format!("{DISC}x = 3\nmass_g = 3\n"));
+    assert!(
+        message.ends_with("; a key ends in its unit: `x_mm`"),
+        "{message}"
+    );
     let path = "x_mm = 3\nmass_g = 3\npath = [{ at = 3 }]\n";
-    let said = refuse(&format!("{DISC}{path}"));
-    assert!(said.starts_with("s.toml:7:11:"), "{said}");
-    assert!(said.ends_with("; a key ends in its unit: `at_s`"), "{said}");
+    let message = refuse(&format!("{DISC}{path}"));
+    assert!(message.starts_with("s.toml:7:11:"), "{message}");
+    assert!(
+        message.ends_with("; a key ends in its unit: `at_s`"),
+        "{message}"
+    );
     // nothing is guessed where no key is near
     assert!(!refuse("[effects.relay-bounce]\nfrobs = 3\n").contains("unit"));
 }

@@ -72,14 +72,18 @@ fn a_clean_bench_names_nothing_that_is_negligible() {
     };
     let preview = Preview::new(&scene, scan).unwrap();
     let (noise, signal) = (preview.noise(), preview.signal().unwrap());
-    for told in preview.predictions().iter().filter(|told| told.named) {
-        let small = told.volts < 0.1 * noise && told.volts < 1e-3 * signal;
-        assert!(!small, "{told:?}, noise {noise:e}, signal {signal:e}");
+    for reported in preview
+        .predictions()
+        .iter()
+        .filter(|reported| reported.named)
+    {
+        let small = reported.volts < 0.1 * noise && reported.volts < 1e-3 * signal;
+        assert!(!small, "{reported:?}, noise {noise:e}, signal {signal:e}");
     }
 }
 
 #[test]
-fn the_rooms_page_names_every_effect() {
+fn scene_page_names_every_effect() {
     let page = include_str!("../README.md");
     for (effect, what) in EffectSettings::ALL {
         let row = format!("| `{effect}` | {} |", what.trim().trim_end_matches('.'));

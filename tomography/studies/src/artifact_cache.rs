@@ -78,22 +78,22 @@ impl<'p> ArtifactCache<'p> {
     /// A file or folder `name` that `words` make with `--out`: as it lies there if the same words made it, else new.
     pub(crate) fn made(&self, name: &str, words: &[&str]) -> Result<PathBuf, Failure> {
         let path = self.path(name);
-        let said = words.join(" ");
+        let message = words.join(" ");
         let beside = beside(&path);
         if path.exists()
             && self
                 .made_by(&beside, &path)?
-                .is_some_and(|text| text == said)
+                .is_some_and(|text| text == message)
         {
             return Ok(path);
         }
-        eprintln!("tactus-lab {said} --out {}", path.display());
-        let line = command_line(&said, &path);
+        eprintln!("tactus-lab {message} --out {}", path.display());
+        let line = command_line(&message, &path);
         self.program
             .check(&line)
-            .map_err(|fault| Failure::because(format!("{said}: {fault}")))?;
+            .map_err(|fault| Failure::because(format!("{message}: {fault}")))?;
         self.program.run(&line)?;
-        write(&beside, Existing::Replace, format!("{said}\n"))?;
+        write(&beside, Existing::Replace, format!("{message}\n"))?;
         Ok(path)
     }
 
@@ -112,11 +112,11 @@ impl<'p> ArtifactCache<'p> {
             Err(cause) => return Err(Failure::of(&format!("{}", beside.display()), &cause)),
         };
         let text = String::from_utf8(bytes).map_err(|_| damaged("it is no text"))?;
-        let said = text.trim_end();
-        if self.program.check(&command_line(said, path)).is_err() {
+        let message = text.trim_end();
+        if self.program.check(&command_line(message, path)).is_err() {
             return Err(damaged("its words are no command of tactus-lab"));
         }
-        Ok(Some(said.to_owned()))
+        Ok(Some(message.to_owned()))
     }
 
     /// By how many bytes loading a model makes a process larger.
@@ -125,8 +125,8 @@ impl<'p> ArtifactCache<'p> {
     }
 }
 
-fn command_line(said: &str, path: &Path) -> Vec<OsString> {
-    let words = said.split(' ').map(OsString::from);
+fn command_line(message: &str, path: &Path) -> Vec<OsString> {
+    let words = message.split(' ').map(OsString::from);
     words
         .chain(["--force".into(), "--out".into(), path.into()])
         .collect()

@@ -122,13 +122,13 @@ impl Press {
             .par_iter()
             .map(|noise| map(noise))
             .collect::<Option<_>>()?;
-        let (mut heard, mut shown) = (0.0, 0.0);
+        let (mut received, mut shown) = (0.0, 0.0);
         for (noise, noisy) in draws.iter().zip(&noisy) {
-            heard += size(&mut noise.iter().copied());
+            received += size(&mut noise.iter().copied());
             let moved = noisy.values.iter().zip(&clean.values);
             shown += size(&mut moved.map(|(a, b)| a - b));
         }
-        let figure = (signal / heard) / (answer / shown);
+        let figure = (signal / received) / (answer / shown);
         (figure.is_finite() && answer > 0.0).then_some(figure)
     }
 }

@@ -120,7 +120,7 @@ fn turn(case: &Case, sigma0: &[f64], signs: [f64; 2]) -> Option<Turn> {
         .iter()
         .map(|&t| place.get(&triangles[t]).copied())
         .collect::<Option<_>>()?;
-    let asked: BTreeMap<(Dipole, Dipole), usize> = case
+    let requested: BTreeMap<(Dipole, Dipole), usize> = case
         .protocol
         .measurements()
         .iter()
@@ -148,7 +148,7 @@ fn turn(case: &Case, sigma0: &[f64], signs: [f64; 2]) -> Option<Turn> {
                 (reversed(drive), reversed(sense), 1.0),
             ]
             .into_iter()
-            .find_map(|(drive, sense, sign)| Some((*asked.get(&(drive, sense))?, sign)))
+            .find_map(|(drive, sense, sign)| Some((*requested.get(&(drive, sense))?, sign)))
         })
         .collect::<Option<Vec<(usize, f32)>>>()?;
     let currents = readings

@@ -244,8 +244,8 @@ fn a_bit_that_has_turned_anywhere_is_found() {
 fn forged(good: &[u8], from: &str, to: &str) -> Vec<u8> {
     let (_, info) = SafeTensors::read_metadata(good).unwrap();
     let text = &info.metadata().as_ref().unwrap()["tactus"];
-    let said = |checksum: &str| format!("\"checksum\":\"{checksum}\"");
-    let blank = text.replacen(&said(&model().metadata().checksum), &said(""), 1);
+    let message = |checksum: &str| format!("\"checksum\":\"{checksum}\"");
+    let blank = text.replacen(&message(&model().metadata().checksum), &message(""), 1);
     let changed = blank.replacen(from, to, 1);
     assert_ne!(changed, blank, "{from} is not there");
     let tensors = SafeTensors::deserialize(good).unwrap();
@@ -259,7 +259,7 @@ fn forged(good: &[u8], from: &str, to: &str) -> Vec<u8> {
     }
     let digest = hasher.finalize();
     let checksum: String = digest.iter().map(|byte| format!("{byte:02x}")).collect();
-    let changed = changed.replacen(&said(""), &said(&checksum), 1);
+    let changed = changed.replacen(&message(""), &message(&checksum), 1);
     safetensors::serialize(views, Some([("tactus".to_owned(), changed)].into())).unwrap()
 }
 
@@ -270,8 +270,8 @@ fn huge_count_is_refused_before_memory_is_allocated() {
     save(&path, eit::Existing::Refuse, model()).unwrap();
     let good = std::fs::read(&path).unwrap();
     for electrodes in [9, u64::MAX >> 1] {
-        let said = format!("\"electrodes\":{electrodes}");
-        std::fs::write(&path, forged(&good, "\"electrodes\":8", &said)).unwrap();
+        let message = format!("\"electrodes\":{electrodes}");
+        std::fs::write(&path, forged(&good, "\"electrodes\":8", &message)).unwrap();
         let refusal = load(&path).unwrap_err();
         assert!(
             matches!(&refusal, ModelError::Damaged { why, .. } if !why.contains("checksum")),

@@ -161,7 +161,7 @@ async fn without_a_calibration_nothing_is_in_kilopascals() {
 }
 
 #[tokio::test]
-async fn a_gap_is_said_and_a_frame_without_a_map_is_shown_too() {
+async fn gaps_and_frames_without_a_map_are_shown() {
     let (text, _) = shown(
         &[],
         Some(field()),
@@ -198,7 +198,7 @@ async fn enough_is_enough() {
 }
 
 #[tokio::test]
-async fn a_daemon_that_goes_away_is_said() {
+async fn lost_daemon_is_reported() {
     let (text, ended) = shown(&[], Some(field()), &[frame(1, 0)]).await;
     assert_eq!(
         text.lines().count(),

@@ -41,7 +41,7 @@ fn verdicts(findings: &[Finding]) -> Vec<(&'static str, Verdict)> {
 }
 
 #[test]
-fn who_may_work_with_the_daemon_is_said() {
+fn permitted_users_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let of = |groups: &[u32]| machine(folder.path(), groups).people(&Wanted::default());
     assert_eq!(
@@ -67,13 +67,13 @@ fn who_may_work_with_the_daemon_is_said() {
     let passwd = std::fs::read_to_string(folder.path().join("etc/passwd")).unwrap();
     let passwd = passwd + "bob:x:1001:1001::/b:/bin/sh\n";
     std::fs::write(folder.path().join("etc/passwd"), passwd).unwrap();
-    let asked = bob.people(&Wanted::default());
-    assert_eq!(asked[0].verdict, Verdict::Warn, "{asked:?}");
-    assert!(asked[0].advice.as_ref().unwrap().contains("log out"));
+    let requested = bob.people(&Wanted::default());
+    assert_eq!(requested[0].verdict, Verdict::Warn, "{requested:?}");
+    assert!(requested[0].advice.as_ref().unwrap().contains("log out"));
     // a serial port needs the daemon in dialout
     let serial = wanting("[switch]\naddress = \"serial:/dev/ttyUSB0@9600\"\n");
-    let asked = bob.people(&serial);
-    assert_eq!(asked[1].verdict, Verdict::Bad, "{asked:?}");
+    let requested = bob.people(&serial);
+    assert_eq!(requested[1].verdict, Verdict::Bad, "{requested:?}");
 }
 
 #[test]
@@ -157,7 +157,7 @@ fn folder_and_disk_of_the_record_are_judged() {
 }
 
 #[test]
-fn what_an_installation_lacks_is_said() {
+fn missing_parts_of_an_installation_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let machine = machine(folder.path(), &[1000]);
     let wanted = wanting("[bus]\nsystem = true\n[notify]\ncommand = [\"/usr/lib/tactus/mail\"]\n");

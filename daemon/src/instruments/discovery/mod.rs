@@ -169,7 +169,7 @@ async fn ask(candidate: Candidate, used: &[Used]) -> Seen {
             }
         }
         match identify(place).await {
-            Ok(said) => return seen(place.to_string(), said, found_by, &name, false),
+            Ok(message) => return seen(place.to_string(), message, found_by, &name, false),
             Err(why) => remark = why,
         }
     }
@@ -209,8 +209,8 @@ async fn identify(place: &InstrumentAddress) -> Result<String, String> {
     };
     let stream = stream.map_err(|cause| survey::error_chain(&cause))?;
     let mut link = Link::new(stream, place.to_string(), PATIENCE);
-    let said = link.ask("*IDN?").await;
-    said.map_err(|cause| survey::error_chain(&cause))
+    let message = link.ask("*IDN?").await;
+    message.map_err(|cause| survey::error_chain(&cause))
 }
 
 /// One line a thing: the same identity at the same place, or the same serial number, is one instrument.
@@ -372,7 +372,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_dead_address_is_told_and_holds_nobody_up() {
+    async fn dead_address_is_reported_without_delay() {
         let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
         drop(listener);

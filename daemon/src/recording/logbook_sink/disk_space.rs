@@ -83,11 +83,11 @@ impl LogbookSink {
         let mut renewed = false;
         loop {
             // the reserve is for the end of a session
-            if let Some(full) = self.lacks_room(free)
-                && !self.status.stop_wish().is_asked()
+            if let Some(full) = self.lacks_space(free)
+                && !self.status.stop_request().is_requested()
             {
                 let waited = self.pause(full);
-                if !self.status.stop_wish().is_asked() {
+                if !self.status.stop_request().is_requested() {
                     waited?;
                 }
                 free = self.free();
@@ -120,7 +120,7 @@ impl LogbookSink {
                     Ok(())
                 }
                 // SQLite calls it an I/O error where there is no room for the index of a new journal
-                Err(refused) if refused.is_full() || self.lacks_room_for_a_part() => {
+                Err(refused) if refused.is_full() || self.lacks_space_for_a_part() => {
                     self.pause(refused)
                 }
                 Err(refused) => Err(refused),
@@ -132,7 +132,7 @@ impl LogbookSink {
         }
     }
 
-    fn lacks_room_for_a_part(&self) -> bool {
+    fn lacks_space_for_a_part(&self) -> bool {
         self.free().is_some_and(|free| free < MEGABYTE)
     }
 
@@ -143,7 +143,7 @@ impl LogbookSink {
             Some(pause) if pause.locked => now.saturating_sub(pause.since),
             _ => Duration::ZERO,
         };
-        waited >= self.disk.lock_patience || self.status.stop_wish().is_asked()
+        waited >= self.disk.lock_patience || self.status.stop_request().is_requested()
     }
 
     /// Writes something else, under the same rules.
@@ -262,7 +262,7 @@ impl LogbookSink {
     }
 
     /// Whether the reserve is reached; once paused, a tenth more is wanted.
-    fn lacks_room(&self, free: Option<u64>) -> Option<LogbookError> {
+    fn lacks_space(&self, free: Option<u64>) -> Option<LogbookError> {
         let mut wanted = self.disk.section.reserve_mb * MEGABYTE;
         if self.disk.paused.is_some() {
             wanted += wanted / 10;
@@ -299,7 +299,7 @@ impl LogbookSink {
             };
             self.report(kind, &text);
         }
-        if self.status.stop_wish().is_asked() {
+        if self.status.stop_request().is_requested() {
             self.status.hold(false);
             // a file that stays locked is left for the next part, which the next attempt makes
             return if locked { Ok(()) } else { Err(full) };

@@ -162,13 +162,13 @@ async fn a_panic_while_answering_leaves_the_session_running() {
 
     let properties = "org.freedesktop.DBus.Properties";
     for _ in 0..3 {
-        for (interface, method, said) in [
+        for (interface, method, message) in [
             (MANAGER_INTERFACE, "Plan", "before the call begins"),
             (MANAGER_INTERFACE, "Geometry", "during the call"),
             (MANAGER_INTERFACE, "ListSessions", "not read"),
         ] {
             let answer = error(&client, interface, method, &()).await;
-            assert!(answer.contains(said), "{method}: {answer}");
+            assert!(answer.contains(message), "{method}: {answer}");
             assert!(
                 method == "ListSessions" || answer.contains("please report it"),
                 "{answer}"

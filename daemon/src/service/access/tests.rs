@@ -52,7 +52,7 @@ fn every_method_and_every_property_to_set_has_its_row() {
 }
 
 #[test]
-fn every_action_that_is_asked_about_is_declared_to_polkit() {
+fn every_checked_action_is_declared_to_polkit() {
     let policy = include_str!("../../../../systemd/org.tactus.Tactus1.policy");
     let declared: BTreeSet<&str> = policy
         .split("<action id=\"")

@@ -212,9 +212,9 @@ mod tests {
         assert_eq!(header.member, "Stop");
         assert_eq!(header.descriptors, 0);
         assert_eq!(header.serial, call.primary_header().serial_num().get());
-        let mut asked = bytes.to_vec();
-        ask_for_answer(&mut asked);
-        assert!(read(&asked).unwrap().wants_answer());
+        let mut requested = bytes.to_vec();
+        ask_for_answer(&mut requested);
+        assert!(read(&requested).unwrap().wants_answer());
         for shorter in 0..FIXED {
             assert_eq!(length(&bytes[..shorter]), Ok(None));
         }

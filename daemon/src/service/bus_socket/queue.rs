@@ -46,7 +46,7 @@ pub(crate) struct Queue {
     acts: fn(&str, &str) -> bool,
     waiting: Mutex<Waiting>,
     arrived: Notify,
-    room: Condvar,
+    drained: Condvar,
 }
 
 #[derive(Debug, Default)]
@@ -87,7 +87,7 @@ impl Queue {
             acts,
             waiting: Mutex::default(),
             arrived: Notify::new(),
-            room: Condvar::new(),
+            drained: Condvar::new(),
         }
     }
 
@@ -136,7 +136,7 @@ impl Queue {
         let mut waiting = self.waiting();
         while waiting.bytes >= MOST_BYTES && !waiting.ended {
             waiting = self
-                .room
+                .drained
                 .wait(waiting)
                 .unwrap_or_else(PoisonError::into_inner);
         }
@@ -156,7 +156,7 @@ impl Queue {
                 let full = waiting.bytes >= MOST_BYTES;
                 if let Some(next) = waiting.take() {
                     if full {
-                        self.room.notify_all();
+                        self.drained.notify_all();
                     }
                     return Some(next);
                 }
@@ -172,7 +172,7 @@ impl Queue {
     pub(super) fn end(&self) {
         self.waiting().ended = true;
         self.arrived.notify_one();
-        self.room.notify_all();
+        self.drained.notify_all();
     }
 }
 
@@ -408,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn many_senders_without_answers_leave_room_for_the_trusted() {
+    fn unanswered_senders_leave_slots_for_trusted_ones() {
         let queue = queue();
         let mut lost = 0;
         for sender in 0..2 * UNANSWERED_ALL {

@@ -175,11 +175,11 @@ pub(crate) fn found_lines(found: &Discovered, json: bool) -> Vec<String> {
             lines.push(printable_json(object.to_string()));
             continue;
         }
-        let said = some(&seen.identity).unwrap_or_else(|| seen.remark.clone());
+        let message = some(&seen.identity).unwrap_or_else(|| seen.remark.clone());
         lines.push(
             format!(
                 "# {} (found by {} {})",
-                printable(&said),
+                printable(&message),
                 seen.found_by,
                 printable(&seen.name)
             )

@@ -95,11 +95,11 @@ impl Controller {
         let suspended = "the session is suspended; the rig is looked for";
         self.tell(Some(whom), EventKind::Suspended, suspended).await;
 
-        let mut stop = whom.status.stop_wish();
+        let mut stop = whom.status.stop_request();
         let mut pause = LOOK_AGAIN.0;
         let assembled = loop {
             tokio::select! {
-                () = stop.asked() => {
+                () = stop.requested() => {
                     self.inner().recovery = None;
                     self.events.publish(&BusEvent::Daemon);
                     return false;

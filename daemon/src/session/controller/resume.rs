@@ -20,7 +20,7 @@ use survey::Protocol;
 use survey::error_chain as chain;
 
 /// Bytes that are enough to open a session.
-const ROOM_TO_OPEN: u64 = 1 << 20;
+const SPACE_TO_OPEN: u64 = 1 << 20;
 /// Over this time the times that a session began again are counted.
 const AN_HOUR: TimeDelta = TimeDelta::try_hours(1).unwrap();
 /// Older, and the sheet may have crept away from it.
@@ -170,7 +170,7 @@ impl Controller {
         let opened = tokio::task::spawn_blocking(move || {
             open(&path).map_err(|error| match free_bytes(&folder) {
                 // where there is no room for what SQLite puts beside a journal, it speaks of other faults
-                Ok(free) if free < ROOM_TO_OPEN => Never::Later(chain(&error)),
+                Ok(free) if free < SPACE_TO_OPEN => Never::Later(chain(&error)),
                 _ => error.into(),
             })
         })

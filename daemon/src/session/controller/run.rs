@@ -153,7 +153,7 @@ impl Controller {
             self.tell_of(started, EventKind::Restarted, &text, Some(&status.facts.id));
         }
         tokio::spawn(Arc::clone(self).announce_frames(Arc::clone(&status)));
-        tokio::spawn(Arc::clone(self).mark_when_asked_to_end(Arc::clone(&status)));
+        tokio::spawn(Arc::clone(self).mark_when_requested_to_end(Arc::clone(&status)));
         let task = tokio::spawn(Arc::clone(self).keep(Arc::clone(&status), writer, order));
         let (controller, kept) = (Arc::clone(self), Arc::clone(&status));
         tokio::spawn(async move {
@@ -361,7 +361,7 @@ impl Controller {
             }
             failed += 1;
             self.frame_failed(whom, error).await;
-            if status.stop_wish().is_asked() || !may_pass(error) || failed >= MOST_FAILED {
+            if status.stop_request().is_requested() || !may_pass(error) || failed >= MOST_FAILED {
                 if let FrameSource::Rig { rig, .. } = &mut *source {
                     // its links may be out of step: it is put together anew
                     *rig = None;

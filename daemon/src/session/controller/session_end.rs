@@ -14,10 +14,10 @@ use survey::nanoseconds;
 impl Controller {
     /// Marks the session as soon as it is asked to end, while its last frame is still under way: the daemon may be killed
     /// before the file is closed.
-    pub(super) async fn mark_when_asked_to_end(self: Arc<Self>, status: Arc<SessionStatus>) {
-        let mut stop = status.stop_wish();
+    pub(super) async fn mark_when_requested_to_end(self: Arc<Self>, status: Arc<SessionStatus>) {
+        let mut stop = status.stop_request();
         tokio::select! {
-            () = stop.asked() => {}
+            () = stop.requested() => {}
             _ = status.ended() => return,
         }
         if !status.is_left_open() {

@@ -65,7 +65,7 @@ pub(super) struct Assignment {
 
 /// What a lab needs to know: as configured, where the options do not say otherwise.
 fn about(options: &SessionOptions, given: &AboutSection) -> About {
-    let word = |said: &Option<String>, given: &String| said.as_ref().unwrap_or(given).clone();
+    let word = |message: &Option<String>, given: &String| message.as_ref().unwrap_or(given).clone();
     About {
         sheet: word(&options.sheet, &given.sheet),
         foam: word(&options.foam, &given.foam),

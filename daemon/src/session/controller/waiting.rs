@@ -39,17 +39,17 @@ impl Controller {
             .publish(&BusEvent::SessionAdded(status.facts.id.clone()));
         self.events.publish(&BusEvent::Daemon);
         tokio::spawn(Arc::clone(self).announce_frames(Arc::clone(&status)));
-        tokio::spawn(Arc::clone(self).mark_when_asked_to_end(Arc::clone(&status)));
+        tokio::spawn(Arc::clone(self).mark_when_requested_to_end(Arc::clone(&status)));
         tokio::spawn(Arc::clone(self).try_to_go_on(status));
     }
 
     async fn try_to_go_on(self: Arc<Self>, status: Arc<SessionStatus>) {
-        let mut stop = status.stop_wish();
+        let mut stop = status.stop_request();
         let mut pause = RETRY;
         loop {
             tokio::select! {
                 biased;
-                () = stop.asked() => return self.stop_waiting(&status).await,
+                () = stop.requested() => return self.stop_waiting(&status).await,
                 () = tokio::time::sleep(pause) => {}
             }
             if self.rig_fault().is_some() {
@@ -62,7 +62,7 @@ impl Controller {
                     pause = (pause * 2).min(RETRY_AT_MOST);
                 }
                 // another session has begun meanwhile, or the daemon is being stopped
-                Err(_) if stop.is_asked() => return self.stop_waiting(&status).await,
+                Err(_) if stop.is_requested() => return self.stop_waiting(&status).await,
                 Err(never) => {
                     self.does_not_go_on(&status.path(), never).await;
                     return self.end_waiting(&status, "it does not go on".to_owned(), true);
@@ -112,9 +112,9 @@ impl Controller {
             .publish(&BusEvent::SessionRemoved(waited.facts.id.clone()));
         let status = Arc::clone(status);
         tokio::spawn(async move {
-            let mut stop = waited.stop_wish();
+            let mut stop = waited.stop_request();
             tokio::select! {
-                () = stop.asked() => match waited.is_left_open() {
+                () = stop.requested() => match waited.is_left_open() {
                     true => status.leave(&waited.stop_reason()),
                     false => status.end_for_good(&waited.stop_reason()),
                 },

@@ -267,7 +267,7 @@ impl<S: Stream> Keysight34980a<S> {
         }
         Err(RigError::VoltageOutOfRange {
             instrument: self.about.instrument.clone(),
-            asked: range,
+            requested: range,
             allowed: "0.1, 1, 10, 100 and 300 V".to_owned(),
         })
     }

@@ -20,7 +20,7 @@ pub use error::LinkError;
 use error::shorten;
 
 use crate::RingTranscript;
-use crate::transcript::Said;
+use crate::transcript::EntryContent;
 
 /// Longest reply unless [`Link::with_longest_reply`] says otherwise, bytes: 2,600 readings with all their fields.
 const LONGEST_REPLY: usize = 256 * 1024;
@@ -187,7 +187,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         deadline: Duration,
         until: Instant,
     ) -> Result<(), LinkError> {
-        self.note(|| Said::Sent(message.to_owned()));
+        self.note(|| EntryContent::Sent(message.to_owned()));
         let mut segment = Vec::with_capacity(message.len() + 1);
         segment.extend_from_slice(message.as_bytes());
         segment.push(b'\n');
@@ -216,7 +216,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
                 if line.last() == Some(&b'\r') {
                     line.pop();
                 }
-                self.note(|| Said::Received(String::from_utf8_lossy(&line).into_owned()));
+                self.note(|| EntryContent::Received(String::from_utf8_lossy(&line).into_owned()));
                 return String::from_utf8(line).map_err(|_| LinkError::NotText {
                     instrument: self.instrument.clone(),
                     message: shorten(message),
@@ -229,8 +229,8 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
                     most: self.longest_reply,
                 });
             }
-            let room = (self.longest_reply - self.received.len()).min(16 * 1024);
-            let mut chunk = (&mut self.stream).take(room as u64);
+            let free = (self.longest_reply - self.received.len()).min(16 * 1024);
+            let mut chunk = (&mut self.stream).take(free as u64);
             match tokio::time::timeout_at(until, chunk.read_buf(&mut self.received)).await {
                 Ok(Ok(0)) => return Err(self.lost(message, None)),
                 Ok(Ok(_)) => {}
@@ -265,23 +265,23 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
     fn unsolicited(&mut self) -> LinkError {
         let text = String::from_utf8_lossy(&self.received).trim().to_owned();
         self.received.clear();
-        self.note(|| Said::Note(format!("unasked: {text}")));
+        self.note(|| EntryContent::Note(format!("unasked: {text}")));
         LinkError::Unsolicited {
             instrument: self.instrument.clone(),
             text: shorten(&text),
         }
     }
 
-    fn note(&self, said: impl FnOnce() -> Said) {
+    fn note(&self, reported: impl FnOnce() -> EntryContent) {
         if let Some(transcript) = &self.transcript {
-            transcript.write(&self.instrument, said());
+            transcript.write(&self.instrument, reported());
         }
     }
 
     fn lost(&self, message: &str, cause: Option<std::io::Error>) -> LinkError {
         self.note(|| match &cause {
-            Some(cause) => Said::Note(format!("the connection was lost: {cause}")),
-            None => Said::Note("the connection was closed by the instrument".to_owned()),
+            Some(cause) => EntryContent::Note(format!("the connection was lost: {cause}")),
+            None => EntryContent::Note("the connection was closed by the instrument".to_owned()),
         });
         LinkError::Lost {
             instrument: self.instrument.clone(),
@@ -293,7 +293,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
     fn timed_out(&self, message: &str, deadline: Duration) -> LinkError {
         self.note(|| {
             let half = String::from_utf8_lossy(&self.received);
-            Said::Note(match half.as_ref() {
+            EntryContent::Note(match half.as_ref() {
                 "" => format!("no answer within {deadline:?}"),
                 half => format!("no end of the line within {deadline:?}: {half}"),
             })

@@ -24,21 +24,21 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         self.write("*ESE?", self.deadline, until).await?;
 
         self.nonces.extend([first, second]);
-        let told_so_far = self.nonces.clone();
+        let sent_so_far = self.nonces.clone();
         let mut found = self.enable;
-        let told = self
+        let reported = self
             .echo(&format!("*ESE?;*ESE {first};*ESE?"), |line| {
                 let (before, now) = two_numbers(line)?;
                 // The register's own value is what it held before the first number it was told.
-                let turn = told_so_far.iter().position(|told| *told == now)?;
-                if !told_so_far[..turn].contains(&before) {
+                let turn = sent_so_far.iter().position(|reported| *reported == now)?;
+                if !sent_so_far[..turn].contains(&before) {
                     found.get_or_insert(before);
                 }
                 (now == first).then_some(())
             })
             .await;
         self.enable = found;
-        told?;
+        reported?;
         self.echo(&format!("*ESE?;*ESE {second};*ESE?"), |line| {
             (two_numbers(line)? == (first, second)).then_some(())
         })

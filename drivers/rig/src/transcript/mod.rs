@@ -29,7 +29,7 @@ pub struct Entry {
     /// Whose wire. The first word says which instrument it is, what follows may be its address.
     pub instrument: String,
     /// What went over it.
-    pub said: Said,
+    pub content: EntryContent,
 }
 
 impl Entry {
@@ -42,7 +42,7 @@ impl Entry {
 
 /// What went over a wire, or is to be known about it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Said {
+pub enum EntryContent {
     /// A message to the instrument.
     Sent(String),
     /// A line from the instrument.
@@ -75,16 +75,16 @@ impl TryFrom<Line> for Entry {
         if line.instrument.trim().is_empty() {
             return Err("instrument is empty".to_owned());
         }
-        let said = match (line.sent, line.received, line.note) {
-            (Some(sent), None, None) => Said::Sent(sent),
-            (None, Some(received), None) => Said::Received(received),
-            (None, None, Some(note)) => Said::Note(note),
+        let content = match (line.sent, line.received, line.note) {
+            (Some(sent), None, None) => EntryContent::Sent(sent),
+            (None, Some(received), None) => EntryContent::Received(received),
+            (None, None, Some(note)) => EntryContent::Note(note),
             _ => return Err("exactly one of sent, received and note must be given".to_owned()),
         };
         Ok(Self {
             t_s: line.t_s,
             instrument: line.instrument,
-            said,
+            content,
         })
     }
 }
@@ -92,10 +92,10 @@ impl TryFrom<Line> for Entry {
 impl From<Entry> for Line {
     fn from(entry: Entry) -> Self {
         let (mut sent, mut received, mut note) = (None, None, None);
-        match entry.said {
-            Said::Sent(text) => sent = Some(text),
-            Said::Received(text) => received = Some(text),
-            Said::Note(text) => note = Some(text),
+        match entry.content {
+            EntryContent::Sent(text) => sent = Some(text),
+            EntryContent::Received(text) => received = Some(text),
+            EntryContent::Note(text) => note = Some(text),
         }
         Self {
             t_s: entry.t_s,
@@ -127,7 +127,7 @@ pub enum TranscriptError {
     },
     /// A line that is not an entry.
     #[error(
-        "{place}:{line}: {told}; a line is {{\"t_s\":SECONDS,\"instrument\":\"NAME\",\"sent\":\"TEXT\"}}, or with received or note in place of sent"
+        "{place}:{line}: {reported}; a line is {{\"t_s\":SECONDS,\"instrument\":\"NAME\",\"sent\":\"TEXT\"}}, or with received or note in place of sent"
     )]
     Line {
         /// The file, or what stands for it.
@@ -135,7 +135,7 @@ pub enum TranscriptError {
         /// Counted from 1.
         line: usize,
         /// What is wrong with it.
-        told: String,
+        reported: String,
     },
     /// The file cannot be made or written.
     #[error("the transcript {} cannot be written; check the folder, its rights and the room on the disk", path.display())]
@@ -179,7 +179,7 @@ pub fn parse_transcript(place: &str, text: &str) -> Result<Vec<(usize, Entry)>, 
             let entry = serde_json::from_str(line).map_err(|fault| TranscriptError::Line {
                 place: place.to_owned(),
                 line: index + 1,
-                told: fault.to_string(),
+                reported: fault.to_string(),
             })?;
             Ok((index + 1, entry))
         })
@@ -219,10 +219,10 @@ impl TranscriptWriter {
             cause,
         };
         if !(entry.t_s.is_finite() && entry.t_s >= 0.0) {
-            let told = format!("an entry at {} s", entry.t_s);
+            let reported = format!("an entry at {} s", entry.t_s);
             return Err(unwritable(io::Error::new(
                 io::ErrorKind::InvalidInput,
-                told,
+                reported,
             )));
         }
         let mut line = serde_json::to_vec(entry).map_err(|fault| unwritable(fault.into()))?;
@@ -236,11 +236,11 @@ impl TranscriptWriter {
 mod tests {
     use super::*;
 
-    fn entry(t_s: f64, said: Said) -> Entry {
+    fn entry(t_s: f64, content: EntryContent) -> Entry {
         Entry {
             t_s,
             instrument: "34980A at 10.0.0.7:5025".to_owned(),
-            said,
+            content,
         }
     }
 
@@ -249,9 +249,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("talk.jsonl");
         let entries = [
-            entry(0.0, Said::Sent("*IDN?".to_owned())),
-            entry(0.25, Said::Received("\"Zürich\", 1".to_owned())),
-            entry(1.0, Said::Note(String::new())),
+            entry(0.0, EntryContent::Sent("*IDN?".to_owned())),
+            entry(0.25, EntryContent::Received("\"Zürich\", 1".to_owned())),
+            entry(1.0, EntryContent::Note(String::new())),
         ];
         let mut writer = TranscriptWriter::create(&path).unwrap();
         for entry in &entries {
@@ -259,7 +259,7 @@ mod tests {
         }
         assert!(
             writer
-                .write(&entry(f64::NAN, Said::Note(String::new())))
+                .write(&entry(f64::NAN, EntryContent::Note(String::new())))
                 .is_err()
         );
         // Nobody's transcript is overwritten.
@@ -288,11 +288,14 @@ mod tests {
             r#"{"t_s":0,"instrument":"6221","sent":"a","spoken":"b"}"#,
             r#"{"t_s":0,"instru"#,
         ] {
-            let told = parse_transcript("talk.jsonl", &format!("{sound}\n\n{wrong}\n"));
-            let told = told.unwrap_err().to_string();
-            assert!(told.starts_with("talk.jsonl:3: "), "{wrong}: {told}");
+            let reported = parse_transcript("talk.jsonl", &format!("{sound}\n\n{wrong}\n"));
+            let reported = reported.unwrap_err().to_string();
+            assert!(
+                reported.starts_with("talk.jsonl:3: "),
+                "{wrong}: {reported}"
+            );
         }
-        let told = read_transcript(Path::new("/nowhere/talk.jsonl")).unwrap_err();
-        assert!(told.to_string().contains("/nowhere/talk.jsonl"));
+        let reported = read_transcript(Path::new("/nowhere/talk.jsonl")).unwrap_err();
+        assert!(reported.to_string().contains("/nowhere/talk.jsonl"));
     }
 }

@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tokio::time::Instant;
 
-use crate::transcript::{Entry, Said};
+use crate::transcript::{Entry, EntryContent};
 
 /// Most entries of one frame: a frame of 598 messages has a tenth of it; beyond it the oldest are lost, and said so.
 const LONGEST_TRANSCRIPT: usize = 16 * 1024;
@@ -111,12 +111,12 @@ impl RingTranscript {
     }
 
     /// Writes down what went over a wire, or is to be known about it.
-    pub fn write(&self, instrument: &str, said: Said) {
+    pub fn write(&self, instrument: &str, content: EntryContent) {
         let mut held = self.lock();
         let entry = Entry {
             t_s: held.begun.elapsed().as_secs_f64(),
             instrument: instrument.to_owned(),
-            said,
+            content,
         };
         if held.opens {
             let opening = Arc::make_mut(&mut held.opening);
@@ -137,11 +137,13 @@ impl RingTranscript {
 mod tests {
     use crate::transcript::ring::*;
 
-    fn said(transcript: &Transcript) -> Vec<String> {
+    fn content(transcript: &Transcript) -> Vec<String> {
         transcript
             .conversation()
-            .map(|entry| match &entry.said {
-                Said::Sent(text) | Said::Received(text) | Said::Note(text) => text.clone(),
+            .map(|entry| match &entry.content {
+                EntryContent::Sent(text)
+                | EntryContent::Received(text)
+                | EntryContent::Note(text) => text.clone(),
             })
             .collect()
     }
@@ -149,7 +151,7 @@ mod tests {
     #[test]
     fn a_reel_has_its_own_opening_and_the_oldest_is_dropped() {
         let transcript = RingTranscript::new(2);
-        let say = |text: &str| transcript.write("6221", Said::Sent(text.to_owned()));
+        let say = |text: &str| transcript.write("6221", EntryContent::Sent(text.to_owned()));
         say("opening");
         assert_eq!(transcript.opening().len(), 1);
         for frame in ["one", "two"] {
@@ -163,8 +165,8 @@ mod tests {
         let transcripts = transcript.transcripts();
         assert_eq!(transcripts.len(), 2);
         assert_eq!((transcripts[0].number, transcripts[1].number), (2, 3));
-        assert_eq!(said(&transcripts[0]), ["opening", "two"]);
-        assert_eq!(said(&transcripts[1]), ["opening again", "three"]);
+        assert_eq!(content(&transcripts[0]), ["opening", "two"]);
+        assert_eq!(content(&transcripts[1]), ["opening again", "three"]);
         let times: Vec<f64> = transcripts[1]
             .conversation()
             .map(|entry| entry.t_s)
@@ -177,13 +179,16 @@ mod tests {
         let transcript = RingTranscript::new(0);
         transcript.next_transcript();
         for number in 0..LONGEST_TRANSCRIPT + 3 {
-            transcript.write("board", Said::Received(number.to_string()));
+            transcript.write("board", EntryContent::Received(number.to_string()));
         }
         let transcript = transcript.transcripts().remove(0);
         assert_eq!(
             (transcript.lost, transcript.entries.len()),
             (3, LONGEST_TRANSCRIPT)
         );
-        assert_eq!(transcript.entries[0].said, Said::Received("3".to_owned()));
+        assert_eq!(
+            transcript.entries[0].content,
+            EntryContent::Received("3".to_owned())
+        );
     }
 }

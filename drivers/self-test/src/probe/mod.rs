@@ -188,7 +188,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
     fn report(&mut self, what: &str) -> Result<(), ProbeError> {
         (self.request.progress)(self.done.min(self.steps), self.steps, what);
         self.done += 1;
-        match self.request.stop.is_asked() {
+        match self.request.stop.is_requested() {
             true => Err(ProbeError::Stopped),
             false => Ok(()),
         }
@@ -277,7 +277,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
         let mut reading = pin!(self.rig.voltmeter.scan());
         tokio::select! {
             read = &mut reading => Ok(read?),
-            () = stop.asked() => {
+            () = stop.requested() => {
                 self.rig.source.off().await?;
                 reading.await?;
                 Err(ProbeError::Stopped)
@@ -290,7 +290,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
         let mut reading = pin!(self.rig.voltmeter.read());
         tokio::select! {
             read = &mut reading => Ok(read?),
-            () = stop.asked() => {
+            () = stop.requested() => {
                 self.rig.source.off().await?;
                 reading.await?;
                 Err(ProbeError::Stopped)

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use rig::transcript::{Entry, Said};
+use rig::transcript::{Entry, EntryContent};
 use scpi::parse_message;
 
 use crate::Instrument;
@@ -31,8 +31,8 @@ pub fn golden_of(
     // Messages whose reply is still to come, by their place among the steps: clients may send ahead.
     let mut open: VecDeque<(usize, String)> = VecDeque::new();
     for (line, entry) in of_it {
-        match &entry.said {
-            Said::Sent(message) => {
+        match &entry.content {
+            EntryContent::Sent(message) => {
                 let began = *began.get_or_insert(entry.t_s);
                 let at = ((entry.t_s - began) * 1e3).round() / 1e3;
                 if at > last {
@@ -44,21 +44,21 @@ pub fn golden_of(
                 steps.push(Step::Silence);
                 open.push_back((steps.len() - 1, message.clone()));
             }
-            Said::Received(text) => {
-                let asked = open.iter().position(|(_, message)| message.contains('?'));
-                let index = asked.or(open.len().checked_sub(1));
+            EntryContent::Received(text) => {
+                let requested = open.iter().position(|(_, message)| message.contains('?'));
+                let index = requested.or(open.len().checked_sub(1));
                 let found = index.and_then(|index| open.drain(..=index).next_back());
-                let (step, said) = found.ok_or_else(|| ReplayError::Unasked {
+                let (step, content) = found.ok_or_else(|| ReplayError::Unrequested {
                     place: place.to_owned(),
                     line: *line,
                     text: text.clone(),
                 })?;
-                steps[step] = Step::Answer(match varies(instrument, &said) {
+                steps[step] = Step::Answer(match varies(instrument, &content) {
                     true => Expected::Shape(text.clone()),
                     false => Expected::Text(text.clone()),
                 });
             }
-            Said::Note(_) => {}
+            EntryContent::Note(_) => {}
         }
     }
     if steps.is_empty() {
@@ -91,11 +91,11 @@ pub(super) fn setup_of_transcript(
     let of_it = entries
         .iter()
         .filter(|(_, entry)| Instrument::named(&entry.model()) == Some(instrument));
-    let mut asked: Option<keysight_34980a::Command> = None;
+    let mut requested: Option<keysight_34980a::Command> = None;
     for (_, entry) in of_it {
-        match &entry.said {
-            Said::Sent(message) => asked = message.parse().ok(),
-            Said::Received(text) => match asked.take() {
+        match &entry.content {
+            EntryContent::Sent(message) => requested = message.parse().ok(),
+            EntryContent::Received(text) => match requested.take() {
                 Some(keysight_34980a::Command::Common(scpi::Common::Identify)) => {
                     let vendor = text.split(',').next().map(str::to_owned);
                     setup.vendor = setup.vendor.or(vendor);
@@ -110,7 +110,7 @@ pub(super) fn setup_of_transcript(
                 }
                 _ => {}
             },
-            Said::Note(_) => {}
+            EntryContent::Note(_) => {}
         }
     }
     setup

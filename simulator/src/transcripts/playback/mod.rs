@@ -5,7 +5,7 @@ mod made;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use rig::transcript::{Entry, Said};
+use rig::transcript::{Entry, EntryContent};
 
 use crate::isolated::{InstrumentSetup, IsolatedInstrument};
 use crate::transcripts::golden::Expected;
@@ -40,7 +40,7 @@ pub enum ReplayError {
     #[error(
         "{place}:{line}: '{text}' is received, and nothing was asked; replies stand behind their messages"
     )]
-    Unasked {
+    Unrequested {
         /// The file.
         place: String,
         /// Counted from 1.
@@ -138,8 +138,8 @@ pub fn replay(
             }
         };
         let wire = &mut wires[index];
-        match &entry.said {
-            Said::Sent(message) => {
+        match &entry.content {
+            EntryContent::Sent(message) => {
                 played.messages += 1;
                 let reply = wire.receive(message, entry.t_s, target);
                 wire.under_way.push_back(Sent {
@@ -148,11 +148,11 @@ pub fn replay(
                     reply,
                 });
             }
-            Said::Received(text) => {
+            EntryContent::Received(text) => {
                 played.replies += 1;
                 wire.compare(place, *line, text, comparison)?;
             }
-            Said::Note(_) => {}
+            EntryContent::Note(_) => {}
         }
     }
     for wire in &mut wires {
@@ -219,7 +219,7 @@ impl Wire {
         text: &str,
         comparison: Comparison,
     ) -> Result<(), ReplayError> {
-        let unasked = || ReplayError::Unasked {
+        let unrequested = || ReplayError::Unrequested {
             place: place.to_owned(),
             line,
             text: text.to_owned(),
@@ -230,9 +230,9 @@ impl Wire {
         let index = answered
             .or_else(|| self.under_way.iter().rposition(asks))
             .or(self.under_way.len().checked_sub(1))
-            .ok_or_else(unasked)?;
+            .ok_or_else(unrequested)?;
         self.under_way.drain(..index);
-        let sent = self.under_way.pop_front().ok_or_else(unasked)?;
+        let sent = self.under_way.pop_front().ok_or_else(unrequested)?;
         let expected = match comparison {
             Comparison::Shapes if varies(self.instrument, &sent.message) => {
                 Expected::Shape(text.to_owned())

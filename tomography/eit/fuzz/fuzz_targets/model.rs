@@ -234,11 +234,11 @@ fn make() -> Made {
 
     let (_, info) = SafeTensors::read_metadata(&bytes).expect("its header");
     let text = &info.metadata().as_ref().expect("metadata")["tactus"];
-    let said = format!(
+    let message = format!(
         "\"checksum\":\"{}\"",
         load(&path).expect("the model").metadata().checksum
     );
-    let text = text.replacen(&said, "\"checksum\":\"\"", 1);
+    let text = text.replacen(&message, "\"checksum\":\"\"", 1);
     let tensors: Vec<(String, Tensor)> = SafeTensors::deserialize(&bytes)
         .expect("its tensors")
         .tensors()

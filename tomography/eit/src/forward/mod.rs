@@ -91,7 +91,7 @@ pub struct Forward {
     /// Triangles at each node.
     around: Vec<Vec<usize>>,
     /// Room that the last solutions left; it never holds a result.
-    room: Mutex<Vec<Scratch>>,
+    scratch_pool: Mutex<Vec<Scratch>>,
 }
 
 impl std::fmt::Debug for Forward {
@@ -137,7 +137,7 @@ impl Forward {
             analysis,
             grounds,
             around,
-            room: Mutex::new(Vec::new()),
+            scratch_pool: Mutex::new(Vec::new()),
             mesh,
         })
     }
@@ -232,7 +232,7 @@ impl Forward {
         protocol: &Protocol,
     ) -> Result<DVector<f64>, ForwardError> {
         self.check_ring(protocol)?;
-        self.borrow_room(|scratch| {
+        self.borrow_scratch(|scratch| {
             let ring = scratch.ring(self, sigma, None, true)?;
             Ok(ring.readings(self, protocol))
         })
@@ -292,7 +292,7 @@ impl Forward {
                 return Err(ForwardError::CurrentSum { pattern, sum });
             }
         }
-        self.borrow_room(|scratch| {
+        self.borrow_scratch(|scratch| {
             scratch
                 .solution(self, sigma, currents, None, true)
                 .map(read)
@@ -300,12 +300,12 @@ impl Forward {
     }
 
     /// Lends room that an earlier solution left, or new room.
-    fn borrow_room<T>(
+    fn borrow_scratch<T>(
         &self,
         work: impl FnOnce(&mut Scratch) -> Result<T, ForwardError>,
     ) -> Result<T, ForwardError> {
         let left = || {
-            self.room
+            self.scratch_pool
                 .lock()
                 .unwrap_or_else(|broken| broken.into_inner())
         };

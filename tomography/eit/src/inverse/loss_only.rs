@@ -40,12 +40,12 @@ impl Reconstructor for LossOnly {
     }
 
     fn assumptions(&self) -> Vec<String> {
-        let mut told = self.inner.assumptions();
-        told.push(
+        let mut notes = self.inner.assumptions();
+        notes.push(
             "loads only take conductance away: what lies beyond -1 <= dsigma/sigma0 <= 0 is cut"
                 .to_owned(),
         );
-        told
+        notes
     }
 
     fn novelty(

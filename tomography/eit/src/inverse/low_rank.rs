@@ -126,7 +126,7 @@ impl Quick {
     }
 
     /// For a person.
-    pub(crate) fn told(&self) -> String {
+    pub(crate) fn description(&self) -> String {
         format!(
             "maps from {} of {} directions of the data in f32, where that is proved to be within {:e} of the map's largest \
              value; else from the whole matrix",

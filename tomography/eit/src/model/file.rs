@@ -79,7 +79,7 @@ pub(super) fn bytes(model: &Model) -> Result<(Vec<u8>, String), ModelError> {
             )
         }),
     );
-    let text = text.replacen(&said_checksum(""), &said_checksum(&checksum), 1);
+    let text = text.replacen(&stated_checksum(""), &stated_checksum(&checksum), 1);
     // one entry only: a map with more would be written in a random order
     let metadata = HashMap::from([(KEY.to_owned(), text)]);
     let bytes = safetensors::serialize(tensors, Some(metadata))
@@ -156,7 +156,7 @@ fn layer_name(index: usize, what: &str) -> String {
 }
 
 /// The checksum as the metadata says it.
-fn said_checksum(checksum: &str) -> String {
+fn stated_checksum(checksum: &str) -> String {
     format!("\"checksum\":\"{checksum}\"")
 }
 
@@ -202,9 +202,9 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
         .as_ref()
         .and_then(|entries| entries.get(KEY))
         .ok_or_else(|| foreign("it is safetensors without a 'tactus' entry"))?;
-    let said: serde_json::Value =
+    let message: serde_json::Value =
         serde_json::from_str(text).map_err(|_| foreign("its 'tactus' entry is not JSON"))?;
-    let (kind, version) = (&said["kind"], &said["version"]);
+    let (kind, version) = (&message["kind"], &message["version"]);
     if !(kind == "rbf" || kind == "deep") || version != VERSION {
         return Err(ModelError::Kind {
             path: path.to_owned(),
@@ -216,7 +216,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
         why,
     };
     let metadata: Metadata =
-        serde_json::from_value(said).map_err(|fault| damaged(fault.to_string()))?;
+        serde_json::from_value(message).map_err(|fault| damaged(fault.to_string()))?;
     // programs print these and record them
     for (what, text) in [
         ("name", &metadata.name),
@@ -236,7 +236,11 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
         || {
             let mut views = tensors.tensors();
             views.sort_by(|a, b| a.0.cmp(&b.0));
-            let blank = text.replacen(&said_checksum(&metadata.checksum), &said_checksum(""), 1);
+            let blank = text.replacen(
+                &stated_checksum(&metadata.checksum),
+                &stated_checksum(""),
+                1,
+            );
             checksum(
                 &blank,
                 views
@@ -308,12 +312,14 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
         .collect();
     let protocol = Protocol::new(metadata.electrodes, questions)
         .map_err(|fault| damaged(fault.to_string()))?;
-    for (what, said, found) in [
+    for (what, message, found) in [
         ("geometry", &metadata.geometry, mesh.hash().to_owned()),
         ("survey", &metadata.survey, protocol.hash()),
     ] {
-        if *said != found {
-            return Err(damaged(format!("it says {what} {said} and holds {found}")));
+        if *message != found {
+            return Err(damaged(format!(
+                "it says {what} {message} and holds {found}"
+            )));
         }
     }
     let first = |name: &str, values: Vec<f64>| {

@@ -185,8 +185,8 @@ fn a_mutated_model_is_refused_or_is_the_same_model() {
                 assert_eq!(bytes == whole, read.hash() == model.hash(), "{seed}");
             }
             Err(refused) => {
-                let told = refused.to_string();
-                assert!(told.contains("model.safetensors"), "{seed}: {told}");
+                let reported = refused.to_string();
+                assert!(reported.contains("model.safetensors"), "{seed}: {reported}");
             }
         }
     }
@@ -237,8 +237,8 @@ fn a_forged_model_is_refused_or_makes_maps() {
                 }
             }
             Err(refused) => {
-                let told = refused.to_string();
-                assert!(told.contains("model.safetensors"), "{seed}: {told}");
+                let reported = refused.to_string();
+                assert!(reported.contains("model.safetensors"), "{seed}: {reported}");
             }
         }
     }
@@ -286,7 +286,7 @@ fn opened(bytes: &[u8]) -> (String, Vec<(String, Tensor)>) {
     let (_, info) = SafeTensors::read_metadata(bytes).unwrap();
     let text = &info.metadata().as_ref().unwrap()["tactus"];
     let metadata: serde_json::Value = serde_json::from_str(text).unwrap();
-    let said = format!("\"checksum\":{}", metadata["checksum"]);
+    let message = format!("\"checksum\":{}", metadata["checksum"]);
     let tensors = SafeTensors::deserialize(bytes).unwrap();
     let tensors = tensors.tensors().into_iter().map(|(name, view)| {
         let tensor = Tensor {
@@ -297,7 +297,7 @@ fn opened(bytes: &[u8]) -> (String, Vec<(String, Tensor)>) {
         (name, tensor)
     });
     (
-        text.replacen(&said, "\"checksum\":\"\"", 1),
+        text.replacen(&message, "\"checksum\":\"\"", 1),
         tensors.collect(),
     )
 }
@@ -362,8 +362,8 @@ fn a_mutated_case_is_refused_by_file_or_is_a_valid_case() {
         "frames.csv",
     ];
     let refused_by_name = |refused: &CaseError, file: &str, seed: u64| {
-        let told = refused.to_string();
-        assert!(told.contains("case"), "{seed} {file}: {told}");
+        let reported = refused.to_string();
+        assert!(reported.contains("case"), "{seed} {file}: {reported}");
     };
     for seed in 0..mutations() {
         let mut random = ChaCha8Rng::seed_from_u64(seed);

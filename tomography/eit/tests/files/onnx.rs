@@ -40,7 +40,7 @@ fn outlet(name: &str, count: usize) -> Vec<u8> {
 }
 
 /// A model with one more metadata property.
-fn told(mut model: Vec<u8>, key: &str, value: &str) -> Vec<u8> {
+fn reported(mut model: Vec<u8>, key: &str, value: &str) -> Vec<u8> {
     let entry = [field(1, key.as_bytes()), field(2, value.as_bytes())].concat();
     model.extend(field(14, &entry));
     model
@@ -139,11 +139,11 @@ fn a_network_of_another_shape_is_refused_by_its_numbers() {
     ] {
         std::fs::write(&path, onnx(inputs, outputs)).unwrap();
         let Some(refusal) = load(&path) else { return };
-        let said = refusal.err().expect("its shape is wrong").to_string();
+        let message = refusal.err().expect("its shape is wrong").to_string();
         let has = if what == "input" { inputs } else { outputs };
         let wants = if what == "input" { readings } else { triangles };
         for word in ["wrong.onnx", what, &has.to_string(), &wants.to_string()] {
-            assert!(said.contains(word), "{word}: {said}");
+            assert!(message.contains(word), "{word}: {message}");
         }
     }
     std::fs::write(&path, b"nothing of the kind").unwrap();
@@ -157,27 +157,30 @@ fn a_network_that_names_another_survey_is_refused_by_both_names() {
     let path = folder.path().join("told.onnx");
     let (mesh, protocol) = tank();
     let model = onnx(protocol.len(), mesh.region().len());
-    let here = told(
-        told(model.clone(), "tactus.survey", &protocol.hash()),
+    let here = reported(
+        reported(model.clone(), "tactus.survey", &protocol.hash()),
         "tactus.geometry",
         mesh.hash(),
     );
     std::fs::write(&path, here).unwrap();
     let Some(network) = load(&path) else { return };
-    let said = network.unwrap().assumptions().join("; ");
-    assert!(said.contains("names this survey and geometry"), "{said}");
+    let message = network.unwrap().assumptions().join("; ");
+    assert!(
+        message.contains("names this survey and geometry"),
+        "{message}"
+    );
     for (key, here) in [
         ("tactus.survey", protocol.hash()),
         ("tactus.geometry", mesh.hash().to_owned()),
     ] {
-        std::fs::write(&path, told(model.clone(), key, "abc123")).unwrap();
+        std::fs::write(&path, reported(model.clone(), key, "abc123")).unwrap();
         let Some(refusal) = load(&path) else { return };
-        let said = refusal
+        let message = refusal
             .err()
             .expect("it was trained for another")
             .to_string();
         for word in ["told.onnx", "abc123", &here] {
-            assert!(said.contains(word), "{word}: {said}");
+            assert!(message.contains(word), "{word}: {message}");
         }
     }
 }

@@ -110,16 +110,16 @@ fn a_deep_model_comes_back_from_its_file_as_it_was() {
         assert_eq!(loaded.metadata(), model.metadata());
         assert_eq!(loaded.network(), model.network());
         assert_eq!(loaded.hash(), model.hash());
-        let [said, loaded] = [model, loaded].map(Model::into_reconstructor);
+        let [message, loaded] = [model, loaded].map(Model::into_reconstructor);
         let map = |network: &dyn Reconstructor| network.reconstruct(&baseline, &frame).unwrap();
-        assert_eq!(map(said.as_ref()).hash(), map(loaded.as_ref()).hash());
+        assert_eq!(map(message.as_ref()).hash(), map(loaded.as_ref()).hash());
         assert_eq!(loaded.noise_figure(), Some(2.5));
-        let said = loaded.assumptions().join("; ");
-        assert!(said.contains("50 % of an empty map's"), "{said}");
+        let message = loaded.assumptions().join("; ");
+        assert!(message.contains("50 % of an empty map's"), "{message}");
         assert_eq!(
-            said.contains(precision.name()),
+            message.contains(precision.name()),
             precision != Precision::F32,
-            "{said}"
+            "{message}"
         );
     }
 }
@@ -141,7 +141,7 @@ fn a_bit_that_has_turned_in_a_weight_is_found() {
 }
 
 #[test]
-fn what_it_never_saw_is_said_and_then_refused() {
+fn input_unlike_training_is_reported_then_refused() {
     let network = model(Precision::F32).into_reconstructor();
     let novelty = |share| {
         let [baseline, frame] = frames(share);

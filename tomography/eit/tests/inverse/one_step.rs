@@ -270,7 +270,7 @@ fn noise_figure_and_novelty_follow_their_definitions() {
         sharp
             .assumptions()
             .iter()
-            .any(|told| told.contains("1.00e-3")),
+            .any(|reported| reported.contains("1.00e-3")),
         "{:?}",
         sharp.assumptions()
     );

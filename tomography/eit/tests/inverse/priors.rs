@@ -168,7 +168,10 @@ fn quick_frames_keep_their_word() {
         ..OneStepOptions::default()
     });
     assert!(
-        quick.assumptions().iter().any(|told| told.contains("1e-3")),
+        quick
+            .assumptions()
+            .iter()
+            .any(|reported| reported.contains("1e-3")),
         "{:?}",
         quick.assumptions()
     );

@@ -34,19 +34,19 @@ pub enum RecordedError {
     },
     /// `first:N` that is no number, or more frames than there are.
     #[error(
-        "baseline '{asked}' asks for the first frames of a recording that has {frames}; write first:1 to first:{frames}"
+        "baseline '{requested}' asks for the first frames of a recording that has {frames}; write first:1 to first:{frames}"
     )]
     First {
         /// The rule as it was written.
-        asked: String,
+        requested: String,
         /// Frames that there are.
         frames: usize,
     },
     /// The frames do not make a baseline.
-    #[error("the frames of '{asked}' do not make a baseline")]
+    #[error("the frames of '{requested}' do not make a baseline")]
     Baseline {
         /// The rule as it was written.
-        asked: String,
+        requested: String,
         /// What contradicts.
         #[source]
         cause: BaselineError,

@@ -189,8 +189,8 @@ impl IndexedFrames {
         protocol: &Protocol,
         wall: DateTime<Utc>,
     ) -> Result<Baseline, RecordedError> {
-        let asked = match (rule, &self.source) {
-            (Some(asked), _) => asked,
+        let requested = match (rule, &self.source) {
+            (Some(requested), _) => requested,
             (None, Source::Table { .. }) => "first:1",
             (None, Source::Session { reader, .. }) => {
                 let mut own = reader.baseline()?.ok_or_else(|| {
@@ -203,10 +203,10 @@ impl IndexedFrames {
             }
         };
         let refused = || RecordedError::First {
-            asked: asked.to_owned(),
+            requested: requested.to_owned(),
             frames: self.len() as usize,
         };
-        let frames: Vec<Frame> = match asked.parse().map_err(|_| refused())? {
+        let frames: Vec<Frame> = match requested.parse().map_err(|_| refused())? {
             BaselineRule::First(count) if count as u64 > self.len() => return Err(refused()),
             BaselineRule::First(count) => (0..count as u64)
                 .map(|index| self.frame(index, wall))
@@ -230,7 +230,7 @@ impl IndexedFrames {
         };
         let mut baseline = Baseline::from_frames("recording", &frames).map_err(|cause| {
             RecordedError::Baseline {
-                asked: asked.to_owned(),
+                requested: requested.to_owned(),
                 cause,
             }
         })?;
@@ -269,12 +269,15 @@ mod tests {
     #[test]
     fn a_baseline_of_more_frames_than_there_are_is_refused() {
         let (_folder, protocol, frames) = table(false);
-        for asked in ["first:0", "first:4", "first:x"] {
+        for requested in ["first:0", "first:4", "first:x"] {
             let error = frames
-                .baseline(Some(asked), &protocol, NOW)
+                .baseline(Some(requested), &protocol, NOW)
                 .unwrap_err()
                 .to_string();
-            assert!(error.contains(asked) && error.contains("has 3"), "{error}");
+            assert!(
+                error.contains(requested) && error.contains("has 3"),
+                "{error}"
+            );
         }
     }
 }

@@ -189,7 +189,7 @@ pub(super) fn mean(frames: &[LabelledReadings]) -> Unloaded {
 /// The mean of the first frames.
 pub(super) fn first(frames: &[LabelledReadings], count: usize) -> Result<Unloaded, RecordedError> {
     let first = frames.get(..count).ok_or_else(|| RecordedError::First {
-        asked: format!("first:{count}"),
+        requested: format!("first:{count}"),
         frames: frames.len(),
     })?;
     Ok(mean(first))

@@ -32,12 +32,13 @@ impl Default for CurrentErrorSettings {
 impl CurrentErrorSettings {
     /// What flows, as a multiple of what was asked; sheet and wires are linear.
     fn times(&self, context: &ReadingContext) -> f64 {
-        let (asked, range) = (context.flowing.0, context.source_range.0);
-        if asked == 0.0 {
+        let (requested, range) = (context.flowing.0, context.source_range.0);
+        if requested == 0.0 {
             return 1.0;
         }
-        let flows = asked * (1.0 + self.gain_percent / 100.0) + range * self.offset_percent / 100.0;
-        flows / asked
+        let flows =
+            requested * (1.0 + self.gain_percent / 100.0) + range * self.offset_percent / 100.0;
+        flows / requested
     }
 }
 

@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn the_loop_is_as_wide_as_asked_and_ends_at_the_full_scale() {
+    fn loop_has_the_given_width_and_ends_at_full_scale() {
         for percent in [5.0, 24.2, 40.0] {
             let settings = HysteresisSettings {
                 percent,

@@ -397,7 +397,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_asked_changes_no_bit() {
+    fn absent_effects_change_no_bit() {
         let mut none = Effects::new(&EffectSettings::default(), 1);
         for volts in [0.0, -0.0, 1.0 / 3.0, -5e-324, 9.9e37] {
             let got = none.reading(Volts(volts), &context(1.0, 1.0));
@@ -430,7 +430,11 @@ mod tests {
                 (network.len(), network.capacity()),
                 (readings.len(), readings.capacity()),
             ];
-            assert!(lists.iter().all(|(len, room)| *len > 0 || *room == 0));
+            assert!(
+                lists
+                    .iter()
+                    .all(|(len, capacity)| *len > 0 || *capacity == 0)
+            );
             let laws = usize::from(foam.is_some()) + usize::from(conduction.is_some());
             lists.map(|(len, _)| len).iter().sum::<usize>() + laws
         };

@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_as_strong_as_said() {
+    fn noise_has_the_given_strength() {
         let fixed = rms(VoltmeterNoiseSettings { uv: Some(2.0) }, 10.0, 1.0);
         assert!((fixed / 2e-6 - 1.0).abs() < 0.02, "{fixed}");
         let by_range = rms(VoltmeterNoiseSettings::default(), 0.1, 1.0);

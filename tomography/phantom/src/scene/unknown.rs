@@ -23,14 +23,14 @@ pub(super) fn unknown_effect(text: &str) -> Option<(Range<usize>, String)> {
 }
 
 /// The name that is fewest letters away, or that has the other in it.
-fn near<'a>(asked: &str, names: &[&'a str]) -> Option<&'a str> {
-    let asked = asked.to_lowercase().replace('_', "-");
-    let away = |name: &str| match name.contains(&asked) || asked.contains(name) {
-        true if asked.len() > 2 => 1,
-        _ => letters_apart(&asked, name),
+fn near<'a>(requested: &str, names: &[&'a str]) -> Option<&'a str> {
+    let requested = requested.to_lowercase().replace('_', "-");
+    let away = |name: &str| match name.contains(&requested) || requested.contains(name) {
+        true if requested.len() > 2 => 1,
+        _ => letters_apart(&requested, name),
     };
     let nearest = names.iter().min_by_key(|name| away(name))?;
-    (away(nearest) <= (asked.len() / 3).max(1)).then_some(*nearest)
+    (away(nearest) <= (requested.len() / 3).max(1)).then_some(*nearest)
 }
 
 /// Letters to add, take away or change (Levenshtein).

@@ -47,7 +47,7 @@ impl MethodOptions {
     /// # Errors
     /// Options that contradict each other, a model that does not fit the case, or a method that cannot be prepared.
     pub fn prepare(&self, case: &Case, recording: &FrameTable) -> Result<Model, Failure> {
-        let asked = self.method.settings().map_err(Failure::usage)?;
+        let requested = self.method.settings().map_err(Failure::usage)?;
         let mut geometry = Geometry::of_case(case, "the case".to_owned());
         if let Some(name) = &self.sigma0 {
             geometry.sigma0 = case
@@ -55,15 +55,15 @@ impl MethodOptions {
                 .map_err(|fault| Failure::of("cannot read --sigma0", &fault))?;
             geometry.sigma0_known = true;
         }
-        if let Some(file) = &asked.file {
+        if let Some(file) = &requested.file {
             self.no_sigma0("--model")?;
-            let loss_only = asked.loss_only.unwrap_or(false);
+            let loss_only = requested.loss_only.unwrap_or(false);
             return imaging::load(file, loss_only, &case.protocol, Some(&geometry))
                 .map_err(not_built);
         }
-        let settings = asked.clone().for_recording();
+        let settings = requested.clone().for_recording();
         let method = settings.method.unwrap_or_default();
-        MethodArguments::check(&asked, method).map_err(Failure::usage)?;
+        MethodArguments::check(&requested, method).map_err(Failure::usage)?;
         if matches!(method, Method::Linear | Method::Rbf) {
             self.no_sigma0(&format!("--method {}", method.name()))?;
             let loss_only = self.method.loss_only;

@@ -138,11 +138,11 @@ fn sound(outcome: &Outcome) -> bool {
     let checks = &outcome.checks;
     checks
         .iter()
-        .all(|check| check.holds() && check.naive_is_as_said())
+        .all(|check| check.holds() && check.naive_is_as_expected())
 }
 
 fn verdict(check: &Check) -> &'static str {
-    match (check.holds(), check.naive_is_as_said()) {
+    match (check.holds(), check.naive_is_as_expected()) {
         (true, true) => "holds",
         (false, _) => "BROKEN",
         (true, false) => "NAIVE HOLDS",

@@ -64,7 +64,7 @@ impl Check {
     }
 
     /// Whether the naive form breaks the bound, or is said not to.
-    pub(crate) fn naive_is_as_said(&self) -> bool {
+    pub(crate) fn naive_is_as_expected(&self) -> bool {
         match self.naive {
             Naive::Error(figure) => !self.within(figure),
             Naive::Fails(_) => true,
@@ -145,10 +145,10 @@ mod tests {
     }
 
     #[test]
-    fn a_naive_form_must_do_what_is_said_of_it() {
-        let said = |naive| Check::at_most("x", naive, 0.5, 1.0).naive_is_as_said();
-        assert!(said(Naive::Error(2.0)) && !said(Naive::Error(0.5)));
-        assert!(said(Naive::Sound(0.5)) && !said(Naive::Sound(2.0)));
+    fn naive_form_must_behave_as_stated() {
+        let message = |naive| Check::at_most("x", naive, 0.5, 1.0).naive_is_as_expected();
+        assert!(message(Naive::Error(2.0)) && !message(Naive::Error(0.5)));
+        assert!(message(Naive::Sound(0.5)) && !message(Naive::Sound(2.0)));
         assert_eq!(naive(f64::NAN, "fails"), Naive::Fails("fails"));
     }
 

@@ -141,7 +141,7 @@ fn header(
     index: usize,
     of: usize,
 ) -> serde_json::Value {
-    let said = json!({
+    let message = json!({
         "contact_ohm_m": case.contact_ohm_m,
         "sigma0": case.unloaded_conductance(),
     });
@@ -149,7 +149,7 @@ fn header(
         "layout": LAYOUT,
         "geometry": case.mesh.hash(),
         "survey": case.protocol.hash(),
-        "contacts_and_sigma0": fingerprint(said.to_string().as_bytes()),
+        "contacts_and_sigma0": fingerprint(message.to_string().as_bytes()),
         "settings": settings,
         "inputs": simulation.inputs(),
         "outputs": simulation.outputs(),
@@ -305,13 +305,16 @@ mod tests {
     }
 
     #[test]
-    fn a_full_disk_is_said_with_the_way_on() {
+    fn full_disk_is_reported_with_the_next_step() {
         let sample = Sample {
             input: vec![1.0; 10],
             target: vec![(1, -0.5)],
         };
         let fault = record(&mut Small(20), &sample).unwrap_err();
-        let said = full(Path::new("a.part"), &fault).to_string();
-        assert!(said.contains("a.part") && said.contains("again"), "{said}");
+        let message = full(Path::new("a.part"), &fault).to_string();
+        assert!(
+            message.contains("a.part") && message.contains("again"),
+            "{message}"
+        );
     }
 }

@@ -51,21 +51,21 @@ impl Ballast {
 /// Waits until acquisition is held; a session that ends instead is said.
 fn held(status: &SessionStatus) {
     let mut held = status.held();
-    let mut over = status.stop_wish();
+    let mut over = status.stop_request();
     let runtime = tokio::runtime::Builder::new_current_thread()
         .build()
         .unwrap();
     let held = runtime.block_on(async {
         tokio::select! {
             held = held.wait_for(|held| *held) => held.map(|held| *held).unwrap(),
-            () = over.asked() => false,
+            () = over.requested() => false,
         }
     });
     assert!(held, "it ended: {}", status.stop_reason());
 }
 
 #[test]
-fn event_on_a_full_disk_waits_for_room_and_ends_no_session() {
+fn event_on_a_full_disk_waits_and_ends_no_session() {
     let (scene, mut recorder, queue, tell) = Scene::new();
     let setup = &scene.prepared.setup;
     let header = SessionHeader::new("m2", DateTime::UNIX_EPOCH, setup.protocol.clone());

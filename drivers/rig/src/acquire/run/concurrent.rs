@@ -9,7 +9,7 @@ use crate::Stop;
 /// Until a stop is asked for, or the caller has gone.
 pub(super) async fn over(mut stop: Stop, mut caller: watch::Receiver<()>) {
     tokio::select! {
-        () = stop.asked() => {}
+        () = stop.requested() => {}
         // nothing is ever sent: only the caller's end is noticed
         _ = caller.changed() => {}
     }

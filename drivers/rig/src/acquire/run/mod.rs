@@ -126,7 +126,7 @@ impl<'a> Run<'a> {
     }
 
     fn is_over(&self) -> bool {
-        self.stop.is_asked() || self.caller.has_changed().is_err()
+        self.stop.is_requested() || self.caller.has_changed().is_err()
     }
 
     async fn step<C, W, V>(
@@ -146,8 +146,8 @@ impl<'a> Run<'a> {
                 }
                 if self.driven.unwatched.is_some() {
                     self.driven.now = None;
-                    let asked = rig.source.compliance().await?;
-                    self.heed(asked, true);
+                    let requested = rig.source.compliance().await?;
+                    self.heed(requested, true);
                 }
                 let driven = std::mem::take(&mut self.driven.relays);
                 let wiring = &self.plan.wiring;
@@ -185,7 +185,7 @@ impl<'a> Run<'a> {
                 self.driven.settled = true;
                 tokio::select! {
                     () = tokio::time::sleep(*wait) => {}
-                    () = self.stop.asked() => {}
+                    () = self.stop.requested() => {}
                 }
                 Ok(())
             }
@@ -194,12 +194,12 @@ impl<'a> Run<'a> {
                 self.read(rig, step, false).await
             }
             Step::Compliance { .. } => {
-                let asked = rig.source.compliance().await?;
-                if asked.ever() {
+                let requested = rig.source.compliance().await?;
+                if requested.ever() {
                     // the next injection switches it on again
                     self.off(&mut rig.source).await?;
                 }
-                self.heed(asked, true);
+                self.heed(requested, true);
                 Ok(())
             }
         }
@@ -229,7 +229,7 @@ impl<'a> Run<'a> {
         let reading = std::pin::pin!(ask_voltmeter(&mut rig.voltmeter, step, self.meter, wait));
         let mut reading = Beside::new(reading);
         let source = &mut rig.source;
-        let mut asked = None;
+        let mut requested = None;
         let mut settled = self.driven.settled;
         let mut is_over = false;
         if ask && !settled {
@@ -238,28 +238,28 @@ impl<'a> Run<'a> {
             (settled, is_over) = (moved == Ok(Some(())), moved == Ok(None));
         }
         if ask && !is_over {
-            let told = reading.wait_for(source.compliance()).await;
-            let off = match &told {
-                Ok(told) if told.now => reading.wait_for(self.off(source)).await,
+            let reported = reading.wait_for(source.compliance()).await;
+            let off = match &reported {
+                Ok(reported) if reported.now => reading.wait_for(self.off(source)).await,
                 _ => Ok(()),
             };
-            asked = Some(off.and(told));
+            requested = Some(off.and(reported));
         }
-        if !matches!(asked, Some(Err(_))) {
+        if !matches!(requested, Some(Err(_))) {
             let over = over(self.stop.clone(), self.caller.clone());
             if reading.came_before(over).await.is_none() {
                 let detected = Instant::now();
                 let off = reading.wait_for(self.off(source)).await;
                 self.off_after = off.is_ok().then(|| detected.elapsed());
-                asked = Some(off.and(asked.unwrap_or(Ok(Compliance::default()))));
+                requested = Some(off.and(requested.unwrap_or(Ok(Compliance::default()))));
             }
         }
         // Whatever else went wrong: half an exchange would leave the voltmeter's link out of step.
         let answer = reading.finish().await;
-        let asked = asked.transpose()?;
+        let requested = requested.transpose()?;
         self.take(step, answer?)?;
-        if let Some(asked) = asked {
-            self.heed(asked, settled);
+        if let Some(requested) = requested {
+            self.heed(requested, settled);
             self.driven.unwatched = self.driven.now.filter(|_| self.on);
         }
         Ok(())

@@ -209,7 +209,7 @@ impl Reconstructor for OneStep {
     }
 
     fn assumptions(&self) -> Vec<String> {
-        let mut told = vec![
+        let mut notes = vec![
             format!(
                 "{}, lambda {:.3e}: linear in the change of conductance, one matrix",
                 self.method, self.lambda
@@ -222,26 +222,26 @@ impl Reconstructor for OneStep {
                 None => "the hyper-parameter was given; what the noise is was not said".to_owned(),
             },
         ];
-        told.push(format!(
+        notes.push(format!(
             "{:.1} degrees of freedom of {} different readings",
             self.degrees,
             self.sensitivity.nrows()
         ));
         if self.degrees < 1.0 {
-            told.push(
+            notes.push(
                 "less than one degree of freedom: the hyper-parameter leaves a map of nothing, whatever is pressed".to_owned(),
             );
         }
         if self.raised {
-            told.push(format!(
+            notes.push(format!(
                 "the noise asked for less: a linear model is not exact to more than {MODEL_SHARE:e} of its size"
             ));
         }
         if self.bounded.is_some() {
-            told.push("loads only take conductance away: -1 <= dsigma/sigma0 <= 0".to_owned());
+            notes.push("loads only take conductance away: -1 <= dsigma/sigma0 <= 0".to_owned());
         }
-        told.extend(self.quick.as_ref().map(Quick::told));
-        told
+        notes.extend(self.quick.as_ref().map(Quick::description));
+        notes
     }
 
     /// Of the linear map; `None` where maps are bounded to losses, which is not linear.

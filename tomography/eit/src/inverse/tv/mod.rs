@@ -304,7 +304,7 @@ impl Reconstructor for Tv {
 
     fn assumptions(&self) -> Vec<String> {
         let options = &self.options;
-        let mut told = vec![
+        let mut notes = vec![
             format!(
                 "total variation on {} triangles, alpha {:.3e} a metre of border, to a gap of {:e} of the objective",
                 self.graph.unknowns, self.alpha, options.gap
@@ -312,8 +312,8 @@ impl Reconstructor for Tv {
             "linear in the change of conductance".to_owned(),
         ];
         match options.strength {
-            Strength::Alpha(_) => told.push("alpha was given, readings count alike".to_owned()),
-            Strength::Relative(_) => told.push(format!(
+            Strength::Alpha(_) => notes.push("alpha was given, readings count alike".to_owned()),
+            Strength::Relative(_) => notes.push(format!(
                 "white noise of {:.2e} V on each reading at {:.2e} A, on baseline and frame alike; {} of {} directions of \
                  the data, on the others no map of root mean square 0.1 shows more than {UNSEEN:e} of the noise",
                 options.noise_v,
@@ -323,9 +323,9 @@ impl Reconstructor for Tv {
             )),
         }
         if options.loss_only {
-            told.push("loads only take conductance away: -1 <= dsigma/sigma0 <= 0".to_owned());
+            notes.push("loads only take conductance away: -1 <= dsigma/sigma0 <= 0".to_owned());
         }
-        told
+        notes
     }
 
     fn novelty(

@@ -123,13 +123,13 @@ impl Regions {
             }
             let mut stopped = None;
             for region in 0..count {
-                let room = if way[region] > 0.0 {
+                let distance = if way[region] > 0.0 {
                     high - regions.value[region]
                 } else {
                     regions.value[region] - low
                 };
-                if room < length * way[region].abs() {
-                    length = room / way[region].abs();
+                if distance < length * way[region].abs() {
+                    length = distance / way[region].abs();
                     stopped = Some(region);
                 }
             }

@@ -22,15 +22,15 @@ pub(crate) struct Factor {
 impl Factor {
     /// Room for a factor that passes its remainders on.
     pub(crate) fn passing(analysis: &Analysis) -> Result<Self, SparseError> {
-        Self::room(analysis, false)
+        Self::allocated(analysis, false)
     }
 
     /// Room for a factor that keeps its remainders, so that others can be based on it.
     pub(crate) fn keeping(analysis: &Analysis) -> Result<Self, SparseError> {
-        Self::room(analysis, true)
+        Self::allocated(analysis, true)
     }
 
-    fn room(analysis: &Analysis, keeps: bool) -> Result<Self, SparseError> {
+    fn allocated(analysis: &Analysis, keeps: bool) -> Result<Self, SparseError> {
         let remainders = if keeps {
             analysis.kept_length
         } else {
@@ -102,7 +102,7 @@ impl Task for Make<'_> {
             keeps,
             own,
         } = factor;
-        let (columns, room) = (columns.values_mut(), remainders.values_mut());
+        let (columns, allocated) = (columns.values_mut(), remainders.values_mut());
         let place = |front: &Front| if *keeps { front.kept } else { front.passing };
         for (index, front) in analysis.fronts.iter().enumerate() {
             if !own[index] {
@@ -120,7 +120,7 @@ impl Task for Make<'_> {
                 let from = &analysis.fronts[*child];
                 let remainder = match base {
                     Some(base) if !own[*child] => &base.remainders.values()[from.kept..],
-                    _ => &room[place(from)..],
+                    _ => &allocated[place(from)..],
                 };
                 add_to_panel(front, panel, from, remainder, rows);
             }
@@ -129,13 +129,13 @@ impl Task for Make<'_> {
                 continue;
             }
             let at = place(front);
-            product::<M>(panel, front, &mut room[at..at + front.remainder()]);
+            product::<M>(panel, front, &mut allocated[at..at + front.remainder()]);
             for (child, rows) in &front.children {
                 let from = &analysis.fronts[*child];
                 match base {
                     Some(base) if !own[*child] => add_to_remainder(
                         front,
-                        &mut room[at..at + front.remainder()],
+                        &mut allocated[at..at + front.remainder()],
                         from,
                         &base.remainders.values()[from.kept..],
                         rows,
@@ -145,10 +145,10 @@ impl Task for Make<'_> {
                         let below = place(from);
                         let length = from.remainder();
                         let (into, remainder) = if below < at {
-                            let (low, high) = room.split_at_mut(at);
+                            let (low, high) = allocated.split_at_mut(at);
                             (&mut high[..front.remainder()], &low[below..below + length])
                         } else {
-                            let (low, high) = room.split_at_mut(below);
+                            let (low, high) = allocated.split_at_mut(below);
                             (&mut low[at..at + front.remainder()], &high[..length])
                         };
                         add_to_remainder(front, into, from, remainder, rows);

@@ -245,7 +245,7 @@ pub(crate) fn narrow_electrode() -> Result<Outcome, Failure> {
         .mesh()
         .map_err(|fault| Failure::of("the sheet", &fault))?;
     let quality = mesh.quality();
-    let unsaid = 4 - quality.coarse_electrodes.len();
+    let unreported = 4 - quality.coarse_electrodes.len();
     Ok(Outcome::of([
         Check::at_most(
             "growth of R over 2 Rs/pi an e-fold, w = 3.2 to 0.1 mm",
@@ -256,7 +256,7 @@ pub(crate) fn narrow_electrode() -> Result<Outcome, Failure> {
         Check::at_most(
             TOO_FEW,
             Naive::Error(4.0),
-            unsaid as f64,
+            unreported as f64,
             0.0,
         ),
     ])

@@ -36,12 +36,12 @@ pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel,
             let sets = if method.slow { &sets[..2] } else { &sets[..] };
             let (mut errors, mut times, mut all, mut setups) =
                 (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-            let (mut means, mut asked, mut made) = (Vec::new(), 0, 0);
+            let (mut means, mut requested, mut made) = (Vec::new(), 0, 0);
             for set in sets {
                 let start = Instant::now();
                 let judged = maps_not_refused(&set.folder, method.line, &method.words)?;
                 let whole = start.elapsed().as_secs_f64();
-                asked += set.frames;
+                requested += set.frames;
                 made += judged.frames.len();
                 let seconds: Vec<f64> = judged.frames.iter().map(|frame| 1e-3 * frame.ms).collect();
                 setups.push((whole - seconds.iter().sum::<f64>()).max(0.0));
@@ -74,7 +74,7 @@ pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel,
                     &errors,
                 )
                 .of(kind.name())
-                .with("refused, share", 1.0 - made as f64 / asked as f64)
+                .with("refused, share", 1.0 - made as f64 / requested as f64)
                 .with("p99, s", p99)
                 .with("p95 error, mm", quantile(&mut all, 0.95))
                 .with("correlation", mean(|f| f.correlation))

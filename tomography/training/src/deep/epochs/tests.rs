@@ -197,8 +197,8 @@ fn a_sample_that_is_no_number_is_refused_by_name() {
     };
     let noise = noise(&toy);
     let fault = train(&recipe(&toy, &noise, 1), &|_| {}).unwrap_err();
-    let said = std::error::Error::source(&fault).unwrap().to_string();
-    assert!(said.contains("reading 2 of case 77"), "{said}");
+    let message = std::error::Error::source(&fault).unwrap().to_string();
+    assert!(message.contains("reading 2 of case 77"), "{message}");
 }
 
 #[test]

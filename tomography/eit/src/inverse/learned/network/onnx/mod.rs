@@ -73,14 +73,14 @@ pub enum OnnxError {
         meaning: &'static str,
     },
     /// Its metadata name another survey or geometry.
-    #[error("ONNX file {} was trained for {what} {said}, this is {what} {here}", .path.display())]
+    #[error("ONNX file {} was trained for {what} {message}, this is {what} {here}", .path.display())]
     Other {
         /// The file.
         path: PathBuf,
         /// `survey` or `geometry`.
         what: &'static str,
         /// The hash in the file.
-        said: String,
+        message: String,
         /// The hash here.
         here: String,
     },

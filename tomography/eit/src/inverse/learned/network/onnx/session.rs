@@ -61,34 +61,34 @@ impl OnnxReconstructor {
             mesh.region().len(),
             "the triangles of this geometry's region",
         )?;
-        let (mut told, mut untold) = (Vec::new(), Vec::new());
+        let (mut notes, mut unreported) = (Vec::new(), Vec::new());
         for (key, what, here) in [
             (SURVEY, "survey", protocol.hash()),
             (GEOMETRY, "geometry", mesh.hash().to_owned()),
         ] {
-            let said = session.metadata().ok().and_then(|all| all.custom(key));
-            match said {
-                Some(said) if said == here => told.push(what),
-                Some(said) => {
+            let message = session.metadata().ok().and_then(|all| all.custom(key));
+            match message {
+                Some(message) if message == here => notes.push(what),
+                Some(message) => {
                     return Err(OnnxError::Other {
                         path: path.to_owned(),
                         what,
-                        said,
+                        message,
                         here,
                     });
                 }
-                None => untold.push(key),
+                None => unreported.push(key),
             }
         }
         let mut assumptions =
             vec!["trained elsewhere: nothing is known of its training".to_owned()];
-        if !told.is_empty() {
-            assumptions.push(format!("its file names this {}", told.join(" and ")));
+        if !notes.is_empty() {
+            assumptions.push(format!("its file names this {}", notes.join(" and ")));
         }
-        if !untold.is_empty() {
+        if !unreported.is_empty() {
             assumptions.push(format!(
                 "its file has no metadata {}: of that only the counts of inputs and outputs are checked",
-                untold.join(", ")
+                unreported.join(", ")
             ));
         }
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
