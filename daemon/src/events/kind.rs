@@ -104,7 +104,7 @@ kinds! {
     DiskLow "disk-low", Warn, Session, "Little room is left for the record", "Make room";
     DiskEnough "disk-enough", Warn, Session, "There is enough room again", "Nothing";
     DiskFull "disk-full", Warn, Session, "The disk is full: acquisition waits, the source is off", "Make room; the session then goes on";
-    DiskRoom "disk-room", Warn, Session, "There is room again, acquisition goes on", "Nothing";
+    DiskSpace "disk-room", Warn, Session, "There is room again, acquisition goes on", "Nothing";
     RecordLocked "record-locked", Warn, Session, "Another program locks the session file; acquisition waits", "Close that program";
     RecordUnlocked "record-unlocked", Warn, Session, "The session file can be written again", "Nothing";
     SessionDeleted "session-deleted", Warn, Session, "The oldest session was deleted to make room, as configured", "Nothing";

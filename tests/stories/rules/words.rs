@@ -80,6 +80,89 @@ fn crates_and_files_have_telling_names() {
     }
 }
 
+/// Words that are no part of an identifier, and what to call the thing instead.
+const METAPHORS: &[(&str, &str)] = &[
+    ("said", "message, text, reported"),
+    ("unsaid", "unreported"),
+    ("told", "reported, notes, sent"),
+    ("untold", "unreported"),
+    ("heard", "received"),
+    ("unheard", "not received"),
+    ("asked", "requested"),
+    ("unasked", "unrequested"),
+    ("room", "space, capacity, available"),
+    ("wish", "request"),
+    ("wished", "requested"),
+    ("owed", "due, pending"),
+    ("house", "runtime"),
+    ("door", "listener"),
+    ("keeper", "controller, guard"),
+    ("herald", "broadcast"),
+    ("aloud", "rate_limit"),
+    ("mishap", "failed_frame"),
+];
+
+/// Names that session files and scenes hold under these words.
+const STORED: &[&str] = &["asked", "room_c", "room_rh"];
+
+/// Crates that are not yet held to [`METAPHORS`].
+const EXEMPT: &[&str] = &["keithley-6221", "keysight-34980a", "gpio-mux", "vxi11"];
+
+#[test]
+fn identifiers_use_standard_terms() {
+    let metadata = metadata();
+    let mut found = std::collections::BTreeSet::new();
+    for (name, package) in crates(&metadata) {
+        if EXEMPT.contains(&name) {
+            continue;
+        }
+        for path in rust_files(folder(package)) {
+            let tokens: TokenStream = text(&path)
+                .parse()
+                .unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+            let file = from_root(&path);
+            let module = path.file_stem().unwrap_or_default().to_string_lossy();
+            for identifier in identifiers(tokens).into_iter().chain([module.into_owned()]) {
+                if let Some((word, instead)) = metaphor(&identifier) {
+                    found.insert(format!("{file}: {identifier}: {instead} instead of {word}"));
+                }
+            }
+        }
+    }
+    assert!(found.is_empty(), "use standard terms: {found:#?}");
+}
+
+fn identifiers(tokens: TokenStream) -> Vec<String> {
+    let mut all = Vec::new();
+    for token in tokens {
+        match token {
+            TokenTree::Group(group) => all.extend(identifiers(group.stream())),
+            TokenTree::Ident(identifier) => all.push(identifier.to_string()),
+            TokenTree::Literal(_) | TokenTree::Punct(_) => {}
+        }
+    }
+    all
+}
+
+/// The first word of an identifier that [`METAPHORS`] lists, in either case style.
+fn metaphor(identifier: &str) -> Option<&'static (&'static str, &'static str)> {
+    if STORED.contains(&identifier) {
+        return None;
+    }
+    let mut spaced = String::new();
+    let mut after_lower = false;
+    for letter in identifier.chars() {
+        if letter.is_uppercase() && after_lower {
+            spaced.push('_');
+        }
+        after_lower = letter.is_lowercase();
+        spaced.extend(letter.to_lowercase());
+    }
+    spaced
+        .split('_')
+        .find_map(|part| METAPHORS.iter().find(|(word, _)| *word == part))
+}
+
 #[test]
 fn nothing_is_left_unfinished() {
     let metadata = metadata();

@@ -320,7 +320,7 @@ impl LogbookSink {
         self.status.hold(false);
         let (kind, now) = match locked {
             true => (EventKind::RecordUnlocked, "it can be written again"),
-            false => (EventKind::DiskRoom, "there is room again"),
+            false => (EventKind::DiskSpace, "there is room again"),
         };
         let text = format!(
             "acquisition had paused for {:.0} s: {why}; {now}",
