@@ -1,18 +1,17 @@
-//! Who keeps watch: `tactusd`, as a library with one door, [`run`].
+//! The daemon `tactusd`, as a library whose one entry point is [`run`].
 //!
 //! It owns the instruments (or plays a recording), runs sessions by a schedule, takes the difference of each frame to a
-//! baseline, reconstructs, records, and publishes. Refused at this door: a simulator in place of a missing instrument, a
-//! frame that is published before it is durable, and any listener that would hold acquisition back.
+//! baseline, reconstructs, records, and publishes. It never puts a simulator in place of a missing instrument, never
+//! publishes a frame before it is durable, and no client can delay acquisition.
 //!
-//! - **configuration**: what was written; **prepared**: what it means, found out without touching an instrument
-//! - **keeper**: the one head of a running daemon; **session state**: what it is doing, as a pure state machine
-//! - **known**: which instruments the rig has, kept over a restart
-//! - **watch**: acquisition of one session; **recorder**: reconstruction and the sinks, the logbook first
-//! - **care**: self-test and wear of relays; **discovery**: what is there, proposed and never used
-//! - **journal**: where the log goes, and with which fields
-//! - **observe**: how the daemon is, for `tactus status`, metrics, notifications and summaries
-//! - **records**: the sessions on disk; **reading**: work for clients who look, on threads that nothing else needs
-//! - **herald**: carries news to every connection; **ring**: what a reader of the full-rate stream has not read yet
+//! - **preparation**: what a configuration means, found out without touching an instrument
+//! - **instruments**: which instruments the rig has, self-test, relay wear, discovery
+//! - **session**: the controller, and the states of a session as a pure state machine
+//! - **acquisition**: the frames of one session
+//! - **recording**: maps, sinks (the logbook first), the sessions on disk
+//! - **service**: D-Bus objects, access, the full-rate stream
+//! - **events**: kinds of events, the daemon's log, the journal; **monitoring**: status, metrics, notifications
+//! - **panics**: what a panic in each kind of task ends
 //!
 //! ```
 //! // what the command line does: `--version` ends well
@@ -64,8 +63,8 @@ const NOT_FOR_STRANGERS: Mode = Mode::WGRP.union(Mode::RWXO);
 /// An instrument that does not answer, or that could not be made safe.
 const INSTRUMENT: u8 = 5;
 
-/// Threads for what blocks: the disk of the session, simulated instruments; reading for clients has its own. On a busy machine each overlap takes one more, and while there
-/// is work none is given back: a million frames beside compilers made 28 of them, and 2 MB of memory.
+/// Threads for blocking work: the session's disk, simulated instruments. Reading for clients has its own threads. Without
+/// a limit, a million frames beside compilers made 28 of them, and 2 MB of memory.
 const BLOCKING: usize = 12;
 
 /// The definition of the command line: every command and option, for reference pages and completions.
