@@ -219,7 +219,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     let start = prepared.setup.config.schedule.start;
     let controller = Controller::new(prepared, bench, assembled, records, transcript, clock);
     controller.hold(locks);
-    tokio::spawn(crate::session::panics::keep(
+    tokio::spawn(crate::session::panics::follow_panics(
         std::sync::Arc::clone(&controller),
         panics,
     ));
@@ -248,7 +248,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
             "a session of this daemon was interrupted with these instruments; the source is off and the relays are open, \
              verified; before: {was}"
         );
-        controller.tell(None, EventKind::Opened, &text).await;
+        controller.report(None, EventKind::Opened, &text).await;
     }
     // a record that takes long to read holds up neither the readiness nor a stop
     let reads = controller.has_much_to_read();
@@ -256,7 +256,9 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     tracing::info!("ready on {}", listener.ways.join(", "));
     if let Some(closed) = closed {
         let text = format!("the source is off, verified; nothing is measured: {closed}");
-        controller.tell(None, EventKind::RelaysClosed, &text).await;
+        controller
+            .report(None, EventKind::RelaysClosed, &text)
+            .await;
     }
     let _ = sd_notify::notify(&[
         sd_notify::NotifyState::Ready,
@@ -289,7 +291,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
         let _ = beginning.await;
     }
     let safe = controller.shut_down(why, for_good).await;
-    controller.tell(None, EventKind::Stopped, why).await;
+    controller.report(None, EventKind::Stopped, why).await;
     controller.events.close().await;
     listener.close().await;
     safe
@@ -382,7 +384,7 @@ async fn reload(controller: &std::sync::Arc<Controller>) {
     let mut begins = vec![NotifyState::Reloading];
     begins.extend(NotifyState::monotonic_usec_now().ok());
     let _ = sd_notify::notify(&begins);
-    // the outcome is told by the keeper, to everybody
+    // the outcome is reported by the controller
     let _ = controller.reload().await;
     let _ = sd_notify::notify(&[NotifyState::Ready]);
 }

@@ -3,7 +3,7 @@
 use rig::{AcquireError, LinkError, RigError};
 
 /// The first sentence names the instrument and says whether the source is verified off; the rest says where and why.
-pub(crate) fn tell(error: &AcquireError) -> String {
+pub(crate) fn describe(error: &AcquireError) -> String {
     let Some(cause) = error.cause() else {
         return survey::error_chain(error);
     };
@@ -108,7 +108,7 @@ mod tests {
 
     #[test]
     fn what_matters_comes_first_and_each_cause_once() {
-        let text = tell(&AcquireError::PrepareUnsafe {
+        let text = describe(&AcquireError::PrepareUnsafe {
             cause: lost("6221 (tcp:h:1)", ""),
             cleanup: CleanupError {
                 source: Some(lost("6221 (tcp:h:1)", "OUTP OFF")),
@@ -137,7 +137,7 @@ mod tests {
             output: "on".to_owned(),
             level: survey::Amps(1e-3),
         };
-        let text = tell(&AcquireError::PrepareUnsafe {
+        let text = describe(&AcquireError::PrepareUnsafe {
             cause: silent(),
             cleanup: CleanupError {
                 source: Some(not_off),

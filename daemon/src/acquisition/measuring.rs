@@ -18,7 +18,7 @@ pub(crate) struct Measuring {
     /// The last zero-current frame, and how many frames it has served.
     zero: Option<(Frame, u64)>,
     /// What a person should find in the record, a kind and a sentence each.
-    message: Vec<(EventKind, String)>,
+    events: Vec<(EventKind, String)>,
 }
 
 impl Measuring {
@@ -60,7 +60,7 @@ impl Measuring {
         {
             let at_zero = plan.at_zero_current();
             let zero = rig.acquire(&at_zero, meter, clock, stop).await?;
-            self.message.push((EventKind::Zero, reported(&zero)));
+            self.events.push((EventKind::Zero, reported(&zero)));
             self.zero = Some((zero, 0));
         }
         let mut frame = rig.acquire(plan, meter, clock, stop).await?;
@@ -84,7 +84,7 @@ impl Measuring {
                     survey::Volts(most)
                 );
                 tracing::warn!("{text}");
-                self.message.push((EventKind::Ranges, text));
+                self.events.push((EventKind::Ranges, text));
             }
         }
         if let Some((zero, served)) = &mut self.zero {
@@ -98,8 +98,8 @@ impl Measuring {
     }
 
     /// What has happened since the last call.
-    pub(crate) fn message(&mut self) -> Vec<(EventKind, String)> {
-        std::mem::take(&mut self.message)
+    pub(crate) fn take_events(&mut self) -> Vec<(EventKind, String)> {
+        std::mem::take(&mut self.events)
     }
 }
 

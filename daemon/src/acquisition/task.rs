@@ -51,7 +51,7 @@ impl AcquisitionEnd {
     pub(crate) fn text(&self) -> String {
         match self {
             Self::Done(reason) => reason.clone(),
-            Self::Rig(error) => crate::acquisition::failed_frame::tell(error),
+            Self::Rig(error) => crate::acquisition::failed_frame::describe(error),
             Self::Recording(error) => chain(error.as_ref()),
         }
     }
@@ -237,7 +237,7 @@ impl Acquisition {
 
     /// Reports what has been done about ranges and offsets, and how the session measures from then on.
     async fn report_measuring(&mut self) {
-        for (kind, text) in self.measuring.message() {
+        for (kind, text) in self.measuring.take_events() {
             let at = self.clock.wall();
             let event = Event::new(at, kind, &text, Some(&self.status.facts.id));
             self.plan.send_replace(self.measuring.now());

@@ -116,7 +116,7 @@ async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle)
                 error.text()
             );
             controller.events.journal(EventKind::PeersRefused, &text);
-            say_busy(stream, &error).await;
+            refuse_busy(stream, &error).await;
             return;
         }
     };
@@ -176,7 +176,7 @@ async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle)
 
 /// Says that there is no place, so that the client can tell it from a refusal, and closes; to a few at a time, for each
 /// takes a descriptor.
-async fn say_busy(mut stream: UnixStream, error: &dbus::Fault) {
+async fn refuse_busy(mut stream: UnixStream, error: &dbus::Fault) {
     static REPORTED: Semaphore = Semaphore::const_new(MOST_REPORTED);
     let Ok(_place) = REPORTED.try_acquire() else {
         return;

@@ -44,7 +44,7 @@ pub(crate) async fn observe(controller: Arc<Controller>) {
         runtime.config.display()
     );
     drop(runtime);
-    controller.tell(None, EventKind::Started, &text).await;
+    controller.report(None, EventKind::Started, &text).await;
     let mut ticks = tokio::time::interval(EVERY);
     ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     loop {
@@ -53,16 +53,16 @@ pub(crate) async fn observe(controller: Arc<Controller>) {
         crate::panics::containment::catch_up();
         listener.keep_open(&controller).await;
         let health = controller.health().await;
-        judge(&controller, &mut alarm, &health, &messages).await;
+        check_alarms(&controller, &mut alarm, &health, &messages).await;
         if daily.is_over(health.at) {
             let text = daily.summary(health.at, &day_end(&controller).await);
-            controller.tell(None, EventKind::Daily, &text).await;
+            controller.report(None, EventKind::Daily, &text).await;
         }
     }
 }
 
 /// Notices what has begun and what has ended, and puts it on its way to people.
-async fn judge(
+async fn check_alarms(
     controller: &Arc<Controller>,
     alarm: &mut Alarm,
     health: &Health,
@@ -86,10 +86,10 @@ async fn judge(
             _ => EventKind::Trouble,
         };
         let text = format!("{}: {}", message.kind, message.text);
-        controller.tell(None, kind, &text).await;
+        controller.report(None, kind, &text).await;
         if !limits.command.is_empty() && messages.try_send((message, health.clone())).is_err() {
             let text = "too many notifications wait for their command; one is lost";
-            controller.tell(None, EventKind::NotifyFailed, text).await;
+            controller.report(None, EventKind::NotifyFailed, text).await;
         }
     }
 }
@@ -106,7 +106,9 @@ async fn post(
         let done = run_command(&controller, &message, &health).await;
         if !done.is_done() {
             let text = format!("{} could not be told: {}", message.kind, done.text());
-            controller.tell(None, EventKind::NotifyFailed, &text).await;
+            controller
+                .report(None, EventKind::NotifyFailed, &text)
+                .await;
         }
     }
 }

@@ -13,7 +13,10 @@ use tokio::sync::watch;
 use crate::session::controller::Controller;
 
 /// Ends the session and makes the rig safe after every panic that is not contained, as long as the daemon runs.
-pub(crate) async fn keep(controller: Arc<Controller>, mut received: watch::Receiver<String>) {
+pub(crate) async fn follow_panics(
+    controller: Arc<Controller>,
+    mut received: watch::Receiver<String>,
+) {
     while received.changed().await.is_ok() {
         let place = received.borrow_and_update().clone();
         let why = format!("a fault of the daemon's own code ({place}); please report it");
@@ -25,11 +28,11 @@ pub(crate) async fn keep(controller: Arc<Controller>, mut received: watch::Recei
             Ok(()) => {
                 let text =
                     format!("the source is off and the relays are open, verified, after {why}");
-                controller.tell(None, EventKind::Fault, &text).await;
+                controller.report(None, EventKind::Fault, &text).await;
             }
             Err(error) => {
                 let text = format!("after {why}: {error}");
-                controller.tell(None, EventKind::Alarm, &text).await;
+                controller.report(None, EventKind::Alarm, &text).await;
             }
         }
     }
@@ -107,7 +110,7 @@ pub(crate) mod tests {
             transcript,
             SystemClock::new(),
         );
-        tokio::spawn(keep(Arc::clone(&controller), listen()));
+        tokio::spawn(follow_panics(Arc::clone(&controller), listen()));
         let within = |future| tokio::time::timeout(DEADLINE, future);
 
         let options = Options::new().with("frames", 100_u64);

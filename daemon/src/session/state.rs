@@ -32,7 +32,7 @@ pub(crate) enum State {
 
 /// What happens to it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum Event {
+pub(crate) enum Trigger {
     /// Somebody asks for a session.
     Start(Work),
     /// Somebody asks for a pause, or the logbook cannot keep up.
@@ -60,8 +60,8 @@ pub(crate) enum Refusal {
 
 impl State {
     /// The state after the event.
-    pub(crate) fn after(self, event: Event) -> Result<Self, (Self, Refusal)> {
-        use Event::{Ended, Fault, Recovered, Resume, Start, Suspend};
+    pub(crate) fn after(self, event: Trigger) -> Result<Self, (Self, Refusal)> {
+        use Trigger::{Ended, Fault, Recovered, Resume, Start, Suspend};
         match (self, event) {
             (Self::Idle | Self::Faulted(_), Start(Work::Baseline)) => Ok(Self::Baseline),
             (Self::Idle | Self::Faulted(_), Start(Work::Measurement)) => Ok(Self::Acquiring),
@@ -133,16 +133,16 @@ mod tests {
         ]
     }
 
-    fn events() -> Vec<Event> {
+    fn events() -> Vec<Trigger> {
         vec![
-            Event::Start(Work::Baseline),
-            Event::Start(Work::Measurement),
-            Event::Start(Work::Test),
-            Event::Suspend,
-            Event::Resume,
-            Event::Ended,
-            Event::Fault("lost".into()),
-            Event::Recovered,
+            Trigger::Start(Work::Baseline),
+            Trigger::Start(Work::Measurement),
+            Trigger::Start(Work::Test),
+            Trigger::Suspend,
+            Trigger::Resume,
+            Trigger::Ended,
+            Trigger::Fault("lost".into()),
+            Trigger::Recovered,
         ]
     }
 
@@ -191,9 +191,9 @@ mod tests {
                 .into_iter()
                 .flat_map(|(state, running)| {
                     events().into_iter().filter_map(move |event| {
-                        let started = matches!(event, Event::Start(_));
-                        let ended = matches!(event, Event::Ended)
-                            || (matches!(event, Event::Fault(_)) && state.is_busy());
+                        let started = matches!(event, Trigger::Start(_));
+                        let ended = matches!(event, Trigger::Ended)
+                            || (matches!(event, Trigger::Fault(_)) && state.is_busy());
                         let next = state.clone().after(event).ok()?;
                         Some((next, running + i32::from(started) - i32::from(ended)))
                     })

@@ -29,7 +29,7 @@ impl LogbookSink {
                      the machine slept; frames keep to the schedule, and have both times",
                     moved.num_milliseconds() as f64 / 1e3
                 );
-                self.say(EventKind::ClockMoved, &text)
+                self.write_event(EventKind::ClockMoved, &text)
             }
             _ => Ok(()),
         }
@@ -44,7 +44,7 @@ impl LogbookSink {
         let mut changes: Vec<f64> = changes.map(f64::abs).collect();
         let middle = changes.len() / 2;
         if changes.is_empty() {
-            return self.say(
+            return self.write_event(
                 EventKind::Implausible,
                 "after the gap no reading can be compared",
             );
@@ -55,11 +55,11 @@ impl LogbookSink {
             1e2 * *median
         );
         if *median <= PLAUSIBLE {
-            return self.say(EventKind::Plausible, &text);
+            return self.write_event(EventKind::Plausible, &text);
         }
         let text = format!(
             "{text}: sheet, contacts or loads are not what they were, and the baseline may no longer hold"
         );
-        self.say(EventKind::Implausible, &text)
+        self.write_event(EventKind::Implausible, &text)
     }
 }

@@ -181,7 +181,7 @@ impl LogbookSink {
             Err(error) if error.needs_successor() => self.renew(&error),
             // the next frame tries again
             Err(error) if error.is_locked() => Ok(()),
-            Err(error) => self.say(EventKind::PartRefused, &chain(&error)),
+            Err(error) => self.write_event(EventKind::PartRefused, &chain(&error)),
         }
     }
 

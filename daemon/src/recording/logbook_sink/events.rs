@@ -14,7 +14,7 @@ impl LogbookSink {
     ///
     /// # Errors
     /// As [`LogbookSink::settle`].
-    pub(in crate::recording) fn say(
+    pub(in crate::recording) fn write_event(
         &mut self,
         kind: EventKind,
         text: &str,

@@ -39,7 +39,8 @@ impl Recorder {
                 }
                 frame.noise = mapped.noise;
                 if let Some(decided) = &mapped.decided {
-                    self.logbook.say(EventKind::MethodSettled, decided)?;
+                    self.logbook
+                        .write_event(EventKind::MethodSettled, decided)?;
                 }
                 frame.found = mapped.found;
                 frame.pressure = mapped.pressure;
@@ -54,7 +55,8 @@ impl Recorder {
                     self.status.facts.method
                 );
                 self.status.set_last_error(&text);
-                self.logbook.say(EventKind::MethodSuspended, &text)?;
+                self.logbook
+                    .write_event(EventKind::MethodSuspended, &text)?;
             }
         }
         Ok(())
@@ -114,6 +116,6 @@ impl Recorder {
             "method {} is slower than frames come: {missed} recorded without a map so far (`tactus replay` makes them)",
             self.status.facts.method
         );
-        self.logbook.say(EventKind::MapsMissed, &text)
+        self.logbook.write_event(EventKind::MapsMissed, &text)
     }
 }

@@ -14,7 +14,7 @@ use crate::panics::containment::blocking;
 use crate::panics::hook;
 use crate::preparation::{FramesFrom, prepare};
 use crate::session::controller::Controller;
-use crate::session::panics::{keep, tests as guarded};
+use crate::session::panics::{follow_panics, tests as guarded};
 
 /// It answers under the manager's name: the table of actions knows its methods.
 struct Panics;
@@ -140,7 +140,10 @@ async fn a_panic_while_answering_leaves_the_session_running() {
         SystemClock::new(),
     );
     let panics = hook::listen();
-    tokio::spawn(keep(std::sync::Arc::clone(&controller), hook::listen()));
+    tokio::spawn(follow_panics(
+        std::sync::Arc::clone(&controller),
+        hook::listen(),
+    ));
     let options = dbus::Options::new().with("frames", 1000_u64);
     let status = controller.record_baseline(&options).await.unwrap();
     guarded::current_flows(&sheet).await;

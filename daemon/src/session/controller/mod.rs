@@ -1,4 +1,4 @@
-//! Who keeps watch: one per daemon, holds the rig, starts and ends sessions, remembers the baseline.
+//! The controller, one per daemon: holds the rig, starts and ends sessions, keeps the baseline.
 
 mod baselines;
 mod reconnect;
@@ -37,7 +37,7 @@ use crate::preparation::{FramesFrom, Prepared, Setup};
 use crate::recording::end_marks::EndMarks;
 use crate::recording::records::Records;
 use crate::recording::session_status::SessionStatus;
-use crate::session::state::{Event, State};
+use crate::session::state::{State, Trigger};
 use survey::error_chain as chain;
 
 /// What a configuration means; another one takes its place at a reload.
@@ -56,7 +56,7 @@ pub(crate) struct Runtime {
     pub config: PathBuf,
 }
 
-/// The daemon's one head.
+/// The state of the daemon, and all that changes it.
 pub(crate) struct Controller {
     runtime: RwLock<Arc<Runtime>>,
     /// Where events are reported.
@@ -341,11 +341,11 @@ impl Controller {
     }
 
     /// Changes the state; a refusal leaves it.
-    fn happened(&self, event: Event) -> Result<(), crate::session::state::Refusal> {
+    fn change_state(&self, trigger: Trigger) -> Result<(), crate::session::state::Refusal> {
         let outcome = {
             let mut inner = self.inner();
             let state = std::mem::replace(&mut inner.state, State::Idle);
-            match state.after(event) {
+            match state.after(trigger) {
                 Ok(next) => {
                     inner.state = next;
                     Ok(())
@@ -383,7 +383,7 @@ impl Controller {
             status.ended().await;
         }
         if self.rig_fault().is_some() {
-            self.find_rig_again().await?;
+            self.reassemble_rig().await?;
         }
         self.make_safe().await
     }

@@ -13,7 +13,7 @@ use crate::instruments::assembly::{Closed, assemble};
 use crate::instruments::identities::{ExpectedIdentities, UNTIL_AGREED};
 use crate::session::controller::recovery::LOOK_AGAIN;
 use crate::session::controller::{Controller, Recovery};
-use crate::session::state::Event;
+use crate::session::state::Trigger;
 
 impl Controller {
     /// After a fault of the rig: until every instrument is back and verified off, or a session has found it first.
@@ -38,9 +38,9 @@ impl Controller {
             if self.state().is_busy() {
                 continue;
             }
-            match self.find_rig_again().await {
+            match self.reassemble_rig().await {
                 Ok(()) => {
-                    let _ = self.happened(Event::Recovered);
+                    let _ = self.change_state(Trigger::Recovered);
                     return;
                 }
                 Err(text) => {
@@ -58,7 +58,7 @@ impl Controller {
             tokio::task::spawn_blocking(move || identities.keep(&runtime.setup.record_directory))
                 .await;
         if let Ok(Err(error)) = kept {
-            self.tell(None, EventKind::Fault, &survey::error_chain(&error))
+            self.report(None, EventKind::Fault, &survey::error_chain(&error))
                 .await;
         }
     }
@@ -78,13 +78,13 @@ impl Controller {
             inner.rig_fault = Some(text.clone());
             inner.source_unknown = !source_off;
         }
-        let _ = self.happened(Event::Fault(text));
+        let _ = self.change_state(Trigger::Fault(text));
         self.events.publish(&BusEvent::Instruments);
         tokio::spawn(Arc::clone(self).look_for_rig());
     }
 
     /// Puts the rig together anew; it is verified off afterwards.
-    pub(super) async fn find_rig_again(&self) -> Result<(), String> {
+    pub(super) async fn reassemble_rig(&self) -> Result<(), String> {
         let mut source = self.source.lock().await;
         if let Some(closed) = self.inner().closed.clone() {
             return Err(closed);
@@ -93,10 +93,10 @@ impl Controller {
             return Ok(());
         };
         if rig.is_none() {
-            let assembled = self.try_again(None, plan).await?;
+            let assembled = self.retry_assembly(None, plan).await?;
             *rig = Some(assembled.rig);
             let text = "the rig is back; its source is off, its settings applied, both verified";
-            self.tell(None, EventKind::Reconnected, text).await;
+            self.report(None, EventKind::Reconnected, text).await;
         }
         {
             let mut inner = self.inner();
@@ -143,13 +143,13 @@ impl Controller {
             inner.relays_unknown = false;
             inner.closed.take()
         };
-        let _ = self.happened(Event::Recovered);
+        let _ = self.change_state(Trigger::Recovered);
         self.events.publish(&BusEvent::Instruments);
         let text = match was {
             Some(was) => format!("the source is off and every relay open, verified; before: {was}"),
             None => "the source is off and every relay open, verified".to_owned(),
         };
-        self.tell(None, EventKind::Opened, &text).await;
+        self.report(None, EventKind::Opened, &text).await;
         Ok(text)
     }
 
@@ -174,7 +174,7 @@ impl Controller {
         };
         self.keep_identities().await;
         let text = format!("a person agreed: {text}");
-        self.tell(None, EventKind::Accepted, &text).await;
+        self.report(None, EventKind::Accepted, &text).await;
         self.events.publish(&BusEvent::Instruments);
         self.agreed.notify_one();
         Ok(text)

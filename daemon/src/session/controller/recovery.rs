@@ -14,9 +14,9 @@ use crate::events::event::BusEvent;
 use crate::instruments::assembly::{Assembled, AssemblyError, Closed, assemble, open_relays};
 use crate::instruments::identities::UNTIL_AGREED;
 use crate::instruments::rig_plan::RigPlan;
-use crate::session::controller::rig_events::Concerned;
+use crate::session::controller::rig_events::ActiveSession;
 use crate::session::controller::{Controller, Recovery};
-use crate::session::state::Event;
+use crate::session::state::Trigger;
 use survey::error_chain as chain;
 
 /// A lost rig is looked for again after so long, and then ever less often up to the second value.
@@ -41,7 +41,11 @@ pub(super) fn may_pass(error: &AcquireError) -> bool {
 
 impl Controller {
     /// What is known of the rig's safety after a failed frame.
-    pub(super) async fn take_down(&self, whom: Option<Concerned<'_>>, error: &AcquireError) {
+    pub(super) async fn report_safety(
+        &self,
+        session: Option<ActiveSession<'_>>,
+        error: &AcquireError,
+    ) {
         let cleanup = error.cleanup();
         let source = cleanup.is_some_and(|cleanup| cleanup.source.is_some());
         let relays = cleanup.is_some_and(|cleanup| cleanup.relays.is_some());
@@ -54,11 +58,11 @@ impl Controller {
             (true, true) => {
                 let text = "neither the source nor the switch can be made safe: the sheet may be live; switch the source \
                             off by hand";
-                self.tell(whom, EventKind::Alarm, text).await;
+                self.report(session, EventKind::Alarm, text).await;
             }
             (true, false) => {
                 let text = "source state unknown; the injecting relays are open and verified";
-                self.tell(whom, EventKind::SourceUnknown, text).await;
+                self.report(session, EventKind::SourceUnknown, text).await;
             }
             _ => {}
         }
@@ -67,7 +71,7 @@ impl Controller {
     /// Suspends the session until the rig is back; `false` when it was stopped before.
     pub(super) async fn recover(
         self: &Arc<Self>,
-        whom: Concerned<'_>,
+        session: ActiveSession<'_>,
         source: &mut FrameSource,
         error: &AcquireError,
     ) -> bool {
@@ -76,7 +80,7 @@ impl Controller {
         };
         // its links may be out of step, and whatever was set may be lost: it is put together anew
         *rig = None;
-        let text = failed_frame::tell(error);
+        let text = failed_frame::describe(error);
         {
             let mut inner = self.inner();
             inner.rig_fault = Some(text.clone());
@@ -88,14 +92,15 @@ impl Controller {
                 person: false,
             });
         }
-        whom.status.set_last_error(&text);
-        whom.status.set_suspended(true);
-        let _ = self.happened(Event::Suspend);
+        session.status.set_last_error(&text);
+        session.status.set_suspended(true);
+        let _ = self.change_state(Trigger::Suspend);
         self.events.publish(&BusEvent::Instruments);
         let suspended = "the session is suspended; the rig is looked for";
-        self.tell(Some(whom), EventKind::Suspended, suspended).await;
+        self.report(Some(session), EventKind::Suspended, suspended)
+            .await;
 
-        let mut stop = whom.status.stop_request();
+        let mut stop = session.status.stop_request();
         let mut pause = LOOK_AGAIN.0;
         let assembled = loop {
             tokio::select! {
@@ -107,11 +112,11 @@ impl Controller {
                 () = self.agreed.notified() => {}
                 () = tokio::time::sleep(pause) => {}
             }
-            match self.try_again(Some(whom), plan).await {
+            match self.retry_assembly(Some(session), plan).await {
                 Ok(assembled) => break assembled,
                 Err(text) => {
                     pause = (pause * 2).min(LOOK_AGAIN.1);
-                    self.next_try(Some(whom), &text, pause).await;
+                    self.next_try(Some(session), &text, pause).await;
                 }
             }
         };
@@ -123,26 +128,32 @@ impl Controller {
             .collect();
         *rig = Some(assembled.rig);
         let back = format!("the same instruments are back: {}", names.join("; "));
-        self.tell(Some(whom), EventKind::Reconnected, &back).await;
+        self.report(Some(session), EventKind::Reconnected, &back)
+            .await;
         let applied = "the source is off, verified; the settings were applied again and read back";
-        self.tell(Some(whom), EventKind::SettingsVerified, applied)
+        self.report(Some(session), EventKind::SettingsVerified, applied)
             .await;
         {
             let mut inner = self.inner();
             inner.rig_fault = None;
             inner.recovery = None;
         }
-        whom.status.set_last_error("");
-        whom.status.set_suspended(false);
-        let _ = self.happened(Event::Resume);
+        session.status.set_last_error("");
+        session.status.set_suspended(false);
+        let _ = self.change_state(Trigger::Resume);
         self.events.publish(&BusEvent::Instruments);
-        self.tell(Some(whom), EventKind::Resumed, "the session goes on")
+        self.report(Some(session), EventKind::Resumed, "the session goes on")
             .await;
         true
     }
 
     /// A try has failed: says so (the first, second, fourth, eighth ... aloud), and when the next one is due.
-    pub(super) async fn next_try(&self, whom: Option<Concerned<'_>>, text: &str, pause: Duration) {
+    pub(super) async fn next_try(
+        &self,
+        session: Option<ActiveSession<'_>>,
+        text: &str,
+        pause: Duration,
+    ) {
         let (tries, person) = {
             let mut inner = self.inner();
             let person = inner.others.is_some();
@@ -162,16 +173,16 @@ impl Controller {
                 false => format!("next in {:.1} s", pause.as_secs_f64()),
             };
             let text = format!("try {tries} failed, {next}: {text}");
-            self.tell(whom, EventKind::Reconnecting, &text).await;
+            self.report(session, EventKind::Reconnecting, &text).await;
         } else {
             tracing::debug!(tries, "{text}");
         }
     }
 
     /// One try to find the known rig. Whatever of it can be made safe is, also when the rest is still missing.
-    pub(super) async fn try_again(
+    pub(super) async fn retry_assembly(
         &self,
-        whom: Option<Concerned<'_>>,
+        session: Option<ActiveSession<'_>>,
         plan: &RigPlan,
     ) -> Result<Assembled, String> {
         let (bench, identities) = (self.runtime().bench.clone(), self.identities());
@@ -192,7 +203,7 @@ impl Controller {
         };
         if source_is_off && std::mem::take(&mut self.inner().source_unknown) {
             let text = "the source answers again: off, verified";
-            self.tell(whom, EventKind::SourceOff, text).await;
+            self.report(session, EventKind::SourceOff, text).await;
         }
         match outcome {
             Ok(assembled) => {
@@ -206,7 +217,7 @@ impl Controller {
                 let text = format!("{text}; {UNTIL_AGREED}");
                 let new = self.inner().others.replace(*found.clone()) != Some(*found);
                 if new {
-                    self.tell(whom, EventKind::OthersFound, &text).await;
+                    self.report(session, EventKind::OthersFound, &text).await;
                 }
                 Err(text)
             }
@@ -216,7 +227,7 @@ impl Controller {
                 if unknown && open_relays(plan, &bench).await.is_ok() {
                     self.inner().relays_unknown = false;
                     let text = "the switch answers again: the relays are open, verified";
-                    self.tell(whom, EventKind::RelaysOpen, text).await;
+                    self.report(session, EventKind::RelaysOpen, text).await;
                 }
                 Err(chain(&error))
             }

@@ -12,7 +12,7 @@ use crate::instruments::identities::ExpectedIdentities;
 use crate::instruments::simulation::SimulatedRig;
 use crate::preparation::{FramesFrom, Prepared, prepare};
 use crate::session::controller::{Controller, Runtime};
-use crate::session::state::Event;
+use crate::session::state::Trigger;
 use config::Config;
 use survey::error_chain as chain;
 
@@ -24,10 +24,10 @@ impl Controller {
     pub(crate) async fn reload(self: &Arc<Self>) -> Result<String, Fault> {
         let outcome = self.reload_now().await;
         match &outcome {
-            Ok(text) => self.tell(None, EventKind::Reloaded, text).await,
+            Ok(text) => self.report(None, EventKind::Reloaded, text).await,
             Err(fault) => {
                 let text = format!("the configuration in force stays: {}", fault.text());
-                self.tell(None, EventKind::ReloadRefused, &text).await;
+                self.report(None, EventKind::ReloadRefused, &text).await;
             }
         }
         outcome
@@ -61,10 +61,10 @@ impl Controller {
             let controller = Arc::clone(self);
             tokio::spawn(async move {
                 match controller.take(*prepared).await {
-                    Ok(text) => controller.tell(None, EventKind::Reloaded, &text).await,
+                    Ok(text) => controller.report(None, EventKind::Reloaded, &text).await,
                     Err(fault) => {
                         controller
-                            .tell(None, EventKind::ReloadRefused, &fault.text())
+                            .report(None, EventKind::ReloadRefused, &fault.text())
                             .await
                     }
                 }
@@ -167,12 +167,12 @@ impl Controller {
                     inner.closed = None;
                 }
                 self.keep_identities().await;
-                let _ = self.happened(Event::Recovered);
+                let _ = self.change_state(Trigger::Recovered);
                 format!("{file} is in force")
             }
             Err(text) => {
                 self.inner().rig_fault = Some(text.clone());
-                let _ = self.happened(Event::Fault(text.clone()));
+                let _ = self.change_state(Trigger::Fault(text.clone()));
                 tokio::spawn(Arc::clone(self).look_for_rig());
                 format!("{file} is in force, but its rig is not there: {text}")
             }

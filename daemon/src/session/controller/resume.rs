@@ -121,43 +121,43 @@ impl Controller {
             return false;
         };
         if self.rig_fault().is_none() {
-            return self.go_on_with(&path, id).await;
+            return self.resume_or_wait(&path, id).await;
         }
         let text = format!(
             "{} was interrupted; it goes on when the rig can be used",
             path.display()
         );
-        self.tell(None, EventKind::ResumeWaits, &text).await;
+        self.report(None, EventKind::ResumeWaits, &text).await;
         self.wait_to_go_on(path, id, &text);
         true
     }
 
     /// Whether it goes on, or will when the disk takes something again.
-    async fn go_on_with(self: &Arc<Self>, path: &Path, id: String) -> bool {
+    async fn resume_or_wait(self: &Arc<Self>, path: &Path, id: String) -> bool {
         match self.resume(path.to_owned()).await {
             Ok(()) => true,
             Err(Never::Later(why)) => {
                 let text = format!("{} goes on as soon as that is over: {why}", path.display());
-                self.tell(None, EventKind::ResumeWaits, &text).await;
+                self.report(None, EventKind::ResumeWaits, &text).await;
                 self.wait_to_go_on(path.to_owned(), id, &text);
                 true
             }
             Err(never) => {
-                self.does_not_go_on(path, never).await;
+                self.report_not_resumed(path, never).await;
                 false
             }
         }
     }
 
-    pub(super) async fn does_not_go_on(&self, path: &Path, never: Never) {
+    pub(super) async fn report_not_resumed(&self, path: &Path, never: Never) {
         match never {
             Never::Left(why) | Never::Later(why) => {
                 let text = format!("{} does not go on: {why}", path.display());
-                self.tell(None, EventKind::NotResumed, &text).await;
+                self.report(None, EventKind::NotResumed, &text).await;
             }
             Never::Closed(why) => {
                 let text = format!("{} does not go on: {why}", path.display());
-                self.tell(None, EventKind::NotResumed, &text).await;
+                self.report(None, EventKind::NotResumed, &text).await;
                 self.close_interrupted(path, &format!("interrupted; {why}"))
                     .await;
             }

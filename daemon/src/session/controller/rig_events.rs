@@ -12,26 +12,31 @@ use crate::session::controller::Controller;
 
 /// The session that something happens to, and the way to its record.
 #[derive(Clone, Copy)]
-pub(crate) struct Concerned<'a> {
+pub(crate) struct ActiveSession<'a> {
     pub status: &'a SessionStatus,
     pub record: &'a mpsc::Sender<Order>,
 }
 
 impl Controller {
     /// Reports an event. The record is waited for: what is reported of a session is on its way to the disk.
-    pub(crate) async fn tell(&self, whom: Option<Concerned<'_>>, kind: EventKind, text: &str) {
+    pub(crate) async fn report(
+        &self,
+        session: Option<ActiveSession<'_>>,
+        kind: EventKind,
+        text: &str,
+    ) {
         let at = self.runtime().clock.wall();
-        let session = whom.map(|whom| whom.status.facts.id.as_str());
-        let event = Event::new(at, kind, text, session);
+        let id = session.map(|session| session.status.facts.id.as_str());
+        let event = Event::new(at, kind, text, id);
         self.events.report(event.clone());
-        if let Some(whom) = whom {
+        if let Some(session) = session {
             // a record that has failed has ended its session, which says so
-            let _ = whom.record.send(Order::Event(event)).await;
+            let _ = session.record.send(Order::Event(event)).await;
         }
     }
 
     /// Reports an event that the caller writes to the record, where it belongs there.
-    pub(crate) fn tell_of(
+    pub(crate) fn report_unrecorded(
         &self,
         at: DateTime<Utc>,
         kind: EventKind,

@@ -19,7 +19,7 @@ use crate::acquisition::measuring::Measuring;
 use crate::acquisition::task::{
     Acquisition, AcquisitionEnd, AcquisitionProgress, FrameSource, Pause,
 };
-use crate::events::event::{BusEvent, Event as ReportedEvent};
+use crate::events::event::{BusEvent, Event};
 use crate::events::kind::EventKind;
 use crate::instruments::transcripts::{self, FailedFrame};
 use crate::monitoring::disk::free_bytes;
@@ -32,10 +32,10 @@ use crate::recording::recorder::{Recorder, Task};
 use crate::recording::records::disk_fault;
 use crate::recording::session_status::{Facts, SessionEnd, SessionStatus};
 use crate::session::controller::recovery::{MOST_FAILED, may_pass};
-use crate::session::controller::rig_events::Concerned;
+use crate::session::controller::rig_events::ActiveSession;
 use crate::session::controller::session_options::{Assignment, protocol_of};
 use crate::session::controller::{Controller, Inner};
-use crate::session::state::{Event, Work};
+use crate::session::state::{Trigger, Work};
 use survey::error_chain as chain;
 
 /// Ended sessions that stay on the bus, so that who started one can still ask how it went.
@@ -50,7 +50,7 @@ impl Controller {
         self: &Arc<Self>,
         order: Assignment,
     ) -> Result<Arc<SessionStatus>, Fault> {
-        self.happened(Event::Start(order.work))
+        self.change_state(Trigger::Start(order.work))
             .map_err(|error| Fault::SessionActive(error.to_string()))?;
         // whoever loses interest in the answer does not leave the state behind
         let controller = Arc::clone(self);
@@ -59,9 +59,9 @@ impl Controller {
             if let Err(fault) = &begun {
                 let _ = match fault {
                     Fault::DiskRefused(text) | Fault::InstrumentFault(text) => {
-                        controller.happened(Event::Fault(text.clone()))
+                        controller.change_state(Trigger::Fault(text.clone()))
                     }
-                    _ => controller.happened(Event::Ended),
+                    _ => controller.change_state(Trigger::Ended),
                 };
             }
             begun
@@ -77,11 +77,11 @@ impl Controller {
     ) -> Result<Arc<SessionStatus>, Fault> {
         let runtime = self.runtime();
         if self.rig_fault().is_some() {
-            self.find_rig_again()
+            self.reassemble_rig()
                 .await
                 .map_err(Fault::InstrumentFault)?;
         }
-        self.know_wear().await;
+        self.read_relay_wear().await;
         let started = runtime.clock.wall();
         let (kind, payload) = match order.work {
             Work::Baseline => (SessionKind::Baseline, 'b'),
@@ -150,11 +150,11 @@ impl Controller {
         self.events.publish(&BusEvent::Daemon);
         if let Some((text, waits)) = gone_on {
             order.first_event = waits.then(|| text.clone());
-            self.tell_of(started, EventKind::Restarted, &text, Some(&status.facts.id));
+            self.report_unrecorded(started, EventKind::Restarted, &text, Some(&status.facts.id));
         }
         tokio::spawn(Arc::clone(self).announce_frames(Arc::clone(&status)));
         tokio::spawn(Arc::clone(self).mark_when_requested_to_end(Arc::clone(&status)));
-        let task = tokio::spawn(Arc::clone(self).keep(Arc::clone(&status), writer, order));
+        let task = tokio::spawn(Arc::clone(self).run_session(Arc::clone(&status), writer, order));
         let (controller, kept) = (Arc::clone(self), Arc::clone(&status));
         tokio::spawn(async move {
             // a frame ends with the source off, and acquisition sees to its own panics: here only the session is lost
@@ -212,7 +212,7 @@ impl Controller {
     }
 
     /// A session from its first frame to its closed record.
-    pub(super) async fn keep(
+    pub(super) async fn run_session(
         self: Arc<Self>,
         status: Arc<SessionStatus>,
         writer: SessionWriter,
@@ -274,7 +274,7 @@ impl Controller {
         let recorder = Recorder::new(logbook, checks, task, self.is_recording());
         if let Some(text) = order.first_event {
             let (at, kind) = (runtime.clock.wall(), EventKind::Restarted);
-            let event = ReportedEvent::new(at, kind, &text, Some(&status.facts.id));
+            let event = Event::new(at, kind, &text, Some(&status.facts.id));
             let _ = orders.send(Order::Event(event)).await;
         }
         let recording = tokio::task::spawn_blocking(move || recorder.run(queue));
@@ -300,7 +300,7 @@ impl Controller {
         if !matches!(ended, AcquisitionEnd::Done(_)) {
             tracing::error!(session = status.facts.id, "{reason}");
             let _ = orders
-                .send(Order::Event(ReportedEvent::new(
+                .send(Order::Event(Event::new(
                     runtime.clock.wall(),
                     EventKind::Fault,
                     &reason,
@@ -330,9 +330,9 @@ impl Controller {
     /// Suspends and resumes the daemon where acquisition pauses and goes on.
     async fn follow_pauses(self: Arc<Self>, mut pauses: mpsc::Receiver<Pause>) {
         while let Some(Pause { pauses, applied }) = pauses.recv().await {
-            let _ = self.happened(match pauses {
-                true => Event::Suspend,
-                false => Event::Resume,
+            let _ = self.change_state(match pauses {
+                true => Trigger::Suspend,
+                false => Trigger::Resume,
             });
             let _ = applied.send(());
         }
@@ -345,7 +345,7 @@ impl Controller {
         orders: &mpsc::Sender<Order>,
     ) -> AcquisitionEnd {
         let status = Arc::clone(&acquisition.status);
-        let whom = Concerned {
+        let session = ActiveSession {
             status: &status,
             record: orders,
         };
@@ -360,7 +360,7 @@ impl Controller {
                 (failed, acquired) = (0, status.acquired());
             }
             failed += 1;
-            self.frame_failed(whom, error).await;
+            self.frame_failed(session, error).await;
             if status.stop_request().is_requested() || !may_pass(error) || failed >= MOST_FAILED {
                 if let FrameSource::Rig { rig, .. } = &mut *source {
                     // its links may be out of step: it is put together anew
@@ -368,7 +368,7 @@ impl Controller {
                 }
                 return ended;
             }
-            if !self.recover(whom, &mut source, error).await {
+            if !self.recover(session, &mut source, error).await {
                 return match status.has_failed() || self.source_state() == "unknown" {
                     true => ended,
                     false => AcquisitionEnd::Done(status.stop_reason()),
@@ -378,26 +378,26 @@ impl Controller {
     }
 
     /// A frame has failed: it is no frame of the record, which tells why, and what was said is kept on disk.
-    async fn frame_failed(&self, whom: Concerned<'_>, error: &rig::AcquireError) {
-        whom.status.count_failure();
-        let number = whom.status.acquired() + 1;
-        let failures = whom.status.failures();
+    async fn frame_failed(&self, session: ActiveSession<'_>, error: &rig::AcquireError) {
+        session.status.count_failure();
+        let number = session.status.acquired() + 1;
+        let failures = session.status.failures();
         let text = format!(
             "frame {number} failed: {}",
-            crate::acquisition::failed_frame::tell(error)
+            crate::acquisition::failed_frame::describe(error)
         );
         let at = self.runtime().clock.wall();
         self.observed.counters.gap(at, &survey::printable(&text));
         let instrument = error.cause().and_then(rig::RigError::instrument);
         let journal = tracing::error_span!("frame", frame = number, instrument);
-        self.tell(Some(whom), EventKind::FrameFailed, &text)
+        self.report(Some(session), EventKind::FrameFailed, &text)
             .instrument(journal)
             .await;
-        self.take_down(Some(whom), error).await;
-        let (transcript, session) = (self.transcript.clone(), whom.status.facts.id.clone());
+        self.report_safety(Some(session), error).await;
+        let (transcript, id) = (self.transcript.clone(), session.status.facts.id.clone());
         let folder = self.runtime().setup.record_directory.clone();
         let written = tokio::task::spawn_blocking(move || {
-            transcripts::write_failed(&transcript, &folder, &session, failures)
+            transcripts::write_failed(&transcript, &folder, &id, failures)
         })
         .await;
         let text = match written {
@@ -412,7 +412,8 @@ impl Controller {
             Ok(Err(error)) => return tracing::warn!("{}", chain(&error)),
             Err(_) => return tracing::warn!("the transcript could not be written"),
         };
-        self.tell(Some(whom), EventKind::Transcript, &text).await;
+        self.report(Some(session), EventKind::Transcript, &text)
+            .await;
     }
 
     fn finish(
@@ -448,9 +449,9 @@ impl Controller {
             reason: fault.clone().unwrap_or_else(|| ended.text()),
             faulted: fault.is_some(),
         };
-        let _ = self.happened(match fault {
-            Some(text) => Event::Fault(text),
-            None => Event::Ended,
+        let _ = self.change_state(match fault {
+            Some(text) => Trigger::Fault(text),
+            None => Trigger::Ended,
         });
         status.readers.publish(&dbus::stream::Record {
             sequence: status.durable(),

@@ -18,7 +18,7 @@ use crate::instruments::relay_wear::{Wear, wear};
 use crate::instruments::rig_plan::RigPlan;
 use crate::session::controller::Controller;
 use crate::session::option_values;
-use crate::session::state::{Event, Work};
+use crate::session::state::{Trigger, Work};
 use imaging::noise::{self, DEFAULT_NOISE_UV};
 use self_test::{ExpectedSheet, ProbeError, Report, Request, assess};
 use survey::error_chain as chain;
@@ -48,7 +48,7 @@ impl Controller {
 
     /// Reads the relays' counters where nobody has yet: their life is then known without a person who asks. That they
     /// cannot be read is no reason not to measure.
-    pub(super) async fn know_wear(self: &Arc<Self>) {
+    pub(super) async fn read_relay_wear(self: &Arc<Self>) {
         if self.observed.relays().is_some() || self.is_recording() {
             return;
         }
@@ -99,7 +99,7 @@ impl Controller {
                 "a recording has no instruments; nothing can be tested".into(),
             ));
         }
-        self.happened(Event::Start(Work::Test))
+        self.change_state(Trigger::Start(Work::Test))
             .map_err(|error| Fault::SessionActive(error.to_string()))?;
         let controller = Arc::clone(self);
         let supervised = tokio::spawn(async move {
@@ -118,11 +118,11 @@ impl Controller {
             if let Err(Fault::InstrumentFault(text)) = &outcome {
                 tracing::error!("{text}");
                 controller.inner().rig_fault = Some(text.clone());
-                let _ = controller.happened(Event::Fault(text.clone()));
+                let _ = controller.change_state(Trigger::Fault(text.clone()));
                 controller.events.publish(&BusEvent::Instruments);
                 tokio::spawn(Arc::clone(&controller).look_for_rig());
             } else {
-                let _ = controller.happened(Event::Ended);
+                let _ = controller.change_state(Trigger::Ended);
             }
             outcome
         });
@@ -157,7 +157,7 @@ impl Controller {
 
     async fn test_now(self: Arc<Self>) -> Result<Report, Fault> {
         if self.rig_fault().is_some() {
-            self.find_rig_again()
+            self.reassemble_rig()
                 .await
                 .map_err(Fault::InstrumentFault)?;
         }
@@ -249,7 +249,7 @@ impl Controller {
                 simulated: controller.runtime().simulated,
                 ..report.map_err(|error| Fault::Failed(chain(&error)))?
             };
-            keep(&setup.record_directory, &report).map_err(|cause| {
+            save(&setup.record_directory, &report).map_err(|cause| {
                 Fault::DiskRefused(format!(
                     "the report of the self-test cannot be written: {cause}"
                 ))
@@ -310,7 +310,7 @@ fn lost(text: &str) -> Fault {
 }
 
 /// Appends a report, durable when this returns.
-fn keep(directory: &Path, report: &Report) -> std::io::Result<()> {
+fn save(directory: &Path, report: &Report) -> std::io::Result<()> {
     std::fs::create_dir_all(directory)?;
     let mut file = std::fs::OpenOptions::new()
         .create(true)

@@ -67,7 +67,7 @@ impl Controller {
         };
         let text = marked.text(&status.facts.id);
         let at = self.runtime().clock.wall();
-        self.tell_of(at, kind, &text, None);
+        self.report_unrecorded(at, kind, &text, None);
     }
 
     /// On a thread of its own: an end must not wait for one that reads the record for a client.

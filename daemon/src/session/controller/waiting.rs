@@ -64,7 +64,7 @@ impl Controller {
                 // another session has begun meanwhile, or the daemon is being stopped
                 Err(_) if stop.is_requested() => return self.stop_waiting(&status).await,
                 Err(never) => {
-                    self.does_not_go_on(&status.path(), never).await;
+                    self.report_not_resumed(&status.path(), never).await;
                     return self.end_waiting(&status, "it does not go on".to_owned(), true);
                 }
             }
