@@ -40,6 +40,7 @@ pub(crate) async fn follow_panics(
 
 #[cfg(test)]
 pub(crate) mod tests {
+    use std::path::Path;
     use std::time::{Duration, Instant};
 
     use dbus::Options;
@@ -51,10 +52,11 @@ pub(crate) mod tests {
     use crate::instruments::last_resort;
     use crate::panics::hook::{install, listen};
     use crate::preparation::{FramesFrom, prepare};
+    use crate::recording::records::Records;
     use crate::session::panics::*;
 
     pub(crate) const DEADLINE: Duration = Duration::from_secs(120);
-    /// A process has one hook: the panic of one test must not be heard by the other's keeper.
+    /// A process has one hook: the panic of one test must not reach the other's handler.
     static ALONE: tokio::sync::Mutex<()> = tokio::sync::Mutex::const_new(());
 
     /// No other test panics or waits for a panic as long as this is held.
@@ -73,27 +75,20 @@ pub(crate) mod tests {
             .expect("a frame has begun");
     }
 
-    pub(crate) const CONFIG: &str = "[rig]\nkind = \"simulated\"\n[geometry]\npreset = \"disc-tank\"\n[geometry.disc-tank]\n\
+    const CONFIG: &str = "[rig]\nkind = \"simulated\"\n[geometry]\npreset = \"disc-tank\"\n[geometry.disc-tank]\n\
                           electrodes = 16\n[survey]\nelectrodes = 16\n[record]\ndirectory = \"state\"\n[bus]\n\
                           peer_path = \"peer\"\n";
 
-    #[tokio::test(flavor = "multi_thread")]
-    async fn a_panic_on_any_thread_ends_the_session_and_the_source_is_off() {
-        let _alone = ALONE.lock().await;
-        install();
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("config.toml");
-        // in real time a frame of this lasts seconds: the panic comes in the middle of it
-        std::fs::write(
-            folder.path().join("scene.toml"),
-            "[disc-tank]\nelectrodes = 16\n",
-        )
-        .unwrap();
+    /// A controller of a simulated rig in real time: a frame of it lasts seconds, so that a panic comes in the middle of
+    /// one.
+    pub(crate) async fn in_real_time(folder: &Path) -> (Arc<Controller>, SimulatedRig) {
+        std::fs::write(folder.join("scene.toml"), "[disc-tank]\nelectrodes = 16\n").unwrap();
         let scene = "kind = \"simulated\"\nscene = \"scene.toml\"";
+        let path = folder.join("config.toml");
         std::fs::write(&path, CONFIG.replace("kind = \"simulated\"", scene)).unwrap();
         let prepared = prepare(&path).unwrap_or_else(|problems| panic!("{problems:?}"));
         let bench = prepared.bench().unwrap();
-        let records = crate::recording::records::Records::of(&prepared.setup.record_directory);
+        let records = Records::of(&prepared.setup.record_directory);
         let transcript = RingTranscript::new(2);
         let FramesFrom::Rig(plan) = &prepared.frames else {
             panic!("it is a rig");
@@ -102,14 +97,18 @@ pub(crate) mod tests {
             .await
             .unwrap();
         let sheet = bench.clone().unwrap();
-        let controller = Controller::new(
-            prepared,
-            bench,
-            Some(assembled),
-            records,
-            transcript,
-            SystemClock::new(),
-        );
+        let clock = SystemClock::new();
+        let controller =
+            Controller::new(prepared, bench, Some(assembled), records, transcript, clock);
+        (controller, sheet)
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_panic_on_any_thread_ends_the_session_and_the_source_is_off() {
+        let _alone = ALONE.lock().await;
+        install();
+        let folder = tempfile::tempdir().unwrap();
+        let (controller, sheet) = in_real_time(folder.path()).await;
         tokio::spawn(follow_panics(Arc::clone(&controller), listen()));
         let within = |future| tokio::time::timeout(DEADLINE, future);
 

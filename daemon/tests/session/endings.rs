@@ -1,9 +1,9 @@
-//! A session that has ended stays ended, whatever its file can be told: a full disk, a lock, a file that is gone.
+//! A session that has ended stays ended, whatever happens to its file: a full disk, a lock, a file that is gone.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
+use crate::mounts::{has_own_mounts, mount};
 use crate::stage::{Running, SMALL, Stage, instant, ports, reported, serve, within};
 use dbus::{Fault, Options, Session1Proxy};
 use logbook::{SessionKind, SessionReader};
@@ -64,55 +64,6 @@ pub async fn assert_stays_ended(stage: &Stage) -> Running {
     daemon
 }
 
-const INSIDE: &str = "TACTUS_TEST_INSIDE";
-
-/// Whether this process may mount. Where it may not, the test is run again by one that may, and is over.
-pub fn has_own_mounts(test: &str) -> bool {
-    if std::env::var_os(INSIDE).is_some() {
-        return true;
-    }
-    let rights: &[&str] = match rustix::process::geteuid().is_root() {
-        true => &["--mount"],
-        false => &["--user", "--map-root-user", "--mount"],
-    };
-    let tried = Command::new("unshare")
-        .args(rights)
-        .args(["sh", "-c", "mount -t tmpfs none /mnt"])
-        .output();
-    let error = match tried {
-        Ok(output) if output.status.success() => None,
-        Ok(output) => Some(String::from_utf8_lossy(&output.stderr).into_owned()),
-        Err(fault) => Some(format!("unshare: {fault}")),
-    };
-    if let Some(error) = error {
-        let required = std::env::var_os("TACTUS_REQUIRE_NETNS").is_some_and(|set| set == "1");
-        assert!(!required, "it is required here: {error}");
-        eprintln!("skipped: no mount namespace of its own: {error}");
-        return false;
-    }
-    let output = Command::new("unshare")
-        .args(rights)
-        .arg(std::env::current_exe().unwrap())
-        .args(["--exact", test, "--nocapture"])
-        .env(INSIDE, "1")
-        .output()
-        .unwrap();
-    let message = String::from_utf8_lossy(&output.stdout);
-    let noted = String::from_utf8_lossy(&output.stderr);
-    println!("{message}{noted}");
-    assert!(output.status.success() && message.contains("1 passed"));
-    false
-}
-
-fn mount(arguments: &[&str], folder: &Path) {
-    let output = Command::new("mount")
-        .args(arguments)
-        .arg(folder)
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "mount {arguments:?}: {output:?}");
-}
-
 /// A disk of its own for the record, so small that a session fills it.
 fn small_disk(stage: &Stage) -> PathBuf {
     let state = stage.path().join("state");
@@ -134,7 +85,7 @@ fn fill(state: &Path) -> PathBuf {
     path
 }
 
-/// A session whose record has no room left, and its file.
+/// A session whose record has no space left.
 async fn paused_on_a_full_disk(daemon: &Running, state: &Path) -> Session1Proxy<'static> {
     let mut happened = daemon.manager.receive_happened().await.unwrap();
     let session = daemon.start(Options::new().with("every_s", 0.001)).await;
@@ -144,16 +95,22 @@ async fn paused_on_a_full_disk(daemon: &Running, state: &Path) -> Session1Proxy<
     session
 }
 
-#[tokio::test(flavor = "multi_thread")]
-async fn a_stop_on_a_full_disk_is_honoured_by_the_next_daemon() {
-    if !has_own_mounts("endings::a_stop_on_a_full_disk_is_honoured_by_the_next_daemon") {
-        return;
-    }
+/// A daemon whose session is paused on a full disk: its folders, the record's disk, it and the session.
+async fn full_disk() -> (Stage, PathBuf, Running, Session1Proxy<'static>) {
     let stage = Stage::new(&resuming());
     let state = small_disk(&stage);
     let daemon = stage.start().await;
     daemon.baseline(1).await;
     let session = paused_on_a_full_disk(&daemon, &state).await;
+    (stage, state, daemon, session)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stop_on_a_full_disk_is_honoured_by_the_next_daemon() {
+    if !has_own_mounts("endings::a_stop_on_a_full_disk_is_honoured_by_the_next_daemon") {
+        return;
+    }
+    let (stage, state, daemon, session) = full_disk().await;
     let stopped = within(session.stop()).await;
     daemon.kill().await;
     std::fs::remove_file(state.join("ballast")).unwrap();
@@ -224,11 +181,7 @@ async fn daemon_restarted_on_a_full_disk_resumes_with_space() {
     if !has_own_mounts("endings::daemon_restarted_on_a_full_disk_resumes_with_space") {
         return;
     }
-    let stage = Stage::new(&resuming());
-    let state = small_disk(&stage);
-    let daemon = stage.start().await;
-    daemon.baseline(1).await;
-    let session = paused_on_a_full_disk(&daemon, &state).await;
+    let (stage, state, daemon, session) = full_disk().await;
     let (id, kept) = (
         session.id().await.unwrap(),
         session.frames_durable().await.unwrap(),
@@ -256,11 +209,7 @@ async fn session_waiting_for_disk_space_can_be_stopped() {
     if !has_own_mounts("endings::session_waiting_for_disk_space_can_be_stopped") {
         return;
     }
-    let stage = Stage::new(&resuming());
-    let state = small_disk(&stage);
-    let daemon = stage.start().await;
-    daemon.baseline(1).await;
-    let session = paused_on_a_full_disk(&daemon, &state).await;
+    let (stage, state, daemon, session) = full_disk().await;
     let id = session.id().await.unwrap();
     daemon.kill().await;
     fill(&state);

@@ -6,6 +6,8 @@ mod latency;
 mod lifecycle;
 mod map_times;
 mod measuring;
+#[path = "../../../logbook/tests/mounts/mod.rs"]
+mod mounts;
 mod noise;
 mod pressure;
 mod read_only;

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::endings::{assert_stays_ended, durable, has_own_mounts, recorded, resuming};
+use crate::endings::{assert_stays_ended, durable, recorded, resuming};
+use crate::mounts::has_own_mounts;
 use crate::stage::{Stage, within};
 use dbus::Options;
 

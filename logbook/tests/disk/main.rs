@@ -5,6 +5,8 @@
 mod example_frames;
 mod image;
 mod kills;
+#[path = "../mounts/mod.rs"]
+mod mounts;
 mod power_cuts;
 mod read_only;
 mod vfs;

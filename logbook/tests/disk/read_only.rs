@@ -1,62 +1,14 @@
 //! A disk that is mounted read-only: what was recorded is read as ever, what would write is refused with the path.
 
 use std::path::Path;
-use std::process::Command;
 
 use logbook::{LogbookError, SessionHeader, SessionReader, SessionWriter, repair, verify};
 use survey::{Protocol, Reading, Volts};
 
 use crate::example_frames::taken::{at, taken};
+use crate::mounts::{has_own_mounts, mount};
 
-/// Set in the run that may mount.
-const INSIDE: &str = "TACTUS_TEST_INSIDE";
 const FRAMES: u64 = 20;
-
-/// Whether this process may mount. Where it may not, the test is run again by one that may, and is over.
-fn has_own_mounts(test: &str) -> bool {
-    if std::env::var_os(INSIDE).is_some() {
-        return true;
-    }
-    let rights: &[&str] = match rustix::process::geteuid().is_root() {
-        true => &["--mount"],
-        false => &["--user", "--map-root-user", "--mount"],
-    };
-    let tried = Command::new("unshare")
-        .args(rights)
-        .args(["sh", "-c", "mount -t tmpfs none /mnt"])
-        .output();
-    let refusal = match tried {
-        Ok(output) if output.status.success() => None,
-        Ok(output) => Some(String::from_utf8_lossy(&output.stderr).into_owned()),
-        Err(fault) => Some(format!("unshare: {fault}")),
-    };
-    if let Some(refusal) = refusal {
-        let required = std::env::var_os("TACTUS_REQUIRE_ROOT").is_some_and(|set| set == "1");
-        assert!(!required, "it is required here: {refusal}");
-        eprintln!("skipped: no disk can be mounted read-only here: {refusal}");
-        return false;
-    }
-    let output = Command::new("unshare")
-        .args(rights)
-        .arg(std::env::current_exe().unwrap())
-        .args(["--exact", test, "--nocapture"])
-        .env(INSIDE, "1")
-        .output()
-        .unwrap();
-    let printed = String::from_utf8_lossy(&output.stdout);
-    println!("{printed}{}", String::from_utf8_lossy(&output.stderr));
-    assert!(output.status.success() && printed.contains("1 passed"));
-    false
-}
-
-fn mount(arguments: &[&str], folder: &Path) {
-    let output = Command::new("mount")
-        .args(arguments)
-        .arg(folder)
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "mount {arguments:?}: {output:?}");
-}
 
 fn written(dir: &Path, id: &str) -> SessionWriter {
     let protocol = Protocol::sheffield(8).unwrap();

@@ -3,17 +3,13 @@
 use std::collections::HashMap;
 
 use dbus::ROOT_PATH;
-use rig::{RingTranscript, SystemClock};
 use zbus::connection::Builder;
 
 use super::super::caller::Caller;
 use super::super::gate::Threads;
 use super::*;
-use crate::instruments::assembly::{Closed, assemble};
 use crate::panics::containment::blocking;
 use crate::panics::hook;
-use crate::preparation::{FramesFrom, prepare};
-use crate::session::controller::Controller;
 use crate::session::panics::{follow_panics, tests as guarded};
 
 /// It answers under the manager's name: the table of actions knows its methods.
@@ -113,32 +109,8 @@ async fn a_panic_while_answering_leaves_the_session_running() {
     let _alone = guarded::alone().await;
     hook::install();
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("config.toml");
-    let scene = folder.path().join("scene.toml");
-    std::fs::write(scene, "[disc-tank]\nelectrodes = 16\n").unwrap();
-    // in real time: the session is in the middle of a frame as long as the test lasts
-    let scene = "kind = \"simulated\"\nscene = \"scene.toml\"";
-    let config = guarded::CONFIG.replace("kind = \"simulated\"", scene);
-    std::fs::write(&path, config).unwrap();
-    let prepared = prepare(&path).unwrap_or_else(|problems| panic!("{problems:?}"));
-    let bench = prepared.bench().unwrap();
-    let records = crate::recording::records::Records::of(&prepared.setup.record_directory);
-    let transcript = RingTranscript::new(2);
-    let FramesFrom::Rig(plan) = &prepared.frames else {
-        panic!("it is a rig");
-    };
-    let assembled = assemble(plan, &bench, &transcript, Closed::Refuse, None)
-        .await
-        .unwrap();
-    let sheet = bench.clone().unwrap();
-    let controller = Controller::new(
-        prepared,
-        bench,
-        Some(assembled),
-        records,
-        transcript,
-        SystemClock::new(),
-    );
+    // the session is in the middle of a frame as long as the test lasts
+    let (controller, sheet) = guarded::in_real_time(folder.path()).await;
     let panics = hook::listen();
     tokio::spawn(follow_panics(
         std::sync::Arc::clone(&controller),
