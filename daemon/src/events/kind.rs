@@ -74,7 +74,7 @@ kinds! {
     SourceUnknown "source-unknown", Error, Either, "The state of the source cannot be read; the injecting relays are open", "Switch the source off by hand";
     SourceOff "source-off", Warn, Either, "The source answers again and is off, verified", "Nothing";
     RelaysOpen "relays-open", Warn, Either, "The switch answers again and its relays are open, verified", "Nothing";
-    RelaysClosed "relays-closed", Error, DaemonLog, "Relays were closed at the start; nothing is measured", "Find out who closed them, then `tactus instruments open`";
+    RelaysClosed "relays-closed", Error, DaemonLog, "Relays were closed at the start; nothing is measured", "Find out who closed them, then `tactus instruments open-all`";
     Opened "opened", Warn, DaemonLog, "The source was switched off and every relay opened, verified", "Nothing";
     OthersFound "others-found", Error, Either, "Other instruments than the known ones answer", "Connect the known ones, or `tactus instruments accept`";
     Accepted "accepted", Warn, DaemonLog, "A person accepted other instruments", "Record a new baseline";
@@ -181,7 +181,7 @@ pub fn event_kinds() -> Vec<EventRow> {
     ));
     rows.push(file(
         logbook::CUT,
-        "`tactus repair` removed the frames that its text names",
+        "`tactus sessions repair` removed the frames that its text names",
     ));
     rows
 }

@@ -251,7 +251,7 @@ async fn what_polkit_refuses_is_not_done_even_for_root() {
     refused(session.step(1).await, why);
     refused(simulation.press("disc", 0.0, 0.0, 0.01, 0.5).await, why);
     refused(simulation.release().await, why);
-    assert_eq!(scene.actions().len(), 15);
+    assert_eq!(scene.actions().len(), 16);
 
     // looking is for everybody; nothing was done
     assert_eq!(session.state().await.unwrap(), "running");

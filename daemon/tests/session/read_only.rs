@@ -59,7 +59,7 @@ impl Disk {
     fn repair(&self) {
         run("umount", &[self.folder()]);
         // 1: errors were corrected
-        let checked = Command::new("e2fsck").args(["-p", self.image()]).status();
+        let checked = Command::new("e2fsck").args(["-fy", self.image()]).status();
         assert!(matches!(checked.unwrap().code(), Some(0 | 1)));
         self.mount();
     }
@@ -117,6 +117,12 @@ async fn a_session_whose_disk_turns_read_only_stays_ended() {
     daemon.kill().await;
     disk.repair();
     let daemon = assert_stays_ended(&stage).await;
-    assert!(recorded(&state).into_iter().eq(1..=frames));
+    // a frame may have reached the disk whose sync failed; of those acknowledged none is lost
+    let kept = recorded(&state);
+    assert!(kept.iter().copied().eq(1..=kept.len() as u64), "{kept:?}");
+    assert!(
+        kept.len() as u64 >= frames,
+        "{kept:?}, acknowledged {frames}"
+    );
     daemon.terminate().await;
 }

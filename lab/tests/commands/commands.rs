@@ -122,7 +122,7 @@ fn a_small_network_is_trained_kept_and_used() {
     );
     assert_eq!(code, Some(1));
     assert!(
-        message.contains("40 readings") && message.contains("54 readings"),
+        message.contains("40 readings of 8") && message.contains("54 of 9"),
         "{message}"
     );
 
