@@ -210,7 +210,9 @@ impl ReconstructionSettings {
 
     /// Whether a running rig makes a map of the frame with this number: of the first, and of every `map_every`-th after it.
     pub fn has_map(&self, sequence: u64) -> bool {
-        sequence.saturating_sub(1) % self.map_every.unwrap_or(1).max(1) == 0
+        sequence
+            .saturating_sub(1)
+            .is_multiple_of(self.map_every.unwrap_or(1).max(1))
     }
 
     /// The keys that are given and say something of a method.
