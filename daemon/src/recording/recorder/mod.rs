@@ -47,6 +47,8 @@ pub(crate) struct Recorder {
 }
 
 /// What is made of the frames.
+// one per session: its size does not matter
+#[allow(clippy::large_enum_variant)]
 pub(crate) enum Task {
     /// The mean of so many.
     Baseline { frames: Vec<Frame>, wanted: u64 },
