@@ -235,7 +235,7 @@ parameters! {
     /// How readings are told.
     DataFormat: Other, "FORMat[:DATA]", Kind::Choice(&["ASCii", "REAL", "SREal", "DREal"]);
     /// How registers are read: decimal, or as `#H`, `#Q`, `#B` numbers (public drivers send ASC; 622x reference manual,
-    /// FORMat subsystem [K]).
+    /// FORMat subsystem \[K\]).
     RegisterFormat: Other, "FORMat:SREGister", Kind::Choice(&["ASCii", "HEXadecimal", "OCTal", "BINary"]);
     /// Which byte of a binary reading comes first.
     ByteOrder: Other, "FORMat:BORDer", Kind::Choice(&["NORMal", "SWAPped"]);

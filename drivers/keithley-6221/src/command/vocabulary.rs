@@ -168,7 +168,7 @@ pub(super) const ELEMENTS: [(&str, Element); 7] = [
 ];
 pub(super) const BOARDS: [(&str, Board); 2] =
     [("ABOard", Board::Analogue), ("DBOard", Board::Digital)];
-/// Header of each line of the display, and its length (622x reference manual, DISPlay subsystem [K]).
+/// Header of each line of the display, and its length (622x reference manual, DISPlay subsystem \[K\]).
 pub(super) const LINES: [(&str, Line, usize); 2] = [
     ("DISPlay[:WINDow]", Line::Upper, 20),
     ("DISPlay:WINDow2", Line::Lower, 32),

@@ -55,7 +55,7 @@ pub enum Route {
     SetOrdered(bool),
     /// Read which.
     Ordered,
-    /// Give channels a label of the user's (help: ROUTe:CHANnel:LABel[:DEFine]).
+    /// Give channels a label of the user's (help: ROUTe:CHANnel:LABel\[:DEFine\]).
     SetLabel(String, ChannelList),
     /// Read the users' labels of channels.
     Labels(ChannelList),

@@ -50,7 +50,7 @@ pub enum System {
     ClearRelayCycles(ChannelList),
     /// Read whether there is a voltmeter.
     VoltmeterInstalled,
-    /// Let the voltmeter measure, or not (help: INSTrument:DMM[:STATe]).
+    /// Let the voltmeter measure, or not (help: INSTrument:DMM\[:STATe\]).
     SetVoltmeter(bool),
     /// Read whether it may.
     Voltmeter,
