@@ -6,7 +6,7 @@ use std::sync::Arc;
 use eit::{Forward, Reconstructor};
 use survey::{Baseline, Reading, Volts};
 
-use crate::noise::{self, against};
+use crate::noise::{against, factor};
 use crate::{Geometry, map_noise};
 
 /// Relative loss against the baseline before below which creep and temperature explain it.
@@ -55,8 +55,8 @@ fn uniform(
 ) -> Option<(Vec<Reading>, Vec<Reading>, f64)> {
     let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m).ok()?;
     let protocol = reconstructor.protocol();
-    let gain = noise::gain(&forward, &geometry.sigma0, protocol, &baseline.readings).ok()??;
     let model = forward.readings(&geometry.sigma0, protocol).ok()?;
+    let gain = factor(model.iter().copied(), &baseline.readings)?;
     let uniform = model.iter().map(|ohms| Reading::Ok(Volts(*ohms))).collect();
     let scaled = baseline.readings.iter().map(|reading| match reading {
         Reading::Ok(volts) => Reading::Ok(Volts(volts.0 / gain)),

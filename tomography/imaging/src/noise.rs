@@ -119,7 +119,7 @@ pub fn rms(values: impl Iterator<Item = f64>) -> Option<f64> {
 
 /// By how much a baseline exceeds these readings of a model, in the least squares; `None` where they have opposite signs or
 /// no reading is valid.
-fn factor(model: impl Iterator<Item = f64>, baseline: &[Reading]) -> Option<f64> {
+pub(crate) fn factor(model: impl Iterator<Item = f64>, baseline: &[Reading]) -> Option<f64> {
     let (mut both, mut own) = (0.0, 0.0);
     for (reading, ohms) in baseline.iter().zip(model) {
         if let Some(volts) = reading.volts() {
@@ -146,17 +146,12 @@ pub fn gain(
     Ok(factor(model.iter().copied(), baseline))
 }
 
-/// The same against the readings at these currents (A), one a reading.
-pub(crate) fn gain_at(
-    forward: &Forward,
-    sigma: &[f64],
-    currents: &[f64],
-    protocol: &Protocol,
-    baseline: &[Reading],
-) -> Result<Option<f64>, ForwardError> {
-    let model = forward.readings(sigma, protocol)?;
-    let at_current = model.iter().zip(currents).map(|(ohms, amps)| ohms * amps);
-    Ok(factor(at_current, baseline))
+/// A geometry's readings at 1 A brought to these currents (A), one a reading.
+pub(crate) fn at_currents<'a>(
+    ohms: &'a [f64],
+    currents: &'a [f64],
+) -> impl Iterator<Item = f64> + 'a {
+    ohms.iter().zip(currents).map(|(ohms, amps)| ohms * amps)
 }
 
 /// The uniform conductance, S per square, whose readings at these currents (A, one a reading) are nearest to the baseline in
@@ -175,7 +170,8 @@ pub(crate) fn fitted_conductance(
     // Readings are inversely proportional to the conductance but for the contacts' share: a few rounds are enough.
     for _ in 0..20 {
         let sigma = vec![conductance; triangles];
-        let Some(excess) = gain_at(forward, &sigma, currents, protocol, baseline)? else {
+        let ohms = forward.readings(&sigma, protocol)?;
+        let Some(excess) = factor(at_currents(ohms.as_slice(), currents), baseline) else {
             return Ok(None);
         };
         conductance /= excess;

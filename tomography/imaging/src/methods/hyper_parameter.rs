@@ -1,7 +1,5 @@
 //! The hyper-parameter: as the settings give it, by a rule from frames, or from the noise of a reading.
 
-use std::sync::Arc;
-
 use eit::{Hyper, OneStepOptions, Prior, l_curve_lambda, probable_lambda};
 use survey::Reading;
 
@@ -48,18 +46,15 @@ pub(super) fn hyper(
     let Some(rule) = settings.choose else {
         return Ok((from_noise, Vec::new()));
     };
-    let (lambda, note) = match rule {
+    let (factor, note) = match rule {
         HyperRule::Evidence => (
-            from_frames(conditions, prior, rule)?.map(|lambda| NOT_WHITE * lambda),
+            NOT_WHITE,
             "lambda is twice the one that makes the frames most probable",
         ),
-        HyperRule::LCurve => (
-            from_frames(conditions, prior, rule)?,
-            "lambda is at the corner of the frames' L-curve",
-        ),
+        HyperRule::LCurve => (1.0, "lambda is at the corner of the frames' L-curve"),
     };
-    Ok(match lambda {
-        Some(lambda) => (Hyper::Lambda(lambda), vec![note.to_owned()]),
+    Ok(match from_frames(conditions, prior, rule)? {
+        Some(lambda) => (Hyper::Lambda(factor * lambda), vec![note.to_owned()]),
         None => (
             from_noise,
             vec![format!(
@@ -90,7 +85,7 @@ fn from_frames(
         HyperRule::LCurve => l_curve_lambda,
     };
     Ok(rule(
-        &Arc::clone(&geometry.mesh),
+        &geometry.mesh,
         &geometry.contact_ohm_m,
         &geometry.sigma0,
         conditions.protocol,

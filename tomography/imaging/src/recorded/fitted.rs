@@ -9,7 +9,7 @@ use super::Unloaded;
 use crate::conditions::{Conditions, Sample};
 use crate::error::BuildError;
 use crate::geometry::Geometry;
-use crate::noise::{Noise, fitted_conductance, gain, gain_at};
+use crate::noise::{Noise, at_currents, factor, fitted_conductance};
 
 /// A known conductance is believed, and the formula taken as it stands, while the baseline is within this factor of it.
 const BELIEVED: f64 = 1.25;
@@ -50,8 +50,10 @@ impl Fitted {
                 "uniform conductance fitted to the baseline: {conductance:.4e} S per square"
             ));
             geometry.sigma0 = vec![conductance; triangles];
-        } else if geometry.from_case {
-            let excess = gain_at(&forward, &geometry.sigma0, currents, protocol, baseline)?
+        }
+        let ohms = forward.readings(&geometry.sigma0, protocol)?;
+        if geometry.sigma0_known && geometry.from_case {
+            let excess = factor(at_currents(ohms.as_slice(), currents), baseline)
                 .ok_or(BuildError::Unlike)?;
             if (BELIEVED.recip()..=BELIEVED).contains(&excess) {
                 scale = Scale::Currents(currents.to_vec());
@@ -62,7 +64,7 @@ impl Fitted {
             }
         }
         // the model is scaled to the baseline; noise counts at that scale, so that the unit does not matter
-        let current = gain(&forward, &geometry.sigma0, protocol, baseline)?;
+        let current = factor(ohms.iter().copied(), baseline);
         Ok(Self {
             geometry,
             notes,
