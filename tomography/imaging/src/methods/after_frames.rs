@@ -28,7 +28,11 @@ struct Plan {
 
 enum State {
     Waits(Vec<Vec<Reading>>),
-    Settled(Arc<dyn Reconstructor>),
+    Settled {
+        reconstructor: Arc<dyn Reconstructor>,
+        /// What was decided, until somebody asks.
+        decided: Option<String>,
+    },
     Refused(String),
 }
 
@@ -36,8 +40,6 @@ enum State {
 pub(crate) struct AfterFrames {
     plan: Arc<Plan>,
     state: Mutex<State>,
-    /// What was decided, until somebody asks.
-    decided: Mutex<Option<String>>,
 }
 
 impl AfterFrames {
@@ -77,7 +79,6 @@ impl AfterFrames {
         Self {
             plan,
             state: Mutex::new(State::Waits(Vec::new())),
-            decided: Mutex::default(),
         }
     }
 
@@ -88,8 +89,10 @@ impl AfterFrames {
 
     /// What was decided, once.
     pub(crate) fn decided(&self) -> Option<String> {
-        let mut decided = self.decided.lock().unwrap_or_else(PoisonError::into_inner);
-        decided.take()
+        match &mut *self.state.lock().unwrap_or_else(PoisonError::into_inner) {
+            State::Settled { decided, .. } => decided.take(),
+            State::Waits(_) | State::Refused(_) => None,
+        }
     }
 
     /// Whether its maps may be of this method.
@@ -110,7 +113,7 @@ impl AfterFrames {
         };
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let seen = match &mut *state {
-            State::Settled(reconstructor) => return Ok(Arc::clone(reconstructor)),
+            State::Settled { reconstructor, .. } => return Ok(Arc::clone(reconstructor)),
             State::Refused(why) => return Err(refused(why.clone())),
             State::Waits(seen) => seen,
         };
@@ -134,9 +137,10 @@ impl AfterFrames {
         };
         match super::prepare(&plan.settings, &conditions) {
             Ok(prepared) => {
-                *self.decided.lock().unwrap_or_else(PoisonError::into_inner) =
-                    Some(prepared.notes.join("; "));
-                *state = State::Settled(Arc::clone(&prepared.reconstructor));
+                *state = State::Settled {
+                    reconstructor: Arc::clone(&prepared.reconstructor),
+                    decided: Some(prepared.notes.join("; ")),
+                };
                 Ok(prepared.reconstructor)
             }
             Err(error) => {
@@ -150,7 +154,7 @@ impl AfterFrames {
     /// The reconstructor so far, which may be provisional.
     fn present(&self) -> Arc<dyn Reconstructor> {
         match &*self.state.lock().unwrap_or_else(PoisonError::into_inner) {
-            State::Settled(reconstructor) => Arc::clone(reconstructor),
+            State::Settled { reconstructor, .. } => Arc::clone(reconstructor),
             State::Waits(_) | State::Refused(_) => Arc::clone(&self.plan.provisional),
         }
     }
