@@ -37,6 +37,17 @@ pub struct OutOfBounds {
 }
 
 impl Bounds {
+    /// The number that a text is, where it is allowed.
+    ///
+    /// # Errors
+    /// What is allowed, in words.
+    pub fn parse(self, text: &str) -> Result<f64, String> {
+        let number = text.trim().parse().ok();
+        number
+            .and_then(|number| self.check(number).ok())
+            .ok_or_else(|| format!("it must be {self}"))
+    }
+
     /// The value, where it is allowed.
     ///
     /// # Errors

@@ -2,31 +2,27 @@
 
 use survey::Bounds;
 
-fn within(text: &str, bounds: Bounds) -> Result<f64, String> {
-    let refused = || format!("it must be {bounds}");
-    let number: f64 = text.trim().parse().map_err(|_| refused())?;
-    bounds.check(number).map_err(|_| refused())
-}
-
 /// Speed of a recording.
 pub(crate) fn speed(text: &str) -> Result<f64, String> {
     let meaning = "1 is the recording's own rate, 10 ten times faster, 0 as fast as possible";
-    within(text, Bounds::Within(0.0, 1e6)).map_err(|refusal| format!("{refusal}: {meaning}"))
+    Bounds::Within(0.0, 1e6)
+        .parse(text)
+        .map_err(|refusal| format!("{refusal}: {meaning}"))
 }
 
 /// Integration time, power-line cycles; which ones there are depends on the voltmeter.
 pub(crate) fn nplc(text: &str) -> Result<f64, String> {
-    within(text, Bounds::Within(0.001, 1000.0))
+    Bounds::Within(0.001, 1000.0).parse(text)
 }
 
 /// A length, mm.
 pub(crate) fn millimetres(text: &str) -> Result<f64, String> {
-    within(text, Bounds::Within(0.01, 20e3))
+    Bounds::Within(0.01, 20e3).parse(text)
 }
 
 /// An angle, degrees.
 pub(crate) fn degrees(text: &str) -> Result<f64, String> {
-    within(text, Bounds::Within(-360.0, 360.0))
+    Bounds::Within(-360.0, 360.0).parse(text)
 }
 
 /// Electrodes of a ring.

@@ -185,23 +185,20 @@ fn option(key: &str) -> String {
     }
 }
 
-fn within(text: &str, bounds: Bounds) -> Result<f64, String> {
-    let refused = || format!("it must be {bounds}");
-    let number: f64 = text.trim().parse().map_err(|_| refused())?;
-    bounds.check(number).map_err(|_| refused())
-}
-
 fn above_zero(text: &str) -> Result<f64, String> {
-    within(text, Bounds::Above(0.0, 1e30)).map_err(|refusal| format!("{refusal}, for example 2e-6"))
+    Bounds::Above(0.0, 1e30)
+        .parse(text)
+        .map_err(|refusal| format!("{refusal}, for example 2e-6"))
 }
 
 fn share(text: &str) -> Result<f64, String> {
-    within(text, Bounds::Between(0.0, 1.0))
+    Bounds::Between(0.0, 1.0)
+        .parse(text)
         .map_err(|refusal| format!("{refusal}, for example 1e-3"))
 }
 
 fn exponent(text: &str) -> Result<f64, String> {
-    within(text, Bounds::Within(0.0, 10.0))
+    Bounds::Within(0.0, 10.0).parse(text)
 }
 
 #[cfg(test)]
