@@ -89,18 +89,21 @@ fn scale(scale: Scale) -> render::Scale {
     }
 }
 
-/// Title, scale and marks of one picture.
+/// Title, scale and marks of the picture of one map, whose noise alone makes this largest loss.
 pub(crate) fn style(
     title: String,
     wanted: Scale,
     simulated: bool,
     found: Option<[f64; 2]>,
+    map: &Map,
+    noise: Option<f64>,
 ) -> Style {
     Style {
         title,
         scale: scale(wanted),
         simulated,
         found,
+        nothing_above: nothing_above(map, noise),
         ..Style::default()
     }
 }

@@ -4,7 +4,6 @@ use std::io::Write;
 
 use imaging::recorded::{RecordedFrame, Recording};
 use outfile::OutFile;
-use render::Style;
 use serde::Serialize;
 use survey::Map;
 
@@ -75,16 +74,14 @@ pub(crate) fn run(
             file.put(&row(&map))?;
         }
         let style = || {
-            let style = drawing::style(
+            drawing::style(
                 format!("frame {}", recorded.label),
                 replay.scale,
                 recording.simulated == Some(true),
                 found,
-            );
-            Style {
-                nothing_above: drawing::nothing_above(&map, noise),
-                ..style
-            }
+                &map,
+                noise,
+            )
         };
         let png = match &replay.png {
             None => None,

@@ -314,11 +314,14 @@ fn picture(
         header.id,
         local(record.frame.wall),
     );
-    let nothing_above = drawing::nothing_above(&map, reconstruction.noise);
-    let style = render::Style {
-        nothing_above,
-        ..drawing::style(title, export.scale, header.simulated, found)
-    };
+    let style = drawing::style(
+        title,
+        export.scale,
+        header.simulated,
+        found,
+        &map,
+        reconstruction.noise,
+    );
     let (what, bytes) = match export.format {
         Format::Svg => (
             "svg",
@@ -348,7 +351,7 @@ fn picture(
             "{} {}: frame {sequence}, {}",
             written.what,
             written.path,
-            match nothing_above {
+            match style.nothing_above {
                 Some(noise) => render::nothing_above(noise),
                 None => format!("found {}", drawing::place(written.found_mm)),
             }

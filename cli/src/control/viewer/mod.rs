@@ -291,10 +291,7 @@ impl<'a, W: Write> Viewer<'a, W> {
                 Some(_) => Scale::Own,
                 None => self.watch.scale,
             };
-            let style = render::Style {
-                nothing_above: drawing::nothing_above(map, self.noise.0),
-                ..drawing::style(title, scale, frame.simulated, found)
-            };
+            let style = drawing::style(title, scale, frame.simulated, found, map, self.noise.0);
             let style = drawing::terminal_style(self.printer, style);
             let shown = pressure.as_ref().unwrap_or(map);
             self.printer
