@@ -7,7 +7,7 @@ use survey::{Amps, Volts};
 
 use super::Simulator6221;
 use super::plan::Point;
-use super::state::{Mode, Outcome, is_limited};
+use super::state::{Mode, Outcome, limited};
 use crate::command::COMPLIANCE_BIT;
 use crate::range::{LIMIT_STEP, RANGES};
 use crate::{Load, Range};
@@ -96,27 +96,19 @@ impl Simulator6221 {
     /// The mean of what flowed between two instants, the second of which is the time told last: of waves, sweeps, and
     /// levels that messages have set. What the load changes counts as of when it was seen.
     pub fn mean_current(&self, from: Duration, to: Duration, load: &mut dyn Load) -> Amps {
-        let most = |limit: Volts, load: &mut dyn Load| {
-            let Amps(most) = (limit / load.resistance(self.now)).abs();
-            if most.is_nan() { 0.0 } else { most }
-        };
         if to <= from {
             return self.flowing;
         }
         match &self.mode {
             Mode::Wave(wave) if self.panel.output || !wave.is_running() => {
-                wave.mean(from, to, Amps(most(self.panel.compliance, load)))
+                let most = (self.panel.compliance / load.resistance(self.now)).abs();
+                wave.mean(from, to, if most.0.is_nan() { Amps(0.0) } else { most })
             }
             Mode::Sweep(sweep) if self.panel.output => {
                 let ohms = load.resistance(self.now);
-                let limit = self.panel.compliance;
                 let flows = |point: &Point| {
-                    let limit = point.limit.unwrap_or(limit);
-                    match is_limited(point.level, ohms, limit) {
-                        false => point.level.0,
-                        true if ohms.0.is_finite() => (limit / ohms).0 * point.level.0.signum(),
-                        true => 0.0,
-                    }
+                    let limit = point.limit.unwrap_or(self.panel.compliance);
+                    limited(point.level, ohms, limit).0.0
                 };
                 sweep.mean(from, to, flows).map_or(self.flowing, Amps)
             }
@@ -154,23 +146,15 @@ impl Simulator6221 {
         self.steps.push_back((self.now, before));
     }
 
-    /// Works out what flows: the level, or what the voltage limit lets through (fact sheet, section 9).
+    /// Works out what flows: the level, or what the voltage limit lets through.
     pub(super) fn flow(&mut self, load: &mut dyn Load) {
         let level = self.requested();
-        let (flowing, limited) = if !self.panel.output || level == Amps(0.0) {
+        let (flowing, held_back) = if !self.panel.output || level == Amps(0.0) {
             (Amps(0.0), false)
         } else {
-            let resistance = load.resistance(self.now);
-            let limit = self.panel.compliance;
-            if !is_limited(level, resistance, limit) {
-                (level, false)
-            } else if resistance.0.is_finite() {
-                ((limit / resistance) * level.0.signum(), true)
-            } else {
-                (Amps(0.0), true)
-            }
+            limited(level, load.resistance(self.now), self.panel.compliance)
         };
-        self.status.measurement.set(COMPLIANCE_BIT, limited);
+        self.status.measurement.set(COMPLIANCE_BIT, held_back);
         let range = self.made_on();
         if flowing != self.flowing || range != self.reported_range {
             (self.flowing, self.reported_range) = (flowing, range);

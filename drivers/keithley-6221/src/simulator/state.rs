@@ -42,6 +42,17 @@ pub(super) fn is_limited(level: Amps, resistance: Ohms, limit: Volts) -> bool {
     level != Amps(0.0) && (drop.0.is_nan() || drop > limit)
 }
 
+/// What flows of a level under the voltage limit, and whether the limit holds it back (fact sheet, section 9).
+pub(super) fn limited(level: Amps, resistance: Ohms, limit: Volts) -> (Amps, bool) {
+    if !is_limited(level, resistance, limit) {
+        (level, false)
+    } else if resistance.0.is_finite() {
+        ((limit / resistance) * level.0.signum(), true)
+    } else {
+        (Amps(0.0), true)
+    }
+}
+
 impl Panel {
     pub(super) fn read_level(&self, ask: Ask) -> String {
         let most = LARGEST_CURRENT.0;
