@@ -107,24 +107,20 @@ impl<S: Stream> Unit<S> {
             let sent = command.to_string();
             self.conversation.link_mut().send(&sent).await?;
             let error = self.conversation.send(&[] as &[Command]).await?.error;
-            let undefined = error.code == UNDEFINED_HEADER;
-            match error.code {
-                0 => {
-                    if self.headers.insert(quantity, form).is_none() {
-                        let instrument = self.conversation.instrument();
-                        let header = quantity.header(form);
-                        tracing::info!(instrument, header, ?form, "header accepted");
-                    }
-                    return Ok(());
+            if error.code == 0 {
+                if self.headers.insert(quantity, form).is_none() {
+                    let instrument = self.conversation.instrument();
+                    let header = quantity.header(form);
+                    tracing::info!(instrument, header, ?form, "header accepted");
                 }
-                _ => {
-                    let refusal = self.conversation.refused(sent, error);
-                    if !undefined {
-                        return Err(refusal);
-                    }
-                    first_refusal.get_or_insert(refusal);
-                }
+                return Ok(());
             }
+            let undefined = error.code == UNDEFINED_HEADER;
+            let refusal = self.conversation.refused(sent, error);
+            if !undefined {
+                return Err(refusal);
+            }
+            first_refusal.get_or_insert(refusal);
         }
         first_refusal.map_or(Ok(()), Err)
     }
