@@ -169,3 +169,14 @@ pub fn runtime() -> tokio::runtime::Runtime {
         .build()
         .expect("a runtime can be built")
 }
+
+/// What `tactusd --check` prints of a configuration that it refuses with exit code 78.
+pub fn refused_by_check(stage: &Stage) -> String {
+    let path = stage.config_path().display().to_string();
+    let output = stage
+        .run("tactusd", &["--config", &path, "--check"])
+        .unwrap_or_else(|fault| panic!("{fault}"));
+    let text = format!("{}{}", output.stdout, output.stderr);
+    assert_eq!(output.code, Some(78), "{text}");
+    text
+}

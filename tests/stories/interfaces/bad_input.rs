@@ -9,18 +9,7 @@ fn refused(change: &dyn Fn(&str) -> String, words: &[&str]) {
     else {
         return;
     };
-    let path = stage.config_path().display().to_string();
-    let message = stage
-        .run("tactusd", &["--config", &path, "--check"])
-        .unwrap_or_else(|fault| panic!("{fault}"));
-    assert_eq!(
-        message.code,
-        Some(78),
-        "{}{}",
-        message.stdout,
-        message.stderr
-    );
-    let text = format!("{}{}", message.stdout, message.stderr);
+    let text = test_rig::refused_by_check(&stage);
     for word in words {
         assert!(text.contains(word), "'{word}' is not in: {text}");
     }
@@ -166,23 +155,8 @@ fn a_truncated_or_foreign_model_is_refused() {
             return;
         };
         std::fs::write(stage.path().join(name), bytes).expect("the story's folder can be written");
-        let path = stage.config_path().display().to_string();
-        let message = stage
-            .run("tactusd", &["--config", &path, "--check"])
-            .unwrap_or_else(|fault| panic!("{fault}"));
-        assert_eq!(
-            message.code,
-            Some(78),
-            "{}{}",
-            message.stdout,
-            message.stderr
-        );
-        assert!(
-            format!("{}{}", message.stdout, message.stderr).contains(name),
-            "{}{}",
-            message.stdout,
-            message.stderr
-        );
+        let text = test_rig::refused_by_check(&stage);
+        assert!(text.contains(name), "{text}");
     }
 }
 

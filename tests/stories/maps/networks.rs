@@ -50,18 +50,7 @@ fn build_without_onnx_refuses_an_onnx_model() {
     }) else {
         return;
     };
-    let path = stage.config_path().display().to_string();
-    let message = stage
-        .run("tactusd", &["--config", &path, "--check"])
-        .unwrap_or_else(|fault| panic!("{fault}"));
-    assert_eq!(
-        message.code,
-        Some(78),
-        "{}{}",
-        message.stdout,
-        message.stderr
-    );
-    let text = format!("{}{}", message.stdout, message.stderr);
+    let text = test_rig::refused_by_check(&stage);
     assert!(
         text.contains("network.onnx") && text.contains("--features onnx"),
         "{text}"
@@ -140,18 +129,7 @@ fn a_network_trained_elsewhere_makes_the_daemons_maps() {
     );
     assert_ne!(config, other, "{config}");
     stage.configure(&other).expect("the stage is there");
-    let path = stage.config_path().display().to_string();
-    let message = stage
-        .run("tactusd", &["--config", &path, "--check"])
-        .unwrap_or_else(|fault| panic!("{fault}"));
-    assert_eq!(
-        message.code,
-        Some(78),
-        "{}{}",
-        message.stdout,
-        message.stderr
-    );
-    let text = format!("{}{}", message.stdout, message.stderr);
+    let text = test_rig::refused_by_check(&stage);
     assert!(
         text.contains("elsewhere.onnx") && text.contains("output 'map'"),
         "{text}"

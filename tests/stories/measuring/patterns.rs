@@ -74,18 +74,7 @@ fn a_model_trained_for_another_pattern_is_refused_naming_both() {
     let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, change) else {
         return;
     };
-    let path = stage.config_path().display().to_string();
-    let message = stage
-        .run("tactusd", &["--config", &path, "--check"])
-        .unwrap_or_else(|fault| panic!("{fault}"));
-    assert_eq!(
-        message.code,
-        Some(78),
-        "{}{}",
-        message.stdout,
-        message.stderr
-    );
-    let text = format!("{}{}", message.stdout, message.stderr);
+    let text = test_rig::refused_by_check(&stage);
     for word in [
         "survey",
         "598",
