@@ -36,11 +36,11 @@ const SETTLE: Duration = Duration::from_millis(2);
 
 #[tokio::main(flavor = "current_thread")]
 async fn main() -> Result<(), AnyError> {
-    let requested = |what: &str| std::env::args().any(|argument| argument == what);
-    if requested("messages") {
+    let has_argument = |what: &str| std::env::args().any(|argument| argument == what);
+    if has_argument("messages") {
         return messages().await;
     }
-    let quick = requested("quick");
+    let quick = has_argument("quick");
     let python =
         std::env::args().find_map(|argument| Some(argument.strip_prefix("python=")?.to_owned()));
     let peer = python.as_deref().map(pyvisa).transpose()?;
@@ -260,16 +260,16 @@ struct Script {
 }
 
 impl Script {
-    fn of(content: &[TranscriptLine], first: usize, instrument: Instrument) -> Self {
-        let of = |content: &[TranscriptLine]| -> Vec<(String, Option<String>)> {
-            let received = content.iter().filter(|one| one.instrument == instrument);
+    fn of(transcript: &[TranscriptLine], first: usize, instrument: Instrument) -> Self {
+        let of = |transcript: &[TranscriptLine]| -> Vec<(String, Option<String>)> {
+            let received = transcript.iter().filter(|one| one.instrument == instrument);
             received
                 .map(|one| (one.received.clone(), one.answered.clone()))
                 .collect()
         };
         Self {
-            answers: of(content),
-            repeats_from: of(&content[..first]).len(),
+            answers: of(transcript),
+            repeats_from: of(&transcript[..first]).len(),
             next: 0,
         }
     }
@@ -303,10 +303,10 @@ async fn own_time(profile: &str, wiring: &Wiring) -> Result<Duration, AnyError> 
         marks.push(simulated.transcript().len());
     }
     // The first two frames set up, the third is as all that follow.
-    let content = simulated.transcript();
+    let transcript = simulated.transcript();
     let mut streams = HashMap::new();
     for instrument in [Instrument::Source, Instrument::Mainframe] {
-        let script = Script::of(&content, marks[1], instrument);
+        let script = Script::of(&transcript, marks[1], instrument);
         let address = serve({
             let mut script = script;
             move |line: &str| script.answer(line)

@@ -93,10 +93,10 @@ struct Shown {
 
 impl Shown {
     /// `None` before the first map, and of a baseline session.
-    fn from(notes: &dbus::SessionStatus) -> Option<Self> {
-        let map = notes.map.as_ref()?;
+    fn from(status: &dbus::SessionStatus) -> Option<Self> {
+        let map = status.map.as_ref()?;
         Some(Self {
-            sequence: notes.map_sequence?,
+            sequence: status.map_sequence?,
             unit: match map.newtons {
                 Some(_) => MapUnit::Pressure.label(),
                 None => MapUnit::RelativeConductance.caption(),
@@ -126,44 +126,44 @@ impl Shown {
 }
 
 impl Running {
-    fn from(notes: dbus::SessionStatus) -> Self {
+    fn from(status: dbus::SessionStatus) -> Self {
         Self {
-            map: Shown::from(&notes),
-            id: notes.id.unwrap_or_default(),
-            kind: notes.kind.unwrap_or_default(),
-            state: notes.state.unwrap_or_default(),
-            frames_acquired: notes.frames_acquired.unwrap_or(0),
-            frames_durable: notes.frames_durable.unwrap_or(0),
-            frames_dropped: notes.frames_dropped.unwrap_or(0),
-            frames_failed: notes.frames_failed.unwrap_or(0),
-            last_error: notes.last_error.and_then(nonempty),
+            map: Shown::from(&status),
+            id: status.id.unwrap_or_default(),
+            kind: status.kind.unwrap_or_default(),
+            state: status.state.unwrap_or_default(),
+            frames_acquired: status.frames_acquired.unwrap_or(0),
+            frames_durable: status.frames_durable.unwrap_or(0),
+            frames_dropped: status.frames_dropped.unwrap_or(0),
+            frames_failed: status.frames_failed.unwrap_or(0),
+            last_error: status.last_error.and_then(nonempty),
         }
     }
 }
 
 impl Status {
-    fn from(notes: dbus::Status, bus: String) -> Self {
+    fn from(status: dbus::Status, bus: String) -> Self {
         Self {
-            state: notes.state.unwrap_or_default(),
-            simulated: notes.simulated.unwrap_or(false),
-            source: notes.source.unwrap_or_default(),
-            method: notes.method.unwrap_or_default(),
-            baseline: notes.baseline_id.and_then(nonempty),
-            session: notes.session.map(Running::from),
-            source_state: notes.source_state.unwrap_or_default(),
-            recovery: notes.recovery.and_then(Recovery::from),
-            record_directory: notes.record_directory.unwrap_or_default(),
-            last_error: notes.last_error.and_then(nonempty),
-            version: notes.version.unwrap_or_default(),
+            state: status.state.unwrap_or_default(),
+            simulated: status.simulated.unwrap_or(false),
+            source: status.source.unwrap_or_default(),
+            method: status.method.unwrap_or_default(),
+            baseline: status.baseline_id.and_then(nonempty),
+            session: status.session.map(Running::from),
+            source_state: status.source_state.unwrap_or_default(),
+            recovery: status.recovery.and_then(Recovery::from),
+            record_directory: status.record_directory.unwrap_or_default(),
+            last_error: status.last_error.and_then(nonempty),
+            version: status.version.unwrap_or_default(),
             bus,
-            health: notes.health.unwrap_or_default().into(),
+            health: status.health.unwrap_or_default().into(),
         }
     }
 }
 
 pub(crate) async fn run(daemon: &Daemon, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
-    let notes = daemon.ask("the status", daemon.manager.status()).await?;
-    let status = Status::from(notes, daemon.address.to_string());
+    let status = daemon.ask("the status", daemon.manager.status()).await?;
+    let status = Status::from(status, daemon.address.to_string());
     printer.record(&status, for_a_person)
 }
 

@@ -131,11 +131,11 @@ fn peer_socket(wanted: &Wanted) -> Option<Finding> {
 
 /// The state of the service, as systemd says it.
 fn unit() -> Finding {
-    let requested = Command::new("systemctl")
+    let output = Command::new("systemctl")
         .args(["show", "tactusd.service", "--property"])
         .arg("LoadState,ActiveState,SubState,NRestarts,Result")
         .output();
-    match requested {
+    match output {
         Ok(ran) if ran.status.success() => service(&String::from_utf8_lossy(&ran.stdout)),
         _ => Finding::ok("service", "no systemd here; run tactusd by hand"),
     }
@@ -199,8 +199,8 @@ async fn system_bus(wanted: &Wanted) -> Vec<Finding> {
         let bus = bus.clone();
         async move {
             let name = zbus::names::BusName::try_from(name).ok()?;
-            let requested = tokio::time::timeout(PATIENCE, bus.name_has_owner(name)).await;
-            requested.ok()?.ok()
+            let answer = tokio::time::timeout(PATIENCE, bus.name_has_owner(name)).await;
+            answer.ok()?.ok()
         }
     };
     if wanted.bus.system {

@@ -78,12 +78,12 @@ fn show(found: Discovery, printer: &mut Printer<impl Write>) -> Result<(), Failu
         .iter()
         .map(|seen| {
             let used = if seen.in_use { " (in use)" } else { "" };
-            let message = match seen.identity.as_str() {
+            let shown = match seen.identity.as_str() {
                 "" => seen.remark.clone(),
                 identity => identity.to_owned(),
             };
             let address = format!("{}{used}", seen.address);
-            [address, seen.found_by.clone(), seen.name.clone(), message]
+            [address, seen.found_by.clone(), seen.name.clone(), shown]
         })
         .collect();
     printer.text(&columns(

@@ -70,13 +70,13 @@ impl<W: Write> Printer<W> {
 
     /// Columns of the terminal; 80 where nobody says.
     pub(crate) fn width(&self) -> usize {
-        let requested = self
+        let measured = self
             .terminal
             .then(|| rustix::termios::tcgetwinsize(std::io::stdout()).ok())
             .flatten()
             .map(|size| usize::from(size.ws_col));
         let from_environment = || std::env::var("COLUMNS").ok()?.parse().ok();
-        requested
+        measured
             .filter(|&columns| columns > 0)
             .or_else(from_environment)
             .unwrap_or(80)

@@ -51,10 +51,10 @@ fn what(cause: &RigError) -> String {
 fn why(cause: &RigError) -> Option<String> {
     match cause {
         RigError::Link(LinkError::Lost { message, cause, .. }) => {
-            let requested = (!message.is_empty()).then(|| format!("the message was '{message}'"));
-            let content = cause.as_ref().map(ToString::to_string);
-            let identities: Vec<String> = requested.into_iter().chain(content).collect();
-            (!identities.is_empty()).then(|| identities.join(", "))
+            let under_way = (!message.is_empty()).then(|| format!("the message was '{message}'"));
+            let system = cause.as_ref().map(ToString::to_string);
+            let parts: Vec<String> = under_way.into_iter().chain(system).collect();
+            (!parts.is_empty()).then(|| parts.join(", "))
         }
         RigError::Link(LinkError::Timeout { message, .. }) if !message.is_empty() => {
             Some(format!("the message was '{message}'"))

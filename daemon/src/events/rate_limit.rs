@@ -163,30 +163,30 @@ mod tests {
             );
         }
         rate_limit.log(EventKind::Suspended, Some("m1"), "the session is suspended");
-        let message = journal.lines();
-        assert_eq!(message.len(), 2, "{message:#?}");
-        assert!(message[0].contains("frame 0 failed") && message[0].contains("ERROR"));
+        let lines = journal.lines();
+        assert_eq!(lines.len(), 2, "{lines:#?}");
+        assert!(lines[0].contains("frame 0 failed") && lines[0].contains("ERROR"));
         // before its time nothing is caught up with
         tokio::time::advance(AGAIN - Duration::from_secs(1)).await;
         rate_limit.catch_up();
         assert!(journal.lines().is_empty());
         tokio::time::advance(Duration::from_secs(1)).await;
         rate_limit.log(EventKind::FrameFailed, Some("m1"), "frame 300 failed");
-        let message = journal.lines();
+        let lines = journal.lines();
         assert!(
-            message[0].contains("frame 300 failed (and 214 more in the last 10 minutes)"),
-            "{message:?}"
+            lines[0].contains("frame 300 failed (and 214 more in the last 10 minutes)"),
+            "{lines:?}"
         );
         // the last of a burst is counted, though nothing comes after it
         rate_limit.log(EventKind::FrameFailed, Some("m1"), "frame 301 failed");
         assert!(journal.lines().is_empty());
         tokio::time::advance(AGAIN).await;
         rate_limit.catch_up();
-        let message = journal.lines();
-        assert_eq!(message.len(), 1, "{message:?}");
+        let lines = journal.lines();
+        assert_eq!(lines.len(), 1, "{lines:?}");
         assert!(
-            message[0].contains("frame-failed: 1 more in the last 10 minutes"),
-            "{message:?}"
+            lines[0].contains("frame-failed: 1 more in the last 10 minutes"),
+            "{lines:?}"
         );
         tokio::time::advance(AGAIN).await;
         rate_limit.catch_up();

@@ -418,8 +418,8 @@ mod tests {
         );
         std::fs::write(&path, config).unwrap();
         let prepared = prepare(&path).map_err(|problems| {
-            let message: Vec<String> = problems.iter().map(ToString::to_string).collect();
-            message.join("\n")
+            let texts: Vec<String> = problems.iter().map(ToString::to_string).collect();
+            texts.join("\n")
         })?;
         let FramesFrom::Rig(plan) = prepared.frames else {
             panic!("it is a rig");

@@ -182,7 +182,7 @@ async fn refuse_busy(mut stream: UnixStream, error: &dbus::Fault) {
         return;
     };
     let line = format!("ERROR {}{}\r\n", dbus::BUSY, error.text());
-    let message = async {
+    let sending = async {
         stream.write_all(line.as_bytes()).await?;
         // a client that is hung up on before it has written its first line sees an error of the socket, and not this
         let mut first = [0; 128];
@@ -193,7 +193,7 @@ async fn refuse_busy(mut stream: UnixStream, error: &dbus::Fault) {
             }
         }
     };
-    let _ = tokio::time::timeout(TO_READ, message).await;
+    let _ = tokio::time::timeout(TO_READ, sending).await;
 }
 
 /// A client's first line, looked at and left there. zbus panics where a line is nothing but a line feed, and reads without

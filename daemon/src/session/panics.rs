@@ -179,16 +179,16 @@ pub(crate) mod tests {
         );
         assert!(ended.is_none());
         assert!(!sheet.source_output().0 && sheet.closed().is_empty());
-        let message = sheet.transcript();
+        let transcript = sheet.transcript();
         let last = |instrument: Instrument| {
-            let mut received = message
+            let mut received = transcript
                 .iter()
-                .filter(|message| message.instrument == instrument);
+                .filter(|line| line.instrument == instrument);
             received
                 .next_back()
-                .unwrap_or_else(|| panic!("{message:#?}"))
+                .unwrap_or_else(|| panic!("{transcript:#?}"))
         };
-        // what it was told last it was asked in the same message, and said itself
+        // the last setting and the query that reads it back are one message
         let off = last(Instrument::Source);
         let states = off.answered.as_deref().unwrap_or_default();
         assert!(

@@ -144,8 +144,8 @@ fn potentials(
     let fields = workspace.fields(&named.sigma).map_err(failed)?;
     let mut rows = fields.electrodes.transpose();
     for (mut row, drive) in rows.row_iter_mut().zip(&drives) {
-        let requested = case.protocol.measurements().iter();
-        let current = requested
+        let measurements = case.protocol.measurements().iter();
+        let current = measurements
             .zip(&case.currents)
             .find(|(question, _)| question.drive == *drive)
             .map_or(1.0, |(_, current)| *current);

@@ -64,12 +64,12 @@ pub(super) fn train(options: &DeepOptions) -> Result<(), Failure> {
         line["noise_figure"] = model.metadata().noise_figure.into();
         println!("{}", survey::printable_json(line.to_string()));
     } else {
-        println!("{}", notes(&options.out, &model, report));
+        println!("{}", summary(&options.out, &model, report));
     }
     Ok(())
 }
 
-fn notes(path: &Path, model: &Model, report: &DeepReport) -> String {
+fn summary(path: &Path, model: &Model, report: &DeepReport) -> String {
     format!(
         "{}: {} of {} simulated cases, {} samples an epoch, {} weights and biases\n\
          loss (half the squared error of a map, summed over its triangles) at epoch {} of {}: training {:.3}, held out \
@@ -212,7 +212,7 @@ fn trained(
         drawn.seed,
     )
     .map_err(|fault| failed(&fault))?;
-    let mut reported = serde_json::json!({
+    let mut inputs = serde_json::json!({
         "geometry": case.mesh.hash(),
         "survey": case.protocol.hash(),
         "contact": case.contact_ohm_m,
@@ -223,7 +223,7 @@ fn trained(
         "build": env!("CARGO_PKG_VERSION"),
     });
     if options.data.symmetric {
-        reported["views"] = views.into();
+        inputs["views"] = views.into();
     }
     let recipe = Recipe {
         samples,
@@ -238,7 +238,7 @@ fn trained(
         precision: options.precision.into(),
         checkpoint: Some((
             checkpoint,
-            model::fingerprint(reported.to_string().as_bytes()),
+            model::fingerprint(inputs.to_string().as_bytes()),
         )),
     };
     let watch = Watch::default();

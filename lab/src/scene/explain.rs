@@ -25,12 +25,12 @@ enum Verdict {
 }
 
 impl Verdict {
-    fn of(reported: &Prediction, noise: f64, signal: Option<f64>) -> Self {
-        let matters = reported.volts > OF_NOISE * noise
-            || signal.is_some_and(|signal| reported.volts > OF_SIGNAL * signal);
-        match (reported.named, matters) {
+    fn of(prediction: &Prediction, noise: f64, signal: Option<f64>) -> Self {
+        let matters = prediction.volts > OF_NOISE * noise
+            || signal.is_some_and(|signal| prediction.volts > OF_SIGNAL * signal);
+        match (prediction.named, matters) {
             (true, false) => Self::Negligible,
-            (false, true) if reported.assumes.is_some() => Self::Fault,
+            (false, true) if prediction.assumes.is_some() => Self::Fault,
             (false, true) => Self::Missing,
             _ => Self::Fine,
         }
@@ -53,17 +53,17 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
     let preview = Preview::new(&scene, scan)
         .map_err(|fault| Failure::of(&format!("scene {}", options.scene), &fault))?;
     let (noise, signal) = (preview.noise(), preview.signal());
-    let reported: Vec<(Prediction, Verdict)> = preview
+    let predictions: Vec<(Prediction, Verdict)> = preview
         .predictions()
         .into_iter()
-        .map(|reported| {
-            let verdict = Verdict::of(&reported, noise, signal);
-            (reported, verdict)
+        .map(|prediction| {
+            let verdict = Verdict::of(&prediction, noise, signal);
+            (prediction, verdict)
         })
         .collect();
     let of = |wanted: Verdict| -> Vec<&str> {
-        let those = reported.iter().filter(|(_, verdict)| *verdict == wanted);
-        those.map(|(reported, _)| reported.name).collect()
+        let those = predictions.iter().filter(|(_, verdict)| *verdict == wanted);
+        those.map(|(prediction, _)| prediction.name).collect()
     };
     let source = if scene.effects.voltmeter_noise.is_some() {
         "the scene's"
@@ -71,17 +71,17 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
         "the voltmeter's table"
     };
     if options.json {
-        let effects: Vec<_> = reported
+        let effects: Vec<_> = predictions
             .iter()
-            .map(|(reported, verdict)| {
+            .map(|(prediction, verdict)| {
                 json!({
-                    "name": reported.name,
-                    "what": reported.what,
-                    "named": reported.named,
-                    "volts": reported.volts,
-                    "of_noise": (noise > 0.0).then(|| reported.volts / noise),
-                    "of_signal": signal.map(|signal| reported.volts / signal),
-                    "assumes": reported.assumes,
+                    "name": prediction.name,
+                    "what": prediction.what,
+                    "named": prediction.named,
+                    "volts": prediction.volts,
+                    "of_noise": (noise > 0.0).then(|| prediction.volts / noise),
+                    "of_signal": signal.map(|signal| prediction.volts / signal),
+                    "assumes": prediction.assumes,
                     "verdict": verdict.word(),
                 })
             })
@@ -109,14 +109,14 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
         "{:20} {:5} {:>9} {:>9} {:>9}",
         "effect", "named", "volts rms", "of noise", "of signal"
     );
-    for (reported, verdict) in &reported {
-        let share = |of: f64| format!("{:.1e}", reported.volts / of);
-        let assumed = reported.assumes.as_ref().map(|text| format!(" [{text}]"));
+    for (prediction, verdict) in &predictions {
+        let share = |of: f64| format!("{:.1e}", prediction.volts / of);
+        let assumed = prediction.assumes.as_ref().map(|text| format!(" [{text}]"));
         let line = format!(
             "{:20} {:5} {:>9} {:>9} {:>9}  {}{}",
-            reported.name,
-            if reported.named { "yes" } else { "-" },
-            format!("{:.1e}", reported.volts),
+            prediction.name,
+            if prediction.named { "yes" } else { "-" },
+            format!("{:.1e}", prediction.volts),
             if noise > 0.0 {
                 share(noise)
             } else {

@@ -93,7 +93,7 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
     if let (Some((frames, truth)), Some(out)) = (folder, &options.out) {
         frames.finish()?;
         truth.finish()?;
-        let message = serde_json::json!({
+        let description = serde_json::json!({
             "set": name,
             "noise_v": noise,
             "seed": seed,
@@ -103,7 +103,7 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
         write(
             &out.join(test_set::DESCRIPTION),
             existing,
-            format!("{message}\n"),
+            format!("{description}\n"),
         )?;
         println!("{}: {words}", out.display());
     }

@@ -304,16 +304,16 @@ fn remove(
         id: &removed.id,
         why: &removed.why,
     };
-    // Said first: what is gone without a word could not be told from what was lost.
+    // Written before the files go: otherwise a pruned session could not be distinguished from a lost one.
     let list = dir.join(PRUNED);
-    let message = || -> std::io::Result<()> {
+    let append = || -> std::io::Result<()> {
         let mut file = std::fs::OpenOptions::new()
             .create(true)
             .append(true)
             .open(&list)?;
         writeln!(file, "{}", serde_json::to_string(&line)?)
     };
-    message().map_err(|source| LogbookError::disk(&list, "write what is removed to", source))?;
+    append().map_err(|source| LogbookError::disk(&list, "write what is removed to", source))?;
     for file in files {
         std::fs::remove_file(file).map_err(|source| LogbookError::Io {
             path: file.clone(),

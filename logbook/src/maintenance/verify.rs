@@ -317,8 +317,8 @@ impl Look {
 
     fn missing(&mut self, part: &str, from: u64, to: u64) {
         let cut = format!("frames {from} to {to} ");
-        let message = |event: &Event| event.kind == CUT && event.text.starts_with(&cut);
-        if !self.events.iter().any(message) {
+        let is_cut = |event: &Event| event.kind == CUT && event.text.starts_with(&cut);
+        if !self.events.iter().any(is_cut) {
             let text = format!("frames {from} to {to} are not there");
             self.found(part, "missing", text);
         }

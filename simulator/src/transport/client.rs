@@ -259,9 +259,9 @@ impl ClientSession {
             let count = tokio::select! {
                 count = stream.read(&mut chunk) => count?,
                 Ok(()) = banner.changed(), if self.instrument == Instrument::Board => {
-                    let mut reported = banner.borrow_and_update().clone();
-                    reported.push('\n');
-                    stream.write_all(reported.as_bytes()).await?;
+                    let mut line = banner.borrow_and_update().clone();
+                    line.push('\n');
+                    stream.write_all(line.as_bytes()).await?;
                     stream.flush().await?;
                     framer.clear();
                     continue;

@@ -175,7 +175,7 @@ fn read(
     drive: Dipole,
     routed: &mut Vec<Relay>,
 ) -> Result<Vec<Step>, PlanError> {
-    let requested: Vec<(usize, Dipole)> = protocol
+    let senses: Vec<(usize, Dipole)> = protocol
         .measurements()
         .iter()
         .enumerate()
@@ -188,7 +188,7 @@ fn read(
             .ok_or_else(|| unserved(wiring, sense, "voltmeter"))
     };
     if wiring.sensing == Sensing::Scan {
-        for (_, sense) in &requested {
+        for (_, sense) in &senses {
             relays(*sense)?;
         }
         let channels: Vec<Channel> = wiring
@@ -198,9 +198,9 @@ fn read(
             .map(|(sense, relay)| Channel {
                 relay,
                 sense,
-                reading: requested
+                reading: senses
                     .iter()
-                    .find(|(_, requested)| *requested == sense)
+                    .find(|(_, other)| *other == sense)
                     .map(|(reading, _)| *reading),
                 range: None,
             })
@@ -214,8 +214,8 @@ fn read(
             .collect();
         return Ok(vec![Step::Scan { channels }]);
     }
-    let mut routes = Vec::with_capacity(requested.len());
-    for (reading, sense) in requested {
+    let mut routes = Vec::with_capacity(senses.len());
+    for (reading, sense) in senses {
         let close = relays(sense)?.to_vec();
         let open = std::mem::replace(routed, close.clone());
         routes.push(Routed {

@@ -74,10 +74,10 @@ impl Wiring {
     /// plus, the second to its minus. A wiring of pairs stays as it is wired.
     #[must_use]
     pub fn joining(mut self, protocol: &crate::Protocol) -> Self {
-        let requested = protocol.measurements();
+        let measurements = protocol.measurements();
         let drives = protocol.drives();
         let mut senses: Vec<Dipole> = Vec::new();
-        for question in requested {
+        for question in measurements {
             if !senses.contains(&question.sense) {
                 senses.push(question.sense);
             }

@@ -79,11 +79,15 @@ impl Preview {
             .measurements()
             .iter()
             .zip(scan.contexts(Duration::ZERO))
-            .map(|(requested, context)| UnloadedReading {
-                exact: scan.current.0 * across(&z, requested.sense, requested.drive),
+            .map(|(measurement, context)| UnloadedReading {
+                exact: scan.current.0 * across(&z, measurement.sense, measurement.drive),
                 context: ReadingContext {
-                    source_resistance: survey::Ohms(across(&z, requested.sense, requested.sense)),
-                    load_resistance: survey::Ohms(across(&z, requested.drive, requested.drive)),
+                    source_resistance: survey::Ohms(across(
+                        &z,
+                        measurement.sense,
+                        measurement.sense,
+                    )),
+                    load_resistance: survey::Ohms(across(&z, measurement.drive, measurement.drive)),
                     ..context
                 },
             })
@@ -197,22 +201,24 @@ impl Preview {
 
     /// Rms of what readings differ by between two networks (ohm), V.
     fn apart(&self, one: &DMatrix<f64>, other: &DMatrix<f64>) -> f64 {
-        let requested = self.scan.protocol.measurements().iter();
+        let measurements = self.scan.protocol.measurements().iter();
         let differ = one - other;
-        let sum: f64 = requested
-            .map(|requested| {
-                (self.scan.current.0 * across(&differ, requested.sense, requested.drive)).powi(2)
+        let sum: f64 = measurements
+            .map(|measurement| {
+                (self.scan.current.0 * across(&differ, measurement.sense, measurement.drive))
+                    .powi(2)
             })
             .sum();
         (sum / self.sights.len() as f64).sqrt()
     }
 
     fn changed_by(&self, z: &DMatrix<f64>) -> f64 {
-        let requested = self.scan.protocol.measurements().iter();
-        let sum: f64 = requested
+        let measurements = self.scan.protocol.measurements().iter();
+        let sum: f64 = measurements
             .zip(&self.sights)
-            .map(|(requested, sight)| {
-                (self.scan.current.0 * across(z, requested.sense, requested.drive) - sight.exact)
+            .map(|(measurement, sight)| {
+                (self.scan.current.0 * across(z, measurement.sense, measurement.drive)
+                    - sight.exact)
                     .powi(2)
             })
             .sum();
@@ -351,10 +357,10 @@ fn cells(scene: &Scene, scan: &Scan) -> Result<(DMatrix<f64>, Vec<[f64; 2]>), Ph
     })?;
     let mesh = coarse.mesh();
     let sigma = vec![scene.sheet.conductance(); mesh.triangles().len()];
-    let requested = Parameters::elements().logarithmic();
+    let parameters = Parameters::elements().logarithmic();
     let elements = coarse
         .forward()
-        .sensitivity(&sigma, &scan.protocol, &requested)?;
+        .sensitivity(&sigma, &scan.protocol, &parameters)?;
     let mut squares = BTreeMap::<[i64; 2], Vec<usize>>::new();
     for t in 0..mesh.triangles().len() {
         let square = mesh.centroid(t).map(|m| (m / CELL).floor() as i64);

@@ -354,18 +354,18 @@ impl Scan {
         begin: Duration,
     ) -> Result<Vec<Volts>, PhantomError> {
         let needs = phantom.needs();
-        let requested = self.protocol.measurements().iter();
-        requested
+        let measurements = self.protocol.measurements().iter();
+        measurements
             .zip(self.contexts(begin))
-            .map(|(requested, context)| {
+            .map(|(measurement, context)| {
                 let z = phantom.transfer_impedance(context.at)?;
-                let exact = self.current.0 * across(z, requested.sense, requested.drive);
+                let exact = self.current.0 * across(z, measurement.sense, measurement.drive);
                 let seen = |needed: bool, pair: Dipole| {
                     Ohms(if needed { across(z, pair, pair) } else { 0.0 })
                 };
                 let context = ReadingContext {
-                    source_resistance: seen(needs.source_resistance, requested.sense),
-                    load_resistance: seen(needs.load_resistance, requested.drive),
+                    source_resistance: seen(needs.source_resistance, measurement.sense),
+                    load_resistance: seen(needs.load_resistance, measurement.drive),
                     ..context
                 };
                 Ok(phantom.reading(Volts(exact), context))

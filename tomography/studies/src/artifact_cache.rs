@@ -78,22 +78,22 @@ impl<'p> ArtifactCache<'p> {
     /// A file or folder `name` that `words` make with `--out`: as it lies there if the same words made it, else new.
     pub(crate) fn made(&self, name: &str, words: &[&str]) -> Result<PathBuf, Failure> {
         let path = self.path(name);
-        let message = words.join(" ");
+        let command = words.join(" ");
         let beside = beside(&path);
         if path.exists()
             && self
                 .made_by(&beside, &path)?
-                .is_some_and(|text| text == message)
+                .is_some_and(|text| text == command)
         {
             return Ok(path);
         }
-        eprintln!("tactus-lab {message} --out {}", path.display());
-        let line = command_line(&message, &path);
+        eprintln!("tactus-lab {command} --out {}", path.display());
+        let line = command_line(&command, &path);
         self.program
             .check(&line)
-            .map_err(|fault| Failure::because(format!("{message}: {fault}")))?;
+            .map_err(|fault| Failure::because(format!("{command}: {fault}")))?;
         self.program.run(&line)?;
-        write(&beside, Existing::Replace, format!("{message}\n"))?;
+        write(&beside, Existing::Replace, format!("{command}\n"))?;
         Ok(path)
     }
 
@@ -112,11 +112,11 @@ impl<'p> ArtifactCache<'p> {
             Err(cause) => return Err(Failure::of(&format!("{}", beside.display()), &cause)),
         };
         let text = String::from_utf8(bytes).map_err(|_| damaged("it is no text"))?;
-        let message = text.trim_end();
-        if self.program.check(&command_line(message, path)).is_err() {
+        let command = text.trim_end();
+        if self.program.check(&command_line(command, path)).is_err() {
             return Err(damaged("its words are no command of tactus-lab"));
         }
-        Ok(Some(message.to_owned()))
+        Ok(Some(command.to_owned()))
     }
 
     /// By how many bytes loading a model makes a process larger.
@@ -125,8 +125,8 @@ impl<'p> ArtifactCache<'p> {
     }
 }
 
-fn command_line(message: &str, path: &Path) -> Vec<OsString> {
-    let words = message.split(' ').map(OsString::from);
+fn command_line(command: &str, path: &Path) -> Vec<OsString> {
+    let words = command.split(' ').map(OsString::from);
     words
         .chain(["--force".into(), "--out".into(), path.into()])
         .collect()

@@ -80,14 +80,14 @@ fn cache_file(case: &Case, settings: &TrainingSettings, kind: &str) -> Option<Pa
         .filter(|base| Path::new(base).is_absolute())
         .map(PathBuf::from)
         .or_else(|| std::env::var_os("HOME").map(|home| Path::new(&home).join(".cache")))?;
-    let message = serde_json::json!({
+    let inputs = serde_json::json!({
         "geometry": case.mesh.hash(),
         "survey": case.protocol.hash(),
         "contact": case.contact_ohm_m,
         "sigma0": case.sigma.get("homog"),
         "settings": settings,
     });
-    let hash = eit::model::fingerprint(message.to_string().as_bytes());
+    let hash = eit::model::fingerprint(inputs.to_string().as_bytes());
     Some(
         base.join("tactus")
             .join(format!("{kind}-{}.safetensors", &hash[..16])),

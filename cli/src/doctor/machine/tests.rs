@@ -67,13 +67,13 @@ fn permitted_users_are_reported() {
     let passwd = std::fs::read_to_string(folder.path().join("etc/passwd")).unwrap();
     let passwd = passwd + "bob:x:1001:1001::/b:/bin/sh\n";
     std::fs::write(folder.path().join("etc/passwd"), passwd).unwrap();
-    let requested = bob.people(&Wanted::default());
-    assert_eq!(requested[0].verdict, Verdict::Warn, "{requested:?}");
-    assert!(requested[0].advice.as_ref().unwrap().contains("log out"));
+    let findings = bob.people(&Wanted::default());
+    assert_eq!(findings[0].verdict, Verdict::Warn, "{findings:?}");
+    assert!(findings[0].advice.as_ref().unwrap().contains("log out"));
     // a serial port needs the daemon in dialout
     let serial = wanting("[switch]\naddress = \"serial:/dev/ttyUSB0@9600\"\n");
-    let requested = bob.people(&serial);
-    assert_eq!(requested[1].verdict, Verdict::Bad, "{requested:?}");
+    let findings = bob.people(&serial);
+    assert_eq!(findings[1].verdict, Verdict::Bad, "{findings:?}");
 }
 
 #[test]

@@ -169,7 +169,7 @@ async fn ask(candidate: Candidate, used: &[Used]) -> Seen {
             }
         }
         match identify(place).await {
-            Ok(message) => return seen(place.to_string(), message, found_by, &name, false),
+            Ok(identity) => return seen(place.to_string(), identity, found_by, &name, false),
             Err(why) => remark = why,
         }
     }
@@ -209,8 +209,8 @@ async fn identify(place: &InstrumentAddress) -> Result<String, String> {
     };
     let stream = stream.map_err(|cause| survey::error_chain(&cause))?;
     let mut link = Link::new(stream, place.to_string(), PATIENCE);
-    let message = link.ask("*IDN?").await;
-    message.map_err(|cause| survey::error_chain(&cause))
+    let answer = link.ask("*IDN?").await;
+    answer.map_err(|cause| survey::error_chain(&cause))
 }
 
 /// One line a thing: the same identity at the same place, or the same serial number, is one instrument.

@@ -175,11 +175,11 @@ pub(crate) fn found_lines(found: &Discovered, json: bool) -> Vec<String> {
             lines.push(printable_json(object.to_string()));
             continue;
         }
-        let message = some(&seen.identity).unwrap_or_else(|| seen.remark.clone());
+        let shown = some(&seen.identity).unwrap_or_else(|| seen.remark.clone());
         lines.push(
             format!(
                 "# {} (found by {} {})",
-                printable(&message),
+                printable(&shown),
                 seen.found_by,
                 printable(&seen.name)
             )

@@ -272,9 +272,9 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         }
     }
 
-    fn note(&self, reported: impl FnOnce() -> EntryContent) {
+    fn note(&self, content: impl FnOnce() -> EntryContent) {
         if let Some(transcript) = &self.transcript {
-            transcript.write(&self.instrument, reported());
+            transcript.write(&self.instrument, content());
         }
     }
 

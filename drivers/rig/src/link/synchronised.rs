@@ -26,11 +26,11 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         self.nonces.extend([first, second]);
         let sent_so_far = self.nonces.clone();
         let mut found = self.enable;
-        let reported = self
+        let echoed = self
             .echo(&format!("*ESE?;*ESE {first};*ESE?"), |line| {
                 let (before, now) = two_numbers(line)?;
                 // The register's own value is what it held before the first number it was told.
-                let turn = sent_so_far.iter().position(|reported| *reported == now)?;
+                let turn = sent_so_far.iter().position(|number| *number == now)?;
                 if !sent_so_far[..turn].contains(&before) {
                     found.get_or_insert(before);
                 }
@@ -38,7 +38,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
             })
             .await;
         self.enable = found;
-        reported?;
+        echoed?;
         self.echo(&format!("*ESE?;*ESE {second};*ESE?"), |line| {
             (two_numbers(line)? == (first, second)).then_some(())
         })

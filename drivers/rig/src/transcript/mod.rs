@@ -127,7 +127,7 @@ pub enum TranscriptError {
     },
     /// A line that is not an entry.
     #[error(
-        "{place}:{line}: {reported}; a line is {{\"t_s\":SECONDS,\"instrument\":\"NAME\",\"sent\":\"TEXT\"}}, or with received or note in place of sent"
+        "{place}:{line}: {problem}; a line is {{\"t_s\":SECONDS,\"instrument\":\"NAME\",\"sent\":\"TEXT\"}}, or with received or note in place of sent"
     )]
     Line {
         /// The file, or what stands for it.
@@ -135,7 +135,7 @@ pub enum TranscriptError {
         /// Counted from 1.
         line: usize,
         /// What is wrong with it.
-        reported: String,
+        problem: String,
     },
     /// The file cannot be made or written.
     #[error("the transcript {} cannot be written; check the folder, its rights and the room on the disk", path.display())]
@@ -179,7 +179,7 @@ pub fn parse_transcript(place: &str, text: &str) -> Result<Vec<(usize, Entry)>, 
             let entry = serde_json::from_str(line).map_err(|fault| TranscriptError::Line {
                 place: place.to_owned(),
                 line: index + 1,
-                reported: fault.to_string(),
+                problem: fault.to_string(),
             })?;
             Ok((index + 1, entry))
         })
@@ -219,10 +219,10 @@ impl TranscriptWriter {
             cause,
         };
         if !(entry.t_s.is_finite() && entry.t_s >= 0.0) {
-            let reported = format!("an entry at {} s", entry.t_s);
+            let problem = format!("an entry at {} s", entry.t_s);
             return Err(unwritable(io::Error::new(
                 io::ErrorKind::InvalidInput,
-                reported,
+                problem,
             )));
         }
         let mut line = serde_json::to_vec(entry).map_err(|fault| unwritable(fault.into()))?;
@@ -288,14 +288,11 @@ mod tests {
             r#"{"t_s":0,"instrument":"6221","sent":"a","spoken":"b"}"#,
             r#"{"t_s":0,"instru"#,
         ] {
-            let reported = parse_transcript("talk.jsonl", &format!("{sound}\n\n{wrong}\n"));
-            let reported = reported.unwrap_err().to_string();
-            assert!(
-                reported.starts_with("talk.jsonl:3: "),
-                "{wrong}: {reported}"
-            );
+            let refused = parse_transcript("talk.jsonl", &format!("{sound}\n\n{wrong}\n"));
+            let refused = refused.unwrap_err().to_string();
+            assert!(refused.starts_with("talk.jsonl:3: "), "{wrong}: {refused}");
         }
-        let reported = read_transcript(Path::new("/nowhere/talk.jsonl")).unwrap_err();
-        assert!(reported.to_string().contains("/nowhere/talk.jsonl"));
+        let refused = read_transcript(Path::new("/nowhere/talk.jsonl")).unwrap_err();
+        assert!(refused.to_string().contains("/nowhere/talk.jsonl"));
     }
 }

@@ -45,8 +45,8 @@ pub fn golden_of(
                 open.push_back((steps.len() - 1, message.clone()));
             }
             EntryContent::Received(text) => {
-                let requested = open.iter().position(|(_, message)| message.contains('?'));
-                let index = requested.or(open.len().checked_sub(1));
+                let query = open.iter().position(|(_, message)| message.contains('?'));
+                let index = query.or(open.len().checked_sub(1));
                 let found = index.and_then(|index| open.drain(..=index).next_back());
                 let (step, content) = found.ok_or_else(|| ReplayError::Unrequested {
                     place: place.to_owned(),
@@ -91,11 +91,11 @@ pub(super) fn setup_of_transcript(
     let of_it = entries
         .iter()
         .filter(|(_, entry)| Instrument::named(&entry.model()) == Some(instrument));
-    let mut requested: Option<keysight_34980a::Command> = None;
+    let mut query: Option<keysight_34980a::Command> = None;
     for (_, entry) in of_it {
         match &entry.content {
-            EntryContent::Sent(message) => requested = message.parse().ok(),
-            EntryContent::Received(text) => match requested.take() {
+            EntryContent::Sent(message) => query = message.parse().ok(),
+            EntryContent::Received(text) => match query.take() {
                 Some(keysight_34980a::Command::Common(scpi::Common::Identify)) => {
                     let vendor = text.split(',').next().map(str::to_owned);
                     setup.vendor = setup.vendor.or(vendor);

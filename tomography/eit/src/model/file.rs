@@ -202,9 +202,9 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
         .as_ref()
         .and_then(|entries| entries.get(KEY))
         .ok_or_else(|| foreign("it is safetensors without a 'tactus' entry"))?;
-    let message: serde_json::Value =
+    let entry: serde_json::Value =
         serde_json::from_str(text).map_err(|_| foreign("its 'tactus' entry is not JSON"))?;
-    let (kind, version) = (&message["kind"], &message["version"]);
+    let (kind, version) = (&entry["kind"], &entry["version"]);
     if !(kind == "rbf" || kind == "deep") || version != VERSION {
         return Err(ModelError::Kind {
             path: path.to_owned(),
@@ -216,7 +216,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
         why,
     };
     let metadata: Metadata =
-        serde_json::from_value(message).map_err(|fault| damaged(fault.to_string()))?;
+        serde_json::from_value(entry).map_err(|fault| damaged(fault.to_string()))?;
     // programs print these and record them
     for (what, text) in [
         ("name", &metadata.name),
@@ -312,13 +312,13 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
         .collect();
     let protocol = Protocol::new(metadata.electrodes, questions)
         .map_err(|fault| damaged(fault.to_string()))?;
-    for (what, message, found) in [
+    for (what, stated, found) in [
         ("geometry", &metadata.geometry, mesh.hash().to_owned()),
         ("survey", &metadata.survey, protocol.hash()),
     ] {
-        if *message != found {
+        if *stated != found {
             return Err(damaged(format!(
-                "it says {what} {message} and holds {found}"
+                "it says {what} {stated} and holds {found}"
             )));
         }
     }

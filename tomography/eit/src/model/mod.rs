@@ -308,7 +308,7 @@ impl Model {
 
     /// Ready to make maps.
     pub fn into_reconstructor(self) -> Box<dyn Reconstructor> {
-        let message = self.assumptions();
+        let assumptions = self.assumptions();
         let Metadata {
             name,
             report,
@@ -320,7 +320,7 @@ impl Model {
             twins: self.protocol.reciprocal_twins(),
             protocol: self.protocol,
             method: name,
-            assumptions: message,
+            assumptions,
             noise_figure,
         };
         match self.network {
@@ -340,18 +340,18 @@ impl Model {
     /// What it was trained on and how well it learnt it, a sentence each.
     fn assumptions(&self) -> Vec<String> {
         let training = &self.metadata.training;
-        let mut message = vec![format!(
+        let mut sentences = vec![format!(
             "trained on {} simulated cases, {} copies of each with jitter ({}): losses of conductance only",
             training.cases, training.repeats, training.jitter
         )];
         match &self.metadata.report {
-            Report::Rbf(report) => message.push(format!(
+            Report::Rbf(report) => sentences.push(format!(
                 "condition {:.1e} of the least-squares problem, rank {}",
                 report.condition, report.rank
             )),
-            Report::Deep(report) => message.extend(report.sentences()),
+            Report::Deep(report) => sentences.extend(report.sentences()),
         }
-        message
+        sentences
     }
 }
 

@@ -88,15 +88,15 @@ pub fn maps_not_refused(folder: &Path, name: &str, words: &[String]) -> Result<J
 
 fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<Judged, Failure> {
     let case = Case::read(folder).map_err(|fault| Failure::of("cannot read the case", &fault))?;
-    let message = test_set::description(folder)?;
+    let description = test_set::description(folder)?;
     let frames = folder.join("frames.csv");
-    let mut reported = words.to_vec();
+    let mut with_noise = words.to_vec();
     // the paper's own step looks at no noise
     if words[0] == "--method" && words.get(1).is_none_or(|method| method != "tv-paper") {
-        let noise_v = message.noise_v.max(LEAST_NOISE);
-        reported.extend(["--noise-v".to_owned(), noise_v.to_string()]);
+        let noise_v = description.noise_v.max(LEAST_NOISE);
+        with_noise.extend(["--noise-v".to_owned(), noise_v.to_string()]);
     }
-    let options = MethodOptions::parse(name, &reported)?;
+    let options = MethodOptions::parse(name, &with_noise)?;
     let first = BaselineRule::First(1);
     let recording = FrameTable::read(&frames, &first, case.protocol.len(), false)?;
     let model = options.prepare(&case, &recording)?;
@@ -155,10 +155,10 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
         .collect();
     Ok(Judged {
         case,
-        set: message.name,
+        set: description.name,
         frames,
         model,
-        noise_v: message.noise_v.max(LEAST_NOISE),
+        noise_v: description.noise_v.max(LEAST_NOISE),
         recording,
     })
 }

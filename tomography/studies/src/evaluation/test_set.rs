@@ -69,9 +69,9 @@ pub fn description(folder: &Path) -> Result<Description, Failure> {
         ))
     };
     let text = std::fs::read_to_string(&path).map_err(|cause| wrong(cause.to_string()))?;
-    let message: serde_json::Value =
+    let description: serde_json::Value =
         serde_json::from_str(&text).map_err(|cause| wrong(cause.to_string()))?;
-    match (message["set"].as_str(), message["noise_v"].as_f64()) {
+    match (description["set"].as_str(), description["noise_v"].as_f64()) {
         (Some(set), Some(noise_v)) => Ok(Description {
             name: format!("{set} {:.0} uV", 1e6 * noise_v),
             noise_v,
@@ -261,13 +261,17 @@ pub fn make(options: &TestSet, folder: &Path, existing: Existing) -> Result<usiz
     if drawn.iter().all(|pressed| pressed.disc.is_some()) {
         write(&folder.join("presses.csv"), existing, presses)?;
     }
-    let message = serde_json::json!({
+    let description = serde_json::json!({
         "set": options.set.name(),
         "noise_v": options.noise_v,
         "seed": options.seed,
         "frames": count,
     });
-    write(&folder.join(DESCRIPTION), existing, format!("{message}\n"))?;
+    write(
+        &folder.join(DESCRIPTION),
+        existing,
+        format!("{description}\n"),
+    )?;
     Ok(count)
 }
 

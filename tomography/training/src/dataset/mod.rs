@@ -141,7 +141,7 @@ fn header(
     index: usize,
     of: usize,
 ) -> serde_json::Value {
-    let message = json!({
+    let sheet = json!({
         "contact_ohm_m": case.contact_ohm_m,
         "sigma0": case.unloaded_conductance(),
     });
@@ -149,7 +149,7 @@ fn header(
         "layout": LAYOUT,
         "geometry": case.mesh.hash(),
         "survey": case.protocol.hash(),
-        "contacts_and_sigma0": fingerprint(message.to_string().as_bytes()),
+        "contacts_and_sigma0": fingerprint(sheet.to_string().as_bytes()),
         "settings": settings,
         "inputs": simulation.inputs(),
         "outputs": simulation.outputs(),

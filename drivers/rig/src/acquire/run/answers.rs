@@ -63,10 +63,10 @@ impl Run<'_> {
     /// Voids the injections at which the source was in compliance. What began since the last question and is over may
     /// have come while the last injection was still being read: then that one is void, too; and also where it is not
     /// certain that the relays had moved on from it.
-    pub(super) fn heed(&mut self, requested: Compliance, moved: bool) {
-        let here = self.driven.now.filter(|_| requested.ever());
+    pub(super) fn heed(&mut self, compliance: Compliance, moved: bool) {
+        let here = self.driven.now.filter(|_| compliance.ever());
         let unwatched = self.driven.unwatched.take();
-        let before = unwatched.filter(|_| requested.ever() && !(moved && requested.now));
+        let before = unwatched.filter(|_| compliance.ever() && !(moved && compliance.now));
         for drive in here.into_iter().chain(before) {
             if !self.compliance.contains(&drive.plus) {
                 self.compliance.push(drive.plus);

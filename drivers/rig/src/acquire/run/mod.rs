@@ -146,8 +146,8 @@ impl<'a> Run<'a> {
                 }
                 if self.driven.unwatched.is_some() {
                     self.driven.now = None;
-                    let requested = rig.source.compliance().await?;
-                    self.heed(requested, true);
+                    let compliance = rig.source.compliance().await?;
+                    self.heed(compliance, true);
                 }
                 let driven = std::mem::take(&mut self.driven.relays);
                 let wiring = &self.plan.wiring;
@@ -194,12 +194,12 @@ impl<'a> Run<'a> {
                 self.read(rig, step, false).await
             }
             Step::Compliance { .. } => {
-                let requested = rig.source.compliance().await?;
-                if requested.ever() {
+                let compliance = rig.source.compliance().await?;
+                if compliance.ever() {
                     // the next injection switches it on again
                     self.off(&mut rig.source).await?;
                 }
-                self.heed(requested, true);
+                self.heed(compliance, true);
                 Ok(())
             }
         }
@@ -229,7 +229,7 @@ impl<'a> Run<'a> {
         let reading = std::pin::pin!(ask_voltmeter(&mut rig.voltmeter, step, self.meter, wait));
         let mut reading = Beside::new(reading);
         let source = &mut rig.source;
-        let mut requested = None;
+        let mut compliance = None;
         let mut settled = self.driven.settled;
         let mut is_over = false;
         if ask && !settled {
@@ -243,23 +243,23 @@ impl<'a> Run<'a> {
                 Ok(reported) if reported.now => reading.wait_for(self.off(source)).await,
                 _ => Ok(()),
             };
-            requested = Some(off.and(reported));
+            compliance = Some(off.and(reported));
         }
-        if !matches!(requested, Some(Err(_))) {
+        if !matches!(compliance, Some(Err(_))) {
             let over = over(self.stop.clone(), self.caller.clone());
             if reading.came_before(over).await.is_none() {
                 let detected = Instant::now();
                 let off = reading.wait_for(self.off(source)).await;
                 self.off_after = off.is_ok().then(|| detected.elapsed());
-                requested = Some(off.and(requested.unwrap_or(Ok(Compliance::default()))));
+                compliance = Some(off.and(compliance.unwrap_or(Ok(Compliance::default()))));
             }
         }
         // Whatever else went wrong: half an exchange would leave the voltmeter's link out of step.
         let answer = reading.finish().await;
-        let requested = requested.transpose()?;
+        let compliance = compliance.transpose()?;
         self.take(step, answer?)?;
-        if let Some(requested) = requested {
-            self.heed(requested, settled);
+        if let Some(compliance) = compliance {
+            self.heed(compliance, settled);
             self.driven.unwatched = self.driven.now.filter(|_| self.on);
         }
         Ok(())

@@ -191,8 +191,8 @@ pub(crate) fn ends_of_lambda() -> Result<Outcome, Failure> {
     let tiny = loaded.tikhonov(1e-20 * top);
     let refused = matches!(tiny, Err(OneStepError::Lambda { .. }));
     let flat = loaded.tikhonov(1e4 * top).map_err(unsolved)?;
-    let reported = flat.assumptions().join("\n");
-    let flagged = reported.contains("less than one degree of freedom");
+    let assumptions = flat.assumptions().join("\n");
+    let flagged = assumptions.contains("less than one degree of freedom");
     let map = flat.matrix() * &loaded.change;
     Ok(Outcome::of([
         Check::at_most(

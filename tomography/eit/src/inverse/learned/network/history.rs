@@ -150,7 +150,7 @@ pub struct Rounding {
 impl DeepReport {
     /// What a person should know, a sentence each.
     pub(crate) fn sentences(&self) -> Vec<String> {
-        let mut message = vec![format!(
+        let mut sentences = vec![format!(
             "loss on held-out cases {:.3}, {:.0} % of an empty map's, at epoch {} of {}",
             self.held_out_loss,
             100.0 * self.held_out_loss / self.empty_loss,
@@ -158,13 +158,13 @@ impl DeepReport {
             self.epochs
         )];
         if self.kept.precision != Precision::F32 {
-            message.push(format!(
+            sentences.push(format!(
                 "weights are kept in {}, which changes maps by {:.1e} of their root mean square and the held-out loss to {:.3}",
                 self.kept.precision.name(),
                 self.kept.map_change,
                 self.kept.held_out_loss
             ));
         }
-        message
+        sentences
     }
 }

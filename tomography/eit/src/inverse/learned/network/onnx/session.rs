@@ -66,14 +66,14 @@ impl OnnxReconstructor {
             (SURVEY, "survey", protocol.hash()),
             (GEOMETRY, "geometry", mesh.hash().to_owned()),
         ] {
-            let message = session.metadata().ok().and_then(|all| all.custom(key));
-            match message {
-                Some(message) if message == here => notes.push(what),
-                Some(message) => {
+            let value = session.metadata().ok().and_then(|all| all.custom(key));
+            match value {
+                Some(value) if value == here => notes.push(what),
+                Some(value) => {
                     return Err(OnnxError::Other {
                         path: path.to_owned(),
                         what,
-                        message,
+                        value,
                         here,
                     });
                 }
