@@ -96,6 +96,19 @@ impl Map {
         noise.map(|noise| largest > noise)
     }
 
+    /// [`Map::found`] of a map whose noise alone makes this largest loss; `None` also where nothing is above it.
+    pub fn found_above(
+        &self,
+        noise: Option<f64>,
+        centroids: &[[f64; 2]],
+        areas: &[f64],
+    ) -> Option<[f64; 2]> {
+        match self.is_significant(noise) {
+            Some(false) => None,
+            Some(true) | None => self.found(centroids, areas),
+        }
+    }
+
     /// The loss-weighted centroid of the triangles at or above half the largest loss, in the units of `centroids`
     /// (one point a triangle of the region), weighted by loss times `areas`. `None` where nothing is lost.
     ///

@@ -73,12 +73,9 @@ impl Field {
         map.mesh_hash == self.mesh_hash && map.values.len() == self.areas.len()
     }
 
-    /// Where the load lies, m: [`Map::found`]; nothing where no loss is above the noise.
+    /// Where the load lies, m: [`Map::found_above`].
     pub(crate) fn found(&self, map: &Map, noise: Option<f64>) -> Option<[f64; 2]> {
-        match map.is_significant(noise) {
-            Some(false) => None,
-            Some(true) | None => map.found(&self.centroids, &self.areas),
-        }
+        map.found_above(noise, &self.centroids, &self.areas)
     }
 }
 

@@ -234,10 +234,7 @@ impl ReconstructionContext {
             Err(error) => (None, Some(chain(&error))),
         };
         Ok(Mapped {
-            found: match map.is_significant(noise) {
-                Some(false) => None,
-                Some(true) | None => map.found(&self.centroids, &self.areas),
-            },
+            found: map.found_above(noise, &self.centroids, &self.areas),
             noise,
             map,
             pressure,
