@@ -321,7 +321,8 @@ pub(crate) fn legend<DB: DrawingBackend>(
     Ok(())
 }
 
-/// What stands under the title: the method, how many readings it had to do without, and where the map shows nothing that.
+/// What stands under the title: that the map shows nothing above its noise, where it does not; the method; and how many
+/// readings it had to do without.
 pub(crate) fn caption(map: &Map, style: &Style) -> String {
     let method = match map.masked {
         0 => map.method.clone(),
