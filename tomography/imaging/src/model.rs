@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use eit::{Calibration, Reconstructor};
+use eit::{Calibration, LossOnly, Reconstructor};
 
 use crate::methods::AfterFrames;
 
@@ -34,6 +34,14 @@ impl Model {
             slow: false,
             after_frames: None,
         }
+    }
+
+    /// A trained reconstructor; `loss_only` cuts its maps to losses.
+    pub fn trained(trained: Box<dyn Reconstructor>, loss_only: bool) -> Self {
+        Self::new(match loss_only {
+            true => Arc::new(LossOnly::new(trained)),
+            false => Arc::from(trained),
+        })
     }
 
     /// The same for another run of frames: a method that is settled by its first frames has seen none.

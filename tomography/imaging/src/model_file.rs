@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use eit::Reconstructor;
 use eit::inverse::learned::network::{is_onnx, load_onnx};
-use eit::{LossOnly, Reconstructor};
 use survey::{Protocol, Reading};
 
 use crate::error::BuildError;
@@ -36,19 +36,9 @@ pub fn load(
         cause,
     })?;
     let hash = Some(loaded.hash().to_owned());
-    let reconstructor = cut(loaded.into_reconstructor(), loss_only);
-    check(path, reconstructor.as_ref(), geometry, protocol)?;
-    Ok(Model {
-        hash,
-        ..Model::new(reconstructor)
-    })
-}
-
-fn cut(trained: Box<dyn Reconstructor>, loss_only: bool) -> Arc<dyn Reconstructor> {
-    match loss_only {
-        true => Arc::new(LossOnly::new(trained)),
-        false => Arc::from(trained),
-    }
+    let model = Model::trained(loaded.into_reconstructor(), loss_only);
+    check(path, model.reconstructor.as_ref(), geometry, protocol)?;
+    Ok(Model { hash, ..model })
 }
 
 /// A network trained elsewhere; its file says nothing of sheet and survey, so both are this rig's.
@@ -69,7 +59,7 @@ fn onnx(
     Ok(Model {
         hash: Some(eit::model::fingerprint(&bytes)),
         notes: network.assumptions(),
-        ..Model::new(cut(network, loss_only))
+        ..Model::trained(network, loss_only)
     })
 }
 

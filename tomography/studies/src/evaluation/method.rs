@@ -2,7 +2,7 @@
 //! program does; all others are prepared by `imaging`.
 
 use clap::{Args, Parser};
-use eit::{Case, Jitter, LossOnly, Reconstructor, TrainingSettings};
+use eit::{Case, Jitter, TrainingSettings};
 use imaging::recorded::{Fitted, FrameTable};
 use imaging::{BuildError, Geometry, Method, MethodArguments, Model};
 use training::{Cached, linear, rbf, single_current};
@@ -120,12 +120,7 @@ impl MethodOptions {
 
 /// A model that was trained for the case, its maps cut to losses where that is asked for.
 fn trained(cached: Cached, loss_only: bool) -> Model {
-    let trained = cached.model.into_reconstructor();
-    let reconstructor: Box<dyn Reconstructor> = match loss_only {
-        true => Box::new(LossOnly::new(trained)),
-        false => trained,
-    };
-    let mut model = Model::new(reconstructor.into());
+    let mut model = Model::trained(cached.model.into_reconstructor(), loss_only);
     model.notes = cached.notes;
     model
 }
