@@ -84,7 +84,7 @@ fn crates_and_files_have_telling_names() {
 const METAPHORS: &[(&str, &str)] = &[
     ("said", "message, text, reported"),
     ("unsaid", "unreported"),
-    ("told", "reported, notes, sent"),
+    ("told", "reported, configured, sent"),
     ("untold", "unreported"),
     ("heard", "received"),
     ("unheard", "not received"),
