@@ -134,9 +134,7 @@ impl ClientSession {
             rig.receive_from(instrument, session, &received, ReplyTiming::InTime)
         })
         .await;
-        let mut received = reply.map_err(io::Error::other)?;
-        received.wait += self.rig.slowness(self.instrument);
-        Ok(received)
+        reply.map_err(io::Error::other)
     }
 
     /// When the reply to a message that came now is due. A client that sends the next message at once is answered at the
@@ -154,7 +152,9 @@ impl ClientSession {
 
     /// Waits as long as the instrument needs, and gives what is to be sent.
     pub(crate) async fn finish(&self, received: MessageOutcome) -> Delivery {
-        let end = self.due(received.wait);
+        // The pace of the source makes up for delays of timers, not for a fault that slows the instrument.
+        let slowness = self.rig.slowness(self.instrument);
+        let end = self.due(received.wait) + slowness;
         // Readings cost a solution of the sheet each: they are taken while they are waited for, not at the end.
         let step = (received.wait / 8).clamp(SHORTEST_STEP, LONGEST_STEP);
         while received.later && end.saturating_duration_since(Instant::now()) > 2 * step {
@@ -164,7 +164,7 @@ impl ClientSession {
                 .await
                 .ok();
         }
-        if !received.wait.is_zero() {
+        if !(received.wait + slowness).is_zero() {
             tokio::time::sleep_until(end).await;
         }
         let text = if received.later {
