@@ -1,6 +1,9 @@
 //! `tactus-lab scene explain`: what is in a scene, what was left out, and whether it matters.
 
-use phantom::{Prediction, Preview};
+use std::time::Duration;
+
+use phantom::{Prediction, Preview, Repeat, Scene};
+use serde::Serialize;
 use serde_json::json;
 
 use crate::args::ExplainOptions;
@@ -46,7 +49,77 @@ impl Verdict {
     }
 }
 
-/// Prints the sizes of all effects, and warns.
+/// A load or a fault of the scene, and when it comes.
+#[derive(Debug, Serialize)]
+struct TimedEntry {
+    name: String,
+    from_s: f64,
+    to_s: Option<f64>,
+    every_s: Option<f64>,
+    times: u32,
+}
+
+impl TimedEntry {
+    fn new(name: &str, from: Duration, to: Option<Duration>, repeat: Option<Repeat>) -> Self {
+        Self {
+            name: name.to_owned(),
+            from_s: from.as_secs_f64(),
+            to_s: to.map(|to| to.as_secs_f64()),
+            every_s: repeat.map(|repeat| repeat.every().as_secs_f64()),
+            times: repeat.map_or(1, Repeat::times),
+        }
+    }
+
+    fn line(&self, kind: &str) -> String {
+        let until = self.to_s.map(|to| format!(" to {to} s"));
+        let again = (self.every_s)
+            .map(|every| format!("; again every {every} s, {} times in all", self.times));
+        format!(
+            "{kind:5} {:24} from {} s{}{}",
+            self.name,
+            self.from_s,
+            until.unwrap_or_default(),
+            again.unwrap_or_default(),
+        )
+    }
+}
+
+/// The scene's loads and faults in the order of its text.
+struct TimeLine {
+    loads: Vec<TimedEntry>,
+    faults: Vec<TimedEntry>,
+}
+
+impl TimeLine {
+    fn of(scene: &Scene) -> Self {
+        let loads = scene.loads.iter();
+        let faults = scene.faults.iter();
+        Self {
+            loads: loads
+                .map(|load| TimedEntry::new(&load.load.name, load.from, load.to, load.repeat))
+                .collect(),
+            faults: faults
+                .map(|fault| {
+                    let to = fault.lasts.map(|lasts| fault.at.saturating_add(lasts));
+                    TimedEntry::new(&fault.what, fault.at, to, fault.repeat)
+                })
+                .collect(),
+        }
+    }
+
+    /// For people; ends in an empty line where there is something.
+    fn lines(&self) -> Vec<String> {
+        let loads = self.loads.iter().map(|load| load.line("load"));
+        let faults = self.faults.iter().map(|fault| fault.line("fault"));
+        let mut lines: Vec<String> = loads.chain(faults).collect();
+        if !lines.is_empty() {
+            lines.push(String::new());
+        }
+        lines
+    }
+}
+
+/// Prints the time line and the sizes of all effects, and warns.
 pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
     let scene = super::open(&options.scene)?;
     let scan = super::scan(&scene, &options.session)?;
@@ -70,6 +143,7 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
     } else {
         "the voltmeter's table"
     };
+    let time_line = TimeLine::of(&scene);
     if options.json {
         let effects: Vec<_> = predictions
             .iter()
@@ -93,6 +167,8 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
             "noise_v": noise,
             "noise_from": source,
             "signal_v": signal,
+            "loads": time_line.loads,
+            "faults": time_line.faults,
             "effects": effects,
             "missing": of(Verdict::Missing),
             "negligible": of(Verdict::Negligible),
@@ -105,6 +181,9 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
         format!("signal {signal:.1e} V rms, in the frame in which the loads change most")
     });
     println!("noise {noise:.1e} V a reading ({source}); {signal_text}\n");
+    for line in time_line.lines() {
+        println!("{line}");
+    }
     println!(
         "{:20} {:5} {:>9} {:>9} {:>9}",
         "effect", "named", "volts rms", "of noise", "of signal"

@@ -6,7 +6,7 @@ mod run;
 
 use std::time::Duration;
 
-use phantom::{Phantom, Scan, Scene};
+use phantom::{Phantom, Repeat, Scan, Scene};
 use survey::{Amps, Volts};
 
 use crate::args::{SceneCommand, SessionOptions};
@@ -34,7 +34,10 @@ fn check(scenes: &[String]) -> Result<(), Failure> {
     for name in scenes {
         let checked = open(name).and_then(|scene| {
             let effects: Vec<&str> = scene.effects.names().collect();
-            let (loads, faults) = (scene.loads.len(), scene.faults.len());
+            let again =
+                |repeat: Option<Repeat>| repeat.map_or(1, |repeat| u64::from(repeat.times()));
+            let loads: u64 = scene.loads.iter().map(|load| again(load.repeat)).sum();
+            let faults: u64 = scene.faults.iter().map(|fault| again(fault.repeat)).sum();
             Phantom::new(scene)
                 .and_then(|mut phantom| phantom.transfer_impedance(Duration::ZERO).map(|_| ()))
                 .map_err(|fault| Failure::of(name, &fault))?;
@@ -111,7 +114,7 @@ fn scan(scene: &Scene, options: &SessionOptions) -> Result<Scan, Failure> {
             let ends = scene
                 .loads
                 .iter()
-                .map(|timed| timed.to.unwrap_or(timed.from));
+                .map(|timed| timed.end().unwrap_or(timed.from));
             let last = ends.max().unwrap_or_default();
             let step = scan.begin(1).as_secs_f64();
             ((last.as_secs_f64() / step).ceil() as usize + 1).max(2)

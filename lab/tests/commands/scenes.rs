@@ -45,6 +45,37 @@ fn explain_lists_every_effect_and_says_what_matters() {
 }
 
 #[test]
+fn explain_lists_the_time_line_with_its_repeats() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("hourly.toml");
+    let text = "[[load]]\nname = \"sitter\"\nshape = \"disc\"\ndiameter_mm = 30\nx_mm = 60\ny_mm = 70\n\
+        loss_percent = 20\nfrom_s = 60\nto_s = 900\nrepeat = { every_s = 3600, times = 5 }\n\
+        [[fault]]\nat_s = 30\nwhat = \"lost 6221\"\n";
+    std::fs::write(&path, text).unwrap();
+    let output = lab(&words("scene explain {} --frames 2", &[&path]));
+    let printed = String::from_utf8(output.stdout).unwrap();
+    for line in [
+        "load  sitter                   from 60 s to 900 s; again every 3600 s, 5 times in all",
+        "fault lost 6221                from 30 s",
+    ] {
+        assert!(printed.lines().any(|printed| printed == line), "{printed}");
+    }
+    let output = lab(&words("scene explain {} --frames 2 --json", &[&path]));
+    let reported: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let load = serde_json::json!(
+        { "name": "sitter", "from_s": 60.0, "to_s": 900.0, "every_s": 3600.0, "times": 5 }
+    );
+    assert_eq!(reported["loads"], serde_json::json!([load]));
+    assert_eq!(reported["faults"][0]["times"], 1);
+    let output = lab(&words("scene check {}", &[&path]));
+    let printed = String::from_utf8(output.stdout).unwrap();
+    assert!(
+        printed.contains(": 5 loads, 1 faults, no effects"),
+        "{printed}"
+    );
+}
+
+#[test]
 fn scene_run_writes_a_reproducible_case_folder_with_truth() {
     let folder = tempfile::tempdir().unwrap();
     let [one, two] = ["one", "two"].map(|name| folder.path().join(name));

@@ -91,11 +91,13 @@ impl SimulatedRig {
     pub fn new(profile: &Profile, scene: Scene) -> Result<Self, RigError> {
         let mut time_line = profile.faults.clone();
         for fault in &scene.faults {
-            let read = TimedFault::read(fault.at, fault.lasts, &fault.what);
-            time_line.extend(read.map_err(|cause| RigError::Fault {
-                place: fault.place.clone(),
-                cause,
-            })?);
+            for at in fault.moments() {
+                let read = TimedFault::read(at, fault.lasts, &fault.what);
+                time_line.extend(read.map_err(|cause| RigError::Fault {
+                    place: fault.place.clone(),
+                    cause,
+                })?);
+            }
         }
         let phantom = Phantom::new(scene)?;
         let electrodes = phantom.electrodes();

@@ -175,6 +175,25 @@ async fn a_scene_has_faults_beside_its_loads() {
     );
 }
 
+#[tokio::test]
+async fn a_repeated_fault_happens_and_ends_each_time() {
+    let text = "[[fault]]\nat_s = 10\nfor_s = 5\nrepeat = { every_s = 20, times = 3 }\nwhat = \"overload on\"\n";
+    let scene = Scene::parse("faulty.toml", text).unwrap();
+    let profile = Profile::default().at_pace(Pace::Instant);
+    let rig = SimulatedRig::new(&profile, scene).unwrap();
+    drive(&rig);
+    let mut seen = Vec::new();
+    for _ in 0..4 {
+        for step in [11, 5, 4] {
+            rig.advance(Duration::from_secs(step));
+            seen.push(read(&rig, 1001) > 9e37);
+        }
+    }
+    let mut wanted = [true, false, false].repeat(3);
+    wanted.extend([false; 3]);
+    assert_eq!(seen, wanted);
+}
+
 async fn link(served: &Served, instrument: &str) -> Link<rig::BoxStream> {
     let stream = connect_tcp(served.address(instrument), DEADLINE)
         .await

@@ -11,6 +11,7 @@ use eit::Mesh;
 
 use crate::law::Law;
 use crate::load::{GRAVITY, Load, LoadError, Shape, pressure_kpa};
+use crate::repeat::Repeat;
 
 /// How far a load moves in one step, mm.
 pub(crate) const STEP_MM: f64 = 0.25;
@@ -98,6 +99,8 @@ pub struct TimedLoad {
     pub from: Duration,
     /// Until this moment, excluded; `None` for good.
     pub to: Option<Duration>,
+    /// How it comes again, each time as the first; `None` for a load that comes once.
+    pub repeat: Option<Repeat>,
     /// How much it presses, as it begins.
     pub amount: Amount,
     /// Where it goes and what it presses then, in order of time; empty for a load that stays as it is.
@@ -120,14 +123,40 @@ impl TimedLoad {
             load,
             from,
             to,
+            repeat: None,
             path: Vec::new(),
             contact: Contact::Even,
         }
     }
 
+    /// When it is taken away for the last time; `None` where it stays for good.
+    pub fn end(&self) -> Option<Duration> {
+        let last = self.repeat.map_or(0, |repeat| repeat.times() - 1);
+        Some(self.to?.saturating_add(self.delay(last)))
+    }
+
     /// Whether the load is on the sheet.
     pub fn is_on(&self, at: Duration) -> bool {
+        let (_, at) = self.in_first(at);
+        self.is_on_first(at)
+    }
+
+    /// Whether it is on the sheet for the first time.
+    fn is_on_first(&self, at: Duration) -> bool {
         at >= self.from && self.to.is_none_or(|to| at < to)
+    }
+
+    /// How much later than the first time a time of this number begins.
+    fn delay(&self, number: u32) -> Duration {
+        let repeat = self.repeat;
+        repeat.map_or(Duration::ZERO, |repeat| repeat.delay(number))
+    }
+
+    /// Which time it is, from 0, and the moment of the first time that a moment is like.
+    fn in_first(&self, at: Duration) -> (u32, Duration) {
+        let since = at.saturating_sub(self.from);
+        let number = self.repeat.map_or(0, |repeat| repeat.number(since));
+        (number, at.saturating_sub(self.delay(number)))
     }
 
     /// The waypoint of a number; 0 is where it begins.
@@ -166,7 +195,8 @@ impl TimedLoad {
 
     /// Which step it is in; `None` while it is not on the sheet.
     pub(crate) fn stage(&self, at: Duration) -> Option<Stage> {
-        if !self.is_on(at) {
+        let (_, at) = self.in_first(at);
+        if !self.is_on_first(at) {
             return None;
         }
         let behind = self.behind(at);
@@ -183,10 +213,22 @@ impl TimedLoad {
 
     /// The next moment after this one at which it is pressed, moves on, or is taken away.
     pub(crate) fn next_change(&self, after: Duration) -> Option<Duration> {
+        let (number, first) = self.in_first(after);
+        match (self.next_change_of_first(first), self.repeat) {
+            (Some(change), _) => Some(change.saturating_add(self.delay(number))),
+            (None, Some(repeat)) if number + 1 < repeat.times() => {
+                Some(self.from.saturating_add(repeat.delay(number + 1)))
+            }
+            (None, _) => None,
+        }
+    }
+
+    /// The same for its first time on the sheet.
+    fn next_change_of_first(&self, after: Duration) -> Option<Duration> {
         if after < self.from {
             return Some(self.from);
         }
-        if !self.is_on(after) {
+        if !self.is_on_first(after) {
             return None;
         }
         let stage = self.stage(after)?;
@@ -208,6 +250,16 @@ impl TimedLoad {
             (Some(next), Some(to)) => Some(next.min(to)),
             (next, to) => next.or(to),
         }
+    }
+
+    /// The load at a moment, named by which time it is where it repeats; `None` while it is not on the sheet.
+    pub(crate) fn at(&self, at: Duration, law: &Law) -> Option<Load> {
+        let mut load = self.momentary(self.stage(at)?, law);
+        if self.repeat.is_some() {
+            let (number, _) = self.in_first(at);
+            load.name = format!("{} {}", load.name, number + 1);
+        }
+        Some(load)
     }
 
     /// Where it is and how much it presses in the middle of a step.
@@ -441,6 +493,28 @@ mod tests {
             last = next;
         }
         assert_eq!(changes.len(), 1 + 1 + 40 + 25 + 1, "{changes:?}");
+        // and again, each time as the first
+        let again = TimedLoad {
+            repeat: Some(Repeat::new(100.0, 3).unwrap()),
+            ..timed.clone()
+        };
+        assert_eq!(again.end(), Some(seconds(260)));
+        let mut all = Vec::new();
+        let mut last = Duration::ZERO;
+        while let Some(next) = again.next_change(last) {
+            all.push(next.as_secs_f64());
+            last = next;
+        }
+        assert_eq!(all.len(), 3 * changes.len());
+        for (k, moment) in all.iter().enumerate() {
+            let first = changes[k % changes.len()];
+            let round = (k / changes.len()) as f64;
+            assert!((moment - first - 100.0 * round).abs() < 1e-6, "{k}");
+        }
+        assert_eq!(again.stage(seconds(225)), timed.stage(seconds(25)));
+        for off in [9, 60, 109, 160, 260, 325] {
+            assert_eq!(again.stage(seconds(off)), None, "{off}");
+        }
         // never further than half a step from where it is
         for millis in (20_000..30_000).step_by(7) {
             let stage = timed.stage(Duration::from_millis(millis)).unwrap();

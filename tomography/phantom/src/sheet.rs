@@ -160,7 +160,7 @@ impl Phantom {
     pub fn loads(&self, at: Duration) -> impl Iterator<Item = Load> {
         let timed = self.scene.loads.iter();
         timed
-            .filter_map(move |timed| Some(timed.momentary(timed.stage(at)?, &self.law)))
+            .filter_map(move |timed| timed.at(at, &self.law))
             .chain(self.live.iter().map(|(load, _)| load.clone()))
     }
 

@@ -185,3 +185,34 @@ fn contacts_of_the_scene_stay_under_effects_on_contacts() {
     let mut under = phantom(&nothing);
     assert!(under.transfer_impedance(seconds(0.0)).unwrap() == &plain);
 }
+
+#[test]
+fn a_repeated_load_is_its_written_out_copies_to_the_bit() {
+    let load = |from: u32, repeat: &str| {
+        format!(
+            "[[load]]\nname = \"night\"\nshape = \"disc\"\ndiameter_mm = 20\nx_mm = 60\ny_mm = 70\nloss_percent = 50\n\
+             from_s = {from}\nto_s = {}\npath = [{{ at_s = {}, x_mm = 62 }}]\n{repeat}\n",
+            from + 10,
+            from + 4
+        )
+    };
+    let effects = "[effects.creep]\n[effects.set]\n[effects.hysteresis]\n";
+    let mut repeated = phantom(&format!(
+        "{effects}{}",
+        load(5, "repeat = { every_s = 30, times = 3 }")
+    ));
+    let copies = [5, 35, 65].map(|from| load(from, "")).concat();
+    let mut copied = phantom(&format!("{effects}{copies}"));
+    for at in [0.0, 6.5, 14.0, 20.0, 36.5, 46.0, 67.0, 74.9, 75.0, 100.0] {
+        let at = seconds(at);
+        let one = repeated.transfer_impedance(at).unwrap();
+        assert_eq!(one, copied.transfer_impedance(at).unwrap(), "{at:?}");
+    }
+    let names = |at: f64| -> Vec<String> {
+        let loads = repeated.loads(seconds(at));
+        loads.map(|load| load.name).collect()
+    };
+    assert_eq!(names(6.0), ["night 1"]);
+    assert_eq!(names(66.0), ["night 3"]);
+    assert_eq!(names(96.0), [""; 0]);
+}

@@ -232,6 +232,52 @@ fn a_way_goes_on_in_time_and_in_kind() {
 }
 
 #[test]
+fn a_repeat_has_sound_numbers_and_waits_for_the_end() {
+    let load = |rest: &str| format!("{DISC}x_mm = 100\nmass_g = 300\n{rest}\n");
+    let fault = |rest: &str| format!("[[fault]]\nat_s = 5\nwhat = \"drop 6221\"\n{rest}\n");
+    for (text, wanted) in [
+        (
+            load("repeat = { every_s = 10, times = 3 }"),
+            "7:10: a load that comes again needs to_s",
+        ),
+        (
+            load("to_s = 10\nrepeat = { every_s = 10, times = 3 }"),
+            "8:22: repeat.every_s is 10, it must be longer than the load lies there (10 s)",
+        ),
+        (
+            load("to_s = 10\nrepeat = { every_s = 20, times = 0 }"),
+            "8:34: repeat.times is 0, it must be 2 to 100000, the first time included",
+        ),
+        (
+            load("to_s = 10\nrepeat = { every_s = 20 }"),
+            "8:10: missing field `times`",
+        ),
+        (
+            load("to_s = 10\nrepeat = { every = 20, times = 3 }"),
+            "8:12: unknown field `every`, expected `every_s` or `times`; a key ends in its unit",
+        ),
+        (
+            fault("repeat = { every_s = -1, times = 3 }"),
+            "4:22: repeat.every_s is -1, it must be 0.001 to",
+        ),
+        (
+            fault("repeat = { every_s = 1e9, times = 100000 }"),
+            "4:22: repeat.every_s is 1000000000, it must be 0.001 to 31558 s",
+        ),
+        (
+            fault("repeat = { every_s = 5, times = -3 }"),
+            "4:33: repeat.times is -3, it must be 2 to 100000",
+        ),
+        (
+            fault("for_s = 7\nrepeat = { every_s = 5, times = 3 }"),
+            "5:22: repeat.every_s is 5, it must be longer than the fault lasts (7 s)",
+        ),
+    ] {
+        says(&text, &format!("s.toml:{wanted}"));
+    }
+}
+
+#[test]
 fn a_contact_belongs_to_its_shape() {
     let load = |rest: &str| format!("[[load]]\nx_mm = 100\ny_mm = 50\n{rest}\n");
     for (rest, wanted) in [

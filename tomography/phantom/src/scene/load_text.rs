@@ -7,7 +7,7 @@ use eit::Preset;
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::{Fault, moment};
+use super::{Fault, RepeatText, moment};
 use crate::law::Law;
 use crate::load::{Load, LoadError, Shape};
 use crate::press::{Amount, Contact, TimedLoad, Waypoint, hertz_radius_mm};
@@ -61,6 +61,7 @@ pub(super) struct LoadText {
     contact: Option<Spanned<ContactName>>,
     from_s: Option<Spanned<f64>>,
     to_s: Option<Spanned<f64>>,
+    repeat: Option<Spanned<RepeatText>>,
     #[serde(default)]
     path: Vec<Spanned<WaypointText>>,
 }
@@ -183,6 +184,16 @@ impl LoadText {
                 "to_s must be later than from_s".to_owned(),
             ));
         }
+        let repeat = match self.repeat {
+            None => None,
+            Some(repeat) => {
+                let lies = to.map(|to| to - from).ok_or_else(|| {
+                    let why = "a load that comes again needs to_s: it is taken away before";
+                    Fault(repeat.span(), why.to_owned())
+                })?;
+                Some(repeat.into_inner().repeat(lies, "the load lies there")?)
+            }
+        };
         let load = Load {
             name: self.name.unwrap_or_else(|| format!("load {}", index + 1)),
             shape,
@@ -198,6 +209,7 @@ impl LoadText {
             load,
             from,
             to,
+            repeat,
             amount,
             path: Vec::new(),
             contact,

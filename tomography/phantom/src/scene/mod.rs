@@ -15,6 +15,7 @@ use crate::effects::{EffectSettings, Effects};
 use crate::law::Pressure;
 use crate::paper;
 use crate::press::TimedLoad;
+use crate::repeat::Repeat;
 use load_text::LoadText;
 
 /// How much finer than its preset the phantom's mesh is, unless the scene says.
@@ -27,10 +28,22 @@ pub struct SceneFault {
     pub at: Duration,
     /// How long it lasts; `None` for good, or for what passes by itself.
     pub lasts: Option<Duration>,
+    /// How it happens again; `None` for once.
+    pub repeat: Option<Repeat>,
     /// What happens.
     pub what: String,
     /// Where the words stand: `file:line:column`.
     pub place: String,
+}
+
+impl SceneFault {
+    /// Each moment at which it happens, in order.
+    pub fn moments(&self) -> impl Iterator<Item = Duration> + use<> {
+        let (first, repeat) = (self.at, self.repeat);
+        let times = repeat.map_or(1, Repeat::times);
+        let delay = move |number| repeat.map_or(Duration::ZERO, |repeat| repeat.delay(number));
+        (0..times).map(move |number| first.saturating_add(delay(number)))
+    }
 }
 
 /// What is simulated.
@@ -102,7 +115,37 @@ struct ContactText {
 struct FaultText {
     at_s: Spanned<f64>,
     for_s: Option<Spanned<f64>>,
+    repeat: Option<Spanned<RepeatText>>,
     what: Spanned<String>,
+}
+
+/// How a load comes again, or a fault happens again.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RepeatText {
+    every_s: Spanned<f64>,
+    times: Spanned<i64>,
+}
+
+impl RepeatText {
+    /// What lasts so long comes again only after it is over.
+    fn repeat(self, lasts: Duration, what: &str) -> Result<Repeat, Fault> {
+        let every = *self.every_s.get_ref();
+        let repeat = Repeat::new(every, *self.times.get_ref()).map_err(|refusal| {
+            let at = match refusal.key {
+                "times" => self.times.span(),
+                _ => self.every_s.span(),
+            };
+            Fault(at, format!("repeat.{refusal}"))
+        })?;
+        if repeat.every() <= lasts {
+            let lasts = lasts.as_secs_f64();
+            let why =
+                format!("repeat.every_s is {every}, it must be longer than {what} ({lasts} s)");
+            return Err(Fault(self.every_s.span(), why));
+        }
+        Ok(repeat)
+    }
 }
 
 /// The phantom's own mesh, relative to the sheet's.
@@ -246,9 +289,15 @@ impl Text {
             .fault
             .into_iter()
             .map(|fault| {
+                let lasts = moment(fault.for_s.as_ref(), "for_s")?;
+                let repeat = fault.repeat.map(|repeat| {
+                    let lasts = lasts.unwrap_or_default();
+                    repeat.into_inner().repeat(lasts, "the fault lasts")
+                });
                 Ok(SceneFault {
                     at: moment(Some(&fault.at_s), "at_s")?.unwrap_or_default(),
-                    lasts: moment(fault.for_s.as_ref(), "for_s")?,
+                    lasts,
+                    repeat: repeat.transpose()?,
                     place: place(&fault.what.span()),
                     what: fault.what.into_inner(),
                 })
@@ -388,6 +437,12 @@ mod tests {
         for pair in test1.loads.windows(2) {
             assert!(pair[0].to.unwrap() <= pair[1].from);
         }
+        let month = Scene::open("month").unwrap();
+        assert_eq!(month.loads.len(), 1);
+        let nights = month.loads[0].repeat.map(Repeat::times);
+        assert_eq!(nights, Some(30));
+        let last_morning = Duration::from_secs(29 * 86_400 + 72_000);
+        assert_eq!(month.loads[0].end(), Some(last_morning));
         assert_eq!(test2.loads.len(), 9);
         let make = [paper::s2, paper::s3, paper::s4];
         for (k, timed) in test2.loads.iter().enumerate() {
