@@ -36,11 +36,14 @@ pub(crate) enum Failure {
     /// The reader of our output has gone (`tactus ... | head`): not a failure.
     #[error("the reader of the output has gone")]
     Closed,
+    /// A signal asked the program to end: not a failure, and nothing is printed.
+    #[error("ended by signal {0}")]
+    Signal(u8),
 }
 
 impl Failure {
     /// The exit code: 0 done, 1 failed, 2 usage, 3 no daemon, no such session or baseline, 4 not authorised,
-    /// 5 instrument fault, 6 timeout, 75 busy (try again later), 78 configuration.
+    /// 5 instrument fault, 6 timeout, 75 busy (try again later), 78 configuration, 128 and more a signal.
     pub(crate) fn code(&self) -> u8 {
         match self {
             Self::Closed => 0,
@@ -53,6 +56,8 @@ impl Failure {
             // EX_TEMPFAIL
             Self::Busy(_) => 75,
             Self::Configuration(_) => 78,
+            // as a shell reports it
+            Self::Signal(number) => number.saturating_add(128),
         }
     }
 
@@ -107,6 +112,7 @@ mod tests {
         assert_eq!(Failure::Timeout(text()).code(), 6);
         assert_eq!(Failure::Busy(text()).code(), 75);
         assert_eq!(Failure::Configuration(text()).code(), 78);
+        assert_eq!(Failure::Signal(15).code(), 143);
     }
 
     #[test]

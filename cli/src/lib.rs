@@ -65,6 +65,7 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
     let outputs = outfile::check_arguments(&command, &matches).map_err(Failure::from);
     match outputs.and_then(|()| dispatch(arguments, &mut printer)) {
         Ok(()) | Err(Failure::Closed) => ExitCode::SUCCESS,
+        Err(failure @ Failure::Signal(_)) => failure.exit_code(),
         Err(failure) => {
             output::complain(&format!("tactus: {failure}"));
             failure.exit_code()

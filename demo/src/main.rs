@@ -240,6 +240,7 @@ async fn press_all(
             };
             let style = TerminalStyle {
                 width: 60,
+                height: None,
                 colour: colour(),
                 style,
             };

@@ -205,6 +205,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     ] {
         let style = TerminalStyle {
             width: 60,
+            height: None,
             colour,
             style: mark(place, "Test 1, position 6"),
         };
@@ -212,6 +213,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     let style = TerminalStyle {
         width: 48,
+        height: None,
         colour: TerminalColour::Plain,
         style,
     };

@@ -25,6 +25,9 @@ pub enum TerminalColour {
 pub struct TerminalStyle {
     /// Columns the sheet and its numbers take at most; at least 20. Below about 50 the words beneath are longer.
     pub width: usize,
+    /// Lines that the whole text takes at most, as far as 14 lines and the lines of found and true place allow; `None`
+    /// for as many as the width needs.
+    pub height: Option<usize>,
     /// What the terminal can show.
     pub colour: TerminalColour,
     /// Title, scale, marks.
@@ -35,6 +38,7 @@ impl Default for TerminalStyle {
     fn default() -> Self {
         Self {
             width: 80,
+            height: None,
             colour: TerminalColour::default(),
             style: Style::default(),
         }
@@ -45,6 +49,8 @@ impl Default for TerminalStyle {
 const MARGIN: usize = 4;
 /// Wider pictures do not fit a screen's height.
 const WIDEST: usize = 72;
+/// Rows of the sheet, as far as the height has so many, before hot spots are named.
+const FEWEST_ROWS: usize = 10;
 /// Hot spots named at most.
 const SPOTS: usize = 3;
 /// Nothing, then more and more loss.
@@ -70,8 +76,27 @@ pub fn terminal(sheet: &Sheet, map: &Map, style: &TerminalStyle) -> Result<Strin
     // A cell is about twice as high as wide: two square pixels.
     let mut columns = available;
     let mut rows = (columns as f64 * extent.height() / extent.width() / 2.0).round() as usize;
-    if rows > available {
-        rows = available;
+    let mut spots = match style.style.nothing_above {
+        Some(_) => Vec::new(),
+        None => hot_spots(sheet, map)?,
+    };
+    spots.truncate(SPOTS);
+    let mut most = available;
+    if let Some(height) = style.height {
+        // caption, title, two rows of numbers, three lines of scale
+        let around = 6 + usize::from(has_title(&style.style));
+        let named = [
+            style.style.found.is_some(),
+            style.style.true_position.is_some(),
+        ];
+        let named = named.into_iter().filter(|named| *named).count();
+        let lines = height.saturating_sub(around + named);
+        let fewest = lines.min(FEWEST_ROWS);
+        spots.truncate(lines - fewest);
+        most = most.min(lines - spots.len());
+    }
+    if rows > most {
+        rows = most;
         columns = ((2 * rows) as f64 * extent.width() / extent.height()).round() as usize;
     }
     let (columns, rows) = (columns.max(1), rows.max(1));
@@ -79,11 +104,6 @@ pub fn terminal(sheet: &Sheet, map: &Map, style: &TerminalStyle) -> Result<Strin
     let range = Range::styled(map, &style.style)?;
     canvas.paint(&raster(sheet, map, columns, 2 * rows)?);
     canvas.number(sheet);
-    let mut spots = match style.style.nothing_above {
-        Some(_) => Vec::new(),
-        None => hot_spots(sheet, map)?,
-    };
-    spots.truncate(SPOTS);
     for (index, spot) in spots.iter().enumerate() {
         canvas.mark(spot.place, char::from(b'1' + index as u8));
     }
@@ -106,8 +126,12 @@ pub fn terminal(sheet: &Sheet, map: &Map, style: &TerminalStyle) -> Result<Strin
     Ok(text)
 }
 
+fn has_title(style: &Style) -> bool {
+    !style.title.is_empty() || style.simulated
+}
+
 fn head(text: &mut String, map: &Map, style: &Style, ink: Ink) {
-    if !style.title.is_empty() || style.simulated {
+    if has_title(style) {
         let simulated = match (style.simulated, ink.0) {
             (false, _) => String::new(),
             (true, TerminalColour::Plain) => "  [SIMULATED]".into(),

@@ -118,6 +118,7 @@ fn pressure_is_in_kilopascals_and_a_loss_never_is() {
     };
     let terminal = TerminalStyle {
         width: 50,
+        height: None,
         colour: TerminalColour::Plain,
         style: style(),
     };
@@ -210,6 +211,7 @@ fn a_plain_terminal_gets_ascii_with_scale_numbers_and_marks() {
     let (sheet, map) = scene();
     let mut wanted = TerminalStyle {
         width: 50,
+        height: None,
         colour: TerminalColour::Plain,
         style: style(),
     };
@@ -237,6 +239,24 @@ fn a_plain_terminal_gets_ascii_with_scale_numbers_and_marks() {
 }
 
 #[test]
+fn a_picture_fits_the_height_of_a_terminal() {
+    let (sheet, map) = scene();
+    for (height, spots) in [(40, true), (22, true), (19, false), (12, false)] {
+        let wanted = TerminalStyle {
+            width: 80,
+            height: Some(height),
+            colour: TerminalColour::Plain,
+            style: style(),
+        };
+        let text = render::terminal(&sheet, &map, &wanted).unwrap();
+        assert!(text.lines().count() <= height, "{height} lines:\n{text}");
+        assert!(text.starts_with("a press  [SIMULATED]"), "{text}");
+        assert_eq!(text.contains("hot spot"), spots, "{height} lines:\n{text}");
+        assert!(text.contains("x found"), "{text}");
+    }
+}
+
+#[test]
 fn a_colour_terminal_is_left_as_it_was_found() {
     let (sheet, map) = scene();
     for (colour, code) in [
@@ -245,6 +265,7 @@ fn a_colour_terminal_is_left_as_it_was_found() {
     ] {
         let wanted = TerminalStyle {
             width: 60,
+            height: None,
             colour,
             style: Style::default(),
         };

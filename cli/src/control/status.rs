@@ -31,7 +31,7 @@ struct Status {
 
 /// A lost rig that is being looked for.
 #[derive(Debug, Serialize)]
-struct Recovery {
+pub(crate) struct Recovery {
     what: String,
     tries: u64,
     next_s: Option<f64>,
@@ -40,7 +40,7 @@ struct Recovery {
 
 impl Recovery {
     /// `None` when nothing is lost.
-    fn from(reported: dbus::Recovery) -> Option<Self> {
+    pub(crate) fn from(reported: dbus::Recovery) -> Option<Self> {
         Some(Self {
             what: reported.what?,
             tries: reported.tries.unwrap_or(0),
@@ -49,7 +49,8 @@ impl Recovery {
         })
     }
 
-    fn for_a_person(&self) -> String {
+    /// Which try this is, what is missing and when it is tried again.
+    pub(crate) fn for_a_person(&self) -> String {
         let tries = match self.tries {
             0 => "reconnecting".to_owned(),
             tries => format!("reconnecting, {tries} tries so far"),

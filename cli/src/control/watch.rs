@@ -1,23 +1,30 @@
 //! `tactus watch`: every frame of a session as it comes, with its map in the terminal.
 
+use std::cell::Cell;
 use std::io::Write;
 use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
 use dbus::{Session1Proxy, StreamOptions};
 use survey::printable;
+use tokio::signal::unix::{SignalKind, signal};
 use tokio::time::Instant;
 
 use crate::args::Watch;
 use crate::connection::Daemon;
-use crate::control::viewer::Viewer;
+use crate::control::status::Recovery;
+use crate::control::viewer::{self, Viewer};
 use crate::failure::Failure;
 use crate::maps::drawing::Field;
-use crate::options::duration::display_span;
+use crate::options::duration::{display_long, display_span};
+use crate::output::screen::Screen;
 use crate::output::{Printer, complain};
 
 /// How often the daemon is asked whether a session has begun.
 const LOOK_AGAIN: Duration = Duration::from_millis(200);
+/// Without a frame for this long, it says why it waits.
+const WAITS: Duration = Duration::from_secs(2);
+
 /// Follows a session until it ends, or until `--count` or `--for` is reached.
 pub(crate) async fn run(
     daemon: &Daemon,
@@ -68,13 +75,24 @@ pub(crate) async fn run(
     let mut news = daemon.ask("the news", listening).await?;
     let listening = async { session.receive_frame_done().await.map_err(Into::into) };
     let mut frames = daemon.ask("the frames", listening).await?;
+    let screen = match maps && printer.is_terminal() && !watch.no_map {
+        true => Some(Screen::enter()?),
+        false => None,
+    };
+    let message = |text: &str| match &screen {
+        Some(screen) => screen.message(text),
+        None => {
+            complain(text);
+            Ok(())
+        }
+    };
     let judged = async {
         let mut before = String::new();
         while let Some(signal) = dbus::next(&mut frames).await {
             let Ok(done) = signal.args() else { continue };
             let flags = done.summary.quality.flags.clone().unwrap_or_default();
             if flags != before {
-                complain(&quality(done.sequence, &printable(&flags)));
+                message(&quality(done.sequence, &printable(&flags)))?;
                 before = flags;
             }
         }
@@ -84,7 +102,7 @@ pub(crate) async fn run(
     let events = async {
         while let Some(signal) = dbus::next(&mut news).await {
             if let Ok(event) = signal.args() {
-                complain(&format!("{}: {}", event.kind, printable(event.text)));
+                message(&format!("{}: {}", event.kind, printable(event.text)))?;
             }
         }
         std::future::pending().await
@@ -98,15 +116,112 @@ pub(crate) async fn run(
                 .filter(|_| session.id.as_deref() == Some(&id))
         }
     };
-    let mut viewer = Viewer::new(id, watch, field, printer);
+    let shown_at = Cell::new(Instant::now());
+    let waiting = async {
+        let mut before = None;
+        loop {
+            tokio::time::sleep(LOOK_AGAIN.max(WAITS.saturating_sub(shown_at.get().elapsed())))
+                .await;
+            if shown_at.get().elapsed() < WAITS {
+                continue;
+            }
+            let status = daemon.ask("the status", daemon.manager.status()).await?;
+            let (why, next) = reason(&id, status);
+            match &screen {
+                Some(screen) => screen.waiting(&format!("{why}{}", next.unwrap_or_default()))?,
+                None if before.as_ref() != Some(&why) => complain(&why),
+                None => {}
+            }
+            before = Some(why);
+        }
+    };
+    let mut viewer = Viewer::new(
+        id.clone(),
+        watch,
+        field,
+        screen.as_ref(),
+        &shown_at,
+        printer,
+    );
+    if screen.is_some() {
+        // an error says that there is none yet
+        if let Ok(latest) = session.latest_map().await {
+            let pressure = session.latest_pressure().await.ok();
+            viewer.show_latest(latest, pressure, noise().await)?;
+        }
+    }
     let ended = tokio::select! {
-        ended = viewer.follow(stream, deadline, noise) => ended?,
+        ended = viewer.follow(stream, deadline, noise) => ended,
         ended = events => ended,
         ended = judged => ended,
+        ended = waiting => ended,
+        number = ended_by_signal(screen.is_some()) => Err(Failure::Signal(number)),
     };
-    match ended {
-        Some(reason) => viewer.end(daemon, &session, reason).await,
+    let last = viewer.last_sentence();
+    if let Some(screen) = screen {
+        screen.close();
+        if let Some(last) = last {
+            printer.text(&last)?;
+        }
+    }
+    match ended? {
+        Some(reason) => viewer::end(daemon, &session, id, reason, printer).await,
         None => Ok(()),
+    }
+}
+
+/// The number of the first signal that asks the program to end. Without a screen there is nothing to put back, and the
+/// signal ends the program by itself.
+async fn ended_by_signal(on_screen: bool) -> u8 {
+    let signals = [
+        (SignalKind::interrupt(), 2),
+        (SignalKind::terminate(), 15),
+        (SignalKind::hangup(), 1),
+    ];
+    let mut waits = tokio::task::JoinSet::new();
+    for (kind, number) in signals.into_iter().filter(|_| on_screen) {
+        if let Ok(mut received) = signal(kind) {
+            waits.spawn(async move {
+                received.recv().await;
+                number
+            });
+        }
+    }
+    match waits.join_next().await {
+        Some(Ok(number)) => number,
+        Some(Err(_)) | None => std::future::pending().await,
+    }
+}
+
+/// Why no frame comes, and when the next one will.
+fn reason(id: &str, status: dbus::Status) -> (String, Option<String>) {
+    let session = status.session.unwrap_or_default();
+    if session.id.as_deref() != Some(id) {
+        return (format!("waiting: {id} does not run any more"), None);
+    }
+    if let Some(recovery) = status.recovery.and_then(Recovery::from) {
+        return (format!("waiting: {}", recovery.for_a_person()), None);
+    }
+    if session.state.as_deref() == Some("suspended") {
+        return (format!("waiting: {id} is suspended"), None);
+    }
+    let frame = match session.frames_acquired {
+        None | Some(0) => "the first frame".to_owned(),
+        Some(frames) => format!("frame {}", frames + 1),
+    };
+    let why = |more: &str| format!("waiting for {frame} of {id}{more}");
+    let health = status.health.unwrap_or_default();
+    match (health.period_s, health.quiet_s) {
+        (Some(period), Some(quiet)) if period > 0.0 => {
+            let left = (period - quiet).max(0.0);
+            (
+                why(&format!(": a frame every {}", display_long(period))),
+                Some(format!(", the next in {}", display_long(left))),
+            )
+        }
+        // a running session that expects no frame by itself
+        (_, None) => (why(": `tactus step` takes it"), None),
+        _ => (why(""), None),
     }
 }
 

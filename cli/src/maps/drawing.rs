@@ -109,6 +109,7 @@ pub(crate) fn style(
 pub(crate) fn terminal_style(printer: &Printer<impl Write>, style: Style) -> TerminalStyle {
     TerminalStyle {
         width: printer.width(),
+        height: None,
         colour: printer.map_colour(),
         style,
     }

@@ -1,6 +1,7 @@
 //! What is printed: text for a person, or one JSON object a line for a script.
 
 pub(crate) mod progress;
+pub(crate) mod screen;
 pub(crate) mod table;
 pub(crate) mod time;
 
@@ -70,25 +71,13 @@ impl<W: Write> Printer<W> {
 
     /// Columns of the terminal; 80 where nobody says.
     pub(crate) fn width(&self) -> usize {
-        let measured = self
-            .terminal
-            .then(|| rustix::termios::tcgetwinsize(std::io::stdout()).ok())
-            .flatten()
-            .map(|size| usize::from(size.ws_col));
+        let measured = self.terminal.then(terminal_size).flatten();
         let from_environment = || std::env::var("COLUMNS").ok()?.parse().ok();
         measured
-            .filter(|&columns| columns > 0)
+            .map(|(columns, _)| columns)
             .or_else(from_environment)
             .unwrap_or(80)
             .clamp(20, 400)
-    }
-
-    /// Empties the screen of a terminal, so that a map takes the last one's place.
-    pub(crate) fn clear(&mut self) -> Result<(), Failure> {
-        if self.is_terminal() {
-            self.raw(b"\x1b[H\x1b[2J")?;
-        }
-        Ok(())
     }
 
     /// How a map is coloured here.
@@ -162,6 +151,13 @@ impl<W: Write> Printer<W> {
             .and_then(|()| self.sink.flush())
             .map_err(|error| written(&error))
     }
+}
+
+/// Columns and rows of the terminal that standard output is; `None` where it is none.
+fn terminal_size() -> Option<(usize, usize)> {
+    let size = rustix::termios::tcgetwinsize(std::io::stdout()).ok()?;
+    Some((usize::from(size.ws_col), usize::from(size.ws_row)))
+        .filter(|&(columns, rows)| columns > 0 && rows > 0)
 }
 
 /// Tells a person something on standard error. Further lines of it are indented, so that a text from outside begins no line

@@ -7,3 +7,4 @@ mod foreign_clients;
 mod hostile_text;
 mod json_output;
 mod round_trips;
+mod watch_screen;

@@ -1,5 +1,6 @@
 //! What `tactus watch` makes of the stream's records.
 
+use std::cell::Cell;
 use std::io::Write;
 use std::time::Duration;
 
@@ -9,6 +10,7 @@ use dbus::stream::{Body, Decoder, Record};
 use serde::Serialize;
 use survey::{Map, MapUnit};
 use tokio::io::AsyncReadExt;
+use tokio::signal::unix::{SignalKind, signal};
 use tokio::time::Instant;
 
 use crate::args::Watch;
@@ -19,6 +21,7 @@ use crate::maps::drawing;
 use crate::maps::drawing::Field;
 use crate::options::choices::Scale;
 use crate::output::Printer;
+use crate::output::screen::Screen;
 
 /// A map follows its frame at once where there is one; a frame without a map is not held back longer than this.
 const MAP_FOLLOWS: Duration = Duration::from_secs(2);
@@ -67,7 +70,14 @@ struct Pressed {
     newtons: f64,
 }
 
-/// Shows records as they come: a line a frame, its map below.
+/// A frame as it is shown, to draw it again when the terminal's size changes.
+struct Picture {
+    sentence: String,
+    map: Map,
+    style: render::Style,
+}
+
+/// Shows records as they come: a line a frame, its map below; on a screen each in place of the one before.
 pub(crate) struct Viewer<'a, W> {
     id: String,
     watch: &'a Watch,
@@ -81,6 +91,10 @@ pub(crate) struct Viewer<'a, W> {
     waiting: Option<(Record, Instant)>,
     /// Comes before its map.
     pressed: Option<Pressed>,
+    screen: Option<&'a Screen>,
+    picture: Option<Picture>,
+    /// When something was shown last.
+    shown_at: &'a Cell<Instant>,
     printer: &'a mut Printer<W>,
 }
 
@@ -89,6 +103,8 @@ impl<'a, W: Write> Viewer<'a, W> {
         id: String,
         watch: &'a Watch,
         field: Option<Field>,
+        screen: Option<&'a Screen>,
+        shown_at: &'a Cell<Instant>,
         printer: &'a mut Printer<W>,
     ) -> Self {
         Self {
@@ -100,8 +116,49 @@ impl<'a, W: Write> Viewer<'a, W> {
             last: None,
             waiting: None,
             pressed: None,
+            screen,
+            picture: None,
+            shown_at,
             printer,
         }
+    }
+
+    /// Shows the map that the session has already, which is not counted: the next one may be minutes away.
+    pub(crate) fn show_latest(
+        &mut self,
+        latest: dbus::LatestMap,
+        pressure: Option<dbus::LatestPressure>,
+        noise: Option<f64>,
+    ) -> Result<(), Failure> {
+        self.noise = (noise, true);
+        self.pressed = pressure.map(|pressure| Pressed {
+            sequence: pressure.sequence,
+            kpa: pressure.kpa,
+            newtons: pressure.newtons,
+        });
+        let map = Map {
+            mesh_hash: latest.mesh_hash,
+            values: latest.values,
+            unit: MapUnit::RelativeConductance,
+            method: latest.method,
+            masked: 0,
+        };
+        let frame = Record {
+            sequence: latest.sequence,
+            wall_ns: latest.wall_ns,
+            gap: 0,
+            simulated: latest.simulated,
+            body: Body::Frame {
+                volts: Vec::new(),
+                flags: Vec::new(),
+            },
+        };
+        self.print(&frame, Some(&map))
+    }
+
+    /// What was shown last, in words; `None` before the first map.
+    pub(crate) fn last_sentence(&self) -> Option<String> {
+        Some(self.picture.as_ref()?.sentence.clone())
     }
 
     /// Reads records until the session ends (its reason), or until enough was shown (`None`).
@@ -113,6 +170,9 @@ impl<'a, W: Write> Viewer<'a, W> {
     ) -> Result<Option<String>, Failure> {
         let mut decoder = Decoder::new();
         let mut bytes = vec![0; 64 * 1024];
+        let mut resized = self
+            .screen
+            .and_then(|_| signal(SignalKind::window_change()).ok());
         loop {
             while let Some(record) = decoder
                 .next_record()
@@ -134,10 +194,25 @@ impl<'a, W: Write> Viewer<'a, W> {
                 (Some((_, map)), None) => Some(*map),
                 (None, deadline) => deadline,
             };
-            let read = stream.read(&mut bytes);
-            let read = match until {
-                None => Some(read.await),
-                Some(until) => tokio::time::timeout_at(until, read).await.ok(),
+            let late = async {
+                match until {
+                    Some(until) => tokio::time::sleep_until(until).await,
+                    None => std::future::pending().await,
+                }
+            };
+            let size_changed = async {
+                match &mut resized {
+                    Some(resized) => resized.recv().await,
+                    None => std::future::pending().await,
+                }
+            };
+            let read = tokio::select! {
+                read = stream.read(&mut bytes) => Some(read),
+                () = late => None,
+                _ = size_changed => {
+                    self.draw()?;
+                    continue;
+                }
             };
             match read {
                 Some(Ok(0)) => {
@@ -238,6 +313,11 @@ impl<'a, W: Write> Viewer<'a, W> {
         }
         self.shown += 1;
         self.last = Some(frame.sequence);
+        self.print(frame, map)
+    }
+
+    fn print(&mut self, frame: &Record, map: Option<&Map>) -> Result<(), Failure> {
+        self.shown_at.set(Instant::now());
         let flags: &[u8] = match &frame.body {
             Body::Frame { flags, .. } => flags,
             Body::Map { .. } | Body::Pressure { .. } | Body::End { .. } => &[],
@@ -278,43 +358,69 @@ impl<'a, W: Write> Viewer<'a, W> {
                 .as_ref()
                 .map(|map| map.largest_loss().map_or(0.0, |(_, kpa)| kpa)),
         });
-        if self.printer.is_terminal() && fits.is_some() && !self.watch.no_map {
-            self.printer.clear()?;
-        }
-        self.printer.record(&line, |line| sentence(line, wall))?;
-        if let Some((map, field)) = fits
-            && !self.watch.no_map
-        {
-            let title = format!("{}, frame {}", self.id, frame.sequence);
+        let picture = fits.filter(|_| !self.watch.no_map).map(|(map, _)| {
             // a scale that was asked for is one of conductance
             let scale = match pressure {
                 Some(_) => Scale::Own,
                 None => self.watch.scale,
             };
-            let style = drawing::style(title, scale, frame.simulated, found, map, self.noise.0);
-            let style = drawing::terminal_style(self.printer, style);
-            let shown = pressure.as_ref().unwrap_or(map);
-            self.printer
-                .drawn(&drawing::terminal(field, shown, &style)?)?;
+            let title = format!("{}, frame {}", self.id, frame.sequence);
+            Picture {
+                sentence: sentence(&line, wall),
+                style: drawing::style(title, scale, frame.simulated, found, map, self.noise.0),
+                map: pressure.unwrap_or_else(|| map.clone()),
+            }
+        });
+        if self.screen.is_none() || picture.is_none() {
+            match self.screen {
+                Some(screen) => screen.message(&sentence(&line, wall))?,
+                None => self.printer.record(&line, |line| sentence(line, wall))?,
+            }
+        }
+        if picture.is_some() {
+            self.picture = picture;
+            self.draw()?;
         }
         Ok(())
     }
 
-    /// Says how the session ended; a fault is a failure.
-    pub(crate) async fn end(
-        &mut self,
-        daemon: &Daemon,
-        session: &Session1Proxy<'_>,
-        reason: String,
-    ) -> Result<(), Failure> {
-        let line = Line::Ended {
-            session: self.id.clone(),
-            reason,
+    /// Draws the last map, as large as the screen now allows.
+    fn draw(&mut self) -> Result<(), Failure> {
+        let (Some(picture), Some(field)) = (&self.picture, &self.field) else {
+            return Ok(());
         };
-        self.printer
-            .record(&line, |line| sentence(line, DateTime::UNIX_EPOCH))?;
-        session::judge(daemon, session).await
+        let mut style = drawing::terminal_style(self.printer, picture.style.clone());
+        let Some(screen) = self.screen else {
+            let map = drawing::terminal(field, &picture.map, &style)?;
+            return self.printer.drawn(&map);
+        };
+        let (columns, rows) = screen.size();
+        let lines: usize = picture
+            .sentence
+            .lines()
+            .map(|line| line.chars().count().div_ceil(columns).max(1))
+            .sum();
+        style.height = Some(rows.saturating_sub(lines));
+        let map = drawing::terminal(field, &picture.map, &style)?;
+        screen.draw(&format!("{}\n{map}", picture.sentence))?;
+        screen.waiting("")
     }
+}
+
+/// Prints how the session ended; a fault is a failure.
+pub(crate) async fn end(
+    daemon: &Daemon,
+    session: &Session1Proxy<'_>,
+    id: String,
+    reason: String,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let line = Line::Ended {
+        session: id,
+        reason,
+    };
+    printer.record(&line, |line| sentence(line, DateTime::UNIX_EPOCH))?;
+    session::judge(daemon, session).await
 }
 
 /// What a map's values are in.

@@ -81,7 +81,8 @@ async fn shown_with(
     let watch = watch(words);
     let mut printer = Printer::into(json, Vec::new());
     let bytes: Vec<u8> = records.iter().flat_map(Record::encode).collect();
-    let ended = Viewer::new("m1".into(), &watch, field, &mut printer)
+    let shown_at = Cell::new(Instant::now());
+    let ended = Viewer::new("m1".into(), &watch, field, None, &shown_at, &mut printer)
         .follow(bytes.as_slice(), None, async || noise)
         .await;
     (String::from_utf8(printer.sink()).unwrap(), ended)
@@ -216,9 +217,16 @@ async fn a_frame_is_not_held_back_for_a_map_that_does_not_come() {
     tokio::io::AsyncWriteExt::write_all(&mut daemon, &frame(1, 0).encode())
         .await
         .unwrap();
-    let ended = Viewer::new("m1".into(), &watch, Some(field()), &mut printer)
-        .follow(client, None, async || None)
-        .await;
+    let shown_at = Cell::new(Instant::now());
+    let mut viewer = Viewer::new(
+        "m1".into(),
+        &watch,
+        Some(field()),
+        None,
+        &shown_at,
+        &mut printer,
+    );
+    let ended = viewer.follow(client, None, async || None).await;
     assert_eq!(ended.unwrap(), None);
     assert_eq!(
         printer.sink().iter().filter(|&&byte| byte == b'\n').count(),
